@@ -1,0 +1,1 @@
+"""Bayesian updating of finite element models with emcee."""

@@ -1,0 +1,1 @@
+"""Modal models: a batch of parameter sets to natural frequencies and mode shapes."""

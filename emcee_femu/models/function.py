@@ -1,0 +1,89 @@
+"""Any Python callable or external solver as a modal model."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..interfaces import ModalSolution, Parameters
+
+
+@dataclass(frozen=True)
+class FunctionModel:
+    """A function of one parameter set, called once a walker.
+
+    A solver that takes milliseconds or more gains from a pool: give ``run`` or
+    ``emcee.EnsembleSampler`` a ``pool=``; the function must then be importable (no
+    lambda).
+
+    Args:
+        function: ``{name: float}`` to natural frequencies in Hz ``(n_modes,)``, or to
+            a :class:`ModalSolution` of ``(n_modes,)`` and ``(n_dof, n_modes)``.
+        n_modes: How many frequencies the function returns; None for as many as the
+            likelihood terms compare.
+
+    Raises:
+        TypeError: If function is not callable.
+        ValueError: When called, if the function returns anything else, naming the
+            parameters.
+
+    Example:
+        >>> model = FunctionModel(lambda p: [np.sqrt(p["k"] / p["m"]) / (2 * np.pi)])
+        >>> model({"k": np.array([40.0]), "m": np.array([0.1])}).frequencies.round(3)
+        array([[3.183]])
+    """
+
+    function: Callable[[Mapping[str, float]], ArrayLike | ModalSolution]
+    n_modes: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not callable(self.function):
+            raise TypeError(f"function: expected a callable, got {self.function!r}")
+        if self.n_modes is not None:
+            checks.whole_number("n_modes", self.n_modes, 1)
+
+    def __call__(self, parameters: Parameters) -> ModalSolution:
+        """Call the function for each parameter set and stack the results."""
+        n = max((len(value) for value in parameters.values()), default=1)
+        solutions = [
+            self._one({name: float(value[i]) for name, value in parameters.items()})
+            for i in range(n)
+        ]
+        sizes = sorted({len(solution.frequencies) for solution in solutions})
+        if len(sizes) > 1:
+            raise ValueError(
+                f"function: expected the same number of frequencies each time, "
+                f"got {sizes}"
+            )
+        shapes = [s.shapes for s in solutions if s.shapes is not None]
+        if shapes and (len(shapes) < n or len({s.shape for s in shapes}) > 1):
+            raise ValueError("function: expected shapes of one size each time, or None")
+        return ModalSolution(
+            np.array([solution.frequencies for solution in solutions]),
+            np.array(shapes) if shapes else None,
+        )
+
+    def _one(self, values: dict[str, float]) -> ModalSolution:
+        result: Any = self.function(dict(values))
+        if isinstance(result, ModalSolution):
+            result, shapes = result
+        else:
+            shapes = None
+        try:
+            frequencies = checks.numeric_array("function", result)
+            if shapes is not None:
+                shapes = checks.real_array("function (shapes)", shapes, 2)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"{error}; at {values}") from None
+        wanted = self.n_modes
+        if frequencies.ndim != 1 or (wanted is not None and len(frequencies) != wanted):
+            count = "n_modes" if wanted is None else str(wanted)
+            raise ValueError(
+                f"function: expected frequencies of shape ({count},), got "
+                f"{frequencies.shape} at {values}"
+            )
+        return ModalSolution(frequencies, shapes)

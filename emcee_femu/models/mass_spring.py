@@ -1,0 +1,128 @@
+"""Lumped masses joined by springs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..interfaces import Floats, ModalSolution, Parameters
+from .eigenproblem import Eigenproblem
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class MassSpringModel:
+    r"""Point masses on a line, each with one DOF, joined by linear springs.
+
+    .. math:: K = \sum_s k_s b_s b_s^T, \qquad M = \mathrm{diag}(m_1 .. m_n)
+
+    with ``b_s`` = +1 at one end of spring s, -1 at the other, nothing at the ground. A
+    parameter of a spring's name overrides its default stiffness.
+
+    Args:
+        masses: Masses of nodes 1 .. n in kg, ``(n,)``.
+        springs: ``{name: (node, node, default stiffness in N/m)}``; node 0 is ground.
+        shapes: Whether to return mode shapes too (about twice the time).
+
+    Raises:
+        TypeError: If springs is not such a mapping, or a node not a whole number.
+        ValueError: If a mass or stiffness is not above zero, or a node does not exist.
+            When called: if a stiffness is not above zero.
+
+    Example:
+        >>> model = MassSpringModel([1.0, 1.0], {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)})
+        >>> model({"k1": np.array([10.0, 40.0])}).frequencies.round(3).tolist()
+        [[0.25, 0.72], [0.337, 1.069]]
+    """
+
+    masses: Floats
+    springs: Mapping[str, tuple[int, int, float]]
+    shapes: bool
+    _defaults: Floats = field(repr=False)
+    _problem: Eigenproblem = field(repr=False)
+
+    def __init__(
+        self,
+        masses: ArrayLike,
+        springs: Mapping[str, tuple[int, int, float]],
+        *,
+        shapes: bool = False,
+    ) -> None:
+        """See the class."""
+        mass = checks.positive_array("masses", masses, 1)
+        if not isinstance(springs, Mapping):
+            raise TypeError(
+                "springs: expected {name: (node, node, stiffness)}, got "
+                f"{type(springs).__name__}"
+            )
+        names = checks.parameter_names("springs", list(springs))
+        n = len(mass)
+        b = np.zeros((len(names), n + 1))
+        defaults = np.empty(len(names))
+        for s, name in enumerate(names):
+            try:
+                first, second, stiffness = springs[name]
+            except (TypeError, ValueError):
+                raise TypeError(
+                    f"springs[{name!r}]: expected (node, node, stiffness), "
+                    f"got {springs[name]!r}"
+                ) from None
+            for node in (first, second):
+                if checks.whole_number(f"springs[{name!r}]", node) > n:
+                    raise ValueError(
+                        f"springs[{name!r}]: no node {node}; nodes are 0 (ground) "
+                        f"to {n}"
+                    )
+            if first == second:
+                raise ValueError(f"springs[{name!r}]: both ends are node {first}")
+            defaults[s] = checks.positive_array(f"springs[{name!r}]", stiffness, 0)
+            b[s, first], b[s, second] = 1.0, -1.0
+        b = b[:, 1:]  # the ground does not move
+        problem = Eigenproblem(
+            K0=np.zeros((n, n)),
+            K=b[:, :, None] * b[:, None, :],
+            M0=np.diag(mass),
+            M=np.empty((0, n, n)),
+            selected=tuple(range(n)),
+            shapes=bool(shapes),
+        )
+        object.__setattr__(self, "masses", mass)
+        object.__setattr__(self, "springs", {k: tuple(springs[k]) for k in names})
+        object.__setattr__(self, "shapes", bool(shapes))
+        object.__setattr__(self, "_defaults", defaults)
+        object.__setattr__(self, "_problem", problem)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The springs, which are the parameters that the model reads."""
+        return tuple(self.springs)
+
+    @property
+    def positive(self) -> tuple[str, ...]:
+        """The parameters that must stay above zero: all."""
+        return self.names
+
+    @property
+    def n_modes(self) -> int:
+        """Number of modes, that of the masses."""
+        return len(self.masses)
+
+    def __call__(self, parameters: Parameters) -> ModalSolution:
+        """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
+        n = max((len(value) for value in parameters.values()), default=1)
+        k = np.tile(self._defaults, (n, 1))
+        for column, name in enumerate(self.springs):
+            if name in parameters:
+                k[:, column] = parameters[name]
+
+        def describe(row: int) -> str:
+            return str(dict(zip(self.springs, k[row].tolist(), strict=True)))
+
+        if not k.min() > 0:
+            row, column = np.argwhere(~(k > 0))[0]
+            raise ValueError(
+                f"stiffness {self.names[column]!r} must be above zero, got "
+                f"{k[row, column]:g}; give its prior a lower bound"
+            )
+        return self._problem.solve(k, np.empty((n, 0)), describe)

@@ -1,0 +1,257 @@
+"""The log-posterior: model, likelihood terms and prior, for a batch of walkers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import checks
+from .interfaces import Floats, LikelihoodTerm, ModalModel, Parameters, Prior
+from .priors import inside
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class LogPosterior:
+    r"""Log-posterior of an FE model given modal data, vectorised over walkers (Eq. 2.1).
+
+    .. math:: \ln p(\theta | D) = \ln p(\theta) + \sum_t \ln p_t(D | \theta)
+
+    Called with ``theta (n, d)`` it returns rows
+    ``(log_posterior, log_prior, one value a term, f_1 .. f_m)``; with ``(d,)`` one
+    such row. emcee stores all but the first number as blobs, so that no FE solve is
+    repeated. Rows outside the prior's support get -inf and NaN frequencies without a
+    model call, and all others share one call of the model.
+
+    Args:
+        model: Parameters to modal solution (:class:`interfaces.ModalModel`).
+        terms: One likelihood term or a sequence of them
+            (:class:`interfaces.LikelihoodTerm`).
+        prior: Owner of names, order and bounds (:class:`interfaces.Prior`).
+
+    Raises:
+        TypeError: If model or a term is not callable, or prior is not a prior.
+        ValueError: If names do not match, more modes were measured than the model
+            returns, or the prior admits a non-positive stiffness or mass.
+
+    Source: Eqs. 2.1 and 2.4 of Sherri, Boulkaibet, Marwala and Friswell.
+    """
+
+    model: ModalModel
+    terms: tuple[LikelihoodTerm, ...]
+    prior: Prior
+    n_modes: int
+    term_names: tuple[str, ...] = field(repr=False)
+
+    def __init__(
+        self,
+        model: ModalModel,
+        terms: LikelihoodTerm | Sequence[LikelihoodTerm],
+        prior: Prior,
+    ) -> None:
+        """See the class."""
+        sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
+        _check_types(model, sequence, prior)
+        _check_names(model, sequence, prior)
+        names = tuple(
+            getattr(term, "name", None) or getattr(term, "__name__", f"term{i}")
+            for i, term in enumerate(sequence)
+        )
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "terms", sequence)
+        object.__setattr__(self, "prior", prior)
+        object.__setattr__(self, "n_modes", _stored_modes(model, sequence))
+        object.__setattr__(
+            self, "term_names", checks.parameter_names("terms (their names)", names)
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameter names, in the order of the sampled vector."""
+        return self.prior.names
+
+    @property
+    def ndim(self) -> int:
+        """Number of parameters."""
+        return len(self.prior.names)
+
+    def parameters(self, theta: Floats) -> Parameters:
+        """Return the columns of ``theta (n, d)`` by parameter name."""
+        return dict(zip(self.prior.names, theta.T, strict=True))
+
+    def __call__(self, theta: ArrayLike) -> Floats:
+        """Return the row ``(2 + n_terms + n_modes,)`` or rows, see the class."""
+        batch = np.asarray(theta, dtype=float)
+        if batch.ndim not in (1, 2) or batch.shape[-1] != self.ndim:
+            raise ValueError(
+                f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
+                f"{self.names}, got {batch.shape}"
+            )
+        if batch.ndim == 1:
+            single: Floats = self._rows(batch[None])[0]
+            return single
+        return self._rows(batch)
+
+    def _rows(self, theta: Floats) -> Floats:
+        n_terms = len(self.terms)
+        rows = np.full((len(theta), 2 + n_terms + self.n_modes), np.nan)
+        rows[:, 1] = log_prior = self.prior.logpdf(theta)
+        rows[:, 0] = rows[:, 2 : 2 + n_terms] = -np.inf
+        supported = log_prior > -np.inf
+        if not supported.any():
+            return self._checked(rows, theta, supported)
+
+        everywhere = bool(supported.all())
+        solved = theta if everywhere else theta[supported]
+        parameters = self.parameters(solved)
+        modes = self.model(parameters)
+        frequencies = modes.frequencies
+        if frequencies.ndim != 2 or len(frequencies) != len(solved):
+            raise ValueError(
+                f"model: expected frequencies of shape ({len(solved)}, n_modes), "
+                f"got {frequencies.shape}"
+            )
+        if frequencies.shape[1] < self.n_modes:
+            raise ValueError(
+                f"model: expected at least {self.n_modes} frequencies a parameter "
+                f"set, got {frequencies.shape[1]}"
+            )
+        values = [term(parameters, modes) for term in self.terms]
+        where = slice(None) if everywhere else supported
+        rows[where, 2:] = np.column_stack([*values, frequencies[:, : self.n_modes]])
+        rows[where, 0] = rows[where, 1 : 2 + n_terms].sum(axis=1)
+        return self._checked(rows, theta, supported)
+
+    def _checked(self, rows: Floats, theta: Floats, supported: Any) -> Floats:
+        # One look at a sum finds every NaN and +inf: -inf + anything finite is -inf.
+        wrong = ~(rows[:, 0] < np.inf)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            values = dict(zip(self.names, theta[row].tolist(), strict=True))
+            parts = dict(
+                zip(("prior", *self.term_names), rows[row, 1:].tolist(), strict=False)
+            )
+            raise ValueError(
+                f"the log-posterior is {rows[row, 0]} at {values}: log-densities "
+                f"{parts}, frequencies {rows[row, 2 + len(self.terms) :].tolist()}; "
+                "the model or a term must return finite numbers, or -inf to reject"
+            )
+        return rows
+
+    def start(
+        self, nwalkers: int, seed: Any, around: ArrayLike | None = None
+    ) -> Floats:
+        """Draw starting positions ``(nwalkers, d)``, all inside the bounds.
+
+        The default is over-dispersed, a draw from the prior: only then can independent
+        ensembles reveal a mode that one of them missed.
+
+        Args:
+            nwalkers: Number of walkers.
+            seed: Anything that ``numpy.random.default_rng`` takes.
+            around: A point ``(d,)``; the walkers are then Gaussian about it with a
+                tenth of the prior's standard deviation, redrawn inside the bounds.
+
+        Raises:
+            TypeError: If nwalkers is not a whole number.
+            ValueError: If nwalkers < 1, or around lies outside the bounds.
+        """
+        nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
+        rng = np.random.default_rng(seed)
+        if around is None:
+            return self.prior.sample(rng, nwalkers)
+        centre = checks.real_array("around", around, 1)
+        self.check_inside("around", centre[None])
+        spread = 0.1 * prior_summary(self.prior)[1]
+        result = np.empty((0, self.ndim))
+        while len(result) < nwalkers:
+            draws = centre + spread * rng.standard_normal((4 * nwalkers, self.ndim))
+            result = np.vstack([result, draws[self.prior.logpdf(draws) > -np.inf]])
+        return result[:nwalkers]
+
+    def check_inside(self, argument: str, theta: Floats) -> None:
+        """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
+        if theta.ndim != 2 or theta.shape[1] != self.ndim:
+            raise ValueError(
+                f"{argument}: expected one number for each of {self.names}, "
+                f"got shape {theta.shape}"
+            )
+        bounds = self.prior.bounds
+        if inside(theta, bounds).all():
+            return
+        row, column = np.argwhere((theta < bounds[:, 0]) | (theta > bounds[:, 1]))[0]
+        low, high = bounds[column]
+        raise ValueError(
+            f"{argument}: {self.names[column]} = {theta[row, column]:g} of point "
+            f"{row} is outside its bounds ({low:g}, {high:g})"
+        )
+
+
+def prior_summary(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
+    """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
+
+    The standard deviation is that of ``draws`` samples (0.5 % Monte Carlo error): one
+    way for every prior that can be sampled. The mean is the prior's own where it has
+    the attribute ``mean``.
+    """
+    sample = prior.sample(np.random.default_rng(0), draws)
+    mean = np.asarray(getattr(prior, "mean", sample.mean(axis=0)), dtype=float)
+    return mean, sample.std(axis=0)
+
+
+def _check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
+    if not callable(model):
+        raise TypeError(f"model: expected a callable, got {model!r}")
+    if not terms:
+        raise ValueError("terms: expected at least one likelihood term, got none")
+    for term in terms:
+        if not callable(term):
+            raise TypeError(f"terms: expected callables, got {term!r}")
+    for attribute in ("names", "bounds", "logpdf", "sample"):
+        if not hasattr(prior, attribute):
+            raise TypeError(
+                f"prior: expected names, bounds, logpdf and sample, but "
+                f"{type(prior).__name__} has no {attribute}; see GaussianPrior"
+            )
+
+
+def _check_names(model: Any, terms: tuple[Any, ...], prior: Prior) -> None:
+    lower = dict(zip(prior.names, prior.bounds[:, 0].tolist(), strict=True))
+    for name in getattr(model, "positive", ()):
+        if lower.get(name, 0.0) < 0:
+            raise ValueError(
+                f"prior: {name!r} must stay above zero for {type(model).__name__}, "
+                f"but its lower bound is {lower[name]:g}; give it bounds with low >= 0"
+            )
+    known = getattr(model, "names", None)
+    if known is None:  # the model reads what it likes
+        return
+    read = {name for term in terms for name in getattr(term, "names", ())}
+    unread = [name for name in prior.names if name not in read | set(known)]
+    if unread:
+        raise ValueError(
+            f"prior: neither the model nor a term reads {unread}; the model reads "
+            f"{sorted(known)}"
+        )
+    missing = sorted((read | set(getattr(model, "required", ()))) - set(prior.names))
+    if missing:
+        raise ValueError(f"prior: no parameter {missing}, which model or terms need")
+
+
+def _stored_modes(model: Any, terms: tuple[Any, ...]) -> int:
+    compared = max((getattr(term, "n_modes", 0) for term in terms), default=0)
+    available = getattr(model, "n_modes", None)
+    if available is None:
+        if not compared:
+            raise ValueError(
+                "model: how many frequencies does it return? Neither the model nor a "
+                "term has n_modes; write FunctionModel(function, n_modes=...)"
+            )
+        return int(compared)
+    if compared > available:
+        raise ValueError(
+            f"terms: {compared} modes were measured, but the model returns "
+            f"{available}; ask it for more modes"
+        )
+    return int(available)
