@@ -1,0 +1,100 @@
+"""emcee's red-blue scheme with array operations instead of a loop over walkers.
+
+Why walkers that move may not be used as guides: the proposal for a walker is built
+from other walkers, and detailed balance holds for the joint law of the ensemble only
+if those stand still while it moves. All walkers moved from one generation is biased
+(a variance of 0.87 of the truth for 4 walkers in 3 dimensions).
+"""
+
+from typing import Any
+
+import numpy as np
+from emcee.moves import RedBlueMove
+from numpy.typing import NDArray
+
+from .. import checks
+from .acceptance import check_floats, metropolis_step
+
+
+class VectorizedRedBlueMove(RedBlueMove):
+    """Move one part of the ensemble after the other, guided by the parts at rest.
+
+    A subclass implements emcee's ``get_proposal(s, c, random) -> (q, log_factors)``:
+    ``s (k, ndim)`` are the walkers that move, ``c`` is a list with one array
+    ``(n, ndim)``, the walkers at rest.
+
+    Args:
+        nsplits: Number of parts; ``nwalkers`` moves one walker after the other.
+        randomize_split: Whether to deal the walkers to the parts anew each step.
+        live_dangerously: Whether to allow fewer walkers than twice the dimension.
+
+    Raises:
+        TypeError: If nsplits is not a whole number.
+        ValueError: If nsplits < 2.
+    """
+
+    guides = 2  # the smallest number of walkers at rest that a proposal needs
+
+    def __init__(
+        self,
+        nsplits: int = 2,
+        randomize_split: bool = True,
+        live_dangerously: bool = False,
+    ) -> None:
+        """See the class."""
+        nsplits = checks.whole_number("nsplits", nsplits, 2)
+        super().__init__(nsplits, bool(randomize_split), bool(live_dangerously))
+
+    def check(self, nwalkers: int, ndim: int) -> None:
+        """Refuse an ensemble for which the move is not valid.
+
+        Raises:
+            ValueError: If there are fewer walkers than splits, or fewer at rest than
+                the proposal needs.
+            RuntimeError: As emcee's moves, if there are fewer walkers than twice the
+                dimension and live_dangerously is not set.
+        """
+        if nwalkers < self.nsplits:
+            raise ValueError(
+                f"nsplits: expected at most nwalkers = {nwalkers}, got {self.nsplits}"
+            )
+        at_rest = nwalkers - -(-nwalkers // self.nsplits)
+        if at_rest < self.guides:
+            raise ValueError(
+                f"nwalkers: {type(self).__name__} needs {self.guides} walkers at rest "
+                f"to guide those that move, but {nwalkers} walkers in {self.nsplits} "
+                f"splits leave {at_rest}; use at least {2 * ndim + 2} walkers"
+            )
+        if nwalkers < 2 * ndim and not self.live_dangerously:
+            raise RuntimeError(
+                f"nwalkers: expected at least 2 * ndim = {2 * ndim}, got {nwalkers}; "
+                "fewer may stay in a subspace (live_dangerously=True allows it)"
+            )
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        """Move every walker once; return the state and who was accepted."""
+        nwalkers, ndim = state.coords.shape
+        self.check(nwalkers, ndim)
+        check_floats(state.coords)
+        if self.randomize_split:
+            order = model.random.permutation(nwalkers)
+        else:
+            order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
+        accepted = np.zeros(nwalkers, dtype=bool)
+        size, larger = divmod(nwalkers, self.nsplits)
+        end = 0
+        for split in range(self.nsplits):
+            start, end = end, end + size + (split < larger)
+            moving = order[start:end]
+            if self.nsplits == 2:  # spares a copy in the usual case
+                at_rest = order[end:] if split == 0 else order[:start]
+            else:
+                at_rest = np.concatenate((order[:start], order[end:]))
+            proposed, log_factors = self.get_proposal(
+                state.coords.take(moving, axis=0),
+                [state.coords.take(at_rest, axis=0)],
+                model.random,
+            )
+            moved = metropolis_step(model, state, moving, proposed, log_factors)
+            accepted[moved] = True
+        return state, accepted
