@@ -82,7 +82,7 @@ class LogPosterior:
 
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row ``(2 + n_terms + n_modes,)`` or rows, see the class."""
-        batch = np.asarray(theta, dtype=float)
+        batch = np.array(theta, dtype=float)  # own copy: a model may overwrite it
         if batch.ndim not in (1, 2) or batch.shape[-1] != self.ndim:
             raise ValueError(
                 f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "

@@ -18,16 +18,20 @@ class MassSpringModel:
     .. math:: K = \sum_s k_s b_s b_s^T, \qquad M = \mathrm{diag}(m_1 .. m_n)
 
     with ``b_s`` = +1 at one end of spring s, -1 at the other, nothing at the ground. A
-    parameter of a spring's name overrides its default stiffness.
+    parameter of a spring's name overrides its default stiffness; a spring with another
+    spring's name in place of a number always has that spring's stiffness.
 
     Args:
         masses: Masses of nodes 1 .. n in kg, ``(n,)``.
-        springs: ``{name: (node, node, default stiffness in N/m)}``; node 0 is ground.
+        springs: ``{name: (node, node, default stiffness in N/m)}``, or
+            ``{name: (node, node, "name of the spring that it follows")}``; node 0 is
+            the ground.
         shapes: Whether to return mode shapes too (about twice the time).
 
     Raises:
         TypeError: If springs is not such a mapping, or a node not a whole number.
-        ValueError: If a mass or stiffness is not above zero, or a node does not exist.
+        ValueError: If a mass or stiffness is not above zero, or a node or followed
+            spring does not exist.
             When called: if a stiffness is not above zero.
 
     Example:
@@ -37,15 +41,16 @@ class MassSpringModel:
     """
 
     masses: Floats
-    springs: Mapping[str, tuple[int, int, float]]
+    springs: Mapping[str, tuple[int, int, float | str]]
     shapes: bool
+    _names: tuple[str, ...] = field(repr=False)
     _defaults: Floats = field(repr=False)
     _problem: Eigenproblem = field(repr=False)
 
     def __init__(
         self,
         masses: ArrayLike,
-        springs: Mapping[str, tuple[int, int, float]],
+        springs: Mapping[str, tuple[int, int, float | str]],
         *,
         shapes: bool = False,
     ) -> None:
@@ -57,31 +62,17 @@ class MassSpringModel:
                 f"{type(springs).__name__}"
             )
         names = checks.parameter_names("springs", list(springs))
+        defaults = _defaults(springs, names)
         n = len(mass)
-        b = np.zeros((len(names), n + 1))
-        defaults = np.empty(len(names))
-        for s, name in enumerate(names):
-            try:
-                first, second, stiffness = springs[name]
-            except (TypeError, ValueError):
-                raise TypeError(
-                    f"springs[{name!r}]: expected (node, node, stiffness), "
-                    f"got {springs[name]!r}"
-                ) from None
-            for node in (first, second):
-                if checks.whole_number(f"springs[{name!r}]", node) > n:
-                    raise ValueError(
-                        f"springs[{name!r}]: no node {node}; nodes are 0 (ground) "
-                        f"to {n}"
-                    )
-            if first == second:
-                raise ValueError(f"springs[{name!r}]: both ends are node {first}")
-            defaults[s] = checks.positive_array(f"springs[{name!r}]", stiffness, 0)
-            b[s, first], b[s, second] = 1.0, -1.0
-        b = b[:, 1:]  # the ground does not move
+        K = np.zeros((len(defaults), n, n))
+        for name in names:
+            first, second, stiffness = springs[name]
+            leader = stiffness if isinstance(stiffness, str) else name
+            b = _incidence(name, first, second, n)
+            K[list(defaults).index(leader)] += np.outer(b, b)
         problem = Eigenproblem(
             K0=np.zeros((n, n)),
-            K=b[:, :, None] * b[:, None, :],
+            K=K,
             M0=np.diag(mass),
             M=np.empty((0, n, n)),
             selected=tuple(range(n)),
@@ -90,13 +81,14 @@ class MassSpringModel:
         object.__setattr__(self, "masses", mass)
         object.__setattr__(self, "springs", {k: tuple(springs[k]) for k in names})
         object.__setattr__(self, "shapes", bool(shapes))
-        object.__setattr__(self, "_defaults", defaults)
+        object.__setattr__(self, "_names", tuple(defaults))
+        object.__setattr__(self, "_defaults", np.array([*defaults.values()]))
         object.__setattr__(self, "_problem", problem)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The springs, which are the parameters that the model reads."""
-        return tuple(self.springs)
+        """The springs with a stiffness of their own: the parameters that it reads."""
+        return self._names
 
     @property
     def positive(self) -> tuple[str, ...]:
@@ -112,12 +104,12 @@ class MassSpringModel:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
         n = max((len(value) for value in parameters.values()), default=1)
         k = np.tile(self._defaults, (n, 1))
-        for column, name in enumerate(self.springs):
+        for column, name in enumerate(self._names):
             if name in parameters:
                 k[:, column] = parameters[name]
 
         def describe(row: int) -> str:
-            return str(dict(zip(self.springs, k[row].tolist(), strict=True)))
+            return str(dict(zip(self._names, k[row].tolist(), strict=True)))
 
         if not k.min() > 0:
             row, column = np.argwhere(~(k > 0))[0]
@@ -126,3 +118,43 @@ class MassSpringModel:
                 f"{k[row, column]:g}; give its prior a lower bound"
             )
         return self._problem.solve(k, np.empty((n, 0)), describe)
+
+
+def _defaults(
+    springs: Mapping[str, tuple[int, int, float | str]], names: tuple[str, ...]
+) -> dict[str, float]:
+    """Return the default stiffness of each spring that follows no other."""
+    defaults = {}
+    for name in names:
+        try:
+            _, _, stiffness = springs[name]
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"springs[{name!r}]: expected (node, node, stiffness), "
+                f"got {springs[name]!r}"
+            ) from None
+        if not isinstance(stiffness, str):
+            checked = checks.positive_array(f"springs[{name!r}]", stiffness, 0)
+            defaults[name] = checked.item()
+    for name in names:
+        leader = springs[name][2]
+        if isinstance(leader, str) and leader not in defaults:
+            raise ValueError(
+                f"springs[{name!r}]: expected a spring with a stiffness of its own to "
+                f"follow, got {leader!r}; there are {sorted(defaults)}"
+            )
+    return defaults
+
+
+def _incidence(name: str, first: int, second: int, n: int) -> Floats:
+    """Return +1 at one end and -1 at the other, without the ground, ``(n,)``."""
+    for node in (first, second):
+        if checks.whole_number(f"springs[{name!r}]", node) > n:
+            raise ValueError(
+                f"springs[{name!r}]: no node {node}; nodes are 0 (ground) to {n}"
+            )
+    if first == second:
+        raise ValueError(f"springs[{name!r}]: both ends are node {first}")
+    b = np.zeros(n + 1)
+    b[first], b[second] = 1.0, -1.0
+    return b[1:]

@@ -1,0 +1,252 @@
+"""The paper's figures, for any chain; each function returns a matplotlib Figure.
+
+The only module that uses matplotlib and corner, which take seconds to import: they
+are imported where they are used.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from . import checks
+from .diagnostics import running_tae
+from .ellipses import covariance_ellipse
+from .inference_data import samples
+from .interfaces import Floats
+from .moves import DEMCMove
+from .posterior import LogPosterior
+
+RED, BLUE, GREY = "#c8102e", "#1f5fa8", "0.45"
+MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
+
+
+def plot_scatter(
+    idata: Any,
+    *,
+    units: Mapping[str, str] | None = None,
+    truths: Mapping[str, float] | None = None,
+    probability: float = 0.95,
+) -> Any:
+    """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
+
+    An ellipse holds ``probability`` of a Gaussian with the samples' covariance
+    (:func:`ellipses.covariance_ellipse`).
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        units: Units by parameter name, for the axes.
+        truths: Values to mark by parameter name, such as the nominal ones.
+        probability: The share inside an ellipse.
+
+    Raises:
+        ValueError: If units or truths name an unknown parameter, or a parameter has
+            the same value in all samples.
+    """
+    import corner
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Ellipse
+
+    names, chains = samples(idata)
+    draws = chains.reshape(-1, len(names))
+    for name, column in zip(names, draws.T, strict=True):
+        if np.ptp(column) == 0:
+            raise ValueError(f"idata: every sample of {name!r} is {column[0]:g}")
+    exponents = [_exponent(column) for column in draws.T]
+    scale = 10.0 ** np.array(exponents)
+    draws = draws / scale
+    marks = _known("truths", truths, names)
+    shown = np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]
+    figure = corner.corner(
+        draws[shown],
+        labels=_labels(names, units, exponents),
+        range=[(column.min(), column.max()) for column in draws.T],
+        bins=30,
+        plot_contours=False,
+        plot_density=False,
+        truths=[marks[n] / s if n in marks else None for n, s in zip(names, scale)],  # noqa: B905
+        truth_color=BLUE,
+        data_kwargs={"alpha": 0.25, "ms": 2.0, "color": GREY},
+        hist_kwargs={"color": GREY},
+        max_n_ticks=4,
+        label_kwargs={"fontsize": 11},
+        labelpad=0.08,
+    )
+    d = len(names)
+    axes = np.array(figure.axes).reshape(d, d)
+    for row in range(1, d):
+        for column in range(row):
+            shape = covariance_ellipse(draws[:, [column, row]], probability)
+            width, height = 2 * shape.semi_axes
+            axes[row, column].add_patch(
+                Ellipse(
+                    tuple(shape.centre),
+                    width,
+                    height,
+                    angle=shape.angle,
+                    fill=False,
+                    color=RED,
+                    linewidth=1.8,
+                    zorder=5,
+                )
+            )
+    handles = [
+        Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
+        Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
+    ]
+    if marks:
+        handles.append(Line2D([], [], color=BLUE, marker="s", label="reference"))
+    figure.legend(handles=handles, loc="upper right", fontsize=13, frameon=False)
+    return figure
+
+
+def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
+    """Draw the total average error of the running mean (Figs 4.3, 5.4).
+
+    Args:
+        idata: What :func:`to_inference_data` returns, best without burn-in removed,
+            or several as ``{label: idata}`` of the same posterior.
+        posterior: The sampled posterior.
+    """
+    from matplotlib import pyplot as plt
+
+    curves = dict(idata) if isinstance(idata, dict) else {"": idata}
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    for label, item in curves.items():
+        generations, tae = running_tae(item, posterior)
+        axes.plot(generations, tae, label=label or None)
+        axes.annotate(
+            f"{tae[-1]:.3g} %",
+            (generations[-1], tae[-1]),
+            textcoords="offset points",
+            xytext=(0, 6),
+            ha="right",
+        )
+    axes.set(
+        xscale="log",
+        yscale="log",
+        xlabel="generation",
+        ylabel="total average error of the mean so far (%)",
+    )
+    axes.grid(True, which="both", alpha=0.25)
+    if len(curves) > 1:
+        axes.legend(frameon=False)
+    return figure
+
+
+def plot_correlation(idata: Any) -> Any:
+    """Draw the correlation of the parameters as a map with numbers (Figs 4.4, 5.3).
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+    """
+    from matplotlib import pyplot as plt
+
+    names, chains = samples(idata)
+    d = len(names)
+    values = np.corrcoef(chains.reshape(-1, d), rowvar=False).reshape(d, d)
+    size = 1.8 + 0.7 * d
+    figure, axes = plt.subplots(figsize=(size + 0.8, size), layout="constrained")
+    image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
+    for i in range(d):
+        for j in range(d):
+            dark = abs(values[i, j]) > 0.6
+            axes.text(
+                j,
+                i,
+                f"{values[i, j]:.2f}",
+                ha="center",
+                va="center",
+                color="white" if dark else "black",
+            )
+    axes.set_xticks(range(d), names)
+    axes.set_yticks(range(d), names)
+    figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
+    return figure
+
+
+def plot_proposals(seed: int = 5) -> Any:
+    """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1).
+
+    Args:
+        seed: Of the walkers and proposals that are drawn.
+    """
+    from matplotlib import pyplot as plt
+
+    rng = np.random.RandomState(checks.whole_number("seed", seed))
+    covariance = np.array([[1.0, 0.8], [0.8, 1.0]])
+    walkers = rng.multivariate_normal(np.zeros(2), covariance, size=12)
+    current, guides = walkers[0], walkers[1:]
+    figure, panels = plt.subplots(
+        1, 2, figsize=(9.6, 4.6), sharex=True, sharey=True, layout="constrained"
+    )
+    grid = np.linspace(-3.4, 3.4, 121)
+    x, y = np.meshgrid(grid, grid)
+    points = np.stack([x, y], axis=-1)
+    square = np.einsum("...i,ij,...j", points, np.linalg.inv(covariance), points)
+    for axes in panels:
+        axes.contour(x, y, square, [0.5, 2, 4.5], colors=GREY, linewidths=0.8)
+        axes.set(aspect="equal", xlabel=r"$\theta_1$", ylabel=r"$\theta_2$")
+
+    step = 0.7
+    proposed = current + step * rng.standard_normal(2)
+    panels[0].set_title("Metropolis-Hastings: step from a fixed Gaussian")
+    panels[0].add_patch(plt.Circle(current, 2 * step, color=BLUE, alpha=0.12))
+    _arrow(panels[0], current, proposed, RED)
+    _point(panels[0], current, r"$\theta_{t-1}$")
+    _point(panels[0], proposed, r"$\theta^*$", RED)
+
+    move = DEMCMove(sigma=0.04)
+    a, b = guides[np.argmax(guides[:, 0])], guides[np.argmin(guides[:, 0])]
+    proposals, _ = move.get_proposal(current[None], [np.array([a, b])], rng)
+    panels[1].set_title(r"DE-MC: step $\gamma(\theta_a - \theta_b) + \varepsilon$")
+    panels[1].plot(*guides.T, "o", color=GREY, ms=5)
+    forward = (proposals[0] - current) @ (a - b) > 0
+    first, second = (a, b) if forward else (b, a)
+    _arrow(panels[1], second, first, BLUE)
+    _arrow(panels[1], current, proposals[0], RED)
+    _point(panels[1], first, r"$\theta_a$", BLUE)
+    _point(panels[1], second, r"$\theta_b$", BLUE)
+    _point(panels[1], current, r"$\theta_i$")
+    _point(panels[1], proposals[0], r"$\theta^*$", RED)
+    return figure
+
+
+def _arrow(axes: Any, start: Floats, end: Floats, color: str) -> None:
+    axes.annotate(
+        "", end, start, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.8}
+    )
+
+
+def _point(axes: Any, at: Floats, label: str, color: str = "black") -> None:
+    axes.plot(*at, "o", color=color, ms=7)
+    axes.annotate(
+        label, at, textcoords="offset points", xytext=(7, 7), color=color, fontsize=13
+    )
+
+
+def _exponent(column: Floats) -> int:
+    """Return the power of ten to take out of an axis, 0 for ordinary numbers."""
+    size = float(np.abs(column).max())
+    return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
+
+
+def _known(
+    argument: str, values: Mapping[str, Any] | None, names: list[str]
+) -> dict[str, Any]:
+    unknown = sorted(set(values or {}) - set(names))
+    if unknown:
+        raise ValueError(f"{argument}: no parameter {unknown}; there are {names}")
+    return dict(values or {})
+
+
+def _labels(
+    names: list[str], units: Mapping[str, str] | None, exponents: list[int]
+) -> list[str]:
+    by_name = _known("units", units, names)
+    labels = []
+    for name, exponent in zip(names, exponents, strict=True):
+        power = f"$10^{{{exponent}}}$ " if exponent else ""
+        unit = f"{power}{by_name.get(name, '')}".strip()
+        labels.append(f"{name} [{unit}]" if unit else name)
+    return labels

@@ -1,0 +1,260 @@
+"""emcee chains to ArviZ: InferenceData before ArviZ 1, xarray's DataTree since.
+
+The only module that imports ArviZ, which takes seconds: it is imported where it is
+used. Datasets are built once with xarray and wrapped once, so that both generations
+of ArviZ see the same groups and numbers.
+"""
+
+from collections.abc import Hashable, Mapping, Sequence
+from importlib.metadata import version
+from typing import Any
+
+import emcee
+import numpy as np
+
+from . import checks
+from .interfaces import Floats
+from .posterior import LogPosterior, prior_summary
+
+GROUPS = (
+    "posterior",
+    "sample_stats",
+    "log_likelihood",
+    "posterior_predictive",
+    "observed_data",
+    "constant_data",
+)
+
+
+def to_inference_data(
+    samplers: emcee.EnsembleSampler | Sequence[emcee.EnsembleSampler],
+    posterior: LogPosterior,
+    discard: int = 0,
+    thin: int = 1,
+) -> Any:
+    """Convert runs of one posterior to an ArviZ object, every walker a chain.
+
+    Groups: ``posterior`` by parameter name; ``sample_stats`` (lp, log_prior);
+    ``log_likelihood`` by term; ``posterior_predictive`` (frequency, by mode, the
+    model's prediction without measurement noise); ``observed_data``;
+    ``constant_data`` (bounds, prior mean ``initial`` and sd, and the frequencies
+    there). Walkers of one ensemble are not independent chains: the coordinate
+    ``ensemble`` says which belong together.
+
+    Args:
+        samplers: What :func:`run` returned, or any EnsembleSampler of the posterior.
+        posterior: The sampled posterior.
+        discard: Stored steps to drop as burn-in.
+        thin: Keep every ``thin``-th stored step.
+
+    Returns:
+        ``arviz.InferenceData`` (ArviZ < 1) or ``xarray.DataTree`` (ArviZ >= 1).
+
+    Raises:
+        TypeError: If discard or thin is not a whole number.
+        ValueError: If nothing is left, or a chain is not of this posterior.
+    """
+    runs = as_list(samplers)
+    chain = stacked(runs, "chain", discard, thin)  # (draws, ensembles, walkers, d)
+    log_prob = stacked(runs, "log_prob", discard, thin)
+    blobs = stacked(runs, "blobs", discard, thin)
+    n_terms, n_modes = len(posterior.terms), posterior.n_modes
+    if chain.shape[-1] != posterior.ndim or blobs.shape[3:] != (1 + n_terms + n_modes,):
+        raise ValueError(
+            f"samplers: chains of {chain.shape[-1]} parameters with blobs of shape "
+            f"{blobs.shape[3:]} are not of this posterior, which has "
+            f"{posterior.ndim} and ({1 + n_terms + n_modes},)"
+        )
+    by_chain = {
+        "posterior": dict(zip(posterior.names, np.moveaxis(chain, -1, 0), strict=True)),
+        "sample_stats": {"lp": log_prob, "log_prior": blobs[..., 0]},
+        "log_likelihood": {
+            name: blobs[..., 1 + i] for i, name in enumerate(posterior.term_names)
+        },
+        "posterior_predictive": {"frequency": blobs[..., 1 + n_terms :]},
+    }
+    attributes = _attributes(runs, discard, thin)
+    datasets = {
+        group: _sample_dataset(values, discard, thin, attributes)
+        for group, values in by_chain.items()
+    }
+    datasets["observed_data"] = _observed(posterior, attributes)
+    datasets["constant_data"] = _constants(posterior, attributes)
+    return wrapped(datasets)
+
+
+def as_list(
+    samplers: emcee.EnsembleSampler | Sequence[emcee.EnsembleSampler],
+) -> list[Any]:
+    """Return one or several samplers (or backends) as a list."""
+    runs = list(samplers) if isinstance(samplers, Sequence) else [samplers]
+    if not runs:
+        raise ValueError("samplers: expected at least one, got none")
+    for run in runs:
+        if not hasattr(run, "get_chain"):
+            raise TypeError(f"samplers: expected EnsembleSamplers, got {run!r}")
+    return runs
+
+
+def stacked(runs: list[Any], what: str, discard: int = 0, thin: int = 1) -> Floats:
+    """Return ``chain``, ``log_prob`` or ``blobs``, ``(draws, ensembles, walkers, ...)``.
+
+    Ensembles must have the same number of walkers and steps.
+    """
+    discard = checks.whole_number("discard", discard)
+    thin = checks.whole_number("thin", thin, 1)
+    parts = [getattr(run, f"get_{what}")(discard=discard, thin=thin) for run in runs]
+    if any(part is None for part in parts):
+        raise ValueError(f"samplers: no {what} stored; was it a LogPosterior that ran?")
+    shapes = {part.shape for part in parts}
+    if len(shapes) > 1:
+        raise ValueError(f"samplers: expected chains of one shape, got {sorted(shapes)}")
+    if not len(parts[0]):
+        raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
+    return np.stack(parts, axis=1)
+
+
+def _sample_dataset(
+    values: Mapping[str, Floats], discard: int, thin: int, attributes: dict[str, Any]
+) -> Any:
+    import xarray
+
+    n_draws, n_ensembles, n_walkers = next(iter(values.values())).shape[:3]
+    variables = {}
+    for name, value in values.items():
+        # (draws, ensembles, walkers, ...) -> (chain, draw, ...)
+        chains = np.moveaxis(value, 0, 2)
+        chains = chains.reshape(n_ensembles * n_walkers, n_draws, *value.shape[3:])
+        variables[name] = (("chain", "draw", "mode")[: chains.ndim], chains)
+    coordinates: dict[Hashable, Any] = {
+        "chain": np.arange(n_ensembles * n_walkers),
+        "draw": discard + thin * (1 + np.arange(n_draws)) - 1,
+        "ensemble": ("chain", np.repeat(np.arange(n_ensembles), n_walkers)),
+        "walker": ("chain", np.tile(np.arange(n_walkers), n_ensembles)),
+    }
+    modes = [v.shape[2] for _, v in variables.values() if v.ndim == 3]
+    if modes:
+        coordinates["mode"] = np.arange(1, modes[0] + 1)
+    return xarray.Dataset(
+        variables, coordinates, {**attributes, "sample_dims": ["chain", "draw"]}
+    )
+
+
+def _observed(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:
+    import xarray
+
+    measured = {
+        name: np.asarray(term.measured)
+        for name, term in zip(posterior.term_names, posterior.terms, strict=True)
+        if hasattr(term, "measured")
+    }
+    return xarray.Dataset(
+        {name: ("mode", value) for name, value in measured.items() if value.ndim == 1},
+        {"mode": np.arange(1, 1 + max(map(len, measured.values()), default=0))},
+        attributes,
+    )
+
+
+def _constants(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:
+    import xarray
+
+    mean, sd = prior_summary(posterior.prior)
+    first_mode = 2 + len(posterior.terms)
+    return xarray.Dataset(
+        {
+            "lower": ("parameter", posterior.prior.bounds[:, 0]),
+            "upper": ("parameter", posterior.prior.bounds[:, 1]),
+            "initial": ("parameter", mean),
+            "prior_sd": ("parameter", sd),
+            "initial_frequency": ("mode", posterior(mean)[first_mode:]),
+        },
+        {
+            "parameter": list(posterior.names),
+            "mode": np.arange(1, posterior.n_modes + 1),
+        },
+        attributes,
+    )
+
+
+def _attributes(runs: list[Any], discard: int, thin: int) -> dict[str, Any]:
+    moves = getattr(runs[0], "_moves", ())  # emcee keeps them nowhere else
+    weights = getattr(runs[0], "_weights", ())
+    return {
+        "moves": "; ".join(
+            f"{weight:g} x {move!r}" for move, weight in zip(moves, weights, strict=True)
+        )
+        or "unknown (read from a backend)",
+        "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
+        "discard": discard,
+        "thin": thin,
+        "inference_library": "emcee",
+        "inference_library_version": emcee.__version__,
+        "emcee_femu_version": version("emcee-femu"),
+        "numpy_version": np.__version__,
+    }
+
+
+def wrapped(datasets: Mapping[str, Any]) -> Any:
+    """Return xarray Datasets as the installed ArviZ's own container."""
+    import arviz
+    import xarray
+
+    if int(arviz.__version__.split(".")[0]) < 1:
+        return arviz.InferenceData(**datasets)
+    return xarray.DataTree.from_dict(dict(datasets))
+
+
+def dataset(idata: Any, group: str) -> Any:
+    """Return a group as an xarray Dataset, whatever ArviZ made of it.
+
+    Raises:
+        TypeError: If idata is not what :func:`to_inference_data` returns.
+        ValueError: If it lacks the group.
+    """
+    if not hasattr(idata, "children") and not hasattr(idata, "groups"):
+        raise TypeError(
+            "idata: expected what to_inference_data returns, got "
+            f"{type(idata).__name__}"
+        )
+    try:
+        found = idata[group]
+    except KeyError:
+        raise ValueError(f"idata: it has no group {group!r}") from None
+    return found.to_dataset() if hasattr(found, "to_dataset") else found
+
+
+def samples(idata: Any) -> tuple[list[str], Floats]:
+    """Return parameter names and draws ``(chains, draws, d)`` of the posterior."""
+    posterior = dataset(idata, "posterior")
+    names = [str(name) for name in posterior.data_vars]
+    ordered = [posterior[name].transpose("chain", "draw").values for name in names]
+    return names, np.stack(ordered, axis=-1)
+
+
+def rhat(chains: Floats) -> Floats:
+    """Return the rank-normalised split R-hat of ``chains (m, n, d)``, ``(d,)``."""
+    import arviz
+
+    return _by_parameter(arviz.rhat, chains)
+
+
+def effective_sizes(chains: Floats) -> tuple[Floats, Floats]:
+    """Return bulk and tail (5 %, 95 %) ESS of ``chains (m, n, d)``, each ``(d,)``."""
+    import arviz
+
+    bulk = _by_parameter(arviz.ess, chains, method="bulk")
+    # The quantiles are named because their default differs between ArviZ 0.x and 1.x.
+    tail = _by_parameter(arviz.ess, chains, method="tail", prob=(0.05, 0.95))
+    return bulk, tail
+
+
+def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
+    import xarray
+
+    data = {
+        f"p{i}": (("chain", "draw"), chains[:, :, i]) for i in range(chains.shape[2])
+    }
+    result = statistic(
+        xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]}), **options
+    )
+    return np.array([float(result[f"p{i}"]) for i in range(chains.shape[2])])

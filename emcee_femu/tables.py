@@ -1,0 +1,205 @@
+"""Tables of parameters and frequencies, as text, Markdown and CSV."""
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import checks
+from .diagnostics import measured_frequencies, total_average_error
+from .inference_data import dataset, samples
+from .interfaces import Floats
+from .posterior import LogPosterior
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that prints itself; missing cells are NaN or an empty string.
+
+    Attributes:
+        title: One line.
+        columns: Column titles.
+        formats: A format specification a column, such as ``".4g"``.
+        rows: Numbers or strings.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    formats: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    def column(self, title: str) -> list[Any]:
+        """Return the values of a column by its title."""
+        return [row[self.columns.index(title)] for row in self.rows]
+
+    def __str__(self) -> str:
+        """Return aligned text."""
+        cells = [self.columns, *self._cells()]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        lines = [
+            "  ".join(
+                cell.ljust(width) if i == 0 else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            )
+            for row in cells
+        ]
+        rule = "-" * len(lines[0])
+        return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
+
+    def to_markdown(self) -> str:
+        """Return a Markdown table without the title."""
+        rows = [self.columns, ("---", *("---:",) * (len(self.columns) - 1))]
+        return "\n".join("| " + " | ".join(r) + " |" for r in [*rows, *self._cells()])
+
+    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
+        """Return the table as CSV with all digits, and write it to path if given."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(
+            ["" if _missing(cell) else cell for cell in row] for row in self.rows
+        )
+        if path is not None:
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                file.write(buffer.getvalue())
+        return buffer.getvalue()
+
+    def _cells(self) -> list[tuple[str, ...]]:
+        return [
+            tuple(
+                "" if _missing(x) else x if isinstance(x, str) else format(x, spec)
+                for x, spec in zip(row, self.formats, strict=True)
+            )
+            for row in self.rows
+        ]
+
+
+def _missing(cell: Any) -> bool:
+    return isinstance(cell, float) and np.isnan(cell)
+
+
+def parameter_table(
+    idata: Any,
+    nominal: Mapping[str, float] | None = None,
+    published: Mapping[str, Mapping[str, float]] | None = None,
+) -> Table:
+    r"""Tabulate the updated parameters, as Tables 4.1 and 5.1 of the paper.
+
+    Columns: initial (the prior mean), nominal and relative errors where the nominal is
+    known, posterior mean, c.o.v. = sd / mean in percent, and the ratio of posterior to
+    prior standard deviation: near 1 the data said nothing about the parameter.
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        nominal: Known true values by parameter name; None for a real structure.
+        published: Further columns, ``{title: {parameter: value}}``.
+
+    Raises:
+        ValueError: If nominal or a published column names an unknown parameter.
+    """
+    names, chains = samples(idata)
+    draws = chains.reshape(-1, len(names))
+    constants = dataset(idata, "constant_data")
+    initial, prior_sd = constants["initial"].values, constants["prior_sd"].values
+    mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
+    columns: list[tuple[str, str, Any]] = [
+        ("parameter", "", names),
+        ("initial", ".5g", initial),
+    ]
+    if nominal is not None:
+        known = _by_name("nominal", nominal, names)
+        columns += [
+            ("nominal", ".5g", known),
+            ("error %", ".2f", 100 * np.abs(initial / known - 1)),
+        ]
+    columns.append(("mean", ".5g", mean))
+    if nominal is not None:
+        columns.append(("error % ", ".2f", 100 * np.abs(mean / known - 1)))
+    columns += [
+        ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
+        ("sd/prior sd", ".2f", sd / prior_sd),
+    ]
+    for title, values in (published or {}).items():
+        columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
+    return _table("Updating parameters", columns)
+
+
+def frequency_table(
+    idata: Any,
+    posterior: LogPosterior | None = None,
+    published: Mapping[str, Sequence[float]] | None = None,
+) -> Table:
+    r"""Tabulate measured, initial and updated frequencies, as Tables 4.2 and 5.2.
+
+    The updated frequencies are the means of the predictions at all samples; with
+    ``posterior`` they are those of the model at the mean of the parameters, as in the
+    paper (one FE solve). Errors are ``100 |f_m - f| / f_m``; the last row holds their
+    mean, the total average error TAE.
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        posterior: The sampled posterior, or None.
+        published: Further columns, ``{title: one number a measured mode}``.
+
+    Raises:
+        ValueError: If there are no measured frequencies, or a published column has
+            another length.
+    """
+    measured = measured_frequencies(idata)
+    m = len(measured)
+    predicted = dataset(idata, "posterior_predictive")["frequency"]
+    draws = predicted.transpose("chain", "draw", "mode").values
+    draws = draws.reshape(-1, draws.shape[-1])[:, :m]
+    initial = dataset(idata, "constant_data")["initial_frequency"].values[:m]
+    updated = draws.mean(axis=0)
+    if posterior is not None:
+        _, chains = samples(idata)
+        at_mean = posterior(chains.mean(axis=(0, 1)))
+        first = 2 + len(posterior.terms)
+        updated = at_mean[first : first + m]
+
+    def with_tae(values: ArrayLike) -> Floats:
+        return np.append(100 * np.abs(np.asarray(values) / measured - 1), np.nan)
+
+    def padded(values: ArrayLike) -> Floats:
+        return np.append(np.asarray(values, dtype=float), np.nan)
+
+    errors = [with_tae(initial), with_tae(updated)]
+    errors[0][-1] = total_average_error(measured, initial)
+    errors[1][-1] = total_average_error(measured, updated)
+    columns: list[tuple[str, str, Any]] = [
+        ("mode", "", [*map(str, range(1, m + 1)), "TAE"]),
+        ("measured Hz", ".3f", padded(measured)),
+        ("initial Hz", ".3f", padded(initial)),
+        ("error %", ".2f", errors[0]),
+        ("updated Hz", ".3f", padded(updated)),
+        ("c.o.v. %", ".3f", padded(100 * draws.std(axis=0, ddof=1) / updated)),
+        ("error % ", ".3f", errors[1]),
+    ]
+    for title, values in (published or {}).items():
+        given = checks.numeric_array(f"published[{title!r}]", values)
+        if given.shape not in ((m,), (m + 1,)):
+            raise ValueError(
+                f"published[{title!r}]: expected {m} numbers, or {m + 1} with the "
+                f"TAE, got shape {given.shape}"
+            )
+        columns.append((title, ".4g", given if len(given) > m else padded(given)))
+    return _table("Natural frequencies", columns)
+
+
+def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Floats:
+    unknown = sorted(set(values) - set(names))
+    if unknown:
+        raise ValueError(f"{argument}: no parameter {unknown}; there are {names}")
+    return np.array([values.get(name, np.nan) for name in names], dtype=float)
+
+
+def _table(title: str, columns: list[tuple[str, str, Any]]) -> Table:
+    titles, formats, values = zip(*columns, strict=True)
+    cells = [v if isinstance(v, list) else v.tolist() for v in values]
+    return Table(title, titles, formats, tuple(zip(*cells, strict=True)))

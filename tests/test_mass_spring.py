@@ -1,0 +1,226 @@
+import pickle
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from emcee_femu.models.mass_spring import MassSpringModel
+
+# Application 1 of the paper: nodes 1 to 5 are m1 to m5, node 0 the ground.
+FIVE_MASSES = [2.7, 1.7, 6.1, 5.3, 2.9]
+TEN_SPRINGS = {
+    "k1": (0, 4, 4600.0),
+    "k2": (0, 1, 2580.0),
+    "k3": (1, 4, 3200.0),
+    "k4": (1, 3, 1680.0),
+    "k5": (3, 4, 1840.0),
+    "k6": (0, 3, 3100.0),
+    "k7": (0, 2, 2580.0),
+    "k8": (2, 3, 2350.0),
+    "k9": (0, 3, 2800.0),
+    "k10": (3, 5, 2000.0),
+}
+PUBLISHED = {
+    "measured": (
+        [4000, 2200, 2120, 2600, 2400],
+        [3.50745, 5.14931, 7.08276, 8.89167, 9.42645],
+    ),
+    "initial": (
+        [4600, 2580, 1680, 3100, 2350],
+        [3.57645, 5.37087, 7.23927, 9.03010, 9.41166],
+    ),
+    "DE-MC mean": (
+        [4004.4, 2197.6, 2109.4, 2600.9, 2410.4],
+        [3.50750, 5.14937, 7.08152, 8.89450, 9.42578],
+    ),
+}
+
+
+def five_mass_model(**options):
+    return MassSpringModel(FIVE_MASSES, TEN_SPRINGS, **options)
+
+
+def random_stiffnesses(n, seed=3):
+    rng = np.random.default_rng(seed)
+    return {name: rng.uniform(500.0, 5000.0, n) for name in TEN_SPRINGS}
+
+
+def matrices_by_hand(parameters, row):
+    K = np.zeros((6, 6))  # node by node, the ground included
+    for name, (i, j, default) in TEN_SPRINGS.items():
+        k = parameters[name][row] if name in parameters else default
+        K[i, i] += k
+        K[j, j] += k
+        K[i, j] -= k
+        K[j, i] -= k
+    return K[1:, 1:], np.diag(FIVE_MASSES)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 20])
+@pytest.mark.parametrize(("k", "m"), [(1.0, 1.0), (3.7e6, 0.42)])
+def test_fixed_fixed_chain_has_the_textbook_frequencies(n, k, m):
+    springs = {f"k{i}": (i, (i + 1) % (n + 1), k) for i in range(1, n + 1)}
+    springs["k0"] = (0, 1, k)
+    if n == 1:
+        springs["k1"] = (1, 0, k)
+    model = MassSpringModel([m] * n, springs)
+    j = np.arange(1, n + 1)
+    omega = 2 * np.sqrt(k / m) * np.sin(j * np.pi / (2 * (n + 1)))
+    frequencies = model({}).frequencies
+    assert frequencies.shape == (1, n)
+    np.testing.assert_allclose(frequencies[0], omega / (2 * np.pi), rtol=1e-12)
+
+
+def test_frequencies_agree_with_scipy_on_matrices_built_by_hand():
+    parameters = random_stiffnesses(6)
+    frequencies = five_mass_model()(parameters).frequencies
+    for row in range(6):
+        omega_squared = eigh(*matrices_by_hand(parameters, row), eigvals_only=True)
+        expected = np.sqrt(omega_squared) / (2 * np.pi)
+        np.testing.assert_allclose(frequencies[row], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("row", list(PUBLISHED))
+def test_five_mass_system_has_the_published_frequencies(row):
+    theta, expected = PUBLISHED[row]
+    names = ["k1", "k2", "k4", "k6", "k8", "k7"]
+    values = [*theta, theta[1]]  # k7 follows theta2
+    parameters = {k: np.array([float(v)]) for k, v in zip(names, values, strict=True)}
+    frequencies = five_mass_model()(parameters).frequencies[0]
+    np.testing.assert_allclose(frequencies, expected, rtol=0, atol=1e-5)
+
+
+def test_a_parameter_overrides_the_default_of_its_spring_only():
+    changed = TEN_SPRINGS | {"k3": (1, 4, 900.0), "k10": (3, 5, 4100.0)}
+    expected = MassSpringModel(FIVE_MASSES, changed)({}).frequencies
+    parameters = {"k10": np.array([4100.0]), "k3": np.array([900.0])}
+    assert np.array_equal(five_mass_model()(parameters).frequencies, expected)
+    assert not np.allclose(five_mass_model()({}).frequencies, expected, rtol=1e-3)
+
+
+def test_a_parameter_that_is_no_spring_does_not_change_the_frequencies():
+    values = {"k1": np.array([4000.0, 4100.0]), "log_beta": np.array([-3.0, 9.0])}
+    with_other = five_mass_model()(values).frequencies
+    del values["log_beta"]
+    assert np.array_equal(with_other, five_mass_model()(values).frequencies)
+
+
+def test_the_order_of_the_springs_does_not_matter():
+    parameters = random_stiffnesses(4)
+    backwards = MassSpringModel(FIVE_MASSES, dict(reversed(TEN_SPRINGS.items())))
+    shuffled = dict(sorted(parameters.items(), reverse=True))
+    np.testing.assert_allclose(
+        backwards(shuffled).frequencies,
+        five_mass_model()(parameters).frequencies,
+        rtol=1e-13,
+    )
+
+
+def test_the_two_ends_of_a_spring_may_be_swapped():
+    swapped = {name: (j, i, k) for name, (i, j, k) in TEN_SPRINGS.items()}
+    model = MassSpringModel(FIVE_MASSES, swapped)
+    assert np.array_equal(model({}).frequencies, five_mass_model()({}).frequencies)
+
+
+@pytest.mark.parametrize("shapes", [False, True])
+@pytest.mark.parametrize("n", [2, 7, 64])
+def test_a_batch_equals_a_loop_to_the_bit(n, shapes):
+    model = five_mass_model(shapes=shapes)
+    parameters = random_stiffnesses(n)
+    batch = model(parameters)
+    for i in range(n):
+        one = model({name: value[i : i + 1] for name, value in parameters.items()})
+        assert np.array_equal(batch.frequencies[i], one.frequencies[0])
+        if shapes:
+            assert np.array_equal(batch.shapes[i], one.shapes[0])
+
+
+def test_shapes_are_mass_normalised_eigenvectors():
+    parameters = random_stiffnesses(5)
+    frequencies, shapes = five_mass_model(shapes=True)(parameters)
+    assert shapes.shape == (5, 5, 5)
+    for row in range(5):
+        K, M = matrices_by_hand(parameters, row)
+        phi, omega = shapes[row], 2 * np.pi * frequencies[row]
+        np.testing.assert_allclose(phi.T @ M @ phi, np.eye(5), rtol=0, atol=1e-13)
+        residual = K @ phi - M @ phi * omega**2
+        assert np.abs(residual).max() < 1e-12 * np.abs(K @ phi).max()
+
+
+def test_shapes_come_only_when_asked_for():
+    parameters = random_stiffnesses(3)
+    plain, full = five_mass_model()(parameters), five_mass_model(shapes=True)(parameters)
+    assert plain.shapes is None
+    np.testing.assert_allclose(plain.frequencies, full.frequencies, rtol=1e-13)
+
+
+def test_the_model_says_what_it_reads_and_returns():
+    model = five_mass_model()
+    assert model.names == tuple(TEN_SPRINGS)
+    assert model.positive == model.names
+    assert model.n_modes == 5
+
+
+def test_a_pickled_model_gives_the_same_bits():
+    model, parameters = five_mass_model(shapes=True), random_stiffnesses(3)
+    copy = pickle.loads(pickle.dumps(model))
+    for a, b in zip(copy(parameters), model(parameters), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_later_changes_of_the_arguments_do_not_reach_the_model():
+    masses, springs = np.array(FIVE_MASSES), dict(TEN_SPRINGS)
+    model = MassSpringModel(masses, springs)
+    masses[:] = 1.0
+    springs.clear()
+    assert np.array_equal(model({}).frequencies, five_mass_model()({}).frequencies)
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 1e9])
+def test_a_system_without_ground_is_refused_as_a_rigid_body(stiffness):
+    model = MassSpringModel([1.0, 2.0], {"k": (1, 2, stiffness)})
+    with pytest.raises(ValueError, match=r"mode 1 is not elastic.*rigid-body.*skip=0"):
+        model({})
+
+
+@pytest.mark.parametrize("value", [0.0, -5.0, np.nan])
+def test_a_stiffness_parameter_that_is_not_positive_is_named(value):
+    parameters = {
+        "k1": np.array([1.0, 2.0, 3.0]),
+        "k6": np.array([4000.0, value, 4000.0]),
+    }
+    with pytest.raises(ValueError, match=rf"'k6' must be above zero, got {value:g}"):
+        five_mass_model()(parameters)
+
+
+ONE = {"k": (0, 1, 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("masses", "springs", "error", "message"),
+    [
+        ([1.0, 0.0], ONE, ValueError, r"masses: .*above zero, got 0.0 at index \(1,\)"),
+        ([-1.0], ONE, ValueError, r"masses: .*above zero, got -1.0 at index \(0,\)"),
+        ([1.0, np.nan], ONE, ValueError, r"masses: .*finite.*nan at index \(1,\)"),
+        (1.0, ONE, ValueError, r"masses: expected 1 dimension"),
+        (["1"], ONE, TypeError, r"masses: expected real numbers"),
+        ([1.0], [(0, 1, 1.0)], TypeError, r"springs: expected \{name: .*got list"),
+        ([1.0], {}, ValueError, r"springs: expected at least one"),
+        ([1.0], {1: (0, 1, 1.0)}, TypeError, r"springs: expected non-empty strings"),
+        ([1.0], {"k": (0, 1)}, TypeError, r"springs\['k'\]: expected \(node, node"),
+        ([1.0], {"k": (0, 1, 1.0, 2)}, TypeError, r"springs\['k'\]: expected \(node"),
+        ([1.0], {"k": 3.0}, TypeError, r"springs\['k'\]: expected \(node, node"),
+        ([1.0], {"k": (0, 2, 1.0)}, ValueError, r"'k'\]: no node 2; .* to 1"),
+        ([1.0], {"k": (-1, 1, 1.0)}, ValueError, r"'k'\]: expected at least 0, got -1"),
+        ([1.0], {"k": (0, 1.0, 1.0)}, TypeError, r"'k'\]: .*whole number, got 1.0"),
+        ([1.0], {"k": (0, True, 1.0)}, TypeError, r"'k'\]: .*whole number, got True"),
+        ([1.0], {"k": (1, 1, 1.0)}, ValueError, r"'k'\]: both ends are node 1"),
+        ([1.0], {"k": (0, 1, 0.0)}, ValueError, r"'k'\]: .*above zero, got 0"),
+        ([1.0], {"k": (0, 1, -2.0)}, ValueError, r"'k'\]: .*above zero, got -2"),
+        ([1.0], {"k": (0, 1, np.inf)}, ValueError, r"'k'\]: .*finite numbers, got inf"),
+        ([1.0], {"k": (0, 1, "stiff")}, TypeError, r"'k'\]: expected real numbers"),
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(masses, springs, error, message):
+    with pytest.raises(error, match=message):
+        MassSpringModel(masses, springs)
