@@ -40,7 +40,9 @@ def numeric_array(argument: str, value: ArrayLike) -> Floats:
     try:
         raw = np.asarray(value)
     except ValueError as error:  # ragged nesting
-        raise ValueError(f"{argument}: expected a rectangular array ({error})") from None
+        raise ValueError(
+            f"{argument}: expected a rectangular array ({error})"
+        ) from None
     if raw.dtype.kind not in "fiu":
         raise TypeError(
             f"{argument}: expected real numbers, got "

@@ -51,7 +51,7 @@ def covariance_ellipse(points: Floats, probability: float = 0.95) -> Ellipse:
         raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
     variances, axes = np.linalg.eigh(np.cov(xy, rowvar=False))
     radius_squared = -2 * np.log1p(-probability)
-    # Ascending eigenvalues; rounding may leave a tiny negative one for points on a line.
+    # Ascending eigenvalues; points on a line may leave one just below zero.
     semi_axes = np.sqrt(radius_squared * np.maximum(variances[::-1], 0.0))
     x, y = axes[:, 1]
     return Ellipse(xy.mean(axis=0), semi_axes, float(np.degrees(np.arctan2(y, x))))

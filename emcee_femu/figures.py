@@ -4,17 +4,16 @@ The only module that uses matplotlib and corner, which take seconds to import: t
 are imported where they are used.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from . import checks
 from .diagnostics import running_tae
 from .ellipses import covariance_ellipse
 from .inference_data import samples
 from .interfaces import Floats
-from .moves import DEMCMove
 from .posterior import LogPosterior
 
 RED, BLUE, GREY = "#c8102e", "#1f5fa8", "0.45"
@@ -56,6 +55,7 @@ def plot_scatter(
     scale = 10.0 ** np.array(exponents)
     draws = draws / scale
     marks = _known("truths", truths, names)
+    scales = list(zip(names, scale, strict=True))
     shown = np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]
     figure = corner.corner(
         draws[shown],
@@ -64,7 +64,7 @@ def plot_scatter(
         bins=30,
         plot_contours=False,
         plot_density=False,
-        truths=[marks[n] / s if n in marks else None for n, s in zip(names, scale)],  # noqa: B905
+        truths=[marks[n] / s if n in marks else None for n, s in scales],
         truth_color=BLUE,
         data_kwargs={"alpha": 0.25, "ms": 2.0, "color": GREY},
         hist_kwargs={"color": GREY},
@@ -73,12 +73,13 @@ def plot_scatter(
         labelpad=0.08,
     )
     d = len(names)
-    axes = np.array(figure.axes).reshape(d, d)
+    panels = np.array(figure.axes).reshape(d, d)
     for row in range(1, d):
         for column in range(row):
-            shape = covariance_ellipse(draws[:, [column, row]], probability)
+            pair = draws[:, (column, row)]
+            shape = covariance_ellipse(pair, probability)
             width, height = 2 * shape.semi_axes
-            axes[row, column].add_patch(
+            panels[row, column].add_patch(
                 Ellipse(
                     tuple(shape.centre),
                     width,
@@ -109,6 +110,7 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
         posterior: The sampled posterior.
     """
     from matplotlib import pyplot as plt
+    from matplotlib import ticker
 
     curves = dict(idata) if isinstance(idata, dict) else {"": idata}
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
@@ -119,7 +121,7 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
             f"{tae[-1]:.3g} %",
             (generations[-1], tae[-1]),
             textcoords="offset points",
-            xytext=(0, 6),
+            xytext=(4, 8),
             ha="right",
         )
     axes.set(
@@ -128,6 +130,10 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
         xlabel="generation",
         ylabel="total average error of the mean so far (%)",
     )
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(ticker.LogFormatter(minor_thresholds=(2, 0.5)))
+    axes.margins(y=0.12)
     axes.grid(True, which="both", alpha=0.25)
     if len(curves) > 1:
         axes.legend(frameon=False)
@@ -165,22 +171,17 @@ def plot_correlation(idata: Any) -> Any:
     return figure
 
 
-def plot_proposals(seed: int = 5) -> Any:
-    """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1).
-
-    Args:
-        seed: Of the walkers and proposals that are drawn.
-    """
+def plot_proposals() -> Any:
+    """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1)."""
     from matplotlib import pyplot as plt
 
-    rng = np.random.RandomState(checks.whole_number("seed", seed))
     covariance = np.array([[1.0, 0.8], [0.8, 1.0]])
-    walkers = rng.multivariate_normal(np.zeros(2), covariance, size=12)
-    current, guides = walkers[0], walkers[1:]
+    current, a, b = np.array([[-1.3, -0.9], [1.4, 1.0], [0.3, -0.4]])
+    others = [(-0.6, -1.1), (-0.3, 0.5), (0.9, 1.5), (-1.6, -1.9), (0.6, 0.5)]
     figure, panels = plt.subplots(
-        1, 2, figsize=(9.6, 4.6), sharex=True, sharey=True, layout="constrained"
+        1, 2, figsize=(9.6, 4.9), sharex=True, sharey=True, layout="constrained"
     )
-    grid = np.linspace(-3.4, 3.4, 121)
+    grid = np.linspace(-2.6, 2.6, 121)
     x, y = np.meshgrid(grid, grid)
     points = np.stack([x, y], axis=-1)
     square = np.einsum("...i,ij,...j", points, np.linalg.inv(covariance), points)
@@ -188,27 +189,25 @@ def plot_proposals(seed: int = 5) -> Any:
         axes.contour(x, y, square, [0.5, 2, 4.5], colors=GREY, linewidths=0.8)
         axes.set(aspect="equal", xlabel=r"$\theta_1$", ylabel=r"$\theta_2$")
 
-    step = 0.7
-    proposed = current + step * rng.standard_normal(2)
-    panels[0].set_title("Metropolis-Hastings: step from a fixed Gaussian")
-    panels[0].add_patch(plt.Circle(current, 2 * step, color=BLUE, alpha=0.12))
+    proposed = current + np.array([0.55, 0.25])
+    panels[0].set_title("Metropolis-Hastings: a step of fixed law")
+    panels[0].add_patch(plt.Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
     _arrow(panels[0], current, proposed, RED)
-    _point(panels[0], current, r"$\theta_{t-1}$")
+    _point(panels[0], current, r"$\theta_{t-1}$", below=True)
     _point(panels[0], proposed, r"$\theta^*$", RED)
 
-    move = DEMCMove(sigma=0.04)
-    a, b = guides[np.argmax(guides[:, 0])], guides[np.argmin(guides[:, 0])]
-    proposals, _ = move.get_proposal(current[None], [np.array([a, b])], rng)
-    panels[1].set_title(r"DE-MC: step $\gamma(\theta_a - \theta_b) + \varepsilon$")
-    panels[1].plot(*guides.T, "o", color=GREY, ms=5)
-    forward = (proposals[0] - current) @ (a - b) > 0
-    first, second = (a, b) if forward else (b, a)
-    _arrow(panels[1], second, first, BLUE)
-    _arrow(panels[1], current, proposals[0], RED)
-    _point(panels[1], first, r"$\theta_a$", BLUE)
-    _point(panels[1], second, r"$\theta_b$", BLUE)
-    _point(panels[1], current, r"$\theta_i$")
-    _point(panels[1], proposals[0], r"$\theta^*$", RED)
+    gamma, noise = 2.38 / math.sqrt(2 * 2), np.array([0.06, -0.12])
+    proposed = current + gamma * (a - b) + noise
+    panels[1].set_title(
+        r"DE-MC: $\theta^* = \theta_i + \gamma(\theta_a - \theta_b) + \varepsilon$"
+    )
+    panels[1].plot(*np.transpose(others), "o", color=GREY, ms=5)
+    _arrow(panels[1], b, a, BLUE)
+    _arrow(panels[1], current, proposed, RED)
+    _point(panels[1], a, r"$\theta_a$", BLUE)
+    _point(panels[1], b, r"$\theta_b$", BLUE, below=True)
+    _point(panels[1], current, r"$\theta_i$", below=True)
+    _point(panels[1], proposed, r"$\theta^*$", RED)
     return figure
 
 
@@ -218,10 +217,17 @@ def _arrow(axes: Any, start: Floats, end: Floats, color: str) -> None:
     )
 
 
-def _point(axes: Any, at: Floats, label: str, color: str = "black") -> None:
+def _point(
+    axes: Any, at: Floats, label: str, color: str = "black", below: bool = False
+) -> None:
     axes.plot(*at, "o", color=color, ms=7)
     axes.annotate(
-        label, at, textcoords="offset points", xytext=(7, 7), color=color, fontsize=13
+        label,
+        at,
+        textcoords="offset points",
+        xytext=(6, -20) if below else (6, 8),
+        color=color,
+        fontsize=14,
     )
 
 

@@ -97,7 +97,7 @@ def as_list(
 
 
 def stacked(runs: list[Any], what: str, discard: int = 0, thin: int = 1) -> Floats:
-    """Return ``chain``, ``log_prob`` or ``blobs``, ``(draws, ensembles, walkers, ...)``.
+    """Return chain, log_prob or blobs, ``(draws, ensembles, walkers, ...)``.
 
     Ensembles must have the same number of walkers and steps.
     """
@@ -108,7 +108,9 @@ def stacked(runs: list[Any], what: str, discard: int = 0, thin: int = 1) -> Floa
         raise ValueError(f"samplers: no {what} stored; was it a LogPosterior that ran?")
     shapes = {part.shape for part in parts}
     if len(shapes) > 1:
-        raise ValueError(f"samplers: expected chains of one shape, got {sorted(shapes)}")
+        raise ValueError(
+            f"samplers: expected chains of one shape, got {sorted(shapes)}"
+        )
     if not len(parts[0]):
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
     return np.stack(parts, axis=1)
@@ -181,7 +183,8 @@ def _attributes(runs: list[Any], discard: int, thin: int) -> dict[str, Any]:
     weights = getattr(runs[0], "_weights", ())
     return {
         "moves": "; ".join(
-            f"{weight:g} x {move!r}" for move, weight in zip(moves, weights, strict=True)
+            f"{weight:g} x {move!r}"
+            for move, weight in zip(moves, weights, strict=True)
         )
         or "unknown (read from a backend)",
         "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),

@@ -1,4 +1,4 @@
-"""The contracts between the stages: what a user may implement, and the record they pass.
+"""The contracts between the stages, and the record that they pass.
 
 Everything between the sampler and the model carries a leading walker axis of length
 ``n``. Outside the sampler parameters have names; the prior alone owns their order.

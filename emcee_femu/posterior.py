@@ -14,7 +14,7 @@ from .priors import inside
 
 @dataclass(frozen=True, eq=False, init=False)
 class LogPosterior:
-    r"""Log-posterior of an FE model given modal data, vectorised over walkers (Eq. 2.1).
+    r"""Log-posterior of an FE model given modal data, for a batch of walkers.
 
     .. math:: \ln p(\theta | D) = \ln p(\theta) + \sum_t \ln p_t(D | \theta)
 
@@ -55,7 +55,7 @@ class LogPosterior:
         _check_types(model, sequence, prior)
         _check_names(model, sequence, prior)
         names = tuple(
-            getattr(term, "name", None) or getattr(term, "__name__", f"term{i}")
+            str(getattr(term, "name", None) or getattr(term, "__name__", f"term{i}"))
             for i, term in enumerate(sequence)
         )
         object.__setattr__(self, "model", model)

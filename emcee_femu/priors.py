@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from . import checks
@@ -203,9 +203,8 @@ def checked_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     return array
 
 
-def inside(theta: Floats, bounds: Floats) -> np.ndarray[Any, np.dtype[np.bool_]]:
+def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     """Return which rows of ``theta (n, d)`` lie inside ``bounds (d, 2)``."""
-    within: np.ndarray[Any, np.dtype[np.bool_]] = (
-        (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
-    ).all(axis=1)
-    return within
+    within = (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
+    result: NDArray[np.bool_] = np.logical_and.reduce(within, axis=1)
+    return result

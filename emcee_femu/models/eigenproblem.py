@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class Eigenproblem:
         omega_squared = eigenvalues[:, list(self.selected)]
         return ModalSolution(np.sqrt(omega_squared) / (2 * np.pi), shapes)
 
-    def _check(self, eigenvalues: Floats, describe: Callable[[int], str]) -> None:
+    def _check(self, eigenvalues: Any, describe: Callable[[int], str]) -> None:
         skip, n_dof = self.skip, eigenvalues.shape[1]
         rounding = 100 * n_dof * np.finfo(float).eps * np.abs(eigenvalues[:, -1])
         first = eigenvalues[:, skip]

@@ -160,7 +160,9 @@ def _free_dofs(
     for node, held in supports.items():
         if checks.whole_number("supports", node) >= n_nodes:
             raise ValueError(f"supports: no node {node}; nodes are 0 to {n_nodes - 1}")
-        for dof in DOFS if held == "all" else ([held] if isinstance(held, str) else held):
+        for dof in (
+            DOFS if held == "all" else ([held] if isinstance(held, str) else held)
+        ):
             if dof not in DOFS:
                 raise ValueError(
                     f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "

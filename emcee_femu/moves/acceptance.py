@@ -48,7 +48,7 @@ def metropolis_step(
     if blobs is not None:
         if state.blobs is None:
             raise ValueError(
-                "initial_state: it has log_prob but no blobs, while the log-probability "
+                "initial_state: it has log_prob but no blobs, and the log-probability "
                 "returns blobs; pass State(coords, log_prob, blobs), or coords alone"
             )
         state.blobs[moved] = blobs[better]

@@ -76,7 +76,9 @@ class DEMCMove(VectorizedRedBlueMove):
                     "sigma: expected a number or (ndim,) numbers that are not "
                     f"negative, got {sigma}"
                 )
-        self.gamma0 = None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
+        self.gamma0 = (
+            None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
+        )
         self.mode_jump = checks.real_number("mode_jump", mode_jump, 0)
         if self.mode_jump > 1:
             raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")

@@ -64,7 +64,7 @@ class MetropolisMove(Move):
         n, ndim = draws.shape
         if n <= ndim:
             raise ValueError(
-                f"samples: expected more than {ndim} draws of {ndim} parameters, got {n}"
+                f"samples: expected more draws than {ndim} parameters, got {n}"
             )
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
         scaled_cholesky("samples (their covariance)", covariance)
