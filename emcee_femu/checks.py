@@ -90,7 +90,12 @@ def parameter_names(argument: str, names: Sequence[str]) -> tuple[str, ...]:
             f"{argument}: expected a sequence of names, got the string {names!r}; "
             f"write [{names!r}]"
         )
-    result = tuple(names)
+    try:
+        result = tuple(names)
+    except TypeError:
+        raise TypeError(
+            f"{argument}: expected a sequence of names, got {names!r}"
+        ) from None
     for name in result:
         if not isinstance(name, str) or not name:
             raise TypeError(f"{argument}: expected non-empty strings, got {name!r}")

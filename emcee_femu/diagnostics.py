@@ -13,8 +13,8 @@ from .posterior import LogPosterior
 
 ENOUGH_TAU = 50  # steps per autocorrelation time below which tau itself is unreliable
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
-# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means walkers
-# that stay apart, which tau cannot see: it centres each walker on its own mean.
+# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
+# walkers that stay apart, which tau cannot see: it centres each walker on its own mean.
 WALKERS_APART = 1.05
 
 

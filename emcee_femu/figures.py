@@ -75,11 +75,11 @@ def plot_scatter(
     d = len(names)
     panels = np.array(figure.axes).reshape(d, d)
     for row in range(1, d):
-        for column in range(row):
-            pair = draws[:, (column, row)]
+        for left in range(row):
+            pair = draws[:, (left, row)]
             shape = covariance_ellipse(pair, probability)
             width, height = 2 * shape.semi_axes
-            panels[row, column].add_patch(
+            panels[row, left].add_patch(
                 Ellipse(
                     tuple(shape.centre),
                     width,

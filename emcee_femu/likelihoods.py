@@ -37,7 +37,7 @@ class FrequencyTerm:
         >>> term = FrequencyTerm([10.0, 20.0], relative_sd=0.01)
         >>> modes = ModalSolution(np.array([[10.1, 20.0]]))
         >>> term({}, modes).round(4).tolist()
-        [1.5742]
+        [1.5741]
     """
 
     measured: Floats
@@ -94,7 +94,8 @@ class FrequencyTerm:
                 f"measured: {self.n_modes} modes were measured, but the model "
                 f"returned {predicted.shape[1]}; ask it for more modes"
             )
-        residuals = predicted / self.measured - 1.0
+        # Contiguous rows: their sums must round alike for one row and for many.
+        residuals = np.ascontiguousarray(predicted / self.measured - 1.0)
         misfit = (self.beta * residuals * residuals).sum(axis=1)
         log_likelihood: Floats = self._log_constant - 0.5 * misfit
         return log_likelihood

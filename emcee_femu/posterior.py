@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from . import checks
 from .interfaces import Floats, LikelihoodTerm, ModalModel, Parameters, Prior
@@ -82,7 +83,8 @@ class LogPosterior:
 
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row ``(2 + n_terms + n_modes,)`` or rows, see the class."""
-        batch = np.array(theta, dtype=float)  # own copy: a model may overwrite it
+        # Own copy, since a model may overwrite it; in rows, so that sums round alike.
+        batch = np.array(theta, dtype=float, order="C")
         if batch.ndim not in (1, 2) or batch.shape[-1] != self.ndim:
             raise ValueError(
                 f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
@@ -124,8 +126,8 @@ class LogPosterior:
         return self._checked(rows, theta, supported)
 
     def _checked(self, rows: Floats, theta: Floats, supported: Any) -> Floats:
-        # One look at a sum finds every NaN and +inf: -inf + anything finite is -inf.
-        wrong = ~(rows[:, 0] < np.inf)
+        wrong = ~(rows[:, 0] < np.inf) | np.isnan(rows[:, 1])
+        wrong |= supported & ~np.isfinite(rows[:, -self.n_modes :]).all(axis=1)
         if wrong.any():
             row = int(np.argmax(wrong))
             values = dict(zip(self.names, theta[row].tolist(), strict=True))
@@ -151,7 +153,7 @@ class LogPosterior:
             nwalkers: Number of walkers.
             seed: Anything that ``numpy.random.default_rng`` takes.
             around: A point ``(d,)``; the walkers are then Gaussian about it with a
-                tenth of the prior's standard deviation, redrawn inside the bounds.
+                tenth of the prior's standard deviation, cut at the bounds.
 
         Raises:
             TypeError: If nwalkers is not a whole number.
@@ -164,11 +166,14 @@ class LogPosterior:
         centre = checks.real_array("around", around, 1)
         self.check_inside("around", centre[None])
         spread = 0.1 * prior_summary(self.prior)[1]
-        result = np.empty((0, self.ndim))
-        while len(result) < nwalkers:
-            draws = centre + spread * rng.standard_normal((4 * nwalkers, self.ndim))
-            result = np.vstack([result, draws[self.prior.logpdf(draws) > -np.inf]])
-        return result[:nwalkers]
+        low, high = (self.prior.bounds.T - centre) / spread
+        standard = stats.truncnorm.rvs(
+            low, high, size=(nwalkers, self.ndim), random_state=rng
+        )
+        result: Floats = np.clip(  # rounding alone can pass a bound, by an ulp
+            centre + spread * standard, *self.prior.bounds.T
+        )
+        return result
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
@@ -180,7 +185,8 @@ class LogPosterior:
         bounds = self.prior.bounds
         if inside(theta, bounds).all():
             return
-        row, column = np.argwhere((theta < bounds[:, 0]) | (theta > bounds[:, 1]))[0]
+        within = (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
+        row, column = np.argwhere(~within)[0]
         low, high = bounds[column]
         raise ValueError(
             f"{argument}: {self.names[column]} = {theta[row, column]:g} of point "
@@ -224,19 +230,19 @@ def _check_names(model: Any, terms: tuple[Any, ...], prior: Prior) -> None:
                 f"prior: {name!r} must stay above zero for {type(model).__name__}, "
                 f"but its lower bound is {lower[name]:g}; give it bounds with low >= 0"
             )
+    read = {name for term in terms for name in getattr(term, "names", ())}
+    missing = sorted((read | set(getattr(model, "required", ()))) - set(prior.names))
+    if missing:
+        raise ValueError(f"prior: no parameter {missing}, which model or terms need")
     known = getattr(model, "names", None)
     if known is None:  # the model reads what it likes
         return
-    read = {name for term in terms for name in getattr(term, "names", ())}
     unread = [name for name in prior.names if name not in read | set(known)]
     if unread:
         raise ValueError(
             f"prior: neither the model nor a term reads {unread}; the model reads "
             f"{sorted(known)}"
         )
-    missing = sorted((read | set(getattr(model, "required", ()))) - set(prior.names))
-    if missing:
-        raise ValueError(f"prior: no parameter {missing}, which model or terms need")
 
 
 def _stored_modes(model: Any, terms: tuple[Any, ...]) -> int:

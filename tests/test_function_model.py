@@ -53,7 +53,11 @@ def test_shapes_are_stacked_walker_by_walker():
 def test_the_function_is_called_once_per_walker_with_plain_floats():
     calls = []
     FunctionModel(lambda p: calls.append(p) or [1.0])(PARAMETERS)
-    assert calls == [{"k": 40.0, "m": 0.1}, {"k": 90.0, "m": 0.4}, {"k": 10.0, "m": 2.5}]
+    assert calls == [
+        {"k": 40.0, "m": 0.1},
+        {"k": 90.0, "m": 0.4},
+        {"k": 10.0, "m": 2.5},
+    ]
     assert {type(value) for call in calls for value in call.values()} == {float}
     assert {type(call) for call in calls} == {dict}
 
@@ -156,9 +160,15 @@ def test_an_exception_of_the_function_reaches_the_user_unchanged():
         FunctionModel(fail)(PARAMETERS)
 
 
-def test_a_varying_number_of_frequencies_is_refused():
+def test_a_varying_number_of_frequencies_is_refused_with_the_parameters():
     model = FunctionModel(at_the_second_walker([1.0, 2.0, 3.0]))
-    with pytest.raises(ValueError, match=r"same number of frequencies.*2.*3"):
+    with pytest.raises(ValueError, match=r"\{'k': 90.0, 'm': 0.4\}"):
+        model(PARAMETERS)
+
+
+def test_shapes_must_have_one_column_per_frequency():
+    model = FunctionModel(lambda p: ModalSolution([1.0, 2.0], np.ones((3, 5))))
+    with pytest.raises(ValueError, match=r"\(3, 5\).*\{'k': 40.0, 'm': 0.1\}"):
         model(PARAMETERS)
 
 

@@ -41,7 +41,7 @@ class MatrixModel:
         >>> k = np.array([[1.0, -1.0], [-1.0, 1.0]])
         >>> model = MatrixModel(np.diag([9.0, 0.0]), np.eye(2), {"k2": k}, n_modes=2)
         >>> model({"k2": np.array([4.0])}).frequencies.round(4).tolist()
-        [[0.2508, 0.606]]
+        [[0.2506, 0.6065]]
     """
 
     K: Mapping[str, Floats]
@@ -64,12 +64,18 @@ class MatrixModel:
         """See the class."""
         stiffness, mass = symmetric("K0", K0), symmetric("M0", M0)
         size = len(stiffness)
+        for label, given in (("K", K), ("M", M or {})):
+            if not isinstance(given, Mapping):
+                raise TypeError(
+                    f"{label}: expected {{parameter: matrix}}, got "
+                    f"{type(given).__name__}"
+                )
         units = {
             "K": {name: symmetric(f"K[{name!r}]", K[name]) for name in K},
             "M": {name: symmetric(f"M[{name!r}]", (M or {})[name]) for name in M or {}},
         }
         if units["K"] or units["M"]:
-            checks.parameter_names("K, M", sorted({*units["K"], *units["M"]}))
+            checks.parameter_names("K, M", list({**units["K"], **units["M"]}))
         for label, matrix in (
             ("M0", mass),
             *((f"{k}[{name!r}]", m) for k, u in units.items() for name, m in u.items()),

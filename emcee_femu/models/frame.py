@@ -156,13 +156,19 @@ class FrameModel:
 def _free_dofs(
     n_nodes: int, supports: Mapping[int, str | Iterable[str]]
 ) -> NDArray[np.intp]:
+    if not isinstance(supports, Mapping):
+        raise TypeError(
+            f"supports: expected {{node: held DOFs}}, got {type(supports).__name__}"
+        )
     free = np.ones((n_nodes, 6), dtype=bool)
     for node, held in supports.items():
         if checks.whole_number("supports", node) >= n_nodes:
             raise ValueError(f"supports: no node {node}; nodes are 0 to {n_nodes - 1}")
-        for dof in (
-            DOFS if held == "all" else ([held] if isinstance(held, str) else held)
-        ):
+        if isinstance(held, str):
+            held = DOFS if held == "all" else [held]
+        elif not isinstance(held, Iterable):
+            raise TypeError(f"supports[{node}]: expected names of DOFs, got {held!r}")
+        for dof in held:
             if dof not in DOFS:
                 raise ValueError(
                     f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "
@@ -179,6 +185,8 @@ def _wanted_modes(n_modes: Any, modes: Sequence[int] | None) -> tuple[int, ...]:
         raise TypeError("n_modes, modes: expected exactly one of the two")
     if modes is None:
         return tuple(range(1, checks.whole_number("n_modes", n_modes, 1) + 1))
+    if not isinstance(modes, Sequence):
+        raise TypeError(f"modes: expected a sequence of mode numbers, got {modes!r}")
     wanted = tuple(checks.whole_number("modes", mode, 1) for mode in modes)
     if not wanted or any(a >= b for a, b in zip(wanted, wanted[1:], strict=False)):
         raise ValueError(
@@ -198,10 +206,21 @@ def _assemble(
     def zeros(kinds: Iterable[str]) -> dict[tuple[str, str], Floats]:
         return {(s, k): np.zeros((size, size)) for s in sections for k in kinds}
 
+    for name, section in sections.items():
+        if not isinstance(section, Section):
+            raise TypeError(f"sections[{name!r}]: expected a Section, got {section!r}")
     K, M = zeros(STIFFNESS_KINDS), zeros(MASS_KINDS)
     if not len(elements):
         raise ValueError("elements: expected at least one element, got none")
-    for e, (first, second, name) in enumerate(elements):
+    used: set[int] = set()
+    for e, element in enumerate(elements):
+        try:
+            first, second, name = element
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"elements[{e}]: expected (node, node, section name), got {element!r}"
+            ) from None
+        used |= {first, second}
         for node in (first, second):
             if checks.whole_number(f"elements[{e}]", node) >= len(points):
                 raise ValueError(
@@ -224,6 +243,9 @@ def _assemble(
             K[name, kind][where] += T.T @ matrix @ T
         for kind, matrix in mass_matrices(length).items():
             M[name, kind][where] += T.T @ matrix @ T
+    alone = sorted(set(range(len(points))) - used)
+    if alone:
+        raise ValueError(f"nodes: no element uses nodes {alone}")
     unused = sorted(set(sections) - {name for _, _, name in elements})
     if unused:
         raise ValueError(f"sections: no element uses {unused}")

@@ -49,19 +49,18 @@ class FunctionModel:
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Call the function for each parameter set and stack the results."""
         n = max((len(value) for value in parameters.values()), default=1)
-        solutions = [
-            self._one({name: float(value[i]) for name, value in parameters.items()})
-            for i in range(n)
-        ]
-        sizes = sorted({len(solution.frequencies) for solution in solutions})
-        if len(sizes) > 1:
-            raise ValueError(
-                f"function: expected the same number of frequencies each time, "
-                f"got {sizes}"
-            )
+        solutions: list[ModalSolution] = []
+        for i in range(n):
+            values = {name: float(value[i]) for name, value in parameters.items()}
+            solution = self._one(values)
+            first = solutions[0] if solutions else solution
+            if _sizes(solution) != _sizes(first):
+                raise ValueError(
+                    f"function: expected frequencies (and shapes) of {_sizes(first)} as the "
+                    f"first time, got {_sizes(solution)} at {values}"
+                )
+            solutions.append(solution)
         shapes = [s.shapes for s in solutions if s.shapes is not None]
-        if shapes and (len(shapes) < n or len({s.shape for s in shapes}) > 1):
-            raise ValueError("function: expected shapes of one size each time, or None")
         return ModalSolution(
             np.array([solution.frequencies for solution in solutions]),
             np.array(shapes) if shapes else None,
@@ -80,10 +79,20 @@ class FunctionModel:
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}; at {values}") from None
         wanted = self.n_modes
-        if frequencies.ndim != 1 or (wanted is not None and len(frequencies) != wanted):
+        length = frequencies.size if wanted is None else wanted
+        if frequencies.shape != (length,) or not length:
             count = "n_modes" if wanted is None else str(wanted)
             raise ValueError(
                 f"function: expected frequencies of shape ({count},), got "
                 f"{frequencies.shape} at {values}"
             )
+        if shapes is not None and shapes.shape[1] != length:
+            raise ValueError(
+                f"function: expected shapes of (n_dof, {length}), got {shapes.shape} "
+                f"at {values}"
+            )
         return ModalSolution(frequencies, shapes)
+
+
+def _sizes(solution: ModalSolution) -> tuple[tuple[int, ...], ...]:
+    return tuple(np.shape(part) for part in solution if part is not None)

@@ -37,7 +37,7 @@ class MassSpringModel:
     Example:
         >>> model = MassSpringModel([1.0, 1.0], {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)})
         >>> model({"k1": np.array([10.0, 40.0])}).frequencies.round(3).tolist()
-        [[0.25, 0.72], [0.337, 1.069]]
+        [[0.272, 0.658], [0.333, 1.075]]
     """
 
     masses: Floats

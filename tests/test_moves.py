@@ -1,0 +1,244 @@
+"""The moves as emcee plugins: drop-in use, errors before any evaluation, overhead."""
+
+import pickle
+from multiprocessing.pool import ThreadPool
+
+import emcee
+import numpy as np
+import pytest
+from emcee.backends import HDFBackend
+from scipy import stats
+
+from emcee_femu.moves import DEMCMove, MetropolisMove
+
+START = np.random.default_rng(0).normal(size=(10, 3))
+STREAM = np.random.RandomState(1).get_state()
+
+
+def log_prob(theta):
+    return -0.5 * (theta * theta).sum(axis=-1)
+
+
+def with_blobs(theta):
+    return -0.5 * float(theta @ theta), float(theta.sum()), float(theta[0])
+
+
+def chain(function, moves, steps=60, start=START, **options):
+    sampler = emcee.EnsembleSampler(*start.shape, function, moves=moves, **options)
+    thin_by = options.pop("thin_by", 1)
+    sampler.run_mcmc(emcee.State(start, random_state=STREAM), steps, thin_by=thin_by)
+    return sampler
+
+
+MOVES = {
+    "DE-MC": DEMCMove(),
+    "sweep": DEMCMove(nsplits=10),
+    "M-H": MetropolisMove(0.5),
+    "mixture": [
+        (DEMCMove(), 0.8),
+        (DEMCMove(gamma0=1.0), 0.1),
+        (MetropolisMove(1), 0.1),
+    ],
+    "with stock": [(DEMCMove(), 0.5), (emcee.moves.StretchMove(), 0.5)],
+}
+
+
+@pytest.mark.parametrize("moves", MOVES)
+def test_serial_vectorized_and_pooled_chains_are_the_same_to_the_bit(moves):
+    move = MOVES[moves]
+    serial = chain(log_prob, move).get_chain()
+    assert np.array_equal(serial, chain(log_prob, move, vectorize=True).get_chain())
+    with ThreadPool(2) as pool:
+        assert np.array_equal(serial, chain(log_prob, move, pool=pool).get_chain())
+    assert np.ptp(serial[:, :, 0]) > 1  # it moved
+
+
+@pytest.mark.parametrize("moves", MOVES)
+@pytest.mark.parametrize("dtype", [None, [("sum", float), ("first", float)]])
+def test_plain_and_structured_blobs_stay_with_their_walkers(moves, dtype):
+    sampler = chain(with_blobs, MOVES[moves], blobs_dtype=dtype)
+    coords, blobs = sampler.get_chain(), sampler.get_blobs()
+    total = blobs["sum"] if dtype else blobs[..., 0]
+    first = blobs["first"] if dtype else blobs[..., 1]
+    assert np.array_equal(first, coords[..., 0])
+    np.testing.assert_allclose(total, coords.sum(axis=-1), atol=1e-14)
+    np.testing.assert_allclose(sampler.get_log_prob(), log_prob(coords), rtol=1e-13)
+
+
+@pytest.mark.parametrize("moves", MOVES)
+def test_hdf_backend_resumes_bit_identically(moves, tmp_path):
+    move = MOVES[moves]
+    whole = chain(with_blobs, move, steps=40).get_chain()
+    file = HDFBackend(str(tmp_path / "chain.h5"))
+    chain(with_blobs, move, steps=25, backend=file)
+    again = emcee.EnsembleSampler(
+        10, 3, with_blobs, moves=move, backend=HDFBackend(str(tmp_path / "chain.h5"))
+    )
+    again.run_mcmc(again.get_last_sample(), 15)
+    assert np.array_equal(whole, again.get_chain())
+
+
+@pytest.mark.parametrize("moves", MOVES)
+def test_thin_by_stores_every_third_generation(moves):
+    def run(steps, thin_by):
+        sampler = emcee.EnsembleSampler(10, 3, log_prob, moves=MOVES[moves])
+        sampler.run_mcmc(
+            emcee.State(START, random_state=STREAM), steps, thin_by=thin_by
+        )
+        return sampler
+
+    assert np.array_equal(run(60, 1).get_chain()[2::3], run(20, 3).get_chain())
+
+
+@pytest.mark.parametrize("moves", MOVES)
+def test_acceptance_counts_the_walkers_that_moved(moves):
+    sampler = chain(log_prob, MOVES[moves], steps=200)
+    positions = np.concatenate([START[None], sampler.get_chain()])
+    moved = (np.diff(positions, axis=0) != 0).any(axis=2).sum(axis=0)
+    assert np.array_equal(moved, sampler.backend.accepted)
+    assert 0.05 < sampler.acceptance_fraction.mean() < 0.95
+
+
+@pytest.mark.parametrize("move", [DEMCMove(sigma=[0.1, 0.2]), MetropolisMove(0.1)])
+def test_moves_survive_pickling_and_show_their_settings(move):
+    again = pickle.loads(pickle.dumps(move))
+    assert repr(again) == repr(move)
+    assert repr(eval(repr(move))) == repr(move)
+
+
+def test_demc_proposes_the_difference_of_two_distinct_guides_plus_noise():
+    guides = np.array([[0.0, 0.0], [1.0, 10.0], [5.0, 100.0]])
+    move = DEMCMove(sigma=[0.0, 0.0])
+    current = np.zeros((20_000, 2))
+    proposed, factors = move.get_proposal(current, [guides], np.random.RandomState(0))
+    assert factors is None
+    steps = proposed / (2.38 / np.sqrt(2 * 2))
+    pairs = np.array([guides[a] - guides[b] for a in range(3) for b in range(3)])
+    distance = np.abs(steps[:, None] - pairs).sum(axis=2)
+    assert (distance.min(axis=1) < 1e-12).all()
+    counts = np.bincount(distance.argmin(axis=1), minlength=9).reshape(3, 3)
+    assert (np.diag(counts) == 0).all()  # a and b are distinct
+    assert stats.chisquare(counts[~np.eye(3, dtype=bool)]).pvalue > 1e-4
+
+
+def test_demc_noise_is_gaussian_with_the_given_or_the_walkers_scale():
+    guides = np.random.default_rng(2).normal(size=(8, 2)) * [1e-8, 1e6]
+    current = np.zeros((20_000, 2))
+    for sigma in (None, [3e-10, 2.0]):
+        move = DEMCMove(sigma=sigma, gamma0=0.0)
+        noise, _ = move.get_proposal(current, [guides], np.random.RandomState(1))
+        expected = 0.01 * guides.std(axis=0) if sigma is None else sigma
+        for column, sd in zip(noise.T, expected, strict=True):
+            assert stats.kstest(column, "norm", args=(0, sd)).pvalue > 1e-4
+
+
+def test_mode_jump_gives_gamma_one_with_its_probability():
+    guides = np.array([[0.0], [1.0]])
+    move = DEMCMove(sigma=0.0, mode_jump=0.3)
+    proposed, _ = move.get_proposal(
+        np.zeros((20_000, 1)), [guides], np.random.RandomState(0)
+    )
+    jumps = int((np.abs(proposed) == 1.0).sum())
+    assert stats.binomtest(jumps, 20_000, 0.3).pvalue > 1e-4
+
+
+def test_metropolis_steps_have_the_given_covariance():
+    covariance = np.array([[4.0, 1.0], [1.0, 9.0]]) * np.outer([1e-9, 1e2], [1e-9, 1e2])
+    seen = []
+
+    def record(theta):
+        seen.append(theta.copy())
+        return np.zeros(len(theta))
+
+    sampler = emcee.EnsembleSampler(
+        20_000, 2, record, moves=MetropolisMove(covariance), vectorize=True
+    )
+    start = np.zeros((20_000, 2))
+    sampler.run_mcmc(start, 1, skip_initial_state_check=True)
+    assert np.array_equal(seen[1], sampler.get_chain()[0])  # each walker its own step
+    ratio = np.cov(seen[1], rowvar=False) / covariance
+    assert (np.abs(ratio - 1) < 5 * np.sqrt(2 * 10 / 20_000)).all()
+
+
+def test_tuned_metropolis_has_the_samples_covariance_times_the_optimal_factor():
+    draws = np.random.default_rng(0).normal(size=(400, 3)) * [1e-8, 1.0, 1e8]
+    expected = 2.38**2 / 3 * np.cov(draws, rowvar=False)
+    np.testing.assert_allclose(MetropolisMove.tuned(draws).cov, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "match"),
+    [
+        (lambda: DEMCMove(sigma=-1.0), ValueError, "sigma"),
+        (lambda: DEMCMove(sigma=np.nan), ValueError, "sigma"),
+        (lambda: DEMCMove(sigma=[0.1, np.inf]), ValueError, "sigma"),
+        (lambda: DEMCMove(sigma=[[0.1]]), ValueError, "sigma"),
+        (lambda: DEMCMove(sigma=[]), ValueError, "sigma"),
+        (lambda: DEMCMove(sigma="0.1"), TypeError, "sigma"),
+        (lambda: DEMCMove(gamma0=-0.5), ValueError, "gamma0"),
+        (lambda: DEMCMove(gamma0=np.inf), ValueError, "gamma0"),
+        (lambda: DEMCMove(mode_jump=1.5), ValueError, "mode_jump"),
+        (lambda: DEMCMove(mode_jump=-0.1), ValueError, "mode_jump"),
+        (lambda: DEMCMove(nsplits=1), ValueError, "nsplits"),
+        (lambda: DEMCMove(nsplits=2.0), TypeError, "nsplits"),
+        (lambda: MetropolisMove(0.0), ValueError, "cov"),
+        (lambda: MetropolisMove([1.0, -1.0]), ValueError, "cov"),
+        (lambda: MetropolisMove([[1.0, 2.0], [2.0, 1.0]]), ValueError, "cov"),
+        (lambda: MetropolisMove([[1.0, 0.2], [0.0, 1.0]]), ValueError, "cov"),
+        (lambda: MetropolisMove([[1.0, 0.2]]), ValueError, "cov"),
+        (lambda: MetropolisMove(np.ones((1, 1, 1))), ValueError, "cov"),
+        (lambda: MetropolisMove.tuned(np.ones((2, 3))), ValueError, "samples"),
+        (lambda: MetropolisMove.tuned(np.ones((9, 3))), ValueError, "samples"),
+    ],
+)
+def test_wrong_settings_are_refused_by_name(make, error, match):
+    with pytest.raises(error, match=match):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("move", "shape", "error", "match"),
+    [
+        (DEMCMove(), (2, 1), ValueError, "nwalkers"),
+        (DEMCMove(live_dangerously=True), (3, 2), ValueError, "at rest"),
+        (DEMCMove(nsplits=12), (10, 3), ValueError, "nsplits"),
+        (DEMCMove(), (4, 3), RuntimeError, "2 \\* ndim"),
+        (DEMCMove(sigma=[0.1, 0.1]), (10, 3), ValueError, "sigma"),
+        (MetropolisMove([1.0, 1.0]), (10, 3), ValueError, "cov"),
+        (MetropolisMove(np.eye(2)), (10, 3), ValueError, "cov"),
+    ],
+)
+def test_a_move_that_does_not_fit_is_refused_before_it_evaluates(
+    move, shape, error, match
+):
+    def forbidden(theta):
+        raise AssertionError("evaluated")
+
+    start = np.random.default_rng(0).normal(size=shape)
+    sampler = emcee.EnsembleSampler(*shape, forbidden, moves=move)
+    with pytest.raises(error, match=match):
+        sampler.run_mcmc(emcee.State(start, log_prob=np.zeros(len(start))), 1)
+
+
+def test_integer_starts_are_refused_instead_of_truncated():
+    for move in (DEMCMove(), MetropolisMove(1.0)):
+        sampler = emcee.EnsembleSampler(10, 3, log_prob, moves=move)
+        with pytest.raises(TypeError, match="float"):
+            sampler.run_mcmc(np.random.default_rng(0).integers(0, 9, (10, 3)), 1)
+
+
+def test_a_start_with_log_prob_but_without_blobs_is_explained():
+    sampler = emcee.EnsembleSampler(10, 3, with_blobs, moves=DEMCMove())
+    with pytest.raises(ValueError, match="blobs"):
+        sampler.run_mcmc(emcee.State(START, log_prob=log_prob(START)), 1)
+
+
+def test_walkers_at_minus_infinity_move_as_soon_as_they_can():
+    def half(theta):
+        return np.where(theta[:, 0] > 0, log_prob(theta), -np.inf)
+
+    start = START.copy()
+    start[:5, 0] = -np.abs(start[:5, 0])
+    start[5:, 0] = np.abs(start[5:, 0])
+    last = chain(half, DEMCMove(), steps=300, start=start, vectorize=True)
+    assert np.isfinite(last.get_log_prob()[-1]).all()
