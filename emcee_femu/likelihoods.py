@@ -95,7 +95,11 @@ class FrequencyTerm:
                 f"returned {predicted.shape[1]}; ask it for more modes"
             )
         # Contiguous rows: their sums must round alike for one row and for many.
-        residuals = np.ascontiguousarray(predicted / self.measured - 1.0)
-        misfit = (self.beta * residuals * residuals).sum(axis=1)
-        log_likelihood: Floats = self._log_constant - 0.5 * misfit
+        residuals = np.ascontiguousarray(predicted / self.measured)
+        residuals -= 1.0
+        residuals *= residuals
+        residuals *= self.beta
+        log_likelihood: Floats = np.add.reduce(residuals, axis=1)
+        log_likelihood *= -0.5
+        log_likelihood += self._log_constant
         return log_likelihood

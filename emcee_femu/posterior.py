@@ -96,50 +96,60 @@ class LogPosterior:
         return self._rows(batch)
 
     def _rows(self, theta: Floats) -> Floats:
-        n_terms = len(self.terms)
-        rows = np.full((len(theta), 2 + n_terms + self.n_modes), np.nan)
-        rows[:, 1] = log_prior = self.prior.logpdf(theta)
-        rows[:, 0] = rows[:, 2 : 2 + n_terms] = -np.inf
+        log_prior = self.prior.logpdf(theta)
         supported = log_prior > -np.inf
-        if not supported.any():
-            return self._checked(rows, theta, supported)
-
-        everywhere = bool(supported.all())
-        solved = theta if everywhere else theta[supported]
-        parameters = self.parameters(solved)
-        modes = self.model(parameters)
-        frequencies = modes.frequencies
-        if frequencies.ndim != 2 or len(frequencies) != len(solved):
-            raise ValueError(
-                f"model: expected frequencies of shape ({len(solved)}, n_modes), "
-                f"got {frequencies.shape}"
-            )
-        if frequencies.shape[1] < self.n_modes:
-            raise ValueError(
-                f"model: expected at least {self.n_modes} frequencies a parameter "
-                f"set, got {frequencies.shape[1]}"
-            )
-        values = [term(parameters, modes) for term in self.terms]
-        where = slice(None) if everywhere else supported
-        rows[where, 2:] = np.column_stack([*values, frequencies[:, : self.n_modes]])
-        rows[where, 0] = rows[where, 1 : 2 + n_terms].sum(axis=1)
-        return self._checked(rows, theta, supported)
-
-    def _checked(self, rows: Floats, theta: Floats, supported: Any) -> Floats:
-        wrong = ~(rows[:, 0] < np.inf) | np.isnan(rows[:, 1])
-        wrong |= supported & ~np.isfinite(rows[:, -self.n_modes :]).all(axis=1)
-        if wrong.any():
-            row = int(np.argmax(wrong))
+        n_supported = np.count_nonzero(supported)
+        if n_supported == len(theta) > 0:
+            return self._solved(theta, log_prior)
+        n_densities = 2 + len(self.terms)
+        rows = np.full((len(theta), n_densities + self.n_modes), np.nan)
+        rows[:, :n_densities] = -np.inf
+        if np.isnan(log_prior).any():
+            row = int(np.argmax(np.isnan(log_prior)))
             values = dict(zip(self.names, theta[row].tolist(), strict=True))
-            parts = dict(
-                zip(("prior", *self.term_names), rows[row, 1:].tolist(), strict=False)
-            )
-            raise ValueError(
-                f"the log-posterior is {rows[row, 0]} at {values}: log-densities "
-                f"{parts}, frequencies {rows[row, 2 + len(self.terms) :].tolist()}; "
-                "the model or a term must return finite numbers, or -inf to reject"
-            )
+            raise ValueError(f"prior: its log-density is NaN at {values}")
+        if n_supported:
+            rows[supported] = self._solved(theta[supported], log_prior[supported])
         return rows
+
+    def _solved(self, theta: Floats, log_prior: Floats) -> Floats:
+        """Return the rows of parameter sets inside the prior's support."""
+        n, first_mode = len(theta), 2 + len(self.terms)
+        parameters = self.parameters(theta)
+        modes = self.model(parameters)
+        shape = modes.frequencies.shape
+        if len(shape) != 2 or shape[0] != n or shape[1] < self.n_modes:
+            raise ValueError(
+                f"model: expected frequencies of shape ({n}, {self.n_modes}) or more "
+                f"modes, got {shape}"
+            )
+        rows = np.empty((n, first_mode + self.n_modes))
+        rows[:, 1] = total = log_prior
+        for column, term in enumerate(self.terms, 2):
+            rows[:, column] = value = term(parameters, modes)
+            total = total + value
+        rows[:, 0] = total
+        rows[:, first_mode:] = modes.frequencies[:, : self.n_modes]
+        # NaN and infinity survive a sum: one look finds them anywhere.
+        if not (np.add.reduce(rows[:, first_mode:], axis=None) < np.inf) or not (
+            np.maximum.reduce(total) < np.inf
+        ):
+            raise self._not_finite(rows, theta)
+        return rows
+
+    def _not_finite(self, rows: Floats, theta: Floats) -> ValueError:
+        first_mode = 2 + len(self.terms)
+        wrong = ~(rows[:, 0] < np.inf) | ~np.isfinite(rows[:, first_mode:]).all(axis=1)
+        row = int(np.argmax(wrong))
+        values = dict(zip(self.names, theta[row].tolist(), strict=True))
+        densities = dict(
+            zip(("prior", *self.term_names), rows[row, 1:].tolist(), strict=False)
+        )
+        return ValueError(
+            f"the log-posterior is {rows[row, 0]} at {values}: log-densities "
+            f"{densities}, frequencies {rows[row, first_mode:].tolist()}; the model "
+            "must return finite frequencies, and a term finite numbers, or -inf to reject"
+        )
 
     def start(
         self, nwalkers: int, seed: Any, around: ArrayLike | None = None

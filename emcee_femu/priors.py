@@ -95,8 +95,12 @@ class GaussianPrior:
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
         standard = (theta - self.mean) / self.sd
-        log_density = self._log_constant - 0.5 * (standard * standard).sum(axis=1)
-        return np.where(inside(theta, self.bounds), log_density, -np.inf)
+        standard *= standard
+        log_density: Floats = np.add.reduce(standard, axis=1)
+        log_density *= -0.5
+        log_density += self._log_constant
+        log_density[~inside(theta, self.bounds)] = -np.inf
+        return log_density
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""

@@ -1,5 +1,6 @@
 """The batched eigenproblem K phi = omega^2 M phi that the matrix models share."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 
 from ..interfaces import Floats, ModalSolution
 
+EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
 
 
@@ -73,18 +75,19 @@ class Eigenproblem:
         if self.shapes:
             eigenvalues, y = np.linalg.eigh(A)
             self._check(eigenvalues, describe)
-            shapes = to_dof @ y[:, :, list(self.selected)]
+            shapes = to_dof @ y.take(self.selected, axis=2)
         else:
             eigenvalues, shapes = np.linalg.eigvalsh(A), None
             self._check(eigenvalues, describe)
         # Contiguous rows: a sum over modes must round alike for one row and for many.
-        omega_squared = np.ascontiguousarray(eigenvalues[:, list(self.selected)])
-        return ModalSolution(np.sqrt(omega_squared) / (2 * np.pi), shapes)
+        frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1))
+        frequencies /= 2 * np.pi
+        return ModalSolution(frequencies, shapes)
 
     def _check(self, eigenvalues: Any, describe: Callable[[int], str]) -> None:
         skip, n_dof = self.skip, eigenvalues.shape[1]
         # What a zero eigenvalue may come out as; grows like a random walk.
-        rounding = 10 * np.sqrt(n_dof) * np.finfo(float).eps * eigenvalues[:, -1]
+        rounding = 10 * EPS * math.sqrt(n_dof) * eigenvalues[:, -1]
         first = eigenvalues[:, skip]
         flexible = first > rounding
         if not flexible.all():
@@ -114,7 +117,8 @@ def _combine(constant: Floats, unit: Floats, coefficients: Floats) -> Floats:
     # One row at a time inside matmul: a (n, n_k) @ (n_k, N^2) product rounds
     # differently with n, and a pool must give the same bits as one vectorised call.
     rows = coefficients[:, None, :] @ unit.reshape(len(unit), -1)
-    result: Floats = rows.reshape(n, size, size) + constant
+    result: Floats = rows.reshape(n, size, size)
+    result += constant
     return result
 
 

@@ -56,8 +56,8 @@ class FunctionModel:
             first = solutions[0] if solutions else solution
             if _sizes(solution) != _sizes(first):
                 raise ValueError(
-                    f"function: expected frequencies (and shapes) of {_sizes(first)} as the "
-                    f"first time, got {_sizes(solution)} at {values}"
+                    "function: expected frequencies (and shapes) as large as the "
+                    f"first ones, {_sizes(first)}, got {_sizes(solution)} at {values}"
                 )
             solutions.append(solution)
         shapes = [s.shapes for s in solutions if s.shapes is not None]

@@ -103,7 +103,8 @@ class MassSpringModel:
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
         n = max((len(value) for value in parameters.values()), default=1)
-        k = np.tile(self._defaults, (n, 1))
+        k = np.empty((n, len(self._names)))
+        k[:] = self._defaults
         for column, name in enumerate(self._names):
             if name in parameters:
                 k[:, column] = parameters[name]
