@@ -147,8 +147,8 @@ class LogPosterior:
         )
         return ValueError(
             f"the log-posterior is {rows[row, 0]} at {values}: log-densities "
-            f"{densities}, frequencies {rows[row, first_mode:].tolist()}; the model "
-            "must return finite frequencies, and a term finite numbers, or -inf to reject"
+            f"{densities}, frequencies {rows[row, first_mode:].tolist()}; a model "
+            "must return finite frequencies, a term finite numbers, or -inf to reject"
         )
 
     def start(

@@ -1,0 +1,68 @@
+"""Every example runs, shortened by its arguments, and says what its page says."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+def load(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_example_is_a_page_with_a_command():
+    for path in EXAMPLES.glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith('"""') and f"python examples/{path.name}" in text
+        assert f"test_{path.stem}" in Path(__file__).read_text(encoding="utf-8")
+
+
+def test_mass_spring(tmp_path, capsys):
+    diagnosis = load("mass_spring").main(1_000, 2, 1, str(tmp_path))
+    assert diagnosis.names == ("k1", "k2", "k4", "k6", "k8")
+    shown = capsys.readouterr()
+    assert "TAE" in shown.out and str(tmp_path.resolve()) in shown.out
+    assert "ensemble 2/2" in shown.err  # the progress bar
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {
+        *(f"{name}.png" for name in ("scatter", "tae", "correlation", "proposals")),
+        *(f"{name}.csv" for name in ("parameters", "frequencies")),
+    }
+
+
+def test_h_structure(tmp_path, capsys):
+    tables = load("h_structure").main(120, 2, 1, str(tmp_path))
+    assert [table.column("move") for table in tables.values()] == [
+        ["DE-MC", "M-H untuned", "M-H tuned"]
+    ] * 2
+    shown = capsys.readouterr().out
+    assert "beta = 10" in shown and "beta = 50000" in shown and "paper M-H" in shown
+    assert len(list(tmp_path.glob("*.png"))) == 10
+
+
+def test_own_model():
+    results = load("own_model").main(400, 1)
+    # Two routes to the same matrices: the chains agree to rounding.
+    np.testing.assert_allclose(results["function"], results["matrices"], rtol=1e-6)
+
+
+def test_stock_moves():
+    for ratio in load("stock_moves").main(1_500, 1).values():
+        assert (np.abs(ratio - 1) < 0.15).all()
+
+
+def test_overhead(capsys):
+    load("overhead").main(blocks=2, n=20)
+    assert capsys.readouterr().out.count("x faster") == 6
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
+def test_examples_do_nothing_on_import(path, capsys):
+    load(path.stem)
+    assert capsys.readouterr().out == ""

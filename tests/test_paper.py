@@ -1,0 +1,117 @@
+"""The paper's two structures give its printed frequencies and posteriors."""
+
+import numpy as np
+import pytest
+
+import emcee_femu as ef
+
+MASS_SPRING, H = ef.paper.mass_spring(), ef.paper.h_structure()
+
+
+def frequencies(problem, values):
+    return problem.model({name: np.array([v]) for name, v in values.items()})[0][0]
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        (MASS_SPRING.target, [3.50745, 5.14931, 7.08276, 8.89167, 9.42645]),
+        (MASS_SPRING.initial, [3.57645, 5.37087, 7.23927, 9.03010, 9.41166]),
+        (
+            MASS_SPRING.published.parameters["paper mean"],
+            [3.50750, 5.14937, 7.08152, 8.89450, 9.42578],
+        ),
+        (MASS_SPRING.nominal, [3.508, 5.154, 7.088, 8.897, 9.434]),
+    ],
+)
+def test_mass_spring_rows(values, expected):
+    digits = 1e-5 if len(f"{expected[0]}") > 5 else 6e-4
+    np.testing.assert_allclose(
+        frequencies(MASS_SPRING, values), expected, rtol=0, atol=digits
+    )
+
+
+def test_mass_spring_rows_round_to_the_printed_ones():
+    printed = MASS_SPRING.published.frequencies["paper Hz"]
+    at_mean = MASS_SPRING.published.parameters["paper mean"]
+    np.testing.assert_allclose(
+        frequencies(MASS_SPRING, at_mean), printed, rtol=0, atol=6e-4
+    )
+    np.testing.assert_allclose(
+        frequencies(MASS_SPRING, MASS_SPRING.target),
+        MASS_SPRING.measured,
+        rtol=0,
+        atol=6e-4,
+    )
+
+
+@pytest.mark.parametrize(
+    ("values", "expected", "printed"),
+    [
+        (
+            H.initial,
+            [51.03, 115.91, 199.70, 246.04, 387.66],
+            [51.04, 115.79, 199.88, 245.76, 387.53],
+        ),
+        (
+            H.published.parameters["paper DE-MC"],
+            [52.36, 119.35, 210.07, 253.93, 434.19],
+            H.published.frequencies["paper DE-MC"],
+        ),
+        (
+            H.published.parameters["paper M-H"],
+            [53.92, 122.26, 211.83, 259.76, 410.09],
+            H.published.frequencies["paper M-H"],
+        ),
+    ],
+)
+def test_h_structure_rows(values, expected, printed):
+    computed = frequencies(H, values)
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=0.02)
+    np.testing.assert_allclose(computed, printed, rtol=0.005)
+
+
+def test_beta_is_the_inverse_square_of_the_relative_sd():
+    (term,) = ef.paper.mass_spring(beta=4e4).posterior.terms
+    assert np.allclose(term.beta**-0.5, 0.005, rtol=1e-12)
+
+
+def test_published_tae_is_the_mean_of_the_published_errors():
+    *errors, tae = H.published.frequencies["error %  "]
+    assert np.mean(errors) == pytest.approx(tae, abs=0.006)
+
+
+@pytest.mark.slow
+def test_mass_spring_posterior_is_the_reconstructed_one():
+    # Reference: 40 walkers, 10,000 generations of an independent implementation.
+    samplers = ef.run(MASS_SPRING.posterior, None, 40, 10_000, seed=4)
+    draws = samplers[0].get_chain(discard=2_000, flat=True)
+    mean, cov = draws.mean(axis=0), 100 * draws.std(axis=0) / draws.mean(axis=0)
+    sd = draws.std(axis=0)
+    reference = np.array([4001.2, 2202.3, 2102.5, 2600.7, 2409.2])
+    assert (np.abs(mean - reference) < 0.06 * sd).all()
+    np.testing.assert_allclose(cov, [1.06, 1.86, 2.58, 2.46, 1.97], rtol=0.06)
+    lobe = (draws[:, 2] < 1_980).mean()
+    assert 0.012 < lobe < 0.036
+    correlation = np.corrcoef(draws, rowvar=False)
+    for i, j, value in [(0, 1, -0.73), (1, 4, -0.64), (0, 4, 0.59), (1, 3, -0.58)]:
+        assert correlation[i, j] == pytest.approx(value, abs=0.04)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("beta", "cov", "areas"),
+    [
+        (10.0, [42, 43, 42, 34, 35, 35], [3.29, 3.07, 3.17]),
+        (5e4, [36, 8, 29, 5, 25, 20], [3.82, 2.16, 2.88]),
+    ],
+)
+def test_h_structure_posterior_is_the_reconstructed_one(beta, cov, areas):
+    problem = ef.paper.h_structure(beta)
+    samplers = ef.run(problem.posterior, None, 24, 6_000, seed=5)
+    draws = samplers[0].get_chain(discard=1_500, flat=True)
+    mean, sd = draws.mean(axis=0), draws.std(axis=0)
+    tau = ef.diagnose(samplers, discard=1_500).tau.max()
+    print("tau", tau, "c.o.v.", (100 * sd / mean).round(1), "means", mean)
+    np.testing.assert_allclose(100 * sd / mean, cov, rtol=0.12, atol=0.6)
+    np.testing.assert_allclose(1e4 * mean[3:], areas, rtol=0.03)

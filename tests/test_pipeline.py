@@ -1,0 +1,125 @@
+"""The pipeline against answers in closed form or by an independent route."""
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+
+import emcee_femu as ef
+from emcee_femu.inference_data import samples
+
+# A linear model of three parameters: f = C theta, Gaussian prior, Gaussian errors.
+C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0], [0.3, 0.3, 0.3]])
+TRUTH = np.array([40.0, 60.0, 20.0])
+MEASURED = C @ TRUTH
+PRIOR_MEAN, PRIOR_SD = np.array([44.0, 55.0, 21.0]), np.array([4.0, 6.0, 2.0])
+RELATIVE_SD = 0.01
+
+
+def linear(parameters):
+    theta = np.stack([*parameters.values()], axis=-1)
+    return ef.ModalSolution(theta @ C.T)
+
+
+def conjugate():
+    """Return the exact mean and covariance of the posterior."""
+    weight = (C.T / (RELATIVE_SD * MEASURED) ** 2) @ C
+    covariance = np.linalg.inv(weight + np.diag(PRIOR_SD**-2.0))
+    right = (C.T / (RELATIVE_SD * MEASURED) ** 2) @ MEASURED
+    return covariance @ (right + PRIOR_MEAN / PRIOR_SD**2), covariance
+
+
+def linear_posterior():
+    prior = ef.GaussianPrior(["a", "b", "c"], PRIOR_MEAN, PRIOR_SD)
+    return ef.LogPosterior(
+        linear, ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE_SD), prior
+    )
+
+
+@pytest.mark.parametrize(
+    ("move", "nwalkers"),
+    [
+        (ef.DEMCMove(), 10),
+        (ef.DEMCMove(nsplits=10), 10),
+        ([(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)], 32),
+        (ef.MetropolisMove.tuned(np.random.default_rng(0).multivariate_normal(
+            np.zeros(3), conjugate()[1], size=500)), 10),
+    ],
+)  # fmt: skip
+def test_conjugate_gaussian_posterior_is_recovered(move, nwalkers):
+    posterior = linear_posterior()
+    samplers = ef.run(posterior, move, nwalkers, 1_500, ensembles=4, seed=1)
+    diagnosis = ef.diagnose(samplers, discard=300)
+    assert diagnosis.converged, diagnosis.verdict
+    _, chains = samples(ef.to_inference_data(samplers, posterior, discard=300))
+    draws = chains.reshape(-1, 3)
+    mean, covariance = conjugate()
+    sd = np.sqrt(np.diag(covariance))
+    ess = diagnosis.ess_bulk.min()
+    assert ess > 1_500  # else the next lines would prove little
+    z = (draws.mean(axis=0) - mean) / (sd / np.sqrt(diagnosis.ess_bulk))
+    assert np.abs(z).max() < 5
+    ratio = np.cov(draws, rowvar=False) / np.outer(sd, sd)
+    exact = covariance / np.outer(sd, sd)
+    assert np.abs(ratio - exact).max() < 5 * np.sqrt(2 / ess)
+
+
+def test_the_evidence_constant_is_right():
+    # Mean of the likelihood over the prior, against the closed form.
+    posterior = linear_posterior()
+    theta = posterior.start(400_000, seed=2)
+    likelihood = np.exp(posterior(theta)[:, 2])
+    scale = (RELATIVE_SD * MEASURED) ** 2
+    law = stats.multivariate_normal(
+        C @ PRIOR_MEAN, np.diag(scale) + (C * PRIOR_SD**2) @ C.T
+    )
+    error = likelihood.std() / np.sqrt(len(likelihood))
+    assert error < 0.05 * likelihood.mean()
+    assert abs(likelihood.mean() - law.pdf(MEASURED)) < 5 * error
+
+
+def importance_reference(posterior, draws, seed):
+    """Means and sds by importance sampling with a broad mixture, and its Kish size."""
+    rng = np.random.default_rng(seed)
+    low, high = posterior.prior.bounds.T
+    start = emcee.EnsembleSampler(
+        40, 5, posterior, moves=emcee.moves.StretchMove(), vectorize=True
+    )
+    start.run_mcmc(
+        emcee.State(
+            posterior.start(40, seed),
+            random_state=np.random.RandomState(seed).get_state(),
+        ),
+        4_000,
+    )
+    pilot = start.get_chain(discard=1_000, flat=True)
+    # One t for all, a wide one for the tails, one for the lobe at low k4, and the box.
+    lobe = pilot[pilot[:, 2] < 1_980]
+    parts = [
+        (0.6, stats.multivariate_t(pilot.mean(0), np.cov(pilot.T), df=5, seed=rng)),
+        (0.2, stats.multivariate_t(pilot.mean(0), 6 * np.cov(pilot.T), 5, seed=rng)),
+        (0.2, stats.multivariate_t(lobe.mean(0), 2 * np.cov(lobe.T), df=5, seed=rng)),
+    ]
+    theta = np.vstack([law.rvs(int(share * draws)) for share, law in parts])
+    density = sum(share * law.pdf(theta) for share, law in parts)
+    log_prob = np.concatenate([posterior(x)[:, 0] for x in np.array_split(theta, 50)])
+    weights = np.exp(log_prob - log_prob.max()) / density
+    weights /= weights.sum()
+    mean = weights @ theta
+    sd = np.sqrt(weights @ (theta - mean) ** 2)
+    assert ((low < mean) & (mean < high)).all()
+    return mean, sd, 1 / (weights**2).sum()
+
+
+@pytest.mark.slow
+def test_mass_spring_agrees_with_importance_sampling():
+    problem = ef.paper.mass_spring()
+    mean, sd, kish = importance_reference(problem.posterior, 400_000, seed=3)
+    assert kish > 50_000
+    samplers = ef.run(problem.posterior, None, 10, 10_000, ensembles=4, seed=2026)
+    draws = np.concatenate([s.get_chain(discard=2_000, flat=True) for s in samplers])
+    shift = np.abs(draws.mean(axis=0) - mean) / sd
+    ratio = draws.std(axis=0) / sd
+    print("shift of the mean in sd:", shift.round(3), "sd ratio:", ratio.round(3))
+    assert shift.max() < 0.05
+    assert np.abs(ratio - 1).max() < 0.03
