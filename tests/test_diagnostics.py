@@ -7,13 +7,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.diagnostics import (
-    autocorrelation_time,
-    measured_frequencies,
-    running_tae,
-    total_average_error,
-)
-from emcee_femu.inference_data import effective_sizes, rhat, wrapped
+from emcee_femu.diagnostics import autocorrelation_time
+from emcee_femu.inference_data import effective_sizes, rhat
 from emcee_femu.moves import MetropolisMove
 
 SAMPLE_DIMS = {"sample_dims": ["chain", "draw"]}
@@ -42,7 +37,7 @@ def ar1(phis, steps, walkers, seed, mean=0.0, sd=1.0):
 
 PHI = np.array([0.0, 0.5, 0.8])
 TAU = (1 + PHI) / (1 - PHI)  # 1, 3, 9
-STEPS, WALKERS = 4000, 12
+STEPS, WALKERS = 8000, 12
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +51,12 @@ def test_tau_and_ess_are_those_of_an_autoregressive_chain(same_law):
     # Sokal's window is 5 tau wide; the estimator is low by about (2 M + 1) / steps.
     window = 2 * 5 * TAU + 1
     error = 4 * np.sqrt(2 * window / (STEPS * WALKERS)) + window / STEPS
-    assert (error < 0.22).all()
+    assert (error < 0.2).all()
     assert found.tau.shape == (2, 3)
     assert (np.abs(found.tau / TAU - 1) < error).all()
     assert_allclose(found.steps_per_tau, STEPS / found.tau.max(axis=0), rtol=1e-15)
     samples = 2 * WALKERS * STEPS
-    assert_allclose(found.ess_bulk, samples / TAU, rtol=0.08)
+    assert_allclose(found.ess_bulk, samples / TAU, rtol=0.06)
     assert (found.ess_tail > samples / TAU * 0.9).all()
     assert found.steps == STEPS
     assert found.names == ("theta1", "theta2", "theta3")
@@ -69,20 +64,23 @@ def test_tau_and_ess_are_those_of_an_autoregressive_chain(same_law):
 
 def test_tau_is_that_of_one_ensemble_and_discard_shortens_it(same_law):
     slow = backend(ar1([0.9, 0.5, 0.0], STEPS, WALKERS, 3))
-    found = ef.diagnose([same_law[0], slow], discard=2000)
+    found = ef.diagnose([same_law[0], slow], discard=6000)
     assert found.steps == 2000
     for row, run in zip(found.tau, (same_law[0], slow), strict=True):
-        assert_array_equal(row, autocorrelation_time(run.get_chain()[2000:]))
+        assert_array_equal(row, autocorrelation_time(run.get_chain()[6000:]))
     assert found.tau[1, 0] > 10 > found.tau[0, 0]
     assert_allclose(found.steps_per_tau[0], 2000 / found.tau[1, 0], rtol=1e-15)
 
 
-def test_two_ensembles_of_one_law_converge(same_law):
+def test_two_ensembles_of_one_law_converge_but_one_cannot_show_it(same_law):
     found = ef.diagnose(same_law)
     assert found.converged
     assert found.verdict.startswith("Converged by every check: 2 ensembles agree")
     assert (found.rhat_between < 1.01).all() and (found.rhat_within < 1.02).all()
     assert found.stuck == ()
+    alone = ef.diagnose(same_law[0])
+    assert "one ensemble cannot show a missed mode" in alone.verdict
+    assert not alone.converged and np.isnan(alone.rhat_between).all()
 
 
 def test_rhat_is_over_walkers_within_and_over_ensembles_between(same_law):
@@ -93,13 +91,6 @@ def test_rhat_is_over_walkers_within_and_over_ensembles_between(same_law):
     pooled = np.stack([chain.reshape(-1, 3) for chain in walkers])
     assert_allclose(found.rhat_between, rhat(pooled), rtol=1e-12)
     assert (found.rhat_between > 1.02).all()
-
-
-def test_one_ensemble_cannot_show_a_missed_mode(same_law):
-    found = ef.diagnose(same_law[0])
-    assert not found.converged
-    assert "one ensemble cannot show a missed mode" in found.verdict
-    assert np.isnan(found.rhat_between).all()
 
 
 def test_two_ensembles_in_different_modes_are_not_converged(same_law):
@@ -163,13 +154,38 @@ def test_acceptance_is_the_fraction_of_every_walker():
 
 @pytest.mark.parametrize("steps, discard", [(7, 0), (20, 13)])
 def test_fewer_than_eight_steps_are_an_error(steps, discard):
+    chain = ar1([0.5], steps + 1, 4, 1)
+    assert ef.diagnose(backend(chain), discard).steps == 8
     with pytest.raises(ValueError, match="at least 8 steps to judge, left 7"):
-        ef.diagnose(backend(ar1([0.5], steps, 4, 1)), discard)
+        ef.diagnose(backend(chain[:steps]), discard)
 
 
-def test_discard_must_be_a_whole_number():
-    with pytest.raises(TypeError, match="discard: expected a whole number"):
-        ef.diagnose(backend(ar1([0.5], 20, 4, 1)), 2.0)
+def normal_scores(x):
+    return stats.norm.ppf((stats.rankdata(x) - 0.375) / (x.size + 0.25))
+
+
+def potential_scale(split):
+    z = normal_scores(split).reshape(split.shape)
+    n = z.shape[1]
+    ratio = z.mean(axis=1).var(ddof=1) / z.var(axis=1, ddof=1).mean()
+    return np.sqrt((n - 1) / n + ratio)
+
+
+def test_rhat_and_effective_sizes_equal_their_definitions():
+    chains = ar1([0.8, 0.2], 60, 4, 3).swapaxes(0, 1)
+    chains *= np.linspace(1, 3, 4)[:, None, None]  # folded ranks see it
+    bulk, tail = effective_sizes(chains)
+    for k, x in enumerate(np.moveaxis(chains, -1, 0)):
+        split = x.reshape(8, 30)
+        folded = np.abs(split - np.median(split))
+        expected = max(potential_scale(split), potential_scale(folded))
+        assert_allclose(rhat(chains)[k], expected, rtol=1e-12)
+        both = {"x": x, "scores": normal_scores(x).reshape(x.shape)}
+        data = {name: (("chain", "draw"), value) for name, value in both.items()}
+        table = xarray.Dataset(data, attrs=SAMPLE_DIMS)
+        assert_allclose(bulk[k], az.ess(table, method="mean")["scores"], rtol=1e-9)
+        ends = [az.ess(table, method="quantile", prob=p)["x"] for p in (0.05, 0.95)]
+        assert_allclose(tail[k], min(ends), rtol=1e-9)
 
 
 class Square:
@@ -203,41 +219,3 @@ def test_names_are_those_of_the_posterior_and_text_shows_them(vectorize):
         assert cells[5:] == [f"{x:.3f}" for x in expected[4:]]
     assert text[-1] == found.verdict
     assert_array_equal(found.acceptance, [run.acceptance_fraction for run in runs])
-
-
-def tiny():
-    """Return 2 chains of 3 draws whose running means are whole tenths."""
-    stiff = np.array([[1.0, 1.2, 0.8], [1.2, 1.4, 0.4]])  # means 1.1, 1.2, 1.0
-    alpha = np.array([[1.0, 1.3, 1.5], [1.2, 1.5, 1.3]])  # means 1.1, 1.25, 1.3
-    data = {"stiff": (("chain", "draw"), stiff), "alpha": (("chain", "draw"), alpha)}
-    observed = {"frequency": ("mode", [10.0, 25.0]), "later": ("mode", [1.0, 2.0])}
-    return {
-        "posterior": xarray.Dataset(data, attrs=SAMPLE_DIMS),
-        "observed_data": xarray.Dataset(observed),
-    }
-
-
-def test_running_tae_equals_a_computation_by_hand():
-    generations, tae = running_tae(wrapped(tiny()), POSTERIOR)
-    assert_array_equal(generations, [1, 2, 3])
-    # 10 * mean**2 against 10 and 20 * mean against 25, in percent
-    assert_allclose(tae, [(21 + 12) / 2, (44 + 0) / 2, (0 + 4) / 2], rtol=1e-13)
-
-
-@pytest.mark.parametrize("points", [2, 10, 200])
-def test_running_tae_ends_with_the_error_at_the_overall_mean(points):
-    runs = ef.run(POSTERIOR, None, 8, 60, ensembles=2, seed=1)
-    idata = ef.to_inference_data(runs, POSTERIOR, discard=10)
-    generations, tae = running_tae(idata, POSTERIOR, points)
-    chains = np.stack([run.get_chain(discard=10) for run in runs], axis=1)
-    for generation, error in zip(generations, tae, strict=True):
-        stiff, alpha = chains[: int(generation)].mean(axis=(0, 1, 2))
-        errors = np.abs([10 * stiff**2 / 10 - 1, 20 * alpha / 25 - 1])
-        assert_allclose(error, 100 * errors.mean(), rtol=1e-9)
-    assert (generations[0], generations[-1]) == (1, 50)
-    assert 2 <= len(generations) <= points
-    assert_allclose(
-        tae[-1],
-        total_average_error([10, 25], POSTERIOR(chains.mean(axis=(0, 1, 2)))[3:]),
-        rtol=1e-9,
-    )

@@ -1,8 +1,8 @@
 """The pipeline against answers in closed form or by an independent route."""
 
-import emcee
 import numpy as np
 import pytest
+from importance import importance_moments
 from scipy import stats
 
 import emcee_femu as ef
@@ -78,43 +78,15 @@ def test_the_evidence_constant_is_right():
     assert abs(likelihood.mean() - law.pdf(MEASURED)) < 5 * error
 
 
-def importance_reference(posterior, draws, seed):
-    """Means and sds by importance sampling with a broad mixture, and its Kish size."""
-    rng = np.random.default_rng(seed)
-    low, high = posterior.prior.bounds.T
-    start = emcee.EnsembleSampler(
-        40, 5, posterior, moves=emcee.moves.StretchMove(), vectorize=True
-    )
-    start.run_mcmc(
-        emcee.State(
-            posterior.start(40, seed),
-            random_state=np.random.RandomState(seed).get_state(),
-        ),
-        4_000,
-    )
-    pilot = start.get_chain(discard=1_000, flat=True)
-    # One t for all, a wide one for the tails, one for the lobe at low k4, and the box.
-    lobe = pilot[pilot[:, 2] < 1_980]
-    parts = [
-        (0.6, stats.multivariate_t(pilot.mean(0), np.cov(pilot.T), df=5, seed=rng)),
-        (0.2, stats.multivariate_t(pilot.mean(0), 6 * np.cov(pilot.T), 5, seed=rng)),
-        (0.2, stats.multivariate_t(lobe.mean(0), 2 * np.cov(lobe.T), df=5, seed=rng)),
-    ]
-    theta = np.vstack([law.rvs(int(share * draws)) for share, law in parts])
-    density = sum(share * law.pdf(theta) for share, law in parts)
-    log_prob = np.concatenate([posterior(x)[:, 0] for x in np.array_split(theta, 50)])
-    weights = np.exp(log_prob - log_prob.max()) / density
-    weights /= weights.sum()
-    mean = weights @ theta
-    sd = np.sqrt(weights @ (theta - mean) ** 2)
-    assert ((low < mean) & (mean < high)).all()
-    return mean, sd, 1 / (weights**2).sum()
-
-
 @pytest.mark.slow
 def test_mass_spring_agrees_with_importance_sampling():
     problem = ef.paper.mass_spring()
-    mean, sd, kish = importance_reference(problem.posterior, 400_000, seed=3)
+    pilot = ef.run(problem.posterior, None, 40, 4_000, seed=3)[0]
+    pilot = pilot.get_chain(discard=1_000, flat=True)
+    lobe = pilot[pilot[:, 2] < 1_980]
+    mean, sd, kish = importance_moments(
+        problem.posterior, [pilot, lobe], 400_000, seed=3
+    )
     assert kish > 50_000
     samplers = ef.run(problem.posterior, None, 10, 10_000, ensembles=4, seed=2026)
     draws = np.concatenate([s.get_chain(discard=2_000, flat=True) for s in samplers])

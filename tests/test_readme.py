@@ -1,0 +1,44 @@
+"""The README's code runs, and its commands are those that CI runs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+
+
+@pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
+def test_python_blocks_run(block):
+    exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
+
+
+def test_the_own_model_example_takes_about_15_lines():
+    assert len([line for line in BLOCKS[0].splitlines() if line]) <= 16
+
+
+def test_every_python_command_names_an_existing_example():
+    named = re.findall(r"python (examples/\w+\.py)", README)
+    assert named
+    for path in named:
+        assert (ROOT / path).exists(), path
+
+
+def test_every_module_of_the_table_exists():
+    for module in re.findall(r"^\| `(\w+)` \|", README, flags=re.M):
+        package = ROOT / "emcee_femu" / module
+        assert package.with_suffix(".py").exists() or package.is_dir(), module
+
+
+def test_the_picture_exists():
+    for image in re.findall(r"!\[.*?\]\((.*?)\)", README):
+        assert (ROOT / image).exists(), image
+
+
+def test_ci_runs_the_readmes_test_command():
+    commands = [line for line in README.splitlines() if "[test]" in line]
+    assert len(commands) == 1 and "pytest" in commands[0]
+    for runner in (".ci/run", ".github/workflows/ci.yml"):
+        assert "README.md" in (ROOT / runner).read_text(encoding="utf-8")
