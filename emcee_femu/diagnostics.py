@@ -32,9 +32,10 @@ class Diagnosis:
         ess_bulk: Effective sample size for the centre, all ensembles, ``(d,)``.
         ess_tail: Effective sample size for the 5 % and 95 % quantiles, ``(d,)``.
         acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``.
-        stuck: ``(ensemble, walker)`` of walkers that never moved after burn-in.
+        stuck: ``(ensemble, walker)`` of walkers of which a parameter never changed.
         rhat_within: R-hat over the walkers of one ensemble, the worst, ``(d,)``: a
-            mixing indicator, not convergence, since walkers depend on one another.
+            mixing indicator, not convergence, since walkers depend on one another;
+            NaN for a single walker.
         rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
             test for a missed mode; NaN for a single ensemble.
         verdict: One sentence.
@@ -105,7 +106,7 @@ def diagnose(
     steps, n_ensembles, n_walkers, ndim = chain.shape
     if steps < 8:
         raise ValueError(f"discard: expected at least 8 steps to judge, left {steps}")
-    moved = (chain != chain[0]).any(axis=(0, 3))  # (ensembles, walkers)
+    moved = (chain != chain[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     stuck = tuple((int(e), int(w)) for e, w in np.argwhere(~moved))
     tau = np.array(
         [
@@ -118,7 +119,9 @@ def diagnose(
     by_ensemble = chain.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     everything = by_ensemble.reshape(-1, steps, ndim)
     bulk, tail = inference_data.effective_sizes(everything)
-    within = [inference_data.rhat(walkers) for walkers in by_ensemble]
+    within = [np.full(ndim, np.nan)]  # one walker alone has nothing to compare with
+    if n_walkers > 1:
+        within = [inference_data.rhat(walkers) for walkers in by_ensemble]
     between = np.full(ndim, np.nan)
     if n_ensembles > 1:
         pooled = by_ensemble.reshape(n_ensembles, -1, ndim)  # walker after walker
@@ -226,7 +229,8 @@ def running_tae(
     where = np.unique(np.geomspace(1, n, points).round().astype(int))
     first_mode = 2 + len(posterior.terms)
     frequencies = posterior(means[where - 1])[:, first_mode:]
-    return where.astype(float), total_average_error(measured, frequencies)
+    steps = 1.0 + inference_data.dataset(idata, "posterior")["draw"].values[where - 1]
+    return steps, total_average_error(measured, frequencies)
 
 
 def total_average_error(measured: Floats, frequencies: Floats) -> Floats:
@@ -238,8 +242,11 @@ def total_average_error(measured: Floats, frequencies: Floats) -> Floats:
 
 def measured_frequencies(idata: Any) -> Floats:
     """Return the measured frequencies of the first term that has some, ``(m,)``."""
-    observed = inference_data.dataset(idata, "observed_data")
-    for variable in observed.data_vars.values():
-        frequencies: Floats = variable.values
-        return frequencies
-    raise ValueError("idata: no likelihood term of this posterior has measured data")
+    try:
+        observed = inference_data.dataset(idata, "observed_data")
+        frequencies: Floats = next(iter(observed.data_vars.values())).values
+    except (ValueError, StopIteration):  # ArviZ < 1 drops a group without variables
+        raise ValueError(
+            "idata: no likelihood term of this posterior has measured frequencies"
+        ) from None
+    return frequencies[~np.isnan(frequencies)]  # terms are padded to one length

@@ -46,25 +46,24 @@ def plot_scatter(
     from matplotlib.lines import Line2D
     from matplotlib.patches import Ellipse
 
-    names, chains = samples(idata)
-    draws = chains.reshape(-1, len(names))
-    for name, column in zip(names, draws.T, strict=True):
-        if np.ptp(column) == 0:
-            raise ValueError(f"idata: every sample of {name!r} is {column[0]:g}")
+    names, draws = _draws(idata)
     exponents = [_exponent(column) for column in draws.T]
     scale = 10.0 ** np.array(exponents)
     draws = draws / scale
     marks = _known("truths", truths, names)
-    scales = list(zip(names, scale, strict=True))
+    scaled_marks = [
+        marks[name] / factor if name in marks else None
+        for name, factor in zip(names, scale, strict=True)
+    ]
     shown = np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]
     figure = corner.corner(
         draws[shown],
         labels=_labels(names, units, exponents),
-        range=[(column.min(), column.max()) for column in draws.T],
+        range=_ranges(draws, scaled_marks, probability),
         bins=30,
         plot_contours=False,
         plot_density=False,
-        truths=[marks[n] / s if n in marks else None for n, s in scales],
+        truths=scaled_marks,
         truth_color=BLUE,
         data_kwargs={"alpha": 0.25, "ms": 2.0, "color": GREY},
         hist_kwargs={"color": GREY},
@@ -148,9 +147,9 @@ def plot_correlation(idata: Any) -> Any:
     """
     from matplotlib import pyplot as plt
 
-    names, chains = samples(idata)
+    names, draws = _draws(idata)
     d = len(names)
-    values = np.corrcoef(chains.reshape(-1, d), rowvar=False).reshape(d, d)
+    values = np.corrcoef(draws, rowvar=False).reshape(d, d)
     size = 1.8 + 0.7 * d
     figure, axes = plt.subplots(figsize=(size + 0.8, size), layout="constrained")
     image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
@@ -168,6 +167,7 @@ def plot_correlation(idata: Any) -> Any:
     axes.set_xticks(range(d), names)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
+    figure.draw_without_rendering()  # the layout of square axes settles in two passes
     return figure
 
 
@@ -208,6 +208,7 @@ def plot_proposals() -> Any:
     _point(panels[1], b, r"$\theta_b$", BLUE, below=True)
     _point(panels[1], current, r"$\theta_i$", below=True)
     _point(panels[1], proposed, r"$\theta^*$", RED)
+    figure.draw_without_rendering()  # the layout of square axes settles in two passes
     return figure
 
 
@@ -229,6 +230,31 @@ def _point(
         color=color,
         fontsize=14,
     )
+
+
+def _draws(idata: Any) -> tuple[list[str], Floats]:
+    """Return names and draws ``(n, d)``, refusing a parameter that never changes."""
+    names, chains = samples(idata)
+    draws = chains.reshape(-1, len(names))
+    for name, column in zip(names, draws.T, strict=True):
+        if np.ptp(column) == 0:
+            raise ValueError(f"idata: every sample of {name!r} is {column[0]:g}")
+    return names, draws
+
+
+def _ranges(
+    draws: Floats, marks: list[float | None], probability: float
+) -> list[tuple[float, float]]:
+    """Return axis limits that show every sample, ellipse and mark."""
+    radius = math.sqrt(-2 * math.log1p(-probability))
+    ranges = []
+    for column, mark in zip(draws.T, marks, strict=True):
+        reach = 1.05 * radius * column.std()
+        shown = [column.min(), column.max()]
+        shown += [column.mean() - reach, column.mean() + reach]
+        shown += [] if mark is None else [mark]
+        ranges.append((float(min(shown)), float(max(shown))))
+    return ranges
 
 
 def _exponent(column: Floats) -> int:

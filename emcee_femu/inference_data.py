@@ -93,6 +93,8 @@ def as_list(
     for run in runs:
         if not hasattr(run, "get_chain"):
             raise TypeError(f"samplers: expected EnsembleSamplers, got {run!r}")
+        if not run.iteration:
+            raise ValueError("samplers: one has no stored steps; run it first")
     return runs
 
 
@@ -150,11 +152,13 @@ def _observed(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:
         for name, term in zip(posterior.term_names, posterior.terms, strict=True)
         if hasattr(term, "measured")
     }
-    return xarray.Dataset(
-        {name: ("mode", value) for name, value in measured.items() if value.ndim == 1},
-        {"mode": np.arange(1, 1 + max(map(len, measured.values()), default=0))},
-        attributes,
-    )
+    measured = {name: value for name, value in measured.items() if value.ndim == 1}
+    length = max(map(len, measured.values()), default=0)
+    padded = {
+        name: ("mode", np.append(value, np.full(length - len(value), np.nan)))
+        for name, value in measured.items()
+    }
+    return xarray.Dataset(padded, {"mode": np.arange(1, length + 1)}, attributes)
 
 
 def _constants(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:

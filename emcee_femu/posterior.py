@@ -12,6 +12,8 @@ from . import checks
 from .interfaces import Floats, LikelihoodTerm, ModalModel, Parameters, Prior
 from .priors import inside
 
+RESERVED = {"chain", "draw", "ensemble", "walker", "mode"}  # dimensions in ArviZ
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class LogPosterior:
@@ -233,6 +235,9 @@ def _check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
 
 
 def _check_names(model: Any, terms: tuple[Any, ...], prior: Prior) -> None:
+    reserved = sorted(RESERVED & set(prior.names))
+    if reserved:
+        raise ValueError(f"prior: ArviZ needs the names {reserved} itself; rename them")
     lower = dict(zip(prior.names, prior.bounds[:, 0].tolist(), strict=True))
     for name in getattr(model, "positive", ()):
         if lower.get(name, 0.0) < 0:

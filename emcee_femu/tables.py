@@ -54,7 +54,11 @@ class Table:
     def to_markdown(self) -> str:
         """Return a Markdown table without the title."""
         rows = [self.columns, ("---", *("---:",) * (len(self.columns) - 1))]
-        return "\n".join("| " + " | ".join(r) + " |" for r in [*rows, *self._cells()])
+        lines = [
+            "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
+            for row in [*rows, *self._cells()]
+        ]
+        return "\n".join(lines)
 
     def to_csv(self, path: str | PathLike[str] | None = None) -> str:
         """Return the table as CSV with all digits, and write it to path if given."""

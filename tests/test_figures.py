@@ -19,9 +19,6 @@ PROBLEMS = {
     "mass_spring": ef.paper.mass_spring(),
 }
 CORRELATED = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
-CLIPPED = pytest.mark.xfail(
-    strict=True, reason="constrained layout and equal aspect need a second draw"
-)
 MIXED = {"stiff": 1e3, "alpha": 2e-8, "x": 3.0, "big": 4e6, "long_name": 1e-3}
 
 
@@ -182,7 +179,7 @@ def test_nothing_is_clipped_and_the_samples_are_not_modified(runs, name):
     assert_array_equal(samples(idata)[1], before)
 
 
-@pytest.mark.parametrize("d", [pytest.param(1, marks=CLIPPED), 2, 5])
+@pytest.mark.parametrize("d", [1, 2, 5])
 def test_few_parameters_and_long_names_are_not_clipped(d):
     idata = gaussian(d)
     before = dataset(idata, "posterior").copy(deep=True)
@@ -229,7 +226,6 @@ def test_proposals_show_both_moves():
     assert figure.axes[1].get_title().startswith("DE-MC")
 
 
-@CLIPPED
 def test_proposals_are_not_clipped():
     figure = plot_proposals()
     assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")

@@ -225,11 +225,11 @@ def test_running_tae_ends_with_the_error_at_the_overall_mean(points):
     generations, tae = running_tae(idata, POSTERIOR, points)
     chains = np.stack([run.get_chain(discard=10) for run in runs], axis=1)
     for generation, error in zip(generations, tae, strict=True):
-        stiff, alpha = chains[: int(generation)].mean(axis=(0, 1, 2))
+        stiff, alpha = chains[: int(generation) - 10].mean(axis=(0, 1, 2))
         frequencies = np.array([10 * stiff**2, 20 * alpha])
         expected = np.abs(frequencies / [10, 25] - 1).mean() * 100
         assert_allclose(error, expected, rtol=1e-9)
-    assert (generations[0], generations[-1]) == (1, 50)
+    assert (generations[0], generations[-1]) == (11, 60)
     assert 2 <= len(generations) <= points
     measured = measured_frequencies(idata)
     assert measured.tolist() == [10, 25]
@@ -241,7 +241,7 @@ def test_measured_data_are_needed_for_an_error(idata):
     bare = ef.LogPosterior(Square(), POSTERIOR.terms[0], POSTERIOR.prior)
     unmeasured = ef.to_inference_data(ef.run(bare, None, 8, 4, seed=1), bare)
     for call in (measured_frequencies, frequency_table):
-        with pytest.raises(ValueError, match="measured data|'observed_data'"):
+        with pytest.raises(ValueError, match="no likelihood term"):
             call(unmeasured)
     with pytest.raises(ValueError, match="points: expected at least 2, got 1"):
         running_tae(idata, POSTERIOR, 1)
