@@ -113,29 +113,25 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
 
     curves = dict(idata) if isinstance(idata, dict) else {"": idata}
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    lowest, highest = np.inf, 0.0
     for label, item in curves.items():
         generations, tae = running_tae(item, posterior)
-        axes.plot(generations, tae, label=label or None)
-        axes.annotate(
-            f"{tae[-1]:.3g} %",
-            (generations[-1], tae[-1]),
-            textcoords="offset points",
-            xytext=(4, 8),
-            ha="right",
-        )
+        end = f"ends at {tae[-1]:.3g} %"
+        axes.plot(generations, tae, label=f"{label}, {end}" if label else end)
+        lowest, highest = min(lowest, tae.min()), max(highest, tae.max())
     axes.set(
         xscale="log",
-        yscale="log",
         xlabel="generation",
         ylabel="total average error of the mean so far (%)",
     )
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter(ticker.LogFormatter(minor_thresholds=(2, 0.5)))
-    axes.margins(y=0.12)
+    axes.xaxis.set_major_formatter("{x:g}")
+    if highest > 10 * lowest:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_minor_formatter(ticker.NullFormatter())
+        axes.yaxis.set_major_formatter("{x:g}")
     axes.grid(True, which="both", alpha=0.25)
-    if len(curves) > 1:
-        axes.legend(frameon=False)
+    axes.legend(frameon=False)
     return figure
 
 
