@@ -9,7 +9,7 @@ import pytest
 from emcee.backends import HDFBackend
 from scipy import stats
 
-from emcee_femu.moves import DEMCMove, MetropolisMove
+from emcee_femu.moves import CrossoverMove, DEMCMove, MetropolisMove, SnookerMove
 
 START = np.random.default_rng(0).normal(size=(10, 3))
 STREAM = np.random.RandomState(1).get_state()
@@ -39,6 +39,9 @@ MOVES = {
         (DEMCMove(gamma0=1.0), 0.1),
         (MetropolisMove(1), 0.1),
     ],
+    "snooker": SnookerMove(),
+    "crossover": CrossoverMove(2),
+    "subspace": [(DEMCMove(), 0.7), (CrossoverMove(1), 0.2), (SnookerMove(), 0.1)],
     "with stock": [(DEMCMove(), 0.5), (emcee.moves.StretchMove(), 0.5)],
 }
 

@@ -1,7 +1,6 @@
 """Differential evolution Markov chain (DE-MC), the paper's proposal."""
 
 import math
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -9,9 +8,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
+from .guides import check_sigma, noise, noise_sigma
 from .red_blue import VectorizedRedBlueMove
-
-DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
 
 
 class DEMCMove(VectorizedRedBlueMove):
@@ -68,14 +66,7 @@ class DEMCMove(VectorizedRedBlueMove):
     ) -> None:
         """See the class."""
         super().__init__(nsplits, randomize_split, live_dangerously)
-        self.sigma: Floats | None = None
-        if sigma is not None:
-            self.sigma = checks.real_array("sigma", sigma)
-            if self.sigma.ndim > 1 or not self.sigma.size or (self.sigma < 0).any():
-                raise ValueError(
-                    "sigma: expected a number or (ndim,) numbers that are not "
-                    f"negative, got {sigma}"
-                )
+        self.sigma = noise_sigma(sigma)
         self.gamma0 = (
             None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
         )
@@ -95,11 +86,7 @@ class DEMCMove(VectorizedRedBlueMove):
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble for which the move is not valid, see the base class."""
         super().check(nwalkers, ndim)
-        if self.sigma is not None and self.sigma.shape not in ((), (ndim,)):
-            raise ValueError(
-                f"sigma: expected one number or shape ({ndim},) for {ndim} parameters, "
-                f"got shape {self.sigma.shape}"
-            )
+        check_sigma(self.sigma, ndim)
 
     def get_proposal(
         self, s: Floats, c: list[Floats], random: Any
@@ -120,33 +107,10 @@ class DEMCMove(VectorizedRedBlueMove):
         if self.mode_jump:
             jumps = random.random_sample((moving, 1)) < self.mode_jump
             gamma = np.where(jumps, 1.0, gamma)
-        sigma: Any = self.sigma
-        if sigma is None:  # symmetric, because the guides stand still meanwhile
-            sigma = DEFAULT_NOISE * standard_deviations(guides)
-        noise = random.standard_normal((moving, ndim))
-        noise *= sigma
+        eps = noise(self.sigma, guides, moving, random)
         step = guides.take(a, axis=0)
         step -= guides.take(b, axis=0)
         step *= gamma
-        step += noise
+        step += eps
         step += s
         return step, None
-
-
-def standard_deviations(walkers: Floats) -> Floats:
-    """Return those of the columns of ``walkers (n, ndim)``, to within 1e-8 of the mean.
-
-    The textbook difference of moments, in a third of the time of ``walkers.std``; its
-    rounding matters only to a scale that is 1e-8 of the parameter's value.
-    """
-    weights = _weights(len(walkers))
-    mean = weights.dot(walkers)
-    variance = weights.dot(walkers * walkers)
-    variance -= mean * mean
-    result: Floats = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
-    return result
-
-
-@lru_cache(maxsize=8)
-def _weights(n: int) -> Floats:
-    return np.full(n, 1.0 / n)

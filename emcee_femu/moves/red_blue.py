@@ -60,10 +60,12 @@ class VectorizedRedBlueMove(RedBlueMove):
             )
         at_rest = nwalkers - -(-nwalkers // self.nsplits)
         if at_rest < self.guides:
+            enough = self.guides + -(-self.guides // (self.nsplits - 1))
             raise ValueError(
                 f"nwalkers: {type(self).__name__} needs {self.guides} walkers at rest "
                 f"to guide those that move, but {nwalkers} walkers in {self.nsplits} "
-                f"splits leave {at_rest}; use at least {2 * ndim + 2} walkers"
+                f"splits leave {at_rest}; use at least "
+                f"{max(2 * ndim + 2, enough)} walkers"
             )
         if nwalkers < 2 * ndim and not self.live_dangerously:
             raise RuntimeError(
