@@ -88,7 +88,7 @@ def diagnose(
 
     tau is emcee's, an ensemble at a time. R-hat is rank-normalised and split. Numbers
     of one ensemble cannot show that it missed a mode: run several from over-dispersed
-    starts.
+    starts. Of tempered runs the cold walkers alone are judged.
 
     Args:
         samplers: What :func:`run` returned, or EnsembleSamplers of one target.
@@ -153,7 +153,7 @@ def autocorrelation_time(chain: Floats) -> Floats:
 def _acceptance(run: Any) -> Floats:
     backend = getattr(run, "backend", run)
     fraction: Floats = backend.accepted / backend.iteration
-    return fraction
+    return fraction[inference_data.cold(run)]
 
 
 def _names(run: Any, ndim: int) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """The paper's figures, for any chain; each function returns a matplotlib Figure.
 
-The only module that uses matplotlib and corner, which take seconds to import: they
-are imported where they are used.
+This module and comparison_figure alone use matplotlib and corner, which take seconds
+to import: they are imported where they are used.
 """
 
 import math

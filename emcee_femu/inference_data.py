@@ -14,6 +14,7 @@ import numpy as np
 
 from . import checks
 from .interfaces import Floats
+from .moves.tempering import ladder
 from .posterior import LogPosterior, prior_summary
 
 GROUPS = (
@@ -39,7 +40,8 @@ def to_inference_data(
     model's prediction without measurement noise); ``observed_data``;
     ``constant_data`` (bounds, prior mean ``initial`` and sd, and the frequencies
     there). Walkers of one ensemble are not independent chains: the coordinate
-    ``ensemble`` says which belong together.
+    ``ensemble`` says which belong together. Of tempered runs the cold walkers alone
+    are converted.
 
     Args:
         samplers: What :func:`run` returned, or any EnsembleSampler of the posterior.
@@ -98,16 +100,35 @@ def as_list(
     return runs
 
 
-def stacked(runs: list[Any], what: str, discard: int = 0, thin: int = 1) -> Floats:
+def cold(run: Any) -> slice:
+    """Return the walkers that sample the posterior: all but those of hot blocks.
+
+    Raises:
+        ValueError: If the run's moves do not share their temperatures.
+    """
+    tempered = ladder(getattr(run, "_moves", ()))
+    return slice(None) if tempered is None else tempered.cold(run.nwalkers)
+
+
+def stacked(
+    runs: list[Any],
+    what: str,
+    discard: int = 0,
+    thin: int = 1,
+    hot: bool = False,
+) -> Floats:
     """Return chain, log_prob or blobs, ``(draws, ensembles, walkers, ...)``.
 
-    Ensembles must have the same number of walkers and steps.
+    Ensembles must have the same number of walkers and steps. Of tempered ones only
+    the cold walkers are returned unless ``hot``.
     """
     discard = checks.whole_number("discard", discard)
     thin = checks.whole_number("thin", thin, 1)
     parts = [getattr(run, f"get_{what}")(discard=discard, thin=thin) for run in runs]
     if any(part is None for part in parts):
         raise ValueError(f"samplers: no {what} stored; was it a LogPosterior that ran?")
+    if not hot:
+        parts = [part[:, cold(run)] for run, part in zip(runs, parts, strict=True)]
     shapes = {part.shape for part in parts}
     if len(shapes) > 1:
         raise ValueError(
@@ -192,6 +213,7 @@ def _attributes(runs: list[Any], discard: int, thin: int) -> dict[str, Any]:
         )
         or "unknown (read from a backend)",
         "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
+        "recipe": str(getattr(runs[0], "recipe", "")),
         "discard": discard,
         "thin": thin,
         "inference_library": "emcee",

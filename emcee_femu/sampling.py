@@ -1,6 +1,7 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, backends."""
 
 from collections.abc import Sequence
+from functools import partial
 from os import PathLike
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
+from .auto import burn_in_and_fit
 from .moves import DEMCMove
+from .moves.tempering import ladder
 from .posterior import LogPosterior
 
 
@@ -33,7 +36,9 @@ def run(
     Args:
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; None for
-            ``DEMCMove()``.
+            ``DEMCMove()``; "auto" to burn in with DE-MC until that is long enough,
+            fit an :class:`IndependenceMove` to it and sample with both (the stored
+            chain starts after the burn-in; ``sampler.recipe`` says what was done).
         nwalkers: Walkers an ensemble; None for 4 a parameter, at least 16.
         nsteps: Stored steps; ``nsteps * thin_by`` generations are run.
         ensembles: Independent ensembles, each with its own start and random stream.
@@ -51,7 +56,9 @@ def run(
             ndim)``; None for draws from the prior.
 
     Returns:
-        One ``emcee.EnsembleSampler`` an ensemble, after the run.
+        One ``emcee.EnsembleSampler`` an ensemble, after the run. With it go
+        ``seed``, ``recipe`` and ``burn_in_evaluations``, what was evaluated before the
+        stored chain.
 
     Raises:
         TypeError: If a count is not a whole number, or posterior is no LogPosterior.
@@ -72,7 +79,12 @@ def run(
     if nwalkers is None:
         nwalkers = max(16, 4 * ndim)
     nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
-    moves = DEMCMove() if moves is None else moves
+    automatic = isinstance(moves, str)
+    if automatic and moves != "auto":
+        raise ValueError(f"moves: expected emcee moves or 'auto', got {moves!r}")
+    if moves is None or automatic:
+        moves = DEMCMove()
+    ladder(_listed(moves))  # refuses temperatures that differ
     for move in _listed(moves):
         if hasattr(move, "check"):
             move.check(nwalkers, ndim)
@@ -83,23 +95,22 @@ def run(
 
     streams = np.random.SeedSequence(seed).spawn(ensembles)
     starts = _starts(posterior, nwalkers, streams, initial)
-    samplers = []
-    for own_backend in _backends(backend, ensembles):
-        sampler = emcee.EnsembleSampler(
-            nwalkers,
-            ndim,
-            posterior,
-            pool=pool,
-            moves=moves,
-            backend=own_backend,
-            vectorize=vectorize,
-        )
-        sampler.seed = seed  # kept for to_inference_data
-        samplers.append(sampler)
+    backends = _backends(backend, ensembles)
+    build = partial(
+        emcee.EnsembleSampler, nwalkers, ndim, posterior, pool=pool, vectorize=vectorize
+    )
     states = [
-        _first_state(sampler, start, stream)
-        for sampler, start, stream in zip(samplers, starts, streams, strict=True)
+        _first_state(build(), start, stream)
+        for start, stream in zip(starts, streams, strict=True)
     ]
+    evaluations, recipe = nwalkers, ""
+    if automatic:
+        moves, states, evaluations, recipe = burn_in_and_fit(build, states, progress)
+    samplers = [build(moves=moves, backend=own) for own in backends]
+    for sampler in samplers:  # kept for to_inference_data and compare_moves
+        sampler.seed = seed
+        sampler.recipe = recipe
+        sampler.burn_in_evaluations = evaluations
     for number, (sampler, state) in enumerate(zip(samplers, states, strict=True), 1):
         sampler.run_mcmc(
             state,

@@ -46,6 +46,19 @@ def test_h_structure(tmp_path, capsys):
     assert len(list(tmp_path.glob("*.png"))) == 10
 
 
+def test_compare_moves(tmp_path, capsys):
+    results = load("compare_moves").main(60, 2, 1, str(tmp_path))
+    shown = capsys.readouterr()
+    for name, compared in results.items():
+        assert len(compared.idata) == 7 and "auto" in compared.idata
+        assert str(compared) in shown.out and f"===== {name} =====" in shown.out
+        assert compared.table.column("before chain")[-1] > 10_000  # its burn-in
+        for suffix in ("csv", "png"):
+            assert (tmp_path / f"{name}.{suffix}").exists()
+    assert shown.out.count("M-H was tuned to a DE-MC run of") == 2
+    assert "emcee StretchMove:" in shown.err  # above its progress bars
+
+
 def test_own_model():
     results = load("own_model").main(400, 1)
     # Two routes to the same matrices: the chains agree to rounding.

@@ -1,0 +1,165 @@
+"""The figure of a comparison: who is ahead, and how the error falls."""
+
+import textwrap
+from typing import Any
+
+import numpy as np
+
+from .comparison import Comparison
+from .contest import CONVERGED
+from .diagnostics import measured_frequencies, running_tae
+from .interfaces import Floats
+
+LABEL_WIDTH = 32  # characters a line
+
+
+def plot_comparison(comparison: Comparison) -> Any:
+    """Draw the ESS per 1000 evaluations of each move, and the error of its mean.
+
+    Left: the best on top, error bars of one standard error over the ensembles; the
+    bars of moves that have not converged are hatched. Right, where frequencies were
+    measured: the total average error of the running mean of the kept steps
+    (:func:`diagnostics.running_tae`), in the colours of the bars.
+
+    Args:
+        comparison: What :func:`compare_moves` returns.
+
+    Raises:
+        TypeError: If it is something else.
+    """
+    if not isinstance(comparison, Comparison):
+        raise TypeError(
+            "comparison: expected what compare_moves returns, got "
+            f"{type(comparison).__name__}"
+        )
+    from matplotlib import pyplot as plt
+
+    labels = comparison.table.column("move")
+    palette = plt.get_cmap("tab10" if len(labels) <= 10 else "tab20").colors
+    colors = {label: palette[i % len(palette)] for i, label in enumerate(labels)}
+    curves = _error_curves(comparison)
+    verdicts = comparison.table.column("verdict")
+    names = dict(zip(labels, map(_name, labels, verdicts), strict=True))
+    lines = max(name.count("\n") + 1 for name in names.values())
+    height = 2.2 + max(len(labels) * max(0.5, 0.2 * lines), 2.2)
+    figure, panels = plt.subplots(
+        1,
+        1 + bool(curves),
+        figsize=(11.0 if curves else 7.0, height),
+        layout="constrained",
+        squeeze=False,
+        width_ratios=[1.3, 1.0] if curves else [1.0],
+    )
+    _draw_bars(panels[0, 0], comparison, names, colors)
+    if curves:
+        _draw_curves(panels[0, 1], comparison, curves, colors)
+    headline = comparison.conclusion.splitlines()[0]
+    figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
+    return figure
+
+
+def _name(label: str, verdict: str) -> str:
+    """Return the label in short lines, with the verdict on moves that failed."""
+    lines = textwrap.wrap(label, LABEL_WIDTH, break_on_hyphens=False)
+    return "\n".join([*lines, *([] if verdict == CONVERGED else [f"({verdict})"])])
+
+
+def _draw_bars(
+    axes: Any,
+    comparison: Comparison,
+    names: dict[str, str],
+    colors: dict[str, Any],
+) -> None:
+    from matplotlib.patches import Patch
+
+    values = comparison.table.column("ESS per 1000")
+    rows = sorted(
+        zip(
+            values,
+            comparison.table.column("+-"),
+            comparison.table.column("move"),
+            comparison.table.column("verdict"),
+            strict=True,
+        ),
+        key=lambda row: row[0],
+    )
+    for place, (value, error, label, verdict) in enumerate(rows):
+        fit = verdict == CONVERGED
+        axes.barh(
+            place,
+            value,
+            xerr=error,
+            height=0.65,
+            color=colors[label] if fit else "none",
+            edgecolor=colors[label],
+            hatch=None if fit else "////",
+            error_kw={"capsize": 3, "lw": 1.2},
+        )
+        axes.annotate(
+            f"{value:.3g}",
+            (value + error, place),
+            textcoords="offset points",
+            xytext=(6, 0),
+            va="center",
+            fontsize=9,
+        )
+    longest = max(value + error for value, error, *_ in rows)
+    axes.set_xlim(0, 1.25 * longest)  # room for the numbers
+    axes.set_yticks(range(len(rows)), [names[label] for _, _, label, _ in rows])
+    axes.set_xlabel("ESS per 1000 log-posterior evaluations (more is better)")
+    axes.spines[["top", "right"]].set_visible(False)
+    keys = [Patch(color="0.45", label="converged")]
+    if any(verdict != CONVERGED for *_, verdict in rows):
+        text = "not converged, so the number cannot be trusted"
+        keys.append(Patch(fc="none", ec="0.45", hatch="////", label=text))
+    axes.figure.legend(
+        handles=keys, loc="outside lower left", frameon=False, ncols=len(keys)
+    )
+
+
+def _error_curves(comparison: Comparison) -> dict[str, tuple[Floats, Floats]]:
+    """Return kept steps and TAE by label, nothing without measured frequencies."""
+    curves = {}
+    for label, idata in comparison.idata.items():
+        try:
+            measured_frequencies(idata)
+        except ValueError:
+            return {}
+        generations, tae = running_tae(idata, comparison.posterior)
+        curves[label] = (generations - generations[0] + 1, tae)
+    return curves
+
+
+def _draw_curves(
+    axes: Any,
+    comparison: Comparison,
+    curves: dict[str, tuple[Floats, Floats]],
+    colors: dict[str, Any],
+) -> None:
+    from matplotlib import ticker
+
+    verdicts = dict(
+        zip(
+            comparison.table.column("move"),
+            comparison.table.column("verdict"),
+            strict=True,
+        )
+    )
+    dashed = any(verdict != CONVERGED for verdict in verdicts.values())
+    for label, (generations, tae) in curves.items():
+        style = "-" if verdicts[label] == CONVERGED else "--"
+        axes.plot(generations, tae, style, color=colors[label], lw=1.6, label=label)
+    axes.set(
+        xscale="log",
+        xlabel="generation after burn-in",
+        ylabel="total average error of the mean so far (%)",
+        title="same colours; dashed: not converged" if dashed else "same colours",
+    )
+    axes.xaxis.set_major_formatter("{x:g}")
+    errors = np.concatenate([tae for _, tae in curves.values()])
+    if errors.max() > 10 * errors.min():
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_minor_formatter(ticker.NullFormatter())
+        axes.yaxis.set_major_formatter("{x:g}")
+    axes.grid(True, which="both", alpha=0.25)

@@ -1,0 +1,38 @@
+"""Beck and Au's shear frame: two modes, and the known answer by quadrature."""
+
+import numpy as np
+from tempered_laws import beck_au
+
+import emcee_femu as ef
+from emcee_femu import DEMCMove, TemperedMove
+
+BECK_AU = beck_au()
+
+
+def in_one_mode(nwalkers):
+    noise = np.random.default_rng(3).normal(size=(nwalkers, 2))
+    return np.array([1.8132, 0.2470]) + np.array([0.1, 0.015]) * noise
+
+
+def test_without_tempering_the_start_decides_which_mode_is_seen():
+    (run,) = ef.run(BECK_AU, DEMCMove(), 100, 1_500, seed=1, initial=in_one_mode(100))
+    assert (run.get_chain()[..., 0] < 1).mean() < 0.05  # the truth is 0.531
+
+
+def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
+    block, betas = 250, np.linspace(1, 0, 7) ** 4
+    move = TemperedMove(DEMCMove(), betas)
+    nwalkers = block * len(betas)
+    (run,) = ef.run(
+        BECK_AU, move, nwalkers, 1_500, seed=1, initial=in_one_mode(nwalkers)
+    )
+    x1 = run.get_chain(discard=150)[:, move.cold(nwalkers), 0]
+    assert abs((x1 < 1).mean() - 0.53079) < 0.02
+    generations = x1.mean(axis=1)
+    tau = ef.diagnostics.autocorrelation_time(generations[:, None, None])[0]
+    error = generations.std() * np.sqrt(tau / len(generations))
+    assert error < 0.01
+    assert abs(x1.mean() - 1.11700) < 3 * error
+    evidence = ef.log_evidence(run, discard=150)
+    difference = abs(evidence.stepping_stones - np.log(1.50950e-3))
+    assert difference < min(3 * evidence.stepping_stones_error, 0.03)
