@@ -71,7 +71,7 @@ class BoundedTriangle:
         return np.concatenate([*moments, outside[..., None]], axis=-1)
 
 
-def exact_start(move, target, nwalkers, ensembles=1_500, steps=10, seed=0):
+def exact_start(move, target, nwalkers, ensembles=1_000, steps=10, seed=0):
     """Return the largest |z| of the target's statistics after a few steps."""
     rng = np.random.default_rng(seed)
     random = np.random.RandomState(seed + 1)

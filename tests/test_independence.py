@@ -70,7 +70,7 @@ def test_proposals_follow_the_mixture():
 
 @pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1e-8, 1.0, 1e8)])
 @pytest.mark.parametrize("target", [Gaussian, BoundedTriangle])
-@pytest.mark.parametrize("components", [1, 3, "auto"])
+@pytest.mark.parametrize("components", [1, 3])
 @pytest.mark.parametrize("nwalkers", [1, 6])
 def test_it_keeps_the_target_however_good_the_fit(target, scale, components, nwalkers):
     law = target(scale)

@@ -144,7 +144,7 @@ class AsymmetricMetropolis(MetropolisMove):
     """Steps by a scale that depends on where the walker is."""
 
     def propose(self, model, state):
-        scaled = MetropolisMove(0.2 + 0.4 * np.abs(state.coords[0, 0]))
+        scaled = MetropolisMove(0.1 + 0.5 * np.abs(state.coords[0, 0] - 3))
         return scaled.propose(model, state)
 
 
@@ -161,7 +161,9 @@ MUTANTS = {
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_the_check_catches_a_broken_move(mutant):
     move, target, nwalkers = MUTANTS[mutant]
-    z = exact_start(move, target(), nwalkers, ensembles=6_000, steps=20)
+    # The bias of the first is the smallest, 13 % of a variance.
+    ensembles = 6_000 if isinstance(move, Synchronous) else 2_000
+    z = exact_start(move, target(), nwalkers, ensembles=ensembles, steps=15)
     assert z > LIMIT
 
 
