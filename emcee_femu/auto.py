@@ -7,6 +7,7 @@ from warnings import warn
 import emcee
 import numpy as np
 
+from .interfaces import Floats
 from .moves import DEMCMove, IndependenceMove
 
 FIRST, LONGEST = 512, 16_384  # generations of burn-in, doubled until it is long enough
@@ -41,8 +42,9 @@ def burn_in_and_fit(
 
     DE-MC with gamma = 1 in every tenth step runs until the second half of the burn-in
     is 20 autocorrelation times long in every ensemble. A mixture of Student-t laws is
-    fitted to that half of all ensembles, then frozen, and tried for 20 generations;
-    the better its proposals are accepted, the larger their share.
+    fitted to that half of all ensembles; with it and DE-MC as many generations again
+    are run, the fit is repeated on these, then frozen, and tried for 20 generations.
+    The better its proposals are accepted, the larger their share.
 
     Args:
         build: ``build(moves=...)`` makes an emcee sampler of the posterior.
@@ -74,8 +76,16 @@ def burn_in_and_fit(
             "badly. Use more walkers, or tighter bounds",
             stacklevel=3,
         )
-    draws = np.concatenate([half.reshape(-1, half.shape[2]) for half in halves])
-    fitted = IndependenceMove.fit(draws, components="auto")
+    fitted = _fitted(halves)
+    # DE-MC alone leaves few independent draws in the tails; with a first fit there are
+    # many more, and the second fit covers them.
+    mixed = [build(moves=[(fitted, 0.7), (local, 0.3)]) for _ in states]
+    second = len(halves[0])
+    states = [
+        _continued(sampler, state, second, progress, f"second fit {number}")
+        for number, (sampler, state) in enumerate(zip(mixed, states, strict=True), 1)
+    ]
+    fitted = _fitted([sampler.get_chain() for sampler in mixed])
 
     trials = [build(moves=fitted) for _ in states]
     states = [
@@ -88,15 +98,21 @@ def burn_in_and_fit(
     return Recipe(
         moves=[(fitted, share), (local, 1.0 - share)],
         states=states,
-        evaluations=len(states[0].coords) * (1 + generations + TRIAL),
+        evaluations=len(states[0].coords) * (1 + generations + second + TRIAL),
         sentence=(
             f"burn-in of {generations} generations of DE-MC, {2 * per_tau:.0f} "
-            f"autocorrelation times; {k} Student-t component{'s' if k > 1 else ''} "
-            f"fitted to its second half; {100 * acceptance:.0f} % of their proposals "
-            f"accepted in a trial; then {100 * share:.0f} % independence and "
-            f"{100 - 100 * share:.0f} % DE-MC steps"
+            f"autocorrelation times, and {second} of DE-MC with a first fit; {k} "
+            f"Student-t component{'s' if k > 1 else ''} fitted to the latter; "
+            f"{100 * acceptance:.0f} % of their proposals accepted in a trial; then "
+            f"{100 * share:.0f} % independence and {100 - 100 * share:.0f} % DE-MC steps"
         ),
     )
+
+
+def _fitted(chains: list[Floats]) -> IndependenceMove:
+    """Return the fit to all ensembles' chains ``(steps, walkers, d)``."""
+    draws = np.concatenate([chain.reshape(-1, chain.shape[2]) for chain in chains])
+    return IndependenceMove.fit(draws, components="auto")
 
 
 def _continued(
