@@ -104,7 +104,7 @@ def burn_in_and_fit(
             f"autocorrelation times, and {second} of DE-MC with a first fit; {k} "
             f"Student-t component{'s' if k > 1 else ''} fitted to the latter; "
             f"{100 * acceptance:.0f} % of their proposals accepted in a trial; then "
-            f"{100 * share:.0f} % independence and {100 - 100 * share:.0f} % DE-MC steps"
+            f"{100 * share:.0f} % independence, {100 - 100 * share:.0f} % DE-MC steps"
         ),
     )
 

@@ -283,7 +283,9 @@ def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
     data = {
         f"p{i}": (("chain", "draw"), chains[:, :, i]) for i in range(chains.shape[2])
     }
-    result = statistic(
-        xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]}), **options
-    )
+    # Walkers that never move make ArviZ divide by zero; diagnose names them.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result = statistic(
+            xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]}), **options
+        )
     return np.array([float(result[f"p{i}"]) for i in range(chains.shape[2])])

@@ -18,8 +18,8 @@ nothing of weight is lost.
 DE-MC then runs beside Metropolis-Hastings with a diagonal step of a twentieth of the
 bounds (untuned, all that one can do without a first run) and with 2.38^2 / d times the
 covariance of the burn-in (tuned). A c.o.v. is a property of the posterior, on which
-converged samplers agree; what ranks them is the effective sample size per 1000 FE
-solves, and R-hat between independent ensembles.
+converged samplers agree; what ranks them is the effective sample size per 1000
+evaluations, and R-hat between independent ensembles.
 
 Run it:  python examples/h_structure.py
 """
@@ -130,21 +130,21 @@ def one_beta(
     return table
 
 
-def compare(beta: float, results: dict[str, Any], solves: int) -> Table:
+def compare(beta: float, results: dict[str, Any], evaluations: int) -> Table:
     """Tabulate what separates the samplers: cost of an effective sample, and R-hat."""
     rows = tuple(
         (
             label,
             float(diagnosis.acceptance.mean()),
             float(diagnosis.tau.max()),
-            float(1000 * diagnosis.ess_bulk.min() / solves),
+            float(1000 * diagnosis.ess_bulk.min() / evaluations),
             float(diagnosis.rhat_between.max()),
         )
         for label, (_, diagnosis) in results.items()
     )
     return Table(
         f"Samplers at beta = {beta:g} (worst parameter)",
-        ("move", "acceptance", "tau", "ESS per 1000 solves", "R-hat ensembles"),
+        ("move", "acceptance", "tau", "ESS per 1000 evaluations", "R-hat ensembles"),
         ("", ".2f", ".0f", ".1f", ".3f"),
         rows,
     )

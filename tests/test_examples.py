@@ -46,6 +46,14 @@ def test_h_structure(tmp_path, capsys):
     assert len(list(tmp_path.glob("*.png"))) == 10
 
 
+def test_benchmark(capsys):
+    found = load("benchmark").main(steps=400, repeats=1, only="bim5")
+    auto = found["bim5", "auto (ours)"]
+    assert auto[0] > 60  # ESS per 1000 evaluations; emcee's DEMove has 17
+    assert abs(auto[5] - 0.3) < 0.03  # the weight of the left mode
+    assert "end to end" in capsys.readouterr().out
+
+
 def test_compare_moves(tmp_path, capsys):
     results = load("compare_moves").main(60, 2, 1, str(tmp_path))
     shown = capsys.readouterr()

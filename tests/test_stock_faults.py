@@ -117,7 +117,7 @@ def test_a_rigid_gaussian_move_of_any_kind_is_found():
         ef.DEMCMove(),
         ef.MetropolisMove(COVARIANCE),
     ],
-    ids=repr,
+    ids=lambda move: type(move).__name__,
 )
 def test_a_right_move_is_not_blamed(move):
     assert stock_fault(move, 3) == ""
