@@ -61,7 +61,7 @@ def tuned(
 
 
 def main(
-    generations: int = 4_000,
+    generations: int = 5_000,
     ensembles: int = 4,
     seed: int = 2026,
     output: str = "figures/compare_moves",
@@ -103,7 +103,7 @@ def main(
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--generations", type=int, default=4_000)
+    parser.add_argument("--generations", type=int, default=5_000)
     parser.add_argument("--ensembles", type=int, default=4)
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--output", default="figures/compare_moves")

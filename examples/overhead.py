@@ -76,14 +76,24 @@ def paired(ours: Any, theirs: Any, start: np.ndarray, blocks: int, n: int) -> st
 
 def main(blocks: int = 40, n: int = 300) -> None:
     """Print both comparisons for three ensemble sizes."""
-    print("a generation, free target, d = 5:    DEMCMove        stock DEMove")
+    independence = ef.IndependenceMove([1.0], np.zeros((1, 5)), [np.eye(5)])
+    moves = {
+        "DEMCMove()": ef.DEMCMove(),
+        "DEMCMove(sigma)": ef.DEMCMove(1e-3),
+        "MetropolisMove": ef.MetropolisMove(1.0),
+        "IndependenceMove": independence,
+        "auto's mixture": [(independence, 0.9), (ef.DEMCMove(mode_jump=0.1), 0.1)],
+    }
+    print("a generation, free target, d = 5:            ours    stock DEMove")
     for nwalkers in (10, 32, 128):
         start = np.random.default_rng(0).normal(size=(nwalkers, 5))
-        pair = [
-            emcee.EnsembleSampler(nwalkers, 5, gaussian, moves=move, vectorize=True)
-            for move in (ef.DEMCMove(), emcee.moves.DEMove())
-        ]
-        print(f"  N = {nwalkers:3d}   ", paired(*pair, start, blocks, n))
+        for label, move in moves.items():
+            pair = [
+                emcee.EnsembleSampler(nwalkers, 5, gaussian, moves=own, vectorize=True)
+                for own in (move, emcee.moves.DEMove())
+            ]
+            found = paired(*pair, start, blocks, n)
+            print(f"  N = {nwalkers:3d}  {label:<17}", found)
 
     print("a generation of the mass-spring posterior: vectorised    looped, scipy eigh")
     problem, looped = ef.paper.mass_spring(), looped_mass_spring()

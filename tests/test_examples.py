@@ -80,7 +80,7 @@ def test_stock_moves():
 
 def test_overhead(capsys):
     load("overhead").main(blocks=2, n=20)
-    assert capsys.readouterr().out.count("x faster") == 6
+    assert capsys.readouterr().out.count("x faster") == 18
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
