@@ -1,15 +1,18 @@
 """Differential evolution Markov chain (DE-MC), the paper's proposal."""
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
 from .guides import check_sigma, noise, noise_sigma
 from .red_blue import VectorizedRedBlueMove
+
+MOST_TABLED = 256  # guides up to which the pairs are looked up, in 1 MB
 
 
 class DEMCMove(VectorizedRedBlueMove):
@@ -100,8 +103,12 @@ class DEMCMove(VectorizedRedBlueMove):
         n = len(guides)
         # One of the n (n - 1) ordered pairs: a, and b among the others.
         pair = (random.random_sample(moving) * (n * (n - 1))).astype(np.intp)
-        a, b = np.divmod(pair, n - 1)
-        b += b >= a
+        if n <= MOST_TABLED:
+            first, second = _pairs(n)
+            a, b = first.take(pair), second.take(pair)
+        else:
+            a, b = np.divmod(pair, n - 1)
+            b += b >= a
 
         gamma: Any = 2.38 / math.sqrt(2 * ndim) if self.gamma0 is None else self.gamma0
         if self.mode_jump:
@@ -114,3 +121,11 @@ class DEMCMove(VectorizedRedBlueMove):
         step += eps
         step += s
         return step, None
+
+
+@lru_cache(maxsize=4)
+def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first and the second walker of all ordered pairs of n."""
+    first, second = np.divmod(np.arange(n * (n - 1)), n - 1)
+    second += second >= first
+    return first, second
