@@ -6,6 +6,7 @@ likelihoods      frequencies -> log-likelihood
 priors           names, order, bounds and density of the parameters
 posterior        model + terms + prior, for a batch of walkers
 moves            proposals: plain emcee moves
+auto             the recipe "auto": burn in, fit an independence proposal, mix
 sampling         run emcee: starts, seeds, independent ensembles
 inference_data   emcee -> ArviZ
 diagnostics      tau, ESS, R-hat, acceptance, and a verdict

@@ -50,7 +50,6 @@ def main(
     diagnosis = ef.diagnose(samplers, discard=burn_in)
     idata = ef.to_inference_data(samplers, problem.posterior, discard=burn_in)
 
-    assert problem.nominal is not None and problem.target is not None  # for mypy
     columns = {"true": problem.target, **problem.published.parameters}
     parameters = ef.parameter_table(idata, problem.nominal, columns)
     frequencies = ef.frequency_table(
