@@ -150,6 +150,7 @@ class _CountedModel:
 
     model: ModalModel
     n_modes: int
+    paired: bool
     solves: int = 0
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
@@ -168,7 +169,9 @@ def _sampled(
     options: dict[str, Any],
 ) -> Entry:
     """Run one move from the given starts and measure it."""
-    model = _CountedModel(posterior.model, posterior.n_modes)
+    model = _CountedModel(
+        posterior.model, posterior.n_modes, bool(posterior.n_paired)
+    )
     counted = LogPosterior(model, posterior.terms, posterior.prior)
     nwalkers, ensembles = len(starts[0]), len(starts)
     clock = time.process_time()

@@ -1,6 +1,6 @@
 """Judge chains: autocorrelation time, ESS, R-hat, acceptance, and one verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,7 @@ class Diagnosis:
             NaN for a single walker.
         rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
             test for a missed mode; NaN for a single ensemble.
+        failures: Number of rejected solves by cause (``run(on_failure="reject")``).
         verdict: One sentence.
     """
 
@@ -51,6 +52,7 @@ class Diagnosis:
     stuck: tuple[tuple[int, int], ...]
     rhat_within: Floats
     rhat_between: Floats
+    failures: Mapping[str, int]
     verdict: str
 
     @property
@@ -77,6 +79,8 @@ class Diagnosis:
             f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
             f"{len(self.stuck)} stuck walkers"
         )
+        if self.failures:
+            lines.append(f"failed solves, taken for impossible: {dict(self.failures)}")
         return "\n".join([*lines, self.verdict])
 
 
@@ -139,6 +143,8 @@ def diagnose(
         "stuck": stuck,
         "rhat_within": np.max(within, axis=0),
         "rhat_between": between,
+        # One log of all ensembles, where run made it.
+        "failures": dict(getattr(getattr(runs[0], "failures", None), "causes", {})),
     }
     return Diagnosis(**found, verdict=_verdict(found, n_ensembles))
 
@@ -158,8 +164,9 @@ def _acceptance(run: Any) -> Floats:
 
 def _names(run: Any, ndim: int) -> tuple[str, ...]:
     function = getattr(getattr(run, "log_prob_fn", None), "f", None)
-    if isinstance(function, LogPosterior):
-        return function.names
+    names = getattr(function, "names", None)
+    if names is not None and len(names) == ndim:
+        return tuple(names)
     return tuple(f"theta{i + 1}" for i in range(ndim))
 
 
@@ -227,8 +234,7 @@ def running_tae(
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, points).round().astype(int))
-    first_mode = 2 + len(posterior.terms)
-    frequencies = posterior(means[where - 1])[:, first_mode:]
+    frequencies = posterior(means[where - 1])[:, posterior.columns["frequency"]]
     steps = 1.0 + inference_data.dataset(idata, "posterior")["draw"].values[where - 1]
     return steps, total_average_error(measured, frequencies)
 

@@ -12,10 +12,12 @@ from typing import Any
 import emcee
 import numpy as np
 
-from . import checks
 from .interfaces import Floats
-from .moves.tempering import ladder
 from .posterior import LogPosterior, prior_summary
+from .stored_chains import as_list as as_list
+from .stored_chains import check_memory
+from .stored_chains import cold as cold
+from .stored_chains import stacked as stacked
 
 GROUPS = (
     "posterior",
@@ -37,11 +39,18 @@ def to_inference_data(
 
     Groups: ``posterior`` by parameter name; ``sample_stats`` (lp, log_prior);
     ``log_likelihood`` by term; ``posterior_predictive`` (frequency, by mode, the
-    model's prediction without measurement noise); ``observed_data``;
-    ``constant_data`` (bounds, prior mean ``initial`` and sd, and the frequencies
-    there). Walkers of one ensemble are not independent chains: the coordinate
-    ``ensemble`` says which belong together. Of tempered runs the cold walkers alone
-    are converted.
+    model's prediction without measurement noise; where modes are paired also mac and
+    model_mode); ``observed_data``;
+    ``constant_data`` (bounds, ``initial`` parameters and the frequencies there, mean
+    and sd of the prior inside the bounds). Walkers of one ensemble are not independent
+    chains: the coordinate ``ensemble`` says which belong together. Of tempered runs the
+    cold walkers alone are converted.
+
+    At its peak the conversion needs twice the memory of what it returns, which is
+    ``8 * (ndim + 1 + blobs)`` bytes a walker and draw, and before that some 4 MB a
+    parameter for the prior's summary. Of a file only the draws that are kept are read,
+    one ensemble after the other. Where the system tells how much memory is available
+    (Linux does), too large a conversion is refused before anything is read.
 
     Args:
         samplers: What :func:`run` returned, or any EnsembleSampler of the posterior.
@@ -55,88 +64,46 @@ def to_inference_data(
     Raises:
         TypeError: If discard or thin is not a whole number.
         ValueError: If nothing is left, or a chain is not of this posterior.
+        MemoryError: If memory does not suffice; it says how much is needed, and the
+            ``thin`` that fits.
     """
     runs = as_list(samplers)
+    columns = posterior.columns
+    width = columns["model_mode"].stop - 1  # emcee takes the first one as log_prob
+    check_memory(runs, posterior.ndim + 1 + width, discard, thin)
+    attributes = _attributes(runs, discard, thin)
+    # Before the chains are read: the draws of the prior take memory for a moment.
+    fixed = {
+        "observed_data": _observed(posterior, attributes),
+        "constant_data": _constants(posterior, attributes),
+    }
     chain = stacked(runs, "chain", discard, thin)  # (draws, ensembles, walkers, d)
     log_prob = stacked(runs, "log_prob", discard, thin)
     blobs = stacked(runs, "blobs", discard, thin)
-    n_terms, n_modes = len(posterior.terms), posterior.n_modes
-    if chain.shape[-1] != posterior.ndim or blobs.shape[3:] != (1 + n_terms + n_modes,):
+    if chain.shape[-1] != posterior.ndim or blobs.shape[3:] != (width,):
         raise ValueError(
             f"samplers: chains of {chain.shape[-1]} parameters with blobs of shape "
             f"{blobs.shape[3:]} are not of this posterior, which has "
-            f"{posterior.ndim} and ({1 + n_terms + n_modes},)"
+            f"{posterior.ndim} and ({width},)"
         )
+    predictions = {
+        label: blobs[..., where.start - 1 : where.stop - 1]
+        for label, where in columns.items()
+        if label != "densities" and where.stop > where.start
+    }
     by_chain = {
         "posterior": dict(zip(posterior.names, np.moveaxis(chain, -1, 0), strict=True)),
         "sample_stats": {"lp": log_prob, "log_prior": blobs[..., 0]},
         "log_likelihood": {
             name: blobs[..., 1 + i] for i, name in enumerate(posterior.term_names)
         },
-        "posterior_predictive": {"frequency": blobs[..., 1 + n_terms :]},
+        "posterior_predictive": predictions,
     }
-    attributes = _attributes(runs, discard, thin)
     datasets = {
         group: _sample_dataset(values, discard, thin, attributes)
         for group, values in by_chain.items()
     }
-    datasets["observed_data"] = _observed(posterior, attributes)
-    datasets["constant_data"] = _constants(posterior, attributes)
-    return wrapped(datasets)
-
-
-def as_list(
-    samplers: emcee.EnsembleSampler | Sequence[emcee.EnsembleSampler],
-) -> list[Any]:
-    """Return one or several samplers (or backends) as a list."""
-    runs = list(samplers) if isinstance(samplers, Sequence) else [samplers]
-    if not runs:
-        raise ValueError("samplers: expected at least one, got none")
-    for run in runs:
-        if not hasattr(run, "get_chain"):
-            raise TypeError(f"samplers: expected EnsembleSamplers, got {run!r}")
-        if not run.iteration:
-            raise ValueError("samplers: one has no stored steps; run it first")
-    return runs
-
-
-def cold(run: Any) -> slice:
-    """Return the walkers that sample the posterior: all but those of hot blocks.
-
-    Raises:
-        ValueError: If the run's moves do not share their temperatures.
-    """
-    tempered = ladder(getattr(run, "_moves", ()))
-    return slice(None) if tempered is None else tempered.cold(run.nwalkers)
-
-
-def stacked(
-    runs: list[Any],
-    what: str,
-    discard: int = 0,
-    thin: int = 1,
-    hot: bool = False,
-) -> Floats:
-    """Return chain, log_prob or blobs, ``(draws, ensembles, walkers, ...)``.
-
-    Ensembles must have the same number of walkers and steps. Of tempered ones only
-    the cold walkers are returned unless ``hot``.
-    """
-    discard = checks.whole_number("discard", discard)
-    thin = checks.whole_number("thin", thin, 1)
-    parts = [getattr(run, f"get_{what}")(discard=discard, thin=thin) for run in runs]
-    if any(part is None for part in parts):
-        raise ValueError(f"samplers: no {what} stored; was it a LogPosterior that ran?")
-    if not hot:
-        parts = [part[:, cold(run)] for run, part in zip(runs, parts, strict=True)]
-    shapes = {part.shape for part in parts}
-    if len(shapes) > 1:
-        raise ValueError(
-            f"samplers: expected chains of one shape, got {sorted(shapes)}"
-        )
-    if not len(parts[0]):
-        raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
-    return np.stack(parts, axis=1)
+    return wrapped({**datasets, **fixed})
 
 
 def _sample_dataset(
@@ -186,14 +153,17 @@ def _constants(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:
     import xarray
 
     mean, sd = prior_summary(posterior.prior)
-    first_mode = 2 + len(posterior.terms)
+    # A Gaussian prior starts at its own mean, wherever its bounds cut it.
+    initial = np.asarray(getattr(posterior.prior, "mean", mean), dtype=float)
+    frequencies = posterior(initial)[posterior.columns["frequency"]]
     return xarray.Dataset(
         {
             "lower": ("parameter", posterior.prior.bounds[:, 0]),
             "upper": ("parameter", posterior.prior.bounds[:, 1]),
-            "initial": ("parameter", mean),
+            "initial": ("parameter", initial),
+            "prior_mean": ("parameter", mean),
             "prior_sd": ("parameter", sd),
-            "initial_frequency": ("mode", posterior(mean)[first_mode:]),
+            "initial_frequency": ("mode", frequencies),
         },
         {
             "parameter": list(posterior.names),

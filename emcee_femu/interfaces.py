@@ -3,9 +3,11 @@
 Everything between the sampler and the model carries a leading walker axis of length
 ``n``. Outside the sampler parameters have names; the prior alone owns their order.
 
-Three optional attributes let a model be checked before the first FE solve:
-``names`` (the parameters that it reads), ``n_modes`` (the frequencies that it returns)
-and ``positive`` (the parameters that must stay above zero). Two do so for a term:
+Optional attributes let a model be checked before the first FE solve: ``names`` (the
+parameters that it reads), ``required`` (those without which there is no model),
+``n_modes`` (the frequencies that it returns), ``positive`` (the parameters that must
+stay above zero), ``bounds`` (``{parameter: (low, high)}`` within which it holds) and
+``paired`` (whether it returns a :class:`PairedSolution`). Two do so for a term:
 ``n_modes`` (the frequencies that it compares) and ``names`` (the parameters that it
 reads).
 """
@@ -31,6 +33,42 @@ class ModalSolution(NamedTuple):
 
     frequencies: Floats
     shapes: Floats | None = None
+
+
+class Pairing(NamedTuple):
+    """Which mode of the model stands for which measured mode.
+
+    Attributes:
+        mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
+        model_modes: Numbers of the model's modes, 1 = the lowest, ``(n, n_measured)``.
+        unpaired: Where the MAC is too low for the pair to mean much,
+            ``(n, n_measured)``.
+    """
+
+    mac: Floats
+    model_modes: NDArray[np.intp]
+    unpaired: NDArray[np.bool_]
+
+
+class PairedSolution(ModalSolution):
+    """A modal solution in the order of the measured modes, at the sensors.
+
+    Args:
+        frequencies: Of the paired modes in Hz, ``(n, n_measured)``, in the order of the
+            measured ones.
+        shapes: Their shapes at the sensors, ``(n, n_sensors, n_measured)``.
+        pairing: How they were paired.
+    """
+
+    pairing: Pairing
+
+    def __new__(
+        cls, frequencies: Floats, shapes: Floats, pairing: Pairing
+    ) -> "PairedSolution":
+        """Attach the pairing to the two fields."""
+        solution = super().__new__(cls, frequencies, shapes)
+        solution.pairing = pairing
+        return solution
 
 
 class ModalModel(Protocol):

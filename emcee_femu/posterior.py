@@ -2,17 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
 from . import checks
-from .interfaces import Floats, LikelihoodTerm, ModalModel, Parameters, Prior
+from .agreement import check_names, check_types, stored_modes
+from .failures import SolveError
+from .interfaces import (
+    Floats,
+    LikelihoodTerm,
+    ModalModel,
+    PairedSolution,
+    Parameters,
+    Prior,
+)
 from .priors import inside
-
-RESERVED = {"chain", "draw", "ensemble", "walker", "mode"}  # dimensions in ArviZ
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -23,9 +30,10 @@ class LogPosterior:
 
     Called with ``theta (n, d)`` it returns rows
     ``(log_posterior, log_prior, one value a term, f_1 .. f_m)``; with ``(d,)`` one
-    such row. emcee stores all but the first number as blobs, so that no FE solve is
-    repeated. Rows outside the prior's support get -inf and NaN frequencies without a
-    model call, and all others share one call of the model.
+    such row. Of a model that pairs modes, the MAC of every pair and the number of the
+    model's mode follow. emcee stores all but the first number as blobs, so that no FE
+    solve is repeated. Rows outside the prior's support get -inf and NaN frequencies
+    without a model call, and all others share one call of the model.
 
     Args:
         model: Parameters to modal solution (:class:`interfaces.ModalModel`).
@@ -36,7 +44,8 @@ class LogPosterior:
     Raises:
         TypeError: If model or a term is not callable, or prior is not a prior.
         ValueError: If names do not match, more modes were measured than the model
-            returns, or the prior admits a non-positive stiffness or mass.
+            returns, or the prior admits a non-positive stiffness or mass, or a point
+            outside the model's own bounds.
 
     Source: Eqs. 2.1 and 2.4 of Sherri, Boulkaibet, Marwala and Friswell.
     """
@@ -45,6 +54,8 @@ class LogPosterior:
     terms: tuple[LikelihoodTerm, ...]
     prior: Prior
     n_modes: int
+    n_paired: int = field(repr=False)
+    takes_batches: ClassVar[bool] = True
     term_names: tuple[str, ...] = field(repr=False)
 
     def __init__(
@@ -55,8 +66,8 @@ class LogPosterior:
     ) -> None:
         """See the class."""
         sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
-        _check_types(model, sequence, prior)
-        _check_names(model, sequence, prior)
+        check_types(model, sequence, prior)
+        check_names(model, sequence, prior)
         names = tuple(
             str(getattr(term, "name", None) or getattr(term, "__name__", f"term{i}"))
             for i, term in enumerate(sequence)
@@ -64,7 +75,9 @@ class LogPosterior:
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "terms", sequence)
         object.__setattr__(self, "prior", prior)
-        object.__setattr__(self, "n_modes", _stored_modes(model, sequence))
+        object.__setattr__(self, "n_modes", stored_modes(model, sequence))
+        paired = bool(getattr(model, "paired", False))
+        object.__setattr__(self, "n_paired", self.n_modes if paired else 0)
         object.__setattr__(
             self, "term_names", checks.parameter_names("terms (their names)", names)
         )
@@ -83,8 +96,16 @@ class LogPosterior:
         """Return the columns of ``theta (n, d)`` by parameter name."""
         return dict(zip(self.prior.names, theta.T, strict=True))
 
+    @property
+    def columns(self) -> dict[str, slice]:
+        """Where in a row the densities, the frequencies and the pairing stand."""
+        ends = np.cumsum([2 + len(self.terms), self.n_modes, *2 * [self.n_paired]])
+        starts = (0, *ends[:-1].tolist())
+        labels = ("densities", "frequency", "mac", "model_mode")
+        return dict(zip(labels, map(slice, starts, ends.tolist()), strict=True))
+
     def __call__(self, theta: ArrayLike) -> Floats:
-        """Return the row ``(2 + n_terms + n_modes,)`` or rows, see the class."""
+        """Return the row or the rows of ``theta``, see the class."""
         # Own copy, since a model may overwrite it; in rows, so that sums round alike.
         batch = np.array(theta, dtype=float, order="C")
         if batch.ndim not in (1, 2) or batch.shape[-1] != self.ndim:
@@ -103,35 +124,55 @@ class LogPosterior:
         n_supported = np.count_nonzero(supported)
         if n_supported == len(theta) > 0:
             return self._solved(theta, log_prior)
-        n_densities = 2 + len(self.terms)
-        rows = np.full((len(theta), n_densities + self.n_modes), np.nan)
-        rows[:, :n_densities] = -np.inf
+        rows = np.tile(self.rejected(), (len(theta), 1))
         if np.isnan(log_prior).any():
             row = int(np.argmax(np.isnan(log_prior)))
-            values = dict(zip(self.names, theta[row].tolist(), strict=True))
+            values = self._values(theta[row : row + 1])
             raise ValueError(f"prior: its log-density is NaN at {values}")
         if n_supported:
             rows[supported] = self._solved(theta[supported], log_prior[supported])
         return rows
 
+    def rejected(self) -> Floats:
+        """Return the row of a point that is not evaluated: -inf, then NaN."""
+        columns = self.columns
+        row = np.full(columns["model_mode"].stop, np.nan)
+        row[columns["densities"]] = -np.inf
+        return row
+
     def _solved(self, theta: Floats, log_prior: Floats) -> Floats:
         """Return the rows of parameter sets inside the prior's support."""
         n, first_mode = len(theta), 2 + len(self.terms)
         parameters = self.parameters(theta)
-        modes = self.model(parameters)
+        try:
+            modes = self.model(parameters)
+        except Exception as error:
+            if not hasattr(error, "__notes__"):  # FunctionModel has named its own
+                error.add_note(f"raised by the model at {self._values(theta)}")
+            raise
         shape = modes.frequencies.shape
         if len(shape) != 2 or shape[0] != n or shape[1] < self.n_modes:
-            raise ValueError(
+            raise SolveError(
+                "wrong number of modes",
                 f"model: expected frequencies of shape ({n}, {self.n_modes}) or more "
-                f"modes, got {shape}"
+                f"modes, got {shape} at {self._values(theta)}",
             )
-        rows = np.empty((n, first_mode + self.n_modes))
+        end = first_mode + self.n_modes
+        rows = np.empty((n, end + 2 * self.n_paired))
         rows[:, 1] = total = log_prior
         for column, term in enumerate(self.terms, 2):
             rows[:, column] = value = term(parameters, modes)
             total = total + value
         rows[:, 0] = total
-        rows[:, first_mode:] = modes.frequencies[:, : self.n_modes]
+        rows[:, first_mode:end] = modes.frequencies[:, : self.n_modes]
+        if self.n_paired:
+            if not isinstance(modes, PairedSolution):
+                raise TypeError(
+                    "model: it says that it is paired, so expected a PairedSolution, "
+                    f"got {type(modes).__name__}"
+                )
+            rows[:, end : end + self.n_paired] = modes.pairing.mac
+            rows[:, end + self.n_paired :] = modes.pairing.model_modes
         # NaN and infinity survive a sum: one look finds them anywhere.
         if not (np.add.reduce(rows[:, first_mode:], axis=None) < np.inf) or not (
             np.maximum.reduce(total) < np.inf
@@ -139,18 +180,24 @@ class LogPosterior:
             raise self._not_finite(rows, theta)
         return rows
 
-    def _not_finite(self, rows: Floats, theta: Floats) -> ValueError:
+    def _values(self, theta: Floats) -> Any:
+        """Return parameter sets by name, for a message."""
+        sets = [dict(zip(self.names, row, strict=True)) for row in theta.tolist()]
+        return sets[0] if len(sets) == 1 else sets
+
+    def _not_finite(self, rows: Floats, theta: Floats) -> SolveError:
         first_mode = 2 + len(self.terms)
         wrong = ~(rows[:, 0] < np.inf) | ~np.isfinite(rows[:, first_mode:]).all(axis=1)
         row = int(np.argmax(wrong))
-        values = dict(zip(self.names, theta[row].tolist(), strict=True))
+        values = self._values(theta[row : row + 1])
         densities = dict(
             zip(("prior", *self.term_names), rows[row, 1:].tolist(), strict=False)
         )
-        return ValueError(
+        return SolveError(
+            "not finite",
             f"the log-posterior is {rows[row, 0]} at {values}: log-densities "
             f"{densities}, frequencies {rows[row, first_mode:].tolist()}; a model "
-            "must return finite frequencies, a term finite numbers, or -inf to reject"
+            "must return finite frequencies, a term finite numbers, or -inf to reject",
         )
 
     def start(
@@ -209,70 +256,8 @@ class LogPosterior:
 def prior_summary(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
     """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
 
-    The standard deviation is that of ``draws`` samples (0.5 % Monte Carlo error): one
-    way for every prior that can be sampled. The mean is the prior's own where it has
-    the attribute ``mean``.
+    Both are those of ``draws`` samples (the standard deviation has 0.5 % Monte Carlo
+    error): one way for every prior that can be sampled.
     """
     sample = prior.sample(np.random.default_rng(0), draws)
-    mean = np.asarray(getattr(prior, "mean", sample.mean(axis=0)), dtype=float)
-    return mean, sample.std(axis=0)
-
-
-def _check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
-    if not callable(model):
-        raise TypeError(f"model: expected a callable, got {model!r}")
-    if not terms:
-        raise ValueError("terms: expected at least one likelihood term, got none")
-    for term in terms:
-        if not callable(term):
-            raise TypeError(f"terms: expected callables, got {term!r}")
-    for attribute in ("names", "bounds", "logpdf", "sample"):
-        if not hasattr(prior, attribute):
-            raise TypeError(
-                f"prior: expected names, bounds, logpdf and sample, but "
-                f"{type(prior).__name__} has no {attribute}; see GaussianPrior"
-            )
-
-
-def _check_names(model: Any, terms: tuple[Any, ...], prior: Prior) -> None:
-    reserved = sorted(RESERVED & set(prior.names))
-    if reserved:
-        raise ValueError(f"prior: ArviZ needs the names {reserved} itself; rename them")
-    lower = dict(zip(prior.names, prior.bounds[:, 0].tolist(), strict=True))
-    for name in getattr(model, "positive", ()):
-        if lower.get(name, 0.0) < 0:
-            raise ValueError(
-                f"prior: {name!r} must stay above zero for {type(model).__name__}, "
-                f"but its lower bound is {lower[name]:g}; give it bounds with low >= 0"
-            )
-    read = {name for term in terms for name in getattr(term, "names", ())}
-    missing = sorted((read | set(getattr(model, "required", ()))) - set(prior.names))
-    if missing:
-        raise ValueError(f"prior: no parameter {missing}, which model or terms need")
-    known = getattr(model, "names", None)
-    if known is None:  # the model reads what it likes
-        return
-    unread = [name for name in prior.names if name not in read | set(known)]
-    if unread:
-        raise ValueError(
-            f"prior: neither the model nor a term reads {unread}; the model reads "
-            f"{sorted(known)}"
-        )
-
-
-def _stored_modes(model: Any, terms: tuple[Any, ...]) -> int:
-    compared = max((getattr(term, "n_modes", 0) for term in terms), default=0)
-    available = getattr(model, "n_modes", None)
-    if available is None:
-        if not compared:
-            raise ValueError(
-                "model: how many frequencies does it return? Neither the model nor a "
-                "term has n_modes; write FunctionModel(function, n_modes=...)"
-            )
-        return int(compared)
-    if compared > available:
-        raise ValueError(
-            f"terms: {compared} modes were measured, but the model returns "
-            f"{available}; ask it for more modes"
-        )
-    return int(available)
+    return sample.mean(axis=0), sample.std(axis=0)

@@ -130,7 +130,7 @@ def parameter_table(
     ]
     for title, values in (published or {}).items():
         columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
-    return _table("Updating parameters", columns)
+    return table_of("Updating parameters", columns)
 
 
 def frequency_table(
@@ -164,8 +164,7 @@ def frequency_table(
     if posterior is not None:
         _, chains = samples(idata)
         at_mean = posterior(chains.mean(axis=(0, 1)))
-        first = 2 + len(posterior.terms)
-        updated = at_mean[first : first + m]
+        updated = at_mean[posterior.columns["frequency"]][:m]
 
     def with_tae(values: ArrayLike) -> Floats:
         return np.append(100 * np.abs(np.asarray(values) / measured - 1), np.nan)
@@ -193,7 +192,7 @@ def frequency_table(
                 f"TAE, got shape {given.shape}"
             )
         columns.append((title, ".4g", given if len(given) > m else padded(given)))
-    return _table("Natural frequencies", columns)
+    return table_of("Natural frequencies", columns)
 
 
 def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Floats:
@@ -203,7 +202,8 @@ def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Fl
     return np.array([values.get(name, np.nan) for name in names], dtype=float)
 
 
-def _table(title: str, columns: list[tuple[str, str, Any]]) -> Table:
+def table_of(title: str, columns: list[tuple[str, str, Any]]) -> Table:
+    """Return a table of ``(column title, format, values)`` triples."""
     titles, formats, values = zip(*columns, strict=True)
     cells = [v if isinstance(v, list) else v.tolist() for v in values]
     return Table(title, titles, formats, tuple(zip(*cells, strict=True)))

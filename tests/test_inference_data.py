@@ -101,7 +101,14 @@ def test_container_groups_variables_and_dimensions(idata):
         "posterior_predictive": (["frequency"], {"chain": 30, "draw": 20, "mode": 4}),
         "observed_data": (["frequency"], {"mode": 2}),
         "constant_data": (
-            ["lower", "upper", "initial", "prior_sd", "initial_frequency"],
+            [
+                "lower",
+                "upper",
+                "initial",
+                "prior_mean",
+                "prior_sd",
+                "initial_frequency",
+            ],
             {"parameter": 3, "mode": 4},
         ),
     }

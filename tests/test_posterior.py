@@ -246,3 +246,21 @@ def test_starts_are_inside_and_repeat_with_their_seed(around):
 def test_start_refuses(arguments, error, message):
     with pytest.raises(error, match=message):
         LogPosterior(Linear(), TERM, PRIOR).start(*arguments)
+
+
+@pytest.mark.parametrize("low", [0.9, 1.0])
+@pytest.mark.parametrize("high", [2.0, 2.1])
+def test_a_prior_wider_than_the_models_own_bounds_is_refused(low, high):
+    class Bounded:
+        names, n_modes, bounds = ("k",), 1, {"k": (1.0, 2.0)}
+
+        def __call__(self, parameters):
+            return ModalSolution(parameters["k"][:, None])
+
+    prior = IndependentPrior({"k": stats.uniform(low, high - low)})
+    term = FrequencyTerm([1.5], beta=10.0)
+    if (low, high) == (1.0, 2.0):
+        assert LogPosterior(Bounded(), term, prior).names == ("k",)
+        return
+    with pytest.raises(ValueError, match=r"'k' has bounds .* holds within \(1, 2\)"):
+        LogPosterior(Bounded(), term, prior)

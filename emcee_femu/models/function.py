@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..failures import SolveError
 from ..interfaces import ModalSolution, Parameters
 
 
@@ -38,6 +39,7 @@ class FunctionModel:
 
     function: Callable[[Mapping[str, float]], ArrayLike | ModalSolution]
     n_modes: int | None = None
+    one_by_one: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -55,9 +57,10 @@ class FunctionModel:
             solution = self._one(values)
             first = solutions[0] if solutions else solution
             if _sizes(solution) != _sizes(first):
-                raise ValueError(
+                raise SolveError(
+                    "wrong number of modes",
                     "function: expected frequencies (and shapes) as large as the "
-                    f"first ones, {_sizes(first)}, got {_sizes(solution)} at {values}"
+                    f"first ones, {_sizes(first)}, got {_sizes(solution)} at {values}",
                 )
             solutions.append(solution)
         shapes = [s.shapes for s in solutions if s.shapes is not None]
@@ -67,7 +70,11 @@ class FunctionModel:
         )
 
     def _one(self, values: dict[str, float]) -> ModalSolution:
-        result: Any = self.function(dict(values))
+        try:
+            result: Any = self.function(dict(values))
+        except Exception as error:
+            error.add_note(f"raised by the model at {values}")
+            raise
         if isinstance(result, ModalSolution):
             result, shapes = result
         else:
@@ -82,9 +89,10 @@ class FunctionModel:
         length = frequencies.size if wanted is None else wanted
         if frequencies.shape != (length,) or not length:
             count = "n_modes" if wanted is None else str(wanted)
-            raise ValueError(
+            raise SolveError(
+                "wrong number of modes",
                 f"function: expected frequencies of shape ({count},), got "
-                f"{frequencies.shape} at {values}"
+                f"{frequencies.shape} at {values}",
             )
         if shapes is not None and shapes.shape[1] != length:
             raise ValueError(

@@ -1,0 +1,98 @@
+"""Solves that fail: why, where, and how many."""
+
+import logging
+import subprocess
+from collections import Counter
+from collections.abc import Mapping
+from typing import NamedTuple
+
+logger = logging.getLogger("emcee_femu")
+FEWEST = 100  # evaluations before a fraction of them means something
+KEPT = 1_000  # failures whose parameters are kept
+
+
+class SolveError(ValueError):
+    """A solve that returned something other than finite frequencies.
+
+    Args:
+        cause: In two or three words, under which failures are counted.
+        message: What was expected and what came.
+    """
+
+    def __init__(self, cause: str, message: str) -> None:
+        """See the class."""
+        super().__init__(cause, message)
+        self.cause = cause
+
+    def __str__(self) -> str:
+        """Return the message alone."""
+        return str(self.args[1])
+
+
+class Failure(NamedTuple):
+    """One failed solve.
+
+    Attributes:
+        cause: "not finite", "wrong number of modes", "time-out" or "exception".
+        message: What was raised.
+        parameters: Where, by name.
+    """
+
+    cause: str
+    message: str
+    parameters: Mapping[str, float]
+
+
+def failure(error: Exception, parameters: Mapping[str, float]) -> Failure:
+    """Return what is kept of an error."""
+    if isinstance(error, SolveError):
+        cause = error.cause
+    elif isinstance(error, TimeoutError | subprocess.TimeoutExpired):
+        cause = "time-out"
+    else:
+        cause = "exception"
+    return Failure(cause, f"{type(error).__name__}: {error}", parameters)
+
+
+class FailureLog:
+    """Count failures by cause, log each with its parameters, stop when too many.
+
+    Attributes:
+        evaluations: Parameter sets evaluated so far, inside the bounds or not.
+        causes: Number of failures by cause.
+        kept: The first thousand failures.
+
+    Args:
+        max_failures: Fraction of the evaluations above which a run is stopped.
+    """
+
+    def __init__(self, max_failures: float) -> None:
+        """See the class."""
+        self.max_failures = max_failures
+        self.evaluations = 0
+        self.causes: Counter[str] = Counter()
+        self.kept: list[Failure] = []
+
+    def count(self, evaluations: int, failures: list[Failure]) -> None:
+        """Take note of a batch.
+
+        Raises:
+            RuntimeError: If more than max_failures of at least 100 evaluations failed.
+        """
+        self.evaluations += evaluations
+        for failed in failures:
+            self.causes[failed.cause] += 1
+            logger.warning(
+                "rejected: %s at %s", failed.message, dict(failed.parameters)
+            )
+        self.kept += failures[: max(0, KEPT - len(self.kept))]
+        total = self.causes.total()
+        if self.evaluations < FEWEST or total <= self.max_failures * self.evaluations:
+            return
+        last = self.kept[-1]
+        raise RuntimeError(
+            f"on_failure: {total} of {self.evaluations} solves failed "
+            f"({dict(self.causes)}), more than max_failures = {self.max_failures:g}; "
+            f"for instance {last.message} at {dict(last.parameters)}. Mend the model, "
+            "or narrow the prior to where it can be solved"
+        )
