@@ -1,0 +1,282 @@
+"""The modes that a test measured: frequencies, shapes, and how certain they are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import identification, measured_files, measured_modes, repeated_tests
+from .interfaces import Floats
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Measurements:
+    r"""Measured modes, in ascending order of frequency.
+
+    Complex shapes are turned real: each is rotated to the phase at which its real part
+    is largest, and what this neglects is kept as the modal phase collinearity,
+
+    .. math:: MPC = \left(\frac{|\phi^T \phi|}{\phi^H \phi}\right)^2 \in [0, 1],
+
+    the MAC of the shape with its own conjugate: 1 if all sensors move in phase or
+    against it, 0 for a travelling wave. Real shapes have 1.
+
+    Args:
+        frequencies: Natural frequencies in Hz, ``(n_modes,)``, ascending, because a
+            term without pairing compares them with the model's in this order.
+        sd: Their standard deviations in Hz, ``(n_modes,)``, or None if unknown.
+        covariance: Instead of sd: their covariance in Hz^2, ``(n_modes, n_modes)``.
+        shapes: Mode shapes at the sensors, ``(n_sensors, n_modes)``, real or complex,
+            of any scale.
+        shape_sd: Standard deviations of (real) shapes, in their scale and shape.
+        sensors: Labels of the sensors; None for s1, s2, ...
+        dofs: The model's DOF at each sensor, counted from 0; None where the rows of
+            the model's shapes are the sensors, in order.
+        phase_collinearity: MPC of shapes that were complex before they came here,
+            ``(n_modes,)``; None to compute it.
+
+    Raises:
+        TypeError: If an argument does not hold numbers of the kind described.
+        ValueError: If modes are not ascending, 0 Hz, NaN or there twice; a shape is
+            zero; a deviation or covariance is not positive (definite); sizes disagree.
+
+    Warns:
+        UserWarning: If the MPC of a mode is below 0.9.
+
+    Source: Pappa, Elliott and Schenk (1993), doi:10.2514/3.21092 (MPC); here without
+    their subtraction of the mean, which has no meaning where all sensors move alike.
+
+    Example:
+        >>> shapes = [[1.0, 1j], [1.6, -0.6j]]
+        >>> print(Measurements([3.1, 9.8], sd=[0.01, 0.02], shapes=shapes))
+        Measured modes: 2, sensors: 2 (s1, s2)
+        mode  f [Hz]  sd [Hz]    MPC
+           1     3.1     0.01  1.000
+           2     9.8     0.02  1.000
+    """
+
+    frequencies: Floats
+    sd: Floats | None
+    covariance: Floats | None
+    shapes: Floats | None
+    shape_sd: Floats | None
+    sensors: tuple[str, ...]
+    dofs: NDArray[np.intp] | None
+    phase_collinearity: Floats | None
+
+    def __init__(
+        self,
+        frequencies: ArrayLike,
+        *,
+        sd: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+        shapes: ArrayLike | None = None,
+        shape_sd: ArrayLike | None = None,
+        sensors: Sequence[str] | None = None,
+        dofs: ArrayLike | None = None,
+        phase_collinearity: ArrayLike | None = None,
+    ) -> None:
+        """See the class."""
+        if sd is not None and covariance is not None:
+            raise TypeError(
+                "sd, covariance: expected at most one of the two; sd**2 is the "
+                "diagonal of the covariance"
+            )
+        hertz = measured_modes.frequencies(frequencies)
+        n_modes, n_sensors = len(hertz), 0
+        real = collinearity = None
+        if shapes is not None:
+            given = measured_modes.shapes(shapes, n_modes)
+            n_sensors = len(given)
+            real = (given * measured_modes.phases(given)).real
+            collinearity = measured_modes.phase_collinearity(given, phase_collinearity)
+        else:
+            for name, value in (
+                ("shape_sd", shape_sd),
+                ("sensors", sensors),
+                ("dofs", dofs),
+                ("phase_collinearity", phase_collinearity),
+            ):
+                if value is not None:
+                    raise ValueError(f"{name}: expected shapes with it, got none")
+        measured_modes.refuse_duplicates(hertz, real)
+        fields = {
+            "frequencies": hertz,
+            "sd": measured_modes.deviations("sd", sd, (n_modes,)),
+            "covariance": measured_modes.covariance(covariance, n_modes),
+            "shapes": real,
+            "shape_sd": measured_modes.deviations(
+                "shape_sd", shape_sd, (n_sensors, n_modes)
+            ),
+            "sensors": measured_modes.labels(sensors, n_sensors),
+            "dofs": measured_modes.dofs(dofs, n_sensors),
+            "phase_collinearity": collinearity,
+        }
+        for name, field in fields.items():
+            object.__setattr__(self, name, field)
+        if collinearity is not None:
+            measured_modes.warn_of_complex(collinearity)
+
+    @classmethod
+    def from_repeats(
+        cls,
+        frequencies: ArrayLike,
+        shapes: ArrayLike | None = None,
+        *,
+        correlated: bool = True,
+        sensors: Sequence[str] | None = None,
+        dofs: ArrayLike | None = None,
+    ) -> Self:
+        r"""Return the mean and the scatter of several tests of one structure.
+
+        .. math:: \bar f = \frac1N \sum_t f_t, \qquad
+            C = \frac1{N - 1} \sum_t (f_t - \bar f)(f_t - \bar f)^T
+
+        C is the covariance of one test. It is not divided by N: errors that all tests
+        share (mounting, temperature, the model) do not average out, and a posterior
+        that shrank as 1 / sqrt(N) would be too sure of itself.
+
+        Each test's shape is scaled to unit length and turned to the sign, or phase,
+        of the first singular vector of all; ``shapes`` holds the mean, ``shape_sd``
+        the sample standard deviations.
+
+        Args:
+            frequencies: In Hz, ``(n_tests, n_modes)``; a column is the same mode.
+            shapes: ``(n_tests, n_sensors, n_modes)``, real or complex, of any scale.
+            correlated: Whether to keep the full covariance; False for one standard
+                deviation a mode, which two tests suffice for.
+            sensors: Labels of the sensors.
+            dofs: The model's DOF at each sensor.
+
+        Raises:
+            ValueError: If there are too few tests, a mode does not scatter at all, or
+                a shape has a MAC below 0.5 with the mean: its modes are out of order.
+        """
+        scatter = repeated_tests.frequency_scatter(frequencies, correlated)
+        if shapes is not None:
+            scatter |= repeated_tests.shape_scatter(shapes, *np.shape(frequencies))
+        return cls(**scatter, sensors=sensors, dofs=dofs)
+
+    @classmethod
+    def from_csv(cls, path: str | PathLike[str]) -> Self:
+        """Read the file that :meth:`to_csv` writes, or that a person filled in.
+
+        A column a mode; the first one of a row says what it holds, all but the first
+        row are optional, and shapes have a row a sensor::
+
+            quantity,sensor,dof,mode 1,mode 2
+            frequency [Hz],,,3.13,9.83
+            sd [Hz],,,0.01,0.02
+            shape,roof,12,1.0,0.62
+            shape,floor 1,6,0.61,-1.0
+            shape sd,roof,,0.02,0.03
+            shape sd,floor 1,,0.02,0.03
+
+        Rows ``covariance [Hz2]``, one a mode, may stand in place of ``sd [Hz]``, and
+        ``phase collinearity`` is that of shapes that were complex.
+
+        Raises:
+            ValueError: If a cell cannot be read; the message names line and column.
+        """
+        return cls(**measured_files.read_csv(path))
+
+    def to_csv(self, path: str | PathLike[str]) -> None:
+        """Write everything with all digits: :meth:`from_csv` returns the same bits."""
+        measured_files.write_csv(path, vars(self))
+
+    @classmethod
+    def from_uff(
+        cls,
+        path: str | PathLike[str],
+        *,
+        sensors: Sequence[str] | None = None,
+        dofs: ArrayLike | None = None,
+    ) -> Self:
+        """Read normal or complex modes from a universal file, a data set 55 each.
+
+        A sensor is a node and a direction, ``"12:x"``, in the file's own coordinate
+        systems. The modes are put in ascending order. Frequencies are in Hz whatever
+        the units of the file are, and shapes have no scale, so that units do not
+        matter. Needs pyuff: ``pip install "emcee_femu[uff]"``.
+
+        Args:
+            path: The file; data sets other than 55 in it are not read.
+            sensors: The sensors to keep, in this order. None keeps all but those that
+                are zero in all modes, which is how these files write a direction
+                that was not measured, and warns of each left out.
+            dofs: The model's DOF at each sensor that is kept.
+
+        Raises:
+            ImportError: If pyuff is not installed.
+            ValueError: If there are no modes, their nodes differ, or a sensor is
+                unknown.
+
+        Warns:
+            UserWarning: If sensors that are zero in all modes were left out.
+        """
+        return cls(**identification.read_uff(path, sensors), dofs=dofs)
+
+    @classmethod
+    def from_pyoma2(
+        cls,
+        result: Any,
+        *,
+        shape_sd: bool = False,
+        sensors: Sequence[str] | None = None,
+        dofs: ArrayLike | None = None,
+    ) -> Self:
+        """Take the modes that pyOMA2 extracted, ``algorithm.result`` after ``mpe``.
+
+        Reads Fn, Phi and, where the uncertainties were computed (``calc_unc=True``),
+        Fn_std. The modes are put in ascending order.
+
+        Args:
+            result: Any record with these attributes.
+            shape_sd: Whether to read Phi_std too. Not by default: in pyOMA2 1.4.3 it
+                is up to ten times the scatter of simulated records (it is evaluated
+                before the shapes are scaled to 1), while Fn_std agrees with it.
+            sensors: Labels of the channels.
+            dofs: The model's DOF at each channel.
+
+        Raises:
+            TypeError: If result has no Fn and Phi.
+            ValueError: If there are no modes yet, or Phi_std is asked for and missing.
+        """
+        found = identification.read_pyoma2(result, shape_sd)
+        return cls(**found, sensors=sensors, dofs=dofs)
+
+    @property
+    def n_modes(self) -> int:
+        """The number of measured modes."""
+        return len(self.frequencies)
+
+    @property
+    def n_sensors(self) -> int:
+        """The number of sensors, 0 where there are no shapes."""
+        return len(self.sensors)
+
+    def __str__(self) -> str:
+        """Return a small table: a line a mode."""
+        title = f"Measured modes: {self.n_modes}"
+        if self.sensors:
+            title += f", sensors: {self.n_sensors} ({', '.join(self.sensors)})"
+        sd = self.sd
+        if self.covariance is not None:
+            sd = np.sqrt(np.diag(self.covariance))
+        columns = [["mode", *map(str, range(1, self.n_modes + 1))]]
+        for label, values, spec in (
+            ("f [Hz]", self.frequencies, ".6g"),
+            ("sd [Hz]", sd, ".3g"),
+            ("MPC", self.phase_collinearity, ".3f"),
+        ):
+            if values is not None:
+                columns.append([label, *(format(value, spec) for value in values)])
+        widths = [max(map(len, column)) for column in columns]
+        lines = [
+            "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))
+            for row in zip(*columns, strict=True)
+        ]
+        return "\n".join([title, *lines])

@@ -1,0 +1,250 @@
+import builtins
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from emcee_femu.measurements import Measurements
+
+F = [3.1, 9.8, 20.4]
+NODES = [4, 12, 7]
+# Rows: 4:x 4:y 4:z 12:x ...; every z is zero, as of a test with biaxial sensors.
+X, Y, Z = (
+    np.array([[0.3, -0.8, 1.0], [0.7, -0.2, -0.9], [1.0, 1.0, 0.4]]),
+    np.array([[0.2, 0.5, -0.3], [0.1, 0.9, 0.2], [0.5, -0.4, 0.0]]),
+    np.zeros((3, 3)),
+)
+LABELS = ("4:x", "4:y", "12:x", "12:y", "7:x", "7:y")
+LEFT_OUT = r"zero in all modes.*\['4:z', '12:z', '7:z'\]"
+ROWS = np.stack([X, Y], axis=1).reshape(6, 3)
+
+
+def a_mode(pyuff, number, turn=1.0, **changes):
+    i = number - 1
+    data = {
+        "model_type": 1,
+        "id1": "NONE",
+        "analysis_type": 2,
+        "data_ch": 2,
+        "spec_data_type": 12,
+        "node_nums": NODES,
+        "load_case": 1,
+        "mode_n": number,
+        "freq": F[i],
+        "r1": X[:, i] * turn,
+        "r2": Y[:, i] * turn,
+        "r3": Z[:, i] * turn,
+    }
+    return {**pyuff.prepare_55(**(data | changes)), "data_type": 5}
+
+
+@pytest.fixture
+def pyuff():
+    return pytest.importorskip("pyuff", reason='pip install "emcee_femu[uff]"')
+
+
+@pytest.fixture
+def write(pyuff, tmp_path):
+    def write(*sets):
+        path = tmp_path / "test.uff"
+        pyuff.UFF(str(path)).write_sets(list(sets), "overwrite")
+        return path
+
+    return write
+
+
+def test_normal_modes_among_other_data_sets(pyuff, write):
+    millimetres = pyuff.prepare_164(
+        units_code=5, length=1e3, force=1.0, temp=1.0, temp_offset=273.15
+    )
+    nodes = pyuff.prepare_15(
+        node_nums=NODES,
+        def_cs=[0] * 3,
+        disp_cs=[0] * 3,
+        color=[0] * 3,
+        x=[0.0, 1.0, 2.0],
+        y=[0.0] * 3,
+        z=[0.0] * 3,
+    )
+    forced = a_mode(pyuff, 1, analysis_type=5, freq_step_n=1)
+    path = write(
+        millimetres,
+        nodes,
+        a_mode(pyuff, 1),
+        forced,
+        a_mode(pyuff, 2),
+        a_mode(pyuff, 3),
+    )
+    with pytest.warns(UserWarning, match=LEFT_OUT):
+        m = Measurements.from_uff(path, dofs=range(6))
+    assert m.sensors == LABELS and m.dofs.tolist() == [*range(6)]
+    np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)  # the file has 6 digits
+    np.testing.assert_allclose(m.shapes, ROWS, rtol=1e-5)
+    np.testing.assert_array_equal(m.phase_collinearity, 1)
+    assert m.sd is None
+
+
+def test_the_caller_chooses_sensors_and_their_order(pyuff, write):
+    path = write(*(a_mode(pyuff, i) for i in (1, 2, 3)))
+    m = Measurements.from_uff(path, sensors=["7:y", "4:x", "4:z"])
+    assert m.sensors == ("7:y", "4:x", "4:z")
+    np.testing.assert_allclose(m.shapes, [Y[2], X[0], Z[0]], rtol=1e-5)
+
+
+def test_no_sensor_is_left_out_that_moves_in_one_mode(pyuff, write):
+    lively = a_mode(pyuff, 2, r3=np.array([0.0, 1e-3, 0.0]))
+    path = write(a_mode(pyuff, 1), lively)
+    with pytest.warns(UserWarning, match=r"\['4:z', '7:z'\]"):
+        m = Measurements.from_uff(path)
+    assert m.sensors == ("4:x", "4:y", "12:x", "12:y", "12:z", "7:x", "7:y")
+    every = a_mode(pyuff, 1, r3=np.ones(3))
+    assert Measurements.from_uff(write(every)).n_sensors == 9  # and no warning
+
+
+@pytest.mark.parametrize("kind", [2, 3, 7])
+def test_complex_modes(kind, pyuff, write):
+    damping = np.array([0.02, 0.01, 0.3])  # 0.3: |lambda| is not its imaginary part
+    eig = 2 * np.pi * np.array(F) * (-damping + 1j * np.sqrt(1 - damping**2))
+    turn = np.exp(1j * np.array([0.4, 2.0, -1.0]))
+
+    def mode(i):
+        own = {"freq": F[i - 1]} if kind == 2 else {"freq": None, "eig": eig[i - 1]}
+        return a_mode(pyuff, i, turn[i - 1], analysis_type=kind, **own)
+
+    path = write(*(mode(i) for i in (1, 2, 3)))
+    with pytest.warns(UserWarning, match=LEFT_OUT):
+        m = Measurements.from_uff(path)
+    np.testing.assert_allclose(m.frequencies, F, rtol=2e-5)
+    np.testing.assert_allclose(m.phase_collinearity, 1, rtol=1e-9)
+    signs = np.sign((m.shapes * ROWS).sum(axis=0))
+    np.testing.assert_allclose(m.shapes * signs, ROWS, rtol=0, atol=1e-5)
+
+
+def test_rotations_are_sensors_too(pyuff, write):
+    turning = dict(zip(("r4", "r5", "r6"), (X[:, 0], Y[:, 0], X[:, 1]), strict=True))
+    path = write(a_mode(pyuff, 1, r3=np.ones(3), **turning))
+    m = Measurements.from_uff(path)
+    assert m.sensors[:6] == ("4:x", "4:y", "4:z", "4:rx", "4:ry", "4:rz")
+    np.testing.assert_allclose(m.shapes[6:12, 0], [0.7, 0.1, 1, 0.7, 0.1, -0.2])
+
+
+def test_modes_of_a_universal_file_are_put_in_ascending_order(pyuff, write):
+    path = write(*(a_mode(pyuff, i) for i in (2, 3, 1)))
+    m = Measurements.from_uff(path, sensors=LABELS)
+    np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)
+    np.testing.assert_allclose(m.shapes, ROWS, rtol=1e-5)
+
+
+def test_universal_files_are_refused_by_data_set(pyuff, write, tmp_path):
+    forced = a_mode(pyuff, 1, analysis_type=5, freq_step_n=1)
+    with pytest.raises(ValueError, match="1 data sets 55 and no mode among them"):
+        Measurements.from_uff(write(forced))
+    m = Measurements.from_uff(write(forced, a_mode(pyuff, 2)), sensors=["4:x"])
+    assert m.n_modes == 1  # an operating deflection shape is no mode
+    fewer = a_mode(pyuff, 2, node_nums=NODES[:2], r1=X[:2, 1], r2=Y[:2, 1], r3=Z[:2, 1])
+    with pytest.raises(ValueError, match="data set 2: its nodes .* data set 1"):
+        Measurements.from_uff(write(a_mode(pyuff, 1), fewer))
+    with pytest.raises(ValueError, match=r"sensors: \['5:x'\] are not in .*\['4:x'"):
+        Measurements.from_uff(write(a_mode(pyuff, 1)), sensors=["4:x", "5:x"])
+    with pytest.raises(ValueError, match=r"a node stands there twice.*\[4, 4, 7\]"):
+        Measurements.from_uff(write(a_mode(pyuff, 1, node_nums=[4, 4, 7])))
+    with pytest.raises(ValueError, match="frequencies: .*mode 1 has 0.0"):
+        Measurements.from_uff(write(a_mode(pyuff, 1, freq=0.0)), sensors=["4:x"])
+    with pytest.raises(FileNotFoundError):
+        Measurements.from_uff(tmp_path / "nothing.uff")
+
+
+def test_a_damaged_universal_file_is_refused(pyuff, write):
+    path = write(a_mode(pyuff, 1, r1=np.full(3, 0.25)))
+    text = path.read_text()
+    path.write_text(text.replace("2.50000e-01", "2.5000oe-01", 1))
+    with pytest.raises(ValueError, match="test.uff: pyuff cannot read it"):
+        Measurements.from_uff(path)
+    scalars = text.replace("         2         3\n", "         2         1\n")
+    assert scalars != text
+    path.write_text(scalars)
+    with pytest.raises(ValueError, match="expected 3 or 6 values a node, got 1"):
+        Measurements.from_uff(path)
+    path.write_text("no universal file\n")
+    with pytest.raises(ValueError, match="0 data sets 55"):
+        Measurements.from_uff(path)
+
+
+def test_without_pyuff_the_message_says_what_to_install(monkeypatch, tmp_path):
+    load = builtins.__import__
+
+    def no_pyuff(name, *args, **kwargs):
+        if name == "pyuff":
+            raise ImportError(name)
+        return load(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", no_pyuff)
+    with pytest.raises(ImportError, match=r'pip install "emcee_femu\[uff\]"'):
+        Measurements.from_uff(tmp_path / "test.uff")
+
+
+# pyOMA2; its real results are tested by the example
+
+
+def a_result(**changes):
+    turn = np.exp(1j * np.array([0.01, -0.02, 0.0]))
+    values = {
+        "Fn": np.array(F),
+        "Xi": np.array([0.01, 0.02, 0.01]),
+        "Phi": X * turn,
+        "Fn_std": np.array([0.003, 0.005, 0.01]),
+        "Phi_std": np.full((3, 3), 0.02),
+    }
+    return SimpleNamespace(**(values | changes))
+
+
+def test_a_result_of_pyoma2():
+    m = Measurements.from_pyoma2(a_result(), sensors=[*"abc"], dofs=[2, 1, 0])
+    np.testing.assert_array_equal(m.frequencies, F)
+    np.testing.assert_array_equal(m.sd, [0.003, 0.005, 0.01])
+    np.testing.assert_allclose(m.shapes, X, rtol=0, atol=1e-12)
+    assert m.shape_sd is None and m.sensors == (*"abc",)
+    assert m.dofs.tolist() == [2, 1, 0]
+    m = Measurements.from_pyoma2(a_result(), shape_sd=True)
+    np.testing.assert_array_equal(m.shape_sd, 0.02)
+
+
+def test_the_modes_of_pyoma2_are_put_in_ascending_order():
+    plain = a_result(Phi_std=np.abs(X) + 0.1)
+    order = [2, 0, 1]
+    fields = {key: value[..., order] for key, value in vars(plain).items()}
+    m, n = (
+        Measurements.from_pyoma2(result, shape_sd=True)
+        for result in (plain, SimpleNamespace(**fields))
+    )
+    for field in ("frequencies", "sd", "shapes", "shape_sd"):
+        np.testing.assert_array_equal(getattr(m, field), getattr(n, field))
+
+
+def test_a_result_without_uncertainties_has_no_sd():
+    assert Measurements.from_pyoma2(a_result(Fn_std=None)).sd is None
+    bare = SimpleNamespace(Fn=np.array(F), Phi=X)  # FDD: attributes that are missing
+    assert Measurements.from_pyoma2(bare).sd is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "message"),
+    [
+        ({"Fn": None}, {}, "no modes yet; call mpe"),
+        ({"Phi": None}, {}, "no modes yet; call mpe"),
+        ({"Phi_std": None}, {"shape_sd": True}, "no Phi_std; run .* calc_unc=True"),
+        ({"Fn": np.empty(0)}, {}, "frequencies: expected at least one"),
+        ({"Fn": np.array([3.1, 0.0, 20.4])}, {}, "frequencies: .* has 0.0"),
+        ({"Fn": np.array([3.1, 9.8])}, {}, r"shapes: expected \(n_sensors, 2\)"),
+        ({"Fn_std": np.array([0.1, 0.0, 0.1])}, {}, "sd: .*mode 2 has 0.0"),
+        ({"Fn_std": np.array([0.1, 0.1])}, {}, r"sd: expected shape \(3,\)"),
+    ],
+)
+def test_a_result_of_pyoma2_is_refused(changes, options, message):
+    with pytest.raises(ValueError, match=message):
+        Measurements.from_pyoma2(a_result(**changes), **options)
+
+
+def test_the_algorithm_in_place_of_its_result_is_refused():
+    with pytest.raises(TypeError, match=r"such as algorithm.result, got SimpleNames"):
+        Measurements.from_pyoma2(SimpleNamespace(result=a_result()))

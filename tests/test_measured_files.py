@@ -1,0 +1,165 @@
+import numpy as np
+import pytest
+
+from emcee_femu.measurements import Measurements
+
+RNG = np.random.default_rng(22)
+FIELDS = (
+    "frequencies",
+    "sd",
+    "covariance",
+    "shapes",
+    "shape_sd",
+    "dofs",
+    "phase_collinearity",
+)
+# Numbers whose shortest decimal form is long, tiny or odd.
+NASTY = np.array([np.pi, 0.1 + 0.2, 1e22, 5e-324, -0.0, 1 / 3, -1.7976931348623157e308])
+LABELS = ["roof, north", 'the "old" one', "5:x", " blank ", "a;b\tc", "Ä", "two\nlines"]
+FILLED_IN = """\
+quantity,sensor,dof,mode 1,mode 2
+frequency [Hz],,,3.13,9.83
+sd [Hz],,,0.01,0.02
+shape,roof,12,1.0,0.62
+shape,floor 1,6,0.61,-1.0
+shape sd,roof,,0.02,0.03
+shape sd,floor 1,,0.02,0.03
+"""
+
+
+def assert_same_bits(first, second):
+    assert first.sensors == second.sensors
+    for field in FIELDS:
+        a, b = getattr(first, field), getattr(second, field)
+        assert (a is None) == (b is None), field
+        if a is not None:
+            assert a.dtype == b.dtype and a.tobytes() == b.tobytes(), field
+
+
+def full(**options):
+    f = np.nextafter([0.1, 3.0, 1e4], 9.0)
+    root = RNG.standard_normal((3, 3)) * [[1e-3], [0.1], [3.0]]
+    shapes = RNG.standard_normal((7, 3))
+    shapes[:, 1] = NASTY / 1e10
+    values = {
+        "covariance": root @ root.T,
+        "shapes": shapes,
+        "shape_sd": RNG.random((7, 3)),
+        "sensors": LABELS,
+        "dofs": [4, 0, 22, 7, 1, 3, 1_000_000],
+        "phase_collinearity": [1 / 3 + 0.6, 0.1 + 0.85, 1.0],
+    }
+    return Measurements(f, **(values | options))
+
+
+@pytest.mark.parametrize(
+    "measurements",
+    [
+        full(),
+        full(covariance=None, sd=RNG.random(3) / 7),
+        full(covariance=None, dofs=None, shape_sd=None, sensors=None),
+        full(shapes=full().shapes * np.exp(2j), phase_collinearity=None),
+        Measurements([1 / 3], sd=[1e-300]),
+        Measurements([0.1, 0.2]),
+    ],
+    ids=["all", "sd", "shapes alone", "complex", "one mode", "frequencies alone"],
+)
+def test_a_file_returns_every_bit(measurements, tmp_path):
+    path = tmp_path / "modes.csv"
+    measurements.to_csv(path)
+    assert_same_bits(Measurements.from_csv(path), measurements)
+    assert_same_bits(Measurements.from_csv(str(path)), measurements)
+
+
+def written(tmp_path, text, encoding="utf-8"):
+    path = tmp_path / "test.csv"
+    path.write_text(text, encoding=encoding)
+    return path
+
+
+def test_the_file_is_a_table_that_a_person_can_read(tmp_path):
+    m = Measurements(
+        [3.13, 9.83],
+        sd=[0.01, 0.02],
+        shapes=[[1.0, 0.62], [0.61, -1.0]],
+        shape_sd=[[0.02, 0.03], [0.02, 0.03]],
+        sensors=["roof", "floor 1"],
+        dofs=[12, 6],
+    )
+    m.to_csv(tmp_path / "modes.csv")
+    lines = (tmp_path / "modes.csv").read_text(encoding="utf-8").splitlines()
+    lines.remove("phase collinearity,,,1.0,1.0")
+    assert lines == FILLED_IN.splitlines()
+    assert_same_bits(Measurements.from_csv(written(tmp_path, FILLED_IN)), m)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: "\ufeff" + text,  # Excel
+        lambda text: text.replace("\n", ",,\r\n"),  # columns once used, and Windows
+        lambda text: text.replace("\n", "\n\n,,,,\n"),
+        lambda text: text.replace(",0", ", 0").replace("],,", "] , ,"),
+        lambda text: "".join(  # rows in another order
+            text.splitlines(keepends=True)[i] for i in (0, 3, 5, 1, 4, 6, 2)
+        ),
+    ],
+    ids=["byte order mark", "Windows", "empty lines", "blanks", "order"],
+)
+def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
+    plain = Measurements.from_csv(written(tmp_path, FILLED_IN))
+    changed = Measurements.from_csv(written(tmp_path, change(FILLED_IN)))
+    assert_same_bits(changed, plain)
+
+
+def test_a_low_collinearity_is_told_again_on_reading(tmp_path):
+    shapes = [[1.0, 1.0], [2.0, 1j], [-1.0, -1.0]]
+    with pytest.warns(UserWarning, match="mode 2"):
+        m = Measurements([1.0, 2.0], shapes=shapes)
+    m.to_csv(tmp_path / "modes.csv")
+    with pytest.warns(UserWarning, match="mode 2"):
+        again = Measurements.from_csv(tmp_path / "modes.csv")
+    assert_same_bits(again, m)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("quantity", "what", "line 1: expected the titles quantity,sensor,dof"),
+        (",mode 1,mode 2", "", "line 1: expected the titles"),
+        ("mode 1", "", "line 1: expected the titles"),
+        (",", ";", "line 1: .*separated by commas"),
+        ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sd .Hz.'.* got 'sigma'"),
+        ("0.01,0.02", "0.01,abc", "line 3, column 'mode 2': .*number, got 'abc'"),
+        ("0.01,0.02", "0.01", "line 3, column 'mode 2': .*number, got ''"),
+        ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),
+        ("1.0,0.62", '"1,0",0.62', "line 4, column 'mode 1': .*got '1,0'"),
+        ("roof,12", "roof,1.5", "line 4, column 'dof': .*whole number, got '1.5'"),
+        ("floor 1,6", "floor 1,", "column 'dof': .*'floor 1' has none"),
+        ("shape,floor 1", "shape,", "line 5, column 'sensor': expected a label"),
+        ("sd [Hz],,", "sd [Hz],a,", "line 3, column 'sensor': .*empty.*got 'a'"),
+        ("sd [Hz],,", "sd [Hz],,3", "line 3, column 'dof': expected an empty"),
+        ("shape sd,roof,", "shape sd,roof,12", "line 6, column 'dof': expected an emp"),
+        ("shape sd,roof", "shape sd,porch", "rows 'shape sd'.*roof.*porch"),
+        ("shape sd,floor 1,,0.02,0.03\n", "", "rows 'shape sd'"),
+        ("sd [Hz]", "frequency [Hz]", "line 3: a second row 'frequency"),
+        ("frequency [Hz],,,3.13,9.83\n", "", "no row 'frequency"),
+        ("3.13,9.83", "3.13,0", "frequencies: .*mode 2 has 0.0"),
+        ("0.61,-1.0", "0.61,nan", "shapes: .*mode 2 has nan at sensor 2"),
+        ("floor 1", "roof", "sensors: .*'roof'.*repeated"),
+    ],
+)
+def test_errors_name_line_and_column(old, new, message, tmp_path):
+    assert old in FILLED_IN
+    path = written(tmp_path, FILLED_IN.replace(old, new))
+    with pytest.raises(ValueError, match=message) as caught:
+        Measurements.from_csv(path)
+    if "line" in message or "column" in message:
+        assert str(path) in str(caught.value)
+
+
+def test_an_empty_or_missing_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="line 1: expected the titles"):
+        Measurements.from_csv(written(tmp_path, ""))
+    with pytest.raises(FileNotFoundError):
+        Measurements.from_csv(tmp_path / "nothing.csv")

@@ -1,0 +1,262 @@
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from emcee_femu.measurements import Measurements
+
+RNG = np.random.default_rng(20)
+F = [3.1, 9.8, 20.4]
+SHAPES = np.array([[0.3, -0.8, 1.0], [0.7, -0.2, -0.9], [1.0, 1.0, 0.4], [1.1, 0.5, 0]])
+COVARIANCE = np.array([[4e-4, 1e-4, 0.0], [1e-4, 9e-4, 2e-4], [0.0, 2e-4, 1e-3]])
+
+
+def complex_shapes(n_sensors=5, n_modes=3, scatter=0.1):
+    noise = RNG.standard_normal((2, n_sensors, n_modes))
+    shapes = RNG.standard_normal((n_sensors, n_modes))
+    turn = np.exp(2j * np.pi * RNG.random(n_modes))
+    return (shapes + scatter * (noise[0] + 1j * noise[1])) * turn
+
+
+def test_what_is_given_comes_back():
+    m = Measurements(
+        F,
+        covariance=COVARIANCE,
+        shapes=SHAPES,
+        shape_sd=0.1 + 0.01 * np.abs(SHAPES),
+        sensors=["roof", "2", "1:x", "1:y"],
+        dofs=[7, 0, 3, 4],
+    )
+    np.testing.assert_array_equal(m.frequencies, F)
+    np.testing.assert_array_equal(m.covariance, COVARIANCE)
+    np.testing.assert_array_equal(m.shapes, SHAPES)
+    np.testing.assert_array_equal(m.shape_sd, 0.1 + 0.01 * np.abs(SHAPES))
+    np.testing.assert_array_equal(m.dofs, [7, 0, 3, 4])
+    np.testing.assert_array_equal(m.phase_collinearity, [1, 1, 1])
+    assert m.sensors == ("roof", "2", "1:x", "1:y") and m.sd is None
+    assert (m.n_modes, m.n_sensors) == (3, 4)
+    assert m.dofs.dtype.kind == "i"
+
+
+def test_frequencies_alone_are_enough():
+    m = Measurements(F, sd=[0.1, 0.2, 0.3])
+    assert (m.n_modes, m.n_sensors, m.sensors) == (3, 0, ())
+    assert m.shapes is m.shape_sd is m.dofs is m.covariance is None
+    assert m.phase_collinearity is None
+    np.testing.assert_array_equal(m.sd, [0.1, 0.2, 0.3])
+    assert Measurements(F).sd is None
+
+
+def test_sensors_are_numbered_by_default():
+    assert Measurements(F, shapes=SHAPES).sensors == ("s1", "s2", "s3", "s4")
+
+
+def test_arguments_are_copied():
+    shapes, f, dofs = SHAPES.copy(), np.array(F), np.arange(4)
+    m = Measurements(f, shapes=shapes, dofs=dofs)
+    for given in (shapes, f, dofs):
+        given += 1
+    np.testing.assert_array_equal(m.shapes, SHAPES)
+    np.testing.assert_array_equal(m.frequencies, F)
+    np.testing.assert_array_equal(m.dofs, range(4))
+
+
+@pytest.mark.parametrize(
+    "clone", [copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))]
+)
+def test_it_can_be_sent_to_a_worker(clone):
+    m = clone(Measurements(F, sd=[0.1, 0.2, 0.3], shapes=SHAPES))
+    np.testing.assert_array_equal(m.shapes, SHAPES)
+
+
+# Complex shapes
+
+
+def test_a_real_shape_seen_at_any_phase_and_scale_is_found_again():
+    factors = np.array([1e-170, 2.5, 1e170]) * np.exp(1j * np.array([0.7, 2.4, -1.9]))
+    m = Measurements(F, shapes=SHAPES * factors)
+    np.testing.assert_allclose(m.phase_collinearity, 1.0, rtol=1e-14)
+    signs = np.sign(m.shapes[0] / SHAPES[0])
+    np.testing.assert_allclose(
+        m.shapes * signs / np.abs(factors), SHAPES, rtol=0, atol=1e-14
+    )
+
+
+def test_a_complex_array_with_real_numbers_is_not_touched():
+    np.testing.assert_array_equal(Measurements(F, shapes=SHAPES + 0j).shapes, SHAPES)
+
+
+@pytest.mark.filterwarnings("ignore:shapes. phase collinearity")
+@pytest.mark.parametrize("scatter", [0.02, 0.3, 1.0])
+def test_no_other_phase_has_a_larger_real_part(scatter):
+    shapes = complex_shapes(scatter=scatter)
+    m = Measurements(F, shapes=shapes)
+    phases = np.linspace(0, np.pi, 2_001)
+    turned = (shapes[:, :, None] * np.exp(1j * phases)).real
+    largest = (turned**2).sum(axis=0).max(axis=1)
+    np.testing.assert_allclose((m.shapes**2).sum(axis=0), largest, rtol=1e-5)
+    assert ((m.shapes**2).sum(axis=0) >= largest * (1 - 1e-12)).all()
+
+
+@pytest.mark.filterwarnings("ignore:shapes. phase collinearity")
+@pytest.mark.parametrize("scatter", [0.02, 0.3, 1.0])
+def test_collinearity_is_the_flatness_of_the_scatter_in_the_complex_plane(scatter):
+    shapes = complex_shapes(scatter=scatter)
+    mpc = Measurements(F, shapes=shapes).phase_collinearity
+    for column, value in zip(shapes.T, mpc, strict=True):
+        plane = np.array([column.real, column.imag])
+        low, high = np.linalg.eigvalsh(plane @ plane.T)
+        assert value == pytest.approx(((high - low) / (high + low)) ** 2, rel=1e-10)
+        own = abs(np.vdot(column, column.conj())) ** 2 / np.vdot(column, column) ** 2
+        assert value == pytest.approx(own.real, rel=1e-12)  # the MAC with its conjugate
+
+
+def test_modes_of_low_collinearity_are_named_in_a_warning():
+    shapes = np.array([[1.0, 1.0, 1.0], [2.0, 0.2j, 1j], [-1.0, 0.5, -1.0]])
+    expected = np.array([1, (1.21 / 1.29) ** 2, 1 / 9])
+    with pytest.warns(UserWarning, match=r"of mode 2 \(MPC 0.88\), 3 \(MPC 0.11\);"):
+        m = Measurements(F, shapes=shapes)
+    np.testing.assert_allclose(m.phase_collinearity, expected, rtol=1e-14)
+    with pytest.warns(UserWarning, match=r"of mode 3 \(MPC 0.50\);"):
+        Measurements(F, shapes=SHAPES, phase_collinearity=[1.0, 0.9, 0.5])
+    with pytest.warns(
+        UserWarning, match=r"of mode 2 \(MPC 0.00\)"
+    ):  # a travelling wave
+        Measurements([1.0, 2.0], shapes=[[1.0, 1.0], [0.5, 1j]])
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "error", "message"),
+    [
+        ([3.1, 0.0, 9.8], ValueError, r"mode 2 has 0.0; leave out"),
+        ([3.1, 9.8, -20.0], ValueError, r"mode 3 has -20.0"),
+        ([np.nan, 9.8], ValueError, r"mode 1 has nan"),
+        ([3.1, np.inf], ValueError, r"mode 2 has inf"),
+        ([3.1, 20.4, 9.8], ValueError, r"mode 3 \(9.8 Hz\) is below mode 2 .*argsort"),
+        ([3.1, 9.8, 9.8], ValueError, "modes 2 and 3 are the same .*give shapes"),
+        ([], ValueError, "frequencies: expected at least one"),
+        (3.1, ValueError, "frequencies: .*one dimension"),
+        ([[3.1]], ValueError, "frequencies: .*one dimension"),
+        (["3.1"], TypeError, "frequencies: expected real numbers"),
+        ([3.1 + 0j], TypeError, "frequencies: expected real numbers"),
+    ],
+)
+def test_frequencies_are_refused_by_mode(frequencies, error, message):
+    with pytest.raises(error, match=message):
+        Measurements(frequencies)
+
+
+def shapes_with(value, dtype=float):
+    shapes = SHAPES.astype(dtype)
+    shapes[2, 1] = value
+    return shapes
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"sd": [0.1, 0.2]}, ValueError, r"sd: expected shape \(3,\), got \(2,\)"),
+        ({"sd": 0.1}, ValueError, r"sd: expected shape \(3,\), got \(\)"),
+        ({"sd": [0.1, 0.0, 0.1]}, ValueError, "sd: .*mode 2 has 0.0"),
+        ({"sd": [0.1, 0.1, -1.0]}, ValueError, "sd: .*mode 3 has -1.0"),
+        ({"sd": [np.nan, 0.1, 1.0]}, ValueError, "sd: .*mode 1 has nan"),
+        ({"sd": [0.1, np.inf, 1.0]}, ValueError, "sd: .*mode 2 has inf"),
+        ({"sd": [1, 1, 1], "covariance": COVARIANCE}, TypeError, "at most one of the"),
+        ({"covariance": COVARIANCE[:2]}, ValueError, r"covariance: .*\(3, 3\)"),
+        ({"covariance": np.diag([1, 0, 1])}, ValueError, "covariance.*mode 2 has 0.0"),
+        ({"covariance": np.diag([1, 1, -1])}, ValueError, "covar.*mode 3 has -1.0"),
+        ({"covariance": np.triu(COVARIANCE)}, ValueError, "covariance: .*symmetric"),
+        ({"covariance": np.ones((3, 3))}, ValueError, "covariance: .*positive defin"),
+        ({"covariance": np.eye(3) * np.nan}, ValueError, "covariance: .*finite"),
+        ({"shapes": SHAPES.T}, ValueError, r"shapes: .*got \(3, 4\); transpose them"),
+        ({"shapes": SHAPES[:, :2]}, ValueError, r"shapes: .*\(n_sensors, 3\), .*4, 2"),
+        ({"shapes": SHAPES[:0]}, ValueError, "shapes: expected"),
+        ({"shapes": SHAPES[0]}, ValueError, "shapes: expected"),
+        ({"shapes": [[1.0], [2.0, 3.0]]}, ValueError, "shapes: .*rectangular"),
+        ({"shapes": SHAPES.astype(str)}, TypeError, "shapes: expected real or complex"),
+        ({"shapes": shapes_with(np.nan)}, ValueError, "mode 2 has nan at sensor 3"),
+        ({"shapes": shapes_with(np.inf)}, ValueError, "mode 2 has inf at sensor 3"),
+        (
+            {"shapes": shapes_with(complex(0, np.nan), complex)},
+            ValueError,
+            "mode 2 has .*nanj.* at sensor 3",
+        ),
+        ({"shapes": SHAPES * [1, 0, 1]}, ValueError, "mode 2 is zero at all sensors"),
+        ({"shapes": SHAPES, "shape_sd": SHAPES}, ValueError, "shape_sd: .*mode 2 has"),
+        ({"shapes": SHAPES, "shape_sd": 0.1}, ValueError, r"shape_sd: .*\(4, 3\)"),
+        ({"shapes": SHAPES, "sensors": ["a"]}, ValueError, "sensors: .*4 sensors"),
+        ({"shapes": SHAPES, "sensors": [*"abca"]}, ValueError, "sensors: .*'a'.*repe"),
+        ({"shapes": SHAPES, "sensors": "abcd"}, TypeError, "sensors: "),
+        ({"shapes": SHAPES, "dofs": [0, 1]}, ValueError, "dofs: .*4 sensors"),
+        ({"shapes": SHAPES, "dofs": [0, 1, 2, 2]}, ValueError, "dofs: .*distinct"),
+        ({"shapes": SHAPES, "dofs": [0, 1, 2, -1]}, ValueError, "dofs: .*from 0"),
+        ({"shapes": SHAPES, "dofs": [0, 1, 2, 3.0]}, TypeError, "dofs: .*whole"),
+        ({"shapes": SHAPES, "dofs": [True] * 4}, TypeError, "dofs: .*whole"),
+        ({"shape_sd": SHAPES}, ValueError, "shape_sd: expected shapes with it"),
+        ({"sensors": ["a"]}, ValueError, "sensors: expected shapes with it"),
+        ({"dofs": [1]}, ValueError, "dofs: expected shapes with it"),
+        ({"phase_collinearity": [1.0] * 3}, ValueError, "phase_.*: expected shapes"),
+        (
+            {"shapes": SHAPES + 0j, "phase_collinearity": [1.0] * 3},
+            ValueError,
+            "phase_collinearity: .*computed",
+        ),
+        *(
+            (
+                {"shapes": SHAPES, "phase_collinearity": mpc},
+                ValueError,
+                "phase_collinearity: expected 3 numbers from 0 to 1",
+            )
+            for mpc in ([1.0, 1.0], [1.0, 1.1, 1.0], [1.0, -0.1, 1.0])
+        ),
+    ],
+)
+def test_it_refuses(options, error, message):
+    with pytest.raises(error, match=message):
+        Measurements(F, **options)
+
+
+def test_a_mode_identified_twice_is_refused_by_number():
+    twice = np.column_stack([SHAPES, -1.7 * SHAPES[:, 2] + 0.01])
+    with pytest.raises(ValueError, match=r"modes 3 and 4 are the same .*20.41 Hz.*MAC"):
+        Measurements([*F, 20.41], shapes=twice)
+    Measurements([*F, 20.6], shapes=twice)  # 1 % apart: close modes of a few sensors
+    Measurements([*F, 20.4], shapes=np.column_stack([SHAPES, [0.4, 0.9, -1.0, 0.2]]))
+    with pytest.raises(ValueError, match="modes 1 and 2 are the same"):
+        Measurements([3.0, 3.0], shapes=[[1.0, -2.0]])
+    Measurements([3.0, 3.001], shapes=[[1.0, -2.0]])  # one sensor cannot tell
+
+
+def test_a_covariance_printed_with_nine_digits_is_symmetric_enough():
+    printed = COVARIANCE * (1 + 1e-10 * RNG.standard_normal((3, 3)))
+    m = Measurements(F, covariance=printed)
+    np.testing.assert_array_equal(m.covariance, m.covariance.T)
+    np.testing.assert_allclose(m.covariance, COVARIANCE, rtol=1e-9)
+
+
+def test_units_do_not_decide_whether_a_covariance_is_definite():
+    scale = np.array([1e-9, 1.0, 1e6])
+    m = Measurements(F, covariance=COVARIANCE * np.outer(scale, scale))
+    np.testing.assert_allclose(m.covariance / np.outer(scale, scale), COVARIANCE)
+
+
+# Printing
+
+
+def test_the_table_shows_the_standard_deviations_of_a_covariance():
+    text = str(Measurements(F, covariance=COVARIANCE, shapes=SHAPES))
+    assert text.splitlines() == [
+        "Measured modes: 3, sensors: 4 (s1, s2, s3, s4)",
+        "mode  f [Hz]  sd [Hz]    MPC",
+        "   1     3.1     0.02  1.000",
+        "   2     9.8     0.03  1.000",
+        "   3    20.4   0.0316  1.000",
+    ]
+
+
+def test_the_table_leaves_out_what_is_not_known():
+    assert str(Measurements([3.1])) == "Measured modes: 1\nmode  f [Hz]\n   1     3.1"

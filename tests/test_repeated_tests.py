@@ -1,0 +1,145 @@
+import numpy as np
+import pytest
+
+from emcee_femu.measurements import Measurements
+
+RNG = np.random.default_rng(21)
+F = np.array([3.1, 9.8, 20.4])
+COVARIANCE = np.array([[4e-4, 1e-4, 0.0], [1e-4, 9e-4, 2e-4], [0.0, 2e-4, 1e-3]])
+SHAPES = np.array([[0.3, -0.8, 1.0], [0.7, -0.2, -0.9], [1.0, 1.0, 0.4], [1.1, 0.5, 0]])
+UNIT = SHAPES / np.linalg.norm(SHAPES, axis=0)
+
+
+def campaign(n):
+    return RNG.multivariate_normal(F, COVARIANCE, n)
+
+
+def test_mean_and_sample_covariance_are_those_of_the_definition():
+    f = campaign(7)
+    m = Measurements.from_repeats(f)
+    np.testing.assert_allclose(m.frequencies, f.sum(axis=0) / 7, rtol=1e-14)
+    deviations = f - m.frequencies
+    expected = np.einsum("ti,tj->ij", deviations, deviations) / 6
+    np.testing.assert_allclose(m.covariance, expected, rtol=1e-12)
+    assert m.sd is None
+
+
+def test_without_correlation_two_tests_are_enough():
+    f = campaign(2)
+    m = Measurements.from_repeats(f, correlated=False)
+    np.testing.assert_allclose(m.sd, np.abs(f[0] - f[1]) / np.sqrt(2), rtol=1e-12)
+    assert m.covariance is None
+
+
+@pytest.mark.parametrize("n_tests", [5, 80])
+def test_more_repeats_do_not_narrow_the_covariance(n_tests):
+    # The mean over many campaigns is the covariance of one test, whatever their size.
+    found = [
+        Measurements.from_repeats(campaign(n_tests)).covariance for _ in range(1_500)
+    ]
+    variance = np.diag(COVARIANCE)
+    # Wishart: var C_ij = (S_ij^2 + S_ii S_jj) / (N - 1)
+    error = np.sqrt((COVARIANCE**2 + np.outer(variance, variance)) / (n_tests - 1))
+    z = (np.mean(found, axis=0) - COVARIANCE) / (error / np.sqrt(1_500))
+    assert np.abs(z).max() < 4
+
+
+def test_one_mode_has_a_covariance_too():
+    m = Measurements.from_repeats([[3.0], [3.2]])
+    np.testing.assert_allclose(m.covariance, [[0.02]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["real", "complex"])
+def test_sign_phase_and_scale_of_a_test_do_not_matter(kind):
+    noisy = SHAPES + 0.05 * RNG.standard_normal((6, 4, 3))
+    factors = 10.0 ** RNG.uniform(-3, 3, (6, 1, 3)) * RNG.choice([-1, 1], (6, 1, 3))
+    if kind == "complex":
+        noisy = noisy + 0.03j * RNG.standard_normal((6, 4, 3))
+        factors = factors * np.exp(2j * np.pi * RNG.random((6, 1, 3)))
+    f = campaign(6)
+    plain = Measurements.from_repeats(f, noisy)
+    turned = Measurements.from_repeats(f, noisy * factors)
+    signs = np.sign((plain.shapes * turned.shapes).sum(axis=0))
+    np.testing.assert_allclose(turned.shapes * signs, plain.shapes, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(turned.shape_sd, plain.shape_sd, rtol=1e-10)
+    np.testing.assert_allclose(
+        turned.phase_collinearity, plain.phase_collinearity, rtol=1e-10
+    )
+    assert (turned.phase_collinearity < 1).all() == (kind == "complex")
+
+
+@pytest.mark.parametrize("kind", ["real", "complex"])
+def test_scatter_of_unit_shapes_is_the_sensor_noise_across_the_shape(kind):
+    # To first order scaling to unit length removes the noise along the shape:
+    # cov = noise^2 (I - phi phi^T), so that var_s = noise^2 (1 - phi_s^2).
+    noise, n = 0.01, 4_000
+    errors = RNG.standard_normal((n, 4, 3)) * noise
+    if kind == "complex":  # the noise of the imaginary part is not that of the real one
+        errors = errors + 2j * noise * RNG.standard_normal((n, 4, 3))
+        turn = np.exp(2j * np.pi * RNG.random((n, 1, 3)))
+    else:
+        turn = RNG.choice([-1.0, 1.0], (n, 1, 3))
+    m = Measurements.from_repeats(campaign(n), (UNIT + errors) * turn)
+    expected = noise * np.sqrt(1 - UNIT**2)
+    np.testing.assert_allclose(m.shape_sd, expected, rtol=0.05)  # 4.5 standard errors
+    signs = np.sign((m.shapes * UNIT).sum(axis=0))
+    np.testing.assert_allclose(m.shapes * signs, UNIT, rtol=0, atol=0.002)
+
+
+def test_the_real_part_is_taken_at_the_phase_of_the_mean():
+    # The first sensor lags by 0.6 rad, so that no sensor's phase is that of the shape,
+    # and the noise is almost all across it: the wrong phase would let it in.
+    shape = UNIT[:, 0] * np.exp(1j * np.array([0.6, 0.0, -0.1, 0.0]))
+    noise = (0.001 + 0.02j) * RNG.standard_normal((200, 4))
+    turn = np.exp(2j * np.pi * RNG.random((200, 1)))
+    shapes = ((shape + noise) * turn)[:, :, None]
+    m = Measurements.from_repeats(campaign(200)[:, :1], shapes)
+
+    unit = shapes[:, :, 0] / np.linalg.norm(shapes[:, :, 0], axis=1)[:, None]
+    reference = np.linalg.eigh(unit.T @ unit.conj())[1][:, -1]
+    aligned = unit * np.exp(-1j * np.angle(unit @ reference.conj()))[:, None]
+    mean = aligned.mean(axis=0)
+    phases = np.exp(1j * np.linspace(0, np.pi, 20_001))
+    best = phases[((mean[:, None] * phases).real ** 2).sum(axis=0).argmax()]
+    sd = (aligned * best).real.std(axis=0, ddof=1)
+    np.testing.assert_allclose(m.shape_sd[:, 0], sd, rtol=1e-3)
+    np.testing.assert_allclose(np.abs(m.shapes[:, 0]), np.abs((mean * best).real), 1e-3)
+
+
+def test_labels_and_dofs_are_passed_on():
+    m = Measurements.from_repeats(
+        campaign(5),
+        SHAPES + np.zeros((5, 1, 1)) + 0.01 * RNG.random((5, 4, 3)),
+        sensors=[*"abcd"],
+        dofs=[3, 2, 1, 0],
+    )
+    assert m.sensors == (*"abcd",) and m.dofs.tolist() == [3, 2, 1, 0]
+
+
+GOOD = campaign(5)
+REPEATS = SHAPES + 0.01 * RNG.standard_normal((5, 4, 3))
+SWAPPED = REPEATS.copy()
+SWAPPED[3] = SWAPPED[3][:, [0, 2, 1]]
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "shapes", "options", "message"),
+    [
+        (GOOD[:3], None, {}, "3 tests cannot tell the covariance of 3.*correlated=F"),
+        (GOOD[:1], None, {"correlated": False}, "two tests at least"),
+        (GOOD[:, :0], None, {}, "expected .n_tests, n_modes."),
+        (GOOD[0], None, {}, "frequencies: expected 2 dimension"),
+        (GOOD * [1, 0, 1], None, {}, "frequencies: expected numbers above zero"),
+        (GOOD * [1, np.nan, 1], None, {}, "frequencies: expected finite"),
+        (GOOD * [1, 0, 1] + [0, 9.8, 0], None, {}, "mode 2 is 9.8 Hz in all tests"),
+        (GOOD[:, ::-1], None, {}, "expected ascending ones, but mode 2"),
+        (GOOD, SHAPES, {}, r"shapes: expected \(5 tests, n_sensors, 3 modes\)"),
+        (GOOD, REPEATS[:4], {}, r"shapes: expected \(5 tests"),
+        (GOOD, REPEATS[:, :, :2], {}, r"shapes: expected \(n_sensors, 3\)"),
+        (GOOD, REPEATS * np.nan, {}, "shapes: .*mode 1 has nan at sensor 1"),
+        (GOOD, SWAPPED, {}, r"mode 2 of test 4 has a MAC of 0.\d+ with.*out of order"),
+    ],
+)
+def test_from_repeats_refuses(frequencies, shapes, options, message):
+    with pytest.raises(ValueError, match=message):
+        Measurements.from_repeats(frequencies, shapes, **options)
