@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+import emcee_femu as ef
+from emcee_femu import Measurements
 from emcee_femu.interfaces import ModalSolution
 from emcee_femu.likelihoods import FrequencyTerm
 from emcee_femu.priors import GaussianPrior
@@ -100,7 +102,7 @@ def test_arguments_are_copied_and_the_name_is_kept():
         (5.0, {"beta": 1.0}, ValueError, "measured: expected 1 dimension"),
         ([[1.0, 2.0]], {"beta": 1.0}, ValueError, "measured: expected 1 dimension"),
         (["1", "2"], {"beta": 1.0}, TypeError, "measured: expected real numbers"),
-        ([1.0, 2.0], {}, TypeError, "beta, relative_sd: .*exactly one"),
+        ([1.0, 2.0], {}, TypeError, "beta, relative_sd, sd.*exactly one"),
         ([1.0, 2.0], {"beta": 1.0, "relative_sd": 1.0}, TypeError, "exactly one"),
         ([1.0, 2.0], {"beta": [1.0]}, ValueError, "beta: .*2 modes"),
         ([1.0, 2.0], {"relative_sd": [1.0] * 3}, ValueError, "relative_sd: .*2 modes"),
@@ -110,6 +112,15 @@ def test_arguments_are_copied_and_the_name_is_kept():
         ([1.0, 2.0], {"relative_sd": 0.0}, ValueError, "relative_sd: .*above zero"),
         ([1.0, 2.0], {"relative_sd": -0.1}, ValueError, "relative_sd: .*above zero"),
         ([1.0, 2.0], {"relative_sd": True}, TypeError, "relative_sd: expected real"),
+        ([1.0, 2.0], {"sd": [1.0, 2.0, 3.0]}, ValueError, "sd: .*2 modes"),
+        ([1.0, 2.0], {"sd": 0.0}, ValueError, "sd: expected numbers above zero"),
+        ([1.0, 2.0], {"covariance": np.eye(3)}, ValueError, r"covariance: .*\(2, 2\)"),
+        ([1.0, 2.0], {"covariance": [[1, 2], [0, 1]]}, ValueError, "symmetric"),
+        ([1.0, 2.0], {"covariance": [[1, 2], [2, 1]]}, ValueError, "positive definite"),
+        ([1.0, 2.0], {"covariance": [[1, 1], [1, 1]]}, ValueError, "more of them than"),
+        ([1.0, 2.0], {"covariance": np.eye(2), "sd": 1.0}, TypeError, "exactly one"),
+        ([1.0, 2.0], {"discrepancy": ""}, TypeError, "discrepancy: expected a non-"),
+        ([1.0, 2.0], {"discrepancy": 0.1}, TypeError, "discrepancy: expected a non-"),
         ([1.0, 2.0], {"beta": 1.0, "name": ""}, TypeError, "name: "),
         ([1.0, 2.0], {"beta": 1.0, "name": 3}, TypeError, "name: "),
     ],
@@ -142,3 +153,105 @@ def test_evidence_of_a_linear_model_is_the_closed_form_gaussian(beta, mean, sd):
         density, *ends, points=[0.0, 0.05, mean], epsabs=0, epsrel=1e-10, limit=200
     )
     assert evidence == pytest.approx(exact, rel=1e-9)
+
+
+ORDER = np.argsort(MEASURED)  # Measurements are ascending
+
+
+def in_order(**options):
+    return Measurements(MEASURED[ORDER], **options)
+
+
+def logpdf(covariance, predicted):
+    """Return the multivariate normal density, in relative units for its accuracy."""
+    relative = covariance / np.outer(MEASURED, MEASURED)
+    density = stats.multivariate_normal(np.ones(4), relative)
+    return density.logpdf(predicted / MEASURED) - np.log(MEASURED).sum()
+
+
+def test_standard_deviations_in_hertz():
+    sd = np.array([0.01, 0.2, 3.0, 1e-4])
+    expected = stats.norm.logpdf(PREDICTED, MEASURED, sd).sum(axis=1)
+    found = FrequencyTerm(MEASURED, sd=sd)({}, ModalSolution(PREDICTED))
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+    ordered = FrequencyTerm(in_order(sd=sd[ORDER]))
+    found = ordered({}, ModalSolution(PREDICTED[:, ORDER]))
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+def random_covariance(seed=1):
+    factor = np.random.default_rng(seed).normal(size=(4, 4)) + 2 * np.eye(4)
+    scale = 0.01 * MEASURED
+    return scale[:, None] * (factor @ factor.T) * scale
+
+
+def test_a_covariance_is_the_multivariate_normal_density():
+    C = random_covariance()
+    expected = logpdf(C, PREDICTED)
+    found = FrequencyTerm(MEASURED, covariance=C)({}, ModalSolution(PREDICTED))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    ordered = FrequencyTerm(in_order(covariance=C[np.ix_(ORDER, ORDER)]))
+    found = ordered({}, ModalSolution(PREDICTED[:, ORDER]))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("given", ["nothing", "relative_sd", "covariance"])
+def test_a_discrepancy_adds_its_variance_to_every_mode(given):
+    C = {
+        "nothing": np.zeros((4, 4)),
+        "relative_sd": np.diag((0.01 * MEASURED) ** 2),
+        "covariance": random_covariance(),
+    }[given]
+    value = {"relative_sd": 0.01, "covariance": C}.get(given)
+    options = {} if given == "nothing" else {given: value}
+    term = FrequencyTerm(MEASURED, discrepancy="sigma", **options)
+    assert term.names == term.positive == ("sigma",)
+    sigma = np.linspace(0.005, 0.1, 20)
+    found = term({"sigma": sigma}, ModalSolution(PREDICTED))
+    for row in range(20):
+        exact = logpdf(C + np.diag((sigma[row] * MEASURED) ** 2), PREDICTED[row])
+        np.testing.assert_allclose(found[row], exact, rtol=1e-9)
+
+
+def test_rows_are_the_same_to_the_bit_alone_and_in_a_batch():
+    for options in ({"covariance": random_covariance()}, {"beta": 10.0}):
+        term = FrequencyTerm(MEASURED, discrepancy="s", **options)
+        sigma = np.linspace(0.01, 0.1, 20)
+        whole = term({"s": sigma}, ModalSolution(PREDICTED))
+        for i in range(20):
+            one = term({"s": sigma[[i]]}, ModalSolution(PREDICTED[[i]]))
+            assert one[0] == whole[i]
+
+
+def test_what_is_said_beats_what_the_measurements_hold():
+    test = in_order(sd=0.1 * MEASURED[ORDER])
+    term = FrequencyTerm(test, relative_sd=0.02)
+    np.testing.assert_allclose(term.beta, 0.02**-2)
+    with pytest.raises(TypeError, match="exactly one"):
+        FrequencyTerm(in_order())
+
+
+def test_an_inferred_discrepancy_has_the_posterior_of_quadrature():
+    # Two parameters: a common factor of three frequencies, and the discrepancy.
+    measured = np.array([10.0, 20.0, 33.0])
+    prior = ef.IndependentPrior(
+        {"factor": stats.norm(1, 0.1), "sigma": stats.halfnorm(scale=0.05)}
+    )
+    term = FrequencyTerm(measured, relative_sd=0.002, discrepancy="sigma")
+    model = ef.FunctionModel(
+        lambda p: p["factor"] * np.array([10, 20.5, 32]), n_modes=3
+    )
+    posterior = ef.LogPosterior(model, term, prior)
+    factor, sigma = np.linspace(0.85, 1.15, 601), np.linspace(1e-4, 0.25, 800)
+    residuals = factor[:, None] * np.array([10, 20.5, 32]) / measured - 1
+    sd = np.sqrt(0.002**2 + sigma**2)
+    weight = stats.norm.pdf(residuals[:, None], 0, sd[None, :, None]).prod(axis=2)
+    weight *= stats.norm.pdf(factor, 1, 0.1)[:, None]
+    weight *= stats.halfnorm.pdf(sigma, scale=0.05)
+    weight /= weight.sum()
+    (sampler,) = ef.run(posterior, nwalkers=24, nsteps=3_000, seed=4)
+    draws = sampler.get_chain(discard=300)
+    error = draws.mean(axis=1).std(axis=0) * np.sqrt(40 / len(draws))  # tau below 40
+    exact = [weight.sum(axis=1) @ factor, weight.sum(axis=0) @ sigma]
+    assert (np.abs(draws.mean(axis=(0, 1)) - exact) < 4 * error).all()
+    assert (error < 0.05 * np.array([0.02, 0.02])).all()
