@@ -1,6 +1,7 @@
 """Proposals: each a plain emcee Move, usable in any ``emcee.EnsembleSampler``."""
 
 from .crossover import CrossoverMove as CrossoverMove
+from .delayed_acceptance import DelayedAcceptanceMove as DelayedAcceptanceMove
 from .demc import DEMCMove as DEMCMove
 from .independence import IndependenceMove as IndependenceMove
 from .metropolis import MetropolisMove as MetropolisMove

@@ -22,7 +22,8 @@ def metropolis_step(
     .. math:: r = \min\left\{1, \frac{p(\theta^*)}{p(\theta_i)} e^{F}\right\}
 
     Args:
-        model: emcee's ``Model``: log-probability function and random stream.
+        model: emcee's ``Model``: log-probability function and random stream; or what
+            decides itself, by a method ``accept`` with the other arguments.
         state: emcee's ``State``; the accepted walkers are overwritten in place.
         walkers: Indices ``(k,)`` of the walkers that may move.
         proposed: Proposals ``(k, ndim)``.
@@ -34,6 +35,9 @@ def metropolis_step(
 
     Source: Eqs. 3.1 and 3.3 of Sherri, Boulkaibet, Marwala and Friswell.
     """
+    if hasattr(model, "accept"):  # delayed acceptance decides in two stages
+        decided: NDArray[np.intp] = model.accept(state, walkers, proposed, log_factors)
+        return decided
     log_prob, blobs = model.compute_log_prob_fn(proposed)
     # log U = -Exp(1). Written without a difference, so that -inf against -inf is a
     # rejection and not a NaN.

@@ -60,7 +60,9 @@ class IndependenceMove(Move):
                 f"({k}, {ndim}, {ndim}) for means of shape {self.means.shape}, got "
                 f"{self.weights.shape} and {self.scale_matrices.shape}"
             )
-        self.weights /= self.weights.sum()
+        total = self.weights.sum()
+        if abs(total - 1) > 1e-12:  # else a move made of these numbers would differ
+            self.weights /= total
         self._factors = np.array(
             [scaled_cholesky("scale_matrices", S) for S in self.scale_matrices]
         )

@@ -1,0 +1,171 @@
+"""Delayed acceptance: a cheap posterior screens what the full one then decides."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from emcee.moves import MHMove, Move, RedBlueMove
+from numpy.typing import ArrayLike, NDArray
+
+from ..interfaces import Floats
+from .acceptance import check_floats, metropolis_step
+from .independence import IndependenceMove
+from .metropolis import MetropolisMove
+from .red_blue import VectorizedRedBlueMove
+from .stock_proposals import MetropolisProposal, RedBlueProposal
+
+
+class DelayedAcceptanceMove(Move):
+    r"""Screen the proposals of any move by a cheap posterior; solve only what passes.
+
+    .. math:: \alpha = \min\left\{1, \frac{c(\theta^*)}{c(\theta_i)} e^F\right\}
+        \min\left\{1, \frac{p(\theta^*) \, c(\theta_i)}
+        {p(\theta_i) \, c(\theta^*)}\right\}
+
+    with the posterior p, the cheap one c and the asymmetry F of the proposal. The
+    second factor is evaluated, by a solve of the full model, only where the first
+    accepts. The posterior is kept exactly whatever c is; a bad one costs acceptance.
+    :class:`models.reduced.ReducedModel` gives a good one. An error of its frequencies
+    below a tenth of their standard deviation needs no correction: then sample c itself.
+
+    Attributes:
+        proposed: Number of proposals so far.
+        full_solves: How many of them the full posterior evaluated.
+        accepted: How many of these it accepted.
+
+    Args:
+        inner: The move that proposes: one of this package, or an emcee ``RedBlueMove``
+            or ``MHMove``.
+        cheap: Log-probability of c, called with ``(n, ndim)``: returns ``(n,)``, or
+            rows that begin with it, as a :class:`LogPosterior` does. It must be finite
+            wherever the posterior is, or that region is never sampled.
+
+    Raises:
+        TypeError: If inner is another kind of move (temper delayed acceptance, not the
+            reverse), or cheap is not callable.
+        ValueError: When it proposes: if cheap is not finite at a walker, NaN or +inf at
+            a proposal, or of another length.
+
+    Source: Christen and Fox (2005), doi:10.1198/106186005X76983.
+
+    Example:
+        >>> from emcee_femu.moves import DEMCMove
+        >>> move = DelayedAcceptanceMove(DEMCMove(), lambda x: -(x**2).sum(axis=1))
+        >>> print(move)
+        delayed acceptance: nothing proposed yet
+    """
+
+    def __init__(self, inner: Any, cheap: Callable[[Floats], ArrayLike]) -> None:
+        """See the class."""
+        if not callable(cheap):
+            raise TypeError(f"cheap: expected a callable, got {cheap!r}")
+        self.inner = inner
+        self.cheap = cheap
+        self.proposed = self.full_solves = self.accepted = 0
+        self._proposal = _proposal(inner)
+        self._known: tuple[Floats, Floats] | None = None
+
+    def __repr__(self) -> str:
+        """Return the call that makes an equal move."""
+        return f"DelayedAcceptanceMove({self.inner!r}, {self.cheap!r})"
+
+    def __str__(self) -> str:
+        """Return how many full solves were saved."""
+        if not self.proposed:
+            return "delayed acceptance: nothing proposed yet"
+        share = 1 - self.full_solves / self.proposed
+        second = self.accepted / max(self.full_solves, 1)
+        return (
+            f"delayed acceptance: {self.full_solves} full solves for {self.proposed} "
+            f"proposals ({share:.1%} saved); {second:.1%} of the solved were accepted"
+        )
+
+    def check(self, nwalkers: int, ndim: int) -> None:
+        """Refuse an ensemble that the inner move refuses."""
+        if hasattr(self._proposal, "check"):
+            self._proposal.check(nwalkers, ndim)
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        """Move every walker once; return the state and who was accepted."""
+        check_floats(state.coords)
+        cheap_log_prob = self._cheap_at_walkers(state.coords)
+
+        def accept(
+            state: Any,
+            walkers: NDArray[np.intp],
+            proposed: Floats,
+            log_factors: Floats | None,
+        ) -> NDArray[np.intp]:
+            old, new = cheap_log_prob[walkers], self._evaluate(proposed)
+            threshold = old - model.random.standard_exponential(len(walkers))
+            if log_factors is not None:
+                threshold -= log_factors
+            passed = (new > threshold).nonzero()[0]
+            self.proposed += len(walkers)
+            self.full_solves += len(passed)
+            if not len(passed):
+                return walkers[:0]
+            moved = metropolis_step(
+                model, state, walkers[passed], proposed[passed], (old - new)[passed]
+            )
+            hit = np.isin(walkers, moved)
+            cheap_log_prob[walkers[hit]] = new[hit]
+            self.accepted += len(moved)
+            return moved
+
+        state, accepted = self._proposal.propose(_Screened(model.random, accept), state)
+        self._known = state.coords.copy(), cheap_log_prob
+        return state, accepted
+
+    def _cheap_at_walkers(self, coords: Floats) -> Floats:
+        """Return c of the walkers; only those that another move changed cost a call."""
+        if self._known is None or self._known[0].shape != coords.shape:
+            changed, values = np.arange(len(coords)), np.empty(len(coords))
+        else:
+            changed = (self._known[0] != coords).any(axis=1).nonzero()[0]
+            values = self._known[1].copy()  # kept should the full model raise
+        if len(changed):
+            values[changed] = self._evaluate(coords[changed])
+        if not np.isfinite(values).all():
+            walker = int(np.argmin(np.isfinite(values)))
+            raise ValueError(
+                f"cheap: {values[walker]} at walker {walker}, "
+                f"{coords[walker].tolist()}; it must be finite wherever the posterior "
+                "is (are its bounds narrower?)"
+            )
+        return values
+
+    def _evaluate(self, theta: Floats) -> Floats:
+        rows = np.asarray(self.cheap(theta), dtype=float)
+        log_prob: Floats = rows[:, 0] if rows.ndim == 2 else rows
+        if log_prob.shape != (len(theta),):
+            raise ValueError(
+                f"cheap: expected {len(theta)} log-probabilities for as many rows, got "
+                f"shape {rows.shape}"
+            )
+        if not (log_prob < np.inf).all():
+            row = int(np.argmin(log_prob < np.inf))
+            raise ValueError(f"cheap: {log_prob[row]} at {theta[row].tolist()}")
+        return log_prob
+
+
+class _Screened(NamedTuple):
+    """What the inner move sees of emcee's Model: it proposes, ``accept`` decides."""
+
+    random: Any
+    accept: Callable[..., NDArray[np.intp]]
+
+
+def _proposal(inner: Any) -> Any:
+    """Return a move that leaves the acceptance to ``metropolis_step``."""
+    if isinstance(inner, VectorizedRedBlueMove | MetropolisMove | IndependenceMove):
+        return inner
+    if isinstance(inner, RedBlueMove):
+        return RedBlueProposal(inner)
+    if isinstance(inner, MHMove):
+        return MetropolisProposal(inner)
+    raise TypeError(
+        "inner: expected a move of this package that is neither tempered nor delayed, "
+        f"or an emcee RedBlueMove or MHMove, got {inner!r}; temperatures go around it: "
+        "TemperedMove(DelayedAcceptanceMove(...), betas)"
+    )
