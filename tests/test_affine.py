@@ -67,6 +67,18 @@ def test_frequencies_and_shapes_agree_with_scipy(case, shapes):
 
 
 @pytest.mark.parametrize("case", list(CASES))
+@pytest.mark.parametrize("dofs", [[4], np.array([5, 0, 2]), range(SIZE)[::-1]])
+def test_shapes_at_some_DOFs_are_those_rows_in_that_order(case, dofs):
+    K0, M0, K, M = matrices(case)
+    parameters = random_parameters(3)
+    full = MatrixModel(K0, M0, K, M, n_modes=4, shapes=True)
+    some = MatrixModel(K0, M0, K, M, n_modes=4, shapes=dofs)
+    assert full.shape_dofs == tuple(range(SIZE)) and some.shape_dofs == tuple(dofs)
+    expected = full(parameters).shapes[:, list(dofs)]
+    np.testing.assert_allclose(some(parameters).shapes, expected, atol=1e-14, rtol=0)
+
+
+@pytest.mark.parametrize("case", list(CASES))
 @pytest.mark.parametrize("n", [2, 9, 40])
 def test_a_batch_equals_a_loop_to_the_bit(case, n):
     K0, M0, K, M = matrices(case)

@@ -1,26 +1,37 @@
 """Models of given stiffness and mass matrices, affine in the parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, issparse
 
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters
 from .eigenproblem import Eigenproblem
+from .reduced import ReducedModel
+from .ritz_greedy import reduce_model
+from .sparse_eigenproblem import SparseEigenproblem, check_mass
+from .symmetric import sparse_symmetric, symmetric
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class MatrixModel:
-    r"""Dense matrices of any FE program, affine in named parameters.
+    r"""Matrices of any FE program, dense or sparse, affine in named parameters.
 
     .. math:: K(\theta) = K_0 + \sum_i \theta_i K_i, \qquad
         M(\theta) = M_0 + \sum_j \theta_j M_j, \qquad
         K \phi = (2 \pi f)^2 M \phi
 
-    A constant M is folded into K once; one that depends on parameters is factored by
-    a batched Cholesky. A name may stand in both K and M.
+    A name may stand in both K and M. **Dense** arrays are solved for all parameter
+    sets at once; a constant M is folded into K once, one that depends on parameters is
+    factored by a batched Cholesky. If K0 is a **scipy.sparse** matrix, all others may
+    be sparse or dense and are made sparse; each parameter set is then one sparse
+    factor and a Lanczos iteration, massless DOFs are allowed, and an M that depends on
+    parameters costs a second factor, its check. For thousands of evaluations see
+    :meth:`reduced`.
 
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.
@@ -29,9 +40,11 @@ class MatrixModel:
         M: ``{parameter: M_j}``, the mass that multiplies the parameter.
         n_modes: How many elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
-        shapes: Whether to return mass-normalised mode shapes too.
+        shapes: Whether to return mass-normalised mode shapes too, ``(n, N, n_modes)``;
+            or the DOFs (0 to N - 1) at which to return them, in the order given.
 
     Raises:
+        TypeError: If K0 is dense and another matrix is sparse.
         ValueError: If a matrix is not square, symmetric or of the size of K0, M is
             constant and not positive definite, or there are not enough modes. When
             called: if M is not positive definite, or the count of rigid-body modes
@@ -44,26 +57,31 @@ class MatrixModel:
         [[0.2506, 0.6065]]
     """
 
-    K: Mapping[str, Floats]
-    M: Mapping[str, Floats]
+    K0: Any = field(repr=False)
+    M0: Any = field(repr=False)
+    K: Mapping[str, Any]
+    M: Mapping[str, Any]
     n_modes: int
     skip: int
-    _problem: Eigenproblem = field(repr=False)
+    shape_dofs: tuple[int, ...]
+    _problem: Eigenproblem | SparseEigenproblem = field(repr=False)
 
     def __init__(
         self,
-        K0: ArrayLike,
-        M0: ArrayLike,
-        K: Mapping[str, ArrayLike],
-        M: Mapping[str, ArrayLike] | None = None,
+        K0: Any,
+        M0: Any,
+        K: Mapping[str, Any],
+        M: Mapping[str, Any] | None = None,
         *,
         n_modes: int,
         skip: int = 0,
-        shapes: bool = False,
+        shapes: bool | Sequence[int] | NDArray[np.integer] = False,
     ) -> None:
         """See the class."""
-        stiffness, mass = symmetric("K0", K0), symmetric("M0", M0)
-        size = len(stiffness)
+        sparse = issparse(K0)
+        check = sparse_symmetric if sparse else symmetric
+        stiffness, mass = check("K0", K0), check("M0", M0)
+        size = stiffness.shape[0]
         for label, given in (("K", K), ("M", M or {})):
             if not isinstance(given, Mapping):
                 raise TypeError(
@@ -71,8 +89,8 @@ class MatrixModel:
                     f"{type(given).__name__}"
                 )
         units = {
-            "K": {name: symmetric(f"K[{name!r}]", K[name]) for name in K},
-            "M": {name: symmetric(f"M[{name!r}]", (M or {})[name]) for name in M or {}},
+            "K": {name: check(f"K[{name!r}]", K[name]) for name in K},
+            "M": {name: check(f"M[{name!r}]", (M or {})[name]) for name in M or {}},
         }
         if units["K"] or units["M"]:
             checks.parameter_names("K, M", list({**units["K"], **units["M"]}))
@@ -80,7 +98,7 @@ class MatrixModel:
             ("M0", mass),
             *((f"{k}[{name!r}]", m) for k, u in units.items() for name, m in u.items()),
         ):
-            if len(matrix) != size:
+            if matrix.shape != stiffness.shape:
                 raise ValueError(
                     f"{label}: expected the shape of K0, {stiffness.shape}, "
                     f"got {matrix.shape}"
@@ -92,28 +110,53 @@ class MatrixModel:
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
-        if not units["M"]:
-            try:
-                np.linalg.cholesky(mass)
-            except np.linalg.LinAlgError:
-                raise ValueError(
-                    "M0: expected a positive definite matrix; remove massless DOFs "
-                    "by static condensation"
-                ) from None
-        problem = Eigenproblem(
-            K0=stiffness,
-            K=np.array([*units["K"].values()]).reshape(-1, size, size),
-            M0=mass,
-            M=np.array([*units["M"].values()]).reshape(-1, size, size),
-            selected=tuple(range(skip, skip + n_modes)),
-            skip=skip,
-            shapes=bool(shapes),
-        )
+        dofs = _shape_dofs(shapes, size)
+        object.__setattr__(self, "K0", stiffness)
+        object.__setattr__(self, "M0", mass)
         object.__setattr__(self, "K", units["K"])
         object.__setattr__(self, "M", units["M"])
         object.__setattr__(self, "n_modes", n_modes)
         object.__setattr__(self, "skip", skip)
-        object.__setattr__(self, "_problem", problem)
+        object.__setattr__(self, "shape_dofs", dofs)
+        build = self._sparse_problem if sparse else self._dense_problem
+        object.__setattr__(self, "_problem", build())
+
+    def _dense_problem(self) -> Eigenproblem:
+        if not self.M:
+            try:
+                np.linalg.cholesky(self.M0)
+            except np.linalg.LinAlgError:
+                raise ValueError(
+                    "M0: expected a positive definite matrix; remove massless DOFs "
+                    "by static condensation, or give scipy.sparse matrices"
+                ) from None
+        size = len(self.K0)
+        natural = self.shape_dofs in ((), tuple(range(size)))
+        return Eigenproblem(
+            K0=self.K0,
+            K=np.array([*self.K.values()]).reshape(-1, size, size),
+            M0=self.M0,
+            M=np.array([*self.M.values()]).reshape(-1, size, size),
+            selected=tuple(range(self.skip, self.skip + self.n_modes)),
+            skip=self.skip,
+            shapes=bool(self.shape_dofs),
+            output=None if natural else np.eye(size)[list(self.shape_dofs)],
+        )
+
+    def _sparse_problem(self) -> SparseEigenproblem:
+        """Return the sparse problem, also of dense matrices."""
+        K0, M0 = csc_array(self.K0), csc_array(self.M0)
+        if not self.M:
+            check_mass(M0, "M0")
+        return SparseEigenproblem(
+            K0,
+            [csc_array(matrix) for matrix in self.K.values()],
+            M0,
+            [csc_array(matrix) for matrix in self.M.values()],
+            n_modes=self.n_modes,
+            skip=self.skip,
+            dofs=self.shape_dofs,
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -140,22 +183,57 @@ class MatrixModel:
 
         return self._problem.solve(columns(self.K), columns(self.M), describe)
 
+    def reduced(
+        self,
+        bounds: Mapping[str, tuple[float, float]],
+        tolerance: float = 1e-4,
+        *,
+        test_points: int = 40,
+        max_solves: int = 200,
+        seed: int = 0,
+    ) -> ReducedModel:
+        """Return a small model that stands for this one inside ``bounds``.
 
-def symmetric(argument: str, value: ArrayLike) -> Floats:
-    """Return a finite, symmetric ``(N, N)`` matrix; a tiny asymmetry is averaged out.
+        A Ritz basis is built from the mode shapes at the centre of the bounds and at
+        points that a greedy search adds where a residual estimate of the error is
+        largest. Full solves at independent points then certify it.
 
-    Raises:
-        ValueError: If the matrix is not square, or differs from its transpose by more
-            than 1e-8 of its largest entry (FE programs print 9 to 16 digits).
-    """
-    matrix = checks.real_array(argument, value, 2)
-    if matrix.shape[0] != matrix.shape[1] or not matrix.size:
-        raise ValueError(f"{argument}: expected a square matrix, got {matrix.shape}")
-    gap = float(np.abs(matrix - matrix.T).max())
-    largest = float(np.abs(matrix).max())
-    if gap > 1e-8 * largest:
-        raise ValueError(
-            f"{argument}: expected a symmetric matrix, but entries differ from the "
-            f"transpose by up to {gap:.3g} (largest entry {largest:.3g})"
+        Args:
+            bounds: ``{parameter: (low, high)}`` for every parameter of this model.
+            tolerance: Largest relative error of a frequency, at the test points.
+            test_points: Number of independent test points: half corners of the
+                bounds, half drawn at random inside them.
+            max_solves: How many full solves may be spent, tests included.
+            seed: Seed of the points.
+
+        Raises:
+            ValueError: If bounds do not fit the parameters, or the tolerance is not
+                reached with ``max_solves`` full solves.
+
+        Warns:
+            UserWarning: If the reduction does not pay.
+        """
+        return reduce_model(
+            self,
+            self._sparse_problem(),
+            bounds,
+            tolerance,
+            test_points,
+            max_solves,
+            seed,
         )
-    return 0.5 * (matrix + matrix.T)
+
+
+def _shape_dofs(shapes: Any, size: int) -> tuple[int, ...]:
+    if isinstance(shapes, bool | np.bool_):
+        return tuple(range(size)) if shapes else ()
+    if isinstance(shapes, str) or not isinstance(shapes, Sequence | np.ndarray):
+        raise TypeError(f"shapes: expected True, False or DOFs, got {shapes!r}")
+    dofs = tuple(checks.whole_number("shapes", dof) for dof in shapes)
+    if not dofs:
+        raise ValueError("shapes: expected at least one DOF, got none; write False")
+    if max(dofs) >= size:
+        raise ValueError(f"shapes: no DOF {max(dofs)}; DOFs are 0 to {size - 1}")
+    if len(set(dofs)) < len(dofs):
+        raise ValueError(f"shapes: each DOF once, got {dofs}")
+    return dofs

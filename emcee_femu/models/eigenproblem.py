@@ -31,6 +31,7 @@ class Eigenproblem:
         selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
         skip: Number of rigid-body modes, checked at each solve.
         shapes: Whether mass-normalised mode shapes are wanted too.
+        output: Rows that map DOFs to those of the shapes, ``(n_out, N)``; None for all.
     """
 
     K0: Floats
@@ -40,6 +41,7 @@ class Eigenproblem:
     selected: tuple[int, ...]
     skip: int = 0
     shapes: bool = False
+    output: Floats | None = field(default=None, repr=False)
     _to_dof: Floats | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -48,7 +50,7 @@ class Eigenproblem:
             object.__setattr__(self, "_to_dof", None)
             return
         inverse = np.linalg.inv(np.linalg.cholesky(self.M0))
-        object.__setattr__(self, "_to_dof", inverse.T)
+        object.__setattr__(self, "_to_dof", self._reported(inverse.T))
         object.__setattr__(self, "K0", inverse @ self.K0 @ inverse.T)
         object.__setattr__(self, "K", inverse @ self.K @ inverse.T)
 
@@ -70,8 +72,8 @@ class Eigenproblem:
                     f"the mass matrix is not positive definite at {describe(bad)}"
                 ) from None
             inverse = np.linalg.inv(L)
-            to_dof = inverse.transpose(0, 2, 1)
-            A = inverse @ A @ to_dof
+            A = inverse @ A @ inverse.transpose(0, 2, 1)
+            to_dof = self._reported(inverse.transpose(0, 2, 1))
         if self.shapes:
             eigenvalues, y = np.linalg.eigh(A)
             self._check(eigenvalues, describe)
@@ -84,29 +86,45 @@ class Eigenproblem:
         frequencies /= 2 * np.pi
         return ModalSolution(frequencies, shapes)
 
+    def _reported(self, to_dof: Floats) -> Floats:
+        return to_dof if self.output is None else self.output @ to_dof
+
     def _check(self, eigenvalues: Any, describe: Callable[[int], str]) -> None:
-        skip, n_dof = self.skip, eigenvalues.shape[1]
         # What a zero eigenvalue may come out as; grows like a random walk.
-        rounding = 10 * EPS * math.sqrt(n_dof) * eigenvalues[:, -1]
-        first = eigenvalues[:, skip]
-        flexible = first > rounding
-        if not flexible.all():
-            i = int(np.argmin(flexible))
+        rounding = 10 * EPS * math.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1]
+        check_elastic(eigenvalues, rounding, self.skip, describe)
+
+
+def check_elastic(
+    eigenvalues: Any, rounding: Any, skip: int, describe: Callable[[int], str]
+) -> None:
+    """Raise ValueError unless exactly ``skip`` eigenvalues are zero, in each row.
+
+    Args:
+        eigenvalues: Ascending, ``(n, skip + 1)`` or more.
+        rounding: What a zero eigenvalue may come out as, ``(n,)``.
+        skip: The expected number of rigid-body modes.
+        describe: Names row i in the message.
+    """
+    first = eigenvalues[:, skip]
+    flexible = first > rounding
+    if not flexible.all():
+        i = int(np.argmin(flexible))
+        raise ValueError(
+            f"mode {skip + 1} is not elastic (omega^2 = {first[i]:.3g} (rad/s)^2) "
+            f"at {describe(i)}: a negative value means a stiffness matrix that is "
+            f"not positive, zero a rigid-body mode beyond skip={skip}"
+        )
+    if skip:
+        rigid = np.abs(eigenvalues[:, skip - 1])
+        is_rigid = rigid <= np.maximum(RIGID_RATIO * first, rounding)
+        if not is_rigid.all():
+            i = int(np.argmin(is_rigid))
             raise ValueError(
-                f"mode {skip + 1} is not elastic (omega^2 = {first[i]:.3g} (rad/s)^2) "
-                f"at {describe(i)}: a negative value means a stiffness matrix that is "
-                f"not positive, zero a rigid-body mode beyond skip={skip}"
+                f"skip={skip}, but mode {skip} is elastic: "
+                f"{np.sqrt(rigid[i]) / (2 * np.pi):.4g} Hz at {describe(i)}; "
+                "the structure has fewer rigid-body modes"
             )
-        if skip:
-            rigid = np.abs(eigenvalues[:, skip - 1])
-            is_rigid = rigid <= np.maximum(RIGID_RATIO * first, rounding)
-            if not is_rigid.all():
-                i = int(np.argmin(is_rigid))
-                raise ValueError(
-                    f"skip={skip}, but mode {skip} is elastic: "
-                    f"{np.sqrt(rigid[i]) / (2 * np.pi):.4g} Hz at {describe(i)}; "
-                    "the structure has fewer rigid-body modes"
-                )
 
 
 def _combine(constant: Floats, unit: Floats, coefficients: Floats) -> Floats:
