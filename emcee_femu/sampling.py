@@ -1,19 +1,21 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, backends."""
 
+import os
 from collections.abc import Sequence
 from functools import partial
 from os import PathLike
 from typing import Any
 
 import emcee
-import numpy as np
 from numpy.typing import ArrayLike
 
-from . import checks
-from .auto import burn_in_and_fit
+from . import checks, run_start
+from .fingerprint import fingerprint
+from .guarded import guard
 from .moves import DEMCMove
 from .moves.tempering import ladder
 from .posterior import LogPosterior
+from .starts import begin_run
 
 
 def run(
@@ -30,6 +32,9 @@ def run(
     thin_by: int = 1,
     progress: bool | str = False,
     initial: ArrayLike | None = None,
+    resume: bool = False,
+    on_failure: str = "raise",
+    max_failures: float = 0.1,
 ) -> list[emcee.EnsembleSampler]:
     """Sample the posterior with emcee; the same seed gives the same chain, to the bit.
 
@@ -48,12 +53,25 @@ def run(
             then run there, one walker at a time.
         vectorize: Whether to evaluate all moving walkers in one call. None for yes
             without a pool, no with one.
-        backend: None to keep the chain in memory, the name of an HDF5 file (each
-            ensemble in a group of its own), or one emcee backend an ensemble.
+        backend: None to keep the chain in memory, the name of an HDF5 file (needs
+            h5py; each ensemble in a group of its own, see :class:`run_file.RunFile`),
+            or one emcee backend an ensemble.
         thin_by: Store every ``thin_by``-th generation.
         progress: Whether to show a progress bar an ensemble (needs tqdm).
         initial: Starting positions ``(nwalkers, ndim)``, or ``(ensembles, nwalkers,
             ndim)``; None for draws from the prior.
+        resume: Whether to go on with the file ``backend``, if there is one, until every
+            ensemble has ``nsteps`` steps; the chain is that of a run that was never
+            stopped, to the bit. Whatever else was asked for must be as it was: the file
+            knows posterior, data, moves, settings and versions. A new run is started
+            where there is no file, so a script may always say ``resume=True``. A run
+            that was stopped in the burn-in of "auto" begins it again.
+        on_failure: What an exception, a time-out, NaN or a wrong number of modes of a
+            solve does: "raise" to stop with the parameters by name, "reject" to take
+            the posterior for zero there, count the cause and log it (logger
+            "emcee_femu"); ``sampler.failures`` and ``diagnose`` report them.
+        max_failures: Fraction of the evaluations, of at least 100, above which
+            "reject" stops the run: a posterior with such holes is another one.
 
     Returns:
         One ``emcee.EnsembleSampler`` an ensemble, after the run. With it go
@@ -63,8 +81,11 @@ def run(
     Raises:
         TypeError: If a count is not a whole number, or posterior is no LogPosterior.
         ValueError: If the moves do not fit the ensemble, an initial point is out of
-            bounds or has no finite log-posterior, a backend already holds steps, or
-            pool and vectorize are both asked for. All are raised before sampling.
+            bounds or has no finite log-posterior, a backend already holds steps, a
+            file is not that of the same run, or pool and vectorize are both asked for.
+            All are raised before sampling.
+        RuntimeError: If too many solves failed. An exception during sampling has the
+            samplers so far, as its attribute ``samplers``.
     """
     if not isinstance(posterior, LogPosterior):
         raise TypeError(
@@ -93,35 +114,75 @@ def run(
     if vectorize and pool is not None:
         raise ValueError("vectorize: emcee ignores the pool then; give one of the two")
 
-    streams = np.random.SeedSequence(seed).spawn(ensembles)
-    starts = _starts(posterior, nwalkers, streams, initial)
-    backends = _backends(backend, ensembles)
+    log, evaluated, workers = guard(posterior, pool, on_failure, max_failures)
     build = partial(
-        emcee.EnsembleSampler, nwalkers, ndim, posterior, pool=pool, vectorize=vectorize
+        emcee.EnsembleSampler,
+        nwalkers,
+        ndim,
+        evaluated,
+        pool=workers,
+        vectorize=vectorize,
     )
-    states = [
-        _first_state(build(), start, stream)
-        for start, stream in zip(starts, streams, strict=True)
-    ]
-    evaluations, recipe = nwalkers, ""
-    if automatic:
-        moves, states, evaluations, recipe = burn_in_and_fit(build, states, progress)
-    samplers = [build(moves=moves, backend=own) for own in backends]
+    in_file = isinstance(backend, str | PathLike)
+    if resume and not in_file:
+        raise TypeError(
+            f"resume: expected backend to be the name of a file, got {backend!r}"
+        )
+    backends = [] if in_file else _backends(backend, ensembles)
+    print_of_run = {}
+    if in_file:
+        print_of_run = fingerprint(
+            posterior,
+            "auto" if automatic else moves,
+            nwalkers=nwalkers,
+            ensembles=ensembles,
+            seed=seed,
+            thin_by=thin_by,
+            initial=initial,
+            on_failure=on_failure,
+        )
+    if resume and os.path.lexists(backend):
+        backends, begin = run_start.resume(backend, ensembles, print_of_run, moves)
+    else:
+        if in_file and os.path.lexists(backend):
+            raise ValueError(
+                f"backend: {backend} exists; go on with it by resume=True, or give a "
+                "new file name"
+            )
+        begin = begin_run(
+            posterior, moves, automatic, build, seed, initial, ensembles, progress
+        )
+        if in_file:
+            backends = run_start.create(backend, nsteps, print_of_run, begin, automatic)
+    left = [nsteps - (own.iteration if resume else 0) for own in backends]
+    if min(left) < 0:
+        raise ValueError(
+            f"nsteps: expected at least the {nsteps - min(left)} steps that {backend} "
+            f"holds already, got {nsteps}"
+        )
+    samplers = [build(moves=begin.moves, backend=own) for own in backends]
     for sampler in samplers:  # kept for to_inference_data and compare_moves
         sampler.seed = seed
-        sampler.recipe = recipe
-        sampler.burn_in_evaluations = evaluations
-    for number, (sampler, state) in enumerate(zip(samplers, states, strict=True), 1):
-        sampler.run_mcmc(
-            state,
-            nsteps,
-            thin_by=thin_by,
-            progress=progress,
-            progress_kwargs={"desc": f"ensemble {number}/{ensembles}"},
-            # Prior draws are linearly independent with probability one, and a single
-            # Metropolis walker, which emcee's check refuses, is a legitimate chain.
-            skip_initial_state_check=True,
-        )
+        sampler.recipe = begin.sentence
+        sampler.burn_in_evaluations = begin.evaluations
+        sampler.failures = log
+    for number, sampler in enumerate(samplers, 1):
+        if not left[number - 1]:
+            continue
+        try:
+            sampler.run_mcmc(
+                begin.states[number - 1],
+                left[number - 1],
+                thin_by=thin_by,
+                progress=progress,
+                progress_kwargs={"desc": f"ensemble {number}/{ensembles}"},
+                # Prior draws are linearly independent with probability one, and a
+                # single Metropolis walker, which emcee refuses, is a legitimate chain.
+                skip_initial_state_check=True,
+            )
+        except BaseException as error:  # also of the keyboard: nothing is lost
+            error.samplers = samplers  # type: ignore[attr-defined]
+            raise
     return samplers
 
 
@@ -132,38 +193,10 @@ def _listed(moves: Any) -> list[Any]:
     return [item[0] if isinstance(item, Sequence) else item for item in moves]
 
 
-def _starts(
-    posterior: LogPosterior,
-    nwalkers: int,
-    streams: list[np.random.SeedSequence],
-    initial: ArrayLike | None,
-) -> list[Any]:
-    if initial is None:
-        return [posterior.start(nwalkers, stream.spawn(1)[0]) for stream in streams]
-    # A copy in double precision: emcee would truncate steps from integer starts.
-    starts = checks.real_array("initial", initial)
-    if starts.ndim == 2 and len(streams) == 1:
-        starts = starts[None]
-    if starts.shape != (len(streams), nwalkers, posterior.ndim):
-        raise ValueError(
-            f"initial: expected shape {(len(streams), nwalkers, posterior.ndim)} "
-            f"(ensembles, nwalkers, ndim), got {starts.shape}"
-        )
-    for start in starts:
-        posterior.check_inside("initial", start)
-    return list(starts)
-
-
 def _backends(backend: Any, ensembles: int) -> list[Any]:
     if backend is None:
         return [None] * ensembles
-    if isinstance(backend, str | PathLike):
-        backends = [
-            emcee.backends.HDFBackend(str(backend), name=f"ensemble_{k}")
-            for k in range(ensembles)
-        ]
-    else:
-        backends = list(backend) if isinstance(backend, Sequence) else [backend]
+    backends = list(backend) if isinstance(backend, Sequence) else [backend]
     if len(backends) != ensembles:
         raise ValueError(
             f"backend: expected one for each of {ensembles} ensembles, "
@@ -176,18 +209,3 @@ def _backends(backend: Any, ensembles: int) -> list[Any]:
                 "run; give a new file name, or call its reset()"
             )
     return backends
-
-
-def _first_state(
-    sampler: emcee.EnsembleSampler, start: Any, stream: np.random.SeedSequence
-) -> emcee.State:
-    """Return the evaluated start, with the ensemble's own random stream."""
-    log_prob, blobs = sampler.compute_log_prob(start)
-    if not np.isfinite(log_prob).all():
-        walker = int(np.argmin(np.isfinite(log_prob)))
-        raise ValueError(
-            f"initial: the log-posterior of walker {walker} is {log_prob[walker]} at "
-            f"{start[walker].tolist()}; every walker must start where it is finite"
-        )
-    random = np.random.RandomState(np.random.MT19937(stream))
-    return emcee.State(start, log_prob, blobs, random.get_state())

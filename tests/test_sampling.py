@@ -96,7 +96,7 @@ def test_hdf_file_holds_one_group_an_ensemble_and_is_not_run_over(tmp_path):
     assert np.array_equal(in_file, chains(ensembles=2))
     stored = emcee.backends.HDFBackend(str(file), name="ensemble_1", read_only=True)
     assert np.array_equal(stored.get_chain(), in_file[1])
-    with pytest.raises(ValueError, match="already holds 20 steps"):
+    with pytest.raises(ValueError, match="exists; go on with it by resume=True"):
         chains(backend=file, ensembles=2)
 
 

@@ -1,6 +1,5 @@
 """TemperedMove keeps every tempered law, crosses between modes, and hides nothing."""
 
-import pickle
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -147,15 +146,7 @@ def test_serial_vectorised_and_pooled_chains_are_the_same_to_the_bit():
 def test_a_run_resumed_from_a_file_goes_on_to_the_bit(tmp_path):
     file = tmp_path / "run.h5"
     sampled(nsteps=5, backend=file)
-    resumed = emcee.EnsembleSampler(
-        36,
-        5,
-        PROBLEM.posterior,
-        moves=pickle.loads(pickle.dumps(MOVE)),
-        backend=emcee.backends.HDFBackend(str(file), name="ensemble_0"),
-        vectorize=True,
-    )
-    resumed.run_mcmc(None, 7)
+    (resumed,) = sampled(backend=file, resume=True)
     assert_array_equal(everything(resumed), everything(sampled()[0]))
 
 

@@ -1,0 +1,87 @@
+"""The first state of every ensemble: starts, random streams, burn-in."""
+
+from collections.abc import Callable
+from typing import Any
+
+import emcee
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import checks
+from .auto import Recipe, burn_in_and_fit
+from .posterior import LogPosterior
+
+
+def begin_run(
+    posterior: LogPosterior,
+    moves: Any,
+    automatic: bool,
+    build: Callable[..., emcee.EnsembleSampler],
+    seed: int,
+    initial: Any,
+    ensembles: int,
+    progress: bool | str,
+) -> Recipe:
+    """Return evaluated starts and the moves, after the burn-in of "auto".
+
+    Args:
+        posterior: What is sampled.
+        moves: The moves that were asked for.
+        automatic: Whether they shall be found by a burn-in.
+        build: ``build(moves=...)`` makes an emcee sampler of the posterior.
+        seed: Of all random streams.
+        initial: Starting positions, or None for draws from the prior.
+        ensembles: Number of ensembles.
+        progress: Whether to show the progress of the burn-in.
+
+    Raises:
+        ValueError: If initial has the wrong shape or is out of bounds, or a walker
+            starts where the posterior is zero.
+    """
+    streams = np.random.SeedSequence(seed).spawn(ensembles)
+    nwalkers = build().nwalkers
+    starts = _starts(posterior, nwalkers, streams, initial)
+    states = [
+        _first_state(build(), start, stream)
+        for start, stream in zip(starts, streams, strict=True)
+    ]
+    if automatic:
+        return burn_in_and_fit(build, states, progress)
+    return Recipe(moves, states, nwalkers, "")
+
+
+def _starts(
+    posterior: LogPosterior,
+    nwalkers: int,
+    streams: list[np.random.SeedSequence],
+    initial: ArrayLike | None,
+) -> list[Any]:
+    if initial is None:
+        return [posterior.start(nwalkers, stream.spawn(1)[0]) for stream in streams]
+    # A copy in double precision: emcee would truncate steps from integer starts.
+    starts = checks.real_array("initial", initial)
+    if starts.ndim == 2 and len(streams) == 1:
+        starts = starts[None]
+    if starts.shape != (len(streams), nwalkers, posterior.ndim):
+        raise ValueError(
+            f"initial: expected shape {(len(streams), nwalkers, posterior.ndim)} "
+            f"(ensembles, nwalkers, ndim), got {starts.shape}"
+        )
+    for start in starts:
+        posterior.check_inside("initial", start)
+    return list(starts)
+
+
+def _first_state(
+    sampler: emcee.EnsembleSampler, start: Any, stream: np.random.SeedSequence
+) -> emcee.State:
+    """Return the evaluated start, with the ensemble's own random stream."""
+    log_prob, blobs = sampler.compute_log_prob(start)
+    if not np.isfinite(log_prob).all():
+        walker = int(np.argmin(np.isfinite(log_prob)))
+        raise ValueError(
+            f"initial: the log-posterior of walker {walker} is {log_prob[walker]} at "
+            f"{start[walker].tolist()}; every walker must start where it is finite"
+        )
+    random = np.random.RandomState(np.random.MT19937(stream))
+    return emcee.State(start, log_prob, blobs, random.get_state())
