@@ -29,8 +29,8 @@ class FrequencyTerm:
     on eigenvalues, :math:`f^2 / f_m^2 - 1`, has about twice these deviations.
 
     The lowest ``n_modes`` frequencies of the model are compared, in ascending order,
-    or, of a :class:`paired_model.PairedModel`, those of the paired modes. A mode without
-    a pair costs 8 (four standard deviations) on top of the residual of the least bad.
+    or, of a :class:`paired_model.PairedModel`, those of the paired modes. A mode that
+    has no pair costs 8 (four standard deviations) on top of its residual.
 
     The scatter of modal tests is often 0.2 %, the error of a good model 1 to 2 %: with
     the measured standard deviations alone the posterior is far too narrow. Give the

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+TESTS = Path(__file__).parent
+EXAMPLES = TESTS.parent / "examples"
 
 
 def load(name):
@@ -16,11 +17,12 @@ def load(name):
     return module
 
 
-def test_every_example_is_a_page_with_a_command():
+def test_every_example_is_a_page_with_a_command_and_has_a_test():
+    tests = "".join(p.read_text(encoding="utf-8") for p in TESTS.glob("test_*.py"))
     for path in EXAMPLES.glob("*.py"):
         text = path.read_text(encoding="utf-8")
         assert text.startswith('"""') and f"python examples/{path.name}" in text
-        assert f"test_{path.stem}" in Path(__file__).read_text(encoding="utf-8")
+        assert f"def test_{path.stem}(" in tests, path.name
 
 
 def test_mass_spring(tmp_path, capsys):

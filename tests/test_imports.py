@@ -14,19 +14,44 @@ PACKAGE = Path(emcee_femu.__file__).parent
 ORDER = [
     "interfaces",
     "checks",
+    "failures",
     "models",
+    "measured_modes",
+    "repeated_tests",
+    "measured_files",
+    "identification",
+    "measurements",
+    "pairing",
+    "paired_model",
     "likelihoods",
+    "shape_likelihood",
     "priors",
+    "agreement",
     "posterior",
+    "guarded",
+    "pools",
+    "evaluation_pool",
     "moves",
     "auto",
+    "starts",
+    "described_code",
+    "described_objects",
+    "fingerprint",
+    "run_storage",
+    "run_creation",
+    "run_file",
+    "run_start",
     "sampling",
+    "stored_chains",
     "inference_data",
     "diagnostics",
     "evidence",
     "ellipses",
     "tables",
     "figures",
+    "information",
+    "predictive",
+    "predictive_figure",
     "contest",
     "comparison",
     "comparison_figure",
@@ -76,7 +101,7 @@ def test_importing_the_package_loads_no_plotting_and_no_arviz():
         ("arviz", {"inference_data"}),
         ("xarray", {"inference_data"}),
         # The figure of a comparison needs `comparison`, which comes after `figures`.
-        ("matplotlib", {"figures", "comparison_figure"}),
+        ("matplotlib", {"figures", "comparison_figure", "predictive_figure"}),
         ("corner", {"figures"}),
     ],
 )
@@ -96,7 +121,9 @@ def test_public_names_are_importable():
         "MassSpringModel FrameModel MatrixModel FunctionModel run to_inference_data "
         "diagnose parameter_table frequency_table plot_scatter plot_tae "
         "plot_correlation compare_moves plot_comparison DEMCMove MetropolisMove "
-        "TemperedMove log_evidence paper"
+        "TemperedMove log_evidence paper ShapeTerm Measurements ReducedModel "
+        "PairedModel DelayedAcceptanceMove identifiability EvaluationPool "
+        "plot_predictive"
     ).split():
         assert hasattr(emcee_femu, name), name
 
