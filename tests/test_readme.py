@@ -5,13 +5,17 @@ from pathlib import Path
 
 import pytest
 
+import emcee_femu
+
 ROOT = Path(__file__).parents[1]
+PACKAGE = Path(emcee_femu.__file__).parent  # of the installed wheel in .ci/run
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.S)
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
-def test_python_blocks_run(block):
+def test_python_blocks_run(block, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # one writes a file
     exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
 
 
@@ -28,7 +32,7 @@ def test_every_python_command_names_an_existing_example():
 
 def test_every_module_of_the_table_exists():
     for module in re.findall(r"^\| `(\w+)` \|", README, flags=re.M):
-        package = ROOT / "emcee_femu" / module
+        package = PACKAGE / module
         assert package.with_suffix(".py").exists() or package.is_dir(), module
 
 
