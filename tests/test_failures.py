@@ -77,12 +77,16 @@ def test_a_batch_that_fails_names_its_parameter_sets():
     assert "'a': 1.5, 'b': 0.25" in caught.value.__notes__[0]
 
 
-@pytest.mark.parametrize("pool", [False, True])
+@pytest.mark.parametrize("pool", [None, lambda own: own, ef.EvaluationPool])
 def test_rejected_failures_leave_the_posterior_of_what_can_be_solved(pool):
-    if pool:
+    if pool is not None:
         with ProcessPoolExecutor(2) as workers:
             (sampler,) = ef.run(
-                posterior(), nsteps=150, pool=workers, on_failure="reject", **OPTIONS
+                posterior(),
+                nsteps=150,
+                pool=pool(workers),
+                on_failure="reject",
+                **OPTIONS,
             )
     else:
         (sampler,) = ef.run(posterior(), nsteps=150, on_failure="reject", **OPTIONS)

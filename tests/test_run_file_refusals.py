@@ -4,7 +4,6 @@ import io
 import os
 import shutil
 import sys
-import time
 import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace
@@ -247,15 +246,3 @@ def test_memory_does_not_grow_with_the_number_of_steps(path):
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grown < 50_000  # these steps have 128,000 bytes
-
-
-def test_a_step_costs_less_than_with_the_backend_of_emcee(path):
-    def seconds(backend, nsteps):
-        begin = time.perf_counter()
-        advance(backend, nsteps)
-        return time.perf_counter() - begin
-
-    own = create(path, 150)
-    own_time = min(seconds(own, 50) for _ in range(3))
-    emcee_time = min(seconds(HDFBackend(path + "2"), 50) for _ in range(3))
-    assert own_time < 0.5 * emcee_time  # a tenth, measured

@@ -1,0 +1,1 @@
+"""What stands behind :class:`emcee_femu.EvaluationPool`, and what runs on a worker."""
