@@ -96,19 +96,20 @@ def check_memory(runs: list[Any], numbers: int, discard: int, thin: int) -> None
     """
     discard = checks.whole_number("discard", discard)
     thin = checks.whole_number("thin", thin, 1)
-    needed = 0
+    needed = unthinned = 0
     for run in runs:
-        draws = len(range(discard + thin - 1, run.iteration, thin))
-        walkers, _ = getattr(run, "backend", run).shape
-        needed += 2 * 8 * draws * walkers * numbers
+        # Whole numbers of Python, which do not overflow; those of HDF5 files do.
+        steps, walkers = int(run.iteration), int(getattr(run, "backend", run).shape[0])
+        step = 2 * 8 * walkers * numbers
+        needed += step * len(range(discard + thin - 1, steps, thin))
+        unthinned += step * (steps - discard)
     available = available_memory()
     if available is None or needed <= available:
         return
-    fits = -(-thin * needed // max(available, 1))
     raise MemoryError(
         f"samplers: to convert them needs {needed / 1e9:.3g} GB of memory, but "
-        f"{available / 1e9:.3g} GB are available; use thin={fits} or more, or a larger "
-        "discard"
+        f"{available / 1e9:.3g} GB are available; use "
+        f"thin={-(-unthinned // max(available, 1))} or more, or a larger discard"
     )
 
 

@@ -1,0 +1,124 @@
+"""Simulation-based calibration of the mass-spring posterior: 200 data sets a setting.
+
+The test, stated: of each setting's ranks, for the five parameters and the
+log-likelihood, a chi-square test of the uniform law in 8 bins (25 ranks expected in
+each). With 3 settings these are 18 tests; Bonferroni's correction asks each of them for
+p > 0.001 / 18, so that sound moves fail all this with a probability of at most 0.1 %,
+over the choice of the seed. Of a mutant at least one p must be below that.
+"""
+
+import calibration
+import numpy as np
+import pytest
+from calibration import BETA, DRAWS, QUANTITIES, p_values, ranks, simulated
+from scipy import stats
+
+import emcee_femu as ef
+from emcee_femu.moves import IndependenceMove, MetropolisMove
+from emcee_femu.moves.acceptance import metropolis_step
+
+
+class TooWarm(ef.DEMCMove):
+    """Samples at a temperature of 1.44: standard deviations are 20 % too large."""
+
+    def propose(self, model, state):
+        def tempered(theta):
+            log_prob, blobs = model.compute_log_prob_fn(theta)
+            return log_prob / 1.44, blobs
+
+        state.log_prob /= 1.44
+        state, accepted = super().propose(
+            model._replace(compute_log_prob_fn=tempered), state
+        )
+        state.log_prob *= 1.44
+        return state, accepted
+
+
+class DriftingMetropolis(MetropolisMove):
+    """Steps have a mean, for which the acceptance makes no amends."""
+
+    def propose(self, model, state):
+        nwalkers, ndim = state.coords.shape
+        walkers = np.arange(nwalkers)
+        normal = 0.4 + model.random.standard_normal((nwalkers, ndim))
+        steps = normal @ np.linalg.cholesky(self.cov).T
+        moved = metropolis_step(model, state, walkers, state.coords + steps)
+        return state, np.isin(walkers, moved)
+
+
+class WithoutProposalDensity(IndependenceMove):
+    """Accepts by the ratio of posteriors alone."""
+
+    def log_density(self, theta):
+        return np.zeros(len(theta))
+
+
+def mixed(pilot, kind=IndependenceMove):
+    return [(ef.DEMCMove(), 0.5), (kind.fit(pilot), 0.5)]
+
+
+SETTINGS = {
+    "DE-MC": lambda pilot: ef.DEMCMove(),
+    "M-H": MetropolisMove.tuned,
+    "mixed": mixed,
+}
+MUTANTS = {  # and how many data sets show it
+    "DE-MC too warm": (lambda pilot: TooWarm(), 200),
+    "M-H with a drift": (DriftingMetropolis.tuned, 120),
+    "mixed without proposal density": (
+        lambda pilot: mixed(pilot, WithoutProposalDensity),
+        60,
+    ),
+}
+LEVEL = 0.001 / (len(SETTINGS) * len(QUANTITIES))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("setting", SETTINGS)
+def test_the_truth_ranks_uniformly_among_the_draws(setting):
+    seed = 1 + list(SETTINGS).index(setting)  # other data sets for each
+    found = ranks(SETTINGS[setting], 200, seed)
+    assert p_values(found).min() > LEVEL
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", MUTANTS)
+def test_the_ranks_of_a_broken_move_are_not_uniform(mutant):
+    moves, datasets = MUTANTS[mutant]
+    assert p_values(ranks(moves, datasets, seed=11)).min() < LEVEL
+
+
+@pytest.mark.slow
+def test_the_ranks_under_a_likelihood_that_states_twice_the_noise_are_not_uniform():
+    found = ranks(SETTINGS["DE-MC"], 60, seed=12, stated_beta=BETA / 4)
+    assert p_values(found).min() < LEVEL
+
+
+@pytest.mark.parametrize("beta", [100.0, BETA])
+def test_data_are_simulated_from_the_law_that_the_likelihood_states(beta):
+    # The likelihood itself, of a model frequency of 5 Hz, at a grid of measured ones.
+    grid = 5 / (1 + np.linspace(-8, 8, 2_001)[::-1] / np.sqrt(beta))
+    modes = ef.ModalSolution(np.array([[5.0]]))
+    density = [np.exp(ef.FrequencyTerm([fm], beta=beta)({}, modes)[0]) for fm in grid]
+    areas = np.diff(grid) * (np.array(density[1:]) + density[:-1]) / 2
+    cumulative = np.append(0, np.cumsum(areas)) / areas.sum()
+    sample = simulated(np.full(20_000, 5.0), beta, np.random.default_rng(1))
+    p = stats.kstest(sample, lambda fm: np.interp(fm, grid, cumulative)).pvalue
+    assert p > 1e-3
+    if beta == 100.0:  # of the paper's beta the difference is 0.1 % of a deviation
+        rough = 5 * (1 + np.random.default_rng(1).standard_normal(20_000) / 10)
+        assert stats.kstest(rough, sample).pvalue < 1e-6
+
+
+def test_noise_too_large_for_the_cut_law_is_refused():
+    with pytest.raises(ValueError, match="beta: expected above 64"):
+        simulated(np.ones(3), 64.0, np.random.default_rng(1))
+
+
+def test_the_chi_square_test_is_that_of_the_uniform_law():
+    every = np.arange(DRAWS + 1)
+    np.testing.assert_array_equal(p_values(np.stack([every, every[::-1]], 1)), 1.0)
+    lowest = np.zeros((16, 1), dtype=int)  # 16 ranks in one bin, 2 expected in each
+    expected = stats.chi2.sf((14**2 + 7 * 2**2) / 2, 7)
+    np.testing.assert_allclose(p_values(lowest), expected, rtol=1e-12)
+    assert calibration.BINS == 8 and len(QUANTITIES) == 6
