@@ -42,7 +42,8 @@ def in_library(value: Any) -> bool:
 def function_parts(function: types.FunctionType) -> tuple[str, Parts]:
     """Return name and code of a function, and the values that the code reads."""
     code = function.__code__
-    assigned, read = set(), {}
+    assigned: set[Any] = set()
+    read: dict[Any, None] = {}  # in order
     for instruction in _instructions(code):
         if instruction.opname in ASSIGNMENTS:
             assigned.add(instruction.argval)

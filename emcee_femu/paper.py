@@ -118,9 +118,7 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
     )
 
 
-def h_frame(
-    modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False
-) -> FrameModel:
+def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> FrameModel:
     """Return the model of Application 2, a free-free 3-D frame of 12 elements.
 
     Args:
