@@ -34,7 +34,7 @@ def pyoma2(example):
     logger.setLevel(level)
 
 
-def test_the_stiffnesses_are_found_within_what_the_posterior_says(
+def test_ambient_vibration(
     example, pyoma2, capsys
 ):
     measured, parameters, diagnosis = example.main(900, 2, 4)

@@ -59,6 +59,7 @@ def test_a_longer_run_goes_on_from_a_shorter_one(path):
     assert_same(longer, again)
 
 
+@pytest.mark.slow
 def test_what_auto_found_is_not_sought_again(path, monkeypatch):
     whole = sampled(moves="auto", ensembles=1)
     first = sampled(moves="auto", backend=path, nsteps=10, ensembles=1)
