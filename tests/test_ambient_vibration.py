@@ -34,9 +34,7 @@ def pyoma2(example):
     logger.setLevel(level)
 
 
-def test_ambient_vibration(
-    example, pyoma2, capsys
-):
+def test_ambient_vibration(example, pyoma2, capsys):
     measured, parameters, diagnosis = example.main(900, 2, 4)
     z = (measured.frequencies - EXACT) / measured.sd
     assert measured.n_modes == 5 and np.abs(z).max() < 3
