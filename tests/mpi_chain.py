@@ -4,11 +4,12 @@ import pickle
 import sys
 
 from pool_problems import POSTERIOR, chain, failing, posterior_of
-from schwimmbad import MPIPool
 
 from emcee_femu.evaluation_pool import EvaluationPool
 
 if __name__ == "__main__":
+    from schwimmbad import MPIPool  # here, since pytest looks for doctests in this file
+
     with MPIPool() as pool:
         found = [
             chain(pool),
