@@ -16,7 +16,7 @@ from .inference_data import effective_sizes, stacked, to_inference_data
 from .interfaces import Floats, ModalModel, ModalSolution, Parameters
 from .moves.stock_faults import stock_fault
 from .posterior import LogPosterior
-from .sampling import run
+from .sampling import check_moves, check_progress, run
 from .tables import Table
 
 FEWEST_STEPS = 8  # that diagnose can judge
@@ -114,6 +114,7 @@ def compare_moves(
     nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
+    check_progress(progress)
     nsteps = _steps(nsteps, max_evaluations, nwalkers * ensembles)
     dropped = _dropped(discard, nsteps)
     known = known_moments(reference, posterior.names)
@@ -231,16 +232,12 @@ def _check_moves(moves: Any, nwalkers: int, ndim: int) -> None:
         )
     faults = []
     for label, given in moves.items():
-        if given == "auto":
+        if isinstance(given, str) and given == "auto":
             continue
+        check_moves(f"moves[{label!r}]", given)
         weighted = given if isinstance(given, list | tuple) else [given]
         for item in weighted:
             move = item[0] if isinstance(item, list | tuple) else item
-            if not hasattr(move, "propose"):
-                raise TypeError(
-                    f"moves[{label!r}]: expected an emcee move, a list of moves or "
-                    f"(move, weight), or 'auto', got {given!r}"
-                )
             if hasattr(move, "check"):
                 move.check(nwalkers, ndim)
             fault = stock_fault(move, ndim)

@@ -32,18 +32,18 @@ def known_moments(
     """Return the reference, checked, as arrays."""
     if reference is None:
         return None
-    unknown = sorted(set(reference) - set(names))
-    if unknown or not reference:
+    if not checks.by_name("reference", reference, names):
         raise ValueError(
             f"reference: expected (mean, sd) by parameter name, some of {list(names)}, "
-            f"got {unknown or 'none'}"
+            "got none"
         )
-    moments = checks.real_array("reference", list(reference.values()))
-    if moments.shape != (len(reference), 2):
+    pairs = [checks.real_array("reference", pair, 1) for pair in reference.values()]
+    if any(pair.shape != (2,) for pair in pairs):
         raise ValueError(
-            "reference: expected a pair (mean, sd) for each parameter, got shape "
-            f"{moments.shape}"
+            "reference: expected a pair (mean, sd) for each parameter, got "
+            f"{[pair.tolist() for pair in pairs]}"
         )
+    moments = np.array(pairs)
     sd = checks.positive_array("reference (its sd)", moments[:, 1])
     columns = np.array([names.index(name) for name in reference])
     return Moments(columns, moments[:, 0], sd)

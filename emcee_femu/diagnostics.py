@@ -223,13 +223,16 @@ def running_tae(
     generations spaced geometrically.
 
     Raises:
-        ValueError: If no term of the posterior has measured frequencies.
+        TypeError: If posterior is no LogPosterior.
+        ValueError: If no term of the posterior has measured frequencies, or it has
+            other parameters.
 
     Source: the text below Table 4.2 of Sherri, Boulkaibet, Marwala and Friswell.
     """
     points = checks.whole_number("points", points, 2)
     measured = measured_frequencies(idata)
-    _, chains = inference_data.samples(idata)
+    names, chains = inference_data.samples(idata)
+    check_sampled(posterior, names)
     by_generation = chains.mean(axis=0)  # (draws, d)
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
@@ -244,6 +247,24 @@ def total_average_error(measured: Floats, frequencies: Floats) -> Floats:
     errors = np.abs(frequencies[..., : len(measured)] / measured - 1)
     result: Floats = 100 * errors.mean(axis=-1)
     return result
+
+
+def check_sampled(posterior: Any, names: Sequence[str]) -> None:
+    """Refuse what is not the posterior that was sampled, by its parameters.
+
+    Raises:
+        TypeError: If it is no LogPosterior.
+        ValueError: If its parameters are others, or in another order.
+    """
+    if not isinstance(posterior, LogPosterior):
+        raise TypeError(
+            f"posterior: expected a LogPosterior, got {type(posterior).__name__}"
+        )
+    if posterior.names != tuple(names):
+        raise ValueError(
+            f"posterior: expected the sampled one, with the parameters {list(names)}, "
+            f"got {list(posterior.names)}"
+        )
 
 
 def measured_frequencies(idata: Any) -> Floats:

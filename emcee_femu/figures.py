@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from . import checks
 from .diagnostics import running_tae
 from .ellipses import covariance_ellipse
 from .inference_data import samples
@@ -39,18 +40,25 @@ def plot_scatter(
         probability: The share inside an ellipse.
 
     Raises:
-        ValueError: If units or truths name an unknown parameter, or a parameter has
-            the same value in all samples.
+        TypeError: If units or truths is no such mapping.
+        ValueError: If units or truths name an unknown parameter, probability is not
+            between 0 and 1, or a parameter has the same value in all samples.
     """
     import corner
     from matplotlib.lines import Line2D
     from matplotlib.patches import Ellipse
 
     names, draws = _draws(idata)
+    probability = checks.real_number("probability", probability)
+    if not 0 < probability < 1:
+        raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
+    marks = {
+        name: checks.real_number(f"truths[{name!r}]", value)
+        for name, value in _known("truths", truths, names).items()
+    }
     exponents = [_exponent(column) for column in draws.T]
     scale = 10.0 ** np.array(exponents)
     draws = draws / scale
-    marks = _known("truths", truths, names)
     scaled_marks = [
         marks[name] / factor if name in marks else None
         for name, factor in zip(names, scale, strict=True)
@@ -107,15 +115,22 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
         idata: What :func:`to_inference_data` returns, best without burn-in removed,
             or several as ``{label: idata}`` of the same posterior.
         posterior: The sampled posterior.
+
+    Raises:
+        TypeError: If posterior is no LogPosterior.
+        ValueError: If no term of it has measured frequencies, it has other parameters,
+            or there is no idata.
     """
     from matplotlib import pyplot as plt
     from matplotlib import ticker
 
-    curves = dict(idata) if isinstance(idata, dict) else {"": idata}
+    given = dict(idata) if isinstance(idata, dict) else {"": idata}
+    if not given:
+        raise ValueError("idata: expected at least one, got none")
+    curves = {label: running_tae(item, posterior) for label, item in given.items()}
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     lowest, highest = np.inf, 0.0
-    for label, item in curves.items():
-        generations, tae = running_tae(item, posterior)
+    for label, (generations, tae) in curves.items():
         end = f"ends at {tae[-1]:.3g} %"
         axes.plot(generations, tae, label=f"{label}, {end}" if label else end)
         lowest, highest = min(lowest, tae.min()), max(highest, tae.max())
@@ -262,16 +277,16 @@ def _exponent(column: Floats) -> int:
 def _known(
     argument: str, values: Mapping[str, Any] | None, names: list[str]
 ) -> dict[str, Any]:
-    unknown = sorted(set(values or {}) - set(names))
-    if unknown:
-        raise ValueError(f"{argument}: no parameter {unknown}; there are {names}")
-    return dict(values or {})
+    return {} if values is None else checks.by_name(argument, values, names)
 
 
 def _labels(
     names: list[str], units: Mapping[str, str] | None, exponents: list[int]
 ) -> list[str]:
     by_name = _known("units", units, names)
+    for name, unit in by_name.items():
+        if not isinstance(unit, str):
+            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
     labels = []
     for name, exponent in zip(names, exponents, strict=True):
         power = f"$10^{{{exponent}}}$ " if exponent else ""

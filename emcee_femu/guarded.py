@@ -112,7 +112,7 @@ def guard(
         ValueError: If on_failure is neither "raise" nor "reject", or max_failures is
             not a fraction.
     """
-    if on_failure not in ("raise", "reject"):
+    if not isinstance(on_failure, str) or on_failure not in ("raise", "reject"):
         raise ValueError(
             f"on_failure: expected 'raise' or 'reject', got {on_failure!r}"
         )

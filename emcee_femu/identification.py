@@ -34,6 +34,7 @@ def read_uff(
         raise ImportError(
             'universal files need pyuff: pip install "emcee_femu[uff]"'
         ) from None
+    checks.file_name("path", path)
     with open(path, "rb"):  # a missing file in Python's words, not in pyuff's
         pass
     try:
@@ -48,7 +49,7 @@ def read_uff(
             f"{path}: expected data sets 55 with normal or complex modes, got "
             f"{len(sets)} data sets 55 and no mode among them"
         )
-    columns = [_nodal_values(data) for _, data in modes]
+    columns = [_nodal_values(path, data) for _, data in modes]
     for (i, _), column in zip(modes, columns, strict=True):
         if list(column) != list(columns[0]):
             raise ValueError(
@@ -59,7 +60,8 @@ def read_uff(
     labels = [*columns[0]]
     keep = [i for i, row in enumerate(shapes) if row.any()]
     if sensors is not None:
-        unknown = set(checks.parameter_names("sensors", sensors)) - set(labels)
+        sensors = checks.parameter_names("sensors", sensors)
+        unknown = set(sensors) - set(labels)
         if unknown:
             raise ValueError(
                 f"sensors: {sorted(unknown)} are not in {path}; there are {labels}"
@@ -87,6 +89,7 @@ def read_pyoma2(result: Any, shape_sd: bool) -> dict[str, Any]:
         TypeError: If result has no Fn and Phi.
         ValueError: If there are no modes yet, or Phi_std is asked for and missing.
     """
+    shape_sd = checks.flag("shape_sd", shape_sd)
     if not (hasattr(result, "Fn") and hasattr(result, "Phi")):
         raise TypeError(
             "result: expected a result of pyOMA2 with Fn and Phi, such as "
@@ -102,7 +105,13 @@ def read_pyoma2(result: Any, shape_sd: bool) -> dict[str, Any]:
         raise ValueError(
             "result: no Phi_std; run pyOMA2 with calc_unc=True, or leave shape_sd out"
         )
-    return _ascending({k: np.asarray(v) for k, v in found.items() if v is not None})
+    return _ascending(
+        {
+            key: checks.complex_array(f"result.{names[key]}", value)
+            for key, value in found.items()
+            if value is not None
+        }
+    )
 
 
 def _ascending(found: dict[str, Any]) -> dict[str, Any]:
@@ -125,13 +134,15 @@ def _frequency(data: Mapping[str, Any]) -> float:
     return float(abs(data["eig"]) / (2 * np.pi))
 
 
-def _nodal_values(data: Mapping[str, Any]) -> dict[str, complex]:
+def _nodal_values(
+    path: str | PathLike[str], data: Mapping[str, Any]
+) -> dict[str, complex]:
     """Return ``{"node:direction": value}`` of one mode, node by node."""
     axes = [key for key in AXES if key in data]
     nodes = [int(node) for node in data["node_nums"]]
     if any(len(data[key]) != len(nodes) for key in axes):  # pyuff reads on regardless
         raise ValueError(
-            "data set 55: expected 3 or 6 values a node, got "
+            f"{path}, data set 55: expected 3 or 6 values a node, got "
             f"{data['n_data_per_node']} at {len(nodes)} nodes"
         )
     values = {
@@ -140,5 +151,7 @@ def _nodal_values(data: Mapping[str, Any]) -> dict[str, complex]:
         for key in axes
     }
     if len(values) < len(nodes) * len(axes):
-        raise ValueError(f"data set 55: a node stands there twice, nodes are {nodes}")
+        raise ValueError(
+            f"{path}, data set 55: a node stands there twice, nodes are {nodes}"
+        )
     return values

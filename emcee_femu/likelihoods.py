@@ -104,8 +104,10 @@ class FrequencyTerm:
         frequencies = checks.positive_array("measured", measured, 1)
         if not frequencies.size:
             raise ValueError("measured: expected at least one frequency, got none")
+        checks.check_range("measured", frequencies)
         for label, text in (("name", name), ("discrepancy", discrepancy)):
-            if text is not None and (not isinstance(text, str) or not text):
+            left_out = label == "discrepancy" and text is None
+            if not left_out and (not isinstance(text, str) or not text):
                 raise TypeError(f"{label}: expected a non-empty string, got {text!r}")
         if len(given) > 1 or not (given or discrepancy):
             raise TypeError(
@@ -162,7 +164,8 @@ class FrequencyTerm:
         residuals -= 1.0
         if self._axes is not None:  # one product a row, for the same reason
             residuals = (residuals[:, None] @ self._axes)[:, 0]
-        residuals *= residuals
+        with np.errstate(over="ignore"):  # so far off the likelihood is zero
+            residuals *= residuals
         if self.discrepancy is None:
             residuals *= self.beta
             log_likelihood: Floats = np.add.reduce(residuals, axis=1)
@@ -192,6 +195,7 @@ def _relative_precision(
                 f"covariance: expected a symmetric ({n}, {n}) matrix for {n} modes, "
                 f"got {C.tolist()}"
             )
+        checks.check_range("covariance", C)
         variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
         if not variances[0] > 1e-12 * variances[-1]:
             raise ValueError(
@@ -205,6 +209,7 @@ def _relative_precision(
             f"{which}: expected one number or one for each of {n} modes, got shape "
             f"{numbers.shape}"
         )
+    checks.check_range(which, numbers)
     if which == "sd":
         numbers = numbers / frequencies
     precision = numbers if which == "beta" else numbers**-2

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from . import checks
+
 Path = str | PathLike[str]
 HEADER = ["quantity", "sensor", "dof"]
 # Rows of the CSV, in the order in which they are written: row -> field.
@@ -23,6 +25,7 @@ OF_SENSORS = ("shapes", "shape_sd")
 
 def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
     """Write the fields of :class:`Measurements` with all digits, a column a mode."""
+    checks.file_name("path", path)
     sensors, dofs = fields["sensors"], fields["dofs"]
     labels = [f"mode {i + 1}" for i in range(len(fields["frequencies"]))]
     with open(path, "w", encoding="utf-8", newline="") as file:
@@ -43,6 +46,14 @@ def read_csv(path: Path) -> dict[str, Any]:
     Raises:
         ValueError: If a cell cannot be read; the message names line and column.
     """
+    checks.file_name("path", path)
+    try:
+        return _read(path)
+    except (csv.Error, UnicodeError) as error:
+        raise ValueError(f"{path}: expected a CSV file in UTF-8 ({error})") from None
+
+
+def _read(path: Path) -> dict[str, Any]:
     rows: dict[str, list[list[float]]] = {field: [] for field in QUANTITIES.values()}
     sensors: dict[str, list[str]] = {field: [] for field in OF_SENSORS}
     dofs: list[int | None] = []

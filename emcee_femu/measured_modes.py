@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from .interfaces import Floats
 # Two modes this near to each other in frequency and MAC are one, identified twice.
 SAME_FREQUENCY, SAME_SHAPE = 1e-3, 0.99
 COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
+MOST = 1e300  # of which a sum is still a number
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
 
 
@@ -45,22 +47,12 @@ def shapes(value: ArrayLike, n_modes: int, argument: str = "shapes") -> Shapes:
         TypeError: If they are no numbers.
         ValueError: If the sizes disagree, or a shape is zero or not finite.
     """
-    try:
-        raw = np.asarray(value)
-    except ValueError as error:  # ragged nesting
-        raise ValueError(
-            f"{argument}: expected a rectangular array ({error})"
-        ) from None
-    if raw.dtype.kind not in "fiuc":
-        raise TypeError(
-            f"{argument}: expected real or complex numbers, got dtype {raw.dtype}"
-        )
-    given = raw.astype(complex if raw.dtype.kind == "c" else float)
+    given = checks.complex_array(argument, value)
     if given.ndim < 2 or given.shape[-1] != n_modes or not given.size:
         turned = "; transpose them" if given.shape[:1] == (n_modes,) else ""
         raise ValueError(
-            f"{argument}: expected (n_sensors, {n_modes}), a column a mode, got "
-            f"{given.shape}{turned}"
+            f"{argument}: expected (n_sensors, {n_modes}), a column for each of the "
+            f"frequencies, got {given.shape}{turned}"
         )
     for index in np.argwhere(~np.isfinite(given)):
         sensor, mode = index[-2:] + 1
@@ -71,6 +63,14 @@ def shapes(value: ArrayLike, n_modes: int, argument: str = "shapes") -> Shapes:
     for index in np.argwhere(~given.any(axis=-2)):
         raise ValueError(f"{argument}: mode {index[-1] + 1} is zero at all sensors")
     return given
+
+
+def scaled(given: Any) -> Any:
+    """Return shapes of a size near 1, divided by powers of two: no digit changes."""
+    size = np.maximum(np.abs(given.real), np.abs(given.imag))
+    exponent = np.frexp(size.max(axis=-2, keepdims=True, initial=0.0))[1]
+    half = exponent // 2  # 2.0**-exponent itself may be too large
+    return given * np.ldexp(1.0, -half) * np.ldexp(1.0, half - exponent)
 
 
 def phases(given: Shapes) -> Shapes:
@@ -175,8 +175,13 @@ def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
             f"covariance: expected shape {(n_modes, n_modes)}, got {matrix.shape}"
         )
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
+    if np.abs(matrix).max() > MOST:
+        raise ValueError(f"covariance: expected numbers up to {MOST:g} Hz^2")
     sd = np.sqrt(np.diag(matrix))
-    correlation = matrix / np.outer(sd, sd)
+    with np.errstate(over="ignore"):  # infinite is an error below
+        correlation = matrix / np.outer(sd, sd)
+    if not np.isfinite(correlation).all():
+        raise ValueError("covariance: expected correlations up to 1, got infinite ones")
     if np.abs(correlation - correlation.T).max() > 1e-8:
         raise ValueError("covariance: expected a symmetric matrix")
     matrix = 0.5 * (matrix + matrix.T)  # the rounding of whoever printed it
@@ -206,7 +211,11 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[np.intp] | None:
     """Return the model's DOF at each sensor: distinct whole numbers from 0."""
     if value is None:
         return None
-    rows = np.array(value)
+    checks.refuse_masked("dofs", value)
+    try:
+        rows = np.array(value)
+    except (TypeError, ValueError) as error:  # ragged, or no array at all
+        raise TypeError(f"dofs: expected whole numbers ({error})") from None
     if rows.dtype.kind not in "iu":
         raise TypeError(f"dofs: expected whole numbers, got dtype {rows.dtype}")
     if rows.shape != (n_sensors,):

@@ -90,6 +90,11 @@ class Measurements:
         real = collinearity = None
         if shapes is not None:
             given = measured_modes.shapes(shapes, n_modes)
+            if given.ndim > 2:
+                raise ValueError(
+                    f"shapes: expected (n_sensors, {n_modes}), got {given.shape}; of "
+                    "repeated tests see from_repeats"
+                )
             n_sensors = len(given)
             real = (given * measured_modes.phases(given)).real
             collinearity = measured_modes.phase_collinearity(given, phase_collinearity)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from . import checks
+from . import checks, measured_modes
 from .interfaces import Floats, ModalModel, PairedSolution, Pairing, Parameters
 from .measurements import Measurements
 from .pairing import at_sensors, cluster_bases, one_to_one
@@ -97,13 +97,13 @@ class PairedModel:
         min_gap = checks.real_number("min_gap", min_gap, 0.0)
         if min_mac > 1:
             raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac:g}")
-        norms = np.linalg.norm(measurements.shapes, axis=0)
+        shapes = measured_modes.scaled(measurements.shapes)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "measurements", measurements)
         object.__setattr__(self, "candidates", candidates)
         object.__setattr__(self, "min_mac", min_mac)
         object.__setattr__(self, "min_gap", min_gap)
-        object.__setattr__(self, "_shapes", measurements.shapes / norms)
+        object.__setattr__(self, "_shapes", shapes / np.linalg.norm(shapes, axis=0))
 
     @property
     def n_modes(self) -> int:

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
+from . import checks, measured_modes
 from .interfaces import Floats
 
 DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
@@ -22,8 +23,9 @@ def mac(a: ArrayLike, b: ArrayLike) -> Floats:
         ``(..., p, q)``; 0 for a shape that is zero at all sensors.
 
     Raises:
-        ValueError: If an array has fewer than two axes, or the sensors differ in
-            number.
+        TypeError: If an array does not hold numbers.
+        ValueError: If an array has fewer than two axes, a number is not finite, or the
+            sensors differ in number.
 
     Source: Allemang and Brown (1982), A correlation coefficient for modal vector
     analysis, Proc. IMAC 1, 110-116.
@@ -32,12 +34,16 @@ def mac(a: ArrayLike, b: ArrayLike) -> Floats:
         >>> mac([[1.0, 1.0], [1.0, -1.0]], [[2.0, 1.0], [2.0, 0.0]]).round(2).tolist()
         [[1.0, 0.5], [0.0, 0.5]]
     """
-    first, second = np.asarray(a), np.asarray(b)
+    first, second = checks.complex_array("a", a), checks.complex_array("b", b)
     if first.ndim < 2 or second.ndim < 2 or first.shape[-2] != second.shape[-2]:
         raise ValueError(
             "a, b: expected shapes (..., n_sensors, n_modes) of the same sensors, got "
             f"{first.shape} and {second.shape}"
         )
+    for argument, shapes in (("a", first), ("b", second)):
+        if not np.isfinite(shapes).all():
+            raise ValueError(f"{argument}: expected finite shapes, got NaN or infinity")
+    first, second = measured_modes.scaled(first), measured_modes.scaled(second)
     product = np.abs(np.swapaxes(first.conj(), -1, -2) @ second) ** 2
     squares = [(np.abs(shapes) ** 2).sum(axis=-2) for shapes in (first, second)]
     norms = squares[0][..., :, None] * squares[1][..., None, :]

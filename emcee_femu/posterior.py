@@ -107,7 +107,9 @@ class LogPosterior:
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row or the rows of ``theta``, see the class."""
         # Own copy, since a model may overwrite it; in rows, so that sums round alike.
-        batch = np.array(theta, dtype=float, order="C")
+        if type(theta) is not np.ndarray or theta.dtype != np.float64:
+            theta = checks.numeric_array("theta", theta)
+        batch = np.array(theta, order="C")
         if batch.ndim not in (1, 2) or batch.shape[-1] != self.ndim:
             raise ValueError(
                 f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
@@ -150,7 +152,17 @@ class LogPosterior:
             if not hasattr(error, "__notes__"):  # FunctionModel has named its own
                 error.add_note(f"raised by the model at {self._values(theta)}")
             raise
-        shape = modes.frequencies.shape
+        frequencies = getattr(modes, "frequencies", None)
+        if (
+            not isinstance(frequencies, np.ndarray)
+            or isinstance(frequencies, np.ma.MaskedArray)
+            or frequencies.dtype.kind not in "fiu"
+        ):
+            raise TypeError(
+                "model: expected a ModalSolution with an array of real frequencies, "
+                f"got {modes!r} at {self._values(theta)}"
+            )
+        shape = frequencies.shape
         if len(shape) != 2 or shape[0] != n or shape[1] < self.n_modes:
             raise SolveError(
                 "wrong number of modes",
@@ -161,10 +173,18 @@ class LogPosterior:
         rows = np.empty((n, end + 2 * self.n_paired))
         rows[:, 1] = total = log_prior
         for column, term in enumerate(self.terms, 2):
-            rows[:, column] = value = term(parameters, modes)
+            value = term(parameters, modes)
+            if type(value) is not np.ndarray or value.dtype != np.float64:
+                value = checks.numeric_array(f"terms ({self._label(column)})", value)
+            if value.shape != (n,):  # one number would do for all rows, unseen
+                raise ValueError(
+                    f"terms: expected {n} log-likelihoods of {self._label(column)}, "
+                    f"got shape {value.shape}"
+                )
+            rows[:, column] = value
             total = total + value
         rows[:, 0] = total
-        rows[:, first_mode:end] = modes.frequencies[:, : self.n_modes]
+        rows[:, first_mode:end] = frequencies[:, : self.n_modes]
         if self.n_paired:
             if not isinstance(modes, PairedSolution):
                 raise TypeError(
@@ -179,6 +199,9 @@ class LogPosterior:
         ):
             raise self._not_finite(rows, theta)
         return rows
+
+    def _label(self, column: int) -> str:
+        return repr(self.term_names[column - 2])
 
     def _values(self, theta: Floats) -> Any:
         """Return parameter sets by name, for a message."""
@@ -219,7 +242,15 @@ class LogPosterior:
             ValueError: If nwalkers < 1, or around lies outside the bounds.
         """
         nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
-        rng = np.random.default_rng(seed)
+        if isinstance(seed, np.ndarray):
+            seed = np.asarray(seed)  # a numpy.matrix would crash the interpreter
+        try:
+            rng = np.random.default_rng(seed)
+        except (TypeError, ValueError) as error:
+            raise type(error)(
+                f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
+                f"({error})"
+            ) from None
         if around is None:
             return self.prior.sample(rng, nwalkers)
         centre = checks.real_array("around", around, 1)

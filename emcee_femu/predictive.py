@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .diagnostics import measured_frequencies
+from .diagnostics import check_sampled, measured_frequencies
 from .inference_data import dataset, samples
 from .interfaces import Floats
 from .likelihoods import FrequencyTerm
@@ -155,11 +155,7 @@ def replicated(idata: Any, posterior: LogPosterior) -> Floats:
 def frequency_term(idata: Any, posterior: LogPosterior) -> FrequencyTerm:
     """Return the term with the measured frequencies of idata."""
     names, _ = samples(idata)
-    if posterior.names != tuple(names):
-        raise ValueError(
-            f"posterior: expected the sampled one, with the parameters {names}, got "
-            f"{list(posterior.names)}"
-        )
+    check_sampled(posterior, names)
     measured = measured_frequencies(idata)
     for term in posterior.terms:
         if isinstance(term, FrequencyTerm) and np.array_equal(term.measured, measured):

@@ -1,5 +1,6 @@
 """Priors: a bounded Gaussian (Eq. 2.3), or independent scipy.stats marginals."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -66,12 +67,14 @@ class GaussianPrior:
             raise ValueError(
                 f"sd: expected one number or shape ({d},), got shape {sd.shape}"
             )
+        checks.check_range("sd", sd)
+        checks.check_range("mean", np.abs(mean) + sd)
         sd = np.broadcast_to(sd, (d,)).copy()
         if bounds is None:
             bounds = np.tile([-np.inf, np.inf], (d, 1))
         bounds = checked_bounds(bounds, fixed)
 
-        low, high = ((bounds - mean[:, None]) / sd[:, None]).T
+        low, high = _standard_bounds(bounds, mean, sd)
         nearest = np.clip(0.0, low, high)  # the densest point of the cut Gaussian
         with np.errstate(over="ignore", invalid="ignore"):  # is an error below
             log_mass = stats.norm.logpdf(nearest) - stats.truncnorm.logpdf(
@@ -95,7 +98,8 @@ class GaussianPrior:
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
         standard = (theta - self.mean) / self.sd
-        standard *= standard
+        with np.errstate(over="ignore"):  # beyond 1e154 sd the density is zero
+            standard *= standard
         log_density: Floats = np.add.reduce(standard, axis=1)
         log_density *= -0.5
         log_density += self._log_constant
@@ -104,7 +108,7 @@ class GaussianPrior:
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
-        low, high = ((self.bounds - self.mean[:, None]) / self.sd[:, None]).T
+        low, high = _standard_bounds(self.bounds, self.mean, self.sd)
         size = (n, len(self.names))
         standard = stats.truncnorm.rvs(low, high, size=size, random_state=rng)
         # Rounding may put mean + sd * low an ulp beyond a bound that was hit.
@@ -169,7 +173,8 @@ class IndependentPrior:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
         total = np.zeros(len(theta))
         for column, marginal in zip(theta.T, self.marginals.values(), strict=True):
-            total += marginal.logpdf(column)
+            with np.errstate(over="ignore"):  # as far out as that it is zero
+                total += marginal.logpdf(column)
         return total
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
@@ -191,7 +196,18 @@ def uniform_between(low: float, high: float) -> Any:
     low, high = checks.real_number("low", low), checks.real_number("high", high)
     if low >= high:
         raise ValueError(f"low: expected below high = {high:g}, got {low:g}")
+    if not math.isfinite(high - low):
+        raise ValueError(
+            f"high: expected within 1.8e308 of low = {low:g}, got {high:g}"
+        )
     return stats.uniform(low, high - low)
+
+
+def _standard_bounds(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
+    """Return bounds in standard deviations from the mean, ``(2, d)``."""
+    with np.errstate(over="ignore"):  # so far away there is no bound
+        result: Floats = ((bounds - mean[:, None]) / sd[:, None]).T
+    return result
 
 
 def checked_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:

@@ -18,7 +18,9 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
         ValueError: If there are too few tests, or a mode does not scatter.
     """
     tests = checks.positive_array("frequencies", value, 2)
+    correlated = checks.flag("correlated", correlated)
     n_tests, n_modes = tests.shape
+    checks.check_range("frequencies", tests)
     if n_tests < 2 or not n_modes:
         raise ValueError(
             "frequencies: expected (n_tests, n_modes) with two tests at least, got "
@@ -55,6 +57,7 @@ def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any
             f"shapes: expected ({n_tests} tests, n_sensors, {n_modes} modes), got "
             f"{tests.shape}"
         )
+    tests = measured_modes.scaled(tests)
     tests = tests / np.linalg.norm(tests, axis=1, keepdims=True)
     for mode in range(n_modes):
         columns = tests[:, :, mode].T  # (n_sensors, n_tests)

@@ -2,7 +2,9 @@
 
 import os
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing.pool import Pool, ThreadPool
 from os import PathLike
 from typing import Any
 
@@ -14,6 +16,7 @@ from .fingerprint import fingerprint
 from .guarded import guard
 from .moves import DEMCMove
 from .moves.tempering import ladder
+from .pools.pickling import pickled
 from .posterior import LogPosterior
 from .starts import begin_run
 
@@ -79,7 +82,8 @@ def run(
         stored chain.
 
     Raises:
-        TypeError: If a count is not a whole number, or posterior is no LogPosterior.
+        TypeError: If a count is not a whole number, posterior is no LogPosterior, or it
+            cannot be pickled for the processes of a pool.
         ValueError: If the moves do not fit the ensemble, an initial point is out of
             bounds or has no finite log-posterior, a backend already holds steps, a
             file is not that of the same run, or pool and vectorize are both asked for.
@@ -105,14 +109,20 @@ def run(
         raise ValueError(f"moves: expected emcee moves or 'auto', got {moves!r}")
     if moves is None or automatic:
         moves = DEMCMove()
+    check_moves("moves", moves)
     ladder(_listed(moves))  # refuses temperatures that differ
     for move in _listed(moves):
         if hasattr(move, "check"):
             move.check(nwalkers, ndim)
     if vectorize is None:
         vectorize = pool is None
+    vectorize = checks.flag("vectorize", vectorize)
+    resume = checks.flag("resume", resume)
+    check_progress(progress)
     if vectorize and pool is not None:
         raise ValueError("vectorize: emcee ignores the pool then; give one of the two")
+    if pool is not None and (isinstance(pool, type) or not hasattr(pool, "map")):
+        raise TypeError(f"pool: expected something with a map, got {pool!r}")
 
     log, evaluated, workers = guard(posterior, pool, on_failure, max_failures)
     build = partial(
@@ -123,6 +133,7 @@ def run(
         pool=workers,
         vectorize=vectorize,
     )
+    _check_picklable(pool, evaluated)
     in_file = isinstance(backend, str | PathLike)
     if resume and not in_file:
         raise TypeError(
@@ -186,11 +197,66 @@ def run(
     return samplers
 
 
+def check_moves(argument: str, moves: Any) -> None:
+    """Refuse what emcee would take for a move, a list of moves or weighted pairs.
+
+    Raises:
+        TypeError: If something is no move, or pairs are mixed with moves.
+        ValueError: If there is no move, or weights are negative or all zero.
+    """
+    listed = _listed(moves)
+    if not listed:
+        raise ValueError(f"{argument}: expected at least one move, got none")
+    for move in listed:
+        if isinstance(move, type) or not hasattr(move, "propose"):
+            raise TypeError(
+                f"{argument}: expected an emcee move, a list of moves or of (move, "
+                f"weight), got {move!r}"
+            )
+    if not isinstance(moves, Sequence):
+        return
+    pairs = [item for item in moves if isinstance(item, Sequence)]
+    if not pairs:
+        return
+    if len(pairs) < len(moves) or any(len(pair) != 2 for pair in pairs):
+        raise TypeError(
+            f"{argument}: expected (move, weight) throughout, got {moves!r}"
+        )
+    weights = [
+        checks.real_number(f"{argument} (their weights)", weight, 0.0)
+        for _, weight in pairs
+    ]
+    if not sum(weights) > 0:
+        raise ValueError(f"{argument}: expected a weight above zero, got {weights}")
+
+
+def check_progress(progress: Any) -> None:
+    """Refuse what is neither True, False nor the name of a bar of tqdm."""
+    if not isinstance(progress, str):
+        checks.flag("progress", progress)
+        return
+    bars = emcee.pbar.tqdm
+    if bars is not None and not hasattr(bars, f"tqdm_{progress}"):
+        raise ValueError(
+            f"progress: expected True, False or a bar of tqdm, such as 'notebook', got "
+            f"{progress!r}"
+        )
+
+
+def _check_picklable(pool: Any, function: Any) -> None:
+    """Refuse, naming the part to blame, what processes cannot be sent."""
+    of_processes = isinstance(pool, ProcessPoolExecutor | Pool)
+    if of_processes and not isinstance(pool, ThreadPool):
+        pickled(function)
+
+
 def _listed(moves: Any) -> list[Any]:
     """Return the moves of what emcee accepts: a move, a list, or weighted pairs."""
     if not isinstance(moves, Sequence):
         return [moves]
-    return [item[0] if isinstance(item, Sequence) else item for item in moves]
+    return [
+        item[0] if isinstance(item, Sequence) and len(item) else item for item in moves
+    ]
 
 
 def _backends(backend: Any, ensembles: int) -> list[Any]:
@@ -203,6 +269,11 @@ def _backends(backend: Any, ensembles: int) -> list[Any]:
             f"got {len(backends)}"
         )
     for own in backends:
+        if isinstance(own, type) or not hasattr(own, "initialized"):
+            raise TypeError(
+                "backend: expected None, the name of a file, or emcee backends, got "
+                f"{own!r}"
+            )
         if own.initialized and own.iteration:
             raise ValueError(
                 f"backend: {own!r} already holds {own.iteration} steps of another "

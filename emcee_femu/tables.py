@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import checks
-from .diagnostics import measured_frequencies, total_average_error
+from .diagnostics import check_sampled, measured_frequencies, total_average_error
 from .inference_data import dataset, samples
 from .interfaces import Floats
 from .posterior import LogPosterior
@@ -69,6 +69,7 @@ class Table:
             ["" if _missing(cell) else cell for cell in row] for row in self.rows
         )
         if path is not None:
+            checks.file_name("path", path)
             with open(path, "w", encoding="utf-8", newline="") as file:
                 file.write(buffer.getvalue())
         return buffer.getvalue()
@@ -104,6 +105,7 @@ def parameter_table(
         published: Further columns, ``{title: {parameter: value}}``.
 
     Raises:
+        TypeError: If nominal or published is no such mapping.
         ValueError: If nominal or a published column names an unknown parameter.
     """
     names, chains = samples(idata)
@@ -119,16 +121,16 @@ def parameter_table(
         known = _by_name("nominal", nominal, names)
         columns += [
             ("nominal", ".5g", known),
-            ("error %", ".2f", 100 * np.abs(initial / known - 1)),
+            ("error %", ".2f", _percent_off(initial, known)),
         ]
     columns.append(("mean", ".5g", mean))
     if nominal is not None:
-        columns.append(("error % ", ".2f", 100 * np.abs(mean / known - 1)))
+        columns.append(("error % ", ".2f", _percent_off(mean, known)))
     columns += [
         ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
-    for title, values in (published or {}).items():
+    for title, values in _columns(published):
         columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
     return table_of("Updating parameters", columns)
 
@@ -151,8 +153,9 @@ def frequency_table(
         published: Further columns, ``{title: one number a measured mode}``.
 
     Raises:
-        ValueError: If there are no measured frequencies, or a published column has
-            another length.
+        TypeError: If published is no such mapping, or posterior no LogPosterior.
+        ValueError: If there are no measured frequencies, a published column has
+            another length, or posterior has other parameters.
     """
     measured = measured_frequencies(idata)
     m = len(measured)
@@ -162,7 +165,8 @@ def frequency_table(
     initial = dataset(idata, "constant_data")["initial_frequency"].values[:m]
     updated = draws.mean(axis=0)
     if posterior is not None:
-        _, chains = samples(idata)
+        names, chains = samples(idata)
+        check_sampled(posterior, names)
         at_mean = posterior(chains.mean(axis=(0, 1)))
         updated = at_mean[posterior.columns["frequency"]][:m]
 
@@ -184,7 +188,7 @@ def frequency_table(
         ("c.o.v. %", ".3f", padded(100 * draws.std(axis=0, ddof=1) / updated)),
         ("error % ", ".3f", errors[1]),
     ]
-    for title, values in (published or {}).items():
+    for title, values in _columns(published):
         given = checks.numeric_array(f"published[{title!r}]", values)
         if given.shape not in ((m,), (m + 1,)):
             raise ValueError(
@@ -195,11 +199,40 @@ def frequency_table(
     return table_of("Natural frequencies", columns)
 
 
+def _columns(published: Any) -> list[tuple[str, Any]]:
+    """Return the further columns of a table by title."""
+    if published is None:
+        return []
+    if not isinstance(published, Mapping):
+        raise TypeError(
+            f"published: expected {{title: column}}, got {type(published).__name__}"
+        )
+    for title in published:
+        if not isinstance(title, str):
+            raise TypeError(f"published: expected titles that are text, got {title!r}")
+    return list(published.items())
+
+
 def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Floats:
-    unknown = sorted(set(values) - set(names))
-    if unknown:
-        raise ValueError(f"{argument}: no parameter {unknown}; there are {names}")
-    return np.array([values.get(name, np.nan) for name in names], dtype=float)
+    """Return a number for each name, NaN where there is none."""
+    known = checks.by_name(argument, values, names)
+    result = np.full(len(names), np.nan)
+    for name, value in known.items():
+        number = checks.numeric_array(f"{argument}[{name!r}]", value)
+        if number.shape != ():
+            raise ValueError(
+                f"{argument}[{name!r}]: expected a number, got shape {number.shape}"
+            )
+        result[names.index(name)] = number
+    return result
+
+
+def _percent_off(values: Floats, known: Floats) -> Floats:
+    """Return the relative errors in percent, NaN where the known value is zero."""
+    result: Floats = np.full(len(known), np.nan)
+    with np.errstate(over="ignore"):  # of a known value next to zero
+        np.divide(values, known, out=result, where=known != 0)
+    return 100 * np.abs(result - 1)
 
 
 def table_of(title: str, columns: list[tuple[str, str, Any]]) -> Table:

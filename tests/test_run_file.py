@@ -76,7 +76,7 @@ def killed(kind, path, *arguments):
 
 @posix
 def test_twenty_kills_at_random_times_leave_the_bits_of_an_uninterrupted_run(path):
-    found = killed("random_kills", path, 100, 20)
+    found = killed("random_kills", path, 400, 20)
     assert found == {"making": 10, "running": 20, "same": True}
 
 

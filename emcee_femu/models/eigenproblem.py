@@ -61,25 +61,35 @@ class Eigenproblem:
 
         ``describe(i)`` names parameter set i in an error message.
         """
-        A = _combine(self.K0, self.K, k)
+        with np.errstate(over="ignore", invalid="ignore"):  # is an error below
+            A = _combine(self.K0, self.K, k)
         to_dof = self._to_dof
         if to_dof is None:
             try:
-                L = np.linalg.cholesky(_combine(self.M0, self.M, m))
+                with np.errstate(over="ignore", invalid="ignore"):
+                    mass = _combine(self.M0, self.M, m)
+                L = np.linalg.cholesky(mass)
             except np.linalg.LinAlgError:
                 bad = _first_indefinite(_combine(self.M0, self.M, m))
                 raise ValueError(
                     f"the mass matrix is not positive definite at {describe(bad)}"
                 ) from None
             inverse = np.linalg.inv(L)
-            A = inverse @ A @ inverse.transpose(0, 2, 1)
+            with np.errstate(over="ignore", invalid="ignore"):
+                A = inverse @ A @ inverse.transpose(0, 2, 1)
             to_dof = self._reported(inverse.transpose(0, 2, 1))
-        if self.shapes:
-            eigenvalues, y = np.linalg.eigh(A)
+        try:
+            eigenvalues, y = (
+                np.linalg.eigh(A) if self.shapes else (np.linalg.eigvalsh(A), None)
+            )
+        except np.linalg.LinAlgError:  # of infinite or NaN entries
+            bad = int(np.argmin(np.isfinite(A).all(axis=(1, 2))))
+            raise ValueError(f"parameters: no eigenvalues at {describe(bad)}") from None
+        if y is not None:
             self._check(eigenvalues, describe)
             shapes = to_dof @ y.take(self.selected, axis=2)
         else:
-            eigenvalues, shapes = np.linalg.eigvalsh(A), None
+            shapes = None
             self._check(eigenvalues, describe)
         # Contiguous rows: a sum over modes must round alike for one row and for many.
         frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1))

@@ -76,17 +76,15 @@ class FrameModel:
     ) -> None:
         """See the class."""
         points = checks.real_array("nodes", nodes, 2)
-        if points.shape[1] != 3:
-            raise ValueError(f"nodes: expected (n_nodes, 3), got {points.shape}")
-        free = _free_dofs(len(points), supports or {})
-        K, M = _assemble(points, elements, sections)
-        wanted = _wanted_modes(n_modes, modes)
-        skip = checks.whole_number("skip", skip)
-        if skip + wanted[-1] > len(free):
+        if points.shape[1] != 3 or len(points) < 2:
             raise ValueError(
-                f"modes: mode {wanted[-1]} after {skip} rigid-body modes, but there "
-                f"are only {len(free)} free DOFs"
+                f"nodes: expected two or more, (n_nodes, 3), got {points.shape}"
             )
+        checks.check_range("nodes", points)
+        free = _free_dofs(len(points), {} if supports is None else supports)
+        K, M = _assemble(points, elements, sections)
+        skip = checks.whole_number("skip", skip)
+        wanted = _wanted_modes(n_modes, modes, skip, len(free))
         K0, stiffness, unit_K = _split(K, sections, free)
         M0, mass, unit_M = _split(M, sections, free)
         problem = Eigenproblem(
@@ -96,7 +94,7 @@ class FrameModel:
             M=unit_M,
             selected=tuple(skip + mode - 1 for mode in wanted),
             skip=skip,
-            shapes=bool(shapes),
+            shapes=checks.flag("shapes", shapes),
         )
         dofs = tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist())
         object.__setattr__(self, "sections", dict(sections))
@@ -131,19 +129,22 @@ class FrameModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        n = max((len(value) for value in parameters.values()), default=1)
+        parameters, n = checks.batch(parameters)
         for name in self.names:
             if name not in parameters:
                 raise ValueError(f"parameters: no value for {name!r}")
-            if not parameters[name].min() > 0:
+            if n and not parameters[name].min() > 0:
                 raise ValueError(
-                    f"section property {name!r} must be above zero, got "
-                    f"{parameters[name].min():g}; give its prior a lower bound"
+                    f"parameters: the section property {name!r} must be above zero, "
+                    f"got {parameters[name].min():g}; give its prior a lower bound"
                 )
 
         def coefficients(terms: Terms) -> Floats:
-            columns = [self.sections[s].coefficient(k, parameters) for s, k in terms]
-            return np.array(columns).reshape(-1, n).T
+            with np.errstate(over="ignore"):  # has no eigenvalues, which is an error
+                columns = [
+                    self.sections[s].coefficient(k, parameters) for s, k in terms
+                ]
+            return np.array(columns).reshape(len(terms), n).T
 
         def describe(row: int) -> str:
             return str({name: float(parameters[name][row]) for name in self.names})
@@ -169,7 +170,7 @@ def _free_dofs(
         elif not isinstance(held, Iterable):
             raise TypeError(f"supports[{node}]: expected names of DOFs, got {held!r}")
         for dof in held:
-            if dof not in DOFS:
+            if not isinstance(dof, str) or dof not in DOFS:
                 raise ValueError(
                     f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "
                     f"got {dof!r}"
@@ -180,11 +181,15 @@ def _free_dofs(
     return np.flatnonzero(free)
 
 
-def _wanted_modes(n_modes: Any, modes: Sequence[int] | None) -> tuple[int, ...]:
+def _wanted_modes(
+    n_modes: Any, modes: Sequence[int] | None, skip: int, n_free: int
+) -> tuple[int, ...]:
     if (n_modes is None) == (modes is None):
         raise TypeError("n_modes, modes: expected exactly one of the two")
     if modes is None:
-        return tuple(range(1, checks.whole_number("n_modes", n_modes, 1) + 1))
+        highest = checks.whole_number("n_modes", n_modes, 1)
+        _check_highest("n_modes", highest, skip, n_free)
+        return tuple(range(1, highest + 1))
     if not isinstance(modes, Sequence):
         raise TypeError(f"modes: expected a sequence of mode numbers, got {modes!r}")
     wanted = tuple(checks.whole_number("modes", mode, 1) for mode in modes)
@@ -192,7 +197,16 @@ def _wanted_modes(n_modes: Any, modes: Sequence[int] | None) -> tuple[int, ...]:
         raise ValueError(
             f"modes: expected ascending mode numbers from 1, got {tuple(modes)}"
         )
+    _check_highest("modes", wanted[-1], skip, n_free)
     return wanted
+
+
+def _check_highest(argument: str, mode: int, skip: int, n_free: int) -> None:
+    if skip + mode > n_free:
+        raise ValueError(
+            f"{argument}: mode {mode} after {skip} rigid-body modes (skip), but there "
+            f"are only {n_free} free DOFs"
+        )
 
 
 def _assemble(
@@ -206,6 +220,16 @@ def _assemble(
     def zeros(kinds: Iterable[str]) -> dict[tuple[str, str], Floats]:
         return {(s, k): np.zeros((size, size)) for s in sections for k in kinds}
 
+    if not isinstance(sections, Mapping):
+        raise TypeError(
+            f"sections: expected {{name: Section}}, got {type(sections).__name__}"
+        )
+    if not isinstance(elements, Sequence) or isinstance(elements, str | bytes):
+        raise TypeError(
+            "elements: expected a sequence of (node, node, section name), got "
+            f"{type(elements).__name__}"
+        )
+    checks.parameter_names("sections", list(sections))
     for name, section in sections.items():
         if not isinstance(section, Section):
             raise TypeError(f"sections[{name!r}]: expected a Section, got {section!r}")
@@ -220,13 +244,13 @@ def _assemble(
             raise TypeError(
                 f"elements[{e}]: expected (node, node, section name), got {element!r}"
             ) from None
-        used |= {first, second}
         for node in (first, second):
             if checks.whole_number(f"elements[{e}]", node) >= len(points):
                 raise ValueError(
                     f"elements[{e}]: no node {node}; nodes are 0 to {len(points) - 1}"
                 )
-        if name not in sections:
+        used |= {first, second}
+        if not isinstance(name, str) or name not in sections:
             raise ValueError(
                 f"elements[{e}]: no section {name!r}; sections are {sorted(sections)}"
             )

@@ -50,7 +50,7 @@ class FunctionModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Call the function for each parameter set and stack the results."""
-        n = max((len(value) for value in parameters.values()), default=1)
+        parameters, n = checks.batch(parameters)
         solutions: list[ModalSolution] = []
         for i in range(n):
             values = {name: float(value[i]) for name, value in parameters.items()}

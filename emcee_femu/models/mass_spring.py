@@ -1,6 +1,6 @@
 """Lumped masses joined by springs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,6 +56,10 @@ class MassSpringModel:
     ) -> None:
         """See the class."""
         mass = checks.positive_array("masses", masses, 1)
+        if not mass.size:
+            raise ValueError("masses: expected at least one, got none")
+        checks.check_range("masses", mass)
+        shapes = checks.flag("shapes", shapes)
         if not isinstance(springs, Mapping):
             raise TypeError(
                 "springs: expected {name: (node, node, stiffness)}, got "
@@ -76,11 +80,11 @@ class MassSpringModel:
             M0=np.diag(mass),
             M=np.empty((0, n, n)),
             selected=tuple(range(n)),
-            shapes=bool(shapes),
+            shapes=shapes,
         )
         object.__setattr__(self, "masses", mass)
         object.__setattr__(self, "springs", {k: tuple(springs[k]) for k in names})
-        object.__setattr__(self, "shapes", bool(shapes))
+        object.__setattr__(self, "shapes", shapes)
         object.__setattr__(self, "_names", tuple(defaults))
         object.__setattr__(self, "_defaults", np.array([*defaults.values()]))
         object.__setattr__(self, "_problem", problem)
@@ -102,7 +106,7 @@ class MassSpringModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
-        n = max((len(value) for value in parameters.values()), default=1)
+        parameters, n = checks.batch(parameters)
         k = np.empty((n, len(self._names)))
         k[:] = self._defaults
         for column, name in enumerate(self._names):
@@ -112,11 +116,11 @@ class MassSpringModel:
         def describe(row: int) -> str:
             return str(dict(zip(self._names, k[row].tolist(), strict=True)))
 
-        if not k.min() > 0:
+        if n and not k.min() > 0:
             row, column = np.argwhere(~(k > 0))[0]
             raise ValueError(
-                f"stiffness {self.names[column]!r} must be above zero, got "
-                f"{k[row, column]:g}; give its prior a lower bound"
+                f"parameters: the stiffness {self.names[column]!r} must be above "
+                f"zero, got {k[row, column]:g}; give its prior a lower bound"
             )
         return self._problem.solve(k, np.empty((n, 0)), describe)
 
@@ -127,15 +131,15 @@ def _defaults(
     """Return the default stiffness of each spring that follows no other."""
     defaults = {}
     for name in names:
-        try:
-            _, _, stiffness = springs[name]
-        except (TypeError, ValueError):
+        spring = springs[name]
+        if not isinstance(spring, Sequence) or len(spring) != 3:
             raise TypeError(
-                f"springs[{name!r}]: expected (node, node, stiffness), "
-                f"got {springs[name]!r}"
-            ) from None
+                f"springs[{name!r}]: expected (node, node, stiffness), got {spring!r}"
+            )
+        stiffness = spring[2]
         if not isinstance(stiffness, str):
             checked = checks.positive_array(f"springs[{name!r}]", stiffness, 0)
+            checks.check_range(f"springs[{name!r}]", checked)
             defaults[name] = checked.item()
     for name in names:
         leader = springs[name][2]

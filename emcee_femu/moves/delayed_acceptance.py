@@ -7,6 +7,7 @@ import numpy as np
 from emcee.moves import MHMove, Move, RedBlueMove
 from numpy.typing import ArrayLike, NDArray
 
+from .. import checks
 from ..interfaces import Floats
 from .acceptance import check_floats, metropolis_step
 from .independence import IndependenceMove
@@ -136,8 +137,10 @@ class DelayedAcceptanceMove(Move):
         return values
 
     def _evaluate(self, theta: Floats) -> Floats:
-        rows = np.asarray(self.cheap(theta), dtype=float)
-        log_prob: Floats = rows[:, 0] if rows.ndim == 2 else rows
+        rows: Any = self.cheap(theta)
+        if type(rows) is not np.ndarray or rows.dtype != np.float64:
+            rows = checks.numeric_array("cheap", rows)
+        log_prob: Floats = rows[:, 0] if rows.ndim == 2 and rows.size else rows
         if log_prob.shape != (len(theta),):
             raise ValueError(
                 f"cheap: expected {len(theta)} log-probabilities for as many rows, got "

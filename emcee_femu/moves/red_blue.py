@@ -43,7 +43,11 @@ class VectorizedRedBlueMove(RedBlueMove):
     ) -> None:
         """See the class."""
         nsplits = checks.whole_number("nsplits", nsplits, 2)
-        super().__init__(nsplits, bool(randomize_split), bool(live_dangerously))
+        super().__init__(
+            nsplits,
+            checks.flag("randomize_split", randomize_split),
+            checks.flag("live_dangerously", live_dangerously),
+        )
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble for which the move is not valid.

@@ -1,0 +1,188 @@
+"""Malformed posteriors, starts, runs, pools and comparisons."""
+
+import warnings
+
+import emcee
+import numpy as np
+from border import Target, arguments, properties
+from kinds import (
+    either,
+    flag,
+    floats,
+    many,
+    none,
+    numbers,
+    one_of,
+    unless,
+    unsaid,
+    whole,
+)
+
+import emcee_femu as ef
+
+SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+MODEL = ef.MassSpringModel([1.0, 2.0], SPRINGS)
+PRIOR = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 2.0, [(2.0, 20.0), (1.0, 9.0)])
+MEASURED = MODEL({}).frequencies[0]
+TERM = ef.FrequencyTerm(MEASURED, relative_sd=0.05)
+POSTERIOR = ef.LogPosterior(MODEL, TERM, PRIOR)
+POINT = np.array([9.0, 6.0])
+START = POSTERIOR.start(8, 1)
+
+
+def by_hand(theta):
+    """The log-posterior of one point or several, term by term."""
+    rows = []
+    for k1, k2 in np.atleast_2d(theta):
+        f = MODEL({"k1": np.array([k1]), "k2": np.array([k2])}).frequencies[0]
+        r = (f / MEASURED - 1) / 0.05
+        likelihood = -0.5 * r @ r - np.log(0.05 * MEASURED * np.sqrt(2 * np.pi)).sum()
+        prior = PRIOR.logpdf(np.array([[k1, k2]]))[0]
+        rows.append([prior + likelihood, prior, likelihood, *f])
+    return np.reshape(rows, (*np.shape(theta)[:-1], 5))
+
+
+def inside(value):
+    given = numbers(value)
+    if given is None or given.shape[-1:] != (2,) or given.ndim > 2:
+        return False
+    if np.isnan(given).any():
+        return None
+    low, high = PRIOR.bounds.T
+    return True if ((given >= low) & (given <= high)).all() else None
+
+
+def start_point(value):
+    return either(none, lambda v: floats((2,))(v) and inside(v) is True)(value)
+
+
+def positions(value):
+    found = floats((8, 2), (1, 8, 2))(value)
+    if not found:
+        return none(value) or found
+    given, (low, high) = numbers(value), PRIOR.bounds.T
+    return bool(((given >= low) & (given <= high)).all())
+
+
+def chains(samplers):
+    return [(s.get_chain(), s.get_log_prob(), s.get_blobs()) for s in samplers]
+
+
+def model_of(result):
+    """Evaluate a posterior whose model returns ``result``."""
+    posterior = ef.LogPosterior(lambda p: result, TERM, PRIOR)
+    return posterior(POINT[None])
+
+
+def term_of(result):
+    """Evaluate a posterior whose term returns ``result``."""
+    posterior = ef.LogPosterior(MODEL, [lambda p, m: result, TERM], PRIOR)
+    return posterior(np.stack([POINT, POINT + 0.5]))
+
+
+def compared(**given):
+    with warnings.catch_warnings():
+        return ef.compare_moves(seed=1, **given)
+
+
+def runnable(value):
+    return True if value is None or isinstance(value, emcee.moves.Move) else None
+
+
+def has_map(value):
+    """Whatever has a map is a pool, by the letter."""
+    return hasattr(value, "map")
+
+
+def policy(value):
+    return isinstance(value, str) and value in ("raise", "reject")
+
+
+def a_name(value):
+    """The name of a file is one, whatever it is."""
+    return isinstance(value, str) and bool(value)
+
+
+def not_a_file(value):
+    return value is None
+
+
+def shown(value):
+    """A bar would be drawn."""
+    return value is True or value is np.True_
+
+
+TARGETS = {
+    "LogPosterior": Target(
+        ef.LogPosterior,
+        arguments(
+            model=(MODEL, unless(callable)),
+            terms=([TERM], unsaid),
+            prior=(PRIOR, one_of(ef.GaussianPrior)),
+        ),
+        probe=lambda posterior: (posterior.names, posterior.n_modes),
+        late=("terms", "model"),
+        examples=120,
+    ),
+    "LogPosterior called": Target(
+        POSTERIOR,
+        arguments(theta=(np.stack([POINT, POINT + 1]), inside)),
+        truth=by_hand,
+        examples=250,
+    ),
+    "LogPosterior of a bad model": Target(
+        model_of,
+        arguments(result=(ef.ModalSolution(MEASURED[None]), unsaid)),
+        alias={"result": "model"},
+        words=("the",),
+        examples=120,
+    ),
+    "LogPosterior of bad frequencies": Target(
+        lambda result: model_of(ef.ModalSolution(result)),
+        arguments(result=(MEASURED[None], unsaid)),
+        alias={"result": "model"},
+        words=("the",),
+        examples=150,
+    ),
+    "LogPosterior of a bad term": Target(
+        term_of,
+        arguments(result=(np.array([-1.0, -2.0]), unsaid)),
+        alias={"result": "terms?"},
+        words=("terms", "the"),
+        examples=150,
+    ),
+    "LogPosterior.start": Target(
+        POSTERIOR.start,
+        arguments(
+            nwalkers=(3, whole(1), many),
+            seed=(1, unsaid, none),
+            around=(POINT, start_point),
+        ),
+        examples=100,
+    ),
+    "run": Target(
+        ef.run,
+        arguments(
+            posterior=(POSTERIOR, one_of(ef.LogPosterior)),
+            moves=(None, unsaid),
+            nwalkers=(8, unless(either(none, whole(4))), many),
+            nsteps=(2, whole(1), many),
+            ensembles=(1, unless(whole(1)), many),
+            seed=(5, whole(0)),
+            pool=(None, unsaid, has_map),
+            vectorize=(None, either(none, flag)),
+            backend=(None, not_a_file, a_name),
+            thin_by=(1, whole(1), many),
+            progress=(False, unsaid, shown),
+            initial=(START, positions),
+            resume=(False, lambda v: flag(v) and (None if v else True)),
+            on_failure=("raise", policy),
+            max_failures=(0.1, floats((), low=0.0, high=1.0)),
+        ),
+        probe=chains,
+        tied=("ensembles", "initial", "nwalkers", "moves"),
+        words=("nsplits",),
+        examples=60,
+    ),
+}
+test_a_malformed_argument = properties(TARGETS)
