@@ -4,35 +4,33 @@ interfaces       the contracts that a user may implement
 failures         solves that fail: why, where, how many
 models           parameters -> natural frequencies and mode shapes
 measurements     measured frequencies, mode shapes and their scatter, from
-                 arrays, repeats, CSV, universal files and pyOMA2 (measured_modes,
-                 repeated_tests, measured_files, identification)
+                 arrays, repeats, CSV, universal files and pyOMA2
 pairing          MAC and one-to-one choices
 paired_model     a model in the order of the measured modes
 likelihoods      frequencies -> log-likelihood
-shape_likelihood  mode shapes -> log-likelihood
+shape_likelihood mode shapes -> log-likelihood
 priors           names, order, bounds and density of the parameters
 agreement        whether model, terms and prior fit together
 posterior        model + terms + prior, for a batch of walkers
 guarded          a posterior that turns failed solves into rejections
-evaluation_pool  ships the posterior once to processes or machines (pools)
+pools            ship the posterior once to processes or machines
 moves            proposals: plain emcee moves
 auto             the recipe "auto": burn in, fit an independence proposal, mix
 starts           the first state of every ensemble
-run_file         a backend that a kill leaves usable (run_storage, run_creation)
-run_start        how a run in a file begins and goes on (fingerprint of what is
-                 sampled: described_code, described_objects)
+fingerprint      what is sampled and how, as text
+run_file         a backend that a kill leaves usable
+run_start        how a run in a file begins and goes on
 sampling         run emcee: starts, seeds, independent ensembles, resume
 inference_data   emcee -> ArviZ
 diagnostics      tau, ESS, R-hat, acceptance, and a verdict
 evidence         of a model class, from tempered samplers
 tables           parameters and frequencies as text, Markdown, CSV
-figures          scatter with 95 % ellipses, error curve, correlation map
 information      what the data say of each parameter
 predictive       predicted against measured frequencies and MAC, as tables
-predictive_figure  the same as a figure
 contest          what each move of a comparison achieved, and who won
 comparison       one posterior under several moves, from the same starts
-comparison_figure  efficiency and error of the moves, side by side
+figures          scatter with 95 % ellipses, error curve, correlation map,
+                 predictions, efficiency and error of the moves
 paper            the two structures of the paper, and its published numbers
 """
 
@@ -40,11 +38,11 @@ from importlib.metadata import version as _version
 
 from . import paper as paper
 from .comparison import compare_moves as compare_moves
-from .comparison_figure import plot_comparison as plot_comparison
 from .diagnostics import diagnose as diagnose
-from .evaluation_pool import EvaluationPool as EvaluationPool
 from .evidence import log_evidence as log_evidence
+from .figures import plot_comparison as plot_comparison
 from .figures import plot_correlation as plot_correlation
+from .figures import plot_predictive as plot_predictive
 from .figures import plot_scatter as plot_scatter
 from .figures import plot_tae as plot_tae
 from .inference_data import to_inference_data as to_inference_data
@@ -66,10 +64,10 @@ from .moves import MetropolisMove as MetropolisMove
 from .moves import SnookerMove as SnookerMove
 from .moves import TemperedMove as TemperedMove
 from .paired_model import PairedModel as PairedModel
+from .pools.evaluation_pool import EvaluationPool as EvaluationPool
 from .posterior import LogPosterior as LogPosterior
 from .predictive import pairing_table as pairing_table
 from .predictive import predictive_table as predictive_table
-from .predictive_figure import plot_predictive as plot_predictive
 from .priors import GaussianPrior as GaussianPrior
 from .priors import IndependentPrior as IndependentPrior
 from .sampling import run as run

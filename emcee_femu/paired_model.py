@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from . import checks, measured_modes
+from . import checks
 from .interfaces import Floats, ModalModel, PairedSolution, Pairing, Parameters
 from .measurements import Measurements
+from .measurements.modes import scaled
 from .pairing import at_sensors, cluster_bases, one_to_one
 
 # Inside a cluster all candidates share one MAC; their own MAC then decides.
@@ -97,7 +98,7 @@ class PairedModel:
         min_gap = checks.real_number("min_gap", min_gap, 0.0)
         if min_mac > 1:
             raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac:g}")
-        shapes = measured_modes.scaled(measurements.shapes)
+        shapes = scaled(measurements.shapes)
         object.__setattr__(self, "model", model)
         object.__setattr__(self, "measurements", measurements)
         object.__setattr__(self, "candidates", candidates)

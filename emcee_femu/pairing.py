@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from . import checks, measured_modes
+from . import checks
 from .interfaces import Floats
+from .measurements.modes import scaled
 
 DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 
@@ -43,7 +44,7 @@ def mac(a: ArrayLike, b: ArrayLike) -> Floats:
     for argument, shapes in (("a", first), ("b", second)):
         if not np.isfinite(shapes).all():
             raise ValueError(f"{argument}: expected finite shapes, got NaN or infinity")
-    first, second = measured_modes.scaled(first), measured_modes.scaled(second)
+    first, second = scaled(first), scaled(second)
     product = np.abs(np.swapaxes(first.conj(), -1, -2) @ second) ** 2
     squares = [(np.abs(shapes) ** 2).sum(axis=-2) for shapes in (first, second)]
     norms = squares[0][..., :, None] * squares[1][..., None, :]

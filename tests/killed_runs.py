@@ -14,9 +14,9 @@ from pathlib import Path
 import emcee
 import numpy as np
 
-from emcee_femu import run_creation, run_file, run_storage
 from emcee_femu.moves import DEMCMove, SnookerMove, TemperedMove
-from emcee_femu.run_file import RunFile
+from emcee_femu.run_file import RunFile, creation, storage
+from emcee_femu.run_file import backend as own_backend
 
 NWALKERS, NDIM, BLOBS = 16, 2, 3
 BETAS = [1.0, 0.4]
@@ -157,7 +157,7 @@ WRITING = (
 
 def deaths_at_lines(path, nsteps, room, stride):
     """Let a run die before each ``stride``-th line that may write; return failures."""
-    files = {module.__file__ for module in (run_creation, run_file, run_storage)}
+    files = {module.__file__ for module in (own_backend, creation, storage)}
 
     def die_before_line(number):
         count = 0
@@ -180,7 +180,7 @@ def deaths_at_lines(path, nsteps, room, stride):
 
 def deaths_in_every_write(path, nsteps, room, share):
     """Let a run die in each write, after a share of the bytes; return the failures."""
-    write = run_storage.write_at
+    write = storage.write_at
 
     def die_in_write(number):
         count = 0
@@ -193,7 +193,7 @@ def deaths_in_every_write(path, nsteps, room, share):
             count += 1
             write(file, place, content)
 
-        run_storage.write_at = write_at
+        storage.write_at = write_at
         go_on(path, nsteps, room, ensembles=1)
 
     return deaths(path, nsteps, room, die_in_write, 1)

@@ -5,7 +5,7 @@ import sys
 
 from pool_problems import POSTERIOR, chain, failing, posterior_of
 
-from emcee_femu.evaluation_pool import EvaluationPool
+from emcee_femu.pools.evaluation_pool import EvaluationPool
 
 if __name__ == "__main__":
     from schwimmbad import MPIPool  # here, since pytest looks for doctests in this file

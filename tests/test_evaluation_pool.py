@@ -19,8 +19,8 @@ from pool_problems import (
 )
 
 import emcee_femu as ef
-from emcee_femu.evaluation_pool import EvaluationPool
 from emcee_femu.pools import worker
+from emcee_femu.pools.evaluation_pool import EvaluationPool
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,8 @@ import emcee_femu as ef
 from emcee_femu import plot_correlation, plot_scatter, plot_tae
 from emcee_femu.diagnostics import running_tae
 from emcee_femu.ellipses import covariance_ellipse
-from emcee_femu.figures import MOST_POINTS, plot_proposals
+from emcee_femu.figures import plot_proposals
+from emcee_femu.figures.scatter import MOST_POINTS
 from emcee_femu.inference_data import dataset, samples, wrapped
 
 PROBLEMS = {

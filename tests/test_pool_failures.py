@@ -24,7 +24,7 @@ from pool_problems import (
 )
 
 import emcee_femu as ef
-from emcee_femu.evaluation_pool import EvaluationPool
+from emcee_femu.pools.evaluation_pool import EvaluationPool
 from emcee_femu.pools.process_watch import ProcessWatch
 
 

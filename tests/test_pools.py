@@ -17,8 +17,8 @@ import pool_problems
 import pytest
 from pool_problems import POSTERIOR, chain, posterior_of
 
-from emcee_femu.evaluation_pool import EvaluationPool
 from emcee_femu.pools import back_ends, worker
+from emcee_femu.pools.evaluation_pool import EvaluationPool
 
 HERE = Path(__file__).parent
 

@@ -9,10 +9,10 @@ from test_figures import assert_nothing_is_clipped, visible_texts
 from test_predictive import MEASURED, made, posterior
 
 import emcee_femu as ef
-from emcee_femu.figures import BLUE, RED
+from emcee_femu.figures.colours import BLUE, RED
+from emcee_femu.figures.predictive import plot_predictive
 from emcee_femu.inference_data import dataset
 from emcee_femu.predictive import predictive_table
-from emcee_femu.predictive_figure import plot_predictive
 
 UPDATED = "updated model: mean (circle), 95 % interval"
 BEFORE, BAND = "model before updating", "measured ± 2 sd"

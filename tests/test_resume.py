@@ -162,9 +162,11 @@ def test_another_run_is_refused_with_the_difference_named(path, change, differen
 
 def test_another_version_is_refused(path, monkeypatch):
     sampled(backend=path, nsteps=3)
-    real = ef.fingerprint.version
+    real = ef.fingerprint.sampled.version
     monkeypatch.setattr(
-        ef.fingerprint, "version", lambda name: "0" if name == "numpy" else real(name)
+        ef.fingerprint.sampled,
+        "version",
+        lambda name: "0" if name == "numpy" else real(name),
     )
     with pytest.raises(ValueError, match=r"numpy version: was .*, is 0"):
         sampled(backend=path, resume=True)

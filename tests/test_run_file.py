@@ -12,8 +12,7 @@ import pytest
 from emcee.backends import Backend, HDFBackend
 from run_files import D, W, advance, assert_same, create
 
-from emcee_femu import run_creation, run_storage
-from emcee_femu.run_file import RunFile
+from emcee_femu.run_file import RunFile, creation, storage
 
 posix = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills")
 
@@ -108,9 +107,9 @@ def test_a_step_touches_data_and_nothing_of_the_structure_of_the_file(path):
     advance(backend, 5)
     after = np.fromfile(path, np.uint8)
     assert len(after) == len(before)
-    layout = run_storage.read_layout(path, "ensemble_0")
+    layout = storage.read_layout(path, "ensemble_0")
     sizes = {name: 5 * size for name, size in layout.row_bytes.items()}
-    sizes |= {name: kind.itemsize for name, kind in run_storage.ATTRIBUTES.items()}
+    sizes |= {name: kind.itemsize for name, kind in storage.ATTRIBUTES.items()}
     sizes |= {"accepted": 8 * W, "commit": 2 * layout.record.itemsize}
     for name, size in sizes.items():
         start = layout.places[name]
@@ -125,13 +124,13 @@ def test_a_step_touches_data_and_nothing_of_the_structure_of_the_file(path):
 
 def spoil(path, place, count):
     with open(path, "r+b") as file:
-        content = run_storage.read_at(file, place, count)
-        run_storage.write_at(file, place, bytes(255 - byte for byte in content))
+        content = storage.read_at(file, place, count)
+        storage.write_at(file, place, bytes(255 - byte for byte in content))
 
 
 @pytest.mark.parametrize("within", [0, 2500, -9, -1])
 def test_a_torn_commit_record_costs_one_step_and_no_bit_of_the_end(written, within):
-    layout = run_storage.read_layout(written, "ensemble_0")
+    layout = storage.read_layout(written, "ensemble_0")
     size = layout.record.itemsize
     spoil(written, layout.places["commit"] + within % size, 1)  # slot 0 holds step 6
     backend = RunFile.resume(written)[0]
@@ -141,22 +140,22 @@ def test_a_torn_commit_record_costs_one_step_and_no_bit_of_the_end(written, with
 
 
 def test_a_file_without_a_whole_commit_record_is_refused(written):
-    layout = run_storage.read_layout(written, "ensemble_0")
+    layout = storage.read_layout(written, "ensemble_0")
     spoil(written, layout.places["commit"], 2 * layout.record.itemsize)
     refused(written, "damaged, since neither commit record is whole")
 
 
 @pytest.mark.parametrize("name", ["chain", "log_prob", "blobs"])
 def test_a_last_step_that_is_not_what_was_committed_is_refused(written, name):
-    layout = run_storage.read_layout(written, "ensemble_0")
+    layout = storage.read_layout(written, "ensemble_0")
     size = layout.row_bytes[name]
     spoil(written, layout.places[name] + 6 * size - 1, 1)
     refused(written, "step 6 is not the one that was written")
 
 
 def test_resuming_repairs_what_emcee_reads(written):
-    layout = run_storage.read_layout(written, "ensemble_0")
-    for name in ("accepted", *run_storage.ATTRIBUTES):
+    layout = storage.read_layout(written, "ensemble_0")
+    for name in ("accepted", *storage.ATTRIBUTES):
         spoil(written, layout.places[name], 8)
     assert RunFile(written).iteration == 6  # it reads the commit record alone
     RunFile.resume(written)
@@ -164,7 +163,7 @@ def test_resuming_repairs_what_emcee_reads(written):
 
 
 def test_an_interrupt_within_a_step_leaves_a_sampler_that_can_go_on(path, monkeypatch):
-    backend, write = create(path), run_storage.write_at
+    backend, write = create(path), storage.write_at
     for last in (1, 3, 5, 9):  # the write that the interrupt follows
         left = [10 + last]
 
@@ -174,10 +173,10 @@ def test_an_interrupt_within_a_step_leaves_a_sampler_that_can_go_on(path, monkey
             if not left[0]:
                 raise KeyboardInterrupt
 
-        monkeypatch.setattr(run_storage, "write_at", interrupted)
+        monkeypatch.setattr(storage, "write_at", interrupted)
         with pytest.raises(KeyboardInterrupt):
             advance(backend, 10)
-        monkeypatch.setattr(run_storage, "write_at", write)
+        monkeypatch.setattr(storage, "write_at", write)
     advance(backend, 10 - backend.iteration)
     assert_same(backend, advance(Backend(), 10))
 
@@ -201,8 +200,8 @@ def test_a_longer_run_moves_all_ensembles_to_a_larger_file(path):
 
 
 def test_copying_to_a_larger_file_works_in_blocks(written, monkeypatch):
-    monkeypatch.setattr(run_creation, "BLOCK", 100)
-    run_creation.extend(written, 20)
+    monkeypatch.setattr(creation, "BLOCK", 100)
+    creation.extend(written, 20)
     assert_same(RunFile.resume(written)[0], advance(Backend(), 6))
 
 

@@ -15,8 +15,7 @@ import pytest
 from emcee.backends import Backend, HDFBackend
 from run_files import D, W, advance, assert_same, create, log_prob
 
-from emcee_femu import run_storage
-from emcee_femu.run_file import RunFile
+from emcee_femu.run_file import RunFile, storage
 
 posix = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills")
 
@@ -86,7 +85,7 @@ def test_a_truncated_file_is_refused_and_left_as_it_is(written):
 def test_a_damaged_structure_is_refused_and_left_as_it_is(written):
     with open(written, "r+b") as file:
         tree = file.read().index(b"TREE")  # the list of the groups
-        run_storage.write_at(file, tree, b"XXXX")
+        storage.write_at(file, tree, b"XXXX")
     refused(written, "it is damaged.*It was left as it is")
 
 
@@ -226,7 +225,7 @@ def test_all_is_written_even_if_the_system_takes_it_in_pieces():
             return super().write(content[:3])
 
     file = Piecewise(bytes(12))
-    run_storage.write_at(file, 2, b"abcdefgh")
+    storage.write_at(file, 2, b"abcdefgh")
     assert file.getvalue() == b"\0\0abcdefgh\0\0"
 
 

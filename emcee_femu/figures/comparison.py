@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from .comparison import Comparison
-from .contest import CONVERGED
-from .diagnostics import measured_frequencies, running_tae
-from .interfaces import Floats
+from ..comparison import Comparison
+from ..contest import CONVERGED
+from ..diagnostics import measured_frequencies, running_tae
+from ..interfaces import Floats
 
 LABEL_WIDTH = 32  # characters a line
 

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Any
 
-from .described_code import Parts
-from .described_objects import leaf, parts
+from .code import Parts
+from .objects import leaf, parts
 
 PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
 MOST_PARTS = 100  # of a container that is described part by part

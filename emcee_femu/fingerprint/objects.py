@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse, stats
 
-from .described_code import Parts, class_parts, function_parts, in_library, qualified
+from .code import Parts, class_parts, function_parts, in_library, qualified
 
 MOST_NUMBERS, MOST_CHARACTERS = 16, 200  # that are shown; beyond, a checksum
 SCALARS = (type(None), bool, int, float, complex, str, bytes)

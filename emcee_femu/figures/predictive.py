@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from .diagnostics import measured_frequencies, total_average_error
-from .figures import BLUE, RED
-from .inference_data import dataset
-from .interfaces import Floats
-from .posterior import LogPosterior
-from .predictive import (
+from ..diagnostics import measured_frequencies, total_average_error
+from ..inference_data import dataset
+from ..interfaces import Floats
+from ..posterior import LogPosterior
+from ..predictive import (
     INTERVAL,
     frequency_term,
     has_pairing,
@@ -17,6 +16,7 @@ from .predictive import (
     predicted,
     replicated,
 )
+from .colours import BLUE, RED
 
 FAR = 4.0  # times the updated deviations, beyond which the initial ones go to the edge
 

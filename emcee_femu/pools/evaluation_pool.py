@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from . import checks
-from .pools.back_ends import back_end
-from .pools.pickling import pickled
+from .. import checks
+from .back_ends import back_end
+from .pickling import pickled
 
 REMEMBERED = 8  # functions whose pickles are kept here
 

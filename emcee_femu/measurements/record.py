@@ -8,8 +8,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import identification, measured_files, measured_modes, repeated_tests
-from .interfaces import Floats
+from ..interfaces import Floats
+from . import csv_files, identification, modes, repeats
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -85,19 +85,19 @@ class Measurements:
                 "sd, covariance: expected at most one of the two; sd**2 is the "
                 "diagonal of the covariance"
             )
-        hertz = measured_modes.frequencies(frequencies)
+        hertz = modes.frequencies(frequencies)
         n_modes, n_sensors = len(hertz), 0
         real = collinearity = None
         if shapes is not None:
-            given = measured_modes.shapes(shapes, n_modes)
+            given = modes.shapes(shapes, n_modes)
             if given.ndim > 2:
                 raise ValueError(
                     f"shapes: expected (n_sensors, {n_modes}), got {given.shape}; of "
                     "repeated tests see from_repeats"
                 )
             n_sensors = len(given)
-            real = (given * measured_modes.phases(given)).real
-            collinearity = measured_modes.phase_collinearity(given, phase_collinearity)
+            real = (given * modes.phases(given)).real
+            collinearity = modes.phase_collinearity(given, phase_collinearity)
         else:
             for name, value in (
                 ("shape_sd", shape_sd),
@@ -107,23 +107,21 @@ class Measurements:
             ):
                 if value is not None:
                     raise ValueError(f"{name}: expected shapes with it, got none")
-        measured_modes.refuse_duplicates(hertz, real)
+        modes.refuse_duplicates(hertz, real)
         fields = {
             "frequencies": hertz,
-            "sd": measured_modes.deviations("sd", sd, (n_modes,)),
-            "covariance": measured_modes.covariance(covariance, n_modes),
+            "sd": modes.deviations("sd", sd, (n_modes,)),
+            "covariance": modes.covariance(covariance, n_modes),
             "shapes": real,
-            "shape_sd": measured_modes.deviations(
-                "shape_sd", shape_sd, (n_sensors, n_modes)
-            ),
-            "sensors": measured_modes.labels(sensors, n_sensors),
-            "dofs": measured_modes.dofs(dofs, n_sensors),
+            "shape_sd": modes.deviations("shape_sd", shape_sd, (n_sensors, n_modes)),
+            "sensors": modes.labels(sensors, n_sensors),
+            "dofs": modes.dofs(dofs, n_sensors),
             "phase_collinearity": collinearity,
         }
         for name, field in fields.items():
             object.__setattr__(self, name, field)
         if collinearity is not None:
-            measured_modes.warn_of_complex(collinearity)
+            modes.warn_of_complex(collinearity)
 
     @classmethod
     def from_repeats(
@@ -160,9 +158,9 @@ class Measurements:
             ValueError: If there are too few tests, a mode does not scatter at all, or
                 a shape has a MAC below 0.5 with the mean: its modes are out of order.
         """
-        scatter = repeated_tests.frequency_scatter(frequencies, correlated)
+        scatter = repeats.frequency_scatter(frequencies, correlated)
         if shapes is not None:
-            scatter |= repeated_tests.shape_scatter(shapes, *np.shape(frequencies))
+            scatter |= repeats.shape_scatter(shapes, *np.shape(frequencies))
         return cls(**scatter, sensors=sensors, dofs=dofs)
 
     @classmethod
@@ -186,11 +184,11 @@ class Measurements:
         Raises:
             ValueError: If a cell cannot be read; the message names line and column.
         """
-        return cls(**measured_files.read_csv(path))
+        return cls(**csv_files.read_csv(path))
 
     def to_csv(self, path: str | PathLike[str]) -> None:
         """Write everything with all digits: :meth:`from_csv` returns the same bits."""
-        measured_files.write_csv(path, vars(self))
+        csv_files.write_csv(path, vars(self))
 
     @classmethod
     def from_uff(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from . import checks
+from .. import checks
 
 Path = str | PathLike[str]
 HEADER = ["quantity", "sensor", "dof"]

@@ -11,9 +11,10 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from . import checks, run_creation, run_storage
-from .interfaces import Floats
-from .run_storage import Layout
+from .. import checks
+from ..interfaces import Floats
+from . import creation, storage
+from .storage import Layout
 
 
 class RunFile(emcee.backends.HDFBackend):
@@ -37,7 +38,7 @@ class RunFile(emcee.backends.HDFBackend):
 
     def __init__(self, filename: str | PathLike[str], name: str = "ensemble_0") -> None:
         """See the class."""
-        run_storage.hdf5()
+        storage.hdf5()
         super().__init__(os.fspath(filename), name=name, dtype=np.float64)
         self._layout: Layout | None = None
         self._expected: int | None = None  # steps in the file as far as we know
@@ -82,7 +83,7 @@ class RunFile(emcee.backends.HDFBackend):
         for argument, value in {**counts, "ensembles": ensembles}.items():
             checks.whole_number(argument, value, 1)
         checks.whole_number("blobs", blobs)
-        run_creation.create(
+        creation.create(
             path,
             Layout(nwalkers, ndim, nsteps, blobs),
             ensembles,
@@ -109,7 +110,7 @@ class RunFile(emcee.backends.HDFBackend):
         """
         ensembles = checks.whole_number("ensembles", ensembles, 1)
         path = os.fspath(filename)
-        with run_storage.opened(path) as h5:
+        with storage.opened(path) as h5:
             held = len(h5)
         if held != ensembles:
             raise ValueError(
@@ -121,34 +122,34 @@ class RunFile(emcee.backends.HDFBackend):
         for backend, record in zip(backends, records, strict=True):
             backend._expected = int(record["iteration"])
             with backend._file("r+b") as (file, layout):
-                run_storage.publish(file, layout, record)
+                storage.publish(file, layout, record)
         return backends
 
     def _checked(self) -> Any:
         """Return the last commit record of a file that may be written to."""
-        run_storage.check_places(self.filename, self.name)
+        storage.check_places(self.filename, self.name)
         with self._file("rb") as (file, layout):
-            record = run_storage.latest(self.filename, file, layout)
-            run_storage.check_last_rows(self.filename, file, layout, record)
+            record = storage.latest(self.filename, file, layout)
+            storage.check_last_rows(self.filename, file, layout, record)
         return record
 
     @contextmanager
     def _file(self, mode: Literal["rb", "r+b"]) -> Iterator[tuple[BinaryIO, Layout]]:
         """Open the file and say where what is; it may have been replaced meanwhile."""
         with open(self.filename, mode, buffering=0) as file:
-            found = run_storage.identity(os.fstat(file.fileno()))
+            found = storage.identity(os.fstat(file.fileno()))
             if self._layout is None or self._layout.identity != found:
-                self._layout = run_storage.read_layout(self.filename, self.name)
+                self._layout = storage.read_layout(self.filename, self.name)
             yield file, self._layout
 
     def _latest(self) -> Any:
         with self._file("rb") as (file, layout):
-            return run_storage.latest(self.filename, file, layout)
+            return storage.latest(self.filename, file, layout)
 
     @property
     def fingerprint(self) -> dict[str, str]:
         """What is sampled and how, as it was given when the file was created."""
-        with run_storage.opened(self.filename) as h5:
+        with storage.opened(self.filename) as h5:
             stored: dict[str, str] = json.loads(h5.attrs["fingerprint"])
         return stored
 
@@ -215,7 +216,7 @@ class RunFile(emcee.backends.HDFBackend):
             ValueError: Always, with the remedy.
         """
         if os.path.lexists(self.filename):
-            run_storage.read_layout(self.filename, self.name)  # says what is wrong
+            storage.read_layout(self.filename, self.name)  # says what is wrong
             raise ValueError(
                 f"backend: the steps in {self.filename} are never cleared; give a new "
                 "file name"
@@ -235,7 +236,7 @@ class RunFile(emcee.backends.HDFBackend):
         if self._expected is None:
             self._expected = steps
         if steps + ngrow > self.capacity:
-            run_creation.extend(self.filename, steps + ngrow)
+            creation.extend(self.filename, steps + ngrow)
 
     def save_step(self, state: emcee.State, accepted: NDArray[np.bool_]) -> None:
         """Add a step; it exists once its commit record is written.
@@ -252,7 +253,7 @@ class RunFile(emcee.backends.HDFBackend):
                 "; a resumed run would differ"
             )
         with self._file("r+b") as (file, layout):
-            last = run_storage.latest(self.filename, file, layout)
+            last = storage.latest(self.filename, file, layout)
             step = int(last["iteration"])
             if self._expected not in (None, step):
                 raise ValueError(
@@ -263,12 +264,12 @@ class RunFile(emcee.backends.HDFBackend):
             if step >= layout.nsteps:
                 raise ValueError(f"backend: {self.filename} is full; call grow first")
             self._expected = None  # unknown, should it be interrupted here
-            record = run_storage.write_rows(file, layout, last, state)
+            record = storage.write_rows(file, layout, last, state)
             record["accepted"] += accepted
             for i, value in enumerate(state.random_state[1:], 1):
                 record[f"random_state_{i}"] = value
-            run_storage.commit(file, layout, record)
-            run_storage.publish(file, layout, record)
+            storage.commit(file, layout, record)
+            storage.publish(file, layout, record)
         self._expected = step + 1
 
     def _check_blobs(self, blobs: Any) -> None:

@@ -9,8 +9,8 @@ from typing import Any, BinaryIO
 import emcee
 import numpy as np
 
-from . import run_storage
-from .run_storage import ATTRIBUTES, FORMAT, Layout
+from . import storage
+from .storage import ATTRIBUTES, FORMAT, Layout
 
 BLOCK = 1 << 24  # bytes copied at once
 
@@ -34,10 +34,10 @@ def create(path: str, like: Layout, ensembles: int, fingerprint: str) -> None:
         _build(temporary, like, names, fingerprint)
         with open(temporary, "r+b", buffering=0) as file:
             for name in names:
-                layout = run_storage.read_layout(temporary, name)
+                layout = storage.read_layout(temporary, name)
                 record = np.zeros((), layout.record)
-                run_storage.commit(file, layout, record)
-                run_storage.publish(file, layout, record)
+                storage.commit(file, layout, record)
+                storage.publish(file, layout, record)
 
 
 def extend(path: str, nsteps: int) -> None:
@@ -47,9 +47,9 @@ def extend(path: str, nsteps: int) -> None:
         ValueError: If the disk has no room for it.
     """
     path = os.path.realpath(path)  # a link goes on pointing to it
-    with run_storage.opened(path) as h5:
+    with storage.opened(path) as h5:
         names, fingerprint = list(h5), h5.attrs["fingerprint"]
-    layouts = {name: run_storage.read_layout(path, name) for name in names}
+    layouts = {name: storage.read_layout(path, name) for name in names}
     first = layouts[names[0]]
     like = first._replace(nsteps=nsteps)
     now, then = _size(first, len(names)), _size(like, len(names))
@@ -61,11 +61,11 @@ def extend(path: str, nsteps: int) -> None:
             open(temporary, "r+b", buffering=0) as target,
         ):
             for name, old in layouts.items():
-                new = run_storage.read_layout(temporary, name)
-                record = run_storage.latest(path, source, old).copy()
+                new = storage.read_layout(temporary, name)
+                record = storage.latest(path, source, old).copy()
                 _copy_rows(source, old, target, new, int(record["iteration"]))
-                run_storage.commit(target, new, record)
-                run_storage.publish(target, new, record)
+                storage.commit(target, new, record)
+                storage.publish(target, new, record)
             os.fsync(target.fileno())  # before the old file goes, lest power be lost
         shutil.copymode(path, temporary)
 
@@ -100,7 +100,7 @@ def _incomplete(path: str) -> Iterator[str]:
 
 def _build(path: str, like: Layout, names: Sequence[str], fingerprint: str) -> None:
     """Write the HDF5 structure, and room for the data."""
-    h5py = run_storage.hdf5()
+    h5py = storage.hdf5()
     # HDF5 reports where data are in the file, but not where attributes are: random
     # bytes stand in for them until they are found.
     rng = np.random.default_rng()
@@ -132,7 +132,7 @@ def _build(path: str, like: Layout, names: Sequence[str], fingerprint: str) -> N
             h5[name].create_dataset("attribute_places", data=np.array(places, "<i8"))
             _make_room(h5py, h5[name], like)
     for name in names:
-        run_storage.check_places(path, name)
+        storage.check_places(path, name)
 
 
 def _make_room(h5py: Any, group: Any, like: Layout) -> None:
@@ -159,5 +159,5 @@ def _copy_rows(
         end = steps * length
         for start in range(0, end, BLOCK):
             count = min(BLOCK, end - start)
-            block = run_storage.read_at(source, old.places[dataset] + start, count)
-            run_storage.write_at(target, new.places[dataset] + start, block)
+            block = storage.read_at(source, old.places[dataset] + start, count)
+            storage.write_at(target, new.places[dataset] + start, block)

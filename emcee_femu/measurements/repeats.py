@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import checks, measured_modes
+from .. import checks
+from . import modes
 
 # A repeat whose shape has a smaller MAC with the mean is of another mode.
 OTHER_MODE = 0.5
@@ -51,13 +52,13 @@ def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any
     Raises:
         ValueError: If the sizes disagree, or a shape is another mode than the mean.
     """
-    tests = measured_modes.shapes(value, n_modes)
+    tests = modes.shapes(value, n_modes)
     if tests.ndim != 3 or len(tests) != n_tests:
         raise ValueError(
             f"shapes: expected ({n_tests} tests, n_sensors, {n_modes} modes), got "
             f"{tests.shape}"
         )
-    tests = measured_modes.scaled(tests)
+    tests = modes.scaled(tests)
     tests = tests / np.linalg.norm(tests, axis=1, keepdims=True)
     for mode in range(n_modes):
         columns = tests[:, :, mode].T  # (n_sensors, n_tests)
@@ -72,5 +73,5 @@ def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any
         tests[:, :, mode] = (columns * (product.conj() / np.abs(product))).T
     mean = tests.mean(axis=0)
     # Of complex shapes the real part remains, at the phase of the mean.
-    sd = (tests * measured_modes.phases(mean)).real.std(axis=0, ddof=1)
+    sd = (tests * modes.phases(mean)).real.std(axis=0, ddof=1)
     return {"shapes": mean, "shape_sd": sd}

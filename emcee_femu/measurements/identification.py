@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from . import checks
+from .. import checks
 
 # Analysis types of data set 55 that are modes: normal, and complex of both orders.
 MODES = (2, 3, 7)

@@ -1,0 +1,12 @@
+"""The paper's figures and more, for any chain; each function returns a Figure.
+
+These modules alone use matplotlib and corner, which take seconds to import: they are
+imported where they are used.
+"""
+
+from .comparison import plot_comparison as plot_comparison
+from .correlation import plot_correlation as plot_correlation
+from .predictive import plot_predictive as plot_predictive
+from .proposals import plot_proposals as plot_proposals
+from .scatter import plot_scatter as plot_scatter
+from .total_average_error import plot_tae as plot_tae

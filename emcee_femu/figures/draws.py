@@ -1,0 +1,18 @@
+"""The samples that a figure of parameters shows."""
+
+from typing import Any
+
+import numpy as np
+
+from ..inference_data import samples
+from ..interfaces import Floats
+
+
+def changing_draws(idata: Any) -> tuple[list[str], Floats]:
+    """Return names and draws ``(n, d)``, refusing a parameter that never changes."""
+    names, chains = samples(idata)
+    draws = chains.reshape(-1, len(names))
+    for name, column in zip(names, draws.T, strict=True):
+        if np.ptp(column) == 0:
+            raise ValueError(f"idata: every sample of {name!r} is {column[0]:g}")
+    return names, draws

@@ -1,0 +1,70 @@
+"""How Metropolis-Hastings and DE-MC propose."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..interfaces import Floats
+from .colours import BLUE, GREY, RED
+
+
+def plot_proposals() -> Any:
+    """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1)."""
+    from matplotlib import pyplot as plt
+
+    covariance = np.array([[1.0, 0.8], [0.8, 1.0]])
+    current, a, b = np.array([[-1.3, -0.9], [1.4, 1.0], [0.3, -0.4]])
+    others = [(-0.6, -1.1), (-0.3, 0.5), (0.9, 1.5), (-1.6, -1.9), (0.6, 0.5)]
+    figure, panels = plt.subplots(
+        1, 2, figsize=(9.6, 4.9), sharex=True, sharey=True, layout="constrained"
+    )
+    grid = np.linspace(-2.6, 2.6, 121)
+    x, y = np.meshgrid(grid, grid)
+    points = np.stack([x, y], axis=-1)
+    square = np.einsum("...i,ij,...j", points, np.linalg.inv(covariance), points)
+    for axes in panels:
+        axes.contour(x, y, square, [0.5, 2, 4.5], colors=GREY, linewidths=0.8)
+        axes.set(aspect="equal", xlabel=r"$\theta_1$", ylabel=r"$\theta_2$")
+
+    proposed = current + np.array([0.55, 0.25])
+    panels[0].set_title("Metropolis-Hastings: a step of fixed law")
+    panels[0].add_patch(plt.Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
+    _arrow(panels[0], current, proposed, RED)
+    _point(panels[0], current, r"$\theta_{t-1}$", below=True)
+    _point(panels[0], proposed, r"$\theta^*$", RED)
+
+    gamma, noise = 2.38 / math.sqrt(2 * 2), np.array([0.06, -0.12])
+    proposed = current + gamma * (a - b) + noise
+    panels[1].set_title(
+        r"DE-MC: $\theta^* = \theta_i + \gamma(\theta_a - \theta_b) + \varepsilon$"
+    )
+    panels[1].plot(*np.transpose(others), "o", color=GREY, ms=5)
+    _arrow(panels[1], b, a, BLUE)
+    _arrow(panels[1], current, proposed, RED)
+    _point(panels[1], a, r"$\theta_a$", BLUE)
+    _point(panels[1], b, r"$\theta_b$", BLUE, below=True)
+    _point(panels[1], current, r"$\theta_i$", below=True)
+    _point(panels[1], proposed, r"$\theta^*$", RED)
+    figure.draw_without_rendering()  # the layout of square axes settles in two passes
+    return figure
+
+
+def _arrow(axes: Any, start: Floats, end: Floats, color: str) -> None:
+    axes.annotate(
+        "", end, start, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.8}
+    )
+
+
+def _point(
+    axes: Any, at: Floats, label: str, color: str = "black", below: bool = False
+) -> None:
+    axes.plot(*at, "o", color=color, ms=7)
+    axes.annotate(
+        label,
+        at,
+        textcoords="offset points",
+        xytext=(6, -20) if below else (6, 8),
+        color=color,
+        fontsize=14,
+    )

@@ -1,0 +1,50 @@
+"""The error of the mean so far, generation by generation."""
+
+from typing import Any
+
+import numpy as np
+
+from ..diagnostics import running_tae
+from ..posterior import LogPosterior
+
+
+def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
+    """Draw the total average error of the running mean (Figs 4.3, 5.4).
+
+    Args:
+        idata: What :func:`to_inference_data` returns, best without burn-in removed,
+            or several as ``{label: idata}`` of the same posterior.
+        posterior: The sampled posterior.
+
+    Raises:
+        TypeError: If posterior is no LogPosterior.
+        ValueError: If no term of it has measured frequencies, it has other parameters,
+            or there is no idata.
+    """
+    from matplotlib import pyplot as plt
+    from matplotlib import ticker
+
+    given = dict(idata) if isinstance(idata, dict) else {"": idata}
+    if not given:
+        raise ValueError("idata: expected at least one, got none")
+    curves = {label: running_tae(item, posterior) for label, item in given.items()}
+    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    lowest, highest = np.inf, 0.0
+    for label, (generations, tae) in curves.items():
+        end = f"ends at {tae[-1]:.3g} %"
+        axes.plot(generations, tae, label=f"{label}, {end}" if label else end)
+        lowest, highest = min(lowest, tae.min()), max(highest, tae.max())
+    axes.set(
+        xscale="log",
+        xlabel="generation",
+        ylabel="total average error of the mean so far (%)",
+    )
+    axes.xaxis.set_major_formatter("{x:g}")
+    if highest > 10 * lowest:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_minor_formatter(ticker.NullFormatter())
+        axes.yaxis.set_major_formatter("{x:g}")
+    axes.grid(True, which="both", alpha=0.25)
+    axes.legend(frameon=False)
+    return figure

@@ -1,0 +1,4 @@
+"""What is sampled and how, as text: a run may go on only with what it began with."""
+
+from .sampled import differences as differences
+from .sampled import fingerprint as fingerprint
