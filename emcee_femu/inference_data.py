@@ -15,7 +15,7 @@ import numpy as np
 from .interfaces import Floats
 from .posterior import LogPosterior, prior_summary
 from .stored_chains import as_list as as_list
-from .stored_chains import check_memory
+from .stored_chains import check_memory as check_memory
 from .stored_chains import cold as cold
 from .stored_chains import stacked as stacked
 

@@ -80,7 +80,9 @@ def stacked(
     return result
 
 
-def check_memory(runs: list[Any], numbers: int, discard: int, thin: int) -> None:
+def check_memory(
+    runs: list[Any], numbers: int, discard: int, thin: int | None = None
+) -> None:
     """Refuse to read more than fits, before it is read; only Linux tells what does.
 
     Args:
@@ -89,27 +91,33 @@ def check_memory(runs: list[Any], numbers: int, discard: int, thin: int) -> None
             must be available: files are read part by part, and who uses the result
             copies of it.
         discard: Stored steps to drop.
-        thin: Keep every ``thin``-th stored step.
+        thin: Keep every ``thin``-th stored step; None for all, without a choice.
 
     Raises:
-        MemoryError: If too little is available; it says how much, and which thin fits.
+        MemoryError: If too little is available; it says how much is needed, and which
+            thin or discard fits.
     """
     discard = checks.whole_number("discard", discard)
-    thin = checks.whole_number("thin", thin, 1)
-    needed = unthinned = 0
+    every = 1 if thin is None else checks.whole_number("thin", thin, 1)
+    needed = step = steps = 0
     for run in runs:
         # Whole numbers of Python, which do not overflow; those of HDF5 files do.
         steps, walkers = int(run.iteration), int(getattr(run, "backend", run).shape[0])
-        step = 2 * 8 * walkers * numbers
-        needed += step * len(range(discard + thin - 1, steps, thin))
-        unthinned += step * (steps - discard)
+        size = 2 * 8 * walkers * numbers
+        needed += size * len(range(discard + every - 1, steps, every))
+        step += size
     available = available_memory()
     if available is None or needed <= available:
         return
+    if thin is None:
+        remedy = f"use discard={steps - available // step} or more"
+    else:
+        unthinned = step * (steps - discard)
+        remedy = f"use thin={-(-unthinned // max(available, 1))} or more, or a larger "
+        remedy += "discard"
     raise MemoryError(
-        f"samplers: to convert them needs {needed / 1e9:.3g} GB of memory, but "
-        f"{available / 1e9:.3g} GB are available; use "
-        f"thin={-(-unthinned // max(available, 1))} or more, or a larger discard"
+        f"samplers: to read them takes {needed / 1e9:.3g} GB of memory, but "
+        f"{available / 1e9:.3g} GB are available; {remedy}"
     )
 
 

@@ -193,7 +193,7 @@ def test_what_does_not_fit_is_refused_before_it_is_read(files, tmp_path, monkeyp
     with pytest.raises(AssertionError, match="it was read"):  # it fits
         ef.to_inference_data(unread, SHORT)
     tell(monkeypatch, tmp_path / "meminfo", table.format(needed // 1024 - 1))
-    message = r"needs 0.031 GB of memory, but 0.031 GB are available; use thin=2 or"
+    message = r"takes 0.031 GB of memory, but 0.031 GB are available; use thin=2 or"
     with pytest.raises(MemoryError, match=message):
         ef.to_inference_data(unread, SHORT)
     idata = ef.to_inference_data(files, SHORT, thin=2)
@@ -214,6 +214,35 @@ def test_the_thin_that_the_message_names_fits(
     advice = int(str(caught.value).split("thin=")[1].split()[0])
     assert advice == pytest.approx(thin / share, abs=1.01)  # and no more than it must
     stored_chains.check_memory(files, numbers, discard, advice)
+
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.9])
+@pytest.mark.parametrize("discard", [0, 17])
+def test_what_diagnose_cannot_read_is_refused_with_the_discard_that_fits(
+    files, tmp_path, monkeypatch, share, discard
+):
+    step = 2 * 8 * 3 * NWALKERS * 5
+    available = int(share * step * (STEPS - discard) / 1024)
+    tell(monkeypatch, tmp_path / "meminfo", f"MemAvailable: {available} kB")
+    unread = [Unread(file) for file in files]
+    with pytest.raises(MemoryError) as caught:
+        ef.diagnose(unread, discard)
+    advice = int(str(caught.value).split("discard=")[1].split()[0])
+    fits = STEPS - share * (STEPS - discard)
+    assert advice == pytest.approx(fits, abs=1.01)  # and no more than it must
+    with pytest.raises(AssertionError, match="it was read"):  # it fits
+        ef.diagnose(unread, advice)
+
+
+def test_what_log_evidence_cannot_read_is_refused(tmp_path, monkeypatch):
+    move = ef.TemperedMove(ef.DEMCMove(), [1.0, 0.0])
+    runs = ef.run(SHORT, move, nwalkers=2 * NWALKERS, nsteps=10, seed=1)
+    needed = 2 * 8 * 10 * 2 * NWALKERS * (1 + 2 + 20)
+    tell(monkeypatch, tmp_path / "meminfo", f"MemAvailable: {needed // 1024 + 1} kB")
+    ef.log_evidence(runs)
+    tell(monkeypatch, tmp_path / "meminfo", f"MemAvailable: {needed // 1024 - 1} kB")
+    with pytest.raises(MemoryError, match=r"are available; use discard=1 or more"):
+        ef.log_evidence(runs)
 
 
 @pytest.mark.parametrize("text", [None, "MemTotal: 1 kB\n"])
