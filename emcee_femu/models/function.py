@@ -18,7 +18,8 @@ class FunctionModel:
 
     A solver that takes milliseconds or more gains from a pool: give ``run`` or
     ``emcee.EnsembleSampler`` a ``pool=``; the function must then be importable (no
-    lambda).
+    lambda). A program that may hang gets its limit where it is started:
+    ``subprocess.run(..., timeout=600)``, whose ``TimeoutExpired`` is a failed solve.
 
     Args:
         function: ``{name: float}`` to natural frequencies in Hz ``(n_modes,)``, or to
