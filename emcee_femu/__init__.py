@@ -20,6 +20,7 @@ starts           the first state of every ensemble
 fingerprint      what is sampled and how, as text
 run_file         a backend that a kill leaves usable
 run_start        how a run in a file begins and goes on
+run_arguments    what a run is given, checked
 sampling         run emcee: starts, seeds, independent ensembles, resume
 inference_data   emcee -> ArviZ
 diagnostics      tau, ESS, R-hat, acceptance, and a verdict

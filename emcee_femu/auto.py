@@ -17,6 +17,9 @@ TRIAL = 20  # generations of independence proposals that tell how good the fit i
 SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
 
 
+Backends = Callable[[str, list[emcee.State]], list[Any]]
+
+
 class Recipe(NamedTuple):
     """What the burn-in found.
 
@@ -37,6 +40,7 @@ def burn_in_and_fit(
     build: Callable[..., emcee.EnsembleSampler],
     states: list[emcee.State],
     progress: bool | str,
+    backends: Backends,
 ) -> Recipe:
     """Burn in with DE-MC, fit an independence proposal to it, and return the mixture.
 
@@ -50,20 +54,17 @@ def burn_in_and_fit(
         build: ``build(moves=...)`` makes an emcee sampler of the posterior.
         states: Evaluated starts of the ensembles.
         progress: Whether to show progress bars.
+        backends: ``backends(stage, states)`` gives each ensemble's backend of a stage,
+            "burn-in" and "second-fit". What they hold already is not run again.
     """
     local = DEMCMove(mode_jump=0.1)
-    samplers = [build(moves=local) for _ in states]
+    samplers = [build(moves=local, backend=b) for b in backends("burn-in", states)]
     generations, per_tau = 0, 0.0
     while per_tau < ENOUGH_TAU and generations < LONGEST:
-        stretch = max(FIRST, generations)  # doubles what there is
-        states = [
-            _continued(sampler, state, stretch, progress, f"burn-in {number}")
-            for number, (sampler, state) in enumerate(
-                zip(samplers, states, strict=True), 1
-            )
-        ]
-        generations += stretch
-        halves = [s.get_chain(discard=generations // 2) for s in samplers]
+        generations = max(FIRST, 2 * generations)
+        ends = _advanced(samplers, states, generations, progress, "burn-in")
+        # Backends may hold more: this may be the repetition of a run that was stopped.
+        halves = [s.get_chain()[generations // 2 : generations] for s in samplers]
         # A walker that never moved has no tau, NaN: then the burn-in is too short.
         with np.errstate(invalid="ignore"):
             taus = [emcee.autocorr.integrated_time(half, tol=0) for half in halves]
@@ -79,26 +80,21 @@ def burn_in_and_fit(
     fitted = _fitted(halves)
     # DE-MC alone leaves few independent draws in the tails; with a first fit there are
     # many more, and the second fit covers them.
-    mixed = [build(moves=[(fitted, 0.7), (local, 0.3)]) for _ in states]
+    mixture = [(fitted, 0.7), (local, 0.3)]
+    mixed = [build(moves=mixture, backend=b) for b in backends("second-fit", ends)]
     second = len(halves[0])
-    states = [
-        _continued(sampler, state, second, progress, f"second fit {number}")
-        for number, (sampler, state) in enumerate(zip(mixed, states, strict=True), 1)
-    ]
+    ends = _advanced(mixed, ends, second, progress, "second fit")
     fitted = _fitted([sampler.get_chain() for sampler in mixed])
 
-    trials = [build(moves=fitted) for _ in states]
-    states = [
-        _continued(trial, state, TRIAL, False, "")
-        for trial, state in zip(trials, states, strict=True)
-    ]
+    trials = [build(moves=fitted) for _ in ends]
+    ends = _advanced(trials, ends, TRIAL, False, "")
     acceptance = float(np.mean([trial.acceptance_fraction for trial in trials]))
     share = next(share for least, share in SHARES if acceptance >= least)
     k = len(fitted.weights)
     return Recipe(
         moves=[(fitted, share), (local, 1.0 - share)],
-        states=states,
-        evaluations=len(states[0].coords) * (1 + generations + second + TRIAL),
+        states=ends,
+        evaluations=len(ends[0].coords) * (1 + generations + second + TRIAL),
         sentence=(
             f"burn-in of {generations} generations of DE-MC, {2 * per_tau:.0f} "
             f"autocorrelation times, and {second} of DE-MC with a first fit; {k} "
@@ -115,19 +111,33 @@ def _fitted(chains: list[Floats]) -> IndependenceMove:
     return IndependenceMove.fit(draws, components="auto")
 
 
-def _continued(
-    sampler: emcee.EnsembleSampler,
-    state: emcee.State,
-    steps: int,
+def _advanced(
+    samplers: list[emcee.EnsembleSampler],
+    starts: list[emcee.State],
+    generations: int,
     progress: bool | str,
     label: str,
-) -> emcee.State:
-    """Run ``steps`` generations from a state and return a copy of the last one."""
-    last = sampler.run_mcmc(
-        state,
-        steps,
-        progress=progress,
-        progress_kwargs={"desc": label},
-        skip_initial_state_check=True,
-    )
-    return emcee.State(last, copy=True)
+) -> list[emcee.State]:
+    """Run every ensemble up to ``generations``, and return copies of the last states.
+
+    Raises:
+        BaseException: Whatever sampling raises, with the samplers as ``samplers``.
+    """
+    ends = []
+    for number, (sampler, start) in enumerate(zip(samplers, starts, strict=True), 1):
+        done = sampler.iteration
+        state = sampler.get_last_sample() if done else start
+        if done < generations:
+            try:
+                state = sampler.run_mcmc(
+                    state,
+                    generations - done,
+                    progress=progress,
+                    progress_kwargs={"desc": f"{label} {number}"},
+                    skip_initial_state_check=True,
+                )
+            except BaseException as error:
+                error.samplers = samplers  # type: ignore[attr-defined]
+                raise
+        ends.append(emcee.State(state, copy=True))
+    return ends

@@ -16,7 +16,8 @@ from .inference_data import effective_sizes, stacked, to_inference_data
 from .interfaces import Floats, ModalModel, ModalSolution, Parameters
 from .moves.stock_faults import stock_fault
 from .posterior import LogPosterior
-from .sampling import check_moves, check_progress, run
+from .run_arguments import check_moves, check_progress
+from .sampling import run
 from .tables import Table
 
 FEWEST_STEPS = 8  # that diagnose can judge
@@ -232,6 +233,8 @@ def _check_moves(moves: Any, nwalkers: int, ndim: int) -> None:
         )
     faults = []
     for label, given in moves.items():
+        if not isinstance(label, str):
+            raise TypeError(f"moves: expected labels that are text, got {label!r}")
         if isinstance(given, str) and given == "auto":
             continue
         check_moves(f"moves[{label!r}]", given)

@@ -3,11 +3,13 @@
 import logging
 import subprocess
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 logger = logging.getLogger("emcee_femu")
 FEWEST = 100  # evaluations before a fraction of them means something
+CAUSES = ("not finite", "wrong number of modes", "time-out", "exception")
+PLACE = "raised by the model at"  # begins the note that names the parameters
 KEPT = 1_000  # failures whose parameters are kept
 
 
@@ -89,10 +91,23 @@ class FailureLog:
         total = self.causes.total()
         if self.evaluations < FEWEST or total <= self.max_failures * self.evaluations:
             return
-        last = self.kept[-1]
+        example = ""
+        if self.kept:  # those before a resume were logged, and are not kept
+            last = self.kept[-1]
+            example = f"; for instance {last.message} at {dict(last.parameters)}"
         raise RuntimeError(
             f"on_failure: {total} of {self.evaluations} solves failed "
-            f"({dict(self.causes)}), more than max_failures = {self.max_failures:g}; "
-            f"for instance {last.message} at {dict(last.parameters)}. Mend the model, "
-            "or narrow the prior to where it can be solved"
+            f"({dict(self.causes)}), more than max_failures = {self.max_failures:g}"
+            f"{example}. Mend the model, or narrow the prior to where it can be solved"
         )
+
+    @property
+    def counts(self) -> list[int]:
+        """Evaluations, then failures in the order of ``CAUSES``."""
+        return [self.evaluations, *(self.causes[cause] for cause in CAUSES)]
+
+    def restore(self, counts: Sequence[int]) -> None:
+        """Go on from the counts of an earlier run."""
+        self.evaluations = int(counts[0])
+        pairs = zip(CAUSES, counts[1:], strict=True)
+        self.causes = Counter({cause: int(n) for cause, n in pairs if n})

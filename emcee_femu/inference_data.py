@@ -13,7 +13,8 @@ import emcee
 import numpy as np
 
 from .interfaces import Floats
-from .posterior import LogPosterior, prior_summary
+from .posterior import LogPosterior
+from .priors import prior_summary
 from .stored_chains import as_list as as_list
 from .stored_chains import check_memory as check_memory
 from .stored_chains import cold as cold

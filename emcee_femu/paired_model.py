@@ -6,7 +6,15 @@ from typing import Any
 import numpy as np
 
 from . import checks
-from .interfaces import Floats, ModalModel, PairedSolution, Pairing, Parameters
+from .failures import SolveError
+from .interfaces import (
+    Floats,
+    ModalModel,
+    ModalSolution,
+    PairedSolution,
+    Pairing,
+    Parameters,
+)
 from .measurements import Measurements
 from .measurements.modes import scaled
 from .pairing import at_sensors, cluster_bases, one_to_one
@@ -132,7 +140,8 @@ class PairedModel:
         # (n, n_measured, candidates); one product a row, so that rows round alike
         cosines = self._shapes.T @ unit
         single = cosines**2
-        close = np.diff(frequencies, axis=1) < self.min_gap * frequencies[:, :-1]
+        with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
+            close = np.diff(frequencies, axis=1) < self.min_gap * frequencies[:, :-1]
         rows = np.flatnonzero(close.any(axis=1))
         shared, score = single, single
         if len(rows):
@@ -160,16 +169,39 @@ class PairedModel:
     def _solve(self, parameters: Parameters) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of the candidates."""
         modes = self.model(parameters)
+        if not isinstance(modes, ModalSolution):
+            raise TypeError(
+                "model: expected a ModalSolution with shapes, got "
+                f"{type(modes).__name__}"
+            )
         if modes.shapes is None:
             raise ValueError(
                 "model: it returned no mode shapes, by which modes are paired; ask for "
                 "them (shapes=True)"
             )
-        n_modes = modes.frequencies.shape[1]
+        frequencies, shapes = (_checked(part) for part in modes[:2])
+        if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
+            raise ValueError(
+                "model: expected frequencies (n, n_modes) and shapes (n, n_dof, "
+                f"n_modes), got {frequencies.shape} and {shapes.shape}"
+            )
+        if not np.abs(shapes).max(initial=0.0) <= checks.MOST:
+            raise SolveError(
+                "not finite",
+                f"model: expected finite shapes, of numbers up to {checks.MOST:g}",
+            )
+        n_modes = frequencies.shape[1]
         if n_modes < self.candidates:
             raise ValueError(
                 f"model: expected at least {self.candidates} modes, got {n_modes}"
             )
-        shapes = at_sensors(modes.shapes, self.measurements.dofs, len(self._shapes))
+        shapes = at_sensors(shapes, self.measurements.dofs, len(self._shapes))
         wanted = slice(self.candidates)
-        return modes.frequencies[:, wanted], shapes[:, :, wanted]
+        return frequencies[:, wanted], shapes[:, :, wanted]
+
+
+def _checked(part: Any) -> Floats:
+    """Return an array of floats, as it is if it is one."""
+    if type(part) is np.ndarray and part.dtype == np.float64:
+        return part
+    return checks.numeric_array("model", part)

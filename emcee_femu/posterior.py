@@ -10,7 +10,7 @@ from scipy import stats
 
 from . import checks
 from .agreement import check_names, check_types, stored_modes
-from .failures import SolveError
+from .failures import PLACE, SolveError
 from .interfaces import (
     Floats,
     LikelihoodTerm,
@@ -19,7 +19,7 @@ from .interfaces import (
     Parameters,
     Prior,
 )
-from .priors import inside
+from .priors import inside, prior_summary
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -148,9 +148,16 @@ class LogPosterior:
         parameters = self.parameters(theta)
         try:
             modes = self.model(parameters)
+        except (StopIteration, SystemExit) as error:
+            # The one would lose its notes in emcee's generator, the other end the
+            # program without a word, and with exit code 0.
+            raise RuntimeError(
+                f"model: it raised {error!r} at {self._values(theta)}"
+            ) from error
         except Exception as error:
-            if not hasattr(error, "__notes__"):  # FunctionModel has named its own
-                error.add_note(f"raised by the model at {self._values(theta)}")
+            notes = getattr(error, "__notes__", ())
+            if not any(note.startswith(PLACE) for note in notes):
+                error.add_note(f"{PLACE} {self._values(theta)}")
             raise
         frequencies = getattr(modes, "frequencies", None)
         if (
@@ -194,7 +201,7 @@ class LogPosterior:
             rows[:, end : end + self.n_paired] = modes.pairing.mac
             rows[:, end + self.n_paired :] = modes.pairing.model_modes
         # NaN and infinity survive a sum: one look finds them anywhere.
-        if not (np.add.reduce(rows[:, first_mode:], axis=None) < np.inf) or not (
+        if not np.isfinite(np.add.reduce(rows[:, first_mode:], axis=None)) or not (
             np.maximum.reduce(total) < np.inf
         ):
             raise self._not_finite(rows, theta)
@@ -282,13 +289,3 @@ class LogPosterior:
             f"{argument}: {self.names[column]} = {theta[row, column]:g} of point "
             f"{row} is outside its bounds ({low:g}, {high:g})"
         )
-
-
-def prior_summary(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
-    """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
-
-    Both are those of ``draws`` samples (the standard deviation has 0.5 % Monte Carlo
-    error): one way for every prior that can be sampled.
-    """
-    sample = prior.sample(np.random.default_rng(0), draws)
-    return sample.mean(axis=0), sample.std(axis=0)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from . import checks
-from .interfaces import Floats
+from .interfaces import Floats, Prior
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -231,3 +231,13 @@ def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     within = (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
     result: NDArray[np.bool_] = np.logical_and.reduce(within, axis=1)
     return result
+
+
+def prior_summary(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
+    """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
+
+    Both are those of ``draws`` samples (the standard deviation has 0.5 % Monte Carlo
+    error): one way for every prior that can be sampled.
+    """
+    sample = prior.sample(np.random.default_rng(0), draws)
+    return sample.mean(axis=0), sample.std(axis=0)

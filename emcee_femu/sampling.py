@@ -1,23 +1,28 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, backends."""
 
-import os
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing.pool import Pool, ThreadPool
 from os import PathLike
 from typing import Any
 
 import emcee
 from numpy.typing import ArrayLike
 
-from . import checks, run_start
+from . import checks
 from .fingerprint import fingerprint
 from .guarded import guard
 from .moves import DEMCMove
+from .moves.stock_faults import refuse_sequential
 from .moves.tempering import ladder
-from .pools.pickling import pickled
+from .pools.evaluation_pool import safe_pool, usable
 from .posterior import LogPosterior
+from .run_arguments import (
+    backend_list,
+    check_moves,
+    check_picklable,
+    check_progress,
+    listed,
+)
+from .run_start import StoredRun, place
 from .starts import begin_run
 
 
@@ -52,8 +57,9 @@ def run(
         ensembles: Independent ensembles, each with its own start and random stream.
             Four from over-dispersed starts are what R-hat needs to see a missed mode.
         seed: A whole number.
-        pool: Anything with a ``map``, such as ``multiprocessing.Pool``; evaluations
-            then run there, one walker at a time.
+        pool: Where to evaluate, one walker a task: whatever :class:`EvaluationPool`
+            takes, such as ``multiprocessing.Pool``, which is wrapped in it; or an
+            EvaluationPool of your own, say for vectorised calls on the workers.
         vectorize: Whether to evaluate all moving walkers in one call. None for yes
             without a pool, no with one.
         backend: None to keep the chain in memory, the name of an HDF5 file (needs
@@ -67,12 +73,14 @@ def run(
             ensemble has ``nsteps`` steps; the chain is that of a run that was never
             stopped, to the bit. Whatever else was asked for must be as it was: the file
             knows posterior, data, moves, settings and versions. A new run is started
-            where there is no file, so a script may always say ``resume=True``. A run
-            that was stopped in the burn-in of "auto" begins it again.
+            where there is no file, so a script may always say ``resume=True``. The
+            burn-in of "auto" goes on too, from files beside it that are then removed.
         on_failure: What an exception, a time-out, NaN or a wrong number of modes of a
             solve does: "raise" to stop with the parameters by name, "reject" to take
             the posterior for zero there, count the cause and log it (logger
-            "emcee_femu"); ``sampler.failures`` and ``diagnose`` report them.
+            "emcee_femu"); ``sampler.failures`` and ``diagnose`` report them, and
+            starts from the prior that cannot be solved are drawn again. A stored run
+            may go on with the other of the two.
         max_failures: Fraction of the evaluations, of at least 100, above which
             "reject" stops the run: a posterior with such holes is another one.
 
@@ -110,8 +118,9 @@ def run(
     if moves is None or automatic:
         moves = DEMCMove()
     check_moves("moves", moves)
-    ladder(_listed(moves))  # refuses temperatures that differ
-    for move in _listed(moves):
+    ladder(listed(moves))  # refuses temperatures that differ
+    for move in listed(moves):
+        refuse_sequential("moves", move)
         if hasattr(move, "check"):
             move.check(nwalkers, ndim)
     if vectorize is None:
@@ -121,10 +130,13 @@ def run(
     check_progress(progress)
     if vectorize and pool is not None:
         raise ValueError("vectorize: emcee ignores the pool then; give one of the two")
-    if pool is not None and (isinstance(pool, type) or not hasattr(pool, "map")):
+    if pool is not None and (isinstance(pool, type) or not usable(pool)):
         raise TypeError(f"pool: expected something with a map, got {pool!r}")
 
-    log, evaluated, workers = guard(posterior, pool, on_failure, max_failures)
+    log, evaluated, workers = guard(
+        posterior, safe_pool(pool), on_failure, max_failures
+    )
+    check_picklable(pool, evaluated)
     build = partial(
         emcee.EnsembleSampler,
         nwalkers,
@@ -133,16 +145,22 @@ def run(
         pool=workers,
         vectorize=vectorize,
     )
-    _check_picklable(pool, evaluated)
-    in_file = isinstance(backend, str | PathLike)
-    if resume and not in_file:
-        raise TypeError(
-            f"resume: expected backend to be the name of a file, got {backend!r}"
-        )
-    backends = [] if in_file else _backends(backend, ensembles)
-    print_of_run = {}
-    if in_file:
-        print_of_run = fingerprint(
+    first = partial(
+        begin_run,
+        posterior,
+        moves,
+        automatic,
+        build,
+        seed,
+        initial,
+        ensembles,
+        progress,
+        redraw=log is not None,  # a failed solve is one reason among others
+    )
+    if isinstance(backend, str | PathLike):
+        checks.file_name("backend", backend)
+        describe = partial(
+            fingerprint,
             posterior,
             "auto" if automatic else moves,
             nwalkers=nwalkers,
@@ -150,21 +168,19 @@ def run(
             seed=seed,
             thin_by=thin_by,
             initial=initial,
-            on_failure=on_failure,
         )
-    if resume and os.path.lexists(backend):
-        backends, begin = run_start.resume(backend, ensembles, print_of_run, moves)
+        # The place is checked before a burn-in, not after.
+        stored = StoredRun(place(backend), ensembles, describe(), describe, log)
+        if not resume:
+            stored.check_new()
+        backends, begin = stored.begin(moves, automatic, nsteps, first)
+    elif resume:
+        raise TypeError(
+            f"resume: expected backend to be the name of a file, got {backend!r}"
+        )
     else:
-        if in_file and os.path.lexists(backend):
-            raise ValueError(
-                f"backend: {backend} exists; go on with it by resume=True, or give a "
-                "new file name"
-            )
-        begin = begin_run(
-            posterior, moves, automatic, build, seed, initial, ensembles, progress
-        )
-        if in_file:
-            backends = run_start.create(backend, nsteps, print_of_run, begin, automatic)
+        backends = backend_list(backend, ensembles)
+        begin = first(backends=lambda *_: [None] * ensembles)
     left = [nsteps - (own.iteration if resume else 0) for own in backends]
     if min(left) < 0:
         raise ValueError(
@@ -195,88 +211,3 @@ def run(
             error.samplers = samplers  # type: ignore[attr-defined]
             raise
     return samplers
-
-
-def check_moves(argument: str, moves: Any) -> None:
-    """Refuse what emcee would take for a move, a list of moves or weighted pairs.
-
-    Raises:
-        TypeError: If something is no move, or pairs are mixed with moves.
-        ValueError: If there is no move, or weights are negative or all zero.
-    """
-    listed = _listed(moves)
-    if not listed:
-        raise ValueError(f"{argument}: expected at least one move, got none")
-    for move in listed:
-        if isinstance(move, type) or not hasattr(move, "propose"):
-            raise TypeError(
-                f"{argument}: expected an emcee move, a list of moves or of (move, "
-                f"weight), got {move!r}"
-            )
-    if not isinstance(moves, Sequence):
-        return
-    pairs = [item for item in moves if isinstance(item, Sequence)]
-    if not pairs:
-        return
-    if len(pairs) < len(moves) or any(len(pair) != 2 for pair in pairs):
-        raise TypeError(
-            f"{argument}: expected (move, weight) throughout, got {moves!r}"
-        )
-    weights = [
-        checks.real_number(f"{argument} (their weights)", weight, 0.0)
-        for _, weight in pairs
-    ]
-    if not sum(weights) > 0:
-        raise ValueError(f"{argument}: expected a weight above zero, got {weights}")
-
-
-def check_progress(progress: Any) -> None:
-    """Refuse what is neither True, False nor the name of a bar of tqdm."""
-    if not isinstance(progress, str):
-        checks.flag("progress", progress)
-        return
-    bars = emcee.pbar.tqdm
-    if bars is not None and not hasattr(bars, f"tqdm_{progress}"):
-        raise ValueError(
-            f"progress: expected True, False or a bar of tqdm, such as 'notebook', got "
-            f"{progress!r}"
-        )
-
-
-def _check_picklable(pool: Any, function: Any) -> None:
-    """Refuse, naming the part to blame, what processes cannot be sent."""
-    of_processes = isinstance(pool, ProcessPoolExecutor | Pool)
-    if of_processes and not isinstance(pool, ThreadPool):
-        pickled(function)
-
-
-def _listed(moves: Any) -> list[Any]:
-    """Return the moves of what emcee accepts: a move, a list, or weighted pairs."""
-    if not isinstance(moves, Sequence):
-        return [moves]
-    return [
-        item[0] if isinstance(item, Sequence) and len(item) else item for item in moves
-    ]
-
-
-def _backends(backend: Any, ensembles: int) -> list[Any]:
-    if backend is None:
-        return [None] * ensembles
-    backends = list(backend) if isinstance(backend, Sequence) else [backend]
-    if len(backends) != ensembles:
-        raise ValueError(
-            f"backend: expected one for each of {ensembles} ensembles, "
-            f"got {len(backends)}"
-        )
-    for own in backends:
-        if isinstance(own, type) or not hasattr(own, "initialized"):
-            raise TypeError(
-                "backend: expected None, the name of a file, or emcee backends, got "
-                f"{own!r}"
-            )
-        if own.initialized and own.iteration:
-            raise ValueError(
-                f"backend: {own!r} already holds {own.iteration} steps of another "
-                "run; give a new file name, or call its reset()"
-            )
-    return backends

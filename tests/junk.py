@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from scipy import stats
 
 
 def _function(*arguments: Any) -> float:
@@ -87,6 +88,7 @@ JUNK = {
     "a Dataset": xr.Dataset,
     "array.array": lambda: array.array("d", [1.0, 2.0]),
     "a memoryview": lambda: memoryview(b"ab"),
+    "a law, not frozen": lambda: stats.norm,
     "an exception": lambda: ValueError("no"),
 }
 DTYPES = ["int8", "int64", "uint32", "float16", "float32", "longdouble", ">f8"]
@@ -128,4 +130,46 @@ MAPPINGS = {
     "text": str,
     "None": lambda d: None,
     "empty": lambda d: {},
+}
+# What is thrown at every argument; the labels are those of malformed.py.
+TELLING = {
+    "item int -1",
+    *(
+        "bool True",
+        "float 0.5",
+        "float nan",
+        "float inf",
+        "int -1",
+        "int 0",
+        "float 0.0",
+    ),
+    *("NoneType None", "str '1'", "float 1e+300", "float 1e-300", "a generator"),
+    *("{1.0, 2.0}", "[]", "text", "np.ma.masked", "float64 np.float64(4.0)"),
+    *(f"entry {x}" for x in ("float nan", "float inf", "int -1", "int 0", "str '1'")),
+    *(f"entry {x}" for x in ("float 1e+300", "float 1e-300", "NoneType None")),
+    *("as complex128", "as bool", "as object", "as U8", "as float32", "as longdouble"),
+    *("as set", "as generator", "as dict", "as masked entries", "as list"),
+    *("without the last", "the last twice", "backwards", "columns backwards", "none"),
+    *(
+        "a row and a column less",
+        "ragged",
+        "the first alone",
+        "in another axis",
+        "all alike",
+        "flat",
+    ),
+    *("times -1.0", "times 1e+200", "times 1e-200", "times 0.0"),
+    *("a set", "a list's generator", "its first", "its text", "a tuple"),
+    "the first again",
+    *(
+        "item str ''",
+        "item int 3",
+        "item int 1",
+        "item float 1e+300",
+        "a law, not frozen",
+        "as keys",
+        "as items",
+        "as a proxy",
+        "as empty",
+    ),
 }

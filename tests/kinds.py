@@ -7,7 +7,7 @@ by name or taken, but a result must be that of the same plain numbers.
 import array
 import math
 from collections import UserList
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -140,3 +140,95 @@ def flag(value: Any) -> bool:
 def one_of(*types: type) -> Callable[[Any], bool]:
     """Accept instances."""
     return lambda value: isinstance(value, types)
+
+
+def moderate(kind: Callable[[Any], bool | None]) -> Callable[[Any], bool | None]:
+    """Refuse numbers whose squares a float cannot hold; zero passes."""
+
+    def accepts(value: Any) -> bool | None:
+        given = numbers(value)
+        if given is not None and given.size:
+            size = np.abs(given[given != 0])
+            if ((size > HUGE) | (size < 1 / HUGE)).any():
+                return False
+        return kind(value)
+
+    return accepts
+
+
+def shaped(*shapes: Any) -> Callable[[Any], bool | None]:
+    """Refuse all but numbers of one of the shapes; NaN and infinity are not judged."""
+
+    def accepts(value: Any) -> bool | None:
+        given = numbers(value)
+        fits = given is not None and any(_fits(given.shape, shape) for shape in shapes)
+        return None if fits else False
+
+    return accepts
+
+
+def by_name(
+    kind: Callable[[Any], bool | None], names: Any = None, every: bool = False
+) -> Callable[[Any], bool | None]:
+    """Refuse all but mappings of (some) names to a kind."""
+
+    def accepts(value: Any) -> bool | None:
+        if not isinstance(value, Mapping):
+            return False
+        if not all(text(k) and (names is None or k in names) for k in value):
+            return False
+        if every and set(value) != set(names):
+            return False
+        return None if all(kind(v) is not False for v in value.values()) else False
+
+    return accepts
+
+
+def listed(
+    kind: Callable[[Any], bool | None], least: int = 1
+) -> Callable[[Any], bool | None]:
+    """Refuse all but sequences of a kind."""
+
+    def accepts(value: Any) -> bool | None:
+        if not isinstance(value, Sequence) or isinstance(value, str | bytes):
+            return False
+        enough = len(value) >= least
+        return None if enough and all(kind(v) is not False for v in value) else False
+
+    return accepts
+
+
+def ascending(high: int) -> Callable[[Any], bool | None]:
+    """Refuse all but ascending whole numbers from 1 to high."""
+    one = listed(whole(1, high))
+
+    def accepts(value: Any) -> bool | None:
+        return one(value) if one(value) is False or _ascends(value) else False
+
+    return accepts
+
+
+def _ascends(value: Any) -> bool:
+    return all(a < b for a, b in zip(value, value[1:], strict=False))
+
+
+def positive(*names: str) -> Callable[[Any], bool | None]:
+    """Refuse all but equal lengths, and what is not above zero under a name."""
+
+    def accepts(value: Any) -> bool | None:
+        if equal_lengths(value) is False:
+            return False
+        right = all((numbers(value[name]) > 0).all() for name in names if name in value)
+        return None if right else False
+
+    return accepts
+
+
+def equal_lengths(value: Any) -> bool | None:
+    """Refuse all but mappings to finite numbers ``(n,)`` of one n."""
+    if not isinstance(value, Mapping):
+        return False
+    kind = floats((None,))
+    if any(kind(v) is False for v in value.values()):
+        return False
+    return None if len({len(numbers(v)) for v in value.values()}) < 2 else False

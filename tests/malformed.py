@@ -1,25 +1,30 @@
 """What a caller may get wrong: a value that worked, bent in one of many ways.
 
-``malformed(valid)`` is a strategy of :class:`Bent`, which builds its value anew on each
-call, since a generator can be read once. Some of them are valid still (the same numbers
-as integers, a stretched array, a DataFrame): ``kinds.py`` knows which.
+``bent_values(valid)`` lists them all, each once: hypothesis then throws no value twice.
+Some are valid still (the same numbers as integers, a stretched array, a DataFrame):
+``kinds.py`` knows which.
 """
 
 from collections import UserList
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from hypothesis import strategies as st
-from junk import DTYPES, HOLDERS, JUNK, MAPPINGS, NUMBERS
+from junk import DTYPES, HOLDERS, JUNK, MAPPINGS, NUMBERS, TELLING
+from scipy.sparse import csc_array, issparse
 
 
 class Bent(NamedTuple):
-    """How a valid value is bent; called, it builds the malformed one."""
+    """How a valid value is bent; called, it builds the malformed one.
+
+    It is built anew on each call, since a generator can be read once. What is
+    ``telling`` is thrown always, the others at random.
+    """
 
     label: str
-    build: Any
+    build: Callable[[], Any]
+    telling: bool = False
 
     def __call__(self) -> Any:
         return self.build()
@@ -28,23 +33,51 @@ class Bent(NamedTuple):
         return self.label
 
 
-def malformed(valid: Any) -> Any:
-    """Return the strategy of bent values for an argument whose valid value is given."""
-    junk = st.sampled_from([Bent(label, build) for label, build in JUNK.items()])
-    number = st.sampled_from([Bent(repr(x), lambda x=x: x) for x in NUMBERS])
-    kinds = [junk, number]
-    if isinstance(valid, Mapping):
-        kinds += 4 * [_mappings(valid)]
-    elif _is_numeric(valid):
-        kinds += 6 * [_arrays(np.asarray(valid))]
-    elif isinstance(valid, list | tuple) and valid:
-        kinds += 4 * [_sequences(list(valid))]
-    return st.one_of(kinds)
+def bent_values(valid: Any) -> list[list[Bent]]:
+    """Return groups of bent values for an argument whose valid value is given."""
+    groups = [
+        [_bent(label, build) for label, build in JUNK.items()],
+        [_bent(_said(x), lambda x=x: x) for x in NUMBERS],
+    ]
+    if issparse(valid):
+        groups += [
+            [_inside("sparse", inner, _sparse) for inner in group]
+            for group in _arrays(valid.toarray())
+        ]
+    elif isinstance(valid, Mapping):
+        groups += _mappings(valid)
+    elif _is_numeric(valid) and not is_record(valid):
+        groups += _arrays(np.asarray(valid))
+        if isinstance(valid, list | tuple):  # an array may be refused as such
+            groups += [
+                [_inside("listed", x, lambda v: v) for x in _sequences([*valid])[0]]
+            ]
+    elif isinstance(valid, list | tuple) and len(valid):
+        groups += _sequences(list(valid))
+    return groups
+
+
+def _bent(label: str, build: Callable[[], Any]) -> Bent:
+    return Bent(label, build, label in TELLING)
+
+
+def _said(value: Any) -> str:
+    return f"{type(value).__name__} {value!r}"
+
+
+def _inside(where: str, inner: Bent, build: Callable[[Any], Any]) -> Bent:
+    """Return a bent part of a larger value."""
+    return Bent(f"{where}: {inner}", lambda: build(inner()), inner.telling)
 
 
 def _is_numeric(valid: Any) -> bool:
     kind = np.asarray(valid).dtype.kind if _rectangular(valid) else "O"
     return not isinstance(valid, bool | str) and kind in "fiuc"
+
+
+def is_record(valid: Any) -> bool:
+    """Return whether things of several types stand side by side."""
+    return isinstance(valid, list | tuple) and len({*map(type, valid)}) > 1
 
 
 def _rectangular(valid: Any) -> bool:
@@ -55,25 +88,36 @@ def _rectangular(valid: Any) -> bool:
     return not callable(valid)
 
 
-@st.composite
-def _arrays(draw: Any, valid: Any) -> Bent:
+def _arrays(valid: Any) -> list[list[Bent]]:
     """Bend an array: a number in it, its dtype, its shape, its order, its holder."""
-    how = draw(st.sampled_from(["entry", "entry", "dtype", "shape", "holder", "scale"]))
-    if how == "entry" and valid.size:
-        place = draw(st.integers(0, valid.size - 1))
-        number = draw(st.sampled_from(NUMBERS))
-        return Bent(f"entry {place} = {number!r}", lambda: _with(valid, place, number))
-    if how == "dtype":
-        dtype = draw(st.sampled_from(DTYPES))
-        return Bent(f"as {dtype}", lambda: _cast(valid, dtype))
-    if how == "holder":
-        label = draw(st.sampled_from([*HOLDERS]))
-        return Bent(f"as {label}", lambda: _held(valid, HOLDERS[label]))
-    if how == "scale":
-        factor = draw(st.sampled_from([0.0, -1.0, 1e-320, 1e-200, 1e200, 1e308, 0.5]))
-        return Bent(f"times {factor}", lambda: _times(valid, factor))
-    label, build = draw(st.sampled_from([*SHAPES.items()]))
-    return Bent(label, lambda: build(valid))
+    size = valid.size
+    entries = [
+        Bent(
+            f"entry {place} = {_said(x)}",
+            lambda place=place, x=x: _with(valid, place, x),
+            place == size - 1 and f"entry {_said(x)}" in TELLING,
+        )
+        for place in sorted({0, min(1, size - 1), size // 2, size - 1})
+        for x in NUMBERS
+        if valid.ndim
+    ]
+    return [
+        *([entries] if entries else []),
+        [_bent(f"as {dtype}", lambda d=dtype: _cast(valid, d)) for dtype in DTYPES],
+        [_bent(f"as {k}", lambda h=h: _held(valid, h)) for k, h in HOLDERS.items()],
+        [_bent(label, lambda b=b: b(valid)) for label, b in SHAPES.items()],
+        [_bent(f"times {x}", lambda x=x: _times(valid, x)) for x in FACTORS],
+    ]
+
+
+FACTORS = [0.0, -1.0, 1e-320, 1e-200, 1e200, 1e308, 0.5]
+
+
+def _sparse(value: Any) -> Any:
+    try:
+        return csc_array(np.asarray(value))
+    except (TypeError, ValueError, UserWarning):  # of masked entries
+        return value
 
 
 SHAPES = {
@@ -91,6 +135,7 @@ SHAPES = {
     "columns backwards": lambda a: a[..., ::-1] if a.ndim else a,
     "sorted": lambda a: np.sort(a, axis=-1) if a.ndim else a,
     "all alike": lambda a: np.full_like(a, a.flat[0]) if a.size else a,
+    "a row and a column less": lambda a: a[(slice(-1),) * a.ndim],
     "ragged": lambda a: [*a.tolist(), [1.0, 2.0]] if a.ndim else [1.0, [2.0]],
     "in a list": lambda a: [a, a],
 }
@@ -123,22 +168,17 @@ def _times(valid: Any, factor: float) -> Any:
         return np.asarray(valid) * factor
 
 
-@st.composite
-def _sequences(draw: Any, valid: list[Any]) -> Bent:
-    """Bend a sequence of names, terms or records."""
-    place = draw(st.integers(0, len(valid) - 1))
-    other = draw(st.sampled_from([*NUMBERS, "", "x", ("x",), [], {}, object()]))
-    replaced = [other if i == place else item for i, item in enumerate(valid)]
-    built = {
-        f"item {place} = {other!r}": lambda: replaced,
+def _sequences(valid: list[Any]) -> list[list[Bent]]:
+    """Bend a sequence of names, terms or records, and what is in it."""
+    whole = {
         "without the last": lambda: valid[:-1],
         "the last twice": lambda: [*valid, valid[-1]],
-        "one more": lambda: [*valid, other],
+        "the first again": lambda: [*valid[:-1], valid[0]],
         "backwards": lambda: valid[::-1],
         "a tuple": lambda: tuple(valid),
         "a UserList": lambda: UserList(valid),
-        "a generator": lambda: (item for item in valid),
-        "an object array": lambda: np.array([*valid, None], dtype=object)[:-1],
+        "a list's generator": lambda: (item for item in valid),
+        "an array of objects": lambda: np.array([*valid, None], dtype=object)[:-1],
         "in a list": lambda: [valid],
         "its first": lambda: valid[0],
         "a dict": lambda: dict(enumerate(valid)),
@@ -146,25 +186,58 @@ def _sequences(draw: Any, valid: list[Any]) -> Bent:
         "its text": lambda: str(valid),
         "an Index": lambda: pd.Index(valid, dtype=object, tupleize_cols=False),
     }
-    label = draw(st.sampled_from([*built]))
-    return Bent(label, built[label])
+    more = ["x", ("x",), [], {}]
+    others = [_bent(f"item {_said(x)}", lambda x=x: x) for x in [*NUMBERS, *more]]
+    places = sorted({0, len(valid) - 1})
+    items = [
+        _inside(f"item {i}", item, lambda x, i=i: [*valid[:i], x, *valid[i + 1 :]])
+        for i in places
+        for item in others
+    ]
+    added = [_inside("one more", item, lambda x: [*valid, x]) for item in others]
+    deeper = [
+        _inside(f"in {i}", item, lambda x, i=i: [*valid[:i], x, *valid[i + 1 :]])
+        for i in places
+        if isinstance(valid[i], list | tuple)
+        for group in bent_values(valid[i])[2:]
+        for item in group
+    ]
+    own = [_bent(label, build) for label, build in whole.items()]
+    return [own, items, added, *([deeper] if deeper else [])]
 
 
-@st.composite
-def _mappings(draw: Any, valid: Mapping[Any, Any]) -> Bent:
+def _mappings(valid: Mapping[Any, Any]) -> list[list[Bent]]:
     """Bend a mapping: its kind, a key, or the value under a key."""
-    how = draw(st.sampled_from(["kind", "key", "more", "less", "value", "value"]))
-    key = draw(st.sampled_from([*valid]))
-    rest = {k: v for k, v in valid.items() if k != key}
-    if how == "kind":
-        label = draw(st.sampled_from([*MAPPINGS]))
-        return Bent(f"as {label}", lambda: MAPPINGS[label](valid))
-    if how == "less":
-        return Bent(f"without {key!r}", lambda: rest)
-    if how == "value":
-        inner = draw(malformed(valid[key]))
-        return Bent(f"{key!r}: {inner!r}", lambda: {**valid, key: inner()})
-    other = draw(st.sampled_from(["", "x", 0, -1, None, 1.5, ("a",), b"k1", True]))
-    if how == "key":
-        return Bent(f"{key!r} named {other!r}", lambda: {**rest, other: valid[key]})
-    return Bent(f"{other!r} added", lambda: {**valid, other: valid[key]})
+    kinds = [_bent(f"as {k}", lambda b=b: b(valid)) for k, b in MAPPINGS.items()]
+    fewer = [
+        Bent(f"without {key!r}", lambda k=key: _without(valid, k), True)
+        for key in valid
+    ]
+    if not isinstance(valid, dict):  # inference data: its groups are not bent
+        return [kinds, fewer]
+    keys = ["", "x", 0, -1, None, 1.5, ("a",), b"k1", True]
+    first = next(iter(valid.values()))
+    renamed = [
+        Bent(
+            f"{key!r} named {new!r}",
+            lambda key=key, new=new: {**_without(valid, key), new: valid[key]},
+            new == "x",
+        )
+        for key in valid
+        for new in keys
+    ]
+    added = [
+        Bent(f"{new!r} added", lambda new=new: {**valid, new: first}, new == "x")
+        for new in keys
+    ]
+    inside = [
+        _inside(repr(key), inner, lambda x, key=key: {**valid, key: x})
+        for key in valid
+        for group in bent_values(valid[key])
+        for inner in group
+    ]
+    return [kinds, [*fewer, *renamed, *added], inside]
+
+
+def _without(valid: Mapping[Any, Any], key: Any) -> dict[Any, Any]:
+    return {k: v for k, v in valid.items() if k != key}

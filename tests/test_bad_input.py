@@ -5,6 +5,7 @@ import inspect
 from pathlib import Path
 
 import pytest
+import test_bad_input_called as called
 import test_bad_input_data as data
 import test_bad_input_files as files
 import test_bad_input_models as models
@@ -17,7 +18,7 @@ from border import throw
 import emcee_femu as ef
 from emcee_femu import pairing, paper, priors
 
-PARTS = (data, terms, models, moves, runs, results, files)
+PARTS = (data, terms, models, called, moves, runs, results, files)
 TARGETS = {name: target for part in PARTS for name, target in part.TARGETS.items()}
 PACKAGE = Path(ef.__file__).parent
 # Records that the package fills in. What a user's model returns in a ModalSolution is
@@ -50,6 +51,7 @@ def public():
 
 # Of pairing and priors, what takes arrays that the package has checked.
 INTERNAL = {"at_sensors", "one_to_one", "cluster_bases", "checked_bounds", "inside"}
+INTERNAL |= {"prior_summary"}
 
 
 def test_every_public_name_is_thrown_at():

@@ -1,18 +1,17 @@
 """Malformed priors, measurements, likelihood terms, MAC and pairing."""
 
-import warnings
-
 import numpy as np
 from border import Target, arguments, properties
 from kinds import (
+    by_name,
     either,
     flag,
     floats,
+    moderate,
     none,
     numbers,
     one_of,
     unless,
-    unsaid,
 )
 from scipy import stats
 
@@ -48,7 +47,7 @@ def intervals(n):
             return False
         if not (array[:, 0] < array[:, 1]).all():
             return False
-        if (np.diff(array) < 1e-9).any():
+        if (np.diff(array) < 1e-9).any() or np.isinf(array).any():
             return None
         return None if (array[:, 0] > 9e3).any() or (array[:, 1] < -5e3).any() else True
 
@@ -71,9 +70,9 @@ def increasing(*shapes):
         if found is False:
             return False
         array = numbers(value)
-        if (np.diff(array) <= 0).any():
+        if (np.diff(array) < 0).any():
             return False
-        return found
+        return None if (np.diff(array) == 0).any() else found
 
     return accepts
 
@@ -95,19 +94,27 @@ def dof_rows(value):
     return bool((array >= 0).all() and len(set(array.tolist())) == 3)
 
 
-def shapes(*ndims, n_modes=2):
+def real_shapes(*shape):
+    """Accept shapes of one size, none of which is zero at all sensors."""
+
     def accepts(value):
-        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        found = floats(shape)(value)
+        if found is False or not numbers(value).any(axis=-2).all():
             return False
-        try:
-            with warnings.catch_warnings():  # of masked entries, which are refused
-                warnings.simplefilter("ignore")
-                array = np.asarray(value)
-        except (TypeError, ValueError):
-            return False
-        if array.dtype.kind not in "fiuc" or array.ndim not in ndims:
-            return False
-        return False if array.shape[-1] != n_modes or not array.size else None
+        return found
+
+    return accepts
+
+
+def shapes(*shape):
+    """Accept real ones, and say nothing of complex ones of the same size."""
+
+    def accepts(value):
+        found = real_shapes(*shape)(value)
+        if found is not False or isinstance(value, list | tuple):
+            return found
+        size = getattr(value, "shape", ()), getattr(value, "dtype", np.dtype(str)).kind
+        return None if size == (shape, "c") else False
 
     return accepts
 
@@ -128,28 +135,45 @@ def pyoma2(Fn, Phi, Fn_std, **options):
     return ef.Measurements.from_pyoma2(Result(Fn, Phi, Fn_std), **options)
 
 
+def laws(value):
+    """Accept frozen continuous distributions by name."""
+    kind = by_name(
+        lambda law: hasattr(law, "logpdf") and not isinstance(law, stats.rv_continuous)
+    )
+    return False if kind(value) is False or not len(value) else None
+
+
 TARGETS = {
     "GaussianPrior": Target(
         ef.GaussianPrior,
         arguments(
             names=(NAMES, labels(2)),
-            mean=(np.array([4e3, 2e3]), unless(floats((2,)))),
-            sd=(np.array([1e3, 2e3]), unless(floats((), (2,), above=0.0))),
+            mean=(np.array([4e3, 2e3]), unless(floats((2,), low=-1e100, high=1e100))),
+            sd=(np.array([1e3, 2e3]), moderate(unless(floats((), (2,), above=0.0)))),
             bounds=(np.array([(3e3, 5e3), (1e3, 5e3)]), either(none, intervals(2))),
         ),
         probe=lambda prior: prior.logpdf(POINTS),
         truth=truncated,
     ),
+    "GaussianPrior without bounds": Target(
+        ef.GaussianPrior,
+        arguments(
+            mean=(np.array([4e3, 2e3]), floats((2,), low=-1e100, high=1e100, huge=1e9)),
+            sd=(np.array([1e3, 2e3]), moderate(floats((), (2,), above=0.0, huge=1e9))),
+        ),
+        fixed={"names": NAMES},
+        probe=lambda prior: prior.logpdf(POINTS),
+    ),
     "IndependentPrior": Target(
         ef.IndependentPrior,
         arguments(
-            marginals=({"k1": stats.uniform(0, 9e3), "k2": stats.norm(3e3, 9)}, unsaid)
+            marginals=({"k1": stats.uniform(0, 9e3), "k2": stats.norm(3e3, 9)}, laws)
         ),
         probe=lambda prior: (
             prior.names,
             prior.logpdf(np.resize(POINTS, (3, len(prior.names)))),
         ),
-        examples=150,
+        examples=40,
     ),
     "uniform_between": Target(
         priors.uniform_between,
@@ -161,14 +185,14 @@ TARGETS = {
         truth=lambda low, high: [
             -np.log(high - low) if low <= x <= high else -np.inf for x in (2e3, 6e3)
         ],
-        examples=150,
+        examples=40,
     ),
     "Measurements": Target(
         ef.Measurements,
         arguments(
             frequencies=(HERTZ, increasing((2,))),
             sd=(np.array([0.1, 0.2]), either(none, floats((2,), above=0.0))),
-            shapes=(SHAPES, shapes(2)),
+            shapes=(SHAPES, real_shapes(3, 2)),
             shape_sd=(0.1 * np.ones((3, 2)), either(none, floats((3, 2), above=0.0))),
             sensors=(["roof", "two", "one"], either(none, labels(3))),
             dofs=(np.array([7, 1, 3]), either(none, dof_rows)),
@@ -187,13 +211,13 @@ TARGETS = {
             covariance=(np.array([[0.1, 0.02], [0.02, 0.3]]), either(none, covariance))
         ),
         fixed={"frequencies": HERTZ},
-        examples=120,
+        examples=40,
     ),
     "Measurements.from_repeats": Target(
         ef.Measurements.from_repeats,
         arguments(
             frequencies=(REPEATS, unless(floats((5, 2), above=0.0))),
-            shapes=(TESTS, either(none, shapes(3))),
+            shapes=(TESTS, unless(either(none, shapes(5, 3, 2)))),
             correlated=(True, flag),
             sensors=(["roof", "two", "one"], either(none, labels(3))),
             dofs=(np.array([7, 1, 3]), either(none, dof_rows)),
@@ -213,12 +237,12 @@ TARGETS = {
         pyoma2,
         arguments(
             Fn=(HERTZ, unless(floats((2,), above=0.0))),
-            Phi=(SHAPES, shapes(2)),
+            Phi=(SHAPES, unless(shapes(3, 2))),
             Fn_std=(0.1 * HERTZ, either(none, floats((2,), above=0.0))),
             sensors=(["roof", "two", "one"], either(none, labels(3))),
         ),
         alias={
-            "Fn": "frequencies|Fn",
+            "Fn": "frequencies|Fn|result",
             "Phi": "shapes|Phi|result",
             "Fn_std": "sd|Fn_std",
         },

@@ -1,6 +1,7 @@
 """Malformed posteriors, starts, runs, pools and comparisons."""
 
 import warnings
+from collections.abc import Sequence
 
 import emcee
 import numpy as np
@@ -9,6 +10,7 @@ from kinds import (
     either,
     flag,
     floats,
+    listed,
     many,
     none,
     numbers,
@@ -34,6 +36,9 @@ def by_hand(theta):
     """The log-posterior of one point or several, term by term."""
     rows = []
     for k1, k2 in np.atleast_2d(theta):
+        if PRIOR.logpdf(np.array([[k1, k2]]))[0] == -np.inf:
+            rows.append([-np.inf] * 3 + [np.nan] * 2)
+            continue
         f = MODEL({"k1": np.array([k1]), "k2": np.array([k2])}).frequencies[0]
         r = (f / MEASURED - 1) / 0.05
         likelihood = -0.5 * r @ r - np.log(0.05 * MEASURED * np.sqrt(2 * np.pi)).sum()
@@ -46,14 +51,16 @@ def inside(value):
     given = numbers(value)
     if given is None or given.shape[-1:] != (2,) or given.ndim > 2:
         return False
-    if np.isnan(given).any():
-        return None
+    return True if np.isfinite(given).all() else None
+
+
+def in_bounds(value):
     low, high = PRIOR.bounds.T
-    return True if ((given >= low) & (given <= high)).all() else None
+    return bool(((numbers(value) >= low) & (numbers(value) <= high)).all())
 
 
 def start_point(value):
-    return either(none, lambda v: floats((2,))(v) and inside(v) is True)(value)
+    return either(none, lambda v: floats((2,))(v) and in_bounds(v))(value)
 
 
 def positions(value):
@@ -86,7 +93,29 @@ def compared(**given):
 
 
 def runnable(value):
-    return True if value is None or isinstance(value, emcee.moves.Move) else None
+    move = one_of(emcee.moves.Move)
+    return either(none, move, listed(either(move, pair)))(value)
+
+
+def pair(value):
+    if not isinstance(value, Sequence) or len(value) != 2:
+        return False
+    right = isinstance(value[0], emcee.moves.Move)
+    return unless(floats((), low=0.0))(value[1]) if right else False
+
+
+def two_modes(value):
+    """An array of floats, (1, 2) or more modes, finite."""
+    if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):
+        return False
+    found = floats((1, None))(value)
+    return found if found is False or value.shape[1] > 1 else False
+
+
+def below_infinity(value):
+    given = numbers(value)
+    right = given is not None and given.shape == (2,) and (given < np.inf).all()
+    return None if right else False
 
 
 def has_map(value):
@@ -117,39 +146,41 @@ TARGETS = {
         ef.LogPosterior,
         arguments(
             model=(MODEL, unless(callable)),
-            terms=([TERM], unsaid),
+            terms=([TERM], either(unless(callable), listed(callable))),
             prior=(PRIOR, one_of(ef.GaussianPrior)),
         ),
         probe=lambda posterior: (posterior.names, posterior.n_modes),
         late=("terms", "model"),
-        examples=120,
+        examples=40,
     ),
     "LogPosterior called": Target(
         POSTERIOR,
         arguments(theta=(np.stack([POINT, POINT + 1]), inside)),
         truth=by_hand,
-        examples=250,
+        examples=40,
     ),
     "LogPosterior of a bad model": Target(
         model_of,
-        arguments(result=(ef.ModalSolution(MEASURED[None]), unsaid)),
+        arguments(
+            result=(ef.ModalSolution(MEASURED[None]), unless(one_of(ef.ModalSolution)))
+        ),
         alias={"result": "model"},
         words=("the",),
-        examples=120,
+        examples=40,
     ),
     "LogPosterior of bad frequencies": Target(
         lambda result: model_of(ef.ModalSolution(result)),
-        arguments(result=(MEASURED[None], unsaid)),
+        arguments(result=(MEASURED[None], two_modes)),
         alias={"result": "model"},
         words=("the",),
-        examples=150,
+        examples=40,
     ),
     "LogPosterior of a bad term": Target(
         term_of,
-        arguments(result=(np.array([-1.0, -2.0]), unsaid)),
+        arguments(result=(np.array([-1.0, -2.0]), below_infinity)),
         alias={"result": "terms?"},
         words=("terms", "the"),
-        examples=150,
+        examples=40,
     ),
     "LogPosterior.start": Target(
         POSTERIOR.start,
@@ -158,22 +189,22 @@ TARGETS = {
             seed=(1, unsaid, none),
             around=(POINT, start_point),
         ),
-        examples=100,
+        examples=40,
     ),
     "run": Target(
         ef.run,
         arguments(
             posterior=(POSTERIOR, one_of(ef.LogPosterior)),
-            moves=(None, unsaid),
+            moves=([(ef.DEMCMove(), 0.5), (ef.SnookerMove(), 0.5)], runnable),
             nwalkers=(8, unless(either(none, whole(4))), many),
             nsteps=(2, whole(1), many),
             ensembles=(1, unless(whole(1)), many),
             seed=(5, whole(0)),
-            pool=(None, unsaid, has_map),
+            pool=(None, none, has_map),
             vectorize=(None, either(none, flag)),
             backend=(None, not_a_file, a_name),
             thin_by=(1, whole(1), many),
-            progress=(False, unsaid, shown),
+            progress=(False, flag, shown),
             initial=(START, positions),
             resume=(False, lambda v: flag(v) and (None if v else True)),
             on_failure=("raise", policy),

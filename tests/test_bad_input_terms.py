@@ -4,9 +4,9 @@ from collections import defaultdict
 
 import numpy as np
 from border import Target, arguments, properties
-from kinds import either, floats, none, one_of, text, unless, unsaid, whole
+from kinds import either, floats, moderate, none, one_of, shaped, text, unless, whole
 from scipy import stats
-from test_bad_input_data import HERTZ, SHAPES, shapes
+from test_bad_input_data import HERTZ, SHAPES, covariance, real_shapes
 
 import emcee_femu as ef
 from emcee_femu import pairing
@@ -26,14 +26,21 @@ def gaussian_term(measured, relative_sd, name):
     return [stats.norm.logpdf(r, 0, relative_sd).sum() - np.log(measured).sum()]
 
 
+def columns(value):
+    """Shapes of three sensors; of complex ones nothing is said."""
+    if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+        return None
+    return unless(floats((3, None), (None, 3, None)))(value)
+
+
 TARGETS = {
     "FrequencyTerm": Target(
         ef.FrequencyTerm,
         arguments(
-            measured=(HERTZ, floats((2,), above=0.0)),
+            measured=(HERTZ, moderate(floats((2,), above=0.0))),
             relative_sd=(
                 np.array([0.01, 0.02]),
-                floats((), (2,), above=0.0),
+                moderate(floats((), (2,), above=0.0)),
             ),
             name=("frequency", text),
         ),
@@ -41,7 +48,7 @@ TARGETS = {
         truth=gaussian_term,
         words=("beta",),
         tied=("measured", "relative_sd"),
-        examples=120,
+        examples=40,
     ),
     **{
         f"FrequencyTerm of {which}": Target(
@@ -50,7 +57,7 @@ TARGETS = {
                 **{
                     which: (
                         value,
-                        either(none, unless(floats((), (2,), (2, 2), above=least))),
+                        either(none, moderate(unless(kind))),
                     )
                 },
                 discrepancy=("sigma", either(none, text)),
@@ -59,18 +66,25 @@ TARGETS = {
             probe=lambda term: term(ANY, MODES),
             examples=80,
         )
-        for which, value, least in (
-            ("beta", np.array([1e4, 2e4]), 0.0),
-            ("sd", np.array([0.1, 0.2]), 0.0),
-            ("covariance", np.array([[0.1, -0.02], [-0.02, 0.3]]), -np.inf),
+        for which, value, kind in (
+            ("beta", np.array([1e4, 2e4]), floats((), (2,), above=0.0)),
+            ("sd", np.array([0.1, 0.2]), floats((), (2,), above=0.0)),
+            ("covariance", np.array([[0.1, -0.02], [-0.02, 0.3]]), covariance),
         )
     },
+    "FrequencyTerm of two descriptions": Target(
+        ef.FrequencyTerm,
+        arguments(sd=(None, none)),
+        fixed={"measured": HERTZ, "relative_sd": 0.1},
+        probe=term_value,
+        words=("beta",),
+    ),
     "ShapeTerm of sd": Target(
         ef.ShapeTerm,
         arguments(
             sd=(
                 0.1 * SHAPES**2,
-                unless(floats((), (2,), (1, 2), (3, 1), (3, 2), above=0.0)),
+                moderate(unless(floats((), (2,), (1, 2), (3, 1), (3, 2), above=0.0))),
             ),
             name=("shape", text),
         ),
@@ -81,10 +95,13 @@ TARGETS = {
     "ShapeTerm": Target(
         ef.ShapeTerm,
         arguments(
-            measured=(SHAPES, shapes(2)),
+            measured=(
+                SHAPES,
+                either(real_shapes(3, 2), unless(real_shapes(None, None))),
+            ),
             delta=(
                 np.array([0.1, 0.2]),
-                either(floats((), (2,), (1,), above=0.0), text),
+                either(moderate(floats((), (2,), (1,), above=0.0)), text),
             ),
         ),
         probe=lambda term: term(ANY, MODES),
@@ -93,8 +110,26 @@ TARGETS = {
     ),
     "mac": Target(
         pairing.mac,
-        arguments(a=(SHAPES, unsaid), b=(SHAPES + 0.1, unsaid)),
-        examples=120,
+        arguments(a=(SHAPES, columns), b=(SHAPES + 0.1, columns)),
+        examples=40,
+    ),
+    "PairedModel of a bad model": Target(
+        lambda result: ef.PairedModel(lambda p: result, MEASURED, candidates=2)({}),
+        arguments(result=(MODES, unless(one_of(ef.ModalSolution)))),
+        alias={"result": "model"},
+        examples=40,
+    ),
+    "PairedModel of bad shapes": Target(
+        lambda frequencies, shapes: ef.PairedModel(
+            lambda p: ef.ModalSolution(frequencies, shapes), MEASURED, candidates=2
+        )({}),
+        arguments(
+            frequencies=(MODES.frequencies, shaped((1, 2))),
+            shapes=(MODES.shapes, unless(floats((1, 3, 2)))),
+        ),
+        alias={"frequencies": "model", "shapes": "model|dofs"},
+        words=("dofs",),
+        examples=60,
     ),
     "PairedModel": Target(
         ef.PairedModel,

@@ -141,7 +141,7 @@ def test_all_moves_start_from_the_same_prior_draws(monkeypatch):
         assert_array_equal(start, starts[0][0])
         assert start.shape == (ENSEMBLES, WALKERS, 3) and seed == SEED
     assert len(np.unique(starts[0][0][..., 0])) == ENSEMBLES * WALKERS
-    spread = starts[0][0].std(axis=(0, 1)) / ef.posterior.prior_summary(posterior.prior)
+    spread = starts[0][0].std(axis=(0, 1)) / ef.priors.prior_summary(posterior.prior)
     assert (spread[1] > 0.6).all()  # as wide as the prior
 
 

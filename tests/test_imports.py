@@ -32,6 +32,7 @@ ORDER = [
     "fingerprint",
     "run_file",
     "run_start",
+    "run_arguments",
     "sampling",
     "stored_chains",
     "inference_data",

@@ -17,7 +17,7 @@ import pool_problems
 import pytest
 from pool_problems import POSTERIOR, chain, posterior_of
 
-from emcee_femu.pools import back_ends, worker
+from emcee_femu.pools import back_ends, cluster_tasks, worker
 from emcee_femu.pools.evaluation_pool import EvaluationPool
 
 HERE = Path(__file__).parent
@@ -177,7 +177,7 @@ class FakeDask:
 @pytest.mark.parametrize("losses", [0, 1, 3])
 def test_what_dask_lost_is_sent_again(monkeypatch, losses):
     dask = FakeDask(losses)
-    monkeypatch.setattr(back_ends, "import_module", lambda name: dask)
+    monkeypatch.setattr(cluster_tasks, "import_module", lambda name: dask)
     monkeypatch.setattr(back_ends, "_cloudpickle", pickle.dumps)
     worker._functions.clear()
     points = POSTERIOR.start(4, 1)
@@ -189,7 +189,7 @@ def test_what_dask_lost_is_sent_again(monkeypatch, losses):
 @pytest.mark.parametrize("fault", [{"losses": 10**6}, {"killed": True}])
 def test_dask_that_loses_everything_is_given_up(monkeypatch, fault):
     dask = FakeDask(**fault)
-    monkeypatch.setattr(back_ends, "import_module", lambda name: dask)
+    monkeypatch.setattr(cluster_tasks, "import_module", lambda name: dask)
     monkeypatch.setattr(back_ends, "_cloudpickle", pickle.dumps)
     worker._functions.clear()
     with pytest.raises(RuntimeError, match="dask cluster died.*resume"):

@@ -48,7 +48,7 @@ def test_kills_at_random_times_leave_the_bits_of_an_uninterrupted_run(path):
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["tempered", "mixed", "tempered and mixed", "auto"])
 def test_twenty_kills_at_random_times(kind, path):
-    assert killed(kind, path, 20, seed=1) >= 10
+    assert killed(kind, path, 24, seed=1) >= 20
 
 
 def test_a_longer_run_goes_on_from_a_shorter_one(path):
@@ -147,7 +147,6 @@ def changed_data():
         ({"seed": 2}, "seed: was 1, is 2"),
         ({"nwalkers": 14}, "nwalkers: was 12, is 14"),
         ({"thin_by": 2}, "thin_by: was 1, is 2"),
-        ({"on_failure": "reject"}, "on_failure"),
     ],
 )
 def test_another_run_is_refused_with_the_difference_named(path, change, difference):

@@ -2,6 +2,7 @@
 
 import dis
 import hashlib
+import importlib.util
 import inspect
 import pathlib
 import sys
@@ -62,14 +63,13 @@ def function_parts(function: types.FunctionType) -> tuple[str, Parts]:
         if name in assigned or name not in function.__globals__:
             continue
         value = function.__globals__[name]
-        if isinstance(value, types.ModuleType) and not in_library(value):
-            used = {n for part in _codes(code) for n in part.co_names}
-            found += [
-                (f"(global).{name}.{n}", vars(value)[n])
-                for n in sorted(used & vars(value).keys())
-            ]
+        if isinstance(value, types.ModuleType):
+            found += _module_parts(f"(global).{name}", value, _names(code), set())
         else:
             found.append((f"(global).{name}", value))
+    for module in _imported(function):
+        label = f"(import).{module.__name__}"
+        found += _module_parts(label, module, _names(code), set())
     digest = hashlib.sha256(_text(code).encode()).hexdigest()[:16]
     return f"function {qualified(function)}, code sha256:{digest}", found
 
@@ -93,6 +93,74 @@ def class_parts(cls: type) -> Parts:
         ):
             found.append((f".{name}", member))
     return found
+
+
+def _names(code: types.CodeType) -> set[str]:
+    """Return the names of globals and attributes that code uses."""
+    return {name for part in _codes(code) for name in part.co_names}
+
+
+def _module_parts(
+    label: str, module: types.ModuleType, used: set[str], seen: set[str]
+) -> Parts:
+    """Return what may be used of a module and of the user's modules in it."""
+    if in_library(module):
+        return [(label, module)]
+    if module.__name__ in seen:
+        return []
+    seen.add(module.__name__)
+    found: Parts = []
+    for name in sorted(used & vars(module).keys()):
+        value = vars(module)[name]
+        if isinstance(value, types.ModuleType):
+            found += _module_parts(f"{label}.{name}", value, used, seen)
+        else:
+            found.append((f"{label}.{name}", value))
+    return found
+
+
+def _imported(function: types.FunctionType) -> Iterator[types.ModuleType]:
+    """Yield the user's modules that a function imports when it is called.
+
+    They are imported here, as the call would do it: it may be the first.
+    """
+    found: dict[str, types.ModuleType] = {}
+    for part in _codes(function.__code__):
+        # A prefix, in long functions, that may stand before any of the three.
+        code = [i for i in dis.get_instructions(part) if i.opname != "EXTENDED_ARG"]
+        for level, names, instruction in zip(code, code[1:], code[2:], strict=False):
+            name = str(instruction.argval)
+            if instruction.opname != "IMPORT_NAME" or not (
+                level.argval or _is_users(name.partition(".")[0])
+            ):
+                continue
+            try:
+                module = __import__(
+                    name, function.__globals__, None, names.argval or (), level.argval
+                )
+            except (Exception, SystemExit):
+                continue  # the call itself will say so, or the workers have it
+            found[module.__name__] = module
+    yield from found.values()
+
+
+def _is_users(top: str) -> bool:
+    return not (top in OWN or top in sys.stdlib_module_names or _installed(top))
+
+
+def _installed(top: str) -> bool:
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return False
+    places = (
+        [spec.origin or "", *(spec.submodule_search_locations or ())] if spec else []
+    )
+    return any(
+        folder in pathlib.Path(place).parts
+        for place in places
+        for folder in ("site-packages", "dist-packages")
+    )
 
 
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:

@@ -7,7 +7,7 @@ changed meanwhile would mix two posteriors silently.
 import hashlib
 import sys
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -59,6 +59,22 @@ def fingerprint(posterior: Any, moves: Any, **settings: Any) -> dict[str, str]:
     for path, text in found.items():
         entries[path.removeprefix("posterior.")] = text
     return entries
+
+
+def changing(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
+    """Return the paths that differ after evaluation: counters, caches, logs."""
+    paths = dict.fromkeys([*before, *after])
+    return [path for path in paths if before.get(path) != after.get(path)]
+
+
+def without(entries: Mapping[str, str], paths: Sequence[str]) -> dict[str, str]:
+    """Return the entries but those of the paths, and of what is in them."""
+    inside = tuple(path + mark for path in paths for mark in ".[(")
+    return {
+        path: text
+        for path, text in entries.items()
+        if path not in paths and not path.startswith(inside)
+    }
 
 
 def differences(stored: Mapping[str, str], now: Mapping[str, str]) -> list[str]:

@@ -50,7 +50,8 @@ def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any
     """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``.
 
     Raises:
-        ValueError: If the sizes disagree, or a shape is another mode than the mean.
+        ValueError: If the sizes disagree, a shape is another mode than the mean, or a
+            sensor does not scatter.
     """
     tests = modes.shapes(value, n_modes)
     if tests.ndim != 3 or len(tests) != n_tests:
@@ -74,4 +75,9 @@ def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any
     mean = tests.mean(axis=0)
     # Of complex shapes the real part remains, at the phase of the mean.
     sd = (tests * modes.phases(mean)).real.std(axis=0, ddof=1)
+    for sensor, mode in np.argwhere(sd == 0):
+        raise ValueError(
+            f"shapes: mode {mode + 1} is the same at sensor {sensor + 1} in all tests, "
+            "which says nothing about its scatter; give more digits"
+        )
     return {"shapes": mean, "shape_sd": sd}

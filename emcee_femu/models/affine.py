@@ -82,7 +82,8 @@ class MatrixModel:
         check = sparse_symmetric if sparse else symmetric
         stiffness, mass = check("K0", K0), check("M0", M0)
         size = stiffness.shape[0]
-        for label, given in (("K", K), ("M", M or {})):
+        M = {} if M is None else M
+        for label, given in (("K", K), ("M", M)):
             if not isinstance(given, Mapping):
                 raise TypeError(
                     f"{label}: expected {{parameter: matrix}}, got "
@@ -90,7 +91,7 @@ class MatrixModel:
                 )
         units = {
             "K": {name: check(f"K[{name!r}]", K[name]) for name in K},
-            "M": {name: check(f"M[{name!r}]", (M or {})[name]) for name in M or {}},
+            "M": {name: check(f"M[{name!r}]", M[name]) for name in M},
         }
         if units["K"] or units["M"]:
             checks.parameter_names("K, M", list({**units["K"], **units["M"]}))
@@ -170,13 +171,14 @@ class MatrixModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
+        parameters, n = checks.batch(parameters)
         missing = [name for name in self.names if name not in parameters]
         if missing:
             raise ValueError(f"parameters: no value for {missing}")
-        n = max((len(value) for value in parameters.values()), default=1)
 
         def columns(names: Mapping[str, Floats]) -> Floats:
-            return np.array([parameters[name] for name in names]).reshape(-1, n).T
+            values = [parameters[name] for name in names]
+            return np.array(values).reshape(len(values), n).T
 
         def describe(row: int) -> str:
             return str({name: float(parameters[name][row]) for name in self.names})
@@ -227,7 +229,8 @@ class MatrixModel:
 def _shape_dofs(shapes: Any, size: int) -> tuple[int, ...]:
     if isinstance(shapes, bool | np.bool_):
         return tuple(range(size)) if shapes else ()
-    if isinstance(shapes, str) or not isinstance(shapes, Sequence | np.ndarray):
+    listed = isinstance(shapes, Sequence) and not isinstance(shapes, str)
+    if not listed and not (isinstance(shapes, np.ndarray) and shapes.ndim):
         raise TypeError(f"shapes: expected True, False or DOFs, got {shapes!r}")
     dofs = tuple(checks.whole_number("shapes", dof) for dof in shapes)
     if not dofs:

@@ -167,9 +167,12 @@ def _free_dofs(
             raise ValueError(f"supports: no node {node}; nodes are 0 to {n_nodes - 1}")
         if isinstance(held, str):
             held = DOFS if held == "all" else [held]
-        elif not isinstance(held, Iterable):
-            raise TypeError(f"supports[{node}]: expected names of DOFs, got {held!r}")
-        for dof in held:
+        try:
+            names = list(held)
+        except TypeError:
+            message = f"supports[{node}]: expected names of DOFs, got {held!r}"
+            raise TypeError(message) from None
+        for dof in names:
             if not isinstance(dof, str) or dof not in DOFS:
                 raise ValueError(
                     f"supports[{node}]: expected DOFs out of {DOFS} or 'all', "
@@ -237,6 +240,7 @@ def _assemble(
     if not len(elements):
         raise ValueError("elements: expected at least one element, got none")
     used: set[int] = set()
+    named: set[str] = set()
     for e, element in enumerate(elements):
         try:
             first, second, name = element
@@ -254,6 +258,7 @@ def _assemble(
             raise ValueError(
                 f"elements[{e}]: no section {name!r}; sections are {sorted(sections)}"
             )
+        named.add(name)
         try:
             length, axes = local_axes(
                 points[first], points[second], np.array(sections[name].orientation)
@@ -270,7 +275,7 @@ def _assemble(
     alone = sorted(set(range(len(points))) - used)
     if alone:
         raise ValueError(f"nodes: no element uses nodes {alone}")
-    unused = sorted(set(sections) - {name for _, _, name in elements})
+    unused = sorted(set(sections) - named)
     if unused:
         raise ValueError(f"sections: no element uses {unused}")
     return K, M

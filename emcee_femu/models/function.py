@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..failures import SolveError
+from ..failures import PLACE, SolveError
 from ..interfaces import ModalSolution, Parameters
 
 
@@ -73,8 +73,10 @@ class FunctionModel:
     def _one(self, values: dict[str, float]) -> ModalSolution:
         try:
             result: Any = self.function(dict(values))
+        except (StopIteration, SystemExit) as error:  # see LogPosterior
+            raise RuntimeError(f"function: it raised {error!r} at {values}") from error
         except Exception as error:
-            error.add_note(f"raised by the model at {values}")
+            error.add_note(f"{PLACE} {values}")
             raise
         if isinstance(result, ModalSolution):
             result, shapes = result

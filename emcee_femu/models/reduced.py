@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters
 from .eigenproblem import Eigenproblem
 
@@ -81,6 +82,7 @@ class ReducedModel:
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
+        parameters, n = checks.batch(parameters)
         missing = [name for name in self.names if name not in parameters]
         if missing:
             raise ValueError(f"parameters: no value for {missing}")
@@ -94,10 +96,10 @@ class ReducedModel:
                     f"the bounds [{low:g}, {high:g}] of the reduced model; reduce over "
                     "wider bounds, or give its prior these bounds"
                 )
-        n = max((len(value) for value in parameters.values()), default=1)
 
         def columns(names: tuple[str, ...]) -> Floats:
-            return np.array([parameters[name] for name in names]).reshape(-1, n).T
+            values = [parameters[name] for name in names]
+            return np.array(values).reshape(len(values), n).T
 
         def describe(row: int) -> str:
             return str({name: float(parameters[name][row]) for name in self.names})

@@ -47,7 +47,8 @@ def sparse_symmetric(argument: str, value: Any) -> csc_array:
     if value.ndim != 2:
         raise ValueError(f"{argument}: expected 2 dimensions, got shape {value.shape}")
     _check_square(argument, value.shape)
-    matrix = csc_array(value, dtype=np.float64)  # sums duplicate entries
+    with np.errstate(over="ignore"):  # of long doubles; infinite is an error below
+        matrix = csc_array(value, dtype=np.float64)  # sums duplicate entries
     if not np.isfinite(matrix.data).all():
         entries = matrix.tocoo()
         i = int(np.argmin(np.isfinite(entries.data)))

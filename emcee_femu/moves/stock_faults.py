@@ -32,6 +32,23 @@ def stock_fault(move: Any, ndim: int) -> str:
     return ""
 
 
+def refuse_sequential(argument: str, move: Any) -> None:
+    """Refuse a stock move that counts its steps, outside of the state of the chain.
+
+    A second run with it, or a resumed one, would not be that of the same seed.
+
+    Raises:
+        ValueError: If the move, or the one in it, is ``GaussianMove`` of this mode.
+    """
+    while hasattr(move, "inner"):
+        move = move.inner
+    if getattr(getattr(move, "get_proposal", None), "mode", "") == "sequential":
+        raise ValueError(
+            f"{argument}: GaussianMove(mode='sequential') goes on from where its last "
+            "run ended, so that the same seed gives another chain; use mode='random'"
+        )
+
+
 def _moves_rigidly(move: Any, ndim: int) -> bool:
     """Return whether two walkers at one place are sent to one and the same place."""
     model = Model(

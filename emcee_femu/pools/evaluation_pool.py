@@ -1,6 +1,7 @@
 """A pool for emcee that ships the posterior once, and then only coordinates."""
 
 import hashlib
+import inspect
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -16,8 +17,8 @@ REMEMBERED = 8  # functions whose pickles are kept here
 class EvaluationPool:
     """Evaluate walkers on many processes or machines; for ``pool=`` of emcee and run.
 
-    Every pool that has a ``map`` works with emcee as it is, but sends the posterior
-    again with every task. Here a worker gets it once: tasks name it by the digest of
+    A pool that has a ``map`` works with emcee as it is, but gets the posterior again
+    with every task, and may wait for ever for a worker that died. Here a worker gets it once: tasks name it by the digest of
     its pickle, and a worker that does not have it (at first, after a restart, or new in
     a growing cluster) says so and is sent it. A worker's share of the walkers is one
     call of a :class:`LogPosterior`; another function is called point by point. The
@@ -142,3 +143,27 @@ def _bare(function: Any) -> Any:
         function.args or function.kwargs
     )
     return wrapped if bare else function
+
+
+def usable(pool: Any) -> bool:
+    """Return whether emcee can use what is given for a pool."""
+    return hasattr(pool, "map") or _is_ray(pool)
+
+
+def safe_pool(pool: Any) -> Any:
+    """Return what keeps the promises of ``run`` for any pool: walker by walker.
+
+    Left to emcee, ``multiprocessing.Pool`` and MPIPool wait for ever for a worker that
+    died or called ``sys.exit``, an exception on a worker ends an MPI job with exit code
+    0, the ``map`` of a dask client returns futures, and the module ray has none.
+    """
+    if pool is None or isinstance(pool, EvaluationPool):
+        return pool
+    try:
+        return EvaluationPool(pool, chunksize=1)
+    except (TypeError, ValueError) as error:  # of its own argument, executor
+        raise type(error)(str(error).replace("executor:", "pool:", 1)) from None
+
+
+def _is_ray(pool: Any) -> bool:
+    return inspect.ismodule(pool) and pool.__name__ == "ray"

@@ -1,6 +1,7 @@
 """Notice that a process of a ``multiprocessing.Pool`` died: the pool itself hangs."""
 
 import queue
+from multiprocessing.pool import RUN, ThreadPool
 from typing import Any
 
 INTERVAL = 0.2  # s between two looks, only while no result comes
@@ -38,6 +39,8 @@ class ProcessWatch:
 
     def check(self) -> None:
         """Raise if a process died since the pool was made."""
+        if getattr(self._pool, "_state", RUN) != RUN:
+            raise RuntimeError("pool: it was closed or terminated; make a new one")
         self._seen.update(self._processes())
         for process in self._seen:
             code = process.exitcode
@@ -55,6 +58,8 @@ class ProcessWatch:
             self._seen = {process for process in self._seen if process.exitcode != 0}
 
     def _processes(self) -> list[Any]:
+        if isinstance(self._pool, ThreadPool):
+            return []  # its threads end with the program
         processes = list(getattr(self._pool, "_pool", ()))
         return [process for process in processes if hasattr(process, "exitcode")]
 

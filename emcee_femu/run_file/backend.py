@@ -41,6 +41,7 @@ class RunFile(emcee.backends.HDFBackend):
         storage.hdf5()
         super().__init__(os.fspath(filename), name=name, dtype=np.float64)
         self._layout: Layout | None = None
+        self.log: Any = None  # whose counts are stored with every step
         self._expected: int | None = None  # steps in the file as far as we know
 
     @classmethod
@@ -182,6 +183,12 @@ class RunFile(emcee.backends.HDFBackend):
         return counts
 
     @property
+    def counts(self) -> list[int]:
+        """Evaluations and failures by cause, of all ensembles up to the last step."""
+        counts: list[int] = self._latest()["counts"].tolist()
+        return counts
+
+    @property
     def random_state(self) -> tuple[Any, ...] | None:
         """The state of NumPy's ``RandomState`` after the last step, None before one."""
         last = self._latest()
@@ -266,6 +273,8 @@ class RunFile(emcee.backends.HDFBackend):
             self._expected = None  # unknown, should it be interrupted here
             record = storage.write_rows(file, layout, last, state)
             record["accepted"] += accepted
+            if self.log is not None:
+                record["counts"] = self.log.counts
             for i, value in enumerate(state.random_state[1:], 1):
                 record[f"random_state_{i}"] = value
             storage.commit(file, layout, record)

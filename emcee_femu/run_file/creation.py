@@ -21,13 +21,7 @@ def create(path: str, like: Layout, ensembles: int, fingerprint: str) -> None:
     Raises:
         ValueError: If the file exists, its directory does not, or the disk is full.
     """
-    if os.path.lexists(path):
-        raise ValueError(
-            f"backend: {path} exists; go on with it by resume=True, or give another "
-            "file name"
-        )
-    if not os.path.isdir(os.path.dirname(os.path.abspath(path))):
-        raise ValueError(f"backend: there is no directory for {path}; make it")
+    check_new(path)
     _refuse_full_disk(path, _size(like, ensembles))
     names = [f"ensemble_{k}" for k in range(ensembles)]
     with _incomplete(path) as temporary:
@@ -38,6 +32,29 @@ def create(path: str, like: Layout, ensembles: int, fingerprint: str) -> None:
                 record = np.zeros((), layout.record)
                 storage.commit(file, layout, record)
                 storage.publish(file, layout, record)
+
+
+def check_new(path: str) -> None:
+    """Refuse a place where no file can be made, before anything is computed for it.
+
+    Raises:
+        ImportError: If h5py is not installed.
+        ValueError: If the file exists, or its directory does not or takes no files.
+    """
+    storage.hdf5()
+    if os.path.lexists(path):
+        raise ValueError(
+            f"backend: {path} exists; go on with it by resume=True, or give another "
+            "file name"
+        )
+    folder, name = os.path.split(path)
+    folder = folder or os.curdir
+    if not name:
+        raise ValueError(f"backend: expected the name of a file, got {path!r}")
+    if not os.path.isdir(folder):
+        raise ValueError(f"backend: there is no directory for {path}; make it")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f"backend: no file can be written in the folder of {path}")
 
 
 def extend(path: str, nsteps: int) -> None:

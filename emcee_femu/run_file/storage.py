@@ -15,7 +15,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-FORMAT = "emcee_femu run, version 1"
+FORMAT = "emcee_femu run, version 2"
+COUNTS = 5  # evaluations, and failures by cause
 # What emcee keeps in attributes: the state of RandomState, and the iteration as last.
 ATTRIBUTES = {
     "random_state_1": np.dtype(("<u4", (624,))),
@@ -62,6 +63,7 @@ class Layout(NamedTuple):
         fields = {
             **ATTRIBUTES,
             "accepted": np.dtype(("<f8", (self.nwalkers,))),
+            "counts": np.dtype(("<i8", (COUNTS,))),
             "rows_checksum": np.dtype("<u4"),
             "checksum": np.dtype("<u4"),
         }
