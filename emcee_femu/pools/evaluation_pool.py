@@ -18,11 +18,12 @@ class EvaluationPool:
     """Evaluate walkers on many processes or machines; for ``pool=`` of emcee and run.
 
     A pool that has a ``map`` works with emcee as it is, but gets the posterior again
-    with every task, and may wait for ever for a worker that died. Here a worker gets it once: tasks name it by the digest of
-    its pickle, and a worker that does not have it (at first, after a restart, or new in
-    a growing cluster) says so and is sent it. A worker's share of the walkers is one
-    call of a :class:`LogPosterior`; another function is called point by point. The
-    chain is that of a serial run, to the bit, as far as the machines compute alike.
+    with every task, and may wait for ever for a worker that died. Here a worker gets it
+    once: tasks name it by the digest of its pickle, and a worker that does not have it
+    (at first, after a restart, or new in a growing cluster) says so and is sent it. A
+    worker's share of the walkers is one call of a :class:`LogPosterior`; another
+    function is called point by point. The chain is that of a serial run, to the bit,
+    as far as the machines compute alike.
 
     A sampler can keep at most ``nwalkers / nsplits`` workers busy, nsplits being that
     of its moves (2 unless said otherwise); ``examples/cluster_scaling.py`` shows how
