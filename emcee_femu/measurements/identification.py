@@ -28,13 +28,13 @@ def read_uff(
         ImportError: If pyuff is not installed.
         ValueError: If there are no modes, their nodes differ, or a sensor is unknown.
     """
+    checks.file_name("path", path)
     try:
         import pyuff
     except ImportError:
         raise ImportError(
             'universal files need pyuff: pip install "emcee_femu[uff]"'
         ) from None
-    checks.file_name("path", path)
     with open(path, "rb"):  # a missing file in Python's words, not in pyuff's
         pass
     try:
