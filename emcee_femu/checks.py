@@ -188,7 +188,8 @@ def by_name(
 def batch(parameters: Parameters) -> tuple[Parameters, int]:
     """Return the values of parameter sets, each ``(n,)`` floats, and n.
 
-    What a :class:`LogPosterior` passes is looked at, and passed on as it is.
+    What a :class:`LogPosterior` passes, arrays of floats, is passed on as it is;
+    whether such numbers are finite is seen by what is computed of them.
 
     Raises:
         TypeError: If parameters is no mapping, or a value is not of real numbers.

@@ -167,6 +167,17 @@ def shaped(*shapes: Any) -> Callable[[Any], bool | None]:
     return accepts
 
 
+def of_complex(value: Any) -> bool:
+    """Return whether a value holds nothing but numbers, of which some are complex."""
+    if isinstance(value, list | tuple):
+        found = [of_complex(item) for item in value]
+        others = [numbers(v) for v, own in zip(value, found, strict=True) if not own]
+        return any(found) and all(other is not None for other in others)
+    if isinstance(value, complex | np.complexfloating):
+        return True
+    return getattr(getattr(value, "dtype", None), "kind", "") == "c"
+
+
 def by_name(
     kind: Callable[[Any], bool | None], names: Any = None, every: bool = False
 ) -> Callable[[Any], bool | None]:

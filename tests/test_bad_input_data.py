@@ -10,6 +10,7 @@ from kinds import (
     moderate,
     none,
     numbers,
+    of_complex,
     one_of,
     unless,
 )
@@ -111,10 +112,9 @@ def shapes(*shape):
 
     def accepts(value):
         found = real_shapes(*shape)(value)
-        if found is not False or isinstance(value, list | tuple):
+        if found is not False or not of_complex(value):
             return found
-        size = getattr(value, "shape", ()), getattr(value, "dtype", np.dtype(str)).kind
-        return None if size == (shape, "c") else False
+        return None if np.shape(value) == shape else False
 
     return accepts
 

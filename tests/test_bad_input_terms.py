@@ -4,7 +4,18 @@ from collections import defaultdict
 
 import numpy as np
 from border import Target, arguments, properties
-from kinds import either, floats, moderate, none, one_of, shaped, text, unless, whole
+from kinds import (
+    either,
+    floats,
+    moderate,
+    none,
+    of_complex,
+    one_of,
+    shaped,
+    text,
+    unless,
+    whole,
+)
 from scipy import stats
 from test_bad_input_data import HERTZ, SHAPES, covariance, real_shapes
 
@@ -28,7 +39,7 @@ def gaussian_term(measured, relative_sd, name):
 
 def columns(value):
     """Shapes of three sensors; of complex ones nothing is said."""
-    if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+    if of_complex(value):
         return None
     return unless(floats((3, None), (None, 3, None)))(value)
 

@@ -52,6 +52,9 @@ class FunctionModel:
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Call the function for each parameter set and stack the results."""
         parameters, n = checks.batch(parameters)
+        for name, value in parameters.items():
+            if not np.isfinite(value).all():
+                raise ValueError(f"parameters[{name!r}]: expected finite, got {value}")
         solutions: list[ModalSolution] = []
         for i in range(n):
             values = {name: float(value[i]) for name, value in parameters.items()}
