@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 Floats: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = Mapping[str, Floats]
 
+PLACE = "raised by the model at"  # begins the note that names the parameters
+
 
 class ModalSolution(NamedTuple):
     """The lowest natural frequencies, and mode shapes where they were asked for.
@@ -105,3 +107,21 @@ class Prior(Protocol):
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets, all inside the bounds."""
+
+
+class SolveError(ValueError):
+    """A solve that returned something other than finite frequencies.
+
+    Args:
+        cause: In two or three words, under which failures are counted.
+        message: What was expected and what came.
+    """
+
+    def __init__(self, cause: str, message: str) -> None:
+        """See the class."""
+        super().__init__(cause, message)
+        self.cause = cause
+
+    def __str__(self) -> str:
+        """Return the message alone."""
+        return str(self.args[1])

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .interfaces import Floats, ModalModel
-from .likelihoods import FrequencyTerm
-from .models.frame import FrameModel
+from .likelihoods.frequency import FrequencyTerm
+from .models.frame.model import FrameModel
+from .models.frame.section import Section
 from .models.mass_spring import MassSpringModel
-from .models.section import Section
-from .posterior import LogPosterior
-from .priors import GaussianPrior
+from .posterior.log_posterior import LogPosterior
+from .posterior.priors import GaussianPrior
 
 
 @dataclass(frozen=True)

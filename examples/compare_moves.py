@@ -64,7 +64,7 @@ def main(
     ensembles: int = 4,
     seed: int = 2026,
     output: str = "figures/compare_moves",
-) -> dict[str, ef.comparison.Comparison]:
+) -> dict[str, ef.comparison.compare.Comparison]:
     """Compare the moves on both structures, print tables, write tables and figures."""
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)

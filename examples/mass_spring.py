@@ -34,7 +34,7 @@ def main(
     ensembles: int = 4,
     seed: int = 2026,
     output: str = "figures/mass_spring",
-) -> ef.diagnostics.Diagnosis:
+) -> ef.results.diagnostics.Diagnosis:
     """Sample, print the tables, write the figures; return the diagnosis."""
     problem = ef.paper.mass_spring()
     burn_in = generations // 5

@@ -21,7 +21,7 @@ from scipy import stats
 from scipy.linalg import eigh
 
 import emcee_femu as ef
-from emcee_femu.models.beam_element import mass_matrices, stiffness_matrices
+from emcee_femu.models.frame.beam_element import mass_matrices, stiffness_matrices
 
 LENGTH, ELEMENTS, MU = 1.2, 8, 0.81  # m, -, kg/m
 MEASURED = [9.62, 66.1, 192.5]  # Hz

@@ -62,7 +62,7 @@ def killed(path: str, generations: int, share: float) -> int:
 def steps(path: str) -> list[int]:
     """Return the stored steps of both ensembles."""
     names = ("ensemble_0", "ensemble_1")
-    return [ef.run_file.RunFile(path, name).iteration for name in names]
+    return [ef.sampling.run_file.RunFile(path, name).iteration for name in names]
 
 
 def diverging(parameters: Mapping[str, float]) -> np.ndarray:
@@ -116,7 +116,7 @@ def survive(path: str, generations: int, share: float) -> dict:
     return {"stored": stored, "same": same, "refusal": refusal}
 
 
-def reject(generations: int) -> ef.failures.FailureLog:
+def reject(generations: int) -> ef.posterior.failures.FailureLog:
     """Sample where the solver does not always converge; return what was counted."""
     model = ef.FunctionModel(diverging, n_modes=5)
     known = PROBLEM.posterior

@@ -1,7 +1,7 @@
 """Beck and Au's shear frame: two modes, and the known answer by quadrature."""
 
 import numpy as np
-from tempered_laws import beck_au
+from support.tempered_laws import beck_au
 
 import emcee_femu as ef
 from emcee_femu import DEMCMove, TemperedMove
@@ -29,7 +29,7 @@ def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
     x1 = run.get_chain(discard=150)[:, move.cold(nwalkers), 0]
     assert abs((x1 < 1).mean() - 0.53079) < 0.02
     generations = x1.mean(axis=1)
-    tau = ef.diagnostics.autocorrelation_time(generations[:, None, None])[0]
+    tau = ef.results.diagnostics.autocorrelation_time(generations[:, None, None])[0]
     error = generations.std() * np.sqrt(tau / len(generations))
     assert error < 0.01
     assert abs(x1.mean() - 1.11700) < 3 * error

@@ -7,11 +7,11 @@ p > 0.001 / 18, so that sound moves fail all this with a probability of at most 
 over the choice of the seed. Of a mutant at least one p must be below that.
 """
 
-import calibration
 import numpy as np
 import pytest
-from calibration import BETA, DRAWS, QUANTITIES, p_values, ranks, simulated
 from scipy import stats
+from support import calibration
+from support.calibration import BETA, DRAWS, QUANTITIES, p_values, ranks, simulated
 
 import emcee_femu as ef
 from emcee_femu.moves import IndependenceMove, MetropolisMove

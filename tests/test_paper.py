@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from importance import importance_moments
+from support.importance import importance_moments
 from test_examples import load
 
 import emcee_femu as ef

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from ..comparison import Comparison
-from ..contest import CONVERGED
-from ..diagnostics import measured_frequencies, running_tae
+from ..comparison.compare import Comparison
+from ..comparison.ranking import CONVERGED
 from ..interfaces import Floats
+from ..results.diagnostics import measured_frequencies, running_tae
 
 LABEL_WIDTH = 32  # characters a line
 
@@ -19,7 +19,7 @@ def plot_comparison(comparison: Comparison) -> Any:
     Left: the best on top, error bars of one standard error over the ensembles; the
     bars of moves that have not converged are hatched. Right, where frequencies were
     measured: the total average error of the running mean of the kept steps
-    (:func:`diagnostics.running_tae`), in the colours of the bars.
+    (:func:`results.diagnostics.running_tae`), in the colours of the bars.
 
     Args:
         comparison: What :func:`compare_moves` returns.

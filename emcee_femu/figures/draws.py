@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ..inference_data import samples
 from ..interfaces import Floats
+from ..results.inference_data import samples
 
 
 def changing_draws(idata: Any) -> tuple[list[str], Floats]:

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnostics import measured_frequencies, total_average_error
-from ..inference_data import dataset
 from ..interfaces import Floats
-from ..posterior import LogPosterior
-from ..predictive import (
+from ..posterior.log_posterior import LogPosterior
+from ..results.diagnostics import measured_frequencies, total_average_error
+from ..results.inference_data import dataset
+from ..results.predictive import (
     INTERVAL,
     frequency_term,
     has_pairing,

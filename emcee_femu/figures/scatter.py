@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..ellipses import covariance_ellipse
 from ..interfaces import Floats
 from .colours import BLUE, GREY, RED
 from .draws import changing_draws
+from .ellipses import covariance_ellipse
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
 
@@ -25,7 +25,7 @@ def plot_scatter(
     """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
 
     An ellipse holds ``probability`` of a Gaussian with the samples' covariance
-    (:func:`ellipses.covariance_ellipse`).
+    (:func:`figures.ellipses.covariance_ellipse`).
 
     Args:
         idata: What :func:`to_inference_data` returns.

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ..diagnostics import running_tae
-from ..posterior import LogPosterior
+from ..posterior.log_posterior import LogPosterior
+from ..results.diagnostics import running_tae
 
 
 def plot_tae(idata: Any, posterior: LogPosterior) -> Any:

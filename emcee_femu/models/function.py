@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..failures import PLACE, SolveError
-from ..interfaces import ModalSolution, Parameters
+from ..interfaces import PLACE, ModalSolution, Parameters, SolveError
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters
-from .eigenproblem import Eigenproblem
+from .eigen.dense import Eigenproblem
 
 
 @dataclass(frozen=True, eq=False, init=False)

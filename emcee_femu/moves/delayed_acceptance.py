@@ -26,8 +26,8 @@ class DelayedAcceptanceMove(Move):
     with the posterior p, the cheap one c and the asymmetry F of the proposal. The
     second factor is evaluated, by a solve of the full model, only where the first
     accepts. The posterior is kept exactly whatever c is; a bad one costs acceptance.
-    :class:`models.reduced.ReducedModel` gives a good one. An error of its frequencies
-    below a tenth of their standard deviation needs no correction: then sample c itself.
+    :class:`ReducedModel` gives a good one. An error of its frequencies below a tenth of
+    their standard deviation needs no correction: then sample c itself.
 
     Attributes:
         proposed: Number of proposals so far.

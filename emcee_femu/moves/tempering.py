@@ -40,7 +40,7 @@ class TemperedMove(Move):
         inner: An emcee move, of this package or stock, for the walkers of a block.
         betas: Powers of the likelihood, descending from 1, at least two. Choose them
             denser near zero: ``numpy.linspace(1, 0, 8) ** 4``. Down to 0 (the prior)
-            they allow :func:`evidence.log_evidence`, and hot walkers roam the prior.
+            they allow :func:`log_evidence`, and hot walkers roam the prior.
 
     Raises:
         TypeError: If inner is not a move, or betas are not real numbers.

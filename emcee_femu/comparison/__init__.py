@@ -1,0 +1,1 @@
+"""Of moves, on one posterior."""

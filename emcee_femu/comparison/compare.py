@@ -1,0 +1,249 @@
+"""The same posterior under several moves: one table and one conclusion."""
+
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+from warnings import warn
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats, ModalModel, ModalSolution, Parameters
+from ..moves.stock_faults import stock_fault
+from ..posterior.log_posterior import LogPosterior
+from ..results.diagnostics import Diagnosis, diagnose
+from ..results.inference_data import effective_sizes, stacked, to_inference_data
+from ..results.tables import Table
+from ..sampling.arguments import check_moves, check_progress
+from ..sampling.run import run
+from .ranking import Entry, conclusion, known_moments, table
+
+FEWEST_STEPS = 8  # that diagnose can judge
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """What :func:`compare_moves` found; ``print`` it for the table and the conclusion.
+
+    Columns of the table, for the worst parameter of each move: FE solves of the whole
+    run (proposals out of bounds cost none); log-posterior evaluations before the
+    chain (the starts, and the burn-in of "auto"); acceptance; tau in steps; steps /
+    tau; bulk and tail ESS of all ensembles; bulk ESS per 1000 log-posterior
+    evaluations of the kept steps, its standard error over the ensembles, and the same
+    ESS per CPU second; R-hat between ensembles; with a reference the largest errors of
+    a mean (in reference standard deviations) and of a standard deviation (in percent);
+    "end to end", the ESS per 1000 evaluations with dropped steps and those before the
+    chain counted; and the verdict.
+
+    Attributes:
+        table: The table.
+        idata: ArviZ object of the kept steps, by label.
+        diagnoses: :class:`results.diagnostics.Diagnosis`, by label.
+        ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
+            an ensemble ``(ensembles,)``, by label.
+        winner: Label of the move that is best beyond the spread; None if none is.
+        conclusion: The outcome in words, one sentence a line.
+        posterior: The sampled posterior.
+    """
+
+    table: Table
+    idata: dict[str, Any]
+    diagnoses: dict[str, Diagnosis]
+    ess_per_1000: dict[str, Floats]
+    winner: str | None
+    conclusion: str
+    posterior: LogPosterior = field(repr=False)
+
+    def __str__(self) -> str:
+        """Return the table and the conclusion."""
+        return f"{self.table}\n{self.conclusion}"
+
+
+def compare_moves(
+    posterior: LogPosterior,
+    moves: Mapping[str, Any],
+    nwalkers: int | None = None,
+    nsteps: int | None = None,
+    *,
+    max_evaluations: int | None = None,
+    ensembles: int = 4,
+    seed: int,
+    discard: float = 0.25,
+    reference: Mapping[str, tuple[float, float]] | None = None,
+    progress: bool | str = False,
+) -> Comparison:
+    r"""Sample one posterior with several moves from the same starts, and rank them.
+
+    .. math:: e = \frac{1000\, \min_j ESS_j}{N_{walkers}\, N_{kept}\, N_{ensembles}}
+
+    A move wins if it has converged (:func:`diagnose`) and its e is ahead of that of
+    every other converged move by more than two combined standard errors over the
+    ensembles.
+
+    Args:
+        posterior: What to sample.
+        moves: By label, what :func:`run` takes: an emcee move, a weighted list, or
+            "auto".
+        nwalkers: Walkers an ensemble; None for 4 a parameter, at least 16.
+        nsteps: Stored generations an ensemble. Give either this or max_evaluations.
+        max_evaluations: Log-posterior evaluations that each move may spend on the
+            stored chains of all ensembles; those of the starts and of the burn-in of
+            "auto" come on top and are reported.
+        ensembles: Independent ensembles, at least 2, started by draws from the prior.
+        seed: A whole number, the same for every move.
+        discard: Fraction of the stored steps to drop as burn-in.
+        reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
+        progress: Whether to show a progress bar an ensemble (needs tqdm).
+
+    Raises:
+        TypeError: If not exactly one of nsteps and max_evaluations is given, or an
+            argument is of a wrong type.
+        ValueError: If a move does not fit the ensemble, a number is out of range, or
+            too few steps are left to judge. All are raised before sampling.
+
+    Warns:
+        UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.
+    """
+    if not isinstance(posterior, LogPosterior):
+        raise TypeError(
+            f"posterior: expected a LogPosterior, got {type(posterior).__name__}"
+        )
+    if nwalkers is None:
+        nwalkers = max(16, 4 * posterior.ndim)  # as run
+    nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
+    ensembles = checks.whole_number("ensembles", ensembles, 2)
+    seed = checks.whole_number("seed", seed)
+    check_progress(progress)
+    nsteps = _steps(nsteps, max_evaluations, nwalkers * ensembles)
+    dropped = _dropped(discard, nsteps)
+    known = known_moments(reference, posterior.names)
+    _check_moves(moves, nwalkers, posterior.ndim)
+    streams = np.random.SeedSequence(seed).spawn(ensembles)  # as run
+    starts = [posterior.start(nwalkers, stream.spawn(1)[0]) for stream in streams]
+    entries = []
+    for label, move in moves.items():
+        if progress:
+            print(f"{label}:", file=sys.stderr)  # the bars tell the ensemble alone
+        options = {"ensembles": ensembles, "seed": seed, "progress": progress}
+        entries.append(
+            _sampled(posterior, label, move, starts, nsteps, dropped, options)
+        )
+    winner, words = conclusion(entries)
+    title = (
+        f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
+        f"{dropped} of {nsteps} steps dropped; ESS per 1000 log-posterior evaluations"
+    )
+    return Comparison(
+        table=table(title, entries, known),
+        idata={entry.label: entry.idata for entry in entries},
+        diagnoses={entry.label: entry.diagnosis for entry in entries},
+        ess_per_1000={entry.label: entry.ess_per_1000 for entry in entries},
+        winner=winner,
+        conclusion=words,
+        posterior=posterior,
+    )
+
+
+@dataclass(eq=False)
+class _CountedModel:
+    """A model that counts the parameter sets it is asked to solve."""
+
+    model: ModalModel
+    n_modes: int
+    paired: bool
+    solves: int = 0
+
+    def __call__(self, parameters: Parameters) -> ModalSolution:
+        solution = self.model(parameters)
+        self.solves += len(solution.frequencies)
+        return solution
+
+
+def _sampled(
+    posterior: LogPosterior,
+    label: str,
+    move: Any,
+    starts: list[Floats],
+    nsteps: int,
+    dropped: int,
+    options: dict[str, Any],
+) -> Entry:
+    """Run one move from the given starts and measure it."""
+    model = _CountedModel(posterior.model, posterior.n_modes, bool(posterior.n_paired))
+    counted = LogPosterior(model, posterior.terms, posterior.prior)
+    nwalkers, ensembles = len(starts[0]), len(starts)
+    clock = time.process_time()
+    samplers = run(counted, move, nwalkers, nsteps, initial=np.array(starts), **options)
+    cpu = time.process_time() - clock
+    chain = stacked(samplers, "chain", dropped)  # (steps, ensembles, walkers, d)
+    alone = [effective_sizes(chain[:, e].swapaxes(0, 1))[0] for e in range(ensembles)]
+    return Entry(
+        label=label,
+        diagnosis=diagnose(samplers, dropped),
+        ess=np.array([bulk.min() for bulk in alone]),
+        kept=ensembles * nwalkers * (nsteps - dropped),
+        chain=ensembles * nwalkers * nsteps,
+        before=sum(int(getattr(own, "burn_in_evaluations", 0)) for own in samplers),
+        solves=model.solves,
+        cpu=cpu,
+        recipe=str(getattr(samplers[0], "recipe", "")),
+        idata=to_inference_data(samplers, posterior, dropped),
+    )
+
+
+def _steps(nsteps: Any, max_evaluations: Any, per_step: int) -> int:
+    """Return the generations an ensemble."""
+    if (nsteps is None) == (max_evaluations is None):
+        raise TypeError(
+            "nsteps, max_evaluations: expected exactly one of the two, got "
+            f"nsteps={nsteps!r} and max_evaluations={max_evaluations!r}"
+        )
+    if max_evaluations is None:
+        return checks.whole_number("nsteps", nsteps, 1)
+    low = FEWEST_STEPS * per_step
+    return checks.whole_number("max_evaluations", max_evaluations, low) // per_step
+
+
+def _dropped(discard: float, nsteps: int) -> int:
+    """Return the number of steps to drop."""
+    fraction = checks.real_number("discard", discard, 0)
+    if fraction >= 1:
+        raise ValueError(
+            "discard: expected the fraction of the steps to drop, from 0 to below 1, "
+            f"got {fraction:g}"
+        )
+    dropped = int(fraction * nsteps)
+    if nsteps - dropped < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
+            f"{nsteps - dropped} of {nsteps} (discard={fraction:g}); run longer, or "
+            "drop less"
+        )
+    return dropped
+
+
+def _check_moves(moves: Any, nwalkers: int, ndim: int) -> None:
+    """Refuse what is no move or does not fit; warn of emcee's moves that are wrong."""
+    if not isinstance(moves, Mapping) or not moves:
+        raise TypeError(
+            "moves: expected moves by label, such as {'DE-MC': DEMCMove()}, got "
+            f"{moves!r}"
+        )
+    faults = []
+    for label, given in moves.items():
+        if not isinstance(label, str):
+            raise TypeError(f"moves: expected labels that are text, got {label!r}")
+        if isinstance(given, str) and given == "auto":
+            continue
+        check_moves(f"moves[{label!r}]", given)
+        weighted = given if isinstance(given, list | tuple) else [given]
+        for item in weighted:
+            move = item[0] if isinstance(item, list | tuple) else item
+            if hasattr(move, "check"):
+                move.check(nwalkers, ndim)
+            fault = stock_fault(move, ndim)
+            faults += [f"{label}: {fault}"] if fault else []
+    if faults:
+        warn("; ".join(dict.fromkeys(faults)), UserWarning, stacklevel=3)

@@ -1,0 +1,212 @@
+"""Rank the moves of a comparison: what each achieved, and who won, in words."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..interfaces import Floats
+from ..results.diagnostics import ENOUGH_TAU, WALKERS_APART, Diagnosis
+from ..results.inference_data import samples
+from ..results.tables import Table
+
+CONVERGED = "converged"
+MOST_NAMES = 4  # in a sentence
+LEAD = 2.0  # combined standard errors by which a winner must be ahead
+
+
+class Moments(NamedTuple):
+    """Known moments of the posterior: columns ``(m,)``, means and sds ``(m,)``."""
+
+    columns: NDArray[np.intp]
+    mean: Floats
+    sd: Floats
+
+
+def known_moments(
+    reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
+) -> Moments | None:
+    """Return the reference, checked, as arrays."""
+    if reference is None:
+        return None
+    if not checks.by_name("reference", reference, names):
+        raise ValueError(
+            f"reference: expected (mean, sd) by parameter name, some of {list(names)}, "
+            "got none"
+        )
+    pairs = [checks.real_array("reference", pair, 1) for pair in reference.values()]
+    if any(pair.shape != (2,) for pair in pairs):
+        raise ValueError(
+            "reference: expected a pair (mean, sd) for each parameter, got "
+            f"{[pair.tolist() for pair in pairs]}"
+        )
+    moments = np.array(pairs)
+    sd = checks.positive_array("reference (its sd)", moments[:, 1])
+    columns = np.array([names.index(name) for name in reference])
+    return Moments(columns, moments[:, 0], sd)
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What one move achieved; evaluations are those of the log-posterior.
+
+    Attributes:
+        label: The move's name.
+        diagnosis: The judgement of all its ensembles.
+        ess: Bulk ESS of the worst parameter in each ensemble alone, ``(ensembles,)``.
+        kept: Evaluations of the kept steps, all ensembles.
+        chain: Evaluations of the stored steps, all ensembles.
+        before: Evaluations before the stored steps, all ensembles.
+        solves: FE solves, all in all.
+        cpu: CPU seconds, all in all.
+        recipe: What was done before the stored steps, in words.
+        idata: ArviZ object of the kept steps.
+    """
+
+    label: str
+    diagnosis: Diagnosis
+    ess: Floats
+    kept: int
+    chain: int
+    before: int
+    solves: int
+    cpu: float
+    recipe: str
+    idata: Any
+
+    @property
+    def ess_per_1000(self) -> Floats:
+        """ESS per 1000 evaluations of each ensemble, ``(ensembles,)``."""
+        return 1000 * len(self.ess) * self.ess / self.kept
+
+    @property
+    def efficiency(self) -> float:
+        """ESS of all ensembles per 1000 evaluations of the kept steps."""
+        return float(1000 * self.diagnosis.ess_bulk.min() / self.kept)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the efficiency, from the spread of the ensembles."""
+        return float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(self.ess)))
+
+    @property
+    def end_to_end(self) -> float:
+        """ESS per 1000 evaluations, with all that was dropped or went before."""
+        return self.efficiency * self.kept / (self.chain + self.before)
+
+    @property
+    def per_cpu_second(self) -> float:
+        """ESS per CPU second of the kept steps, at an even pace."""
+        share = self.kept / (self.chain + self.before)
+        return float(self.diagnosis.ess_bulk.min() / (share * self.cpu))
+
+    @property
+    def verdict(self) -> str:
+        """The diagnosis in a few words, by the rules of :func:`diagnose`."""
+        found = self.diagnosis
+        if found.converged:
+            return CONVERGED
+        if found.stuck:
+            return f"{len(found.stuck)} walkers stuck"
+        if not (found.steps_per_tau >= ENOUGH_TAU).all():
+            return f"too short: {int(np.nan_to_num(found.steps_per_tau).min())} tau"
+        if found.rhat_within.max() > WALKERS_APART:
+            return "walkers stay apart"
+        return "ensembles disagree"
+
+    def __str__(self) -> str:
+        """Return label, efficiency and its standard error."""
+        return f"{self.label} {self.efficiency:.3g} +- {self.error:.2g}"
+
+
+def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
+    """Tabulate the moves, a row each; see :class:`comparison.compare.Comparison`."""
+    columns: list[tuple[str, str, Any]] = [
+        ("move", "", [e.label for e in entries]),
+        ("FE solves", "d", [e.solves for e in entries]),
+        ("before chain", "d", [e.before for e in entries]),
+        ("acceptance", ".2f", [float(e.diagnosis.acceptance.mean()) for e in entries]),
+        ("tau", ".0f", [float(e.diagnosis.tau.max()) for e in entries]),
+        ("steps/tau", ".0f", [float(e.diagnosis.steps_per_tau.min()) for e in entries]),
+        ("ESS bulk", ".0f", [float(e.diagnosis.ess_bulk.min()) for e in entries]),
+        ("ESS tail", ".0f", [float(e.diagnosis.ess_tail.min()) for e in entries]),
+        ("ESS per 1000", ".3g", [e.efficiency for e in entries]),
+        ("+-", ".2g", [e.error for e in entries]),
+        ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
+        (
+            "R-hat ensembles",
+            ".3f",
+            [float(e.diagnosis.rhat_between.max()) for e in entries],
+        ),
+    ]
+    if known is not None:
+        off = [_errors(entry.idata, known) for entry in entries]
+        columns.append(("mean error/sd", ".3f", [mean for mean, _ in off]))
+        columns.append(("sd error %", ".1f", [sd for _, sd in off]))
+    columns += [
+        ("end to end", ".3g", [e.end_to_end for e in entries]),
+        ("verdict", "", [e.verdict for e in entries]),
+    ]
+    titles, formats, values = zip(*columns, strict=True)
+    return Table(title, titles, formats, tuple(zip(*values, strict=True)))
+
+
+def _errors(idata: Any, known: Moments) -> tuple[float, float]:
+    """Return the largest error of a mean in sds, and of an sd in percent."""
+    _, chains = samples(idata)
+    draws = chains.reshape(-1, chains.shape[-1])[:, known.columns]
+    off_mean = np.abs(draws.mean(axis=0) - known.mean) / known.sd
+    off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / known.sd - 1)
+    return float(off_mean.max()), float(off_sd.max())
+
+
+def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
+    """Return the label of the winner, or None, and the outcome, one sentence a line.
+
+    The winner has converged, and leads every other converged move by more than two
+    combined standard errors.
+    """
+    ranked = sorted(entries, key=lambda entry: -entry.efficiency)
+    able = [entry for entry in ranked if entry.verdict == CONVERGED]
+    winner, lines = None, []
+    if not able:
+        lines.append("No winner: no move has converged; run longer.")
+    else:
+        best, *others = able
+        close = [other for other in others if not _leads(best, other)]
+        if close:
+            names = [str(entry) for entry in (best, *close)]
+            if len(names) > MOST_NAMES:
+                names[MOST_NAMES - 1 :] = [f"{len(names) - MOST_NAMES + 1} more"]
+            lines.append(
+                f"No winner: {', '.join(names[:-1])} and {names[-1]} are within the "
+                "spread of the ensembles (ESS per 1000 evaluations)."
+            )
+        else:
+            winner = best.label
+            rest = f"the next is {others[0]}" if others else "no other has converged"
+            lines.append(f"Winner: {best} ESS per 1000 evaluations; {rest}.")
+        first = max(able, key=lambda entry: entry.end_to_end)
+        if first is not best:
+            lines.append(
+                f"End to end, with burn-in counted, {first.label} is ahead: "
+                f"{first.end_to_end:.3g} against {best.end_to_end:.3g} of {best.label}."
+            )
+    unfit = [f"{e.label} ({e.verdict})" for e in ranked if e not in able]
+    if unfit and able:
+        lines.append(f"Not converged, so out of the contest: {', '.join(unfit)}.")
+    lines += [
+        f"{entry.label}: {entry.recipe}; {entry.before} evaluations in all before "
+        "its chains."
+        for entry in entries
+        if entry.recipe
+    ]
+    return winner, "\n".join(lines)
+
+
+def _leads(one: Entry, other: Entry) -> bool:
+    lead = one.efficiency - other.efficiency
+    return bool(lead > LEAD * np.hypot(one.error, other.error))

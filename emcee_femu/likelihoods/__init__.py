@@ -1,0 +1,1 @@
+"""Terms: the response of a model to log-likelihoods."""

@@ -1,0 +1,1 @@
+"""Generalised eigenvalue problems, dense and sparse, for a batch."""

@@ -1,0 +1,155 @@
+"""The batched eigenproblem K phi = omega^2 M phi that the matrix models share."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...interfaces import Floats, ModalSolution
+
+EPS = float(np.finfo(float).eps)
+RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
+
+
+@dataclass(frozen=True, eq=False)
+class Eigenproblem:
+    r"""``K(a) = K0 + sum a_i K_i`` and ``M(b) = M0 + sum b_j M_j``, dense.
+
+    .. math:: L L^T = M, \qquad A = L^{-1} K L^{-T}, \qquad A y = \omega^2 y,
+        \qquad \phi = L^{-T} y, \qquad f = \omega / 2 \pi
+
+    A constant M is folded into K0 and the K_i once, so that a batch is one
+    ``numpy.linalg.eigvalsh``; otherwise the Cholesky factors are batched.
+
+    Args:
+        K0: Constant stiffness, ``(N, N)``.
+        K: Stiffness of unit coefficients, ``(n_k, N, N)``.
+        M0: Constant mass, ``(N, N)``.
+        M: Mass of unit coefficients, ``(n_m, N, N)``.
+        selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
+        skip: Number of rigid-body modes, checked at each solve.
+        shapes: Whether mass-normalised mode shapes are wanted too.
+        output: Rows that map DOFs to those of the shapes, ``(n_out, N)``; None for all.
+    """
+
+    K0: Floats
+    K: Floats
+    M0: Floats
+    M: Floats
+    selected: tuple[int, ...]
+    skip: int = 0
+    shapes: bool = False
+    output: Floats | None = field(default=None, repr=False)
+    _to_dof: Floats | None = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Fold a constant mass matrix into the stiffness."""
+        if len(self.M):
+            object.__setattr__(self, "_to_dof", None)
+            return
+        inverse = np.linalg.inv(np.linalg.cholesky(self.M0))
+        object.__setattr__(self, "_to_dof", self._reported(inverse.T))
+        object.__setattr__(self, "K0", inverse @ self.K0 @ inverse.T)
+        object.__setattr__(self, "K", inverse @ self.K @ inverse.T)
+
+    def solve(
+        self, k: Floats, m: Floats, describe: Callable[[int], str]
+    ) -> ModalSolution:
+        """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``.
+
+        ``describe(i)`` names parameter set i in an error message.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):  # is an error below
+            A = _combine(self.K0, self.K, k)
+        to_dof = self._to_dof
+        if to_dof is None:
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    mass = _combine(self.M0, self.M, m)
+                L = np.linalg.cholesky(mass)
+            except np.linalg.LinAlgError:
+                bad = _first_indefinite(_combine(self.M0, self.M, m))
+                raise ValueError(
+                    f"the mass matrix is not positive definite at {describe(bad)}"
+                ) from None
+            inverse = np.linalg.inv(L)
+            with np.errstate(over="ignore", invalid="ignore"):
+                A = inverse @ A @ inverse.transpose(0, 2, 1)
+            to_dof = self._reported(inverse.transpose(0, 2, 1))
+        try:
+            eigenvalues, y = (
+                np.linalg.eigh(A) if self.shapes else (np.linalg.eigvalsh(A), None)
+            )
+        except np.linalg.LinAlgError:  # of infinite or NaN entries
+            bad = int(np.argmin(np.isfinite(A).all(axis=(1, 2))))
+            raise ValueError(f"parameters: no eigenvalues at {describe(bad)}") from None
+        if y is not None:
+            self._check(eigenvalues, describe)
+            shapes = to_dof @ y.take(self.selected, axis=2)
+        else:
+            shapes = None
+            self._check(eigenvalues, describe)
+        # Contiguous rows: a sum over modes must round alike for one row and for many.
+        frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1))
+        frequencies /= 2 * np.pi
+        return ModalSolution(frequencies, shapes)
+
+    def _reported(self, to_dof: Floats) -> Floats:
+        return to_dof if self.output is None else self.output @ to_dof
+
+    def _check(self, eigenvalues: Any, describe: Callable[[int], str]) -> None:
+        # What a zero eigenvalue may come out as; grows like a random walk.
+        rounding = 10 * EPS * math.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1]
+        check_elastic(eigenvalues, rounding, self.skip, describe)
+
+
+def check_elastic(
+    eigenvalues: Any, rounding: Any, skip: int, describe: Callable[[int], str]
+) -> None:
+    """Raise ValueError unless exactly ``skip`` eigenvalues are zero, in each row.
+
+    Args:
+        eigenvalues: Ascending, ``(n, skip + 1)`` or more.
+        rounding: What a zero eigenvalue may come out as, ``(n,)``.
+        skip: The expected number of rigid-body modes.
+        describe: Names row i in the message.
+    """
+    first = eigenvalues[:, skip]
+    flexible = first > rounding
+    if not flexible.all():
+        i = int(np.argmin(flexible))
+        raise ValueError(
+            f"mode {skip + 1} is not elastic (omega^2 = {first[i]:.3g} (rad/s)^2) "
+            f"at {describe(i)}: a negative value means a stiffness matrix that is "
+            f"not positive, zero a rigid-body mode beyond skip={skip}"
+        )
+    if skip:
+        rigid = np.abs(eigenvalues[:, skip - 1])
+        is_rigid = rigid <= np.maximum(RIGID_RATIO * first, rounding)
+        if not is_rigid.all():
+            i = int(np.argmin(is_rigid))
+            raise ValueError(
+                f"skip={skip}, but mode {skip} is elastic: "
+                f"{np.sqrt(rigid[i]) / (2 * np.pi):.4g} Hz at {describe(i)}; "
+                "the structure has fewer rigid-body modes"
+            )
+
+
+def _combine(constant: Floats, unit: Floats, coefficients: Floats) -> Floats:
+    """Return ``constant + sum_i coefficients[:, i] unit[i]``, ``(n, N, N)``."""
+    n, size = len(coefficients), constant.shape[0]
+    if not len(unit):
+        return np.broadcast_to(constant, (n, size, size))
+    # One row at a time inside matmul: a (n, n_k) @ (n_k, N^2) product rounds
+    # differently with n, and a pool must give the same bits as one vectorised call.
+    rows = coefficients[:, None, :] @ unit.reshape(len(unit), -1)
+    result: Floats = rows.reshape(n, size, size)
+    result += constant
+    return result
+
+
+def _first_indefinite(matrices: Floats) -> int:
+    lowest = np.linalg.eigvalsh(matrices)[:, 0]
+    return int(np.argmin(lowest))

@@ -1,0 +1,87 @@
+"""A sum of sparse matrices with varying coefficients, on one fixed pattern."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+
+from ...interfaces import Floats
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class SparseSum:
+    r"""``A(a) = A_0 + sum a_i A_i``, where only the stored numbers change.
+
+    .. math:: d(a) = d_0 + D a
+
+    where d are the stored numbers of A on the union of the patterns of all terms, which
+    is found once. D is sparse itself: an entry of A depends on few parameters.
+
+    Args:
+        constant: A_0, ``(N, N)``, without duplicate entries.
+        units: The A_i.
+        also: Matrices whose pattern the sum shall hold too.
+
+    Example:
+        >>> total = SparseSum(csc_array(np.eye(2)), [csc_array([[0., 1.], [1., 0.]])])
+        >>> total(np.array([5.0])).toarray().tolist()
+        [[1.0, 5.0], [5.0, 1.0]]
+    """
+
+    size: int
+    _indices: NDArray[np.int32] = field(repr=False)
+    _indptr: NDArray[np.int32] = field(repr=False)
+    _constant: Floats = field(repr=False)
+    _units: csc_array = field(repr=False)
+
+    def __init__(
+        self,
+        constant: csc_array,
+        units: Sequence[csc_array] = (),
+        also: Sequence[csc_array] = (),
+    ) -> None:
+        """See the class."""
+        size = constant.shape[0]
+        places = [_places(matrix) for matrix in (constant, *units, *also)]
+        pattern = np.unique(np.concatenate(places))
+        where = [np.searchsorted(pattern, own) for own in places]
+        data = np.zeros(len(pattern))
+        data[where[0]] = constant.data
+        ends = np.searchsorted(pattern, size * np.arange(size + 1, dtype=np.int64))
+        object.__setattr__(self, "size", size)
+        object.__setattr__(self, "_indices", (pattern % size).astype(np.int32))
+        object.__setattr__(self, "_indptr", ends.astype(np.int32))
+        object.__setattr__(self, "_constant", data)
+        columns = [
+            csc_array(
+                (unit.data, own, [0, len(own)]), shape=(len(pattern), 1)
+            )  # one column of D
+            for unit, own in zip(units, where[1:], strict=False)
+        ]
+        object.__setattr__(self, "_units", _joined(columns, len(pattern)))
+
+    def __call__(self, coefficients: Floats) -> csc_array:
+        """Return the matrix for ``coefficients (n_units,)``."""
+        data = self._constant + self._units @ coefficients
+        matrix = csc_array(
+            (data, self._indices, self._indptr), shape=(self.size, self.size)
+        )
+        matrix.has_canonical_format = True  # known here; saves a search at each use
+        return matrix
+
+
+def _places(matrix: csc_array) -> NDArray[np.int64]:
+    """Return the place of each stored number when columns are laid end to end."""
+    size = matrix.shape[0]
+    columns = np.repeat(np.arange(size, dtype=np.int64), np.diff(matrix.indptr))
+    places: NDArray[np.int64] = columns * size + matrix.indices
+    return places
+
+
+def _joined(columns: Sequence[csc_array], length: int) -> csc_array:
+    ends = np.cumsum([0, *(column.nnz for column in columns)])
+    data = np.concatenate([np.empty(0), *(column.data for column in columns)])
+    rows = np.concatenate([np.empty(0, int), *(c.indices for c in columns)])
+    return csc_array((data, rows, ends), shape=(length, len(columns)))

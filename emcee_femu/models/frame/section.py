@@ -1,0 +1,91 @@
+"""Sections of bars, whose properties are numbers or named parameters."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ... import checks
+from ...interfaces import Floats, Parameters
+
+# What multiplies each unit matrix of an element, by the properties that it reads.
+STIFFNESS_KINDS = {
+    "EA": ("E", "A"),
+    "GJ": ("GJ",),
+    "EIz": ("E", "Iz"),
+    "EIy": ("E", "Iy"),
+}
+MASS_KINDS = {"rhoA": ("rho", "A"), "rhoI": ("rho", "Iy", "Iz")}
+KINDS = STIFFNESS_KINDS | MASS_KINDS
+
+
+@dataclass(frozen=True)
+class Section:
+    """Properties of a bar; each is a number, or the name of a parameter.
+
+    Args:
+        E: Young's modulus, N/m2.
+        GJ: Torsional stiffness, N m2.
+        rho: Density, kg/m3.
+        A: Area, m2.
+        Iy: Second moment of area that resists displacement along local z, m4.
+        Iz: Second moment of area that resists displacement along local y, m4.
+        orientation: A vector whose part normal to the bar is local y; local x runs
+            along the bar. The default is global z.
+
+    Raises:
+        TypeError: If a property is neither a real number nor a name.
+        ValueError: If a number is not above zero, or orientation is not (3,) or zero.
+    """
+
+    E: float | str
+    GJ: float | str
+    rho: float | str
+    A: float | str
+    Iy: float | str
+    Iz: float | str
+    orientation: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        for item in fields(self)[:6]:
+            value = getattr(self, item.name)
+            if not isinstance(value, str):
+                checks.check_range(
+                    item.name, checks.positive_array(item.name, value, 0)
+                )
+            elif not value:
+                raise ValueError(f"{item.name}: expected a parameter name, got ''")
+        vector = checks.real_array("orientation", self.orientation, 1)
+        checks.check_range("orientation", np.abs(vector).max(initial=0.0))
+        if vector.shape != (3,) or not vector.any():
+            raise ValueError(
+                f"orientation: expected a vector (3,) that is not zero, got {vector}"
+            )
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """The names of parameters among the properties."""
+        values = [getattr(self, item.name) for item in fields(self)[:6]]
+        return tuple(value for value in values if isinstance(value, str))
+
+    def varies(self, kind: str) -> bool:
+        """Return whether the coefficient of ``kind`` depends on a parameter."""
+        return any(isinstance(getattr(self, name), str) for name in KINDS[kind])
+
+    def coefficient(self, kind: str, parameters: Parameters) -> Floats | float:
+        """Return EA, GJ, EIz, EIy, rhoA or rhoI = rho (Iy + Iz), ``(n,)`` or a number.
+
+        Products of two parameters are exact: the matrices are affine in these
+        coefficients, whatever the properties that vary.
+        """
+
+        def value(name: str) -> Floats | float:
+            given = getattr(self, name)
+            return parameters[given] if isinstance(given, str) else float(given)
+
+        if kind == "rhoI":
+            return value("rho") * (value("Iy") + value("Iz"))
+        product: Floats | float = 1.0
+        for name in KINDS[kind]:
+            product = product * value(name)
+        return product

@@ -1,0 +1,207 @@
+"""A model whose modes stand in the order of the measured ones."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import (
+    Floats,
+    ModalModel,
+    ModalSolution,
+    PairedSolution,
+    Pairing,
+    Parameters,
+    SolveError,
+)
+from ..measurements import Measurements
+from ..measurements.modes import scaled
+from .pairing import at_sensors, cluster_bases, one_to_one
+
+# Inside a cluster all candidates share one MAC; their own MAC then decides.
+TIE_BREAK = 1e-3
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PairedModel:
+    r"""A model whose modes are put in the order of the measured ones, by their shapes.
+
+    .. math:: \max_{\pi} \sum_i MAC(\phi_i^m, \phi_{\pi(i)}), \qquad
+        \pi \text{ one-to-one}
+
+    Every measured mode gets one mode of the model (the Hungarian method), out of the
+    lowest ``candidates``, for each parameter set anew: frequencies may cross inside the
+    bounds, and compared in ascending order they would then be those of other modes.
+
+    Shapes of close modes turn freely in the space that they span. Model modes nearer to
+    each other than ``min_gap`` are therefore one cluster: the MAC is that of the
+    measured shape with its projection on the cluster's span, and this projection is
+    returned as the paired shape, so that a :class:`ShapeTerm` does not see the turning
+    either.
+
+    Args:
+        model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
+        measurements: Measured modes with shapes. Their ``dofs`` are the rows of the
+            model's shapes; where they are None, or the model returns just as many
+            rows as there are sensors, rows and sensors correspond in order.
+        candidates: How many of the model's modes are searched; None for twice the
+            number of measured ones, as is usual.
+        min_mac: A pair below it counts as unpaired, which a
+            :class:`FrequencyTerm` answers with a finite penalty.
+        min_gap: Relative distance of two frequencies below which modes are one
+            cluster.
+
+    Raises:
+        TypeError: If measurements are no Measurements, or model is not callable.
+        ValueError: If the measurements have no shapes, there are fewer model modes
+            than candidates, or fewer candidates than measured modes. When called: if
+            the model returns no shapes, or too few modes or rows.
+
+    Source: Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001;
+    D'Ambrogio and Fregolent (2003) for the subspace MAC,
+    doi:10.1006/mssp.2002.1554.
+    """
+
+    model: ModalModel
+    measurements: Measurements
+    candidates: int
+    min_mac: float
+    min_gap: float
+    _shapes: Floats = field(repr=False)
+
+    paired = True
+
+    def __init__(
+        self,
+        model: ModalModel,
+        measurements: Measurements,
+        *,
+        candidates: int | None = None,
+        min_mac: float = 0.5,
+        min_gap: float = 0.02,
+    ) -> None:
+        """See the class."""
+        if not callable(model):
+            raise TypeError(f"model: expected a callable, got {model!r}")
+        if not isinstance(measurements, Measurements):
+            raise TypeError(
+                "measurements: expected Measurements, got "
+                f"{type(measurements).__name__}"
+            )
+        if measurements.shapes is None:
+            raise ValueError("measurements: no shapes, by which modes are paired")
+        measured = measurements.n_modes
+        if candidates is None:
+            candidates = 2 * measured
+        candidates = checks.whole_number("candidates", candidates, measured)
+        available = getattr(model, "n_modes", None)
+        if available is not None and available < candidates:
+            raise ValueError(
+                f"model: expected at least {candidates} modes to pair {measured} "
+                f"measured ones with, but it returns {available}; ask it for more "
+                f"modes, or set candidates={available} where there are no more"
+            )
+        min_mac = checks.real_number("min_mac", min_mac, 0.0)
+        min_gap = checks.real_number("min_gap", min_gap, 0.0)
+        if min_mac > 1:
+            raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac:g}")
+        shapes = scaled(measurements.shapes)
+        object.__setattr__(self, "model", model)
+        object.__setattr__(self, "measurements", measurements)
+        object.__setattr__(self, "candidates", candidates)
+        object.__setattr__(self, "min_mac", min_mac)
+        object.__setattr__(self, "min_gap", min_gap)
+        object.__setattr__(self, "_shapes", shapes / np.linalg.norm(shapes, axis=0))
+
+    @property
+    def n_modes(self) -> int:
+        """The number of measured modes."""
+        return self.measurements.n_modes
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """The parameters that the model reads, None if it does not say."""
+        return getattr(self.model, "names", None)
+
+    def __getattr__(self, attribute: str) -> Any:
+        """Return what else the model says of itself (interfaces.py)."""
+        if attribute in ("required", "positive", "bounds", "one_by_one"):
+            return getattr(self.model, attribute)
+        raise AttributeError(attribute)
+
+    def __call__(self, parameters: Parameters) -> PairedSolution:
+        """Solve, and return the modes in the order of the measured ones."""
+        frequencies, shapes = self._solve(parameters)
+        norms = np.linalg.norm(shapes, axis=1)
+        unit = np.divide(
+            shapes, norms[:, None], out=np.zeros_like(shapes), where=norms[:, None] > 0
+        )
+        # (n, n_measured, candidates); one product a row, so that rows round alike
+        cosines = self._shapes.T @ unit
+        single = cosines**2
+        with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
+            close = np.diff(frequencies, axis=1) < self.min_gap * frequencies[:, :-1]
+        rows = np.flatnonzero(close.any(axis=1))
+        shared, score = single, single
+        if len(rows):
+            shared, score = single.copy(), single.copy()
+            basis, together = cluster_bases(unit[rows], close[rows])
+            along = self._shapes.T @ basis
+            shared[rows] = along**2 @ together
+            score[rows] = shared[rows] + TIE_BREAK * single[rows]
+        chosen = one_to_one(score)
+        which = chosen[:, None, :]
+        paired = np.take_along_axis(shapes, which, axis=2)
+        if len(rows):
+            # The projection of a measured shape on the cluster of its mode.
+            mask = np.take_along_axis(together, chosen[rows][:, None, :], axis=2)
+            in_cluster = mask.sum(axis=1) > 1
+            projected = basis @ (along.transpose(0, 2, 1) * mask)
+            paired[rows] = np.where(in_cluster[:, None], projected, paired[rows])
+        found = np.take_along_axis(shared, chosen[:, :, None], axis=2)[:, :, 0]
+        return PairedSolution(
+            np.take_along_axis(frequencies, chosen, axis=1),
+            paired,
+            Pairing(found, chosen + 1, found < self.min_mac),
+        )
+
+    def _solve(self, parameters: Parameters) -> tuple[Floats, Floats]:
+        """Return frequencies and shapes at the sensors of the candidates."""
+        modes = self.model(parameters)
+        if not isinstance(modes, ModalSolution):
+            raise TypeError(
+                "model: expected a ModalSolution with shapes, got "
+                f"{type(modes).__name__}"
+            )
+        if modes.shapes is None:
+            raise ValueError(
+                "model: it returned no mode shapes, by which modes are paired; ask for "
+                "them (shapes=True)"
+            )
+        frequencies, shapes = (_checked(part) for part in modes[:2])
+        if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
+            raise ValueError(
+                "model: expected frequencies (n, n_modes) and shapes (n, n_dof, "
+                f"n_modes), got {frequencies.shape} and {shapes.shape}"
+            )
+        if not np.abs(shapes).max(initial=0.0) <= checks.MOST:
+            raise SolveError(
+                "not finite",
+                f"model: expected finite shapes, of numbers up to {checks.MOST:g}",
+            )
+        n_modes = frequencies.shape[1]
+        if n_modes < self.candidates:
+            raise ValueError(
+                f"model: expected at least {self.candidates} modes, got {n_modes}"
+            )
+        shapes = at_sensors(shapes, self.measurements.dofs, len(self._shapes))
+        wanted = slice(self.candidates)
+        return frequencies[:, wanted], shapes[:, :, wanted]
+
+
+def _checked(part: Any) -> Floats:
+    """Return an array of floats, as it is if it is one."""
+    if type(part) is np.ndarray and part.dtype == np.float64:
+        return part
+    return checks.numeric_array("model", part)

@@ -1,0 +1,1 @@
+"""What is sampled: model, likelihood terms and prior as one log-posterior."""

@@ -1,0 +1,127 @@
+"""A posterior that turns failed solves into rejections, and who counts them."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats
+from .failures import Failure, FailureLog, failure
+from .log_posterior import LogPosterior
+
+
+class GuardedPosterior:
+    """Return a :class:`Failure` in the place of a row whose solve failed.
+
+    The error of a batch does not say which of its rows is to blame: they are then
+    evaluated one by one, which gives the others the same bits. A model that solves one
+    set at a time (``one_by_one``) is asked so from the start.
+
+    Args:
+        posterior: What is evaluated, here or on a worker.
+    """
+
+    takes_batches = True
+
+    def __init__(self, posterior: LogPosterior) -> None:
+        """See the class."""
+        self.posterior = posterior
+        self.names = posterior.names
+
+    def __call__(self, theta: Floats) -> Any:
+        """Return a row or a failure, or a sequence of them for ``(n, d)``."""
+        if np.ndim(theta) == 1:
+            return self._one(theta)
+        if not getattr(self.posterior.model, "one_by_one", False):
+            try:
+                return self.posterior(theta)
+            except Exception:  # of any kind: it is the user's model that raised
+                pass
+        return [self._one(point) for point in theta]
+
+    def _one(self, point: Floats) -> Any:
+        try:
+            return self.posterior(point)
+        except Exception as error:
+            values = np.asarray(point, dtype=float).tolist()
+            return failure(error, dict(zip(self.names, values, strict=True)))
+
+
+class CountedPosterior:
+    """A guarded posterior in this process: failures are counted, their rows -inf.
+
+    Args:
+        posterior: What is evaluated.
+        log: What counts.
+    """
+
+    takes_batches = True
+
+    def __init__(self, posterior: LogPosterior, log: FailureLog) -> None:
+        """See the class."""
+        self._guarded = GuardedPosterior(posterior)
+        self._log = log
+        self.names = posterior.names
+
+    def __call__(self, theta: Floats) -> Floats:
+        """Return the row or the rows of ``theta``."""
+        single = np.ndim(theta) == 1
+        results = self._guarded(np.asarray(theta)[None] if single else theta)
+        rows = counted(results, self._log, self._guarded.posterior)
+        return rows[0] if single else rows
+
+
+class CountingPool:
+    """A pool that counts the failures which its workers return.
+
+    Args:
+        pool: Anything with a ``map``.
+        posterior: The posterior behind the guard.
+        log: What counts.
+    """
+
+    def __init__(self, pool: Any, posterior: LogPosterior, log: FailureLog) -> None:
+        """See the class."""
+        self._pool, self._posterior, self._log = pool, posterior, log
+
+    def map(self, function: Any, points: Iterable[Any]) -> Floats:
+        """Return the rows of all points."""
+        results = list(self._pool.map(function, points))
+        return counted(results, self._log, self._posterior)
+
+
+def counted(results: Any, log: FailureLog, posterior: LogPosterior) -> Floats:
+    """Count the failures among rows, and return rows for all."""
+    if isinstance(results, np.ndarray):
+        log.count(len(results), [])
+        return results
+    failures = [result for result in results if isinstance(result, Failure)]
+    log.count(len(results), failures)
+    rejected = posterior.rejected()
+    rows = [rejected if isinstance(row, Failure) else row for row in results]
+    return np.array(rows)
+
+
+def guard(
+    posterior: LogPosterior, pool: Any, on_failure: Any, max_failures: Any
+) -> tuple[FailureLog | None, Any, Any]:
+    """Return who counts failures, what is evaluated, and the pool.
+
+    Raises:
+        ValueError: If on_failure is neither "raise" nor "reject", or max_failures is
+            not a fraction.
+    """
+    if not isinstance(on_failure, str) or on_failure not in ("raise", "reject"):
+        raise ValueError(
+            f"on_failure: expected 'raise' or 'reject', got {on_failure!r}"
+        )
+    fraction = checks.real_number("max_failures", max_failures, 0.0)
+    if fraction > 1:
+        raise ValueError(f"max_failures: expected at most 1, got {fraction:g}")
+    if on_failure == "raise":
+        return None, posterior, pool
+    log = FailureLog(fraction)
+    if pool is None:
+        return log, CountedPosterior(posterior, log), None
+    return log, GuardedPosterior(posterior), CountingPool(pool, posterior, log)

@@ -1,0 +1,1 @@
+"""Run emcee: starts, recipes, files that survive a kill, pools."""

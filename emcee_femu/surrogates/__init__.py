@@ -1,0 +1,1 @@
+"""A cheap stand-in for a model, with a certificate."""

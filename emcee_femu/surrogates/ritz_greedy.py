@@ -1,0 +1,279 @@
+"""From a full model to a reduced one: greedy basis, truncation, certificate."""
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.sparse import issparse
+from scipy.stats import qmc
+
+from .. import checks
+from ..interfaces import Floats
+from ..models.eigen.sparse import SparseEigenproblem
+from ..models.matrix import MatrixModel
+from .reduced import ReducedModel
+from .ritz_basis import Projection, RitzBasis, empty_basis
+from .ritz_points import checked_bounds, corners, independent_points
+
+BUFFER = 2  # modes solved beyond those wanted, so that a crossing stays in the basis
+CANDIDATES, CORNERS = 128, 64  # points where the error is estimated, inside and outside
+SAFETY = 0.8  # share of the tolerance that the estimate of the final basis may take
+RESERVE = 0.2  # of that, for the basis before its truncation
+CLOSE = 0.02  # modes with frequencies closer than this mix their shapes
+PAYS = 3.0  # a smaller speed-up is worth a warning
+BATCH = 16  # walkers in the measured batch
+
+
+def reduce_model(
+    model: MatrixModel,
+    bounds: Mapping[str, tuple[float, float]],
+    tolerance: float = 1e-4,
+    *,
+    test_points: int = 40,
+    max_solves: int = 200,
+    seed: int = 0,
+) -> ReducedModel:
+    """Return a small model that stands for a large one inside ``bounds``.
+
+    A Ritz basis is built from the mode shapes at the centre of the bounds and at
+    points that a greedy search adds where a residual estimate of the error is
+    largest. Full solves at independent points then certify it.
+
+    Args:
+        model: The full model, dense or sparse.
+        bounds: ``{parameter: (low, high)}`` for every parameter of the model.
+        tolerance: Largest relative error of a frequency, at the test points.
+        test_points: Number of independent test points: half corners of the
+            bounds, half drawn at random inside them.
+        max_solves: How many full solves may be spent, tests included.
+        seed: Seed of the points.
+
+    Raises:
+        TypeError: If model is no MatrixModel.
+        ValueError: If bounds do not fit the parameters, or the tolerance is not
+            reached with ``max_solves`` full solves.
+
+    Warns:
+        UserWarning: If the reduction does not pay.
+    """
+    if not isinstance(model, MatrixModel):
+        raise TypeError(
+            f"model: expected a MatrixModel, got {type(model).__name__}; export its K "
+            "and M for every parameter"
+        )
+    box = checked_bounds(bounds, model.names)
+    tolerance = checks.real_number("tolerance", tolerance)
+    if not 1e-9 <= tolerance <= 0.1:
+        raise ValueError(
+            f"tolerance: expected 1e-9 (rounding) to 0.1, got {tolerance:g}"
+        )
+    n_tests = checks.whole_number("test_points", test_points, 2)
+    max_solves = checks.whole_number("max_solves", max_solves, n_tests + 2)
+    rng = np.random.default_rng(checks.whole_number("seed", seed))
+    full = _FullModel(model, model.sparse_problem(), np.array([*box.values()]))
+
+    outer = corners(len(box), rng)
+    inside = qmc.Sobol(len(box), seed=rng).random(CANDIDATES)
+    candidates = np.concatenate([inside, outer[n_tests // 2 :][:CORNERS]])
+    basis, target = full.first_basis(tolerance, rng), SAFETY * tolerance
+    while True:
+        basis = _grown(basis, full, candidates, RESERVE * target, max_solves - n_tests)
+        projection, T = _truncated(basis, full, candidates, target)
+        tests = independent_points(outer, candidates, n_tests, rng)
+        errors, shape_error = full.errors(projection, basis.vectors @ T, tests)
+        worst = int(np.argmax(errors))
+        if errors[worst] <= tolerance:
+            break
+        if full.solves + 1 + n_tests > max_solves:
+            raise _not_reached(tolerance, errors[worst], "at the test points", full)
+        # The estimate misses something there: look closer, certify at new points.
+        candidates = np.concatenate([candidates, tests[worst : worst + 1]])
+        basis = basis.extended(*full.lowest(tests[worst]))
+        target *= 0.3
+    return _finished(
+        full, projection, basis.vectors @ T, box, tolerance, errors, shape_error
+    )
+
+
+@dataclass
+class _FullModel:
+    """The full model over the unit cube of its parameters, counting its solves."""
+
+    model: MatrixModel
+    problem: SparseEigenproblem
+    box: Floats
+    solves: int = 0
+
+    def parameters(self, points: Floats) -> dict[str, Floats]:
+        low, high = self.box.T
+        values = np.clip(low + points * (high - low), low, high)  # rounding, by an ulp
+        return dict(zip(self.model.names, values.T, strict=True))
+
+    def coefficients(self, points: Floats) -> tuple[Floats, Floats]:
+        values, n = self.parameters(points), len(points)
+        k, m = (
+            np.array([values[name] for name in names]).reshape(-1, n).T
+            for names in (self.model.K, self.model.M)
+        )
+        return k, m
+
+    def lowest(self, point: Floats) -> tuple[Floats, Floats]:
+        """Solve in full at one point, with rigid-body modes and some more."""
+        k, m = self.coefficients(point[None])
+        values = {n: float(v[0]) for n, v in self.parameters(point[None]).items()}
+        count = self.problem.skip + self.problem.n_modes + BUFFER
+        massive = np.count_nonzero(self.problem.mass(m[0]).diagonal())
+        self.solves += 1
+        return self.problem.lowest(k[0], m[0], min(count, int(massive)), str(values))
+
+    def first_basis(self, tolerance: float, rng: np.random.Generator) -> RitzBasis:
+        """Return the basis of the shapes at the centre."""
+        centre = np.full((1, len(self.box)), 0.5)
+        eigenvalues, shapes = self.lowest(centre[0])
+        k, m = self.coefficients(centre)
+        skip = self.problem.skip
+        shift = 0.1 * float(eigenvalues[skip]) if skip else 0.0
+        massless = not self.problem.mass(m[0]).diagonal().all()
+        # A little mass keeps the projected one definite; 0.5 % of the tolerance.
+        added = 0.01 * tolerance / float(eigenvalues[-1]) if massless else 0.0
+        empty = empty_basis(self.problem, k[0], m[0], shift, added, rng)
+        return empty.extended(eigenvalues, shapes)
+
+    def errors(
+        self, projection: Projection, vectors: Floats, points: Floats
+    ) -> tuple[Floats, float]:
+        """Return frequency errors ``(n,)`` and the largest 1 - MAC, by full solves."""
+        k, m = self.coefficients(points)
+        solution = projection.eigenproblem().solve(k, m, lambda row: f"point {row}")
+        coordinates = np.asarray(solution.shapes)
+        skip, n_modes = self.problem.skip, self.problem.n_modes
+        errors, lost = np.empty(len(points)), 0.0
+        for i, point in enumerate(points):
+            eigenvalues, shapes = self.lowest(point)
+            frequencies = np.sqrt(eigenvalues[skip:]) / (2 * np.pi)
+            reduced = solution.frequencies[i]
+            relative = reduced / frequencies[:n_modes] - 1
+            if relative.min() < -1e-6:
+                raise ValueError(
+                    f"the full model missed a mode near {reduced[relative.argmin()]:g} "
+                    f"Hz at {self.parameters(point[None])}: a Ritz frequency is never "
+                    "below the true one; ask for other n_modes"
+                )
+            errors[i] = np.abs(relative).max()
+            M = self.problem.mass(m[i])
+            mac = (shapes[:, skip:].T @ (M @ (vectors @ coordinates[i]))) ** 2
+            close = np.abs(frequencies[:, None] / reduced - 1) < CLOSE
+            lost = max(lost, float((1 - (mac * close).sum(axis=0)).max()))
+        return errors, lost
+
+
+def _grown(
+    basis: RitzBasis, full: _FullModel, points: Floats, target: float, allowed: int
+) -> RitzBasis:
+    """Add the modes at the worst point until the estimate is below the target."""
+    while True:
+        estimate = _estimate(basis.projection, full, points)
+        largest = float(estimate.max())
+        if largest <= target:
+            return basis
+        if full.solves >= allowed:
+            raise _not_reached(target, largest, "estimated", full)
+        basis = basis.extended(*full.lowest(points[np.argmax(estimate)]))
+        # The estimate falls as the basis grows: what is good now stays good.
+        points = points[estimate > target]
+
+
+def _estimate(projection: Projection, full: _FullModel, points: Floats) -> Floats:
+    parts = [
+        projection.estimate(*full.coefficients(points[i : i + BATCH])).max(axis=1)
+        for i in range(0, len(points), BATCH)
+    ]
+    return np.concatenate(parts)
+
+
+def _truncated(
+    basis: RitzBasis, full: _FullModel, points: Floats, target: float
+) -> tuple[Projection, Floats]:
+    """Return the smallest principal basis whose estimate is below the target."""
+    directions = basis.principal()
+    rotated = basis.projection.rotated(directions)
+    count = len(directions)
+    identity = np.eye(count)
+
+    def good(size: int) -> bool:
+        part = rotated.rotated(identity[:, :size])
+        return bool(_estimate(part, full, points).max() <= target)
+
+    low = full.problem.skip + full.problem.n_modes - 1
+    high = count  # the whole basis is good
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if good(middle) else (middle, high)
+    return rotated.rotated(identity[:, :high]), directions[:, :high]
+
+
+def _finished(
+    full: _FullModel,
+    projection: Projection,
+    vectors: Floats,
+    box: dict[str, tuple[float, float]],
+    tolerance: float,
+    errors: Floats,
+    shape_error: float,
+) -> ReducedModel:
+    model, size = full.model, projection.stiffness.shape[1]
+    dofs = list(model.shape_dofs)
+    values: dict[str, Any] = {
+        "bounds": box,
+        "n_modes": model.n_modes,
+        "shape_dofs": model.shape_dofs,
+        "tolerance": tolerance,
+        "max_error": float(errors.max()),
+        "shape_error": shape_error,
+        "test_points": len(errors),
+        "size": size,
+        "full_size": len(vectors),
+        "full_solves": full.solves,
+        "_columns": (tuple(model.K), tuple(model.M)),
+        "_problem": projection.eigenproblem(
+            bool(dofs), vectors[dofs] if dofs else None
+        ),
+    }
+    batch = full.parameters(np.random.default_rng(0).uniform(size=(BATCH, len(box))))
+    # A sparse model solves one by one: one is enough to know the time of each.
+    rows = 1 if issparse(model.K0) else BATCH
+    some = {name: value[:rows] for name, value in batch.items()}
+    reduced = ReducedModel(speed_up=np.nan, **values)
+    before, after = _seconds(lambda: model(some)), _seconds(lambda: reduced(batch))
+    speed_up = (before / rows) / (after / BATCH)
+    if size >= len(vectors) or speed_up < PAYS:
+        warnings.warn(
+            f"the reduction does not pay: {size} basis vectors for {len(vectors)} "
+            f"DOFs, {speed_up:.2g} times the speed of the full model; use the latter, "
+            "narrower bounds or a larger tolerance",
+            UserWarning,
+            stacklevel=3,
+        )
+    return ReducedModel(speed_up=float(speed_up), **values)
+
+
+def _seconds(call: Callable[[], Any]) -> float:
+    """Return the median process time of a call, over 0.1 s or at least 3 calls."""
+    call()
+    taken: list[float] = []
+    while len(taken) < 3 or sum(taken) < 0.1:
+        begin = time.process_time()
+        call()
+        taken.append(time.process_time() - begin)
+    return float(np.median(taken))
+
+
+def _not_reached(target: float, error: float, how: str, full: _FullModel) -> ValueError:
+    return ValueError(
+        f"the tolerance was not reached: frequency error {error:.2g} {how}, wanted "
+        f"{target:.2g}, after {full.solves} full solves; allow more max_solves, a "
+        "larger tolerance, or give narrower bounds"
+    )

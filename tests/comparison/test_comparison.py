@@ -1,0 +1,239 @@
+import itertools
+import time
+
+import arviz as az
+import emcee
+import numpy as np
+import pytest
+import xarray
+from numpy.testing import assert_allclose, assert_array_equal
+
+import emcee_femu as ef
+from emcee_femu.results.inference_data import samples
+
+C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0]])
+NAMES, TRUTH, SD = ("a", "b", "c"), np.array([40.0, 60.0, 20.0]), 4.0
+WALKERS, STEPS, ENSEMBLES, SEED, DISCARD = 10, 200, 3, 5, 0.3
+KEPT = 140
+
+
+class Linear:
+    """Frequencies C theta; counts the parameter sets that it is given."""
+
+    n_modes = 3
+
+    def __init__(self):
+        self.rows = 0
+
+    def __call__(self, parameters):
+        theta = np.stack([parameters[name] for name in NAMES], axis=-1)
+        self.rows += len(theta)
+        return ef.ModalSolution(theta @ C.T)
+
+
+def linear(relative_sd=0.05, width=2.5):
+    bounds = np.stack([TRUTH - width * SD, TRUTH + width * SD], axis=1)
+    term = ef.FrequencyTerm(C @ TRUTH, relative_sd=relative_sd)
+    return ef.LogPosterior(Linear(), term, ef.GaussianPrior(NAMES, TRUTH, SD, bounds))
+
+
+SMALL = {"nwalkers": WALKERS, "nsteps": STEPS, "ensembles": ENSEMBLES, "seed": SEED}
+MOVES = {
+    "DE-MC": ef.DEMCMove(),
+    "M-H": [(ef.MetropolisMove(4.0), 0.5), (ef.MetropolisMove([2.0, 2.0, 3.0]), 0.5)],
+    "stretch": emcee.moves.StretchMove(),
+    "auto": "auto",
+}
+REFERENCE = {"c": (20.4, 1.1), "a": (39.0, 2.5)}
+
+
+@pytest.fixture(scope="module")
+def small():
+    clock = itertools.count()  # a run takes one CPU second
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "process_time", lambda: float(next(clock)))
+        return ef.compare_moves(
+            linear(), MOVES, **SMALL, discard=DISCARD, reference=REFERENCE
+        )
+
+
+@pytest.fixture(scope="module")
+def by_hand():
+    """Return samplers and the number of FE solves of each move, run alone."""
+    result = {}
+    for label, move in MOVES.items():
+        posterior = linear()
+        result[label] = ef.run(posterior, move, **SMALL), posterior.model.rows
+    return result
+
+
+def bulk_ess(walkers):
+    """Return the least bulk ESS of chains ``(steps, walkers, d)``."""
+    data = {
+        str(i): (("chain", "draw"), walkers[:, :, i].T) for i in range(walkers.shape[2])
+    }
+    table = xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]})
+    found = az.ess(table, method="bulk")
+    return min(float(found[name]) for name in data)
+
+
+@pytest.mark.parametrize("label", MOVES)
+def test_all_numbers_are_those_of_the_samplers(small, by_hand, label):
+    samplers, solves = by_hand[label]
+    row = dict(
+        zip(
+            small.table.columns, small.table.rows[list(MOVES).index(label)], strict=True
+        )
+    )
+    chains = [sampler.get_chain()[STEPS - KEPT :] for sampler in samplers]
+    everything = np.concatenate(chains, axis=1)
+    bulk = bulk_ess(everything)
+    alone = 1000 * np.array([bulk_ess(chain) for chain in chains]) / (KEPT * WALKERS)
+    before = samplers[0].burn_in_evaluations * ENSEMBLES
+    evaluations = STEPS * WALKERS * ENSEMBLES + before
+    assert_allclose(small.ess_per_1000[label], alone, rtol=1e-9)
+    found = ef.diagnose(samplers, STEPS - KEPT)
+    draws = everything.reshape(-1, 3)
+    mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
+    expected = {
+        "move": label,
+        "FE solves": solves,
+        "before chain": before,
+        "acceptance": np.mean([s.acceptance_fraction for s in samplers]),
+        "tau": found.tau.max(),
+        "steps/tau": found.steps_per_tau.min(),
+        "ESS bulk": bulk,
+        "ESS tail": found.ess_tail.min(),
+        "ESS per 1000": 1000 * bulk / (KEPT * WALKERS * ENSEMBLES),
+        "+-": alone.std(ddof=1) / np.sqrt(ENSEMBLES),
+        "ESS per CPU s": bulk * evaluations / (KEPT * WALKERS * ENSEMBLES),
+        "R-hat ensembles": found.rhat_between.max(),
+        "mean error/sd": max(abs(mean[0] - 39) / 2.5, abs(mean[2] - 20.4) / 1.1),
+        "sd error %": 100 * max(abs(sd[0] / 2.5 - 1), abs(sd[2] / 1.1 - 1)),
+        "end to end": 1000 * bulk / evaluations,
+        "verdict": row["verdict"],
+    }
+    assert list(row) == list(expected)
+    for title, value in expected.items():
+        if isinstance(value, str):
+            assert row[title] == value
+        else:
+            assert_allclose(row[title], value, rtol=1e-9, err_msg=title)
+    assert small.diagnoses[label].verdict == found.verdict
+    names, kept = samples(small.idata[label])
+    assert names == list(NAMES)
+    # Also: all moves start where run starts with this seed, which is the same for all.
+    assert_array_equal(kept, np.moveaxis(everything, 0, 1))
+
+
+def test_all_moves_start_from_the_same_prior_draws(monkeypatch):
+    starts = []
+
+    def recorded(*args, initial, seed, **options):
+        starts.append((initial, seed))
+        return ef.run(*args, initial=initial, seed=seed, **options)
+
+    monkeypatch.setattr(ef.comparison.compare, "run", recorded)
+    posterior = linear()
+    ef.compare_moves(posterior, MOVES, **{**SMALL, "nsteps": 11})
+    assert len(starts) == len(MOVES)
+    for start, seed in starts:
+        assert_array_equal(start, starts[0][0])
+        assert start.shape == (ENSEMBLES, WALKERS, 3) and seed == SEED
+    assert len(np.unique(starts[0][0][..., 0])) == ENSEMBLES * WALKERS
+    spread = starts[0][0].std(axis=(0, 1)) / ef.posterior.priors.prior_summary(
+        posterior.prior
+    )
+    assert (spread[1] > 0.6).all()  # as wide as the prior
+
+
+def test_proposals_out_of_bounds_cost_no_solve(small):
+    evaluations = STEPS * WALKERS * ENSEMBLES
+    for solves, before in zip(
+        small.table.column("FE solves"), small.table.column("before chain"), strict=True
+    ):
+        assert before < solves < evaluations + before
+    least = small.table.column("before chain")
+    assert least[:3] == [WALKERS * ENSEMBLES] * 3  # the starts
+    assert least[3] >= WALKERS * ENSEMBLES * 512  # the burn-in too
+
+
+def test_auto_says_what_it_did(small):
+    line = small.conclusion.splitlines()[-1]
+    assert line.startswith("auto: burn-in of") and "evaluations in all before" in line
+    assert small.conclusion.count("burn-in of") == 1
+    assert str(small) == f"{small.table}\n{small.conclusion}"
+
+
+def test_without_a_reference_its_columns_are_missing():
+    found = ef.compare_moves(linear(), {"DE-MC": ef.DEMCMove()}, **SMALL)
+    assert not {"mean error/sd", "sd error %"} & set(found.table.columns)
+    assert found.posterior.names == NAMES
+
+
+@pytest.mark.parametrize(("evaluations", "steps"), [(2000, 25), (2079, 25), (2080, 26)])
+def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
+    found = ef.compare_moves(
+        linear(),
+        {"DE-MC": ef.DEMCMove()},
+        20,
+        max_evaluations=evaluations,
+        seed=1,
+        discard=0.5,
+    )
+    draws = samples(found.idata["DE-MC"])[1]
+    assert draws.shape == (4 * 20, steps - steps // 2, 3)
+
+
+def test_the_default_number_of_walkers_is_that_of_run():
+    found = ef.compare_moves(linear(), {"DE-MC": ef.DEMCMove()}, nsteps=12, seed=1)
+    (sampler,) = ef.run(linear(), nsteps=1, seed=1)
+    assert len(samples(found.idata["DE-MC"])[1]) == 4 * sampler.nwalkers
+
+
+class OtherStream(ef.DEMCMove):
+    """The same law from other random numbers."""
+
+    def propose(self, model, state):
+        model.random.standard_normal()
+        return super().propose(model, state)
+
+
+def test_a_far_better_move_wins_and_a_crawling_one_is_not_converged():
+    moves = {
+        "crawling": ef.MetropolisMove(0.02),
+        "short steps": ef.MetropolisMove(2.5),
+        "DE-MC": ef.DEMCMove(),
+    }
+    found = ef.compare_moves(linear(), moves, 10, 1_500, seed=1)
+    crawling, short, good = found.table.column("verdict")
+    assert short == good == "converged" and crawling.startswith("too short: ")
+    assert found.winner == "DE-MC"
+    first, second = found.conclusion.splitlines()
+    assert first.startswith("Winner: DE-MC ") and "; the next is short steps " in first
+    assert second.startswith("Not converged, so out of the contest: crawling (too sho")
+
+
+@pytest.mark.parametrize("second", [ef.DEMCMove, OtherStream])
+def test_equal_moves_under_two_labels_have_no_winner(second):
+    moves = {"one": ef.DEMCMove(), "two": second()}
+    found = ef.compare_moves(linear(), moves, 10, 1_500, seed=3)
+    same = np.array_equal(*(samples(idata)[1] for idata in found.idata.values()))
+    assert same == (second is ef.DEMCMove)
+    assert found.table.column("verdict") == ["converged"] * 2
+    assert found.winner is None
+    assert found.conclusion.startswith("No winner: ")
+    assert "within the spread of the ensembles" in found.conclusion
+
+
+def test_too_short_chains_are_never_converged(small):
+    short = [d.steps_per_tau.min() < 50 for d in small.diagnoses.values()]
+    assert short[:3] == [True] * 3
+    for verdict, diagnosis in zip(
+        small.table.column("verdict"), small.diagnoses.values(), strict=True
+    ):
+        per_tau = diagnosis.steps_per_tau.min()
+        assert diagnosis.converged == (verdict == "converged")
+        if per_tau < 50:
+            assert verdict == f"too short: {int(per_tau)} tau"
+    assert small.winner not in list(MOVES)[:3]

@@ -1,0 +1,119 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnostics import ar1, backend
+
+import emcee_femu as ef
+from emcee_femu.comparison.ranking import Entry, conclusion
+
+
+def entry(label, efficiency, error=1.0, verdict="", before=0, recipe="", kept=10_000):
+    """Return an entry of four ensembles with the given numbers."""
+    diagnosis = SimpleNamespace(
+        converged=not verdict,
+        stuck=(),
+        steps_per_tau=np.array([30.9, 99.0]),
+        ess_bulk=np.array([efficiency * kept / 1000, 1e9]),
+    )
+    # Deviations of which the standard error of the mean is `error`.
+    around = efficiency + error * np.sqrt(3) * np.array([1, -1, 1, -1])
+    ess = around * kept / 4 / 1000
+    return Entry(label, diagnosis, ess, kept, 12_500, before, 1, 2.0, recipe, None)
+
+
+def test_the_numbers_of_an_entry():
+    found = entry("A", 40.0, 3.0, before=7_500)
+    assert found.efficiency == pytest.approx(40)
+    assert found.error == pytest.approx(3)
+    assert found.ess_per_1000 == pytest.approx(40 + 3 * 3**0.5 * np.array([1, -1] * 2))
+    assert found.end_to_end == pytest.approx(40 * 10_000 / 20_000)
+    assert found.per_cpu_second == pytest.approx(400 / (2.0 * 10_000 / 20_000))
+    assert str(found) == "A 40 +- 3"
+
+
+@pytest.mark.parametrize(("lead", "wins"), [(9.9, False), (10.1, True)])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_lead_counts_from_two_combined_standard_errors(lead, wins, backwards):
+    entries = [entry("A", 50 + lead, 3.0), entry("B", 50, 4.0), entry("C", 10)]
+    winner, words = conclusion(entries[::-1] if backwards else entries)
+    assert winner == ("A" if wins else None)
+    first = f"A {50 + lead:.3g} +- 3"
+    if wins:
+        assert (
+            words == f"Winner: {first} ESS per 1000 evaluations; the next is B 50 +- 4."
+        )
+    else:
+        assert words == (
+            f"No winner: {first} and B 50 +- 4 are within the spread of the ensembles "
+            "(ESS per 1000 evaluations)."
+        )
+
+
+def test_a_third_move_with_a_wide_spread_denies_the_win():
+    winner, words = conclusion([entry("A", 60), entry("B", 50), entry("C", 40, 12.0)])
+    assert winner is None
+    assert "A 60 +- 1 and C 40 +- 12 are within" in words and "B" not in words
+
+
+def test_many_contenders_are_counted():
+    words = conclusion([entry(label, 50) for label in "ABCD"])[1]
+    assert "A 50 +- 1, B 50 +- 1, C 50 +- 1 and D 50 +- 1 are within" in words
+    words = conclusion([entry(label, 50) for label in "ABCDEF"])[1]
+    assert "A 50 +- 1, B 50 +- 1, C 50 +- 1 and 3 more are within" in words
+
+
+def test_equal_numbers_without_any_spread_are_no_win():
+    assert conclusion([entry("A", 50, 0.0), entry("B", 50, 0.0)])[0] is None
+
+
+def test_a_move_that_has_not_converged_cannot_win():
+    fast = entry("fast", 900, verdict="no")
+    winner, words = conclusion([fast, entry("A", 60), entry("B", 50)])
+    assert winner == "A"
+    assert words.splitlines()[1] == (
+        "Not converged, so out of the contest: fast (too short: 30 tau)."
+    )
+    winner, words = conclusion([fast, entry("A", 60)])
+    assert winner == "A" and "; no other has converged." in words
+    winner, words = conclusion([fast, entry("slow", 1, verdict="no")])
+    assert winner is None and words == "No winner: no move has converged; run longer."
+
+
+def test_burn_in_may_turn_the_order_and_that_is_said():
+    auto = entry("auto", 100, before=50_000, recipe="It burnt in")
+    winner, words = conclusion([entry("A", 60), auto])
+    assert winner == "auto"
+    assert words.splitlines()[1:] == [
+        "End to end, with burn-in counted, A is ahead: 48 against 16 of auto.",
+        "auto: It burnt in; 50000 evaluations in all before its chains.",
+    ]
+
+
+def judged(chains):
+    runs = [backend(chain) for chain in chains]
+    return Entry("A", ef.diagnose(runs), np.ones(2), 1, 1, 0, 1, 1.0, "", None)
+
+
+def test_the_verdict_is_that_of_the_diagnosis():
+    chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in (1, 2)]
+    assert judged(chains).verdict == "converged"
+    short = judged([ar1([0.9, 0.2], 400, 8, seed) for seed in (1, 2)])
+    per_tau = short.diagnosis.steps_per_tau
+    assert 10 < per_tau[0] < 50 < per_tau[1]
+    assert short.verdict == f"too short: {int(per_tau[0])} tau"
+    assert judged([chains[0], chains[1] + 1.0]).verdict == "ensembles disagree"
+    apart = chains[0].copy()
+    apart[:, 4:] += 6
+    assert judged([apart, apart[::-1]]).verdict == "walkers stay apart"
+    stuck = chains[0].copy()
+    stuck[:, 2] = 0.1
+    assert judged([stuck, chains[1]]).verdict == "1 walkers stuck"
+    frozen = np.zeros((1_000, 8, 2)) + np.arange(8.0)[:, None]
+    assert judged([frozen, chains[1]]).verdict == "8 walkers stuck"
+
+
+def test_a_parameter_without_tau_is_too_short():
+    found = entry("A", 1, verdict="no")
+    found.diagnosis.steps_per_tau[:] = 99.0, np.nan
+    assert found.verdict == "too short: 0 tau"

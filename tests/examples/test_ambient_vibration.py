@@ -1,0 +1,100 @@
+"""From pyOMA2's records to a posterior of the storeys' stiffnesses."""
+
+import builtins
+import logging
+
+import numpy as np
+import pytest
+from support.examples import load
+
+# A chain of five equal springs and masses: sin((2 i - 1) pi / 22) sqrt(k / m) / pi.
+EXACT = np.sin((2 * np.arange(1, 6) - 1) * np.pi / 22) * np.sqrt(1e4 / 25.91) / np.pi
+
+
+@pytest.fixture(scope="module")
+def example():
+    return load("ambient_vibration")
+
+
+@pytest.fixture
+def pyoma2(example):
+    """Skip where pyOMA2 does not import; let it not tell its steps to other tests."""
+    logger = logging.getLogger("pyoma2")
+    level = logger.level
+    try:
+        example.load_pyoma2()
+    except ImportError as error:
+        pytest.skip(str(error))
+    yield
+    logger.setLevel(level)
+
+
+def test_ambient_vibration(example, pyoma2, capsys):
+    measured, parameters, diagnosis = example.main(900, 2, 4)
+    z = (measured.frequencies - EXACT) / measured.sd
+    assert measured.n_modes == 5 and np.abs(z).max() < 3
+    assert (measured.sd < 0.005 * EXACT).all()
+    assert (measured.phase_collinearity > 0.99).all() and measured.shape_sd is None
+    assert parameters.column("parameter") == ["k1", "k2", "k3", "k4", "k5"]
+    mean = np.array(parameters.column("mean"))
+    sd = mean * np.array(parameters.column("c.o.v. %")) / 100
+    assert (np.abs(mean - 1e4) < 3 * sd).all()
+    assert (sd < 0.02 * mean).all()  # of 30 % before the test
+    assert diagnosis.rhat_between.max() < 1.05 and not len(diagnosis.stuck)
+    shown = capsys.readouterr().out
+    assert "sensors: 5 (roof, floor 4" in shown and "Natural frequencies" in shown
+
+
+def test_the_identified_shapes_are_those_of_the_model(example, pyoma2):
+    records, _, (frequencies, _, shapes) = example.load_pyoma2()[2]()
+    np.testing.assert_allclose(frequencies, EXACT, rtol=1e-12)
+    result = example.identify(records, example.RATE, example.PEAKS)
+    measured = example.ef.Measurements.from_pyoma2(result)
+    model = example.posterior(measured).model
+    mine = model({f"k{i}": np.array([1e4]) for i in range(1, 6)}).shapes[0]
+    for i in range(5):  # of the generator, of the model, of the identification
+        assert abs(np.corrcoef(shapes[:, i], mine[:, i])[0, 1]) > 1 - 1e-9
+        unit = [s[:, i] / np.linalg.norm(s[:, i]) for s in (mine, measured.shapes)]
+        assert abs(unit[0] @ unit[1]) > 0.999
+
+
+def test_phi_std_can_be_taken_too(example, pyoma2):
+    records = example.load_pyoma2()[2]()[0]
+    result = example.identify(records, example.RATE, example.PEAKS)
+    measured = example.ef.Measurements.from_pyoma2(result, shape_sd=True)
+    np.testing.assert_array_equal(measured.shape_sd, result.Phi_std)
+
+
+@pytest.mark.slow
+def test_deviations_of_frequencies_are_their_scatter_and_those_of_shapes_are_not(
+    example, pyoma2, monkeypatch
+):
+    # When the last line fails pyOMA2 is mended: let from_pyoma2 take Phi_std.
+    generator, found = np.random.RandomState, []
+    for seed in range(30):
+        with monkeypatch.context() as patch:
+            patch.setattr(np.random, "RandomState", lambda _, s=seed: generator(s))
+            records = example.load_pyoma2()[2]()[0]
+        result = example.identify(records, example.RATE, example.PEAKS)
+        top = result.Phi[0] / np.linalg.norm(result.Phi, axis=0)
+        unit_sd = result.Phi_std[4] / np.linalg.norm(result.Phi, axis=0)
+        floor = (result.Phi[4] / result.Phi[0]).real * np.abs(top)
+        found.append([result.Fn, result.Fn_std, floor, unit_sd])
+    f, f_sd, shape, shape_sd = np.moveaxis(np.array(found), 1, 0)
+    ratio = np.median(f_sd, axis=0) / f.std(axis=0, ddof=1)
+    # 30 records: the scatter has a standard error of 13 %.
+    assert (np.abs(np.log(ratio)) < 0.45).all()
+    assert np.median(shape_sd[:, 0]) > 2 * shape[:, 0].std(ddof=1)
+
+
+def test_without_pyoma2_the_example_says_what_to_install(example, monkeypatch):
+    load = builtins.__import__
+
+    def no_pyoma2(name, *args, **kwargs):
+        if name.startswith("pyoma2"):
+            raise ImportError("No module named 'pyoma2'")
+        return load(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", no_pyoma2)
+    with pytest.raises(ImportError, match=r'pip install "emcee_femu\[oma\]"'):
+        example.main()

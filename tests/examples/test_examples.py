@@ -1,0 +1,92 @@
+"""Every example runs, shortened by its arguments, and says what its page says."""
+
+import numpy as np
+import pytest
+from support.examples import EXAMPLES, TESTS, load
+
+import emcee_femu as ef
+
+PAGES = sorted(EXAMPLES.rglob("*.py"))
+
+
+def test_every_example_is_a_page_with_a_command_and_has_a_test():
+    tests = "".join(
+        p.read_text(encoding="utf-8") for p in (TESTS / "examples").glob("test_*.py")
+    )
+    for path in PAGES:
+        text = path.read_text(encoding="utf-8")
+        assert (
+            text.startswith('"""')
+            and f"python {path.relative_to(TESTS.parent).as_posix()}" in text
+        )
+        assert f"def test_{path.stem}(" in tests, path.name
+
+
+def test_mass_spring(tmp_path, capsys):
+    diagnosis = load("mass_spring").main(1_000, 2, 1, str(tmp_path))
+    assert diagnosis.names == ("k1", "k2", "k4", "k6", "k8")
+    shown = capsys.readouterr()
+    assert "TAE" in shown.out and str(tmp_path.resolve()) in shown.out
+    assert "ensemble 2/2" in shown.err  # the progress bar
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {
+        *(f"{name}.png" for name in ("scatter", "tae", "correlation", "proposals")),
+        *(f"{name}.csv" for name in ("parameters", "frequencies")),
+    }
+
+
+def test_h_structure(tmp_path, capsys):
+    tables = load("h_structure").main(120, 2, 1, str(tmp_path))
+    assert [table.column("move") for table in tables.values()] == [
+        ["DE-MC", "M-H untuned", "M-H tuned"]
+    ] * 2
+    shown = capsys.readouterr().out
+    assert "beta = 10" in shown and "beta = 50000" in shown and "paper M-H" in shown
+    assert len(list(tmp_path.glob("*.png"))) == 10
+
+
+def test_benchmark(capsys):
+    found = load("benchmark").main(steps=400, repeats=1, only="bim5")
+    auto = found["bim5", "auto (ours)"]
+    assert auto[0] > 60  # ESS per 1000 evaluations; emcee's DEMove has 17
+    assert abs(auto[5] - 0.3) < 0.03  # the weight of the left mode
+    assert "end to end" in capsys.readouterr().out
+
+
+def test_compare_moves(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(ef.sampling.auto, "FIRST", 64)
+    monkeypatch.setattr(
+        ef.sampling.auto, "ENOUGH_TAU", 3
+    )  # or its burn-in would take seconds
+    results = load("compare_moves").main(60, 2, 1, str(tmp_path))
+    shown = capsys.readouterr()
+    for name, compared in results.items():
+        assert len(compared.idata) == 7 and "auto" in compared.idata
+        assert str(compared) in shown.out and f"===== {name} =====" in shown.out
+        assert compared.table.column("before chain")[-1] > 1_500  # its burn-in
+        for suffix in ("csv", "png"):
+            assert (tmp_path / f"{name}.{suffix}").exists()
+    assert shown.out.count("M-H was tuned to a DE-MC run of") == 2
+    assert "emcee StretchMove:" in shown.err  # above its progress bars
+
+
+def test_own_model():
+    results = load("own_model").main(400, 1)
+    # Two routes to the same matrices: the chains agree to rounding.
+    np.testing.assert_allclose(results["function"], results["matrices"], rtol=1e-6)
+
+
+def test_stock_moves():
+    for ratio in load("stock_moves").main(1_500, 1).values():
+        assert (np.abs(ratio - 1) < 0.15).all()
+
+
+def test_overhead(capsys):
+    load("overhead").main(blocks=2, n=20)
+    assert capsys.readouterr().out.count("x faster") == 18
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda p: p.stem)
+def test_examples_do_nothing_on_import(path, capsys):
+    load(path.stem)
+    assert capsys.readouterr().out == ""

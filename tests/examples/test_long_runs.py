@@ -1,0 +1,42 @@
+"""The examples of long runs and of the order of modes keep their promises."""
+
+import subprocess
+import sys
+
+import pytest
+from support.examples import EXAMPLES, load
+
+
+def test_resume():
+    # As a command: what a child process samples must be importable there.
+    command = [sys.executable, str(EXAMPLES / "resume.py"), "--generations", "400"]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    stored = int(shown.split()[2])
+    assert 0 < stored <= 800
+    assert "never stopped: True" in shown
+    assert "terms[0].measured: 1 of 5 changed" in shown
+    assert "failed solves, taken for impossible: {'exception': " in shown
+    assert "ms a generation" in shown
+
+
+@pytest.mark.slow
+def test_mode_order(capsys):
+    shares = load("mode_order").main(500, 150)["shares"]
+    any_mode = shares.column("any")
+    assert shares.column("region")[0] == "box of the bounds"
+    assert 55 < any_mode[0] < 67  # 61 % of 4,000 points
+    assert any_mode[3] > 95  # the posterior of beta = 5e4
+    assert "paired, beta = 50000" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_modal_test(tmp_path, capsys):
+    found = load("modal_test").main(300, 1, 1, str(tmp_path))
+    posterior = found["idata"]["posterior"]
+    for name, truth in {"columns": 0.95, "beams x": 1.15, "beams y": 0.85}.items():
+        draws = posterior[name].values
+        assert abs(draws.mean() - truth) < 3 * draws.std()
+    assert (tmp_path / "predicted.png").exists()
+    shown = capsys.readouterr().out
+    assert "The data inform every parameter" in shown
+    assert "their order changed in 2" in shown

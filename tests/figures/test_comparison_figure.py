@@ -1,0 +1,151 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from matplotlib import pyplot as plt
+from matplotlib.colors import to_hex
+from numpy.testing import assert_allclose, assert_array_equal
+from test_figures import assert_nothing_is_clipped
+
+import emcee_femu as ef
+from emcee_femu.results.diagnostics import running_tae
+
+LONG = (
+    "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer may name it"
+)
+MOVES = {
+    "M-H": ef.MetropolisMove(0.002),
+    LONG: [(ef.DEMCMove(), 0.9), (ef.MetropolisMove(0.05), 0.1)],
+    "DE-MC": ef.DEMCMove(),
+}
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    yield
+    plt.close("all")
+
+
+def measured_high(parameters, modes):
+    """Return a likelihood without measured frequencies."""
+    return -50 * ((modes.frequencies - [1.0, 3.0]) ** 2).sum(axis=1)
+
+
+def compared(term):
+    prior = ef.GaussianPrior(["a", "b"], [1.0, 2.0], 0.3)
+    model = ef.FunctionModel(lambda p: [p["a"], p["a"] + p["b"]], n_modes=2)
+    posterior = ef.LogPosterior(model, term, prior)
+    return ef.compare_moves(posterior, MOVES, 8, 400, ensembles=2, seed=1)
+
+
+@pytest.fixture(scope="module")
+def comparison():
+    """Two converged moves and one that crawls, whatever their chains are."""
+    found = compared(ef.FrequencyTerm([1.0, 3.0], relative_sd=0.05))
+    verdicts = ["too short: 3 tau", "converged", "converged"]
+    rows = [
+        (*row[:-1], verdict)
+        for row, verdict in zip(found.table.rows, verdicts, strict=True)
+    ]
+    table = dataclasses.replace(found.table, rows=tuple(rows))
+    return dataclasses.replace(found, table=table)
+
+
+def shown(axes):
+    return [text.get_text().replace("\n", " ") for text in axes.get_yticklabels()]
+
+
+def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
+    axes = ef.plot_comparison(comparison).axes[0]
+    column = comparison.table.column
+    order = np.argsort(column("ESS per 1000"))
+    values, errors = (np.array(column(t))[order] for t in ("ESS per 1000", "+-"))
+    assert_allclose([bar.get_width() for bar in axes.patches], values, rtol=1e-12)
+    lines = [box.lines[2][0].get_segments()[0] for box in axes.containers[::2]]
+    drawn = [np.abs(np.diff(line[:, 0]))[0] for line in lines]
+    assert_allclose(drawn, 2 * errors, rtol=1e-12)
+    failed = {"M-H": "M-H (too short: 3 tau)"}
+    labels = [failed.get(label, label) for label in MOVES]
+    assert shown(axes) == [labels[i] for i in order]
+    for bar, i in zip(axes.patches, order, strict=True):
+        fit = column("verdict")[i] == "converged"
+        assert bool(bar.get_hatch()) != fit
+        assert (bar.get_facecolor()[3] == 1) == fit
+    assert [text.get_text() for text in axes.texts] == [f"{v:.3g}" for v in values]
+
+
+def test_the_legend_explains_hatched_bars(comparison):
+    figure = ef.plot_comparison(comparison)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["converged", "not converged, so the number cannot be trusted"]
+    rows = tuple((*row[:-1], "converged") for row in comparison.table.rows)
+    table = dataclasses.replace(comparison.table, rows=rows)
+    figure = ef.plot_comparison(dataclasses.replace(comparison, table=table))
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert texts == ["converged"]
+    assert figure.axes[1].get_title() == "same colours"
+
+
+def test_error_curves_are_those_of_the_kept_steps_in_the_colours_of_the_bars(
+    comparison,
+):
+    bars, axes = ef.plot_comparison(comparison).axes
+    edge = {
+        label.split(" (")[0]: to_hex(bar.get_edgecolor())
+        for label, bar in zip(shown(bars), bars.patches, strict=True)
+    }
+    assert len(set(edge.values())) == len(axes.lines) == len(MOVES)
+    for line, (label, idata) in zip(axes.lines, comparison.idata.items(), strict=True):
+        generations, tae = running_tae(idata, comparison.posterior)
+        assert generations[0] == 101  # a quarter of 400 was dropped
+        assert_array_equal(line.get_xdata(), generations - 100)
+        assert_array_equal(line.get_ydata(), tae)
+        assert to_hex(line.get_color()) == edge[label]
+        assert line.get_linestyle() == ("--" if label == "M-H" else "-")
+    assert axes.get_title() == "same colours; dashed: not converged"
+
+
+def test_nothing_is_clipped_and_the_headline_is_the_conclusion(comparison):
+    long = f"No winner: {LONG} 40 +- 3 and {LONG} 38 +- 2 are within.\nMore."
+    for item in (comparison, dataclasses.replace(comparison, conclusion=long)):
+        figure = ef.plot_comparison(item)
+        headline = figure.get_suptitle()
+        assert headline.replace("\n", " ") == item.conclusion.splitlines()[0]
+        assert_nothing_is_clipped(
+            figure,
+            "ESS per 1000 log-posterior evaluations (more is better)",
+            "total average error of the mean so far (%)",
+            headline,
+        )
+        panel = figure.axes[0]
+        ends = [text.get_window_extent().x1 for text in panel.texts]
+        assert max(ends) <= panel.get_window_extent().x1  # clear of the next panel
+
+
+def test_many_long_labels_and_bars_are_not_clipped(comparison):
+    labels = [f"{LONG} number {i}" for i in range(12)]
+    table = dataclasses.replace(
+        comparison.table,
+        rows=tuple(
+            (label, *comparison.table.rows[i % 3][1:]) for i, label in enumerate(labels)
+        ),
+    )
+    idata = {label: comparison.idata["DE-MC"] for label in labels}
+    many = dataclasses.replace(comparison, table=table, idata=idata)
+    figure = ef.plot_comparison(many)
+    assert_nothing_is_clipped(figure)
+    bars = figure.axes[0]
+    assert len({bar.get_edgecolor() for bar in bars.patches}) == 12
+    low = [label.get_window_extent() for label in bars.get_yticklabels()]
+    assert all(a.y1 <= b.y0 + 1 for a, b in zip(low, low[1:], strict=False))  # legible
+
+
+def test_without_measured_frequencies_there_is_one_panel():
+    figure = ef.plot_comparison(compared(measured_high))
+    assert len(figure.axes) == 1
+    assert_nothing_is_clipped(figure)
+
+
+def test_anything_else_is_refused():
+    with pytest.raises(TypeError, match="comparison: expected what compare_moves ret"):
+        ef.plot_comparison({})

@@ -1,0 +1,249 @@
+import numpy as np
+import pytest
+import xarray
+from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from matplotlib.text import Text
+from numpy.testing import assert_allclose, assert_array_equal
+
+import emcee_femu as ef
+from emcee_femu import plot_correlation, plot_scatter, plot_tae
+from emcee_femu.figures import plot_proposals
+from emcee_femu.figures.ellipses import covariance_ellipse
+from emcee_femu.figures.scatter import MOST_POINTS
+from emcee_femu.results.diagnostics import running_tae
+from emcee_femu.results.inference_data import dataset, samples, wrapped
+
+PROBLEMS = {
+    "h_structure": ef.paper.h_structure(),
+    "mass_spring": ef.paper.mass_spring(),
+}
+CORRELATED = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
+MIXED = {"stiff": 1e3, "alpha": 2e-8, "x": 3.0, "big": 4e6, "long_name": 1e-3}
+
+
+@pytest.fixture(autouse=True)
+def closed_figures():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return {
+        name: ef.to_inference_data(
+            ef.run(problem.posterior, None, 24, 200, seed=1), problem.posterior
+        )
+        for name, problem in PROBLEMS.items()
+    }
+
+
+def gaussian(d, n=60):
+    rng = np.random.default_rng(d)
+    mix = np.eye(d)
+    mix[: min(d, 3), : min(d, 3)] = CORRELATED[: min(d, 3), : min(d, 3)]
+    draws = 5 + rng.normal(size=(4, n, d)) @ mix
+    data = {
+        name: (("chain", "draw"), scale * draws[:, :, k])
+        for k, (name, scale) in enumerate(list(MIXED.items())[:d])
+    }
+    attrs = {"sample_dims": ["chain", "draw"]}
+    return wrapped({"posterior": xarray.Dataset(data, attrs=attrs)})
+
+
+def ellipses(figure, d):
+    panels = np.array(figure.axes).reshape(d, d)
+    found = {}
+    for (row, column), panel in np.ndenumerate(panels):
+        patches = [patch for patch in panel.patches if isinstance(patch, Ellipse)]
+        if patches:
+            (found[row, column],) = patches
+    return found
+
+
+def powers(draws):
+    return 10.0 ** np.floor(np.log10(np.abs(draws).max(axis=0)))
+
+
+@pytest.mark.parametrize("probability", [0.95, 0.5])
+@pytest.mark.parametrize("d", [1, 2, 3, 5])
+def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
+    idata = gaussian(d, n=1500)  # more samples than points are drawn
+    figure = plot_scatter(idata, probability=probability)
+    draws = samples(idata)[1].reshape(-1, d)
+    assert len(draws) > MOST_POINTS
+    draws = draws / np.where([k in (1, 3, 4) for k in range(d)], powers(draws), 1)
+    found = ellipses(figure, d)
+    assert set(found) == {(row, left) for row in range(d) for left in range(row)}
+    for (row, left), patch in found.items():
+        expected = covariance_ellipse(draws[:, [left, row]], probability)
+        assert_allclose(patch.center, expected.centre, rtol=1e-12)
+        sizes = [patch.width, patch.height]
+        assert_allclose(sizes, 2 * expected.semi_axes, rtol=1e-9)
+        assert_allclose(patch.angle % 180, expected.angle % 180, atol=1e-6)
+        assert not patch.get_fill()
+        assert patch.get_edgecolor()[0] > 0.7 > 0.3 > patch.get_edgecolor()[1]  # red
+        points = figure.axes[row * d + left].lines[0]
+        assert len(points.get_xdata()) == MOST_POINTS
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert legend == ["samples", f"{100 * probability:g} % ellipse"]
+
+
+def test_drawn_points_are_samples_on_their_own_axes():
+    idata = gaussian(3)
+    figure = plot_scatter(idata)
+    draws = samples(idata)[1].reshape(-1, 3)
+    draws[:, 1] /= powers(draws)[1]
+    for row, left in ellipses(figure, 3):
+        points = figure.axes[3 * row + left].lines[0].get_xydata()
+        expected = draws[:, [left, row]]
+        order = [np.lexsort(each.T) for each in (points, expected)]
+        assert_allclose(points[order[0]], expected[order[1]], rtol=1e-12)
+
+
+def test_axes_carry_names_units_and_powers_of_ten(runs):
+    problem = PROBLEMS["h_structure"]
+    figure = plot_scatter(runs["h_structure"], units=problem.units)
+    panels = np.array(figure.axes).reshape(6, 6)
+    names, chains = samples(runs["h_structure"])
+    exponents = np.log10(powers(chains.reshape(-1, 6))).round().astype(int)
+    assert set(exponents[:3]) <= {-8, -7} and set(exponents[3:]) <= {-4, -3}
+    labels = [
+        f"{name} [$10^{{{exponent}}}$ {problem.units[name]}]"
+        for name, exponent in zip(names, exponents, strict=True)
+    ]
+    assert [panel.get_xlabel() for panel in panels[-1]] == labels
+    assert [panel.get_ylabel() for panel in panels[1:, 0]] == labels[1:]
+    plain = plot_scatter(gaussian(3), units={"stiff": "N/m"})
+    labels = [axes.get_xlabel() for axes in plain.axes[-3:]]
+    assert labels == ["stiff [N/m]", "alpha [$10^{-7}$]", "x"]
+
+
+def test_truths_are_marked_on_the_scaled_axes():
+    figure = plot_scatter(gaussian(3), truths={"alpha": 1.1e-7, "x": 14.0})
+    panels = np.array(figure.axes).reshape(3, 3)
+    marks = [
+        [list(np.ravel(line.get_xdata())) for line in panels[k, k].lines]
+        for k in range(3)
+    ]
+    assert marks[0] == []
+    assert_allclose(marks[1], [[1.1, 1.1]], rtol=1e-12)
+    assert_allclose(marks[2], [[14.0, 14.0]], rtol=1e-12)
+    assert figure.legends[0].get_texts()[-1].get_text() == "reference"
+
+
+def visible_texts(figure):
+    hidden = set()
+    for axes in figure.axes:
+        if not axes.get_visible():
+            hidden.update(axes.findobj(Text))
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
+                if not low <= tick.get_loc() <= high or not axis.get_visible():
+                    hidden.update(tick.findobj(Text))
+    return [
+        text
+        for text in figure.findobj(Text)
+        if text.get_visible() and text.get_text() and text not in hidden
+    ]
+
+
+def assert_nothing_is_clipped(figure, *expected):
+    """Check that every text lies on the canvas, up to 1 px, and the expected occur."""
+    assert type(figure) is Figure
+    figure.canvas.draw()  # once, as savefig does
+    texts = visible_texts(figure)
+    width, height = figure.canvas.get_width_height()
+    for text in texts:
+        box = text.get_window_extent()
+        inside = box.x0 >= -1 and box.y0 >= -1 and box.x1 <= width + 1
+        assert inside and box.y1 <= height + 1, (text.get_text(), box)
+    assert set(expected) <= {text.get_text() for text in texts}
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_nothing_is_clipped_and_the_samples_are_not_modified(runs, name):
+    problem, idata = PROBLEMS[name], runs[name]
+    names, before = samples(idata)
+    scatter = plot_scatter(idata, units=problem.units, truths=problem.nominal)
+    assert_nothing_is_clipped(scatter, "95 % ellipse", "samples")
+    labels = {text.get_text().split(" ")[0] for text in visible_texts(scatter)}
+    assert set(names) <= labels
+    axis_label = "total average error of the mean so far (%)"
+    both = {"all": idata, "a rather long label": idata}
+    end = f"ends at {running_tae(idata, problem.posterior)[1][-1]:.3g} %"
+    for curves, expected in [(idata, [end]), (both, [f"{k}, {end}" for k in both])]:
+        figure = plot_tae(curves, problem.posterior)
+        assert_nothing_is_clipped(figure, "generation", axis_label, *expected)
+    assert_nothing_is_clipped(plot_correlation(idata), "correlation", "1.00", *names)
+    assert_array_equal(samples(idata)[1], before)
+
+
+@pytest.mark.parametrize("d", [1, 2, 5])
+def test_few_parameters_and_long_names_are_not_clipped(d):
+    idata = gaussian(d)
+    before = dataset(idata, "posterior").copy(deep=True)
+    units = {"long_name": "kg m²/rad"} if d == 5 else None
+    assert_nothing_is_clipped(plot_scatter(idata, units=units), "95 % ellipse")
+    assert_nothing_is_clipped(plot_correlation(idata), *list(MIXED)[:d])
+    assert dataset(idata, "posterior").identical(before)
+
+
+def test_tae_curves_are_the_running_errors(runs):
+    idata, posterior = runs["mass_spring"], PROBLEMS["mass_spring"].posterior
+    generations, tae = running_tae(idata, posterior)
+    single = plot_tae(idata, posterior).axes[0]
+    several = plot_tae({"a": idata, "b": idata}, posterior).axes[0]
+    end = f"ends at {tae[-1]:.3g} %"
+    for axes, labels in [(single, [end]), (several, [f"a, {end}", f"b, {end}"])]:
+        legend = axes.get_legend().get_texts()
+        assert [text.get_text() for text in legend] == labels
+        count = len(labels)
+        assert len(axes.lines) == count
+        for line in axes.lines:
+            assert_array_equal(line.get_xydata(), np.column_stack([generations, tae]))
+        decade = tae.max() > 10 * tae.min()
+        assert axes.get_xscale() == "log"
+        assert axes.get_yscale() == ("log" if decade else "linear")
+
+
+@pytest.mark.parametrize("d", [1, 2, 5])
+def test_correlation_map_shows_the_correlations(d):
+    idata = gaussian(d)
+    axes = plot_correlation(idata).axes[0]
+    names, chains = samples(idata)
+    expected = np.corrcoef(chains.reshape(-1, d).T).reshape(d, d)
+    assert_allclose(axes.images[0].get_array(), expected, rtol=0, atol=1e-12)
+    assert axes.images[0].get_clim() == (-1, 1)
+    found = {text.get_position(): text.get_text() for text in axes.texts}
+    cells = np.ndindex(d, d)
+    assert found == {(j, i): f"{expected[i, j]:.2f}" for i, j in cells}
+    for axis in (axes.xaxis, axes.yaxis):
+        assert [label.get_text() for label in axis.get_ticklabels()] == names
+
+
+def test_proposals_show_both_moves():
+    figure = plot_proposals()
+    assert len(figure.axes) == 2
+    assert figure.axes[0].get_title().startswith("Metropolis-Hastings")
+    assert figure.axes[1].get_title().startswith("DE-MC")
+
+
+def test_proposals_are_not_clipped():
+    figure = plot_proposals()
+    assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")
+
+
+@pytest.mark.parametrize("argument", ["units", "truths"])
+def test_unknown_names_are_refused(argument):
+    with pytest.raises(ValueError, match=rf"{argument}: no parameter \['z'\]; there"):
+        plot_scatter(gaussian(2), **{argument: {"z": 1}})
+
+
+def test_a_constant_parameter_is_refused_by_name():
+    idata = gaussian(3)
+    dataset(idata, "posterior")["alpha"][:] = 2e-8
+    with pytest.raises(ValueError, match="every sample of 'alpha' is 2e-08"):
+        plot_scatter(idata)

@@ -1,0 +1,266 @@
+"""MatrixModel of scipy.sparse matrices: against closed forms and the dense path."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from emcee_femu.models.eigen.sparse import SEEDED
+from emcee_femu.models.frame.beam_element import mass_matrices, stiffness_matrices
+from emcee_femu.models.matrix import MatrixModel
+
+SIZE = 60
+
+
+def chain(n, free=False, at=None):
+    """Return the stiffness of n masses in a row, or of their springs ``at`` alone."""
+    K = sparse.lil_array((n, n))
+    for spring in range(n + 1) if at is None else at:
+        ends = [i for i in (spring - 1, spring) if 0 <= i < n]
+        if free and len(ends) == 1:
+            continue
+        for i in ends:
+            K[i, i] += 1.0
+        if len(ends) == 2:
+            K[ends[0], ends[1]] -= 1.0
+            K[ends[1], ends[0]] -= 1.0
+    return K.tocsc()
+
+
+def groups(free=False):
+    """Return matrices of two spring groups and two mass groups, of other patterns."""
+    K = {
+        "lower": 40.0 * chain(SIZE, free, range(0, SIZE // 3)),
+        "upper": 90.0 * chain(SIZE, free, range(SIZE // 3, SIZE + 1)),
+    }
+    spread = sparse.diags_array([0.3, 0.3], offsets=[7, -7], shape=(SIZE, SIZE))
+    M = {"load": sparse.csc_array(spread + sparse.diags_array(np.full(SIZE, 1.0)))}
+    return K, M
+
+
+def beam(elements, mass="consistent"):
+    """Return K and M of a pinned beam of length 1 and unit properties."""
+    dofs, h = [1, 5, 7, 11], 1 / elements
+    k = stiffness_matrices(h)["EIz"][np.ix_(dofs, dofs)]
+    m = mass_matrices(h)["rhoA"][np.ix_(dofs, dofs)]
+    if mass == "lumped":
+        m = np.diag([h / 2, 0.0, h / 2, 0.0])
+    K, M = np.zeros((2, 2 * elements + 2, 2 * elements + 2))
+    for e in range(elements):
+        K[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += k
+        M[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += m
+    kept = np.delete(np.arange(len(K)), [0, len(K) - 2])
+    where = np.ix_(kept, kept)
+    return sparse.csc_array(K[where]), sparse.csc_array(M[where])
+
+
+def dense(matrices):
+    return {name: matrix.toarray() for name, matrix in matrices.items()}
+
+
+def random_parameters(n, seed=3):
+    rng = np.random.default_rng(seed)
+    return {name: rng.uniform(0.5, 2.0, n) for name in ("lower", "upper", "load")}
+
+
+@pytest.mark.parametrize("skip", [0, 1])
+@pytest.mark.parametrize("mass_varies", [False, True])
+@pytest.mark.parametrize("n_modes", [3, 12, SIZE - 1])
+def test_sparse_equals_dense(skip, mass_varies, n_modes):
+    K, M = groups(free=skip == 1)
+    K0, M0 = sparse.csc_array((SIZE, SIZE)), sparse.eye_array(SIZE, format="csc")
+    M = M if mass_varies else {}
+    dofs = [40, 3, 59]
+    options = {"n_modes": n_modes, "skip": skip, "shapes": dofs}
+    parameters = random_parameters(4)
+    ours = MatrixModel(K0, M0, K, M, **options)(parameters)
+    theirs = MatrixModel(K0.toarray(), M0.toarray(), dense(K), dense(M), **options)(
+        parameters
+    )
+    assert ours.shapes.shape == (4, 3, n_modes)
+    np.testing.assert_allclose(ours.frequencies, theirs.frequencies, rtol=1e-9)
+    signs = np.sign((ours.shapes * theirs.shapes).sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(ours.shapes, signs * theirs.shapes, atol=1e-6, rtol=0)
+
+
+def test_shapes_are_mass_normalised_modes():
+    K, M = groups()
+    model = MatrixModel(
+        sparse.csc_array((SIZE, SIZE)), 2 * sparse.eye_array(SIZE), K, M,
+        n_modes=6, shapes=True,
+    )  # fmt: skip
+    parameters = random_parameters(3)
+    frequencies, shapes = model(parameters)
+    for i in range(3):
+        k = sum(parameters[name][i] * matrix for name, matrix in K.items())
+        m = 2 * np.eye(SIZE) + parameters["load"][i] * M["load"]
+        phi = shapes[i]
+        np.testing.assert_allclose(phi.T @ m @ phi, np.eye(6), atol=1e-9)
+        omega_squared = (2 * np.pi * frequencies[i]) ** 2
+        np.testing.assert_allclose(
+            phi.T @ (k @ phi), np.diag(omega_squared), atol=1e-9 * omega_squared[-1]
+        )
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_a_chain_of_30_000_masses_has_its_analytic_frequencies(free):
+    n = 30_000
+    diagonal = np.full(n, 2.0)
+    if free:
+        diagonal[[0, -1]] = 1.0
+    K = sparse.diags_array(
+        [diagonal, np.full(n - 1, -1.0), np.full(n - 1, -1.0)], offsets=[0, 1, -1]
+    )
+    nothing, eye = sparse.csc_array((n, n)), sparse.eye_array(n)
+    model = MatrixModel(nothing, eye, {"k": K}, n_modes=5, skip=int(free))
+    k = np.array([4.0, 9e6])
+    j = np.arange(1, 6)
+    half_angle = j * np.pi / (2 * n) if free else j * np.pi / (2 * (n + 1))
+    expected = np.sqrt(k)[:, None] * np.sin(half_angle) / np.pi
+    np.testing.assert_allclose(model({"k": k}).frequencies, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_a_beam_may_keep_its_massless_rotations(mass):
+    K, M = beam(100, mass)
+    frequencies = MatrixModel(K, M, {}, n_modes=4)({}).frequencies[0]
+    expected = np.arange(1, 5) ** 2 * np.pi / 2
+    np.testing.assert_allclose(frequencies, expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("n", [15, 60])
+def test_modes_of_equal_frequency_are_all_found(n):
+    K1, both = chain(n), sparse.eye_array(2)
+    one = MatrixModel(K1, sparse.eye_array(n), {}, n_modes=5)({}).frequencies[0]
+    model = MatrixModel(
+        sparse.kron(both, K1), sparse.eye_array(2 * n), {}, n_modes=10, shapes=True
+    )
+    frequencies, shapes = model({})
+    np.testing.assert_allclose(frequencies[0], np.repeat(one, 2), rtol=1e-9)
+    np.testing.assert_allclose(shapes[0].T @ shapes[0], np.eye(10), atol=1e-8)
+
+
+@pytest.mark.parametrize("n", [90, 2000])
+@pytest.mark.parametrize("stiff", [1e2, 1e5])
+@pytest.mark.parametrize("factor", [1e-9, 1e9])
+def test_rigid_body_modes_are_skipped_at_any_scale(n, stiff, factor):
+    # Pairs of masses, rigid but for 1 / stiff, on soft springs: a chain of the pairs.
+    K = stiff * chain(n, True, range(1, n, 2)) + chain(n, True, range(2, n, 2))
+    model = MatrixModel(factor * K, sparse.eye_array(n), {}, n_modes=4, skip=1)
+    omega = 2 * np.sqrt(0.5) * np.sin(np.arange(1, 5) * np.pi / n)
+    frequencies = model({}).frequencies[0] / np.sqrt(factor)
+    np.testing.assert_allclose(frequencies, omega / (2 * np.pi), rtol=1 / stiff)
+
+
+@pytest.mark.parametrize("n", [50, 500, 5000])
+def test_a_free_chain_is_no_elastic_one(n):
+    # Its last pivot is rounding, of either sign.
+    for seed in range(12):
+        k = np.random.default_rng(seed).uniform(1e8, 9e8, n - 1)
+        K = sparse.diags_array(
+            [np.append(k, 0) + np.append(0, k), -k, -k], offsets=[0, 1, -1]
+        )
+        model = MatrixModel(K, sparse.eye_array(n), {}, n_modes=3)
+        with pytest.raises(ValueError, match=r"mode 1 is not elastic"):
+            model({})
+
+
+@pytest.mark.skipif(not SEEDED, reason="this scipy restarts Lanczos unseeded")
+def test_shapes_that_are_any_are_always_the_same():
+    # The Krylov space ends at once, and ARPACK goes on from a random vector.
+    eye = sparse.eye_array(40)
+    model = MatrixModel(4 * eye, eye, {}, n_modes=3, shapes=True)
+    first, second = model({}), model({})
+    np.testing.assert_allclose(first.frequencies, np.full((1, 3), 1 / np.pi))
+    assert np.array_equal(first.shapes, second.shapes)
+
+
+def test_a_batch_equals_a_loop_to_the_bit_and_so_does_a_pickle():
+    K, M = groups(free=True)
+    model = MatrixModel(
+        sparse.csc_array((SIZE, SIZE)), sparse.eye_array(SIZE), K, M,
+        n_modes=5, skip=1, shapes=True,
+    )  # fmt: skip
+    parameters = random_parameters(5)
+    batch = pickle.loads(pickle.dumps(model))(parameters)
+    for i in (4, 0, 2):
+        one = model({name: value[i : i + 1] for name, value in parameters.items()})
+        assert np.array_equal(batch.frequencies[i], one.frequencies[0])
+        assert np.array_equal(batch.shapes[i], one.shapes[0])
+
+
+def test_dense_matrices_may_stand_beside_a_sparse_K0_but_not_the_reverse():
+    K, _ = groups()
+    nothing, eye = sparse.csc_array((SIZE, SIZE)), np.eye(SIZE)
+    parameters = random_parameters(1)
+    mixed = MatrixModel(nothing, eye, dense(K), n_modes=2)(parameters)
+    pure = MatrixModel(nothing, sparse.csc_array(eye), K, n_modes=2)(parameters)
+    assert np.array_equal(mixed.frequencies, pure.frequencies)
+    with pytest.raises(
+        TypeError, match=r"K\['lower'\]: a sparse matrix beside a dense"
+    ):
+        MatrixModel(nothing.toarray(), eye, K, n_modes=2)
+
+
+@pytest.mark.parametrize(
+    ("k", "free", "skip", "message"),
+    [
+        (-1.0, False, 0, r"mode 1 is not elastic .* at \{'k': -1.0\}"),
+        (-1.0, True, 1, r"mode 2 is not elastic .* at \{'k': -1.0\}"),
+        (3.0, True, 0, r"mode 1 is not elastic .* at \{'k': 3.0\}.*beyond skip=0"),
+        (1.0, True, 0, r"mode 1 is not elastic .* at \{'k': 1.0\}.*beyond skip=0"),
+        (0.0, False, 1, r"mode 2 is not elastic .* at \{'k': 0.0\}.*beyond skip=1"),
+        (1.0, False, 1, r"skip=1, but mode 1 is elastic: 0.0\d+ Hz at \{'k': 1.0\}"),
+        (1.0, True, 3, r"skip=3, but mode 3 is elastic"),
+    ],
+)
+def test_a_wrong_stiffness_is_named_by_its_parameters(k, free, skip, message):
+    K0, K = sparse.csc_array((50, 50)), {"k": chain(50, free)}
+    model = MatrixModel(K0, sparse.eye_array(50), K, n_modes=2, skip=skip)
+    with pytest.raises(ValueError, match=message):
+        model({"k": np.array([k])})
+
+
+def test_two_rigid_bodies_are_not_one():
+    K = sparse.block_diag([chain(40, True), 3 * chain(40, True)])
+    model = MatrixModel(K, sparse.eye_array(80), {}, n_modes=2, skip=1)
+    with pytest.raises(ValueError, match=r"mode 2 is not elastic.*beyond skip=1"):
+        model({})
+
+
+def test_one_negative_spring_among_many_is_seen():
+    # Far below zero, where shift-invert at zero would not look.
+    K = {"k": sparse.csc_array(([1.0], ([25], [25])), shape=(50, 50))}
+    model = MatrixModel(chain(50), sparse.eye_array(50), K, n_modes=2)
+    with pytest.raises(ValueError, match=r"1 pivot\(s\).*at \{'k': -1000000.0\}"):
+        model({"k": np.array([-1e6])})
+
+
+def test_an_indefinite_mass_is_named_by_its_parameters():
+    _, M = groups()
+    model = MatrixModel(chain(SIZE), sparse.eye_array(SIZE), {}, M, n_modes=2)
+    with pytest.raises(ValueError, match=r"mass matrix at \{'load': -3.0\} is not pos"):
+        model({"load": np.array([1.0, -3.0])})
+
+
+def test_few_DOFs_with_mass_equal_static_condensation():
+    K, m = chain(80).toarray(), np.zeros(80)
+    at = [9, 33, 34, 71]
+    m[at] = [1.0, 2.0, 0.5, 3.0]
+    rest = np.delete(np.arange(80), at)
+    inner = np.linalg.solve(K[np.ix_(rest, rest)], K[np.ix_(rest, at)])
+    condensed = K[np.ix_(at, at)] - K[np.ix_(at, rest)] @ inner
+    expected = MatrixModel(condensed, np.diag(m[at]), {}, n_modes=4, shapes=True)({})
+    model = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=4, shapes=True)
+    frequencies, shapes = model({})
+    np.testing.assert_allclose(frequencies, expected.frequencies, rtol=1e-10)
+    overlap = shapes[0, at].T @ np.diag(m[at]) @ expected.shapes[0]
+    np.testing.assert_allclose(np.abs(overlap), np.eye(4), atol=1e-9)
+    np.testing.assert_allclose(shapes[0, rest], -inner @ shapes[0, at], atol=1e-9)
+
+
+def test_more_modes_than_DOFs_with_mass_are_refused():
+    K, M = beam(10, "lumped")
+    with pytest.raises(ValueError, match=r"<= 9 \(the DOFs with mass\), got 10"):
+        MatrixModel(K, M, {}, n_modes=10)({})

@@ -1,0 +1,238 @@
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from emcee_femu.posterior.priors import GaussianPrior, IndependentPrior, uniform_between
+
+INF = np.inf
+CUTS = {  # (low, high) in standard deviations from the mean
+    "around the mean": (-1.0, 2.0),
+    "narrow": (-1e-3, 2e-3),
+    "far upper tail": (30.0, 31.0),
+    "far lower tail": (-38.0, -37.5),
+    "half-infinite above": (-0.5, INF),
+    "half-infinite below": (-INF, -3.0),
+    "half-infinite far tail": (40.0, INF),
+    "mean outside": (2.0, 5.0),
+}
+UNITS = {"1": (0.0, 1.0), "1e-8": (3e-8, 1e-8), "1e11": (2.1e11, 1e10)}
+
+
+def points_inside(low, high):
+    """Both finite ends, and points between them."""
+    ends = [end for end in (low, high) if np.isfinite(end)]
+    low = max(low, min(ends) - 4.0)
+    high = min(high, max(ends) + 4.0)
+    return np.concatenate([ends, np.linspace(low, high, 9)[1:-1]])
+
+
+def test_without_bounds_the_gaussian_is_a_sum_of_norm_logpdf():
+    mean, sd = np.array([4e3, 3e-8, 2.1e11, -1.0]), np.array([5e2, 1e-8, 1e10, 1e-3])
+    prior = GaussianPrior(["k", "I", "E", "c"], mean, sd)
+    theta = mean + sd * np.random.default_rng(1).normal(0, 3, (50, 4))
+    expected = stats.norm.logpdf(theta, mean, sd).sum(axis=1)
+    np.testing.assert_allclose(prior.logpdf(theta), expected, rtol=1e-13)
+    assert prior.names == ("k", "I", "E", "c")
+    np.testing.assert_array_equal(prior.bounds, [[-INF, INF]] * 4)
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("cut", CUTS)
+def test_with_bounds_the_gaussian_is_truncnorm(cut, unit):
+    mean, sd = UNITS[unit]
+    low, high = mean + sd * np.array(CUTS[cut])
+    theta = np.clip(mean + sd * points_inside(*CUTS[cut]), low, high)
+    prior = GaussianPrior(["a"], [mean], sd, [(low, high)])
+    cut_in_sd = (np.array([low, high]) - mean) / sd
+    expected = stats.truncnorm.logpdf(theta, *cut_in_sd, mean, sd)
+    # A far tail is a difference of numbers near 800, each with 16 digits.
+    np.testing.assert_allclose(prior.logpdf(theta[:, None]), expected, 1e-13, 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [(-1.0, 2.0), (0.5, 5.0), (30.0, 31.0), (-38.0, -37.5), (-1e-3, 2e-3)],
+)
+def test_cut_gaussian_integrates_to_one_with_scales_1e_minus_8_and_1e11(low, high):
+    mean, sd = np.array([3e-8, 2.1e11]), np.array([1e-8, 1e11])
+    bounds = np.array([[low, high], [-0.3, 0.8]]) * sd[:, None] + mean[:, None]
+    prior = GaussianPrior(["I", "E"], mean, sd, bounds)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    half = np.diff(bounds)[:, 0] / 2
+    axes = bounds.mean(axis=1)[:, None] + half[:, None] * nodes
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    density = np.exp(prior.logpdf(grid)).reshape(60, 60)
+    total = half.prod() * weights @ density @ weights
+    assert total == pytest.approx(1.0, abs=1e-10)
+
+
+def test_gaussian_is_finite_on_a_bound_and_minus_infinity_an_ulp_beyond():
+    low, high = np.array([1e3, 1e-8]), np.array([5e3, 9e-8])
+    prior = GaussianPrior(["k", "I"], [4e3, 3e-8], [5e2, 1e-8], np.c_[low, high])
+    assert np.isfinite(prior.logpdf(np.array([low, high]))).all()
+    middle = (low + high) / 2
+    for column in range(2):
+        beyond = np.array([middle] * 2)
+        beyond[:, column] = (
+            np.nextafter(low[column], -INF),
+            np.nextafter(high[column], INF),
+        )
+        np.testing.assert_array_equal(prior.logpdf(beyond), [-INF, -INF])
+
+
+@pytest.mark.parametrize("cut", CUTS)
+def test_gaussian_samples_are_inside_with_the_moments_of_truncnorm(cut):
+    n, mean, sd = 20_000, 4e3, 5e2
+    low, high = mean + sd * np.array(CUTS[cut])
+    prior = GaussianPrior(["k", "free"], [mean, 1.0], [sd, 2.0], [(low, high), (-9, 9)])
+    draws = prior.sample(np.random.default_rng(7), n)
+    assert draws.shape == (n, 2)
+    assert np.isfinite(prior.logpdf(draws)).all()
+    exact = stats.truncnorm(*(np.array([low, high]) - mean) / sd, mean, sd)
+    # scipy's own moments cancel in far tails: integrate the density instead.
+    around = np.array(points_inside(*CUTS[cut]))
+    start, stop = max(low, mean + sd * (around.min() - 4)), min(high, exact.isf(1e-13))
+    x = np.linspace(start, stop, 20_001)
+    weight = exact.pdf(x) / integrate.simpson(exact.pdf(x), x=x)
+    centre = integrate.simpson(weight * x, x=x)
+    deviation = x - centre
+    second, fourth = (integrate.simpson(weight * deviation**p, x=x) for p in (2, 4))
+    k = draws[:, 0]
+    assert abs(k.mean() - centre) / np.sqrt(second / n) < 5
+    z = (((k - centre) ** 2).mean() - second) / np.sqrt((fourth - second**2) / n)
+    assert abs(z) < 5
+    assert abs(np.corrcoef(draws.T)[0, 1]) * np.sqrt(n) < 5
+    assert abs(draws[:, 1].mean() - 1.0) / (2.0 / np.sqrt(n)) < 5
+
+
+def test_gaussian_copies_its_arguments():
+    mean, sd, bounds = np.array([1.0]), np.array([2.0]), np.array([[-1.0, 3.0]])
+    prior = GaussianPrior(["a"], mean, sd, bounds)
+    before = prior.logpdf(np.array([[0.5]]))
+    for array in (mean, sd, bounds):
+        array += 1.0
+    np.testing.assert_array_equal(prior.logpdf(np.array([[0.5]])), before)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"mean": [1.0]}, ValueError, "mean: .*2 names"),
+        ({"mean": [1.0, 2.0, 3.0]}, ValueError, "mean: .*2 names"),
+        ({"mean": 1.0}, ValueError, r"mean: expected 1 dimension"),
+        ({"mean": [1.0, np.nan]}, ValueError, r"mean: .*nan at index \(1,\)"),
+        ({"mean": ["1", "2"]}, TypeError, "mean: expected real numbers"),
+        ({"sd": [1.0, 1.0, 1.0]}, ValueError, "sd: "),
+        ({"sd": [1.0]}, ValueError, "sd: "),
+        ({"sd": 0.0}, ValueError, "sd: expected numbers above zero"),
+        ({"sd": [1.0, -1.0]}, ValueError, r"sd: .*-1.0 at index \(1,\)"),
+        ({"bounds": [(0, 9)]}, ValueError, r"bounds: .*\(2, 2\)"),
+        ({"bounds": (0, 9)}, ValueError, r"bounds: .*\(2, 2\)"),
+        ({"bounds": [(0, 9), (9, 0)]}, ValueError, "bounds: low < high for 'I'"),
+        ({"bounds": [(5, 5), (0, 9)]}, ValueError, "bounds: low < high for 'k'"),
+        ({"bounds": [(0, 9), (np.nan, 9)]}, ValueError, "bounds: low < high for 'I'"),
+        ({"bounds": [(0, 9), (0, np.nan)]}, ValueError, "bounds: low < high for 'I'"),
+        ({"bounds": [(0, 9), (INF, INF)]}, ValueError, "bounds: low < high for 'I'"),
+        ({"bounds": [(0, 9), (None, 9)]}, TypeError, "bounds: expected real numbers"),
+        ({"names": ["k", "k"]}, ValueError, r"names: .*\['k'\]"),
+        ({"names": "kI"}, TypeError, r"names: .*write \['kI'\]"),
+        ({"names": []}, ValueError, "names: expected at least one"),
+        ({"names": ["k", ""]}, TypeError, "names: expected non-empty strings"),
+        ({"names": ["k", 2]}, TypeError, "names: expected non-empty strings"),
+    ],
+)
+def test_gaussian_refuses(change, error, message):
+    good = {"names": ["k", "I"], "mean": [1.0, 2.0], "sd": [1.0, 2.0]}
+    good["bounds"] = [(0.0, 9.0), (0.0, 9.0)]
+    GaussianPrior(**good)
+    with pytest.raises(error, match=message.replace("low <", ".*low <")):
+        GaussianPrior(**good | change)
+
+
+@pytest.mark.parametrize("bounds", [(0.0, 1e-310), (1e160, INF), (-2e200, -1e200)])
+def test_gaussian_refuses_bounds_without_probability_by_name(bounds):
+    with pytest.raises(ValueError, match="bounds: .*'far' has no probability"):
+        GaussianPrior(["near", "far"], [0.0, 0.0], 1.0, [(-1.0, 1.0), bounds])
+
+
+MARGINALS = {
+    "u": stats.uniform(1e3, 4e3),
+    "ln": stats.lognorm(0.5, scale=3e-8),
+    "tn": stats.truncnorm(-1.0, 3.0, loc=2.1e11, scale=1e10),
+}
+
+
+@pytest.mark.parametrize("order", [("u", "ln", "tn"), ("tn", "u", "ln")])
+def test_independent_prior_is_its_marginals_in_their_order(order):
+    prior = IndependentPrior({name: MARGINALS[name] for name in order})
+    assert prior.names == order
+    np.testing.assert_array_equal(prior.bounds, [MARGINALS[n].support() for n in order])
+    draws = prior.sample(np.random.default_rng(3), 4000)
+    assert draws.shape == (4000, 3)
+    expected = np.zeros(4000)
+    for name, column in zip(order, draws.T, strict=True):
+        assert stats.kstest(column, MARGINALS[name].cdf).pvalue > 1e-4, name
+        expected += MARGINALS[name].logpdf(column)
+    np.testing.assert_allclose(prior.logpdf(draws), expected, rtol=1e-14)
+    np.testing.assert_allclose(
+        prior.mean, [MARGINALS[name].mean() for name in order], rtol=1e-14
+    )
+    correlation = np.corrcoef(draws.T)[np.triu_indices(3, 1)]
+    assert (abs(correlation) * np.sqrt(4000) < 5).all()
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [(0, 999.0), (0, 5001.0), (1, -1e-9), (2, 1.9e11), (2, 2.5e11)]
+)
+def test_independent_prior_is_minus_infinity_outside_one_support(column, value):
+    prior = IndependentPrior(MARGINALS)
+    theta = np.array([[2e3, 3e-8, 2.1e11]] * 2)
+    theta[1, column] = value
+    logpdf = prior.logpdf(theta)
+    assert np.isfinite(logpdf[0]) and logpdf[1] == -INF
+
+
+@pytest.mark.parametrize(
+    ("marginals", "error", "message"),
+    [
+        ({"a": stats.norm}, TypeError, r"marginals\['a'\]: .*frozen"),
+        ({"a": stats.uniform}, TypeError, r"marginals\['a'\]: .*frozen"),
+        ({"a": stats.lognorm}, TypeError, r"marginals\['a'\]: .*frozen"),
+        ({"a": stats.poisson(3)}, TypeError, r"marginals\['a'\]: .*continuous"),
+        ({"a": stats.norm(), "b": 3.0}, TypeError, r"marginals\['b'\]: .*3.0"),
+        ({"a": (0.0, 1.0)}, TypeError, r"marginals\['a'\]: "),
+        ({"a": stats.multivariate_normal([0, 0])}, TypeError, r"marginals\['a'\]: "),
+        ({"a": stats.norm(0, -1)}, ValueError, "'a'.*nan"),
+        ({"a": stats.norm([0, 1], 1)}, ValueError, "bounds: "),
+        ([stats.norm()], TypeError, "marginals: .*list"),
+        ({}, ValueError, "marginals: expected at least one"),
+        ({1: stats.norm()}, TypeError, "marginals: expected non-empty strings"),
+    ],
+)
+def test_independent_prior_refuses(marginals, error, message):
+    with pytest.raises(error, match=message):
+        IndependentPrior(marginals)
+
+
+def test_uniform_between_is_flat_from_low_to_high():
+    uniform = uniform_between(1000.0, 5000.0)
+    assert uniform.support() == (1000.0, 5000.0)
+    x = np.array([999.9, 1000.0, 2345.0, 5000.0, 5000.1])
+    flat = -np.log(4000.0)
+    np.testing.assert_allclose(uniform.logpdf(x), [-INF, flat, flat, flat, -INF])
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "error", "message"),
+    [
+        (5.0, 1.0, ValueError, "low: expected below high = 1, got 5"),
+        (1.0, 1.0, ValueError, "low: "),
+        (0.0, INF, ValueError, "high: expected finite"),
+        (np.nan, 1.0, ValueError, "low: expected finite"),
+        ("0", 1.0, TypeError, "low: expected real"),
+        ([0.0, 1.0], 2.0, ValueError, r"low: expected 0 dimension"),
+    ],
+)
+def test_uniform_between_refuses(low, high, error, message):
+    with pytest.raises(error, match=message):
+        uniform_between(low, high)

@@ -1,0 +1,221 @@
+import arviz as az
+import emcee
+import numpy as np
+import pytest
+import xarray
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+
+import emcee_femu as ef
+from emcee_femu.moves import MetropolisMove
+from emcee_femu.results.diagnostics import autocorrelation_time
+from emcee_femu.results.inference_data import effective_sizes, rhat
+
+SAMPLE_DIMS = {"sample_dims": ["chain", "draw"]}
+
+
+def backend(chain, accepted=None):
+    """Return an emcee backend that holds ``chain (steps, walkers, d)``."""
+    steps, walkers, d = chain.shape
+    accepted = np.ones((steps, walkers), bool) if accepted is None else accepted
+    filled = emcee.backends.Backend()
+    filled.reset(walkers, d)
+    filled.grow(steps, None)
+    for coords, moved in zip(chain, accepted, strict=True):
+        filled.save_step(emcee.State(coords, log_prob=np.zeros(walkers)), moved)
+    return filled
+
+
+def ar1(phis, steps, walkers, seed, mean=0.0, sd=1.0):
+    """Return stationary AR(1) chains ``(steps, walkers, d)``, one phi a parameter."""
+    rng, phi = np.random.default_rng(seed), np.array(phis)
+    chain = rng.normal(size=(steps, walkers, len(phi)))
+    for i in range(1, steps):
+        chain[i] = phi * chain[i - 1] + np.sqrt(1 - phi**2) * chain[i]
+    return mean + sd * chain
+
+
+PHI = np.array([0.0, 0.5, 0.8])
+TAU = (1 + PHI) / (1 - PHI)  # 1, 3, 9
+STEPS, WALKERS = 8000, 12
+
+
+@pytest.fixture(scope="module")
+def same_law():
+    scale = {"mean": 1e-4, "sd": 1e-8}  # as small as second moments of area
+    return [backend(ar1(PHI, STEPS, WALKERS, seed, **scale)) for seed in (1, 2)]
+
+
+def test_tau_and_ess_are_those_of_an_autoregressive_chain(same_law):
+    found = ef.diagnose(same_law)
+    # Sokal's window is 5 tau wide; the estimator is low by about (2 M + 1) / steps.
+    window = 2 * 5 * TAU + 1
+    error = 4 * np.sqrt(2 * window / (STEPS * WALKERS)) + window / STEPS
+    assert (error < 0.2).all()
+    assert found.tau.shape == (2, 3)
+    assert (np.abs(found.tau / TAU - 1) < error).all()
+    assert_allclose(found.steps_per_tau, STEPS / found.tau.max(axis=0), rtol=1e-15)
+    samples = 2 * WALKERS * STEPS
+    assert_allclose(found.ess_bulk, samples / TAU, rtol=0.06)
+    assert (found.ess_tail > samples / TAU * 0.9).all()
+    assert found.steps == STEPS
+    assert found.names == ("theta1", "theta2", "theta3")
+
+
+def test_tau_is_that_of_one_ensemble_and_discard_shortens_it(same_law):
+    slow = backend(ar1([0.9, 0.5, 0.0], STEPS, WALKERS, 3))
+    found = ef.diagnose([same_law[0], slow], discard=6000)
+    assert found.steps == 2000
+    for row, run in zip(found.tau, (same_law[0], slow), strict=True):
+        assert_array_equal(row, autocorrelation_time(run.get_chain()[6000:]))
+    assert found.tau[1, 0] > 10 > found.tau[0, 0]
+    assert_allclose(found.steps_per_tau[0], 2000 / found.tau[1, 0], rtol=1e-15)
+
+
+def test_two_ensembles_of_one_law_converge_but_one_cannot_show_it(same_law):
+    found = ef.diagnose(same_law)
+    assert found.converged
+    assert found.verdict.startswith("Converged by every check: 2 ensembles agree")
+    assert (found.rhat_between < 1.01).all() and (found.rhat_within < 1.02).all()
+    assert found.stuck == ()
+    alone = ef.diagnose(same_law[0])
+    assert "one ensemble cannot show a missed mode" in alone.verdict
+    assert not alone.converged and np.isnan(alone.rhat_between).all()
+
+
+def test_rhat_is_over_walkers_within_and_over_ensembles_between(same_law):
+    other = backend(ar1(PHI, STEPS, WALKERS, 5, mean=1e-4 + 5e-9, sd=1e-8))
+    found = ef.diagnose([same_law[0], other])
+    walkers = [run.get_chain().swapaxes(0, 1) for run in (same_law[0], other)]
+    assert_allclose(found.rhat_within, np.maximum(*map(rhat, walkers)), rtol=1e-12)
+    pooled = np.stack([chain.reshape(-1, 3) for chain in walkers])
+    assert_allclose(found.rhat_between, rhat(pooled), rtol=1e-12)
+    assert (found.rhat_between > 1.02).all()
+
+
+def test_two_ensembles_in_different_modes_are_not_converged(same_law):
+    away = backend(ar1(PHI, STEPS, WALKERS, 4, mean=1e-4 + 6e-8, sd=1e-8))
+    found = ef.diagnose([same_law[0], away])
+    assert (found.rhat_between > 1.1).all() and (found.rhat_within < 1.05).all()
+    assert not found.converged
+    assert found.verdict.startswith("Not converged: the ensembles disagree about theta")
+
+
+def test_walkers_that_stay_apart_within_one_ensemble_are_flagged():
+    chain = ar1([0.5, 0.5], 1000, 8, 6)
+    chain[:, 4:, 1] += 6
+    found = ef.diagnose([backend(chain), backend(chain[::-1])])
+    assert found.rhat_within[1] > 1.5 and found.rhat_within[0] < 1.02
+    assert (found.steps_per_tau > 50).all()  # tau cannot see it
+    assert not found.converged
+    assert "the walkers of one ensemble stay apart in theta2" in found.verdict
+
+
+def test_a_chain_of_too_few_autocorrelation_times_is_not_converged():
+    chains = [ar1([0.9, 0.2], 400, 8, seed) for seed in (1, 2)]  # about 21 and 267 tau
+    found = ef.diagnose([backend(chain) for chain in chains])
+    assert 10 < found.steps_per_tau[0] < 50 < found.steps_per_tau[1]
+    assert not found.converged
+    length = f"{found.steps_per_tau[0]:.0f} autocorrelation times long for theta1"
+    assert found.verdict.startswith(f"Not converged: the chain is {length}")
+
+
+def test_stuck_walkers_are_reported_and_left_out_of_tau():
+    chains = [ar1([0.5, 0.5], 1000, 8, seed) for seed in (1, 2)]
+    chains[0][100:, 3] = chains[0][100, 3]
+    chains[1][:, 6] = chains[1][0, 6]
+    runs = [backend(chain) for chain in chains]
+    assert ef.diagnose(runs).stuck == ((1, 6),)
+    found = ef.diagnose(runs, discard=100)
+    assert found.stuck == ((0, 3), (1, 6))
+    assert not found.converged
+    assert found.verdict.startswith("Not converged: 2 walkers never moved")
+    assert "[(0, 3), (1, 6)]" in found.verdict
+    for row, chain, gone in zip(found.tau, chains, (3, 6), strict=True):
+        kept = np.delete(chain, gone, axis=1)[100:]
+        assert_array_equal(row, autocorrelation_time(kept))
+
+
+def test_tau_is_nan_when_no_walker_of_the_ensemble_moved():
+    frozen = np.repeat(ar1([0, 0], 1, 8, 1), 300, axis=0)
+    found = ef.diagnose([backend(ar1([0, 0], 300, 8, 2)), backend(frozen)])
+    assert_array_equal(np.isnan(found.tau), [[False] * 2, [True] * 2])
+    assert found.stuck == tuple((1, walker) for walker in range(8))
+    assert "8 walkers never moved" in found.verdict and not found.converged
+
+
+def test_acceptance_is_the_fraction_of_every_walker():
+    chain = ar1([0.5], 200, 4, 1)
+    shares = np.array([[0.1, 0.25, 0.5, 1.0], [0.2, 0.4, 0.6, 0.8]])
+    step = np.arange(200)[:, None]
+    runs = [backend(chain, step < 200 * share) for share in shares]
+    assert_allclose(ef.diagnose(runs, discard=20).acceptance, shares, rtol=1e-15)
+
+
+@pytest.mark.parametrize("steps, discard", [(7, 0), (20, 13)])
+def test_fewer_than_eight_steps_are_an_error(steps, discard):
+    chain = ar1([0.5], steps + 1, 4, 1)
+    assert ef.diagnose(backend(chain), discard).steps == 8
+    with pytest.raises(ValueError, match="at least 8 steps to judge, left 7"):
+        ef.diagnose(backend(chain[:steps]), discard)
+
+
+def normal_scores(x):
+    return stats.norm.ppf((stats.rankdata(x) - 0.375) / (x.size + 0.25))
+
+
+def potential_scale(split):
+    z = normal_scores(split).reshape(split.shape)
+    n = z.shape[1]
+    ratio = z.mean(axis=1).var(ddof=1) / z.var(axis=1, ddof=1).mean()
+    return np.sqrt((n - 1) / n + ratio)
+
+
+def test_rhat_and_effective_sizes_equal_their_definitions():
+    chains = ar1([0.8, 0.2], 60, 4, 3).swapaxes(0, 1)
+    chains *= np.linspace(1, 3, 4)[:, None, None]  # folded ranks see it
+    bulk, tail = effective_sizes(chains)
+    for k, x in enumerate(np.moveaxis(chains, -1, 0)):
+        split = x.reshape(8, 30)
+        folded = np.abs(split - np.median(split))
+        expected = max(potential_scale(split), potential_scale(folded))
+        assert_allclose(rhat(chains)[k], expected, rtol=1e-12)
+        both = {"x": x, "scores": normal_scores(x).reshape(x.shape)}
+        data = {name: (("chain", "draw"), value) for name, value in both.items()}
+        table = xarray.Dataset(data, attrs=SAMPLE_DIMS)
+        assert_allclose(bulk[k], az.ess(table, method="mean")["scores"], rtol=1e-9)
+        ends = [az.ess(table, method="quantile", prob=p)["x"] for p in (0.05, 0.95)]
+        assert_allclose(tail[k], min(ends), rtol=1e-9)
+
+
+class Square:
+    n_modes = 2
+
+    def __call__(self, p):
+        rows = np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"]], axis=1)
+        return ef.ModalSolution(rows)
+
+
+POSTERIOR = ef.LogPosterior(
+    Square(),
+    ef.FrequencyTerm([10.0, 25.0], beta=1e3),
+    ef.GaussianPrior(["stiff", "alpha"], [1.0, 1.2], 0.1, [(0.1, 9.0)] * 2),
+)
+
+
+@pytest.mark.parametrize("vectorize", [True, False])
+def test_names_are_those_of_the_posterior_and_text_shows_them(vectorize):
+    move = MetropolisMove(0.05)
+    runs = ef.run(POSTERIOR, move, 4, 30, ensembles=2, seed=1, vectorize=vectorize)
+    found = ef.diagnose(runs)
+    assert found.names == ("stiff", "alpha")
+    text = str(found).splitlines()
+    for i, name in enumerate(found.names):
+        cells = text[1 + i].split()
+        expected = [found.tau[:, i].max(), found.steps_per_tau[i], found.ess_bulk[i]]
+        expected += [found.ess_tail[i], found.rhat_within[i], found.rhat_between[i]]
+        assert cells[0] == name
+        assert_allclose([float(x) for x in cells[1:]], expected, rtol=0, atol=0.5)
+        assert cells[5:] == [f"{x:.3f}" for x in expected[4:]]
+    assert text[-1] == found.verdict
+    assert_array_equal(found.acceptance, [run.acceptance_fraction for run in runs])

@@ -1,0 +1,299 @@
+"""What the data say: closed forms of linear-Gaussian problems, and what is refused."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from support.known_posteriors import (
+    CURVATURE,
+    GRADIENT,
+    NAMES,
+    PRIOR_SD,
+    exact_draws,
+    gaussian_posterior,
+    linear_frequencies,
+    made,
+)
+
+import emcee_femu as ef
+from emcee_femu.results.identifiability import identifiability
+from emcee_femu.results.inference_data import dataset
+
+COVARIANCE = gaussian_posterior(GRADIENT[:2], 0.1)
+
+
+@pytest.fixture
+def found():
+    z = exact_draws(COVARIANCE, mean=[0.2, -0.1, 1.0])
+    return identifiability(made(z, linear_frequencies(z, curvature=0 * CURVATURE)))
+
+
+def test_sd_ratio_and_correlation_are_those_of_the_gaussian_posterior(found):
+    sd = np.sqrt(np.diag(COVARIANCE))
+    assert found.names == NAMES
+    assert_allclose(found.sd_ratio, sd, rtol=1e-10)
+    assert_allclose(found.correlation, COVARIANCE / np.outer(sd, sd), atol=1e-10)
+
+
+def test_sensitivities_of_a_linear_model_are_its_matrix(found):
+    assert_allclose(found.sensitivities, GRADIENT, rtol=0, atol=1e-9)
+    assert_allclose(found.r_squared, [1, 1, np.nan, 1], rtol=1e-9)
+    assert (found.sensitivities[2] == 0).all()  # a mode that nothing changes
+
+
+def test_sensitivities_of_a_curved_model_are_its_gradient_at_the_posterior_mean():
+    mean = np.array([0.5, -1.0, 2.0])
+    z = exact_draws(COVARIANCE, mean)
+    found = identifiability(made(z, linear_frequencies(z)))
+    expected = GRADIENT + 2 * CURVATURE[:, None] * mean
+    assert_allclose(found.sensitivities, expected, rtol=0, atol=1e-9)
+
+
+def test_sensitivities_are_the_eigenvalue_derivatives_from_the_mode_shapes():
+    stiffness = {
+        "k1": np.array([[1e3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
+        "k2": 800.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]),
+        "k3": 600.0 * np.array([[0.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 1.0]]),
+    }
+    mass = np.diag([2.0, 1.0, 1.5])
+    model = ef.MatrixModel(np.zeros((3, 3)), mass, K=stiffness, n_modes=3)
+    mean, prior_sd = np.array([1.1, 0.9, 1.2]), np.array([0.3, 0.2, 0.1])
+    z = exact_draws(0.02**2 * np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1]]))
+    z = z + mean / prior_sd
+    theta = dict(zip(stiffness, (z * prior_sd).reshape(-1, 3).T, strict=True))
+    frequencies = model(theta).frequencies.reshape(4, -1, 3)
+    found = identifiability(made(z, frequencies, prior_sd, tuple(stiffness)))
+
+    K = sum(x * k for x, k in zip(mean, stiffness.values(), strict=True))
+    root = np.sqrt(np.diag(mass))
+    eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
+    shapes = shapes / root[:, None]
+    derivative = [
+        np.diag(shapes.T @ k @ shapes) / eigenvalues for k in stiffness.values()
+    ]
+    expected = np.transpose(derivative) * prior_sd
+    assert_allclose(found.sensitivities, expected, rtol=0, atol=2e-5)
+    assert found.r_squared.min() > 0.99999
+
+
+def test_a_sampled_linear_gaussian_problem_has_its_known_answer():
+    design = np.array([[3.0, 1.0], [1.0, -2.0]])  # Hz per unit of the parameters
+    model = ef.FunctionModel(
+        lambda p: [20 + 3 * p["a"] + p["b"], 50 + p["a"] - 2 * p["b"]], n_modes=2
+    )
+    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], [1.0, 0.5])
+    relative, measured = 0.02, np.array([20.0, 50.0])
+    posterior = ef.LogPosterior(
+        model, ef.FrequencyTerm(measured, relative_sd=relative), prior
+    )
+    runs = ef.run(posterior, None, 40, 1500, ensembles=2, seed=3)
+    found = identifiability(ef.to_inference_data(runs, posterior, discard=300))
+    scaled = design * [1.0, 0.5] / (relative * measured[:, None])
+    covariance = np.linalg.inv(np.eye(2) + scaled.T @ scaled)
+    sd = np.sqrt(np.diag(covariance))
+    assert_allclose(found.sd_ratio, sd, rtol=0.05)
+    assert_allclose(found.correlation[0, 1], covariance[0, 1] / sd.prod(), atol=0.05)
+    # The mean of the posterior is zero: d ln(lambda) = 2 df / f.
+    expected = 2 * design * [1.0, 0.5] / measured[:, None]
+    assert_allclose(found.sensitivities, expected, rtol=0, atol=2e-3)
+
+
+def test_a_parameter_that_does_not_enter_is_named():
+    design = np.array([[0.3, 0.0, 0.1], [-0.2, 0.0, 0.3]])
+    z = exact_draws(gaussian_posterior(design, 0.05))
+    found = identifiability(made(z, linear_frequencies(z, design, 0.0)))
+    assert_allclose(found.sd_ratio[1], 1.0, rtol=1e-10)
+    assert_allclose(found.sensitivities[:, 1], 0.0, atol=1e-9)
+    (sentence,) = found.findings
+    assert sentence.startswith("The data say nothing about area: ")
+    assert "(sd ratio 1.00)" in sentence
+
+
+@pytest.mark.parametrize(("ratio", "named"), [(0.89, False), (0.91, True), (1.3, True)])
+def test_the_threshold_is_nine_tenths_of_the_prior_sd(ratio, named):
+    z = exact_draws(np.diag([0.2, ratio, 0.3]) ** 2)
+    found = identifiability(made(z, linear_frequencies(z)))
+    expected = "The data say nothing about area: " if named else "The data inform every"
+    assert found.findings[0].startswith(expected)
+    assert f"(sd ratio {ratio:.2f})" in found.findings[0]
+    assert len(found.findings) == 1
+
+
+def test_a_sentence_gives_the_largest_change_of_the_eigenvalues():
+    z = exact_draws(np.diag([0.2, 0.3, 0.99]) ** 2)
+    found = identifiability(made(z, linear_frequencies(z, -GRADIENT, 0.0)))
+    end = "a prior standard deviation of it changes the eigenvalues by 10 % at most."
+    assert found.findings[0].endswith(end)
+    assert_allclose(found.table.column("largest sensitivity %"), [30, 20, 10])
+
+
+@pytest.mark.parametrize(("shift", "moved"), [(-0.4, False), (0.6, True), (-2.0, True)])
+def test_a_mean_that_moved_is_not_called_uninformed(shift, moved):
+    z = exact_draws(np.diag([0.2, 0.3, 0.95]) ** 2, mean=[0, 0, shift])
+    prior_mean = [0.1, 0.0, 0.0]
+    idata = made(z, linear_frequencies(z), prior_mean=prior_mean)
+    found = identifiability(idata)
+    assert_allclose(found.shift, [-0.1 / 3, 0, shift], atol=1e-12)
+    assert found.table.column("shift/prior sd") == found.shift.tolist()
+    text = f"The data move x by {shift:+.1f} prior standard deviations"
+    expected = text if moved else "The data say nothing about x: "
+    assert found.findings[0].startswith(expected)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_of_a_collinear_pair_the_known_combination_is_named(sign):
+    # The data see z_1 + sign * 0.5 z_3 alone, to 1 % of its prior sd.
+    design = np.array([[1.0, 0.0, sign * 0.5], [0.0, 1.0, 0.0]])
+    noise = 0.01 * np.sqrt(1.25)
+    covariance = gaussian_posterior(design, noise)
+    z = exact_draws(covariance)
+    found = identifiability(made(z, linear_frequencies(z, design, 0.0)))
+    assert_allclose(found.sensitivities, design, rtol=0, atol=1e-6)
+    (sentence,) = found.findings
+    # In parameter units: theta_1 / 3 + sign * 0.5 theta_3 / 0.5
+    start = f"Only stiff {'+' if sign > 0 else '-'} 3 x of stiff and x is known well: "
+    assert sentence.startswith(start)
+    exact = 0.01 / np.sqrt(1 + 0.01**2)
+    assert f"sd ratio {exact:.2g}, but 0.45 and 0.89 of them" in sentence
+    assert (
+        f"(correlation {-sign * covariance_correlation(covariance):+.3f})" in sentence
+    )
+    row = dict(zip(found.table.columns, found.table.rows[2], strict=True))
+    assert row["with"] == "stiff"
+    assert_allclose(row["correlation"], found.correlation[0, 2], rtol=1e-12)
+
+
+def covariance_correlation(covariance):
+    return abs(covariance[0, 2]) / np.sqrt(covariance[0, 0] * covariance[2, 2])
+
+
+def test_one_of_a_pair_is_unknown_by_itself_only():
+    covariance = gaussian_posterior([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0]], 0.002)
+    z = exact_draws(covariance)
+    findings = identifiability(made(z, linear_frequencies(z))).findings
+    assert findings[0].startswith("The data say nothing about x by itself: ")
+    assert findings[1].startswith("Only stiff + 0.6 x of stiff and x is known well: ")
+
+
+@pytest.mark.parametrize(("r", "named"), [(0.94, False), (-0.96, True)])
+def test_the_threshold_of_a_pair_is_a_correlation_of_0_95(r, named):
+    covariance = 0.04 * np.array([[1, r, 0], [r, 1, 0], [0, 0, 1]])
+    z = exact_draws(covariance)
+    sentence = identifiability(made(z, linear_frequencies(z))).findings[0]
+    assert sentence.startswith("Only stiff" if named else "The data inform every")
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("share", [0.04, 0.0625])
+def test_a_posterior_at_a_bound_is_named(side, share):
+    z = exact_draws(np.diag([0.2, 0.3, 0.2]) ** 2)
+    ordered = np.sort(z[..., 0].ravel())
+    n = round(share * len(ordered))
+    # A range of which 1 % reaches up to the n-th sample and not to the next one.
+    edge = ordered[[n - 1, n]].mean() if side == 0 else ordered[[-n, -n - 1]].mean()
+    bound = ordered[0] if side == 0 else ordered[-1]
+    ends = [bound, bound + 100 * (edge - bound)]
+    ends = np.array(sorted(ends)) * PRIOR_SD[0]
+    infinite = np.full(3, np.inf)
+    lower, upper = -infinite, infinite.copy()
+    lower[0], upper[0] = ends
+    found = identifiability(made(z, linear_frequencies(z), lower=lower, upper=upper))
+    assert_allclose(found.at_bound[0, side], share)
+    assert found.at_bound[1:].max() == 0
+    assert_allclose(found.table.column("at a bound %")[0], 100 * share)
+    pressed = [text for text in found.findings if "is pressed against" in text]
+    if share < 0.05:
+        assert not pressed
+    else:
+        name, value = ("lower", "upper")[side], ends[side]
+        (text,) = pressed
+        assert text.startswith(
+            f"stiff is pressed against its {name} bound {value:.5g}: 6 % of the samples"
+        )
+
+
+def test_a_range_without_end_counts_as_four_prior_sds():
+    z = np.abs(exact_draws(np.eye(3), n=4000))
+    found = identifiability(made(z, linear_frequencies(z), lower=np.zeros(3)))
+    assert_allclose(found.at_bound[:, 0], (z < 0.04).mean(axis=(0, 1)), atol=1e-12)
+    assert found.at_bound[:, 0].min() > 0.02
+
+
+def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
+    z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
+    frequencies = linear_frequencies(z)
+    frequencies[..., 1] = 10 * np.exp(np.abs(z[..., 0]))  # modes that cross at zero
+    found = identifiability(made(z, frequencies))
+    assert found.r_squared[1] < 0.95
+    assert_allclose(np.delete(found.r_squared, 1), [1, np.nan, 1], rtol=1e-9)
+    assert found.findings[-1].startswith("Mode 2: its sensitivities are rough")
+    assert not any(text.startswith("Mode") for text in found.findings[:-1])
+
+
+def test_samples_in_a_plane_give_no_sensitivities_and_say_so():
+    z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
+    z[..., 2] = z[..., 0] - z[..., 1]
+    found = identifiability(made(z, linear_frequencies(z)))
+    assert np.isnan(found.sensitivities).all()
+    assert np.isnan(found.r_squared).all()
+    assert found.findings[-1].startswith(
+        "There are no sensitivities: the samples do not"
+    )
+    assert np.isfinite(found.sd_ratio).all()
+
+
+def test_a_rigid_body_mode_has_no_sensitivities_but_the_others_have():
+    z = exact_draws(COVARIANCE)
+    frequencies = linear_frequencies(z, curvature=0 * CURVATURE)
+    frequencies[0, 3, 0] = 0.0
+    found = identifiability(made(z, frequencies))
+    assert np.isnan(found.sensitivities[0]).all()
+    assert_allclose(found.sensitivities[1:], GRADIENT[1:], rtol=0, atol=1e-9)
+
+
+def test_a_single_parameter_has_no_partner():
+    z = exact_draws(np.array([[0.25]]), n=40)
+    idata = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
+    found = identifiability(idata)
+    assert_allclose(found.sensitivities, [[0.2]], rtol=1e-9)
+    assert found.table.column("with") == [""]
+    assert np.isnan(found.table.column("correlation")[0])
+
+
+def test_it_prints_both_tables_and_the_findings(found):
+    text = str(found)
+    assert text.startswith(str(found.table))
+    assert str(found.sensitivity_table) in text
+    assert text.endswith("\n".join(found.findings))
+    table = found.sensitivity_table
+    assert table.column("parameter") == [*NAMES, "R^2"]
+    for i in range(4):
+        column = table.column(f"mode {i + 1}")
+        assert_allclose(column[:-1], 100 * GRADIENT[i], rtol=0, atol=1e-7)
+        assert_array_equal(column[-1], found.r_squared[i])
+    assert_array_equal(found.table.column("sd/prior sd"), found.sd_ratio)
+
+
+def test_too_few_different_values_are_refused_by_name():
+    z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
+    few = z.copy()
+    few[..., 1] = np.resize(z[0, :29, 1], z.shape[:2])  # 30 are needed
+    message = r"idata: 'area' took 29 different value\(s\), but at least 30 are needed"
+    with pytest.raises(ValueError, match=message):
+        identifiability(made(few, linear_frequencies(few)))
+    few[0, 29, 1] = 0.123
+    identifiability(made(few, linear_frequencies(few)))
+
+
+def test_what_is_not_inference_data_is_refused(found):
+    with pytest.raises(TypeError, match="expected what to_inference_data returns"):
+        identifiability({"posterior": 1})
+
+
+def test_the_samples_are_not_modified():
+    z = exact_draws(COVARIANCE)
+    idata = made(z, linear_frequencies(z))
+    groups = ("posterior", "posterior_predictive", "constant_data")
+    before = [dataset(idata, group).copy(deep=True) for group in groups]
+    identifiability(idata)
+    for group, copy in zip(groups, before, strict=True):
+        assert dataset(idata, group).identical(copy)

@@ -1,0 +1,244 @@
+"""Tables of predictions and pairing: numbers by hand, and laws of the errors."""
+
+import numpy as np
+import pytest
+import xarray
+from numpy.testing import assert_allclose
+from scipy import stats
+
+import emcee_femu as ef
+from emcee_femu.results.inference_data import wrapped
+from emcee_femu.results.predictive import (
+    measurement_sd,
+    pairing_table,
+    predictive_table,
+    replicated,
+)
+
+MEASURED = [10.0, 20.0, 40.0]
+ORDERS = [  # of ten samples; the fourth mode of the model is no measured one
+    *6 * [(1, 3, 2)],
+    *2 * [(1, 2, 3)],
+    *1 * [(3, 1, 2)],
+    *1 * [(1, 3, 4)],
+]
+
+
+def made(frequency, mac=None, model_mode=None, measured=MEASURED, **parameters):
+    """Return what to_inference_data would, from arrays ``(chain, draw, mode)``."""
+    frequency = np.asarray(frequency, dtype=float)
+    predicted = {"frequency": frequency}
+    if mac is not None:
+        predicted |= {"mac": mac, "model_mode": np.asarray(model_mode, dtype=float)}
+    shape = frequency.shape[:2]
+    parameters = parameters or {"a": np.arange(np.prod(shape), dtype=float)}
+    sampled = {"sample_dims": ["chain", "draw"]}
+    groups = {
+        "posterior": {
+            name: (("chain", "draw"), np.resize(values, shape))
+            for name, values in parameters.items()
+        },
+        "posterior_predictive": {
+            name: (("chain", "draw", "mode"), values)
+            for name, values in predicted.items()
+        },
+        "observed_data": {"frequency": ("mode", measured)},
+        "constant_data": {"initial_frequency": ("mode", 1.1 * frequency[0, 0])},
+    }
+    return wrapped({key: xarray.Dataset(v, attrs=sampled) for key, v in groups.items()})
+
+
+def paired(seed=0):
+    """Return ten samples in two chains with the orders above."""
+    rng = np.random.default_rng(seed)
+    order = np.array(ORDERS)[rng.permutation(10)].reshape(2, 5, 3)
+    mac = np.full((2, 5, 3), 0.9)
+    mac[0, 2] = 0.4, 0.95, 0.45
+    mac[1, 3] = 0.85, 0.95, 0.3
+    return made(np.ones((2, 5, 3)) * MEASURED, mac, order), mac.reshape(10, 3)
+
+
+def posterior(names=("a",), **error):
+    model = ef.FunctionModel(lambda p: MEASURED, n_modes=3)
+    priors = {name: stats.halfnorm(scale=1.0) for name in names}
+    term = ef.FrequencyTerm(MEASURED, **error)
+    return ef.LogPosterior(model, term, ef.IndependentPrior(priors))
+
+
+def test_intervals_of_the_model_alone_are_the_quantiles_of_its_predictions():
+    # Uniform grids, of which mean and quantiles are known; a fourth mode is unmeasured.
+    grid = np.random.default_rng(0).permutation(np.linspace(0, 1, 1001))
+    grid = grid[:1000].reshape(4, 250, 1)
+    spread = np.array([1.0, 2.0, 4.0, 8.0])
+    idata = made(np.array([9.0, 18.1, 40.2, 90.0]) + spread * grid)
+    table = predictive_table(idata)
+    columns = ("mode", "measured Hz", "predicted Hz", "2.5 %", "97.5 %", "inside")
+    assert table.columns == columns
+    assert table.column("mode") == [1, 2, 3]
+    assert table.column("measured Hz") == MEASURED
+    expected = np.array([9.0, 18.1, 40.2])
+    for title, level in (("predicted Hz", 0.5), ("2.5 %", 0.025), ("97.5 %", 0.975)):
+        values = expected + level * spread[:3]
+        assert_allclose(table.column(title), values, rtol=0, atol=0.01)
+    assert table.column("inside") == ["no", "yes", "no"]
+    assert "of the model alone" in table.title
+
+
+def test_a_new_measurement_has_measurement_error_and_discrepancy():
+    """Var = var(f) + f_m^2 (R + sigma_d^2), and the quantiles of that Gaussian."""
+    rng = np.random.default_rng(5)
+    n = 200_000
+    frequency = np.array(MEASURED) + rng.standard_normal((4, n // 4, 3)) * 0.1
+    sd = np.array([0.3, 0.2, 0.1])
+    with_both = posterior(("a", "sigma"), sd=sd, discrepancy="sigma")
+    idata = made(frequency, a=[1.0], sigma=[0.01])
+    total = np.sqrt(0.1**2 + sd**2 + (0.01 * np.array(MEASURED)) ** 2)
+    table = predictive_table(idata, with_both)
+    assert "of a new measurement, with its error and the discrepancy" in table.title
+    assert_allclose(table.column("sd Hz"), sd, rtol=1e-12)
+    assert_allclose(table.column("predicted Hz"), MEASURED, rtol=0, atol=0.01)
+    for title, sign in (("2.5 %", -1), ("97.5 %", 1)):
+        values = MEASURED + sign * stats.norm.ppf(0.975) * total
+        assert_allclose(table.column(title), values, rtol=0, atol=0.02 * total.max())
+    errors = replicated(idata, with_both) - frequency.reshape(-1, 3)
+    correlation = np.corrcoef(np.column_stack([errors, frequency.reshape(-1, 3)]).T)
+    assert_allclose(correlation, np.eye(6), atol=0.015)  # independent everywhere
+
+
+def test_each_sample_has_its_own_discrepancy():
+    rng = np.random.default_rng(6)
+    sigma = np.where(rng.random((4, 25_000)) < 0.5, 0.001, 0.05)
+    frequency = np.ones((*sigma.shape, 3)) * MEASURED
+    only_discrepancy = posterior(("a", "sigma"), discrepancy="sigma")
+    idata = made(frequency, a=[1.0], sigma=sigma)
+    errors = replicated(idata, only_discrepancy) / MEASURED - 1
+    for value in (0.001, 0.05):
+        mine = errors[sigma.ravel() == value]
+        assert_allclose(mine.std(axis=0), value, rtol=0.02)
+    assert np.isnan(predictive_table(idata, only_discrepancy).column("sd Hz")).all()
+
+
+def test_standard_deviations_of_a_covariance_are_its_diagonal():
+    factor = np.array([[0.3, 0.0, 0.0], [0.2, 0.1, 0.0], [-0.1, 0.3, 0.4]])
+    covariance = factor @ factor.T
+    idata = made(np.ones((1, 4, 3)) * MEASURED)
+    known = measurement_sd(idata, posterior(covariance=covariance))
+    assert_allclose(known, np.sqrt(np.diag(covariance)), rtol=1e-12)
+    by_beta = measurement_sd(idata, posterior(beta=[100.0, 400.0, 1e4]))
+    assert_allclose(by_beta, MEASURED / np.sqrt([100, 400, 1e4]), rtol=1e-12)
+
+
+def test_the_frequency_term_is_found_among_others():
+    other = ef.FrequencyTerm([10.0, 20.0], relative_sd=0.5, name="earlier test")
+    right = posterior(relative_sd=0.01)
+    both = ef.LogPosterior(right.model, [other, *right.terms], right.prior)
+    known = measurement_sd(made(np.ones((1, 4, 3)) * MEASURED), both)
+    assert_allclose(known, 0.01 * np.array(MEASURED), rtol=1e-12)
+
+
+def test_mac_of_the_predictions_is_tabulated_where_modes_are_paired():
+    idata, mac = paired()
+    table = predictive_table(idata)
+    assert table.columns[-2:] == ("MAC", "MAC 5 %")
+    assert_allclose(table.column("MAC"), mac.mean(axis=0), rtol=1e-12)
+    expected = np.quantile(mac, 0.05, axis=0)
+    assert_allclose(table.column("MAC 5 %"), expected, rtol=1e-12)
+
+
+def test_pairing_table_equals_numbers_by_hand():
+    idata, mac = paired()
+    table = pairing_table(idata)
+    assert table.column("mode") == ["1", "2", "3", "any"]
+    assert table.column("model's mode") == ["1", "3", "2", ""]
+    # Mode 1: once 3; mode 2: twice 2, once 1; mode 3: twice 3, once 4.
+    assert_allclose(table.column("another in %"), [10, 30, 30, 40])
+    assert_allclose(table.column("MAC")[:3], mac.mean(axis=0), rtol=1e-12)
+    assert_allclose(table.column("MAC 5 %")[:3], np.quantile(mac, 0.05, axis=0))
+    assert np.isnan([table.column("MAC")[3], table.column("MAC 5 %")[3]]).all()
+    assert_allclose(table.column("MAC < 0.5 in %"), [10, 0, 20, 20])
+    # By index is right only in the two samples of ascending order.
+    assert_allclose(table.column("wrong by index in %"), [10, 80, 80, 80])
+    assert "their order changed in 40 % of 10 samples" in table.title
+
+
+def test_the_usual_order_is_that_of_most_samples_not_of_each_mode():
+    orders = [*4 * [(1, 2)], *3 * [(2, 1)], *3 * [(3, 1)]]  # mode 2 is most often 1
+    order = np.array(orders).reshape(2, 5, 2)
+    frequency = np.ones((2, 5, 2)) * MEASURED[:2]
+    idata = made(frequency, np.ones((2, 5, 2)), order, measured=MEASURED[:2])
+    table = pairing_table(idata)
+    assert table.column("model's mode") == ["1", "1", ""]
+    assert_allclose(table.column("another in %"), [60, 40, 60])
+
+
+class Crossing:
+    """Two perpendicular vibrations; which one is lower depends on the parameter."""
+
+    n_modes = 2
+    names = ("ratio",)
+
+    def __call__(self, parameters):
+        ratio = parameters["ratio"]
+        first, second = np.full_like(ratio, 10.0), 10 * ratio
+        swapped = (second < first)[:, None, None]
+        shapes = np.where(swapped, [[0.0, 1.0], [1.0, 0.0]], np.eye(2))
+        return ef.ModalSolution(np.sort([first, second], axis=0).T, shapes)
+
+
+def test_tables_of_a_sampled_paired_model_report_its_crossings():
+    from emcee_femu.measurements import Measurements
+    from emcee_femu.models.paired import PairedModel
+
+    measured = Measurements([10.0, 10.1], sd=[0.1, 0.2], shapes=np.eye(2))
+    model = PairedModel(Crossing(), measured, candidates=2, min_gap=0.0)
+    prior = ef.GaussianPrior(["ratio"], [1.0], [0.1], [(0.5, 1.5)])
+    term = ef.FrequencyTerm(measured)
+    target = ef.LogPosterior(model, term, prior)
+    runs = ef.run(target, None, 20, 1000, ensembles=2, seed=1)
+    idata = ef.to_inference_data(runs, target, discard=200)
+    # ratio ~ N(1, 0.1) and 10 ratio ~ N(10.1, 0.2): conjugate, beyond the bounds nil.
+    precision = 0.1**-2 + 0.02**-2
+    mean, sd = (1.0 * 0.1**-2 + 1.01 * 0.02**-2) / precision, precision**-0.5
+    share = 100 * stats.norm.cdf((1.0 - mean) / sd)
+    table = pairing_table(idata)
+    assert table.column("model's mode") == ["1", "2", ""]
+    assert_allclose(table.column("another in %"), share, atol=3)
+    assert_allclose(table.column("MAC")[:2], 1.0, rtol=1e-12)
+    predictions = predictive_table(idata, target)
+    assert_allclose(predictions.column("sd Hz"), [0.1, 0.2], rtol=1e-9)
+    total = [0.1, np.hypot(10 * sd, 0.2)]
+    width = np.subtract(predictions.column("97.5 %"), predictions.column("2.5 %"))
+    assert_allclose(width, 2 * stats.norm.ppf(0.975) * np.array(total), rtol=0.05)
+
+
+def test_without_pairing_there_is_no_pairing_table():
+    with pytest.raises(ValueError, match="its model pairs no modes; wrap the model"):
+        pairing_table(made(np.ones((1, 4, 3))))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda: posterior(("b",), beta=1.0), r"with the parameters \['a'\], got \['b"),
+        (lambda: unmeasured(), "no FrequencyTerm with the measured frequencies"),
+        (lambda: unmeasured([1.0, 2.0, 3.0]), "no FrequencyTerm with the measured"),
+    ],
+)
+def test_another_posterior_is_refused(wrong, message):
+    with pytest.raises(ValueError, match="posterior: .*" + message):
+        predictive_table(made(np.ones((1, 4, 3))), wrong())
+
+
+def unmeasured(measured=None):
+    usual = posterior(beta=1.0)
+    term = lambda p, modes: 0 * p["a"]  # noqa: E731
+    if measured is not None:
+        term = ef.FrequencyTerm(measured, beta=1.0)
+    return ef.LogPosterior(usual.model, term, usual.prior)
+
+
+def test_measured_frequencies_are_needed():
+    bare = unmeasured()
+    runs = ef.run(bare, None, 8, 4, seed=1)
+    with pytest.raises(ValueError, match="no likelihood term"):
+        predictive_table(ef.to_inference_data(runs, bare))

@@ -1,0 +1,247 @@
+import csv
+
+import numpy as np
+import pytest
+import xarray
+from numpy.testing import assert_allclose, assert_array_equal
+
+import emcee_femu as ef
+from emcee_femu.results.diagnostics import (
+    measured_frequencies,
+    running_tae,
+    total_average_error,
+)
+from emcee_femu.results.inference_data import wrapped
+from emcee_femu.results.tables import Table, frequency_table, parameter_table
+
+NAMES = ["stiff", "alpha"]  # not in alphabetical order
+DRAWS = {  # 2 chains of 3 draws
+    "stiff": [[1.0, 1.2, 0.8], [1.2, 1.4, 0.4]],  # running means 1.1, 1.2, 1.0
+    "alpha": [[1.0, 1.3, 1.5], [1.2, 1.5, 1.3]],  # running means 1.1, 1.25, 1.3
+}
+FREQUENCY = np.array(  # three modes, two of them measured
+    [
+        [[9.0, 26.0, 1.0], [10.0, 27.0, 2.0], [11.0, 28.0, 3.0]],
+        [[9.5, 26.5, 4.0], [10.5, 27.5, 5.0], [13.0, 27.0, 6.0]],
+    ]
+)
+MEASURED = [10.0, 25.0]
+INITIAL, PRIOR_SD, INITIAL_HZ = [1.1, 1.2], [0.5, 0.8], [12.0, 22.0, 7.0]
+
+
+class Square:
+    n_modes = 3
+
+    def __call__(self, p):
+        rows = np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"], 90 + p["stiff"]], 1)
+        return ef.ModalSolution(rows)
+
+
+POSTERIOR = ef.LogPosterior(
+    Square(),
+    [lambda p, modes: 0 * p["stiff"], ef.FrequencyTerm(MEASURED, beta=1e3)],
+    ef.GaussianPrior(NAMES, INITIAL, 0.1, [(0.1, 9.0)] * 2),
+)
+
+
+@pytest.fixture(scope="module")
+def idata():
+    sampled = {"sample_dims": ["chain", "draw"]}
+    draws = {name: (("chain", "draw"), values) for name, values in DRAWS.items()}
+    predicted = {"frequency": (("chain", "draw", "mode"), FREQUENCY)}
+    constants = {
+        "initial": ("parameter", INITIAL),
+        "prior_sd": ("parameter", PRIOR_SD),
+        "initial_frequency": ("mode", INITIAL_HZ),
+    }
+    observed = {"first": ("mode", MEASURED), "later": ("mode", [1.0, 2.0])}
+    return wrapped(
+        {
+            "posterior": xarray.Dataset(draws, attrs=sampled),
+            "posterior_predictive": xarray.Dataset(predicted, attrs=sampled),
+            "observed_data": xarray.Dataset(observed),
+            "constant_data": xarray.Dataset(constants),
+        }
+    )
+
+
+SPREAD = np.array(  # sqrt(sum of squared deviations / 5)
+    [np.sqrt((0 + 0.04 * 3 + 0.16 + 0.36) / 5), np.sqrt((0.09 + 0.04 * 2 + 0.01) / 5)]
+)
+
+
+def test_parameter_table_equals_numbers_by_hand(idata):
+    table = parameter_table(idata)
+    assert table.columns == ("parameter", "initial", "mean", "c.o.v. %", "sd/prior sd")
+    assert table.column("parameter") == NAMES
+    assert table.column("initial") == INITIAL
+    assert_allclose(table.column("mean"), [1.0, 1.3], rtol=1e-14)
+    assert_allclose(table.column("c.o.v. %"), 100 * SPREAD / [1.0, 1.3], rtol=1e-13)
+    assert_allclose(table.column("sd/prior sd"), SPREAD / PRIOR_SD, rtol=1e-13)
+
+
+def test_parameter_table_compares_with_nominal_and_published(idata):
+    nominal = {"alpha": 1.25}  # the other is not known
+    published = {"paper": {"alpha": 7.0, "stiff": 8.0}, "c.o.v.": {"stiff": 3.5}}
+    table = parameter_table(idata, nominal, published)
+    titles = "parameter,initial,nominal,error %,mean,error % ,c.o.v. %,sd/prior sd"
+    assert table.columns == (*titles.split(","), "paper", "c.o.v.")
+    assert_allclose(table.column("nominal"), [np.nan, 1.25])
+    assert_allclose(table.column("error %"), [np.nan, 4.0], rtol=1e-12)
+    assert_allclose(table.column("mean"), [1.0, 1.3], rtol=1e-14)
+    assert_allclose(table.column("error % "), [np.nan, 4.0], rtol=1e-12)
+    assert_allclose(table.column("c.o.v. %"), 100 * SPREAD / [1.0, 1.3], rtol=1e-13)
+    assert table.column("paper") == [8.0, 7.0]
+    assert_array_equal(table.column("c.o.v."), [3.5, np.nan])
+    other = parameter_table(idata, {"stiff": 1.25, "alpha": 1.25})
+    assert_allclose(other.column("error %"), [12.0, 4.0], rtol=1e-12)
+    assert_allclose(other.column("error % "), [20.0, 4.0], rtol=1e-12)
+
+
+def test_coefficient_of_variation_is_positive_for_a_negative_mean():
+    data = {"a": (("chain", "draw"), [[-1.0, -2.0, -3.0]])}
+    constants = {"initial": ("parameter", [0.0]), "prior_sd": ("parameter", [1.0])}
+    groups = {"posterior": data, "constant_data": constants}
+    table = parameter_table(wrapped({k: xarray.Dataset(v) for k, v in groups.items()}))
+    assert table.column("c.o.v. %") == [50.0]
+
+
+HEADER = "mode,measured Hz,initial Hz,error %,updated Hz,c.o.v. %,error % "
+FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
+
+
+@pytest.mark.parametrize(
+    "posterior, updated, errors",
+    [
+        (None, [10.5, 27.0], [5.0, 8.0, 6.5]),  # mean of the predictions
+        (POSTERIOR, [10.0, 26.0], [0.0, 4.0, 2.0]),  # the model at the mean
+    ],
+)
+def test_frequency_table_equals_numbers_by_hand(idata, posterior, updated, errors):
+    table = frequency_table(idata, posterior)
+    assert table.columns == tuple(HEADER.split(","))
+    assert table.column("mode") == ["1", "2", "TAE"]
+    assert_array_equal(table.column("measured Hz"), [*MEASURED, np.nan])
+    assert_array_equal(table.column("initial Hz"), [12.0, 22.0, np.nan])
+    assert_allclose(table.column("error %"), [20, 12, 16], rtol=1e-12)
+    assert_allclose(table.column("updated Hz"), [*updated, np.nan], rtol=1e-14)
+    expected = [*(100 * FREQUENCY_SD / updated), np.nan]
+    assert_allclose(table.column("c.o.v. %"), expected, rtol=1e-13)
+    assert_allclose(table.column("error % "), errors, rtol=1e-12, atol=1e-12)
+
+
+def test_published_frequencies_are_columns_with_or_without_their_tae(idata):
+    published = {"Hz": (9.0, 24.0), "paper error %": (0.5, 0.7, 0.6)}
+    table = frequency_table(idata, published=published)
+    assert table.columns == (*HEADER.split(","), "Hz", "paper error %")
+    assert_array_equal(table.column("Hz"), [9.0, 24.0, np.nan])
+    assert table.column("paper error %") == [0.5, 0.7, 0.6]
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda i: parameter_table(i, {"stif": 1.0}), r"nominal: no parameter \['stif"),
+        (
+            lambda i: parameter_table(i, None, {"paper": {"x": 1.0}}),
+            r"published\['paper'\]: no parameter \['x'\]; there are \['stiff', 'alpha'",
+        ),
+        (lambda i: frequency_table(i, published={"p": [1.0]}), r"published\['p'\]: ex"),
+        (lambda i: frequency_table(i, published={"p": [1.0] * 4}), "expected 2 numb"),
+    ],
+)
+def test_unknown_names_and_wrong_lengths_are_refused(idata, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(idata)
+
+
+WIDE = Table("t", ("name", "x"), ("", ".3f"), (("k1", -1234.5678), ("a long name", 2)))
+
+
+@pytest.fixture(params=["parameters", "frequencies", "wide"])
+def table(idata, request):
+    published = {"paper": {"alpha": 1 / 3}}
+    return {
+        "parameters": parameter_table(idata, {"stiff": 0.9}, published),
+        "frequencies": frequency_table(idata, None, {"paper": (1 / 3, 2e-9, 3)}),
+        "wide": WIDE,
+    }[request.param]
+
+
+def shown(table):
+    return [
+        [x if isinstance(x, str) else f"{x:{f}}".replace("nan", "") for x, f in cells]
+        for cells in (zip(row, table.formats, strict=True) for row in table.rows)
+    ]
+
+
+def test_text_is_aligned_and_shows_every_cell(table):
+    title, *lines = str(table).splitlines()
+    assert title == table.title
+    assert len({len(line) for line in lines}) == 1
+    assert lines[0] == lines[2] == lines[-1] == "-" * len(lines[0])
+    for line, cells in zip(lines[3:-1], shown(table), strict=True):
+        assert line.split() == " ".join(cells).split()
+    for before, cell in zip(table.columns, table.columns[1:], strict=False):
+        end = lines[1].index(cell, lines[1].index(before) + len(before)) + len(cell)
+        for line in lines[3:-1]:
+            assert line[end : end + 2].strip() == ""
+
+
+def test_markdown_has_the_same_cells(table):
+    lines = table.to_markdown().splitlines()
+    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
+    assert all(line.startswith("|") and line.endswith("|") for line in lines)
+    assert cells[0] == [title.strip() for title in table.columns]
+    assert cells[1] == ["---"] + ["---:"] * (len(table.columns) - 1)
+    assert cells[2:] == shown(table)
+
+
+def test_csv_keeps_every_digit_and_is_written_to_the_file(table, tmp_path):
+    text = table.to_csv(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_bytes().decode() == text == table.to_csv()
+    header, *rows = csv.reader(text.splitlines())
+    assert tuple(header) == table.columns
+    for row, cells in zip(rows, table.rows, strict=True):
+        for text, cell in zip(row, cells, strict=True):
+            if isinstance(cell, str):
+                assert text == cell
+            else:
+                assert text == "" if np.isnan(cell) else float(text) == cell
+
+
+def test_running_tae_equals_a_computation_by_hand(idata):
+    generations, tae = running_tae(idata, POSTERIOR)
+    assert_array_equal(generations, [1, 2, 3])
+    # 10 * mean**2 against 10 and 20 * mean against 25, in percent
+    assert_allclose(tae, [(21 + 12) / 2, (44 + 0) / 2, (0 + 4) / 2], rtol=1e-12)
+    assert_allclose(tae[-1], frequency_table(idata, POSTERIOR).column("error % ")[-1])
+
+
+@pytest.mark.parametrize("points", [2, 10, 200])
+def test_running_tae_ends_with_the_error_at_the_overall_mean(points):
+    runs = ef.run(POSTERIOR, None, 8, 60, ensembles=2, seed=1)
+    idata = ef.to_inference_data(runs, POSTERIOR, discard=10)
+    generations, tae = running_tae(idata, POSTERIOR, points)
+    chains = np.stack([run.get_chain(discard=10) for run in runs], axis=1)
+    for generation, error in zip(generations, tae, strict=True):
+        stiff, alpha = chains[: int(generation) - 10].mean(axis=(0, 1, 2))
+        frequencies = np.array([10 * stiff**2, 20 * alpha])
+        expected = np.abs(frequencies / [10, 25] - 1).mean() * 100
+        assert_allclose(error, expected, rtol=1e-9)
+    assert (generations[0], generations[-1]) == (11, 60)
+    assert 2 <= len(generations) <= points
+    measured = measured_frequencies(idata)
+    assert measured.tolist() == [10, 25]
+    last = total_average_error(measured, np.append(frequencies, 99))  # 99: no partner
+    assert_allclose(tae[-1], last, rtol=1e-9)
+
+
+def test_measured_data_are_needed_for_an_error(idata):
+    bare = ef.LogPosterior(Square(), POSTERIOR.terms[0], POSTERIOR.prior)
+    unmeasured = ef.to_inference_data(ef.run(bare, None, 8, 4, seed=1), bare)
+    for call in (measured_frequencies, frequency_table):
+        with pytest.raises(ValueError, match="no likelihood term"):
+            call(unmeasured)
+    with pytest.raises(ValueError, match="points: expected at least 2, got 1"):
+        running_tae(idata, POSTERIOR, 1)

@@ -1,0 +1,16 @@
+"""The examples as modules."""
+
+import importlib.util
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+EXAMPLES = TESTS.parent / "examples"
+
+
+def load(name):
+    """Return an example, or one of ``benchmarks``, as a fresh module."""
+    path = next(EXAMPLES.rglob(f"{name}.py"))
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
