@@ -13,6 +13,12 @@ from .interfaces import Floats, Parameters
 LEAST, MOST = 1e-100, 1e100  # of numbers that are squared
 
 
+def set_fields(record: Any, **fields: Any) -> None:
+    """Set the fields of a frozen record, from its own ``__init__``."""
+    for name, value in fields.items():
+        object.__setattr__(record, name, value)
+
+
 def real_array(argument: str, value: ArrayLike, ndim: int | None = None) -> Floats:
     """Return ``value`` as a new float64 array of finite numbers.
 

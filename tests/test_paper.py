@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from support.examples import load
 from support.importance import importance_moments
-from test_examples import load
 
 import emcee_femu as ef
 
