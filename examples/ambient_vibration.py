@@ -44,7 +44,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.results.diagnostics import Diagnosis
-from emcee_femu.results.tables import Table
+from emcee_femu.table import Table
 
 FLOORS, MASS = 5, 25.91  # -, kg
 TRUTH = 1e4  # N/m, every storey

@@ -35,7 +35,7 @@ matplotlib.use("Agg")  # figures go to files
 import numpy as np
 
 import emcee_femu as ef
-from emcee_femu.results.tables import Table
+from emcee_femu.table import Table
 
 NWALKERS = 14
 

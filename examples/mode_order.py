@@ -16,7 +16,7 @@ import argparse
 import numpy as np
 
 import emcee_femu as ef
-from emcee_femu.results.tables import Table
+from emcee_femu.table import Table
 
 HOME = np.array([1, 2, 4, 5, 7])  # the elastic modes of the paper's table
 SEARCHED = 12

@@ -14,6 +14,7 @@ PACKAGE = Path(emcee_femu.__file__).parent
 ORDER = [
     "interfaces",
     "checks",
+    "table",
     "measurements",
     "models",
     "surrogates",

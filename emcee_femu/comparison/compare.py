@@ -15,9 +15,9 @@ from ..moves.stock_faults import stock_fault
 from ..posterior.log_posterior import LogPosterior
 from ..results.diagnostics import Diagnosis, diagnose
 from ..results.inference_data import effective_sizes, stacked, to_inference_data
-from ..results.tables import Table
 from ..sampling.arguments import check_moves, check_progress
 from ..sampling.run import run
+from ..table import Table
 from .ranking import Entry, conclusion, known_moments, table
 
 FEWEST_STEPS = 8  # that diagnose can judge

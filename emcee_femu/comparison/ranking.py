@@ -11,7 +11,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..results.diagnostics import ENOUGH_TAU, WALKERS_APART, Diagnosis
 from ..results.inference_data import samples
-from ..results.tables import Table
+from ..table import Table
 
 CONVERGED = "converged"
 MOST_NAMES = 4  # in a sentence
@@ -150,8 +150,7 @@ def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
         ("end to end", ".3g", [e.end_to_end for e in entries]),
         ("verdict", "", [e.verdict for e in entries]),
     ]
-    titles, formats, values = zip(*columns, strict=True)
-    return Table(title, titles, formats, tuple(zip(*values, strict=True)))
+    return Table.from_columns(title, columns)
 
 
 def _errors(idata: Any, known: Moments) -> tuple[float, float]:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..interfaces import Floats
+from ..table import Table
 from .inference_data import dataset, samples
-from .tables import Table
 
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 MOVED = 0.5  # prior sds; data that leave 0.9 of the sd move the mean by 0.4 or so

@@ -7,9 +7,9 @@ import numpy as np
 from ..interfaces import Floats
 from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
+from ..table import Table
 from .diagnostics import check_sampled, measured_frequencies
 from .inference_data import dataset, samples
-from .tables import Table, table_of
 
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
 INTERVAL = (0.025, 0.975)
@@ -65,7 +65,9 @@ def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table
         mac = predicted(idata, "mac")[:, : len(measured)]
         columns.append(("MAC", ".3f", mac.mean(axis=0)))
         columns.append(("MAC 5 %", ".3f", np.quantile(mac, 0.05, axis=0)))
-    return table_of(f"Predicted frequencies, 95 % intervals of {what}", columns)
+    return Table.from_columns(
+        f"Predicted frequencies, 95 % intervals of {what}", columns
+    )
 
 
 def pairing_table(idata: Any) -> Table:
@@ -115,7 +117,7 @@ def pairing_table(idata: Any) -> Table:
         "Pairing with the model's modes: their order changed in "
         f"{100 * changed.mean():.3g} % of {n} samples"
     )
-    return table_of(title, columns)
+    return Table.from_columns(title, columns)
 
 
 def has_pairing(idata: Any) -> bool:

@@ -1,10 +1,6 @@
-"""Tables of parameters and frequencies, as text, Markdown and CSV."""
+"""Tables of parameters and frequencies."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -13,79 +9,9 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
+from ..table import Table
 from .diagnostics import check_sampled, measured_frequencies, total_average_error
 from .inference_data import dataset, samples
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table that prints itself; missing cells are NaN or an empty string.
-
-    Attributes:
-        title: One line.
-        columns: Column titles.
-        formats: A format specification a column, such as ``".4g"``.
-        rows: Numbers or strings.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    formats: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
-
-    def column(self, title: str) -> list[Any]:
-        """Return the values of a column by its title."""
-        return [row[self.columns.index(title)] for row in self.rows]
-
-    def __str__(self) -> str:
-        """Return aligned text."""
-        cells = [self.columns, *self._cells()]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        lines = [
-            "  ".join(
-                cell.ljust(width) if i == 0 else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in cells
-        ]
-        rule = "-" * len(lines[0])
-        return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
-
-    def to_markdown(self) -> str:
-        """Return a Markdown table without the title."""
-        rows = [self.columns, ("---", *("---:",) * (len(self.columns) - 1))]
-        lines = [
-            "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |"
-            for row in [*rows, *self._cells()]
-        ]
-        return "\n".join(lines)
-
-    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
-        """Return the table as CSV with all digits, and write it to path if given."""
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(self.columns)
-        writer.writerows(
-            ["" if _missing(cell) else cell for cell in row] for row in self.rows
-        )
-        if path is not None:
-            checks.file_name("path", path)
-            with open(path, "w", encoding="utf-8", newline="") as file:
-                file.write(buffer.getvalue())
-        return buffer.getvalue()
-
-    def _cells(self) -> list[tuple[str, ...]]:
-        return [
-            tuple(
-                "" if _missing(x) else x if isinstance(x, str) else format(x, spec)
-                for x, spec in zip(row, self.formats, strict=True)
-            )
-            for row in self.rows
-        ]
-
-
-def _missing(cell: Any) -> bool:
-    return isinstance(cell, float) and np.isnan(cell)
 
 
 def parameter_table(
@@ -132,7 +58,7 @@ def parameter_table(
     ]
     for title, values in _columns(published):
         columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
-    return table_of("Updating parameters", columns)
+    return Table.from_columns("Updating parameters", columns)
 
 
 def frequency_table(
@@ -196,7 +122,7 @@ def frequency_table(
                 f"TAE, got shape {given.shape}"
             )
         columns.append((title, ".4g", given if len(given) > m else padded(given)))
-    return table_of("Natural frequencies", columns)
+    return Table.from_columns("Natural frequencies", columns)
 
 
 def _columns(published: Any) -> list[tuple[str, Any]]:
@@ -233,10 +159,3 @@ def _percent_off(values: Floats, known: Floats) -> Floats:
     with np.errstate(over="ignore"):  # of a known value next to zero
         np.divide(values, known, out=result, where=known != 0)
     return 100 * np.abs(result - 1)
-
-
-def table_of(title: str, columns: list[tuple[str, str, Any]]) -> Table:
-    """Return a table of ``(column title, format, values)`` triples."""
-    titles, formats, values = zip(*columns, strict=True)
-    cells = [v if isinstance(v, list) else v.tolist() for v in values]
-    return Table(title, titles, formats, tuple(zip(*cells, strict=True)))

@@ -35,7 +35,7 @@ import emcee
 import numpy as np
 
 import emcee_femu as ef
-from emcee_femu.results.tables import Table
+from emcee_femu.table import Table
 
 JOBS = 40_000  # simulated, for every number of the tables
 WALKERS_A_WORKER = (2, 4, 8, 16)

@@ -1,5 +1,3 @@
-import csv
-
 import numpy as np
 import pytest
 import xarray
@@ -12,7 +10,7 @@ from emcee_femu.results.diagnostics import (
     total_average_error,
 )
 from emcee_femu.results.inference_data import wrapped
-from emcee_femu.results.tables import Table, frequency_table, parameter_table
+from emcee_femu.results.tables import frequency_table, parameter_table
 
 NAMES = ["stiff", "alpha"]  # not in alphabetical order
 DRAWS = {  # 2 chains of 3 draws
@@ -153,61 +151,6 @@ def test_published_frequencies_are_columns_with_or_without_their_tae(idata):
 def test_unknown_names_and_wrong_lengths_are_refused(idata, call, message):
     with pytest.raises(ValueError, match=message):
         call(idata)
-
-
-WIDE = Table("t", ("name", "x"), ("", ".3f"), (("k1", -1234.5678), ("a long name", 2)))
-
-
-@pytest.fixture(params=["parameters", "frequencies", "wide"])
-def table(idata, request):
-    published = {"paper": {"alpha": 1 / 3}}
-    return {
-        "parameters": parameter_table(idata, {"stiff": 0.9}, published),
-        "frequencies": frequency_table(idata, None, {"paper": (1 / 3, 2e-9, 3)}),
-        "wide": WIDE,
-    }[request.param]
-
-
-def shown(table):
-    return [
-        [x if isinstance(x, str) else f"{x:{f}}".replace("nan", "") for x, f in cells]
-        for cells in (zip(row, table.formats, strict=True) for row in table.rows)
-    ]
-
-
-def test_text_is_aligned_and_shows_every_cell(table):
-    title, *lines = str(table).splitlines()
-    assert title == table.title
-    assert len({len(line) for line in lines}) == 1
-    assert lines[0] == lines[2] == lines[-1] == "-" * len(lines[0])
-    for line, cells in zip(lines[3:-1], shown(table), strict=True):
-        assert line.split() == " ".join(cells).split()
-    for before, cell in zip(table.columns, table.columns[1:], strict=False):
-        end = lines[1].index(cell, lines[1].index(before) + len(before)) + len(cell)
-        for line in lines[3:-1]:
-            assert line[end : end + 2].strip() == ""
-
-
-def test_markdown_has_the_same_cells(table):
-    lines = table.to_markdown().splitlines()
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
-    assert all(line.startswith("|") and line.endswith("|") for line in lines)
-    assert cells[0] == [title.strip() for title in table.columns]
-    assert cells[1] == ["---"] + ["---:"] * (len(table.columns) - 1)
-    assert cells[2:] == shown(table)
-
-
-def test_csv_keeps_every_digit_and_is_written_to_the_file(table, tmp_path):
-    text = table.to_csv(tmp_path / "table.csv")
-    assert (tmp_path / "table.csv").read_bytes().decode() == text == table.to_csv()
-    header, *rows = csv.reader(text.splitlines())
-    assert tuple(header) == table.columns
-    for row, cells in zip(rows, table.rows, strict=True):
-        for text, cell in zip(row, cells, strict=True):
-            if isinstance(cell, str):
-                assert text == cell
-            else:
-                assert text == "" if np.isnan(cell) else float(text) == cell
 
 
 def test_running_tae_equals_a_computation_by_hand(idata):

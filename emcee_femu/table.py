@@ -1,0 +1,153 @@
+"""The one table of this package: text, pandas, HTML, Markdown, CSV and LaTeX."""
+
+import csv
+import html
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, Self
+
+import numpy as np
+
+from . import checks
+
+LATEX = str.maketrans(
+    {character: f"\\{character}" for character in "&%$#_{}"}
+    | {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table that prints itself; missing cells are NaN or an empty string.
+
+    Attributes:
+        title: One line.
+        columns: Column titles.
+        formats: One format specification per column, such as ``".4g"``.
+        rows: Numbers or strings.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    formats: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    @classmethod
+    def from_columns(cls, title: str, columns: Sequence[tuple[str, str, Any]]) -> Self:
+        """Return the table of ``(column title, format, list or array)`` triples."""
+        titles, formats, values = zip(*columns, strict=True)
+        cells = [v.tolist() if isinstance(v, np.ndarray) else v for v in values]
+        return cls(title, titles, formats, tuple(zip(*cells, strict=True)))
+
+    def column(self, title: str) -> list[Any]:
+        """Return the values of a column by its title."""
+        return [row[self.columns.index(title)] for row in self.rows]
+
+    def __str__(self) -> str:
+        """Return aligned text."""
+        cells = [self.columns, *self._cells()]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        lines = [
+            "  ".join(
+                cell.ljust(width) if i == 0 else cell.rjust(width)
+                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+            )
+            for row in cells
+        ]
+        rule = "-" * len(lines[0])
+        return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
+
+    def to_frame(self) -> Any:
+        """Return a ``pandas.DataFrame`` with all digits."""
+        import pandas
+
+        return pandas.DataFrame(list(self.rows), columns=list(self.columns))
+
+    def _repr_html_(self) -> str:
+        """Return the table as notebooks show it."""
+
+        def line(tag: str, cells: tuple[str, ...]) -> str:
+            escaped = (f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells)
+            return f"<tr>{''.join(escaped)}</tr>"
+
+        return "\n".join(
+            [
+                "<table>",
+                f"<caption>{html.escape(self.title)}</caption>",
+                f"<thead>{line('th', self.columns)}</thead>",
+                "<tbody>",
+                *(line("td", row) for row in self._cells()),
+                "</tbody>",
+                "</table>",
+            ]
+        )
+
+    def to_markdown(self) -> str:
+        """Return a Markdown table without the title."""
+        rule = ("---", *("---:",) * (len(self.columns) - 1))
+        header, *rows = self._joined(" | ", lambda cell: cell.replace("|", "\\|"))
+        lines = [header, " | ".join(rule), *rows]
+        return "\n".join(f"| {line} |" for line in lines)
+
+    def to_latex(self) -> str:
+        """Return a LaTeX ``tabular`` without the title."""
+        header, *rows = self._joined(" & ", lambda cell: cell.translate(LATEX))
+        return "\n".join(
+            [
+                f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}",
+                "\\hline",
+                f"{header} \\\\",
+                "\\hline",
+                *(f"{row} \\\\" for row in rows),
+                "\\hline",
+                "\\end{tabular}",
+            ]
+        )
+
+    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
+        """Return the table as CSV with all digits, and write it to path if given."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        writer.writerow(self.columns)
+        writer.writerows(
+            ["" if _missing(cell) else cell for cell in row] for row in self.rows
+        )
+        if path is not None:
+            checks.file_name("path", path)
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                file.write(buffer.getvalue())
+        return buffer.getvalue()
+
+    def _joined(self, separator: str, escape: Callable[[str], str]) -> list[str]:
+        rows = [self.columns, *self._cells()]
+        return [separator.join(map(escape, row)) for row in rows]
+
+    def _cells(self) -> list[tuple[str, ...]]:
+        return [
+            tuple(
+                "" if _missing(x) else x if isinstance(x, str) else format(x, spec)
+                for x, spec in zip(row, self.formats, strict=True)
+            )
+            for row in self.rows
+        ]
+
+
+def _missing(cell: Any) -> bool:
+    return isinstance(cell, float) and np.isnan(cell)
+
+
+def as_html(*parts: Table | str) -> str:
+    """Return tables and sentences, one below the other, as notebooks show them."""
+    return "\n".join(
+        part._repr_html_() if isinstance(part, Table) else f"<p>{html.escape(part)}</p>"
+        for part in parts
+    )

@@ -1,0 +1,104 @@
+"""One table in six forms: each shows the same cells."""
+
+import csv
+import html
+import re
+
+import numpy as np
+import pytest
+
+from emcee_femu.table import Table, as_html
+
+MIXED = Table.from_columns(
+    "Of all <kinds> & more",
+    [
+        ("parameter", "", ["k_1", "x|y & 100 %", "<E>"]),
+        ("mean", ".3f", np.array([-1234.5678, np.nan, 2e-9])),
+        ("mean", ".2g", [1 / 3, 2, np.nan]),  # a title may occur twice
+        ("wrong", "", ["yes", "", "no"]),
+    ],
+)
+WIDE = Table("t", ("name", "x"), ("", ".3f"), (("k1", -1234.5678), ("a long name", 2)))
+SHOWN = [
+    ["k_1", "-1234.568", "0.33", "yes"],
+    ["x|y & 100 %", "", "2", ""],
+    ["<E>", "0.000", "", "no"],
+]
+
+
+def shown(table):
+    return SHOWN if table is MIXED else [["k1", "-1234.568"], ["a long name", "2.000"]]
+
+
+tables = pytest.mark.parametrize("table", [MIXED, WIDE], ids=["mixed", "wide"])
+
+
+@tables
+def test_text_is_aligned_and_shows_every_cell(table):
+    title, *lines = str(table).splitlines()
+    assert title == table.title
+    assert len({len(line) for line in lines}) == 1
+    assert lines[0] == lines[2] == lines[-1] == "-" * len(lines[0])
+    for line, cells in zip(lines[3:-1], shown(table), strict=True):
+        assert line.split() == " ".join(cells).split()
+    for before, title in zip(table.columns, table.columns[1:], strict=False):
+        end = lines[1].index(title, lines[1].index(before) + len(before)) + len(title)
+        assert {line[end : end + 2].strip() for line in lines[3:-1]} == {""}
+
+
+@tables
+def test_markdown_has_the_same_cells(table):
+    header, rule, *lines = table.to_markdown().splitlines()
+    cells = [re.split(r"(?<!\\)\|", line)[1:-1] for line in [header, *lines]]
+    assert all(line.startswith("| ") and line.endswith(" |") for line in lines)
+    found = [[cell.strip().replace("\\|", "|") for cell in row] for row in cells]
+    assert found == [list(table.columns), *shown(table)]
+    assert rule == "| " + " | ".join(["---"] + ["---:"] * (len(cells[0]) - 1)) + " |"
+
+
+@tables
+def test_html_is_escaped_and_has_the_same_cells(table):
+    text = table._repr_html_()
+    assert re.findall("<caption>(.*)</caption>", text) == [html.escape(table.title)]
+    rows = [
+        [html.unescape(cell) for cell in re.findall("<t[hd]>(.*?)</t[hd]>", line)]
+        for line in text.splitlines()
+        if "<tr>" in line
+    ]
+    assert rows == [list(table.columns), *shown(table)]
+    assert "<E>" not in text and "<kinds>" not in text
+
+
+def test_html_of_a_report_has_tables_and_escaped_sentences():
+    assert as_html(WIDE, "a < b") == f"{WIDE._repr_html_()}\n<p>a &lt; b</p>"
+
+
+def test_latex_is_escaped_and_has_a_column_for_each_title():
+    lines = MIXED.to_latex().splitlines()
+    assert lines[0] == r"\begin{tabular}{lrrr}" and lines[-1] == r"\end{tabular}"
+    assert lines[2] == r"parameter & mean & mean & wrong \\"
+    assert lines[4] == r"k\_1 & -1234.568 & 0.33 & yes \\"
+    assert lines[5] == r"x\textbar{}y \& 100 \% &  & 2 &  \\"
+    assert lines[6] == r"\textless{}E\textgreater{} & 0.000 &  & no \\"
+
+
+def test_csv_and_frame_keep_every_digit(tmp_path):
+    text = MIXED.to_csv(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_bytes().decode() == text == MIXED.to_csv()
+    header, *rows = csv.reader(text.splitlines())
+    frame = MIXED.to_frame()
+    assert tuple(header) == tuple(frame.columns) == MIXED.columns
+    for row, cells, framed in zip(
+        rows, MIXED.rows, frame.itertuples(index=False), strict=True
+    ):
+        for text, cell, value in zip(row, cells, framed, strict=True):
+            if isinstance(cell, str):
+                assert text == cell == value
+            elif np.isnan(cell):
+                assert text == "" and np.isnan(value)
+            else:
+                assert float(text) == cell == value
+
+
+def test_a_column_is_found_by_its_title():
+    assert MIXED.column("wrong") == ["yes", "", "no"]
