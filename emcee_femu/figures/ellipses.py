@@ -46,7 +46,6 @@ def covariance_ellipse(points: Floats, probability: float = 0.95) -> Ellipse:
     xy = checks.real_array("points", points, 2)
     if len(xy) < 3 or xy.shape[1] != 2:
         raise ValueError(f"points: expected (n >= 3, 2), got {xy.shape}")
-    checks.check_range("points", np.abs(xy).max(axis=0))
     probability = checks.real_number("probability", probability)
     if not 0 < probability < 1:
         raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")

@@ -104,7 +104,6 @@ class FrequencyTerm:
         frequencies = checks.positive_array("measured", measured, 1)
         if not frequencies.size:
             raise ValueError("measured: expected at least one frequency, got none")
-        checks.check_range("measured", frequencies)
         for label, text in (("name", name), ("discrepancy", discrepancy)):
             left_out = label == "discrepancy" and text is None
             if not left_out and (not isinstance(text, str) or not text):
@@ -195,7 +194,6 @@ def _relative_precision(
                 f"covariance: expected a symmetric ({n}, {n}) matrix for {n} modes, "
                 f"got {C.tolist()}"
             )
-        checks.check_range("covariance", C)
         variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
         if not variances[0] > 1e-12 * variances[-1]:
             raise ValueError(
@@ -209,7 +207,6 @@ def _relative_precision(
             f"{which}: expected one number or one for each of {n} modes, got shape "
             f"{numbers.shape}"
         )
-    checks.check_range(which, numbers)
     if which == "sd":
         numbers = numbers / frequencies
     precision = numbers if which == "beta" else numbers**-2

@@ -88,7 +88,6 @@ class ShapeTerm:
                 "measured: expected shapes (n_sensors, n_modes) of at least two "
                 f"sensors, none of them all zero, got shape {shapes.shape}"
             )
-        checks.check_range("measured", np.abs(shapes).max(axis=0))
         if not isinstance(name, str) or not name:
             raise TypeError(f"name: expected a non-empty string, got {name!r}")
         if (delta is None) == (sd is None):
@@ -166,7 +165,6 @@ class ShapeTerm:
 def _positive(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:
     """Return numbers above zero, one for each of ``shape``."""
     numbers = checks.positive_array(argument, value)
-    checks.check_range(argument, numbers)
     try:
         return np.broadcast_to(numbers, shape).copy()
     except ValueError:

@@ -211,7 +211,6 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[np.intp] | None:
     """Return the model's DOF at each sensor: distinct whole numbers from 0."""
     if value is None:
         return None
-    checks.refuse_masked("dofs", value)
     try:
         rows = np.array(value)
     except (TypeError, ValueError) as error:  # ragged, or no array at all

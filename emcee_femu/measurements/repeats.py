@@ -21,7 +21,6 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
     tests = checks.positive_array("frequencies", value, 2)
     correlated = checks.flag("correlated", correlated)
     n_tests, n_modes = tests.shape
-    checks.check_range("frequencies", tests)
     if n_tests < 2 or not n_modes:
         raise ValueError(
             "frequencies: expected (n_tests, n_modes) with two tests at least, got "

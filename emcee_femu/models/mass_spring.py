@@ -58,7 +58,6 @@ class MassSpringModel:
         mass = checks.positive_array("masses", masses, 1)
         if not mass.size:
             raise ValueError("masses: expected at least one, got none")
-        checks.check_range("masses", mass)
         shapes = checks.flag("shapes", shapes)
         if not isinstance(springs, Mapping):
             raise TypeError(
@@ -139,7 +138,6 @@ def _defaults(
         stiffness = spring[2]
         if not isinstance(stiffness, str):
             checked = checks.positive_array(f"springs[{name!r}]", stiffness, 0)
-            checks.check_range(f"springs[{name!r}]", checked)
             defaults[name] = checked.item()
     for name in names:
         leader = springs[name][2]

@@ -73,8 +73,6 @@ class DEMCMove(VectorizedRedBlueMove):
         self.gamma0 = (
             None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
         )
-        if self.gamma0 is not None:
-            checks.check_range("gamma0", np.array(self.gamma0))
         self.mode_jump = checks.real_number("mode_jump", mode_jump, 0)
         if self.mode_jump > 1:
             raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")

@@ -56,7 +56,6 @@ def noise_sigma(sigma: ArrayLike | None) -> Floats | None:
             "sigma: expected a number or (ndim,) numbers that are not "
             f"negative, got {sigma}"
         )
-    checks.check_range("sigma", array)
     return array
 
 

@@ -53,8 +53,6 @@ class IndependenceMove(Move):
         self.means = checks.real_array("means", means, 2)
         self.scale_matrices = checks.real_array("scale_matrices", scale_matrices, 3)
         self.df = checks.positive_array("df", df, 0).item()
-        checks.check_range("scale_matrices", self.scale_matrices)
-        checks.check_range("df", np.array(self.df))
         k, ndim = self.means.shape
         if self.weights.shape != (k,) or self.scale_matrices.shape != (k, ndim, ndim):
             raise ValueError(
@@ -115,7 +113,6 @@ class IndependenceMove(Move):
         """
         draws = checks.real_array("samples", samples, 2)
         df = checks.positive_array("df", df, 0).item()
-        checks.check_range("df", np.array(df))
         if not (isinstance(components, str) and components == "auto"):
             components = checks.whole_number("components", components, 1)
         weights, means, scale_matrices = fit_mixture(draws, components, df)

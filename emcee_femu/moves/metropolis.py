@@ -38,7 +38,6 @@ class MetropolisMove(Move):
         self.cov = checks.real_array("cov", cov)
         if not self.cov.size:
             raise ValueError("cov: expected at least one number, got none")
-        checks.check_range("cov", self.cov)
         if self.cov.ndim < 2:
             checks.positive_array("cov", self.cov)
             self._factor = self.cov
@@ -69,7 +68,6 @@ class MetropolisMove(Move):
             raise ValueError(
                 f"samples: expected more draws than {ndim} parameters, got {n}"
             )
-        checks.check_range("samples", np.abs(draws).max(axis=0))
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
         scaled_cholesky("samples (their covariance)", covariance)
         return cls(2.38**2 / ndim * covariance)

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.special import gammaln, logsumexp
 
-from .. import checks
 from ..interfaces import Floats
 from .metropolis import scaled_cholesky
 
@@ -30,7 +29,6 @@ def fit_mixture(
         raise ValueError(
             f"samples: expected at least {fewest} draws, got shape {draws.shape}"
         )
-    checks.check_range("samples", np.abs(draws).max(axis=0))
     # Evenly spaced, so that every walker and time of a chain takes part.
     draws = draws[np.linspace(0, n - 1, min(n, MOST_DRAWS)).astype(int)]
     # Whitened by all draws: scales may differ by 1e11, correlations be 0.99999.

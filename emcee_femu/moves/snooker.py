@@ -71,7 +71,6 @@ class SnookerMove(VectorizedRedBlueMove):
                 "gamma: expected an interval (low, high) with low <= high, got "
                 f"{gamma!r}"
             )
-        checks.check_range("gamma", ends)
         self.gamma: tuple[float, float] = (float(ends[0]), float(ends[1]))
 
     def __repr__(self) -> str:

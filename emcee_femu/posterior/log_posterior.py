@@ -250,10 +250,6 @@ class LogPosterior:
             ValueError: If nwalkers < 1, or around lies outside the bounds.
         """
         nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
-        if isinstance(seed, np.ndarray):
-            seed = np.asarray(seed)  # a numpy.matrix would crash the interpreter
-        if isinstance(seed, np.timedelta64):  # NumPy counts it among the integers
-            raise TypeError(f"seed: expected a whole number, got {seed!r}")
         try:
             rng = np.random.default_rng(seed)
         except (TypeError, ValueError) as error:

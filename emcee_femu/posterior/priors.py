@@ -67,8 +67,6 @@ class GaussianPrior:
             raise ValueError(
                 f"sd: expected one number or shape ({d},), got shape {sd.shape}"
             )
-        checks.check_range("sd", sd)
-        checks.check_range("mean", np.abs(mean) + sd)
         sd = np.broadcast_to(sd, (d,)).copy()
         if bounds is None:
             bounds = np.tile([-np.inf, np.inf], (d, 1))

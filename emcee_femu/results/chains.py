@@ -1,7 +1,6 @@
-"""Stored chains as arrays: which walkers and steps, and whether memory holds them."""
+"""Stored chains as arrays: which walkers and which steps."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import emcee
@@ -10,8 +9,6 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from ..moves.tempering import ladder
-
-MEMINFO = Path("/proc/meminfo")  # Linux alone says what can be had without swapping
 
 
 def as_list(
@@ -78,54 +75,3 @@ def stacked(
         result[:, ensemble] = part
         del part  # before the next one is read
     return result
-
-
-def check_memory(
-    runs: list[Any], numbers: int, discard: int, thin: int | None = None
-) -> None:
-    """Refuse to read more than fits, before it is read; only Linux tells what does.
-
-    Args:
-        runs: Samplers or backends.
-        numbers: How many a walker and step are to be read, of 8 bytes. Twice as much
-            must be available: files are read part by part, and who uses the result
-            copies of it.
-        discard: Stored steps to drop.
-        thin: Keep every ``thin``-th stored step; None for all, without a choice.
-
-    Raises:
-        MemoryError: If too little is available; it says how much is needed, and which
-            thin or discard fits.
-    """
-    discard = checks.whole_number("discard", discard)
-    every = 1 if thin is None else checks.whole_number("thin", thin, 1)
-    needed = step = steps = 0
-    for run in runs:
-        # Whole numbers of Python, which do not overflow; those of HDF5 files do.
-        steps, walkers = int(run.iteration), int(getattr(run, "backend", run).shape[0])
-        size = 2 * 8 * walkers * numbers
-        needed += size * len(range(discard + every - 1, steps, every))
-        step += size
-    available = available_memory()
-    if available is None or needed <= available:
-        return
-    if thin is None:
-        remedy = f"use discard={steps - available // step} or more"
-    else:
-        unthinned = step * (steps - discard)
-        remedy = f"use thin={-(-unthinned // max(available, 1))} or more, or a larger "
-        remedy += "discard"
-    raise MemoryError(
-        f"samplers: to read them takes {needed / 1e9:.3g} GB of memory, but "
-        f"{available / 1e9:.3g} GB are available; {remedy}"
-    )
-
-
-def available_memory() -> int | None:
-    """Return the bytes that can be had without swapping, None where no one tells."""
-    if not MEMINFO.exists():
-        return None
-    for line in MEMINFO.read_text(encoding="ascii").splitlines():
-        if line.startswith("MemAvailable:"):
-            return 1024 * int(line.split()[1])
-    return None

@@ -102,14 +102,11 @@ def diagnose(
     Raises:
         TypeError: If discard is not a whole number.
         ValueError: If fewer than 8 steps are left.
-        MemoryError: If the chains do not fit; it says which discard does.
 
     Source: Goodman and Weare (2010), doi:10.2140/camcos.2010.5.65 (tau); Vehtari et
     al. (2021), doi:10.1214/20-BA1221 (R-hat, ESS).
     """
     runs = inference_data.as_list(samplers)
-    n_parameters = getattr(runs[0], "backend", runs[0]).shape[1]
-    inference_data.check_memory(runs, n_parameters, discard)
     chain = inference_data.stacked(runs, "chain", discard)
     steps, n_ensembles, n_walkers, ndim = chain.shape
     if steps < 8:

@@ -80,16 +80,12 @@ def log_evidence(
         TypeError: If discard is not a whole number.
         ValueError: If a sampler is not tempered, betas differ or do not end at 0, fewer
             than 8 steps are left, or the log-likelihoods are not finite or constant.
-        MemoryError: If the chains do not fit; it says which discard does.
 
     Source: Xie et al. (2011), doi:10.1093/sysbio/syq085 (stepping stones); Friel, Hurn
     and Wyse (2014), doi:10.1007/s11222-013-9397-1 (integration).
     """
     runs = inference_data.as_list(samplers)
     betas = _betas(runs)
-    last = runs[0].get_blobs(discard=runs[0].iteration - 1)
-    width = 1 if last is None else 1 + last.shape[-1]
-    inference_data.check_memory(runs, width, discard)
     log_prob = inference_data.stacked(runs, "log_prob", discard, hot=True)
     blobs = inference_data.stacked(runs, "blobs", discard, hot=True)
     steps, ensembles, nwalkers = log_prob.shape

@@ -16,7 +16,6 @@ from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_summary
 from .chains import as_list as as_list
-from .chains import check_memory as check_memory
 from .chains import cold as cold
 from .chains import stacked as stacked
 
@@ -65,13 +64,10 @@ def to_inference_data(
     Raises:
         TypeError: If discard or thin is not a whole number.
         ValueError: If nothing is left, or a chain is not of this posterior.
-        MemoryError: If memory does not suffice; it says how much is needed, and the
-            ``thin`` that fits.
     """
     runs = as_list(samplers)
     columns = posterior.columns
     width = columns["model_mode"].stop - 1  # emcee takes the first one as log_prob
-    check_memory(runs, posterior.ndim + 1 + width, discard, thin)
     attributes = _attributes(runs, discard, thin)
     # Before the chains are read: the draws of the prior take memory for a moment.
     fixed = {

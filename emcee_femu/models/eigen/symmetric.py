@@ -27,7 +27,6 @@ def symmetric(argument: str, value: ArrayLike) -> Floats:
         )
     matrix = checks.real_array(argument, value, 2)
     _check_square(argument, matrix.shape)
-    checks.check_range(argument, np.abs(matrix).max(axis=1))
     gap = float(np.abs(matrix - matrix.T).max())
     _check_gap(argument, gap, float(np.abs(matrix).max()))
     return 0.5 * (matrix + matrix.T)
@@ -56,7 +55,6 @@ def sparse_symmetric(argument: str, value: Any) -> csc_array:
             f"{argument}: expected finite numbers, got {entries.data[i]} at index "
             f"({entries.row[i]}, {entries.col[i]})"
         )
-    checks.check_range(argument, matrix.data[np.abs(matrix.data) > checks.MOST])
     transpose = matrix.T.tocsc()
     gap = abs(matrix - transpose)
     largest = float(np.abs(matrix.data).max(initial=0.0))

@@ -80,7 +80,6 @@ class FrameModel:
             raise ValueError(
                 f"nodes: expected two or more, (n_nodes, 3), got {points.shape}"
             )
-        checks.check_range("nodes", points)
         free = _free_dofs(len(points), {} if supports is None else supports)
         K, M = _assemble(points, elements, sections)
         skip = checks.whole_number("skip", skip)

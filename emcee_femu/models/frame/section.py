@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, fields
 
-import numpy as np
-
 from ... import checks
 from ...interfaces import Floats, Parameters
 
@@ -50,13 +48,10 @@ class Section:
         for item in fields(self)[:6]:
             value = getattr(self, item.name)
             if not isinstance(value, str):
-                checks.check_range(
-                    item.name, checks.positive_array(item.name, value, 0)
-                )
+                checks.positive_array(item.name, value, 0)
             elif not value:
                 raise ValueError(f"{item.name}: expected a parameter name, got ''")
         vector = checks.real_array("orientation", self.orientation, 1)
-        checks.check_range("orientation", np.abs(vector).max(initial=0.0))
         if vector.shape != (3,) or not vector.any():
             raise ValueError(
                 f"orientation: expected a vector (3,) that is not zero, got {vector}"
