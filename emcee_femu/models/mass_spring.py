@@ -8,7 +8,10 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters
-from .eigen.dense import Eigenproblem
+from .eigen.dense import Eigenproblem, output_rows
+from .parameters import check_positive, chosen_dofs
+
+Spring = tuple[int, int, float | str]
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -18,18 +21,20 @@ class MassSpringModel:
     .. math:: K = \sum_s k_s b_s b_s^T, \qquad M = \mathrm{diag}(m_1 .. m_n)
 
     with ``b_s`` = +1 at one end of spring s, -1 at the other, nothing at the ground. A
-    parameter of a spring's name overrides its default stiffness; a spring with another
-    spring's name in place of a number always has that spring's stiffness.
+    parameter with the name of a spring overrides its default stiffness; a spring with
+    another spring's name in place of a number always has that spring's stiffness.
 
     Args:
         masses: Masses of nodes 1 .. n in kg, ``(n,)``.
         springs: ``{name: (node, node, default stiffness in N/m)}``, or
             ``{name: (node, node, "name of the spring that it follows")}``; node 0 is
             the ground.
-        shapes: Whether to return mode shapes too (about twice the time).
+        shapes: Whether to return mass-normalised mode shapes too (about twice the
+            time), or the DOFs at which to return them, in the order given. DOFs count
+            from 0: DOF 0 is node 1.
 
     Raises:
-        TypeError: If springs is not such a mapping, or a node not a whole number.
+        TypeError: If springs is not such a mapping, or a node is not a whole number.
         ValueError: If a mass or stiffness is not above zero, or a node or followed
             spring does not exist.
             When called: if a stiffness is not above zero.
@@ -41,106 +46,91 @@ class MassSpringModel:
     """
 
     masses: Floats
-    springs: Mapping[str, tuple[int, int, float | str]]
-    shapes: bool
-    _names: tuple[str, ...] = field(repr=False)
+    springs: Mapping[str, Spring]
+    names: tuple[str, ...] = field(repr=False)
+    positive: tuple[str, ...] = field(repr=False)
+    n_modes: int = field(repr=False)
+    shape_dofs: tuple[int, ...]
     _defaults: Floats = field(repr=False)
     _problem: Eigenproblem = field(repr=False)
 
     def __init__(
         self,
         masses: ArrayLike,
-        springs: Mapping[str, tuple[int, int, float | str]],
+        springs: Mapping[str, Spring],
         *,
-        shapes: bool = False,
+        shapes: bool | Sequence[int] = False,
     ) -> None:
-        """See the class."""
         mass = checks.positive_array("masses", masses, 1)
-        if not mass.size:
+        n = len(mass)
+        if not n:
             raise ValueError("masses: expected at least one, got none")
-        shapes = checks.flag("shapes", shapes)
+        dofs = chosen_dofs(shapes, range(n))
         if not isinstance(springs, Mapping):
             raise TypeError(
                 "springs: expected {name: (node, node, stiffness)}, got "
                 f"{type(springs).__name__}"
             )
-        names = checks.parameter_names("springs", list(springs))
-        defaults = _defaults(springs, names)
-        n = len(mass)
-        K = np.zeros((len(defaults), n, n))
-        for name in names:
+        every = checks.parameter_names("springs", list(springs))
+        defaults = _default_stiffnesses(springs)
+        names = tuple(defaults)
+        K = np.zeros((len(names), n, n))
+        for name in every:
             first, second, stiffness = springs[name]
             leader = stiffness if isinstance(stiffness, str) else name
             b = _incidence(name, first, second, n)
-            K[list(defaults).index(leader)] += np.outer(b, b)
-        problem = Eigenproblem(
-            K0=np.zeros((n, n)),
-            K=K,
-            M0=np.diag(mass),
-            M=np.empty((0, n, n)),
-            selected=tuple(range(n)),
-            shapes=shapes,
+            K[names.index(leader)] += np.outer(b, b)
+        checks.set_fields(
+            self,
+            masses=mass,
+            springs={name: tuple(springs[name]) for name in every},
+            names=names,
+            positive=names,
+            n_modes=n,
+            shape_dofs=dofs,
+            _defaults=np.array([*defaults.values()]),
+            _problem=Eigenproblem(
+                K0=np.zeros((n, n)),
+                K=K,
+                M0=np.diag(mass),
+                M=np.empty((0, n, n)),
+                selected=tuple(range(n)),
+                shapes=bool(dofs),
+                output=output_rows(dofs, n),
+            ),
         )
-        object.__setattr__(self, "masses", mass)
-        object.__setattr__(self, "springs", {k: tuple(springs[k]) for k in names})
-        object.__setattr__(self, "shapes", shapes)
-        object.__setattr__(self, "_names", tuple(defaults))
-        object.__setattr__(self, "_defaults", np.array([*defaults.values()]))
-        object.__setattr__(self, "_problem", problem)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The springs with a stiffness of their own: the parameters that it reads."""
-        return self._names
-
-    @property
-    def positive(self) -> tuple[str, ...]:
-        """The parameters that must stay above zero: all."""
-        return self.names
-
-    @property
-    def n_modes(self) -> int:
-        """Number of modes, that of the masses."""
-        return len(self.masses)
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
         parameters, n = checks.batch(parameters)
-        k = np.empty((n, len(self._names)))
+        k = np.empty((n, len(self.names)))
         k[:] = self._defaults
-        for column, name in enumerate(self._names):
+        for column, name in enumerate(self.names):
             if name in parameters:
                 k[:, column] = parameters[name]
+        if n and not k.min() > 0:
+            check_positive(
+                dict(zip(self.names, k.T, strict=True)), self.names, "stiffness"
+            )
 
         def describe(row: int) -> str:
-            return str(dict(zip(self._names, k[row].tolist(), strict=True)))
+            return str(dict(zip(self.names, k[row].tolist(), strict=True)))
 
-        if n and not k.min() > 0:
-            row, column = np.argwhere(~(k > 0))[0]
-            raise ValueError(
-                f"parameters: the stiffness {self.names[column]!r} must be above "
-                f"zero, got {k[row, column]:g}; give its prior a lower bound"
-            )
         return self._problem.solve(k, np.empty((n, 0)), describe)
 
 
-def _defaults(
-    springs: Mapping[str, tuple[int, int, float | str]], names: tuple[str, ...]
-) -> dict[str, float]:
+def _default_stiffnesses(springs: Mapping[str, Spring]) -> dict[str, float]:
     """Return the default stiffness of each spring that follows no other."""
     defaults = {}
-    for name in names:
-        spring = springs[name]
+    for name, spring in springs.items():
         if not isinstance(spring, Sequence) or len(spring) != 3:
             raise TypeError(
                 f"springs[{name!r}]: expected (node, node, stiffness), got {spring!r}"
             )
-        stiffness = spring[2]
-        if not isinstance(stiffness, str):
-            checked = checks.positive_array(f"springs[{name!r}]", stiffness, 0)
-            defaults[name] = checked.item()
-    for name in names:
-        leader = springs[name][2]
+        if not isinstance(spring[2], str):
+            value = checks.positive_array(f"springs[{name!r}]", spring[2], 0)
+            defaults[name] = value.item()
+    for name, (_, _, leader) in springs.items():
         if isinstance(leader, str) and leader not in defaults:
             raise ValueError(
                 f"springs[{name!r}]: expected a spring with a stiffness of its own to "

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import Floats, ModalSolution, Parameters
-from .eigen.dense import Eigenproblem
+from ..interfaces import ModalSolution, Parameters
+from .eigen.dense import Eigenproblem, output_rows
 from .eigen.sparse import SparseEigenproblem, check_mass
 from .eigen.symmetric import sparse_symmetric, symmetric
+from .parameters import chosen_dofs, columns, describe, read_batch
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -23,13 +25,13 @@ class MatrixModel:
         M(\theta) = M_0 + \sum_j \theta_j M_j, \qquad
         K \phi = (2 \pi f)^2 M \phi
 
-    A name may stand in both K and M. **Dense** arrays are solved for all parameter
-    sets at once; a constant M is folded into K once, one that depends on parameters is
+    A name may be in both K and M. **Dense** arrays are solved for all parameter sets
+    at once; a constant M is folded into K once, one that depends on parameters is
     factored by a batched Cholesky. If K0 is a **scipy.sparse** matrix, all others may
-    be sparse or dense and are made sparse; each parameter set is then one sparse
-    factor and a Lanczos iteration, massless DOFs are allowed, and an M that depends on
-    parameters costs a second factor, its check. For thousands of evaluations see
-    :func:`reduce_model`.
+    be sparse or dense and are made sparse; each parameter set then costs one sparse
+    factorisation and a Lanczos iteration, massless DOFs are allowed, and an M that
+    depends on parameters costs a second factorisation, to check it. For thousands of
+    evaluations see :func:`reduce_model`.
 
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.
@@ -45,7 +47,7 @@ class MatrixModel:
         TypeError: If K0 is dense and another matrix is sparse.
         ValueError: If a matrix is not square, symmetric or of the size of K0, M is
             constant and not positive definite, or there are not enough modes. When
-            called: if M is not positive definite, or the count of rigid-body modes
+            called: if M is not positive definite, or the number of rigid-body modes
             is not skip.
 
     Example:
@@ -62,6 +64,8 @@ class MatrixModel:
     n_modes: int
     skip: int
     shape_dofs: tuple[int, ...]
+    names: tuple[str, ...] = field(repr=False)
+    required: tuple[str, ...] = field(repr=False)
     _problem: Eigenproblem | SparseEigenproblem = field(repr=False)
 
     def __init__(
@@ -75,33 +79,22 @@ class MatrixModel:
         skip: int = 0,
         shapes: bool | Sequence[int] | NDArray[np.integer] = False,
     ) -> None:
-        """See the class."""
-        sparse = issparse(K0)
-        check = sparse_symmetric if sparse else symmetric
-        stiffness, mass = check("K0", K0), check("M0", M0)
+        read = sparse_symmetric if issparse(K0) else symmetric
+        stiffness = read("K0", K0)
         size = stiffness.shape[0]
-        M = {} if M is None else M
-        for label, given in (("K", K), ("M", M)):
+        units = {"K": K, "M": {} if M is None else M}
+        for label, given in units.items():
             if not isinstance(given, Mapping):
                 raise TypeError(
                     f"{label}: expected {{parameter: matrix}}, got "
                     f"{type(given).__name__}"
                 )
-        units = {
-            "K": {name: check(f"K[{name!r}]", K[name]) for name in K},
-            "M": {name: check(f"M[{name!r}]", M[name]) for name in M},
-        }
-        if units["K"] or units["M"]:
-            checks.parameter_names("K, M", list({**units["K"], **units["M"]}))
-        for label, matrix in (
-            ("M0", mass),
-            *((f"{k}[{name!r}]", m) for k, u in units.items() for name, m in u.items()),
-        ):
-            if matrix.shape != stiffness.shape:
-                raise ValueError(
-                    f"{label}: expected the shape of K0, {stiffness.shape}, "
-                    f"got {matrix.shape}"
-                )
+        K, M = (
+            {name: read(f"{label}[{name!r}]", given[name], size) for name in given}
+            for label, given in units.items()
+        )
+        if names := tuple(dict.fromkeys([*K, *M])):
+            checks.parameter_names("K, M", names)
         n_modes = checks.whole_number("n_modes", n_modes, 1)
         skip = checks.whole_number("skip", skip)
         if skip + n_modes > size:
@@ -109,92 +102,59 @@ class MatrixModel:
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
-        dofs = _shape_dofs(shapes, size)
-        object.__setattr__(self, "K0", stiffness)
-        object.__setattr__(self, "M0", mass)
-        object.__setattr__(self, "K", units["K"])
-        object.__setattr__(self, "M", units["M"])
-        object.__setattr__(self, "n_modes", n_modes)
-        object.__setattr__(self, "skip", skip)
-        object.__setattr__(self, "shape_dofs", dofs)
-        build = self.sparse_problem if sparse else self._dense_problem
-        object.__setattr__(self, "_problem", build())
-
-    def _dense_problem(self) -> Eigenproblem:
-        if not self.M:
-            try:
-                np.linalg.cholesky(self.M0)
-            except np.linalg.LinAlgError:
-                raise ValueError(
-                    "M0: expected a positive definite matrix; remove massless DOFs "
-                    "by static condensation, or give scipy.sparse matrices"
-                ) from None
-        size = len(self.K0)
-        natural = self.shape_dofs in ((), tuple(range(size)))
-        return Eigenproblem(
-            K0=self.K0,
-            K=np.array([*self.K.values()]).reshape(-1, size, size),
-            M0=self.M0,
-            M=np.array([*self.M.values()]).reshape(-1, size, size),
-            selected=tuple(range(self.skip, self.skip + self.n_modes)),
-            skip=self.skip,
-            shapes=bool(self.shape_dofs),
-            output=None if natural else np.eye(size)[list(self.shape_dofs)],
+        checks.set_fields(
+            self,
+            K0=stiffness,
+            M0=read("M0", M0, size),
+            K=K,
+            M=M,
+            n_modes=n_modes,
+            skip=skip,
+            shape_dofs=chosen_dofs(shapes, range(size)),
+            names=names,
+            required=names,
         )
-
-    def sparse_problem(self) -> SparseEigenproblem:
-        """Return the sparse problem, also of dense matrices."""
-        K0, M0 = csc_array(self.K0), csc_array(self.M0)
-        if not self.M:
-            check_mass(M0, "M0")
-        return SparseEigenproblem(
-            K0,
-            [csc_array(matrix) for matrix in self.K.values()],
-            M0,
-            [csc_array(matrix) for matrix in self.M.values()],
-            n_modes=self.n_modes,
-            skip=self.skip,
-            dofs=self.shape_dofs,
-        )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters that the matrices depend on."""
-        return tuple(dict.fromkeys([*self.K, *self.M]))
-
-    @property
-    def required(self) -> tuple[str, ...]:
-        """The parameters without which there is no model: all."""
-        return self.names
+        build = sparse_problem if issparse(K0) else _dense_problem
+        checks.set_fields(self, _problem=build(self))
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        parameters, n = checks.batch(parameters)
-        missing = [name for name in self.names if name not in parameters]
-        if missing:
-            raise ValueError(f"parameters: no value for {missing}")
-
-        def columns(names: Mapping[str, Floats]) -> Floats:
-            values = [parameters[name] for name in names]
-            return np.array(values).reshape(len(values), n).T
-
-        def describe(row: int) -> str:
-            return str({name: float(parameters[name][row]) for name in self.names})
-
-        return self._problem.solve(columns(self.K), columns(self.M), describe)
+        values, n = read_batch(parameters, self.names)
+        return self._problem.solve(
+            columns(values, self.K, n),
+            columns(values, self.M, n),
+            partial(describe, values, self.names),
+        )
 
 
-def _shape_dofs(shapes: Any, size: int) -> tuple[int, ...]:
-    if isinstance(shapes, bool | np.bool_):
-        return tuple(range(size)) if shapes else ()
-    listed = isinstance(shapes, Sequence) and not isinstance(shapes, str)
-    if not listed and not (isinstance(shapes, np.ndarray) and shapes.ndim):
-        raise TypeError(f"shapes: expected True, False or DOFs, got {shapes!r}")
-    dofs = tuple(checks.whole_number("shapes", dof) for dof in shapes)
-    if not dofs:
-        raise ValueError("shapes: expected at least one DOF, got none; write False")
-    if max(dofs) >= size:
-        raise ValueError(f"shapes: no DOF {max(dofs)}; DOFs are 0 to {size - 1}")
-    if len(set(dofs)) < len(dofs):
-        raise ValueError(f"shapes: each DOF once, got {dofs}")
-    return dofs
+def sparse_problem(model: MatrixModel) -> SparseEigenproblem:
+    """Return the sparse problem of a model, also where its matrices are dense."""
+    K, M = (
+        tuple(csc_array(matrix) for matrix in (constant, *units.values()))
+        for constant, units in ((model.K0, model.K), (model.M0, model.M))
+    )
+    if not model.M:
+        check_mass(M[0], "M0")
+    return SparseEigenproblem(K, M, model.n_modes, model.skip, model.shape_dofs)
+
+
+def _dense_problem(model: MatrixModel) -> Eigenproblem:
+    if not model.M:
+        try:
+            np.linalg.cholesky(model.M0)
+        except np.linalg.LinAlgError:
+            raise ValueError(
+                "M0: expected a positive definite matrix; remove massless DOFs "
+                "by static condensation, or give scipy.sparse matrices"
+            ) from None
+    size = len(model.K0)
+    return Eigenproblem(
+        K0=model.K0,
+        K=np.array([*model.K.values()]).reshape(-1, size, size),
+        M0=model.M0,
+        M=np.array([*model.M.values()]).reshape(-1, size, size),
+        selected=tuple(range(model.skip, model.skip + model.n_modes)),
+        skip=model.skip,
+        shapes=bool(model.shape_dofs),
+        output=output_rows(model.shape_dofs, size),
+    )

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
-from .. import checks
-from ..interfaces import Floats, ModalSolution, Parameters
+from ..interfaces import ModalSolution, Parameters
 from ..models.eigen.dense import Eigenproblem
+from ..models.parameters import columns, describe, read_batch
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,20 +16,21 @@ class ReducedModel:
     """A modal model in a Ritz basis, solved for all parameter sets at once.
 
     Made by :func:`reduce_model`. Like any Ritz approximation it bounds each
-    frequency from above. **Certified** is ``max_error``: the largest relative error
-    of any of the frequencies at ``test_points`` points that did not serve the basis,
-    half of them corners of the bounds, each solved in full. It is no bound over the
-    whole box: of n points drawn at random, with 95 % confidence less than 3 / n of
+    frequency from above (massless DOFs get a little mass, which lowers it by a small
+    share of the tolerance). **Certified** is ``max_error``: the largest relative error
+    of any frequency at ``test_points`` points that were not used to build the basis,
+    half of them corners of the bounds, each solved in full. This is no bound over the
+    whole box: after n points drawn at random, with 95 % confidence less than 3 / n of
     the box errs more. **Shapes are measured, not certified**: ``shape_error`` is the
     largest 1 - MAC there (mass-weighted, over all DOFs), each shape against the space
     of the full modes within 2 % of its frequency, because single shapes of close modes
-    turn into each other. It grows like the frequency error times the inverse of the
-    gap, and is not held below the tolerance.
+    turn into each other. It grows like the frequency error divided by the gap, and is
+    not held below the tolerance.
 
     Attributes:
-        bounds: ``{parameter: (low, high)}``, where alone the model may be used.
+        bounds: ``{parameter: (low, high)}``; the model refuses values outside.
         n_modes: Number of frequencies.
-        shape_dofs: DOFs of the full model at which shapes are returned, () for none.
+        shape_dofs: DOFs of the full model at which shapes are returned; () for none.
         tolerance: The demanded frequency error.
         max_error: The certified relative frequency error, below the tolerance.
         shape_error: Largest 1 - MAC at the test points.
@@ -82,12 +84,9 @@ class ReducedModel:
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
-        parameters, n = checks.batch(parameters)
-        missing = [name for name in self.names if name not in parameters]
-        if missing:
-            raise ValueError(f"parameters: no value for {missing}")
+        values, n = read_batch(parameters, self.names)
         for name, (low, high) in self.bounds.items():
-            value = parameters[name]
+            value = values[name]
             outside = ~((value >= low) & (value <= high))
             if outside.any():
                 row = int(np.argmax(outside))
@@ -97,12 +96,5 @@ class ReducedModel:
                     "wider bounds, or give its prior these bounds"
                 )
 
-        def columns(names: tuple[str, ...]) -> Floats:
-            values = [parameters[name] for name in names]
-            return np.array(values).reshape(len(values), n).T
-
-        def describe(row: int) -> str:
-            return str({name: float(parameters[name][row]) for name in self.names})
-
-        k, m = (columns(names) for names in self._columns)
-        return self._problem.solve(k, m, describe)
+        k, m = (columns(values, names, n) for names in self._columns)
+        return self._problem.solve(k, m, partial(describe, values, self.names))

@@ -11,8 +11,8 @@ from ..models.eigen.dense import Eigenproblem
 from ..models.eigen.sparse import SparseEigenproblem, symmetric_factor
 
 PROBES = 32  # the estimate then has a standard deviation of sqrt(2 / 32) = 25 %
-RIGID_WEIGHT = 1e3  # rigid motions stay in the basis, whatever its size
-DEPENDENT = 1e-7  # share of a shape's energy norm below which nothing in it is new
+RIGID_WEIGHT = 1e3  # so that rigid motions stay in a basis of any size
+DEPENDENT = 1e-7  # share of a shape's energy norm; what is new in it must be more
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +64,12 @@ class Projection:
         frequencies, shapes = self.eigenproblem().solve(k, m, lambda i: f"point {i}")
         y = np.asarray(shapes)
         eigenvalues = (2 * np.pi * frequencies[:, None, :]) ** 2
-        probed = _summed(self.stiffness_probes, k) @ y
-        probed -= eigenvalues * (_summed(self.mass_probes, m) @ y)
+        probed = _sum(self.stiffness_probes, k) @ y
+        probed -= eigenvalues * (_sum(self.mass_probes, m) @ y)
         result: Floats = 0.5 * np.mean(probed**2, axis=1) / eigenvalues[:, 0]
         return result
 
-    def rotated(self, T: Floats) -> "Projection":
+    def rotate(self, T: Floats) -> "Projection":
         """Return the projection on the basis ``V T``."""
         return replace(
             self,
@@ -88,8 +88,8 @@ class RitzBasis:
         vectors: The basis V, ``(N, r)``.
         projection: The full matrices in it.
         snapshots: Coordinates of the shapes, scaled to unit energy, ``(r, n)``.
-        A: What the energy is measured by: the stiffness at the centre of the bounds.
-        shift: What of the mass A holds.
+        A: Measures the energy: the stiffness at the centre of the bounds.
+        shift: Multiple of the mass in A.
         matrices: The full stiffness and the full mass matrices.
         probes: K_q g_j and M_q g_j.
     """
@@ -102,9 +102,9 @@ class RitzBasis:
     matrices: tuple[tuple[csc_array, ...], ...] = field(repr=False)
     probes: tuple[list[Floats], ...] = field(repr=False)
 
-    def extended(self, eigenvalues: Floats, shapes: Floats) -> "RitzBasis":
+    def extend(self, eigenvalues: Floats, shapes: Floats) -> "RitzBasis":
         """Return the basis with mode shapes ``(N, n)`` added."""
-        V, old = self.vectors, self.projection
+        V = self.vectors
         new = shapes / np.sqrt(np.abs(eigenvalues) + self.shift)  # unit energy
         coordinates = np.zeros((V.shape[1], new.shape[1]))
         for _ in range(2):  # once leaves the rounding of a difference behind
@@ -115,36 +115,30 @@ class RitzBasis:
         kept = energy > DEPENDENT**2
         Q = new @ (directions[:, kept] / np.sqrt(energy[kept]))
         coordinates = np.vstack([coordinates, Q.T @ (self.A @ new)])
-        coordinates[:, : old.selected[0]] *= RIGID_WEIGHT
+        coordinates[:, : self.projection.selected[0]] *= RIGID_WEIGHT
+        old = self.projection
         K, M = (
-            np.array([_bordered(q, V, Q, corner) for q, corner in pairs])
-            for pairs in (
-                zip(self.matrices[0], old.stiffness, strict=True),
-                zip(self.matrices[1], old.mass, strict=True),
-            )
+            np.array([_border(q, V, Q, own) for q, own in zip(*pair, strict=True)])
+            for pair in zip(self.matrices, (old.stiffness, old.mass), strict=True)
         )
-        probed_K, probed_M = (np.array([p.T @ Q for p in own]) for own in self.probes)
-        before = np.vstack(
-            [self.snapshots, np.zeros((Q.shape[1], self.snapshots.shape[1]))]
+        before = (old.stiffness_probes, old.mass_probes)
+        probed_K, probed_M = (
+            np.concatenate([known, np.array([p.T @ Q for p in own])], axis=2)
+            for known, own in zip(before, self.probes, strict=True)
         )
+        snapshots = np.pad(self.snapshots, ((0, Q.shape[1]), (0, 0)))
         return replace(
             self,
             vectors=np.hstack([V, Q]),
-            snapshots=np.hstack([before, coordinates]),
-            projection=Projection(
-                K,
-                M,
-                np.concatenate([old.stiffness_probes, probed_K], axis=2),
-                np.concatenate([old.mass_probes, probed_M], axis=2),
-                old.selected,
-            ),
+            snapshots=np.hstack([snapshots, coordinates]),
+            projection=Projection(K, M, probed_K, probed_M, old.selected),
         )
 
-    def principal(self) -> Floats:
+    def principal_directions(self) -> Floats:
         """Return the coordinates of the snapshots' principal directions, ``(r, r)``.
 
-        The first columns hold as much of the snapshots' energy as any so many can
-        (proper orthogonal decomposition).
+        The first columns hold as much of the snapshots' energy as that many columns
+        can (proper orthogonal decomposition).
         """
         directions: Floats = np.linalg.svd(self.snapshots, full_matrices=True)[0]
         return directions
@@ -164,13 +158,13 @@ def empty_basis(
         problem: The full model.
         k: Stiffness coefficients at the centre of the bounds, ``(n_k,)``.
         m: Mass coefficients there, ``(n_m,)``.
-        shift: Share of the mass in A; above zero if there are rigid-body modes.
-        added: Share of A that is added to the mass; above zero for massless DOFs.
+        shift: Multiple of the mass in A; above zero if there are rigid-body modes.
+        added: Multiple of A added to the mass; above zero if there are massless DOFs.
         rng: For the random probes.
     """
-    A = csc_array(_weighted(problem.K, k) + shift * _weighted(problem.M, m))
+    A = csc_array(_combine(problem.K, k) + shift * _combine(problem.M, m))
     masses = (csc_array(problem.M[0] + added * A), *problem.M[1:])
-    g = _probes(A, rng)
+    g = _draw_probes(A, rng)
     n_k, n_m, skip = len(problem.K), len(masses), problem.skip
     projection = Projection(
         np.empty((n_k, 0, 0)),
@@ -190,26 +184,26 @@ def empty_basis(
     )
 
 
-def _bordered(q: csc_array, V: Floats, Q: Floats, corner: Floats) -> Floats:
-    """Return ``[V Q]^T q [V Q]``, of which ``V^T q V`` is known."""
+def _border(q: csc_array, V: Floats, Q: Floats, corner: Floats) -> Floats:
+    """Return ``[V Q]^T q [V Q]``, where ``corner`` is ``V^T q V``."""
     right = q @ Q
     side = V.T @ right
     return np.block([[corner, side], [side.T, Q.T @ right]])
 
 
-def _weighted(matrices: Sequence[csc_array], coefficients: Floats) -> csc_array:
+def _combine(matrices: Sequence[csc_array], coefficients: Floats) -> csc_array:
     total = matrices[0]
     for matrix, value in zip(matrices[1:], coefficients, strict=True):
         total = total + value * matrix
     return total
 
 
-def _summed(terms: Floats, coefficients: Floats) -> Floats:
+def _sum(terms: Floats, coefficients: Floats) -> Floats:
     result: Floats = terms[0] + np.tensordot(coefficients, terms[1:], axes=1)
     return result
 
 
-def _probes(A: csc_array, rng: np.random.Generator) -> Floats:
+def _draw_probes(A: csc_array, rng: np.random.Generator) -> Floats:
     """Return random vectors ``(N, PROBES)`` with covariance ``A^-1``."""
     factor = symmetric_factor(A)  # A = P^T L D L^T P
     noise = rng.normal(size=(A.shape[0], PROBES))

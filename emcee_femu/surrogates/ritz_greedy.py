@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,20 @@ from scipy.stats import qmc
 from .. import checks
 from ..interfaces import Floats
 from ..models.eigen.sparse import SparseEigenproblem
-from ..models.matrix import MatrixModel
+from ..models.matrix import MatrixModel, sparse_problem
+from ..models.parameters import columns
 from .reduced import ReducedModel
 from .ritz_basis import Projection, RitzBasis, empty_basis
-from .ritz_points import checked_bounds, corners, independent_points
+from .ritz_points import check_bounds, corners, independent_points
 
-BUFFER = 2  # modes solved beyond those wanted, so that a crossing stays in the basis
+BUFFER = 2  # extra modes, so that those which cross the wanted ones are in the basis
 CANDIDATES, CORNERS = 128, 64  # points where the error is estimated, inside and outside
-SAFETY = 0.8  # share of the tolerance that the estimate of the final basis may take
-RESERVE = 0.2  # of that, for the basis before its truncation
-CLOSE = 0.02  # modes with frequencies closer than this mix their shapes
+SAFETY = 0.8  # largest estimate of the final basis, as a share of the tolerance
+RESERVE = 0.2  # share of that for the basis before truncation
+CLOSE = 0.02  # modes nearer to each other in frequency mix their shapes
 PAYS = 3.0  # a smaller speed-up is worth a warning
-BATCH = 16  # walkers in the measured batch
+BATCH = 16  # parameter sets in the batch that is timed
+MISSED = 1e-6  # a Ritz frequency this much below the full one, relatively, is an error
 
 
 def reduce_model(
@@ -36,7 +38,7 @@ def reduce_model(
     max_solves: int = 200,
     seed: int = 0,
 ) -> ReducedModel:
-    """Return a small model that stands for a large one inside ``bounds``.
+    """Return a small model that stands in for a large one inside ``bounds``.
 
     A Ritz basis is built from the mode shapes at the centre of the bounds and at
     points that a greedy search adds where a residual estimate of the error is
@@ -46,13 +48,13 @@ def reduce_model(
         model: The full model, dense or sparse.
         bounds: ``{parameter: (low, high)}`` for every parameter of the model.
         tolerance: Largest relative error of a frequency, at the test points.
-        test_points: Number of independent test points: half corners of the
+        test_points: Number of independent test points, half of them corners of the
             bounds, half drawn at random inside them.
         max_solves: How many full solves may be spent, tests included.
         seed: Seed of the points.
 
     Raises:
-        TypeError: If model is no MatrixModel.
+        TypeError: If model is not a MatrixModel.
         ValueError: If bounds do not fit the parameters, or the tolerance is not
             reached with ``max_solves`` full solves.
 
@@ -64,7 +66,7 @@ def reduce_model(
             f"model: expected a MatrixModel, got {type(model).__name__}; export its K "
             "and M for every parameter"
         )
-    box = checked_bounds(bounds, model.names)
+    box = check_bounds(bounds, model.names)
     tolerance = checks.real_number("tolerance", tolerance)
     if not 1e-9 <= tolerance <= 0.1:
         raise ValueError(
@@ -73,15 +75,15 @@ def reduce_model(
     n_tests = checks.whole_number("test_points", test_points, 2)
     max_solves = checks.whole_number("max_solves", max_solves, n_tests + 2)
     rng = np.random.default_rng(checks.whole_number("seed", seed))
-    full = _FullModel(model, model.sparse_problem(), np.array([*box.values()]))
+    full = _FullModel(model, sparse_problem(model), np.array([*box.values()]))
 
     outer = corners(len(box), rng)
     inside = qmc.Sobol(len(box), seed=rng).random(CANDIDATES)
     candidates = np.concatenate([inside, outer[n_tests // 2 :][:CORNERS]])
     basis, target = full.first_basis(tolerance, rng), SAFETY * tolerance
     while True:
-        basis = _grown(basis, full, candidates, RESERVE * target, max_solves - n_tests)
-        projection, T = _truncated(basis, full, candidates, target)
+        basis = _grow(basis, full, candidates, RESERVE * target, max_solves - n_tests)
+        projection, T = _truncate(basis, full, candidates, target)
         tests = independent_points(outer, candidates, n_tests, rng)
         errors, shape_error = full.errors(projection, basis.vectors @ T, tests)
         worst = int(np.argmax(errors))
@@ -91,9 +93,9 @@ def reduce_model(
             raise _not_reached(tolerance, errors[worst], "at the test points", full)
         # The estimate misses something there: look closer, certify at new points.
         candidates = np.concatenate([candidates, tests[worst : worst + 1]])
-        basis = basis.extended(*full.lowest(tests[worst]))
+        basis = basis.extend(*full.lowest(tests[worst]))
         target *= 0.3
-    return _finished(
+    return _finish(
         full, projection, basis.vectors @ T, box, tolerance, errors, shape_error
     )
 
@@ -114,20 +116,20 @@ class _FullModel:
 
     def coefficients(self, points: Floats) -> tuple[Floats, Floats]:
         values, n = self.parameters(points), len(points)
-        k, m = (
-            np.array([values[name] for name in names]).reshape(-1, n).T
-            for names in (self.model.K, self.model.M)
-        )
-        return k, m
+        return columns(values, self.model.K, n), columns(values, self.model.M, n)
+
+    def describe(self, point: Floats) -> str:
+        values = self.parameters(point[None])
+        return str({name: value.item() for name, value in values.items()})
 
     def lowest(self, point: Floats) -> tuple[Floats, Floats]:
         """Solve in full at one point, with rigid-body modes and some more."""
         k, m = self.coefficients(point[None])
-        values = {n: float(v[0]) for n, v in self.parameters(point[None]).items()}
         count = self.problem.skip + self.problem.n_modes + BUFFER
-        massive = np.count_nonzero(self.problem.mass(m[0]).diagonal())
+        massive = int(np.count_nonzero(self.problem.mass(m[0]).diagonal()))
         self.solves += 1
-        return self.problem.lowest(k[0], m[0], min(count, int(massive)), str(values))
+        where = self.describe(point)
+        return self.problem.lowest(k[0], m[0], min(count, massive), where)
 
     def first_basis(self, tolerance: float, rng: np.random.Generator) -> RitzBasis:
         """Return the basis of the shapes at the centre."""
@@ -137,10 +139,10 @@ class _FullModel:
         skip = self.problem.skip
         shift = 0.1 * float(eigenvalues[skip]) if skip else 0.0
         massless = not self.problem.mass(m[0]).diagonal().all()
-        # A little mass keeps the projected one definite; 0.5 % of the tolerance.
+        # A little mass keeps the projected one definite: 0.5 % of the tolerance here.
         added = 0.01 * tolerance / float(eigenvalues[-1]) if massless else 0.0
         empty = empty_basis(self.problem, k[0], m[0], shift, added, rng)
-        return empty.extended(eigenvalues, shapes)
+        return empty.extend(eigenvalues, shapes)
 
     def errors(
         self, projection: Projection, vectors: Floats, points: Floats
@@ -155,22 +157,25 @@ class _FullModel:
             eigenvalues, shapes = self.lowest(point)
             frequencies = np.sqrt(eigenvalues[skip:]) / (2 * np.pi)
             reduced = solution.frequencies[i]
-            relative = reduced / frequencies[:n_modes] - 1
-            if relative.min() < -1e-6:
+            phi = vectors @ coordinates[i]
+            M_phi = self.problem.mass(m[i]) @ phi
+            # The mass added to the first modes bounds what it lowers the last one by.
+            kept = 1 - np.cumsum(1 - (phi * M_phi).sum(axis=0))
+            least = frequencies[:n_modes] * np.sqrt(np.maximum(kept, 0.0))
+            for mode in np.flatnonzero(reduced < (1 - MISSED) * least):
                 raise ValueError(
-                    f"the full model missed a mode near {reduced[relative.argmin()]:g} "
-                    f"Hz at {self.parameters(point[None])}: a Ritz frequency is never "
-                    "below the true one; ask for other n_modes"
+                    f"the full model missed a mode near {reduced[mode]:g} Hz at "
+                    f"{self.describe(point)}: a Ritz frequency is never below the true "
+                    "one; ask for other n_modes"
                 )
-            errors[i] = np.abs(relative).max()
-            M = self.problem.mass(m[i])
-            mac = (shapes[:, skip:].T @ (M @ (vectors @ coordinates[i]))) ** 2
+            errors[i] = np.abs(reduced / frequencies[:n_modes] - 1).max()
+            mac = (shapes[:, skip:].T @ M_phi) ** 2
             close = np.abs(frequencies[:, None] / reduced - 1) < CLOSE
             lost = max(lost, float((1 - (mac * close).sum(axis=0)).max()))
         return errors, lost
 
 
-def _grown(
+def _grow(
     basis: RitzBasis, full: _FullModel, points: Floats, target: float, allowed: int
 ) -> RitzBasis:
     """Add the modes at the worst point until the estimate is below the target."""
@@ -181,7 +186,7 @@ def _grown(
             return basis
         if full.solves >= allowed:
             raise _not_reached(target, largest, "estimated", full)
-        basis = basis.extended(*full.lowest(points[np.argmax(estimate)]))
+        basis = basis.extend(*full.lowest(points[np.argmax(estimate)]))
         # The estimate falls as the basis grows: what is good now stays good.
         points = points[estimate > target]
 
@@ -194,17 +199,17 @@ def _estimate(projection: Projection, full: _FullModel, points: Floats) -> Float
     return np.concatenate(parts)
 
 
-def _truncated(
+def _truncate(
     basis: RitzBasis, full: _FullModel, points: Floats, target: float
 ) -> tuple[Projection, Floats]:
     """Return the smallest principal basis whose estimate is below the target."""
-    directions = basis.principal()
-    rotated = basis.projection.rotated(directions)
+    directions = basis.principal_directions()
+    rotated = basis.projection.rotate(directions)
     count = len(directions)
     identity = np.eye(count)
 
     def good(size: int) -> bool:
-        part = rotated.rotated(identity[:, :size])
+        part = rotated.rotate(identity[:, :size])
         return bool(_estimate(part, full, points).max() <= target)
 
     low = full.problem.skip + full.problem.n_modes - 1
@@ -212,10 +217,10 @@ def _truncated(
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if good(middle) else (middle, high)
-    return rotated.rotated(identity[:, :high]), directions[:, :high]
+    return rotated.rotate(identity[:, :high]), directions[:, :high]
 
 
-def _finished(
+def _finish(
     full: _FullModel,
     projection: Projection,
     vectors: Floats,
@@ -226,28 +231,26 @@ def _finished(
 ) -> ReducedModel:
     model, size = full.model, projection.stiffness.shape[1]
     dofs = list(model.shape_dofs)
-    values: dict[str, Any] = {
-        "bounds": box,
-        "n_modes": model.n_modes,
-        "shape_dofs": model.shape_dofs,
-        "tolerance": tolerance,
-        "max_error": float(errors.max()),
-        "shape_error": shape_error,
-        "test_points": len(errors),
-        "size": size,
-        "full_size": len(vectors),
-        "full_solves": full.solves,
-        "_columns": (tuple(model.K), tuple(model.M)),
-        "_problem": projection.eigenproblem(
-            bool(dofs), vectors[dofs] if dofs else None
-        ),
-    }
+    reduced = ReducedModel(
+        bounds=box,
+        n_modes=model.n_modes,
+        shape_dofs=model.shape_dofs,
+        tolerance=tolerance,
+        max_error=float(errors.max()),
+        shape_error=shape_error,
+        test_points=len(errors),
+        size=size,
+        full_size=len(vectors),
+        full_solves=full.solves,
+        speed_up=np.nan,
+        _columns=(tuple(model.K), tuple(model.M)),
+        _problem=projection.eigenproblem(bool(dofs), vectors[dofs] if dofs else None),
+    )
     batch = full.parameters(np.random.default_rng(0).uniform(size=(BATCH, len(box))))
     # A sparse model solves one by one: one is enough to know the time of each.
     rows = 1 if issparse(model.K0) else BATCH
     some = {name: value[:rows] for name, value in batch.items()}
-    reduced = ReducedModel(speed_up=np.nan, **values)
-    before, after = _seconds(lambda: model(some)), _seconds(lambda: reduced(batch))
+    before, after = _time(lambda: model(some)), _time(lambda: reduced(batch))
     speed_up = (before / rows) / (after / BATCH)
     if size >= len(vectors) or speed_up < PAYS:
         warnings.warn(
@@ -257,11 +260,11 @@ def _finished(
             UserWarning,
             stacklevel=3,
         )
-    return ReducedModel(speed_up=float(speed_up), **values)
+    return replace(reduced, speed_up=speed_up)
 
 
-def _seconds(call: Callable[[], Any]) -> float:
-    """Return the median process time of a call, over 0.1 s or at least 3 calls."""
+def _time(call: Callable[[], Any]) -> float:
+    """Return the median process time of a call in s, over 0.1 s or at least 3 calls."""
     call()
     taken: list[float] = []
     while len(taken) < 3 or sum(taken) < 0.1:

@@ -1,4 +1,4 @@
-"""The points of a reduction: its bounds, their corners, independent test points."""
+"""Bounds and points of a reduction: corners of the box, independent test points."""
 
 from collections.abc import Mapping
 from itertools import product
@@ -22,7 +22,10 @@ def corners(d: int, rng: np.random.Generator) -> Floats:
 def independent_points(
     outer: Floats, candidates: Floats, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Return half corners that were no candidates, where there are, half uniform."""
+    """Return points, half uniform and half corners that were no candidates.
+
+    Where too few such corners are left, more points are uniform.
+    """
     used = {tuple(point) for point in candidates.tolist()}
     free = np.array([c for c in outer.tolist() if tuple(c) not in used])
     chosen = free.reshape(-1, outer.shape[1])[: count // 2]
@@ -31,10 +34,10 @@ def independent_points(
     )
 
 
-def checked_bounds(
+def check_bounds(
     bounds: Mapping[str, tuple[float, float]], names: tuple[str, ...]
 ) -> dict[str, tuple[float, float]]:
-    """Return the bounds in the order of ``names``, all of which they must hold."""
+    """Return the bounds in the order of ``names``; every name must have them."""
     if not isinstance(bounds, Mapping):
         raise TypeError(
             f"bounds: expected {{parameter: (low, high)}}, got {type(bounds).__name__}"

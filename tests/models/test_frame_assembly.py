@@ -169,7 +169,7 @@ def test_a_wrong_count_of_rigid_body_modes_is_refused(skip, message):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({}, "no value for 'E left'"),
+        ({}, r"no value for \['E left'"),
         ({"E left": np.array([1.0, 0.0])}, "'E left' must be above zero, got 0;"),
         ({"E left": np.array([np.nan])}, "'E left' must be above zero, got nan"),
     ],

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import eigh
 from support.reduced_beam import BOUNDS, OPTIONS, beam, draws
 
-from emcee_femu.models.matrix import MatrixModel
+from emcee_femu.models.matrix import MatrixModel, sparse_problem
 from emcee_femu.surrogates.ritz_basis import empty_basis
 from emcee_femu.surrogates.ritz_greedy import _FullModel
 from emcee_femu.surrogates.ritz_points import corners, independent_points
@@ -19,11 +19,11 @@ def full():
 @pytest.fixture(scope="module")
 def basis(full):
     """Return a basis of the shapes at the centre and at another point."""
-    problem = full.sparse_problem()
+    problem = sparse_problem(full)
     k = np.array([[1.0, 1.0, 25.0], [0.7, 1.2, 40.0]])
     found = empty_basis(problem, k[0], k[0, :0], 0.0, 0.0, np.random.default_rng(1))
     for row in k:
-        found = found.extended(*problem.lowest(row, row[:0], 7, "here"))
+        found = found.extend(*problem.lowest(row, row[:0], 7, "here"))
     return found
 
 
@@ -41,9 +41,9 @@ def test_the_estimate_is_the_error_within_a_factor_of_two_or_so(full, basis):
 
 
 def test_the_shape_error_is_what_no_close_mode_explains(full):
-    problem, centre = full.sparse_problem(), np.array([1.0, 1.0, 25.0])
+    problem, centre = sparse_problem(full), np.array([1.0, 1.0, 25.0])
     basis = empty_basis(problem, centre, centre[:0], 0.0, 0.0, np.random.default_rng(1))
-    basis = basis.extended(*problem.lowest(centre, centre[:0], 7, "here"))
+    basis = basis.extend(*problem.lowest(centre, centre[:0], 7, "here"))
     box = np.array([*BOUNDS.values()])
     point = np.array([0.9, 0.0, 1.0])
     measured = _FullModel(full, problem, box).errors(
@@ -76,10 +76,10 @@ def test_more_principal_directions_err_less(full, basis):
     parameters = draws(10)
     k = np.array([*parameters.values()]).T
     exact = full(parameters).frequencies
-    turned = basis.projection.rotated(basis.principal())
+    turned = basis.projection.rotate(basis.principal_directions())
     errors = []
     for size in (5, 7, 9, 11):
-        part = turned.rotated(np.eye(len(turned.stiffness[0]))[:, :size])
+        part = turned.rotate(np.eye(len(turned.stiffness[0]))[:, :size])
         f = part.eigenproblem(False).solve(k, k[:, :0], str).frequencies
         errors.append((f / exact - 1).max())
     assert all(a > 2 * b for a, b in zip(errors, errors[1:], strict=False))

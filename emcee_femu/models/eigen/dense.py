@@ -1,12 +1,13 @@
 """The batched eigenproblem K phi = omega^2 M phi that the matrix models share."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ... import checks
 from ...interfaces import Floats, ModalSolution
 
 EPS = float(np.finfo(float).eps)
@@ -31,7 +32,8 @@ class Eigenproblem:
         selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
         skip: Number of rigid-body modes, checked at each solve.
         shapes: Whether mass-normalised mode shapes are wanted too.
-        output: Rows that map DOFs to those of the shapes, ``(n_out, N)``; None for all.
+        output: Rows that map the DOFs to those at which shapes are returned,
+            ``(n_out, N)``; None for all DOFs.
     """
 
     K0: Floats
@@ -47,12 +49,15 @@ class Eigenproblem:
     def __post_init__(self) -> None:
         """Fold a constant mass matrix into the stiffness."""
         if len(self.M):
-            object.__setattr__(self, "_to_dof", None)
+            checks.set_fields(self, _to_dof=None)
             return
         inverse = np.linalg.inv(np.linalg.cholesky(self.M0))
-        object.__setattr__(self, "_to_dof", self._reported(inverse.T))
-        object.__setattr__(self, "K0", inverse @ self.K0 @ inverse.T)
-        object.__setattr__(self, "K", inverse @ self.K @ inverse.T)
+        checks.set_fields(
+            self,
+            K0=inverse @ self.K0 @ inverse.T,
+            K=inverse @ self.K @ inverse.T,
+            _to_dof=self._report(inverse.T),
+        )
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
@@ -61,48 +66,47 @@ class Eigenproblem:
 
         ``describe(i)`` names parameter set i in an error message.
         """
-        with np.errstate(over="ignore", invalid="ignore"):  # is an error below
-            A = _combine(self.K0, self.K, k)
+        A = _combine(self.K0, self.K, k)
         to_dof = self._to_dof
         if to_dof is None:
-            try:
-                with np.errstate(over="ignore", invalid="ignore"):
-                    mass = _combine(self.M0, self.M, m)
-                L = np.linalg.cholesky(mass)
-            except np.linalg.LinAlgError:
-                bad = _first_indefinite(_combine(self.M0, self.M, m))
-                raise ValueError(
-                    f"the mass matrix is not positive definite at {describe(bad)}"
-                ) from None
-            inverse = np.linalg.inv(L)
-            with np.errstate(over="ignore", invalid="ignore"):
-                A = inverse @ A @ inverse.transpose(0, 2, 1)
-            to_dof = self._reported(inverse.transpose(0, 2, 1))
+            inverse = self._inverse_factor(m, describe)
+            A = inverse @ A @ inverse.transpose(0, 2, 1)
+            to_dof = self._report(inverse.transpose(0, 2, 1))
         try:
             eigenvalues, y = (
                 np.linalg.eigh(A) if self.shapes else (np.linalg.eigvalsh(A), None)
             )
-        except np.linalg.LinAlgError:  # of infinite or NaN entries
+        except np.linalg.LinAlgError:  # infinite or NaN entries
             bad = int(np.argmin(np.isfinite(A).all(axis=(1, 2))))
             raise ValueError(f"parameters: no eigenvalues at {describe(bad)}") from None
-        if y is not None:
-            self._check(eigenvalues, describe)
-            shapes = to_dof @ y.take(self.selected, axis=2)
-        else:
-            shapes = None
-            self._check(eigenvalues, describe)
+        # What a zero eigenvalue may come out as; grows like a random walk.
+        rounding = 10 * EPS * math.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1]
+        check_elastic(eigenvalues, rounding, self.skip, describe)
+        shapes = None if y is None else to_dof @ y.take(self.selected, axis=2)
         # Contiguous rows: a sum over modes must round alike for one row and for many.
         frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1))
         frequencies /= 2 * np.pi
         return ModalSolution(frequencies, shapes)
 
-    def _reported(self, to_dof: Floats) -> Floats:
+    def _inverse_factor(self, m: Floats, describe: Callable[[int], str]) -> Floats:
+        """Return the inverse Cholesky factors of the mass matrices, ``(n, N, N)``."""
+        mass = _combine(self.M0, self.M, m)
+        try:
+            return np.linalg.inv(np.linalg.cholesky(mass))
+        except np.linalg.LinAlgError:
+            bad = int(np.argmin(np.linalg.eigvalsh(mass)[:, 0]))
+            raise ValueError(
+                f"the mass matrix is not positive definite at {describe(bad)}"
+            ) from None
+
+    def _report(self, to_dof: Floats) -> Floats:
         return to_dof if self.output is None else self.output @ to_dof
 
-    def _check(self, eigenvalues: Any, describe: Callable[[int], str]) -> None:
-        # What a zero eigenvalue may come out as; grows like a random walk.
-        rounding = 10 * EPS * math.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1]
-        check_elastic(eigenvalues, rounding, self.skip, describe)
+
+def output_rows(dofs: Sequence[int], size: int) -> Floats | None:
+    """Return the ``output`` of an :class:`Eigenproblem` for shapes at some DOFs."""
+    natural = tuple(dofs) in ((), tuple(range(size)))
+    return None if natural else np.eye(size)[list(dofs)]
 
 
 def check_elastic(
@@ -148,8 +152,3 @@ def _combine(constant: Floats, unit: Floats, coefficients: Floats) -> Floats:
     result: Floats = rows.reshape(n, size, size)
     result += constant
     return result
-
-
-def _first_indefinite(matrices: Floats) -> int:
-    lowest = np.linalg.eigvalsh(matrices)[:, 0]
-    return int(np.argmin(lowest))

@@ -1,24 +1,26 @@
 """The sparse eigenproblem K phi = omega^2 M phi, by shift-invert Lanczos."""
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
+from ... import checks
 from ...interfaces import Floats, ModalSolution
 from .dense import EPS, check_elastic
 from .sparse_sum import SparseSum
 
-TOLERANCE = 1e-10  # of a mode shape; the eigenvalue errs by its square
+TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
 # Newer versions of scipy draw from the system when Lanczos restarts, unless seeded.
 SEEDED = "rng" in inspect.signature(eigsh).parameters
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False)
 class SparseEigenproblem:
     r"""``K(a) = K0 + sum a_i K_i`` and ``M(b) = M0 + sum b_j M_j``, scipy.sparse.
 
@@ -27,18 +29,20 @@ class SparseEigenproblem:
     K is factored without pivoting in a symmetric ordering; sigma is zero, or a small
     positive number where there are rigid-body modes. The signs of the pivots are the
     inertia of the factored matrix (Sylvester), so that an indefinite K is refused at
-    no cost. A count of the modes below the last one would need a second factor, a
-    third of the solve; it found none missing in 1,200 solves of a square building
-    with double frequencies, and is not done. Massless DOFs may stay.
+    no cost. Modes below the last one are not counted: that would take a second
+    factorisation, a third of the solve, and found none missing in 1,200 solves of a
+    square building with double frequencies. Massless DOFs may stay.
 
     Args:
-        K0: Constant stiffness, ``(N, N)``.
-        K: Stiffness of unit coefficients.
-        M0: Constant mass, ``(N, N)``.
-        M: Mass of unit coefficients.
+        K: Stiffness matrices: K0, then those of unit coefficients, each ``(N, N)``.
+        M: Mass matrices, likewise.
         n_modes: How many elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
-        dofs: Where mass-normalised shapes are wanted, none for nowhere.
+        dofs: Where mass-normalised shapes are wanted; empty for none.
+
+    Attributes:
+        stiffness: K as a function of its coefficients ``(n_k,)``.
+        mass: M as a function of its coefficients ``(n_m,)``.
 
     Source: Ericsson and Ruhe, Math. Comp. 35 (1980) 1251,
         doi:10.1090/S0025-5718-1980-0583502-2.
@@ -47,36 +51,23 @@ class SparseEigenproblem:
     K: tuple[csc_array, ...]
     M: tuple[csc_array, ...]
     n_modes: int
-    skip: int
-    dofs: tuple[int, ...]
-    _stiffness: SparseSum = field(repr=False)
-    _mass: SparseSum = field(repr=False)
-    _start: Floats = field(repr=False)
+    skip: int = 0
+    dofs: tuple[int, ...] = ()
+    stiffness: SparseSum = field(init=False, repr=False)
+    mass: SparseSum = field(init=False, repr=False)
+    _start: Floats = field(init=False, repr=False)
 
-    def __init__(
-        self,
-        K0: csc_array,
-        K: Sequence[csc_array],
-        M0: csc_array,
-        M: Sequence[csc_array],
-        n_modes: int,
-        skip: int = 0,
-        dofs: tuple[int, ...] = (),
-    ) -> None:
-        """See the class."""
-        stiffness, mass = (K0, *K), (M0, *M)
+    def __post_init__(self) -> None:
+        """Find the patterns of the sums."""
         # Only with a shift are both matrices added, and need a pattern in common.
-        shared = skip > 0
-        object.__setattr__(self, "K", stiffness)
-        object.__setattr__(self, "M", mass)
-        object.__setattr__(self, "n_modes", n_modes)
-        object.__setattr__(self, "skip", skip)
-        object.__setattr__(self, "dofs", dofs)
-        object.__setattr__(self, "_stiffness", SparseSum(K0, K, mass if shared else ()))
-        object.__setattr__(self, "_mass", SparseSum(M0, M, stiffness if shared else ()))
-        # The same bits for the same parameters; at random, to hold a part of each mode.
-        start = np.random.default_rng(0).normal(size=K0.shape[0])
-        object.__setattr__(self, "_start", start)
+        also_K, also_M = (self.M, self.K) if self.skip else ((), ())
+        checks.set_fields(
+            self,
+            stiffness=SparseSum(self.K[0], self.K[1:], also_K),
+            mass=SparseSum(self.M[0], self.M[1:], also_M),
+            # Seeded: equal parameters give equal bits. Random: it holds every mode.
+            _start=np.random.default_rng(0).normal(size=self.K[0].shape[0]),
+        )
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
@@ -95,10 +86,6 @@ class SparseEigenproblem:
             shapes[i] = vectors[dofs, self.skip :]
         return ModalSolution(frequencies, shapes if self.dofs else None)
 
-    def mass(self, m: Floats) -> csc_array:
-        """Return the mass matrix for coefficients ``(n_m,)``."""
-        return self._mass(m)
-
     def lowest(
         self, k: Floats, m: Floats, count: int, where: str
     ) -> tuple[Floats, Floats]:
@@ -106,7 +93,7 @@ class SparseEigenproblem:
 
         Rigid-body modes are included; ``where`` names the parameters in an error.
         """
-        K, M = self._stiffness(k), self._mass(m)
+        K, M = self.stiffness(k), self.mass(m)
         if len(self.M) > 1:
             check_mass(M, f"the mass matrix at {where}")
         massive = np.count_nonzero(M.diagonal())
@@ -115,12 +102,11 @@ class SparseEigenproblem:
                 f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
                 f"got {count}"
             )
-        shift = self._shift(K, M)
-        values, vectors = self._shifted(K, M, shift, count, where)
+        values, vectors = self._solve_shifted(K, M, count, where)
         self._check(K, values, vectors, where)
         return values, vectors
 
-    def _shift(self, K: csc_array, M: csc_array) -> float:
+    def _choose_shift(self, K: csc_array, M: csc_array) -> float:
         """Return sigma: small, but enough to factor a K with rigid-body modes.
 
         From 1e-6 to 1e4 times the first elastic eigenvalue the result is the same.
@@ -132,22 +118,17 @@ class SparseEigenproblem:
         positive = ratio[ratio > 0]
         return 1e-6 * float(np.median(positive)) if len(positive) else 1.0
 
-    def _shifted(
-        self, K: csc_array, M: csc_array, shift: float, count: int, where: str
+    def _solve_shifted(
+        self, K: csc_array, M: csc_array, count: int, where: str
     ) -> tuple[Floats, Floats]:
-        """Return the pairs nearest to ``-shift``, ascending."""
+        """Return the pairs nearest to ``-sigma``, ascending."""
+        shift = self._choose_shift(K, M)
         A = K + shift * M if shift else K
         factor = self.factor(A, where)
         massive = np.flatnonzero(M.diagonal())
         if len(massive) <= max(2 * count + 1, 20):  # no room for a Krylov space
-            # Flexibility at the DOFs with mass: small, dense, and exact.
-            load = np.zeros((K.shape[0], len(massive)))
-            load[massive, np.arange(len(massive))] = 1.0
-            L = np.linalg.cholesky(M[massive][:, massive].toarray())
-            X = factor.solve(load) @ L
-            inverse, y = np.linalg.eigh(L.T @ X[massive])
-            inverse, y = inverse[: -count - 1 : -1], y[:, : -count - 1 : -1]
-            return 1 / inverse - shift, X @ y / inverse
+            values, vectors = _solve_condensed(factor, M, massive, count)
+            return values - shift, vectors
         options: dict[str, Any] = {"rng": np.random.default_rng(0)} if SEEDED else {}
         try:
             values, vectors = eigsh(
@@ -189,6 +170,19 @@ class SparseEigenproblem:
         check_elastic(values[None], np.array([rounding]), self.skip, lambda _: where)
 
 
+def _solve_condensed(
+    factor: Any, M: csc_array, massive: NDArray[np.intp], count: int
+) -> tuple[Floats, Floats]:
+    """Return pairs from the flexibility at few DOFs with mass: dense, and exact."""
+    load = np.zeros((M.shape[0], len(massive)))
+    load[massive, np.arange(len(massive))] = 1.0
+    L = np.linalg.cholesky(M[massive][:, massive].toarray())
+    X = factor.solve(load) @ L
+    inverse, y = np.linalg.eigh(L.T @ X[massive])
+    inverse, y = inverse[: -count - 1 : -1], y[:, : -count - 1 : -1]
+    return 1 / inverse, X @ y / inverse
+
+
 def symmetric_factor(A: csc_array) -> Any:
     """Return the LU factor of a symmetric matrix with pivots on its diagonal."""
     return splu(
@@ -200,7 +194,7 @@ def symmetric_factor(A: csc_array) -> Any:
 
 
 def check_mass(M: csc_array, label: str) -> None:
-    """Raise ValueError unless M is positive definite but for rows of zeros."""
+    """Raise ValueError unless M is positive definite apart from rows of zeros."""
     massive = np.flatnonzero(M.diagonal())
     positive = len(massive) > 0 and bool((M.diagonal() >= 0).all())
     entries = M.count_nonzero()

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
+from ... import checks
 from ...interfaces import Floats
 
 
@@ -17,12 +18,12 @@ class SparseSum:
     .. math:: d(a) = d_0 + D a
 
     where d are the stored numbers of A on the union of the patterns of all terms, which
-    is found once. D is sparse itself: an entry of A depends on few parameters.
+    is found once. D is sparse as well: an entry of A depends on few parameters.
 
     Args:
         constant: A_0, ``(N, N)``, without duplicate entries.
         units: The A_i.
-        also: Matrices whose pattern the sum shall hold too.
+        also: Matrices whose pattern the sum must hold too.
 
     Example:
         >>> total = SparseSum(csc_array(np.eye(2)), [csc_array([[0., 1.], [1., 0.]])])
@@ -42,7 +43,6 @@ class SparseSum:
         units: Sequence[csc_array] = (),
         also: Sequence[csc_array] = (),
     ) -> None:
-        """See the class."""
         size = constant.shape[0]
         places = [_places(matrix) for matrix in (constant, *units, *also)]
         pattern = np.unique(np.concatenate(places))
@@ -50,17 +50,18 @@ class SparseSum:
         data = np.zeros(len(pattern))
         data[where[0]] = constant.data
         ends = np.searchsorted(pattern, size * np.arange(size + 1, dtype=np.int64))
-        object.__setattr__(self, "size", size)
-        object.__setattr__(self, "_indices", (pattern % size).astype(np.int32))
-        object.__setattr__(self, "_indptr", ends.astype(np.int32))
-        object.__setattr__(self, "_constant", data)
-        columns = [
-            csc_array(
-                (unit.data, own, [0, len(own)]), shape=(len(pattern), 1)
-            )  # one column of D
-            for unit, own in zip(units, where[1:], strict=False)
-        ]
-        object.__setattr__(self, "_units", _joined(columns, len(pattern)))
+        # D, whose column i holds the numbers of unit i at their places.
+        numbers = np.concatenate([np.empty(0), *(unit.data for unit in units)])
+        rows = np.concatenate([np.empty(0, int), *where[1 : len(units) + 1]])
+        counts = np.cumsum([0, *(unit.nnz for unit in units)])
+        checks.set_fields(
+            self,
+            size=size,
+            _indices=(pattern % size).astype(np.int32),
+            _indptr=ends.astype(np.int32),
+            _constant=data,
+            _units=csc_array((numbers, rows, counts), (len(pattern), len(units))),
+        )
 
     def __call__(self, coefficients: Floats) -> csc_array:
         """Return the matrix for ``coefficients (n_units,)``."""
@@ -78,10 +79,3 @@ def _places(matrix: csc_array) -> NDArray[np.int64]:
     columns = np.repeat(np.arange(size, dtype=np.int64), np.diff(matrix.indptr))
     places: NDArray[np.int64] = columns * size + matrix.indices
     return places
-
-
-def _joined(columns: Sequence[csc_array], length: int) -> csc_array:
-    ends = np.cumsum([0, *(column.nnz for column in columns)])
-    data = np.concatenate([np.empty(0), *(column.data for column in columns)])
-    rows = np.concatenate([np.empty(0, int), *(c.indices for c in columns)])
-    return csc_array((data, rows, ends), shape=(length, len(columns)))

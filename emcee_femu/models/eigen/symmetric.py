@@ -9,16 +9,16 @@ from scipy.sparse import csc_array, issparse
 from ... import checks
 from ...interfaces import Floats
 
-ASYMMETRY = 1e-8  # of the largest entry; FE programs print 9 to 16 digits
+ASYMMETRY = 1e-8  # share of the largest entry; FE programs print 9 to 16 digits
 
 
-def symmetric(argument: str, value: ArrayLike) -> Floats:
+def symmetric(argument: str, value: ArrayLike, size: int | None = None) -> Floats:
     """Return a finite, symmetric ``(N, N)`` array; a tiny asymmetry is averaged out.
 
     Raises:
         TypeError: If the matrix is sparse.
-        ValueError: If the matrix is not square, or differs from its transpose by more
-            than 1e-8 of its largest entry.
+        ValueError: If the matrix is not square, not of ``size`` where that is given, or
+            differs from its transpose by more than 1e-8 of its largest entry.
     """
     if issparse(value):
         raise TypeError(
@@ -26,28 +26,24 @@ def symmetric(argument: str, value: ArrayLike) -> Floats:
             f"matrix too (an empty one is csc_array((N, N))), or {argument}.toarray()"
         )
     matrix = checks.real_array(argument, value, 2)
-    _check_square(argument, matrix.shape)
-    gap = float(np.abs(matrix - matrix.T).max())
-    _check_gap(argument, gap, float(np.abs(matrix).max()))
+    _check_square(argument, matrix.shape, size)
+    _check_gap(argument, np.abs(matrix - matrix.T), np.abs(matrix))
     return 0.5 * (matrix + matrix.T)
 
 
-def sparse_symmetric(argument: str, value: Any) -> csc_array:
+def sparse_symmetric(argument: str, value: Any, size: int | None = None) -> csc_array:
     """Return the same as a float64 ``csc_array`` without stored zeros.
 
     A dense ``value`` is turned into a sparse one; a sparse one is never made dense.
     """
     if not issparse(value):
-        return csc_array(symmetric(argument, value))
+        return csc_array(symmetric(argument, value, size))
     if value.dtype.kind not in "fiu":
         raise TypeError(
             f"{argument}: expected real numbers, got a sparse matrix of {value.dtype}"
         )
-    if value.ndim != 2:
-        raise ValueError(f"{argument}: expected 2 dimensions, got shape {value.shape}")
-    _check_square(argument, value.shape)
-    with np.errstate(over="ignore"):  # of long doubles; infinite is an error below
-        matrix = csc_array(value, dtype=np.float64)  # sums duplicate entries
+    _check_square(argument, value.shape, size)
+    matrix = csc_array(value, dtype=np.float64)  # sums duplicate entries
     if not np.isfinite(matrix.data).all():
         entries = matrix.tocoo()
         i = int(np.argmin(np.isfinite(entries.data)))
@@ -56,21 +52,24 @@ def sparse_symmetric(argument: str, value: Any) -> csc_array:
             f"({entries.row[i]}, {entries.col[i]})"
         )
     transpose = matrix.T.tocsc()
-    gap = abs(matrix - transpose)
-    largest = float(np.abs(matrix.data).max(initial=0.0))
-    _check_gap(argument, float(gap.data.max(initial=0.0)), largest)
+    _check_gap(argument, abs(matrix - transpose).data, np.abs(matrix.data))
     result = csc_array(0.5 * (matrix + transpose))
     result.eliminate_zeros()
     result.sort_indices()
     return result
 
 
-def _check_square(argument: str, shape: tuple[int, ...]) -> None:
-    if shape[0] != shape[1] or not shape[0]:
+def _check_square(argument: str, shape: tuple[int, ...], size: int | None) -> None:
+    if len(shape) != 2 or shape[0] != shape[1] or not shape[0]:
         raise ValueError(f"{argument}: expected a square matrix, got {shape}")
+    if size not in (None, shape[0]):
+        raise ValueError(
+            f"{argument}: expected the shape of K0, {(size, size)}, got {shape}"
+        )
 
 
-def _check_gap(argument: str, gap: float, largest: float) -> None:
+def _check_gap(argument: str, gaps: Floats, sizes: Floats) -> None:
+    gap, largest = (float(numbers.max(initial=0.0)) for numbers in (gaps, sizes))
     if gap > ASYMMETRY * largest:
         raise ValueError(
             f"{argument}: expected a symmetric matrix, but entries differ from the "

@@ -44,24 +44,25 @@ class Section:
     orientation: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
-        for item in fields(self)[:6]:
-            value = getattr(self, item.name)
+        """Check the properties."""
+        for name, value in self._properties().items():
             if not isinstance(value, str):
-                checks.positive_array(item.name, value, 0)
+                checks.positive_array(name, value, 0)
             elif not value:
-                raise ValueError(f"{item.name}: expected a parameter name, got ''")
+                raise ValueError(f"{name}: expected a parameter name, got ''")
         vector = checks.real_array("orientation", self.orientation, 1)
         if vector.shape != (3,) or not vector.any():
             raise ValueError(
                 f"orientation: expected a vector (3,) that is not zero, got {vector}"
             )
 
+    def _properties(self) -> dict[str, float | str]:
+        return {item.name: getattr(self, item.name) for item in fields(self)[:6]}
+
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of parameters among the properties."""
-        values = [getattr(self, item.name) for item in fields(self)[:6]]
-        return tuple(value for value in values if isinstance(value, str))
+        return tuple(v for v in self._properties().values() if isinstance(v, str))
 
     def varies(self, kind: str) -> bool:
         """Return whether the coefficient of ``kind`` depends on a parameter."""
