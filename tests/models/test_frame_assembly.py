@@ -167,13 +167,28 @@ def test_a_wrong_count_of_rigid_body_modes_is_refused(skip, message):
 
 
 @pytest.mark.parametrize(
-    ("values", "message"),
+    ("value", "message"),
     [
-        ({}, r"no value for \['E left'"),
-        ({"E left": np.array([1.0, 0.0])}, "'E left' must be above zero, got 0;"),
-        ({"E left": np.array([np.nan])}, "'E left' must be above zero, got nan"),
+        (None, r"no value for \['E left', 'E mid', 'E right'\]"),
+        (0.0, "'E left' must be above zero, got 0;"),
+        (np.nan, "'E left' must be above zero, got nan"),
     ],
 )
-def test_a_missing_or_non_positive_parameter_is_named(values, message):
+def test_a_missing_or_non_positive_parameter_is_named(value, message):
+    values = h_values(["E"], [1.0, 1.0])
+    values["E left"][1] = value or 0.0
     with pytest.raises(ValueError, match=message):
-        h_frame(["E"])(values)
+        h_frame(["E"])({} if value is None else values)
+
+
+def test_shapes_at_some_DOFs_are_named_by_node_and_direction():
+    full, dofs = h_frame(supports=HELD, shapes=True), ["12:uy", "0:rz", "8:ux"]
+    some = h_frame(supports=HELD, shapes=dofs)
+    assert full.shape_dofs == full.dofs and some.shape_dofs == tuple(dofs)
+    rows = [full.dofs.index(dof) for dof in dofs]
+    np.testing.assert_allclose(
+        some({}).shapes, full({}).shapes[:, rows], rtol=0, atol=1e-13
+    )
+    for wrong, message in ((["12:ux"], "no DOF 12:ux; DOFs are 0:ux"), ([3], "DOF 3")):
+        with pytest.raises(ValueError, match=message):
+            h_frame(supports=HELD, shapes=wrong)

@@ -157,12 +157,17 @@ def test_shapes_are_mass_normalised_eigenvectors():
         assert np.abs(residual).max() < 1e-12 * np.abs(K @ phi).max()
 
 
-def test_shapes_come_only_when_asked_for():
+def test_shapes_come_where_they_are_asked_for():
     parameters = random_stiffnesses(3)
-    plain = five_mass_model()(parameters)
-    full = five_mass_model(shapes=True)(parameters)
+    plain, full, some = (
+        five_mass_model(shapes=shapes)(parameters) for shapes in (False, True, [3, 0])
+    )
     assert plain.shapes is None
     np.testing.assert_allclose(plain.frequencies, full.frequencies, rtol=1e-13)
+    np.testing.assert_allclose(some.shapes, full.shapes[:, [3, 0]], rtol=1e-13)
+    assert five_mass_model(shapes=[3, 0]).shape_dofs == (3, 0)
+    with pytest.raises(ValueError, match="no DOF 5; DOFs are 0 to 4"):
+        five_mass_model(shapes=[5])
 
 
 def test_the_model_says_what_it_reads_and_returns():

@@ -105,6 +105,21 @@ def test_massless_DOFs_stay():
     assert error(model, full, draws(30)) <= 1e-4
 
 
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+def test_the_mass_of_massless_DOFs_hides_no_mode(tolerance):
+    # Soft end springs far from their centre: the added mass lowers the first modes by
+    # more than rounding, and nothing is amiss.
+    K0, M0, K = beam(free=True, lumped=True)
+    size = M0.shape[0]
+    for i, name in ((0, "left end"), (size - 2, "right end")):
+        K[name] = sparse.csc_array(([1.0], ([i], [i])), shape=(size, size))
+    bounds = {name: (0.7, 1.3) for name in ("left", "middle")}
+    bounds |= dict.fromkeys(("left end", "right end"), (0.1, 1000.0))
+    full = MatrixModel(K0, M0, K, n_modes=2)
+    model = reduce(full, bounds, tolerance, test_points=12)
+    assert error(model, full, draws(20, bounds)) <= tolerance
+
+
 def test_few_DOFs_with_mass_are_enough():
     K0, _, K = beam()
     masses = np.zeros(200)
