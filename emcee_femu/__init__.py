@@ -64,6 +64,7 @@ from .moves import TemperedMove as TemperedMove
 from .posterior.log_posterior import LogPosterior as LogPosterior
 from .posterior.priors import GaussianPrior as GaussianPrior
 from .posterior.priors import IndependentPrior as IndependentPrior
+from .posterior.priors import uniform_between as uniform_between
 from .results.diagnostics import diagnose as diagnose
 from .results.evidence import log_evidence as log_evidence
 from .results.identifiability import identifiability as identifiability

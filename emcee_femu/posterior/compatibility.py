@@ -63,7 +63,9 @@ def _check_model_bounds(bounds: Any, prior: Prior) -> None:
         if least < low or most > high:
             raise ValueError(
                 f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model "
-                f"holds within ({low:g}, {high:g}); narrow the prior or widen the model"
+                f"holds within ({low:g}, {high:g}); give the prior such bounds, as in "
+                f"IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, {high:g})}}), "
+                "or widen the model"
             )
 
 

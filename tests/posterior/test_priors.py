@@ -1,8 +1,11 @@
+import pickle
+
 import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from emcee_femu.posterior.priors import GaussianPrior, IndependentPrior, uniform_between
+import emcee_femu as ef
+from emcee_femu import GaussianPrior, IndependentPrior, uniform_between
 
 INF = np.inf
 CUTS = {  # (low, high) in standard deviations from the mean
@@ -149,12 +152,6 @@ def test_gaussian_refuses(change, error, message):
         GaussianPrior(**good | change)
 
 
-@pytest.mark.parametrize("bounds", [(0.0, 1e-310), (1e160, INF), (-2e200, -1e200)])
-def test_gaussian_refuses_bounds_without_probability_by_name(bounds):
-    with pytest.raises(ValueError, match="bounds: .*'far' has no probability"):
-        GaussianPrior(["near", "far"], [0.0, 0.0], 1.0, [(-1.0, 1.0), bounds])
-
-
 MARGINALS = {
     "u": stats.uniform(1e3, 4e3),
     "ln": stats.lognorm(0.5, scale=3e-8),
@@ -174,9 +171,6 @@ def test_independent_prior_is_its_marginals_in_their_order(order):
         assert stats.kstest(column, MARGINALS[name].cdf).pvalue > 1e-4, name
         expected += MARGINALS[name].logpdf(column)
     np.testing.assert_allclose(prior.logpdf(draws), expected, rtol=1e-14)
-    np.testing.assert_allclose(
-        prior.mean, [MARGINALS[name].mean() for name in order], rtol=1e-14
-    )
     correlation = np.corrcoef(draws.T)[np.triu_indices(3, 1)]
     assert (abs(correlation) * np.sqrt(4000) < 5).all()
 
@@ -212,6 +206,88 @@ def test_independent_prior_is_minus_infinity_outside_one_support(column, value):
 def test_independent_prior_refuses(marginals, error, message):
     with pytest.raises(error, match=message):
         IndependentPrior(marginals)
+
+
+CUT_MARGINALS = {  # marginal, bounds given, bounds that result
+    "lognormal": (stats.lognorm(0.5), (0.5, 1.5), (0.5, 1.5)),
+    "one-sided": (stats.lognorm(0.5, scale=2.1e11), (1e11, INF), (1e11, INF)),
+    "wider than the support": (stats.gamma(3), (-1.0, 2.0), (0.0, 2.0)),
+    "upper tail": (stats.norm(3e-8, 1e-9), (4e-8, 4.1e-8), (4e-8, 4.1e-8)),
+    "lower tail": (stats.norm(), (-9.0, -8.0), (-9.0, -8.0)),
+}
+
+
+@pytest.mark.parametrize("case", CUT_MARGINALS)
+def test_a_cut_marginal_is_renormalised_and_drawn_from(case):
+    marginal, given, ends = CUT_MARGINALS[case]
+    prior = pickle.loads(
+        pickle.dumps(
+            IndependentPrior({"u": stats.uniform(), "a": marginal}, {"a": given})
+        )
+    )
+    assert prior.bounds.tolist() == [[0.0, 1.0], [*ends]]
+    low, high = ends[0], ends[1] if ends[1] < INF else marginal.isf(1e-13)
+    x = np.linspace(low, high, 40_001)
+
+    def density(values):
+        return np.exp(prior.logpdf(np.column_stack([0.5 + 0 * values, values])))
+
+    assert integrate.simpson(density(x), x=x) == pytest.approx(1, abs=1e-8)
+    shape = density(x[1:-1]) / marginal.pdf(x[1:-1])
+    np.testing.assert_allclose(shape, shape[0], rtol=1e-9)
+    beyond = np.nextafter([low, high], [-INF, INF])
+    assert (density(beyond)[np.isfinite(ends)] == 0).all()
+    draws = prior.sample(np.random.default_rng(2), 20_000)[:, 1]
+    assert low <= draws.min() and draws.max() <= ends[1]
+    cumulative = integrate.cumulative_simpson(density(x), x=x, initial=0)
+    assert stats.kstest(draws, lambda v: np.interp(v, x, cumulative)).pvalue > 1e-4
+
+
+def test_a_cut_gaussian_is_a_gaussian_prior_and_the_others_stay_as_they_are():
+    cut = IndependentPrior(
+        {"u": stats.uniform(), "n": stats.norm(4e3, 5e2)}, bounds={"n": (3e3, 4.2e3)}
+    )
+    gaussian = GaussianPrior(["n"], [4e3], 5e2, [(3e3, 4.2e3)])
+    theta = np.column_stack([np.full(9, 0.3), np.linspace(2.9e3, 4.3e3, 9)])
+    exact = gaussian.logpdf(theta[:, 1:])
+    np.testing.assert_allclose(cut.logpdf(theta), exact, rtol=1e-12)
+    same = [
+        IndependentPrior(cut.marginals | {"n": stats.norm()}, bounds=bounds).sample(
+            np.random.default_rng(1), 9
+        )
+        for bounds in (None, {}, {"n": (-9.0, 9.0)})
+    ]
+    np.testing.assert_array_equal(same[0], same[1])
+    np.testing.assert_array_equal(same[0][:, 0], same[2][:, 0])
+
+
+@pytest.mark.parametrize(
+    ("bounds", "error", "message"),
+    [
+        ({"F": (0.0, 1.0)}, ValueError, r"bounds: no parameter \['F'\]"),
+        ({"E": (1.5, 0.5)}, ValueError, "bounds: .*low < high for 'E'"),
+        ({"E": (np.nan, 0.5)}, ValueError, "bounds: .*low < high for 'E'"),
+        ({"E": ("a", "b")}, TypeError, "bounds: expected real"),
+        ({"E": 0.5}, ValueError, r"bounds: .*\(1, 2\)"),
+        ([(0.5, 1.5)], TypeError, "bounds: expected"),
+        ({"E": (-2.0, -1.0)}, ValueError, "'E' has no probability"),
+        ({"E": (1e9, 2e9)}, ValueError, "'E' has no probability"),
+    ],
+)
+def test_wrong_bounds_of_marginals_are_refused(bounds, error, message):
+    with pytest.raises(error, match=message):
+        IndependentPrior({"E": stats.lognorm(0.2)}, bounds=bounds)
+
+
+def test_a_model_that_holds_within_bounds_takes_a_lognormal_that_is_cut():
+    model = ef.FunctionModel(lambda p: [p["E"]], n_modes=1)
+    object.__setattr__(model, "bounds", {"E": (0.5, 1.5)})
+    parts = model, ef.FrequencyTerm([1.0], relative_sd=0.1)
+    with pytest.raises(ValueError, match=r"IndependentPrior.*bounds=.'E': \(0.5, 1.5"):
+        ef.LogPosterior(*parts, IndependentPrior({"E": stats.lognorm(0.2)}))
+    prior = IndependentPrior({"E": stats.lognorm(0.2)}, bounds={"E": (0.5, 1.5)})
+    rows = ef.LogPosterior(*parts, prior)(np.array([[1.0], [1.6]]))
+    assert np.isfinite(rows[0, 0]) and rows[1, 0] == -INF
 
 
 def test_uniform_between_is_flat_from_low_to_high():
