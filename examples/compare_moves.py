@@ -77,7 +77,7 @@ def main(
             "DE-MC (paper)": ef.DEMCMove(nsplits=nwalkers),
             "DE-MC (red-blue)": ef.DEMCMove(),
             "M-H untuned": ef.MetropolisMove(
-                np.ptp(posterior.prior.bounds, axis=1) / 20
+                sd=np.ptp(posterior.prior.bounds, axis=1) / 20
             ),
             "M-H tuned": tuned(posterior, nwalkers, nsteps // 2, seed + 1),
             "emcee StretchMove": emcee.moves.StretchMove(),

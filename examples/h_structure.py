@@ -93,7 +93,9 @@ def one_beta(
     print(f"{caught} of {start[..., 0].size} walkers were caught in a local mode\n")
     moves = {
         "DE-MC": ef.DEMCMove(),
-        "M-H untuned": ef.MetropolisMove(np.ptp(posterior.prior.bounds, axis=1) / 20),
+        "M-H untuned": ef.MetropolisMove(
+            sd=np.ptp(posterior.prior.bounds, axis=1) / 20
+        ),
         "M-H tuned": ef.MetropolisMove.tuned(draws),
     }
     results = {}

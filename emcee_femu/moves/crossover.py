@@ -3,11 +3,12 @@
 from typing import Any
 
 import numpy as np
+from numpy.random import RandomState
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import check_sigma, distinct_guides, noise, noise_sigma
+from .guides import check_sigma, convert_sigma, draw_guides, draw_noise
 from .red_blue import VectorizedRedBlueMove
 
 
@@ -70,7 +71,6 @@ class CrossoverMove(VectorizedRedBlueMove):
         randomize_split: bool = True,
         live_dangerously: bool = False,
     ) -> None:
-        """See the class."""
         super().__init__(nsplits, randomize_split, live_dangerously)
         self.pairs = checks.whole_number("pairs", pairs, 1)
         if self.pairs > 3:
@@ -83,17 +83,7 @@ class CrossoverMove(VectorizedRedBlueMove):
                 f"to 1, got {crossover!r}"
             )
         self.crossover: tuple[float, ...] = tuple(self._crossover.tolist())
-        self.sigma = noise_sigma(sigma)
-
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        sigma = None if self.sigma is None else self.sigma.tolist()
-        return (
-            f"CrossoverMove(pairs={self.pairs}, crossover={self.crossover}, "
-            f"sigma={sigma}, nsplits={self.nsplits}, "
-            f"randomize_split={self.randomize_split}, "
-            f"live_dangerously={self.live_dangerously})"
-        )
+        self.sigma = convert_sigma(sigma)
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble for which the move is not valid, see the base class."""
@@ -101,7 +91,7 @@ class CrossoverMove(VectorizedRedBlueMove):
         check_sigma(self.sigma, ndim)
 
     def get_proposal(
-        self, s: Floats, c: list[Floats], random: Any
+        self, s: Floats, c: list[Floats], random: RandomState
     ) -> tuple[Floats, None]:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).
 
@@ -120,13 +110,13 @@ class CrossoverMove(VectorizedRedBlueMove):
         none = (~moves.any(axis=1)).nonzero()[0]
         moves[none, only[none]] = True
 
-        chosen = distinct_guides(random, moving, len(guides), self.guides)
+        chosen = draw_guides(random, moving, len(guides), self.guides)
         members = guides.take(chosen, axis=0)  # (2 pairs, moving, ndim)
         members[::2] -= members[1::2]
         used = np.arange(self.pairs)[:, None] < delta  # (pairs, moving)
         step: Floats = np.einsum("pm,pmj->mj", used, members[::2])
         step *= jump_factor(delta, moves.sum(axis=1))[:, None]
-        step += noise(self.sigma, guides, moving, random)
+        step += draw_noise(self.sigma, guides, moving, random)
         step *= moves
         step += s
         return step, None

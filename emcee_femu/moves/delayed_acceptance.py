@@ -1,22 +1,20 @@
 """Delayed acceptance: a cheap posterior screens what the full one then decides."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
-from emcee.moves import MHMove, Move, RedBlueMove
-from numpy.typing import ArrayLike, NDArray
+from emcee.moves import MHMove, RedBlueMove
+from numpy.random import RandomState
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import check_floats, metropolis_step
-from .independence import IndependenceMove
-from .metropolis import MetropolisMove
-from .red_blue import VectorizedRedBlueMove
+from .acceptance import Batch, ProposingMove, only_proposes
 from .stock_proposals import MetropolisProposal, RedBlueProposal
 
 
-class DelayedAcceptanceMove(Move):
+class DelayedAcceptanceMove(ProposingMove):
     r"""Screen the proposals of any move by a cheap posterior; solve only what passes.
 
     .. math:: \alpha = \min\left\{1, \frac{c(\theta^*)}{c(\theta_i)} e^F\right\}
@@ -57,18 +55,13 @@ class DelayedAcceptanceMove(Move):
     """
 
     def __init__(self, inner: Any, cheap: Callable[[Floats], ArrayLike]) -> None:
-        """See the class."""
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
         self.inner = inner
         self.cheap = cheap
         self.proposed = self.full_solves = self.accepted = 0
-        self._proposal = _proposal(inner)
+        self._proposing = _only_propose(inner)
         self._known: tuple[Floats, Floats] | None = None
-
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        return f"DelayedAcceptanceMove({self.inner!r}, {self.cheap!r})"
 
     def __str__(self) -> str:
         """Return how many full solves were saved."""
@@ -83,40 +76,25 @@ class DelayedAcceptanceMove(Move):
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that the inner move refuses."""
-        if hasattr(self._proposal, "check"):
-            self._proposal.check(nwalkers, ndim)
+        self._proposing.check(nwalkers, ndim)
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Move every walker once; return the state and who was accepted."""
-        check_floats(state.coords)
-        cheap_log_prob = self._cheap_at_walkers(state.coords)
-
-        def accept(
-            state: Any,
-            walkers: NDArray[np.intp],
-            proposed: Floats,
-            log_factors: Floats | None,
-        ) -> NDArray[np.intp]:
-            old, new = cheap_log_prob[walkers], self._evaluate(proposed)
-            threshold = old - model.random.standard_exponential(len(walkers))
+    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
+        """Yield what passes the screen, with the ratio that makes amends for it."""
+        cheap = self._cheap_at_walkers(coords)
+        for walkers, proposed, log_factors in self._proposing.batches(coords, random):
+            old, new = cheap[walkers], self._evaluate(proposed)
+            threshold = old - random.standard_exponential(len(walkers))
             if log_factors is not None:
                 threshold -= log_factors
             passed = (new > threshold).nonzero()[0]
-            self.proposed += len(walkers)
+            walkers, proposed = walkers[passed], proposed[passed]
+            self.proposed += len(threshold)
             self.full_solves += len(passed)
-            if not len(passed):
-                return walkers[:0]
-            moved = metropolis_step(
-                model, state, walkers[passed], proposed[passed], (old - new)[passed]
-            )
-            hit = np.isin(walkers, moved)
-            cheap_log_prob[walkers[hit]] = new[hit]
-            self.accepted += len(moved)
-            return moved
-
-        state, accepted = self._proposal.propose(_Screened(model.random, accept), state)
-        self._known = state.coords.copy(), cheap_log_prob
-        return state, accepted
+            yield walkers, proposed, (old - new)[passed]
+            moved = (coords[walkers] == proposed).all(axis=1)
+            cheap[walkers[moved]] = new[passed[moved]]
+            self.accepted += int(moved.sum())
+        self._known = coords.copy(), cheap
 
     def _cheap_at_walkers(self, coords: Floats) -> Floats:
         """Return c of the walkers; only those that another move changed cost a call."""
@@ -152,17 +130,11 @@ class DelayedAcceptanceMove(Move):
         return log_prob
 
 
-class _Screened(NamedTuple):
-    """What the inner move sees of emcee's Model: it proposes, ``accept`` decides."""
-
-    random: Any
-    accept: Callable[..., NDArray[np.intp]]
-
-
-def _proposal(inner: Any) -> Any:
-    """Return a move that leaves the acceptance to ``metropolis_step``."""
-    if isinstance(inner, VectorizedRedBlueMove | MetropolisMove | IndependenceMove):
-        return inner
+def _only_propose(inner: Any) -> ProposingMove:
+    """Return a move that leaves the acceptance to others."""
+    if only_proposes(inner) and not isinstance(inner, DelayedAcceptanceMove):
+        own: ProposingMove = inner
+        return own
     if isinstance(inner, RedBlueMove):
         return RedBlueProposal(inner)
     if isinstance(inner, MHMove):

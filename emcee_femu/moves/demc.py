@@ -5,11 +5,12 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import check_sigma, noise, noise_sigma
+from .guides import check_sigma, convert_sigma, draw_noise
 from .red_blue import VectorizedRedBlueMove
 
 MOST_TABLED = 256  # guides up to which the pairs are looked up, in 1 MB
@@ -67,9 +68,8 @@ class DEMCMove(VectorizedRedBlueMove):
         live_dangerously: bool = False,
         mode_jump: float = 0.0,
     ) -> None:
-        """See the class."""
         super().__init__(nsplits, randomize_split, live_dangerously)
-        self.sigma = noise_sigma(sigma)
+        self.sigma = convert_sigma(sigma)
         self.gamma0 = (
             None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
         )
@@ -77,22 +77,13 @@ class DEMCMove(VectorizedRedBlueMove):
         if self.mode_jump > 1:
             raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")
 
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        sigma = None if self.sigma is None else self.sigma.tolist()
-        return (
-            f"DEMCMove(sigma={sigma}, gamma0={self.gamma0}, nsplits={self.nsplits}, "
-            f"randomize_split={self.randomize_split}, "
-            f"live_dangerously={self.live_dangerously}, mode_jump={self.mode_jump})"
-        )
-
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble for which the move is not valid, see the base class."""
         super().check(nwalkers, ndim)
         check_sigma(self.sigma, ndim)
 
     def get_proposal(
-        self, s: Floats, c: list[Floats], random: Any
+        self, s: Floats, c: list[Floats], random: RandomState
     ) -> tuple[Floats, None]:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).
 
@@ -102,7 +93,7 @@ class DEMCMove(VectorizedRedBlueMove):
         moving, ndim = s.shape
         n = len(guides)
         # One of the n (n - 1) ordered pairs: a, and b among the others.
-        pair = (random.random_sample(moving) * (n * (n - 1))).astype(np.intp)
+        pair = (random.random_sample((moving,)) * (n * (n - 1))).astype(np.intp)
         if n <= MOST_TABLED:
             first, second = _pairs(n)
             a, b = first.take(pair), second.take(pair)
@@ -114,7 +105,7 @@ class DEMCMove(VectorizedRedBlueMove):
         if self.mode_jump:
             jumps = random.random_sample((moving, 1)) < self.mode_jump
             gamma = np.where(jumps, 1.0, gamma)
-        eps = noise(self.sigma, guides, moving, random)
+        eps = draw_noise(self.sigma, guides, moving, random)
         step = guides.take(a, axis=0)
         step -= guides.take(b, axis=0)
         step *= gamma

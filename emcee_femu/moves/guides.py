@@ -1,9 +1,9 @@
 """What the moves take from the walkers at rest: their spread, and distinct guides."""
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
+from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
@@ -12,7 +12,9 @@ from ..interfaces import Floats
 DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
 
 
-def distinct_guides(random: Any, moving: int, n: int, size: int) -> NDArray[np.intp]:
+def draw_guides(
+    random: RandomState, moving: int, n: int, size: int
+) -> NDArray[np.intp]:
     """Draw ``size`` distinct guides of ``n`` for each of ``moving`` walkers.
 
     All ordered choices are equally likely: the j-th guide is drawn among the n - j that
@@ -30,7 +32,9 @@ def distinct_guides(random: Any, moving: int, n: int, size: int) -> NDArray[np.i
     return chosen
 
 
-def noise(sigma: Floats | None, guides: Floats, moving: int, random: Any) -> Floats:
+def draw_noise(
+    sigma: Floats | None, guides: Floats, moving: int, random: RandomState
+) -> Floats:
     """Return the moves' Gaussian noise ``(moving, ndim)``, with the default of sigma.
 
     The default is symmetric, because the guides stand still meanwhile.
@@ -41,7 +45,7 @@ def noise(sigma: Floats | None, guides: Floats, moving: int, random: Any) -> Flo
     return result
 
 
-def noise_sigma(sigma: ArrayLike | None) -> Floats | None:
+def convert_sigma(sigma: ArrayLike | None) -> Floats | None:
     """Return the argument ``sigma`` of a move as an array, or None for the default.
 
     Raises:
@@ -73,7 +77,7 @@ def check_sigma(sigma: Floats | None, ndim: int) -> None:
 
 
 def standard_deviations(walkers: Floats) -> Floats:
-    """Return those of the columns of ``walkers (n, ndim)``, to within 1e-8 of the mean.
+    """Return those of the columns of ``walkers (n, ndim)``, to 1e-8 of the mean.
 
     The textbook difference of moments, in a third of the time of ``walkers.std``; its
     rounding matters only to a scale that is 1e-8 of the parameter's value.

@@ -1,20 +1,20 @@
 """Metropolized independence: proposals from a frozen fit to earlier draws."""
 
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
-from emcee.moves import Move
-from numpy.typing import ArrayLike, NDArray
+from numpy.random import RandomState
+from numpy.typing import ArrayLike
 from scipy.special import gammaln, logsumexp
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import check_floats, metropolis_step
-from .metropolis import scaled_cholesky
+from .acceptance import Batch, ProposingMove
+from .metropolis import factorize
 from .mixture_fit import fit_mixture
 
 
-class IndependenceMove(Move):
+class IndependenceMove(ProposingMove):
     r"""Propose from a mixture of multivariate Student-t laws, wherever the walker is.
 
     .. math:: \theta^* \sim q = \sum_k w_k\, t_\nu(\mu_k, S_k), \qquad
@@ -48,7 +48,6 @@ class IndependenceMove(Move):
         scale_matrices: ArrayLike,
         df: float = 8.0,
     ) -> None:
-        """See the class."""
         self.weights = checks.positive_array("weights", weights, 1)
         self.means = checks.real_array("means", means, 2)
         self.scale_matrices = checks.real_array("scale_matrices", scale_matrices, 3)
@@ -64,7 +63,7 @@ class IndependenceMove(Move):
         if abs(total - 1) > 1e-12:  # else a move made of these numbers would differ
             self.weights /= total
         self._factors = np.array(
-            [scaled_cholesky("scale_matrices", S) for S in self.scale_matrices]
+            [factorize("scale_matrices", S) for S in self.scale_matrices]
         )
         # Rows scaled first: entries of one factor may differ by 1e22.
         rows = np.abs(self._factors).max(axis=2)
@@ -79,13 +78,6 @@ class IndependenceMove(Move):
             - 0.5 * ndim * np.log(self.df * np.pi)
         )
         self._edges = np.cumsum(self.weights)[:-1]
-
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        return (
-            f"IndependenceMove({self.weights.tolist()}, {self.means.tolist()}, "
-            f"{self.scale_matrices.tolist()}, df={self.df})"
-        )
 
     @classmethod
     def fit(
@@ -143,23 +135,16 @@ class IndependenceMove(Move):
         total: Floats = logsumexp(log_parts, axis=0)
         return total
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Propose for every walker once; return the state and who was accepted."""
-        nwalkers, ndim = state.coords.shape
-        self.check(nwalkers, ndim)
-        check_floats(state.coords)
-        random = model.random
-        normal = random.standard_normal((nwalkers, ndim))
-        normal *= np.sqrt(self.df / random.chisquare(self.df, nwalkers))[:, None]
+    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
+        """Yield one draw of q for every walker."""
+        n = len(coords)
+        normal = random.standard_normal(coords.shape)
+        normal *= np.sqrt(self.df / random.chisquare(self.df, n))[:, None]
         if len(self.weights) == 1:
             proposed = normal @ self._factors[0].T + self.means[0]
         else:
-            component = np.searchsorted(self._edges, random.random_sample(nwalkers))
+            component = np.searchsorted(self._edges, random.random_sample(n))
             proposed = np.einsum("nij,nj->ni", self._factors[component], normal)
             proposed += self.means[component]
-        densities = self.log_density(np.concatenate([state.coords, proposed]))
-        log_factors = densities[:nwalkers] - densities[nwalkers:]
-        accepted = np.zeros(nwalkers, dtype=bool)
-        walkers = np.arange(nwalkers)
-        accepted[metropolis_step(model, state, walkers, proposed, log_factors)] = True
-        return state, accepted
+        densities = self.log_density(np.concatenate([coords, proposed]))
+        yield np.arange(n), proposed, densities[:n] - densities[n:]

@@ -1,59 +1,73 @@
 """Metropolis-Hastings with a Gaussian random walk, the paper's baseline."""
 
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
-from emcee.moves import Move
-from numpy.typing import ArrayLike, NDArray
+from numpy.random import RandomState
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import check_floats, metropolis_step
+from .acceptance import Batch, ProposingMove
 
 
-class MetropolisMove(Move):
+class MetropolisMove(ProposingMove):
     r"""Gaussian random walk: every walker is a Metropolis-Hastings chain of its own.
 
     .. math:: \theta^* = \theta_i + L z, \quad z \sim N(0, I), \quad L L^T = C, \qquad
         \alpha = \min\{1, p(\theta^*) / p(\theta_i)\}
 
     (Eq. 3.1 with a symmetric proposal density). Walkers do not interact; one walker
-    is enough.
+    is enough. Give the size of the steps by one of two names:
 
     Args:
-        cov: A number or ``(ndim,)``: standard deviations of the steps, in parameter
-            units. ``(ndim, ndim)``: their covariance.
+        sd: Standard deviations of the steps, in parameter units: a number, or
+            ``(ndim,)``.
+        cov: Their variances, a number or ``(ndim,)``, or their covariance C,
+            ``(ndim, ndim)``, as in ``emcee.moves.GaussianMove``.
 
     Raises:
-        TypeError: If cov does not hold real numbers.
-        ValueError: If a standard deviation is not above zero, a covariance is not
-            symmetric and positive definite, or (when it proposes) cov does not fit
-            ndim.
+        TypeError: If both or neither of the two are given, or they do not hold real
+            numbers.
+        ValueError: If a standard deviation or variance is not above zero, a covariance
+            is not symmetric and positive definite, or (when it proposes) the shape
+            does not fit ndim.
 
     Source: Eq. 3.1 of Sherri, Boulkaibet, Marwala and Friswell.
+
+    Example:
+        >>> MetropolisMove(sd=[0.1, 20.0])
+        MetropolisMove(sd=[0.1, 20.0], cov=None)
     """
 
-    def __init__(self, cov: ArrayLike) -> None:
-        """See the class."""
-        self.cov = checks.real_array("cov", cov)
-        if not self.cov.size:
-            raise ValueError("cov: expected at least one number, got none")
-        if self.cov.ndim < 2:
-            checks.positive_array("cov", self.cov)
-            self._factor = self.cov
-            return
-        self._factor = scaled_cholesky("cov", self.cov)
-
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        return f"MetropolisMove({self.cov.tolist()})"
+    def __init__(
+        self, *, sd: ArrayLike | None = None, cov: ArrayLike | None = None
+    ) -> None:
+        if (sd is None) == (cov is None):
+            raise TypeError(
+                "sd, cov: expected one of the two, standard deviations or covariance "
+                f"of the steps, got {'neither' if sd is None else 'both'}"
+            )
+        self.sd = None if sd is None else checks.positive_array("sd", sd)
+        self.cov = None if cov is None else checks.real_array("cov", cov)
+        if self.sd is not None:
+            if self.sd.ndim > 1:
+                raise ValueError(
+                    "sd: expected a number or (ndim,) standard deviations, got shape "
+                    f"{self.sd.shape}; a covariance is given as cov="
+                )
+            self._factor = self.sd
+        elif self.cov is not None and self.cov.ndim < 2:
+            self._factor = np.sqrt(checks.positive_array("cov", self.cov))
+        elif self.cov is not None:
+            self._factor = factorize("cov", self.cov)
 
     @classmethod
     def tuned(cls, samples: ArrayLike) -> "MetropolisMove":
         r"""Return the move with covariance :math:`(2.38^2 / d)` times the samples'.
 
         Args:
-            samples: Draws of a target like the one to sample, ``(n, ndim)``, of a run
+            samples: Draws ``(n, ndim)`` of a target like the one to sample, from a run
                 that is not used for estimates.
 
         Raises:
@@ -69,39 +83,34 @@ class MetropolisMove(Move):
                 f"samples: expected more draws than {ndim} parameters, got {n}"
             )
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
-        scaled_cholesky("samples (their covariance)", covariance)
-        return cls(2.38**2 / ndim * covariance)
+        factorize("samples (their covariance)", covariance)
+        return cls(cov=2.38**2 / ndim * covariance)
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that the steps do not fit.
 
         Raises:
-            ValueError: If cov is neither a number nor of the shape of ndim parameters.
+            ValueError: If sd or cov is neither a number nor of the shape of ndim
+                parameters.
         """
-        if self.cov.ndim and len(self.cov) != ndim:
+        if self._factor.ndim and len(self._factor) != ndim:
+            name = "cov" if self.sd is None else "sd"
             raise ValueError(
-                f"cov: expected a number, ({ndim},) or ({ndim}, {ndim}) for {ndim} "
-                f"parameters, got shape {self.cov.shape}"
+                f"{name}: expected a number or steps of {ndim} parameters, got shape "
+                f"{self._factor.shape}"
             )
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Move every walker once; return the state and who was accepted."""
-        nwalkers, ndim = state.coords.shape
-        self.check(nwalkers, ndim)
-        check_floats(state.coords)
-        normal = model.random.standard_normal((nwalkers, ndim))
+    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
+        """Yield one step of all walkers."""
+        normal = random.standard_normal(coords.shape)
         if self._factor.ndim == 2:
             steps = normal @ self._factor.T
         else:
             steps = normal * self._factor
-        accepted = np.zeros(nwalkers, dtype=bool)
-        accepted[
-            metropolis_step(model, state, np.arange(nwalkers), state.coords + steps)
-        ] = True
-        return state, accepted
+        yield np.arange(len(coords)), coords + steps, None
 
 
-def scaled_cholesky(argument: str, covariance: Floats) -> Floats:
+def factorize(argument: str, covariance: Floats) -> Floats:
     """Return L with ``L L^T = covariance``, exact for scales that differ by 1e11.
 
     Raises:

@@ -5,7 +5,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.special import gammaln, logsumexp
 
 from ..interfaces import Floats
-from .metropolis import scaled_cholesky
+from .metropolis import factorize
 
 MOST_COMPONENTS = 6
 MOST_DRAWS = 20_000  # more draws do not make the fit better, only slower
@@ -20,7 +20,7 @@ def fit_mixture(
     """Return weights ``(k,)``, means ``(k, d)`` and scale matrices ``(k, d, d)``.
 
     Raises:
-        ValueError: If there are fewer than ``10 d`` draws a component, they lie in a
+        ValueError: If there are fewer than ``10 d`` draws per component, they lie in a
             subspace, or no fit of that many components is possible.
     """
     n, d = draws.shape
@@ -34,15 +34,15 @@ def fit_mixture(
     # Whitened by all draws: scales may differ by 1e11, correlations be 0.99999.
     centre = draws.mean(axis=0)
     covariance = np.atleast_2d(np.cov(draws, rowvar=False))
-    factor = scaled_cholesky("samples (their covariance)", covariance)
+    factor = factorize("samples (their covariance)", covariance)
     spread = np.sqrt(np.diag(covariance))
     white = np.linalg.solve(factor / spread[:, None], ((draws - centre) / spread).T).T
-    one = _em(white, 1, df)
+    one = _run_em(white, 1, df)
     if isinstance(components, int):
         counts = range(components, components + 1)
     else:
         counts = range(1, max(2, min(MOST_COMPONENTS, len(draws) // (10 * d)) + 1))
-    fits = [one if k == 1 else _em(white, k, df) for k in counts]
+    fits = [one if k == 1 else _run_em(white, k, df) for k in counts]
     possible = [fit for fit in fits if fit is not None]
     if not possible or one is None:
         raise ValueError(
@@ -56,7 +56,7 @@ def fit_mixture(
     return weights, centre + means @ factor.T, factor @ matrices @ factor.T
 
 
-def _widened(matrices: Floats) -> Floats:
+def _widen(matrices: Floats) -> Floats:
     """Return scale matrices with a ridge on those that are nearly singular.
 
     A walker that hardly moved, caught in a local mode, needs a component of its own:
@@ -69,7 +69,7 @@ def _widened(matrices: Floats) -> Floats:
     return result
 
 
-def _em(
+def _run_em(
     x: Floats, components: int, df: float
 ) -> tuple[float, Floats, Floats, Floats] | None:
     """Return BIC, weights, means and scale matrices; None where a component dies."""
@@ -89,7 +89,7 @@ def _em(
         centred = x - means[:, None]  # (k, n, d)
         matrices = np.einsum("nk,kni,knj->kij", pull, centred, centred, optimize=True)
         matrices /= counts[:, None, None]
-        matrices = _widened(matrices)
+        matrices = _widen(matrices)
         factors = np.linalg.cholesky(matrices)
         inverses = np.linalg.inv(factors)
         standard = centred @ inverses.transpose(0, 2, 1)

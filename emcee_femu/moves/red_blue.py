@@ -6,17 +6,18 @@ if those stand still while it moves. All walkers moved from one generation is bi
 (a variance of 0.87 of the truth for 4 walkers in 3 dimensions).
 """
 
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from emcee.moves import RedBlueMove
-from numpy.typing import NDArray
+from numpy.random import RandomState
 
 from .. import checks
-from .acceptance import check_floats, metropolis_step
+from ..interfaces import Floats
+from .acceptance import Batch, ProposingMove
 
 
-class VectorizedRedBlueMove(RedBlueMove):
+class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
     """Move one part of the ensemble after the other, guided by the parts at rest.
 
     A subclass implements emcee's ``get_proposal(s, c, random) -> (q, log_factors)``:
@@ -41,7 +42,6 @@ class VectorizedRedBlueMove(RedBlueMove):
         randomize_split: bool = True,
         live_dangerously: bool = False,
     ) -> None:
-        """See the class."""
         nsplits = checks.whole_number("nsplits", nsplits, 2)
         super().__init__(
             nsplits,
@@ -77,16 +77,13 @@ class VectorizedRedBlueMove(RedBlueMove):
                 "fewer may stay in a subspace (live_dangerously=True allows it)"
             )
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Move every walker once; return the state and who was accepted."""
-        nwalkers, ndim = state.coords.shape
-        self.check(nwalkers, ndim)
-        check_floats(state.coords)
+    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
+        """Yield the walkers of each part, with their proposals and log-factors."""
+        nwalkers = len(coords)
         if self.randomize_split:
-            order = model.random.permutation(nwalkers)
+            order = random.permutation(nwalkers)
         else:
             order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
-        accepted = np.zeros(nwalkers, dtype=bool)
         size, larger = divmod(nwalkers, self.nsplits)
         end = 0
         for split in range(self.nsplits):
@@ -97,10 +94,6 @@ class VectorizedRedBlueMove(RedBlueMove):
             else:
                 at_rest = np.concatenate((order[:start], order[end:]))
             proposed, log_factors = self.get_proposal(
-                state.coords.take(moving, axis=0),
-                [state.coords.take(at_rest, axis=0)],
-                model.random,
+                coords.take(moving, axis=0), [coords.take(at_rest, axis=0)], random
             )
-            moved = metropolis_step(model, state, moving, proposed, log_factors)
-            accepted[moved] = True
-        return state, accepted
+            yield moving, proposed, log_factors

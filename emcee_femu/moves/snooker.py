@@ -1,13 +1,12 @@
 """The snooker update: jumps along the line through another walker."""
 
-from typing import Any
-
 import numpy as np
+from numpy.random import RandomState
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import distinct_guides, standard_deviations
+from .guides import draw_guides, standard_deviations
 from .red_blue import VectorizedRedBlueMove
 
 NEVER = -np.finfo(np.float64).max  # finite, because -inf less -inf is a NaN
@@ -63,7 +62,6 @@ class SnookerMove(VectorizedRedBlueMove):
         randomize_split: bool = True,
         live_dangerously: bool = False,
     ) -> None:
-        """See the class."""
         super().__init__(nsplits, randomize_split, live_dangerously)
         ends = checks.positive_array("gamma", gamma, 1)
         if len(ends) != 2 or ends[0] > ends[1]:
@@ -73,16 +71,8 @@ class SnookerMove(VectorizedRedBlueMove):
             )
         self.gamma: tuple[float, float] = (float(ends[0]), float(ends[1]))
 
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        return (
-            f"SnookerMove(gamma={self.gamma}, nsplits={self.nsplits}, "
-            f"randomize_split={self.randomize_split}, "
-            f"live_dangerously={self.live_dangerously})"
-        )
-
     def get_proposal(
-        self, s: Floats, c: list[Floats], random: Any
+        self, s: Floats, c: list[Floats], random: RandomState
     ) -> tuple[Floats, Floats]:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).
 
@@ -90,19 +80,18 @@ class SnookerMove(VectorizedRedBlueMove):
         """
         guides = np.concatenate(c) if len(c) > 1 else c[0]
         moving, ndim = s.shape
-        z, z1, z2 = guides.take(distinct_guides(random, moving, len(guides), 3), axis=0)
+        z, z1, z2 = guides.take(draw_guides(random, moving, len(guides), 3), axis=0)
         low, high = self.gamma
-        gamma = low + (high - low) * random.random_sample(moving)
+        gamma = low + (high - low) * random.random_sample((moving,))
 
         sd = standard_deviations(guides)
         per_sd = np.divide(1.0, sd, out=np.zeros(ndim), where=sd > 0)
         line = s - z
         # With v = theta_i - z, the jump is a multiple of v: gamma (z1 - z2).v / v.v
-        with np.errstate(over="ignore", invalid="ignore"):  # v.v = inf: no line either
-            scaled = line * per_sd
-            square = np.einsum("ij,ij->i", scaled, scaled)
-            along = np.einsum("ij,ij->i", scaled, (z1 - z2) * per_sd)
-        known = (square > 0) & np.isfinite(square)
+        scaled = line * per_sd
+        square = np.einsum("ij,ij->i", scaled, scaled)
+        along = np.einsum("ij,ij->i", scaled, (z1 - z2) * per_sd)
+        known = square > 0
         jump = np.divide(gamma * along, square, out=np.zeros(moving), where=known)
         stretch = np.abs(1.0 + jump)  # |theta* - z| / |theta_i - z|
         known &= stretch > 0

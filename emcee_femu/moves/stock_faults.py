@@ -22,7 +22,8 @@ def stock_fault(move: Any, ndim: int) -> str:
     if isinstance(move, emcee.moves.GaussianMove) and _moves_rigidly(move, ndim):
         return (
             "GaussianMove with a full covariance adds one and the same step to all "
-            "walkers, which overstates their ESS; use emcee_femu.MetropolisMove(cov)"
+            "walkers, which overstates their ESS; use MetropolisMove(cov=...) of "
+            "emcee_femu"
         )
     if isinstance(move, emcee.moves.DESnookerMove) and not _snooker_is_balanced(move):
         return (

@@ -15,7 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import check_floats
+from .acceptance import (
+    check_floats,
+    log_likelihoods,
+    metropolis_step,
+    only_proposes,
+    temper,
+)
 
 
 class TemperedMove(Move):
@@ -58,7 +64,6 @@ class TemperedMove(Move):
     """
 
     def __init__(self, inner: Any, betas: ArrayLike) -> None:
-        """See the class."""
         if not hasattr(inner, "propose") or isinstance(inner, type | TemperedMove):
             raise TypeError(
                 "inner: expected an emcee move that is not itself tempered, such as "
@@ -85,21 +90,44 @@ class TemperedMove(Move):
         """Return which of ``nwalkers`` walkers sample the posterior itself."""
         return slice(0, nwalkers // len(self.betas))
 
+    def default_walkers(self, ndim: int) -> int:
+        """Return the usual number of walkers, of all temperatures together."""
+        return len(self.betas) * max(16, 4 * ndim)
+
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that does not divide, or whose blocks inner refuses.
 
         Raises:
             ValueError: If nwalkers is not a multiple of len(betas).
+            Exception: What inner raises, in terms of all walkers.
         """
-        block, rest = divmod(nwalkers, len(self.betas))
+        rungs, usual = len(self.betas), self.default_walkers(ndim)
+        block, rest = divmod(nwalkers, rungs)
         if rest or not block:
             raise ValueError(
-                f"nwalkers: expected a multiple of {len(self.betas)}, the number of "
-                f"betas, got {nwalkers}; {len(self.betas)} * {max(16, 4 * ndim)} = "
-                f"{len(self.betas) * max(16, 4 * ndim)} would be usual"
+                f"nwalkers: expected a multiple of {rungs}, the number of betas, got "
+                f"{nwalkers}; {usual} would be usual"
             )
-        if hasattr(self.inner, "check"):
-            self.inner.check(block, ndim)
+        refusal = self._refusal(block, ndim)
+        if refusal is None:
+            return
+        sizes = range(block + 1, usual // rungs + 1)
+        enough = next((n for n in sizes if self._refusal(n, ndim) is None), None)
+        if enough is None:  # more walkers are no remedy
+            raise refusal
+        raise type(refusal)(
+            f"nwalkers: expected at least {rungs * enough}, {enough} for each of "
+            f"{rungs} betas, got {nwalkers}; {usual} would be usual"
+        ) from refusal
+
+    def _refusal(self, block: int, ndim: int) -> Exception | None:
+        """Return why inner cannot move a block of so many walkers, None if it can."""
+        try:
+            if hasattr(self.inner, "check"):
+                self.inner.check(block, ndim)
+        except (ValueError, RuntimeError) as error:
+            return error
+        return None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Move every block, then exchange; return the state and whom inner accepted."""
@@ -115,24 +143,54 @@ class TemperedMove(Move):
             )
         accepted = np.zeros(nwalkers, dtype=bool)
         block = nwalkers // len(self.betas)
-        for t, beta in enumerate(self.betas.tolist()):
-            own = slice(t * block, (t + 1) * block)
-            accepted[own] = self._move(model, state, own, beta)
+        if only_proposes(self.inner):
+            self._move_together(model, state, block, accepted)
+        else:
+            for t, beta in enumerate(self.betas.tolist()):
+                own = slice(t * block, (t + 1) * block)
+                accepted[own] = self._move_one(model, state, own, beta)
         for first in model.random.permutation(2):  # both: an exchange needs no solve
             self._exchange(model.random, state, block, first)
         return state, accepted
 
-    def _move(self, model: Any, state: Any, own: slice, beta: float) -> Any:
-        """Move the block ``own`` of the state in place by the inner move."""
+    def _move_together(
+        self, model: Any, state: Any, block: int, accepted: NDArray[np.bool_]
+    ) -> None:
+        """Move all blocks in place, with one evaluation for a split of every block."""
+        starts = range(0, len(state.coords), block)
+        betas = self.betas.repeat(block)
+        # Slices, not copies: each stream sees what was accepted in its block.
+        blocks = [state.coords[start : start + block] for start in starts]
+        streams = [self.inner.batches(coords, model.random) for coords in blocks]
+        for batches in zip(*streams, strict=True):
+            own, proposed, factors = zip(*batches, strict=True)
+            walkers = np.concatenate([i + s for i, s in zip(own, starts, strict=True)])
+            moved = metropolis_step(
+                model,
+                state,
+                walkers,
+                np.concatenate(proposed),
+                None if factors[0] is None else np.concatenate(factors),
+                betas[walkers],
+            )
+            accepted[moved] = True
 
-        def tempered_model(theta: Floats) -> tuple[Floats, Floats]:
-            return _tempered(beta, *model.compute_log_prob_fn(theta))
+    def _move_one(self, model: Any, state: Any, own: slice, beta: float) -> Any:
+        """Move the block ``own`` of the state in place by any emcee move."""
 
-        log_prob, blobs = _tempered(beta, state.log_prob[own], state.blobs[own])
+        def lower(log_prob: Floats, blobs: Floats) -> tuple[Floats, Floats]:
+            tempered = temper(beta, log_prob, blobs[:, 0])
+            return tempered, np.concatenate((blobs, log_prob[:, None]), axis=1)
+
         moved, accepted = self.inner.propose(
             # Without log_prob_fn: a move that called it would miss the temperature.
-            model._replace(compute_log_prob_fn=tempered_model, log_prob_fn=None),
-            emcee.State(state.coords[own].copy(), log_prob, blobs),
+            model._replace(
+                compute_log_prob_fn=lambda q: lower(*model.compute_log_prob_fn(q)),
+                log_prob_fn=None,
+            ),
+            emcee.State(
+                state.coords[own].copy(), *lower(state.log_prob[own], state.blobs[own])
+            ),
         )
         state.coords[own] = moved.coords
         state.log_prob[own] = moved.blobs[:, -1]
@@ -157,12 +215,6 @@ class TemperedMove(Move):
             values[there] = values[back]
 
 
-def log_likelihoods(log_prob: Floats, log_prior: Floats) -> Floats:
-    """Return the log-likelihoods of walkers, and 0 where the posterior is zero."""
-    result = np.zeros_like(log_prob)
-    return np.subtract(log_prob, log_prior, out=result, where=log_prob > -np.inf)
-
-
 def ladder(moves: Iterable[Any]) -> TemperedMove | None:
     """Return the tempered move whose blocks all ``moves`` share, None if untempered.
 
@@ -184,10 +236,3 @@ def ladder(moves: Iterable[Any]) -> TemperedMove | None:
             "0.1)]"
         )
     return first
-
-
-def _tempered(beta: float, log_prob: Floats, blobs: Floats) -> tuple[Floats, Floats]:
-    """Return ``log_prior + beta * log_likelihood``, and blobs with log_prob last."""
-    # Written so that -inf stays -inf for every beta, and beta = 1 changes no bit.
-    lowered = log_prob - (1 - beta) * log_likelihoods(log_prob, blobs[:, 0])
-    return lowered, np.concatenate((blobs, log_prob[:, None]), axis=1)

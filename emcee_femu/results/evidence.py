@@ -8,7 +8,8 @@ import emcee
 import numpy as np
 
 from ..interfaces import Floats
-from ..moves.tempering import ladder, log_likelihoods
+from ..moves.acceptance import log_likelihoods
+from ..moves.tempering import ladder
 from . import inference_data
 from .diagnostics import autocorrelation_time
 

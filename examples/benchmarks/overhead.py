@@ -80,7 +80,7 @@ def main(blocks: int = 40, n: int = 300) -> None:
     moves = {
         "DEMCMove()": ef.DEMCMove(),
         "DEMCMove(sigma)": ef.DEMCMove(1e-3),
-        "MetropolisMove": ef.MetropolisMove(1.0),
+        "MetropolisMove": ef.MetropolisMove(sd=1.0),
         "IndependenceMove": independence,
         "auto's mixture": [(independence, 0.9), (ef.DEMCMove(mode_jump=0.1), 0.1)],
     }

@@ -40,7 +40,10 @@ def linear(relative_sd=0.05, width=2.5):
 SMALL = {"nwalkers": WALKERS, "nsteps": STEPS, "ensembles": ENSEMBLES, "seed": SEED}
 MOVES = {
     "DE-MC": ef.DEMCMove(),
-    "M-H": [(ef.MetropolisMove(4.0), 0.5), (ef.MetropolisMove([2.0, 2.0, 3.0]), 0.5)],
+    "M-H": [
+        (ef.MetropolisMove(sd=4.0), 0.5),
+        (ef.MetropolisMove(sd=[2.0, 2.0, 3.0]), 0.5),
+    ],
     "stretch": emcee.moves.StretchMove(),
     "auto": "auto",
 }
@@ -201,8 +204,8 @@ class OtherStream(ef.DEMCMove):
 
 def test_a_far_better_move_wins_and_a_crawling_one_is_not_converged():
     moves = {
-        "crawling": ef.MetropolisMove(0.02),
-        "short steps": ef.MetropolisMove(2.5),
+        "crawling": ef.MetropolisMove(sd=0.02),
+        "short steps": ef.MetropolisMove(sd=2.5),
         "DE-MC": ef.DEMCMove(),
     }
     found = ef.compare_moves(linear(), moves, 10, 1_500, seed=1)

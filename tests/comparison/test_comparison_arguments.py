@@ -24,7 +24,11 @@ ONE = {"DE-MC": ef.DEMCMove()}
             "nsplits: expected at most",
             {"moves": {"x": ef.DEMCMove(nsplits=9)}},
         ),
-        (ValueError, "cov: ", {"moves": {**ONE, "x": [ef.MetropolisMove([1.0, 2.0])]}}),
+        (
+            ValueError,
+            "sd: ",
+            {"moves": {**ONE, "x": [ef.MetropolisMove(sd=[1.0, 2.0])]}},
+        ),
         (TypeError, "exactly one of the two", {"nsteps": None}),
         (TypeError, "exactly one of the two", {"max_evaluations": 10_000}),
         (TypeError, "nsteps: expected a whole", {"nsteps": 1e4}),

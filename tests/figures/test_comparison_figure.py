@@ -14,8 +14,8 @@ LONG = (
     "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer may name it"
 )
 MOVES = {
-    "M-H": ef.MetropolisMove(0.002),
-    LONG: [(ef.DEMCMove(), 0.9), (ef.MetropolisMove(0.05), 0.1)],
+    "M-H": ef.MetropolisMove(sd=0.002),
+    LONG: [(ef.DEMCMove(), 0.9), (ef.MetropolisMove(sd=0.05), 0.1)],
     "DE-MC": ef.DEMCMove(),
 }
 

@@ -33,11 +33,11 @@ def chain(function, moves, steps=60, start=START, **options):
 MOVES = {
     "DE-MC": DEMCMove(),
     "sweep": DEMCMove(nsplits=10),
-    "M-H": MetropolisMove(0.5),
+    "M-H": MetropolisMove(sd=0.5),
     "mixture": [
         (DEMCMove(), 0.8),
         (DEMCMove(gamma0=1.0), 0.1),
-        (MetropolisMove(1), 0.1),
+        (MetropolisMove(sd=1), 0.1),
     ],
     "snooker": SnookerMove(),
     "crossover": CrossoverMove(2),
@@ -102,7 +102,7 @@ def test_acceptance_counts_the_walkers_that_moved(moves):
     assert 0.05 < sampler.acceptance_fraction.mean() < 0.95
 
 
-@pytest.mark.parametrize("move", [DEMCMove(sigma=[0.1, 0.2]), MetropolisMove(0.1)])
+@pytest.mark.parametrize("move", [DEMCMove(sigma=[0.1, 0.2]), MetropolisMove(sd=0.1)])
 def test_moves_survive_pickling_and_show_their_settings(move):
     again = pickle.loads(pickle.dumps(move))
     assert repr(again) == repr(move)
@@ -154,7 +154,7 @@ def test_metropolis_steps_have_the_given_covariance():
         return np.zeros(len(theta))
 
     sampler = emcee.EnsembleSampler(
-        20_000, 2, record, moves=MetropolisMove(covariance), vectorize=True
+        20_000, 2, record, moves=MetropolisMove(cov=covariance), vectorize=True
     )
     start = np.zeros((20_000, 2))
     sampler.run_mcmc(start, 1, skip_initial_state_check=True)
@@ -184,12 +184,16 @@ def test_tuned_metropolis_has_the_samples_covariance_times_the_optimal_factor():
         (lambda: DEMCMove(mode_jump=-0.1), ValueError, "mode_jump"),
         (lambda: DEMCMove(nsplits=1), ValueError, "nsplits"),
         (lambda: DEMCMove(nsplits=2.0), TypeError, "nsplits"),
-        (lambda: MetropolisMove(0.0), ValueError, "cov"),
-        (lambda: MetropolisMove([1.0, -1.0]), ValueError, "cov"),
-        (lambda: MetropolisMove([[1.0, 2.0], [2.0, 1.0]]), ValueError, "cov"),
-        (lambda: MetropolisMove([[1.0, 0.2], [0.0, 1.0]]), ValueError, "cov"),
-        (lambda: MetropolisMove([[1.0, 0.2]]), ValueError, "cov"),
-        (lambda: MetropolisMove(np.ones((1, 1, 1))), ValueError, "cov"),
+        (lambda: MetropolisMove(sd=0.0), ValueError, "sd"),
+        (lambda: MetropolisMove(cov=0.0), ValueError, "cov"),
+        (lambda: MetropolisMove(sd=[1.0, -1.0]), ValueError, "sd"),
+        (lambda: MetropolisMove(sd=np.ones((2, 2))), ValueError, "sd: .* cov="),
+        (lambda: MetropolisMove(), TypeError, "sd, cov: .*got neither"),
+        (lambda: MetropolisMove(sd=1.0, cov=1.0), TypeError, "sd, cov: .*got both"),
+        (lambda: MetropolisMove(cov=[[1.0, 2.0], [2.0, 1.0]]), ValueError, "cov"),
+        (lambda: MetropolisMove(cov=[[1.0, 0.2], [0.0, 1.0]]), ValueError, "cov"),
+        (lambda: MetropolisMove(cov=[[1.0, 0.2]]), ValueError, "cov"),
+        (lambda: MetropolisMove(cov=np.ones((1, 1, 1))), ValueError, "cov"),
         (lambda: MetropolisMove.tuned(np.ones((2, 3))), ValueError, "samples"),
         (lambda: MetropolisMove.tuned(np.ones((9, 3))), ValueError, "samples"),
     ],
@@ -207,8 +211,8 @@ def test_wrong_settings_are_refused_by_name(make, error, match):
         (DEMCMove(nsplits=12), (10, 3), ValueError, "nsplits"),
         (DEMCMove(), (4, 3), RuntimeError, "2 \\* ndim"),
         (DEMCMove(sigma=[0.1, 0.1]), (10, 3), ValueError, "sigma"),
-        (MetropolisMove([1.0, 1.0]), (10, 3), ValueError, "cov"),
-        (MetropolisMove(np.eye(2)), (10, 3), ValueError, "cov"),
+        (MetropolisMove(sd=[1.0, 1.0]), (10, 3), ValueError, "sd"),
+        (MetropolisMove(cov=np.eye(2)), (10, 3), ValueError, "cov"),
     ],
 )
 def test_a_move_that_does_not_fit_is_refused_before_it_evaluates(
@@ -224,7 +228,7 @@ def test_a_move_that_does_not_fit_is_refused_before_it_evaluates(
 
 
 def test_integer_starts_are_refused_instead_of_truncated():
-    for move in (DEMCMove(), MetropolisMove(1.0)):
+    for move in (DEMCMove(), MetropolisMove(sd=1.0)):
         sampler = emcee.EnsembleSampler(10, 3, log_prob, moves=move)
         with pytest.raises(TypeError, match="float"):
             sampler.run_mcmc(np.random.default_rng(0).integers(0, 9, (10, 3)), 1)

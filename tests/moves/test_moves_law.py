@@ -58,8 +58,9 @@ def test_metropolis_keeps_the_target(scale, target, shape, nwalkers):
         move = MetropolisMove.tuned(law.sample(np.random.default_rng(5), (500,)))
     else:
         sd = 0.6 * law.scale
-        steps = sd if shape == "sd" else np.outer(sd, sd) * (0.5 + 0.5 * np.eye(3))
-        move = MetropolisMove(steps)
+        covariance = np.outer(sd, sd) * (0.5 + 0.5 * np.eye(3))
+        given = {"sd": sd} if shape == "sd" else {"cov": covariance}
+        move = MetropolisMove(**given)
     assert exact_start(move, law, nwalkers) < LIMIT
 
 
@@ -144,7 +145,7 @@ class AsymmetricMetropolis(MetropolisMove):
     """Steps by a scale that depends on where the walker is."""
 
     def propose(self, model, state):
-        scaled = MetropolisMove(0.1 + 0.5 * np.abs(state.coords[0, 0] - 3))
+        scaled = MetropolisMove(sd=0.1 + 0.5 * np.abs(state.coords[0, 0] - 3))
         return scaled.propose(model, state)
 
 
@@ -154,7 +155,7 @@ MUTANTS = {
     "differences of one sign": (OneSign(), Gaussian, 6),
     "-inf accepted": (AcceptsWithoutLimit(np.isneginf), BoundedTriangle, 6),
     "all accepted": (AcceptsWithoutLimit(np.ones_like), Gaussian, 6),
-    "asymmetric steps": (AsymmetricMetropolis(0.5), Gaussian, 1),
+    "asymmetric steps": (AsymmetricMetropolis(sd=0.5), Gaussian, 1),
 }
 
 

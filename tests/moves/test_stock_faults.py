@@ -52,7 +52,7 @@ class MendedPropose(emcee.moves.GaussianMove):
     """Corrects the whole step, and leaves the faulty proposal where it is."""
 
     def propose(self, model, state):
-        return ef.MetropolisMove(COVARIANCE).propose(model, state)
+        return ef.MetropolisMove(cov=COVARIANCE).propose(model, state)
 
 
 def installed_is_wrong(move):
@@ -115,7 +115,7 @@ def test_a_rigid_gaussian_move_of_any_kind_is_found():
         emcee.moves.StretchMove(),
         emcee.moves.KDEMove(),
         ef.DEMCMove(),
-        ef.MetropolisMove(COVARIANCE),
+        ef.MetropolisMove(cov=COVARIANCE),
     ],
     ids=lambda move: type(move).__name__,
 )

@@ -1,6 +1,7 @@
 """TemperedMove keeps every tempered law, crosses between modes, and hides nothing."""
 
 from concurrent.futures import ProcessPoolExecutor
+from itertools import permutations
 from pathlib import Path
 
 import emcee
@@ -13,24 +14,36 @@ from support.checks import LIMIT
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
-from emcee_femu import DEMCMove, MetropolisMove, TemperedMove
-from emcee_femu.moves import tempering
+from emcee_femu import (
+    DelayedAcceptanceMove,
+    DEMCMove,
+    MetropolisMove,
+    SnookerMove,
+    TemperedMove,
+)
+from emcee_femu.moves import acceptance, tempering
 from emcee_femu.results.inference_data import samples
 
 BETAS = [1.0, 0.3, 0.0]
-BLOCK = 8
+
+
+def shifted(theta):
+    return -0.2 * ((theta - 0.4) ** 2).sum(axis=1)
+
+
 LAWS = {"gaussian": GaussianLaw(), "bounded": BoundedLaw()}
-INNER = {
-    "DE-MC": DEMCMove(),
-    "DE-MC with mode jumps": DEMCMove(mode_jump=0.3),
-    "Metropolis": MetropolisMove(0.3),
-    "stock stretch": emcee.moves.StretchMove(),
-    "stock DE": emcee.moves.DEMove(),
-    "stock Gaussian": emcee.moves.GaussianMove(0.1),
+INNER = {  # each with the walkers of a block; those of the package move together
+    "DE-MC, few walkers": (DEMCMove(live_dangerously=True), 4),
+    "DE-MC with mode jumps": (DEMCMove(mode_jump=0.3), 8),
+    "Metropolis": (MetropolisMove(sd=0.3), 1),
+    "snooker, one after another": (SnookerMove(nsplits=6), 6),
+    "delayed": (DelayedAcceptanceMove(MetropolisMove(sd=0.3), shifted), 3),
+    "stock stretch": (emcee.moves.StretchMove(), 8),
+    "stock Gaussian": (emcee.moves.GaussianMove(0.1), 2),
 }
 
 
-def exact_start(move, law, ensembles=400, steps=4, seed=0, check_rows=True):
+def exact_start(move, law, block=8, ensembles=400, steps=4, seed=0, check_rows=True):
     """Return the largest |z| over all blocks after a few steps from the exact laws.
 
     It is infinite if the state's log_prob or blobs are not those of its coordinates.
@@ -46,14 +59,14 @@ def exact_start(move, law, ensembles=400, steps=4, seed=0, check_rows=True):
     betas = move.betas
     averages = []
     for _ in range(ensembles):
-        start = np.concatenate([law.sample(rng, BLOCK, beta) for beta in betas])
+        start = np.concatenate([law.sample(rng, block, beta) for beta in betas])
         state = emcee.State(start, *solve(start))
         for _ in range(steps):
             state, _ = move.propose(model, state)
         kept = np.column_stack([state.log_prob, state.blobs])
         if check_rows and not np.array_equal(kept, law.posterior(state.coords)):
             return np.inf
-        blocks = state.coords.reshape(len(betas), BLOCK, -1)
+        blocks = state.coords.reshape(len(betas), block, -1)
         averages.append(
             [
                 law.statistics(theta, beta).mean(axis=0)
@@ -69,7 +82,8 @@ def exact_start(move, law, ensembles=400, steps=4, seed=0, check_rows=True):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("inner", INNER)
 def test_every_block_keeps_its_tempered_law(law, inner):
-    assert exact_start(TemperedMove(INNER[inner], BETAS), LAWS[law]) < LIMIT
+    move, block = INNER[inner]
+    assert exact_start(TemperedMove(move, BETAS), LAWS[law], block) < LIMIT
 
 
 @pytest.mark.slow
@@ -80,41 +94,149 @@ def test_every_block_keeps_its_tempered_law_at_high_power(law, betas):
     assert exact_start(move, LAWS[law], ensembles=2_000, steps=8) < LIMIT
 
 
-# Mutants: the module with one thing broken, which the exact start must see.
-MUTANTS = {
-    "wrong sign": (
-        "log_likelihood[hot] - log_likelihood[cold]",
-        "log_likelihood[cold] - log_likelihood[hot]",
-    ),
-    "always exchanged": ("possible & (log_ratio > threshold)", "possible"),
-    "prior tempered too": (
-        "log_prob - (1 - beta) * log_likelihoods(log_prob, blobs[:, 0])",
-        "beta * np.maximum(log_prob, -1e300)",
-    ),
-    "tempered log-probability stored": ("= moved.blobs[:, -1]", "= moved.log_prob"),
-    "log-probability not exchanged": (
-        "(state.coords, state.log_prob, state.blobs)",
-        "(state.coords, state.blobs)",
-    ),
-    "blobs not exchanged": (
-        "(state.coords, state.log_prob, state.blobs)",
-        "(state.coords, state.log_prob)",
-    ),
-}
+class Still:
+    """Leaves all walkers where they are."""
+
+    def propose(self, model, state):
+        return state, np.zeros(len(state.coords), bool)
+
+
+def exchange_p_values(kind, betas=(1.0, 0.6, 0.2, 0.0), block=1_000):
+    """Return p-values of the share of exchanges, per pair of blocks and sign.
+
+    Only one pair may exchange, with one likelihood ratio, whose power is accepted.
+    """
+    found = []
+    for t, gap in enumerate(-np.diff(betas)):
+        for rise in (-0.7, 0.7):
+            likelihood = np.full((len(betas), block), -np.inf)
+            likelihood[t], likelihood[t + 1] = 5.0, 5.0 + rise / gap
+            labels = np.repeat(np.arange(len(betas)), block)[:, None].astype(float)
+            blobs = np.full((labels.size, 2), -3.0)
+            state = emcee.State(labels.copy(), likelihood.ravel() - 3.0, blobs)
+            model = Model(None, None, map, np.random.RandomState(t))
+            state, _ = kind(Still(), betas).propose(model, state)
+            swapped = int((state.coords[labels[:, 0] == t] == t + 1).sum())
+            p = min(1, np.exp(rise))
+            found.append(stats.binomtest(swapped, block, p).pvalue)
+    return found
+
+
+def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods():
+    assert min(exchange_p_values(TemperedMove)) > 1e-4
+
+
+def blocks_guided_by_others(kind, betas=(1.0, 0.5, 0.0), block=4):
+    """Return how many blocks moved by other guides than their own ones at rest.
+
+    Each proposal is x_i + (x_a - x_b) / 2, and these three can be told.
+    """
+    wrong, calls = 0, 0
+    state = emcee.State(
+        np.random.default_rng(0).normal(size=(len(betas) * block, 3)),
+        log_prob=np.zeros(len(betas) * block),
+        blobs=np.zeros((len(betas) * block, 2)),
+    )
+
+    def flat(proposed):
+        nonlocal wrong, calls
+        calls += 1
+        for t, own in enumerate(np.split(proposed, len(betas))):
+            walkers = state.coords[t * block : (t + 1) * block]
+            chosen = [
+                (i, a, b)
+                for q in own
+                for i, a, b in permutations(range(block), 3)
+                if np.allclose(walkers[i] + 0.5 * (walkers[a] - walkers[b]), q)
+            ]
+            moving = {i for i, _, _ in chosen}
+            wrong += len(chosen) < len(own) or any(
+                {a, b} & moving for _, a, b in chosen
+            )
+        return np.zeros(len(proposed)), np.zeros((len(proposed), 2))
+
+    inner = DEMCMove(sigma=0.0, gamma0=0.5, live_dangerously=True)
+    model = Model(None, flat, map, np.random.RandomState(0))
+    kind(inner, betas).propose(model, state)
+    assert calls == 2  # one for each half, of all blocks together
+    return wrong
+
+
+def test_every_block_is_guided_by_its_own_walkers_at_rest_in_one_call_for_all():
+    assert blocks_guided_by_others(TemperedMove) == 0
+
+
+def crossed(blocks, own, random):
+    """Return proposals guided by the walkers that the next block moves meanwhile."""
+    moving = [coords[i] for coords, i in zip(blocks, own, strict=True)]
+    move = DEMCMove(sigma=0.0, gamma0=0.5)
+    pairs = zip(moving, moving[1:] + moving[:1], strict=True)
+    return [move.get_proposal(s, [c], random)[0] for s, c in pairs]
 
 
 def mutated(original, wrong):
+    """Return TemperedMove with one thing broken."""
     source = Path(tempering.__file__).read_text(encoding="utf-8")
     assert source.count(original) == 1
-    names = {"__name__": "mutant", "__package__": "emcee_femu.moves"}
+    names = {
+        "__name__": "mutant",
+        "__package__": "emcee_femu.moves",
+        "crossed": crossed,
+    }
     exec(source.replace(original, wrong), names)
     return names["TemperedMove"]
 
 
-@pytest.mark.parametrize("mutant", MUTANTS)
-def test_the_check_catches_a_broken_move(mutant):
-    move = mutated(*MUTANTS[mutant])(DEMCMove(), BETAS)
-    assert exact_start(move, LAWS["gaussian"], check_rows=False) > LIMIT
+RATIO = "gaps * (log_likelihood[hot] - log_likelihood[cold])"
+UNPACKED = "own, proposed, factors = zip(*batches, strict=True)"
+EXCHANGE_MUTANTS = {
+    "wrong sign": (RATIO, "-" + RATIO),
+    "wrong sign of the coldest pair": (RATIO, f"{RATIO} * np.sign(cold - block + 0.5)"),
+    "wrong sign of the hottest pair": (
+        RATIO,
+        f"{RATIO} * np.sign(len(state.coords) - hot - block - 0.5)",
+    ),
+    "always": ("possible & (log_ratio > threshold)", "possible"),
+}
+GUIDE_MUTANTS = {
+    "guides of the next block": (
+        UNPACKED,
+        f"{UNPACKED}; proposed = crossed(blocks, own, model.random)",
+    ),
+    "guides before they moved": (
+        "[state.coords[start : start + block] for",
+        "[state.coords[start : start + block].copy() for",
+    ),
+}
+
+
+@pytest.mark.parametrize("mutant", EXCHANGE_MUTANTS)
+def test_the_share_of_exchanges_catches_a_broken_ratio(mutant):
+    assert min(exchange_p_values(mutated(*EXCHANGE_MUTANTS[mutant]))) < 1e-9
+
+
+@pytest.mark.parametrize("mutant", GUIDE_MUTANTS)
+def test_wrong_guides_are_seen_in_the_proposals(mutant):
+    assert blocks_guided_by_others(mutated(*GUIDE_MUTANTS[mutant])) > 0
+
+
+def prior_too(beta, log_prob, log_prior):
+    return beta * np.maximum(log_prob, -1e300)
+
+
+@pytest.mark.parametrize("inner", [DEMCMove(), emcee.moves.StretchMove()])
+def test_the_exact_start_catches_a_tempered_prior(inner, monkeypatch):
+    for module in (acceptance, tempering):
+        monkeypatch.setattr(module, "temper", prior_too)
+    assert exact_start(TemperedMove(inner, BETAS), LAWS["gaussian"]) > LIMIT
+
+
+@pytest.mark.parametrize("kept", ["(state.coords, state.blobs)", "(state.coords,)"])
+def test_the_exact_start_catches_what_is_not_exchanged(kept):
+    broken = mutated("(state.coords, state.log_prob, state.blobs)", kept)
+    move, law = broken(DEMCMove(), BETAS), LAWS["gaussian"]
+    assert exact_start(move, law, ensembles=1) == np.inf
+    assert exact_start(move, law, check_rows=False) > LIMIT
 
 
 PROBLEM = ef.paper.mass_spring()
@@ -189,8 +311,10 @@ def test_tempered_moves_of_the_same_betas_may_be_mixed():
     ("options", "error", "match"),
     [
         ({"nwalkers": 35}, ValueError, "nwalkers: expected a multiple of 3"),
-        ({"nwalkers": 24}, RuntimeError, "2 \\* ndim"),
-        ({"moves": TemperedMove(MetropolisMove([1.0]), [1, 0])}, ValueError, "cov"),
+        ({"nwalkers": 24}, RuntimeError, "least 30, 10 for each of 3 .* 24; 60 would"),
+        ({"nwalkers": 3}, ValueError, "least 30, 10 for each of 3 .* 3; 60 would"),
+        ({"nwalkers": 2}, ValueError, "a multiple of 3, .* got 2; 60 would"),
+        ({"moves": TemperedMove(MetropolisMove(sd=[1.0]), [1, 0])}, ValueError, "sd"),
     ],
 )
 def test_ensembles_that_do_not_fit_are_refused(options, error, match):
@@ -223,6 +347,13 @@ def test_the_move_prints_as_the_call_that_makes_it():
     again = eval(repr(MOVE))
     assert repr(again) == repr(MOVE)
     assert again.cold(36) == slice(0, 12)
+
+
+def test_the_default_walkers_suffice_for_every_temperature():
+    for ndim in (1, 5, 20):
+        n = MOVE.default_walkers(ndim)
+        assert n == 3 * max(16, 4 * ndim)
+        MOVE.check(n, ndim)
 
 
 def cut(parameters, modes):

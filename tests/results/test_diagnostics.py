@@ -205,7 +205,7 @@ POSTERIOR = ef.LogPosterior(
 
 @pytest.mark.parametrize("vectorize", [True, False])
 def test_names_are_those_of_the_posterior_and_text_shows_them(vectorize):
-    move = MetropolisMove(0.05)
+    move = MetropolisMove(sd=0.05)
     runs = ef.run(POSTERIOR, move, 4, 30, ensembles=2, seed=1, vectorize=vectorize)
     found = ef.diagnose(runs)
     assert found.names == ("stiff", "alpha")

@@ -53,7 +53,7 @@ POSTERIOR = ef.LogPosterior(
 
 @pytest.fixture(scope="module")
 def runs():
-    moves = [(ef.DEMCMove(), 0.75), (MetropolisMove(0.05), 0.25)]
+    moves = [(ef.DEMCMove(), 0.75), (MetropolisMove(sd=0.05), 0.25)]
     return ef.run(POSTERIOR, moves, WALKERS, STEPS, ensembles=3, seed=7)
 
 

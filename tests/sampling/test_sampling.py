@@ -80,13 +80,13 @@ def test_integer_starts_are_converted_instead_of_truncated():
 
 
 def test_moves_may_be_one_a_list_or_weighted():
-    moves = [ef.DEMCMove(), ef.MetropolisMove(10.0)]
+    moves = [ef.DEMCMove(), ef.MetropolisMove(sd=10.0)]
     for given in (moves[0], moves, [(moves[0], 0.7), (emcee.moves.StretchMove(), 0.3)]):
         assert chains(moves=given)[0].shape == (20, 12, 5)
 
 
 def test_one_metropolis_walker_is_a_legitimate_ensemble():
-    chain = chains(moves=ef.MetropolisMove(20.0), nwalkers=1, nsteps=300)[0]
+    chain = chains(moves=ef.MetropolisMove(sd=20.0), nwalkers=1, nsteps=300)[0]
     assert np.ptp(chain[:, 0], axis=0).min() > 0
 
 
@@ -129,7 +129,7 @@ OUTSIDE[3, 2] = 9999.0
         ({"seed": np.random.default_rng(1)}, TypeError, "seed"),
         ({"seed": -1}, ValueError, "seed"),
         ({"moves": ef.DEMCMove(sigma=[1.0, 2.0])}, ValueError, "sigma"),
-        ({"moves": [(ef.MetropolisMove([1.0]), 1.0)]}, ValueError, "cov"),
+        ({"moves": [(ef.MetropolisMove(sd=[1.0]), 1.0)]}, ValueError, "sd"),
         ({"initial": OUTSIDE}, ValueError, "k4 = 9999 of point 3"),
         ({"initial": OUTSIDE[:5]}, ValueError, "initial"),
         ({"initial": OUTSIDE, "ensembles": 2}, ValueError, "initial"),

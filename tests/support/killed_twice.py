@@ -16,7 +16,7 @@ BETAS = [1.0, 0.3]
 MOVES = {
     "tempered": ([TemperedMove(DEMCMove(), BETAS)], 24),
     "mixed": (
-        [(DEMCMove(), 0.6), (SnookerMove(), 0.3), (MetropolisMove(9.0), 0.1)],
+        [(DEMCMove(), 0.6), (SnookerMove(), 0.3), (MetropolisMove(sd=9.0), 0.1)],
         12,
     ),
     "tempered and mixed": (
