@@ -8,7 +8,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import checks
 from ..interfaces import Floats
+from ..table import Table
 from . import csv_files, identification, modes, repeats
 
 
@@ -17,7 +19,7 @@ class Measurements:
     r"""Measured modes, in ascending order of frequency.
 
     Complex shapes are turned real: each is rotated to the phase at which its real part
-    is largest, and what this neglects is kept as the modal phase collinearity,
+    is largest. How much this neglects is kept as the modal phase collinearity,
 
     .. math:: MPC = \left(\frac{|\phi^T \phi|}{\phi^H \phi}\right)^2 \in [0, 1],
 
@@ -33,29 +35,33 @@ class Measurements:
             of any scale.
         shape_sd: Standard deviations of (real) shapes, in their scale and shape.
         sensors: Labels of the sensors; None for s1, s2, ...
-        dofs: The model's DOF at each sensor, counted from 0; None where the rows of
-            the model's shapes are the sensors, in order.
-        phase_collinearity: MPC of shapes that were complex before they came here,
+        dofs: The model's DOF at each sensor, as the model names its DOFs: numbers
+            from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`; None where
+            the rows of the model's shapes are the sensors, in order.
+        phase_collinearity: MPC of shapes that have been turned real before,
             ``(n_modes,)``; None to compute it.
 
     Raises:
         TypeError: If an argument does not hold numbers of the kind described.
-        ValueError: If modes are not ascending, 0 Hz, NaN or there twice; a shape is
+        ValueError: If modes are not ascending, 0 Hz, NaN or listed twice; a shape is
             zero; a deviation or covariance is not positive (definite); sizes disagree.
 
     Warns:
         UserWarning: If the MPC of a mode is below 0.9.
 
     Source: Pappa, Elliott and Schenk (1993), doi:10.2514/3.21092 (MPC); here without
-    their subtraction of the mean, which has no meaning where all sensors move alike.
+    subtracting the mean, which is meaningless where all sensors move alike.
 
     Example:
         >>> shapes = [[1.0, 1j], [1.6, -0.6j]]
         >>> print(Measurements([3.1, 9.8], sd=[0.01, 0.02], shapes=shapes))
         Measured modes: 2, sensors: 2 (s1, s2)
+        ----------------------------
         mode  f [Hz]  sd [Hz]    MPC
-           1     3.1     0.01  1.000
-           2     9.8     0.02  1.000
+        ----------------------------
+        1        3.1     0.01  1.000
+        2        9.8     0.02  1.000
+        ----------------------------
     """
 
     frequencies: Floats
@@ -64,7 +70,7 @@ class Measurements:
     shapes: Floats | None
     shape_sd: Floats | None
     sensors: tuple[str, ...]
-    dofs: NDArray[np.intp] | None
+    dofs: NDArray[Any] | None
     phase_collinearity: Floats | None
 
     def __init__(
@@ -79,12 +85,19 @@ class Measurements:
         dofs: ArrayLike | None = None,
         phase_collinearity: ArrayLike | None = None,
     ) -> None:
-        """See the class."""
         if sd is not None and covariance is not None:
             raise TypeError(
                 "sd, covariance: expected at most one of the two; sd**2 is the "
                 "diagonal of the covariance"
             )
+        for name, value in (
+            ("shape_sd", shape_sd),
+            ("sensors", sensors),
+            ("dofs", dofs),
+            ("phase_collinearity", phase_collinearity),
+        ):
+            if shapes is None and value is not None:
+                raise ValueError(f"{name}: expected shapes with it, got none")
         hertz = modes.frequencies(frequencies)
         n_modes, n_sensors = len(hertz), 0
         real = collinearity = None
@@ -92,36 +105,25 @@ class Measurements:
             given = modes.shapes(shapes, n_modes)
             if given.ndim > 2:
                 raise ValueError(
-                    f"shapes: expected (n_sensors, {n_modes}), got {given.shape}; of "
+                    f"shapes: expected (n_sensors, {n_modes}), got {given.shape}; for "
                     "repeated tests see from_repeats"
                 )
             n_sensors = len(given)
             real = (given * modes.phases(given)).real
             collinearity = modes.phase_collinearity(given, phase_collinearity)
-        else:
-            for name, value in (
-                ("shape_sd", shape_sd),
-                ("sensors", sensors),
-                ("dofs", dofs),
-                ("phase_collinearity", phase_collinearity),
-            ):
-                if value is not None:
-                    raise ValueError(f"{name}: expected shapes with it, got none")
+            modes.warn_about_complex(collinearity)
         modes.refuse_duplicates(hertz, real)
-        fields = {
-            "frequencies": hertz,
-            "sd": modes.deviations("sd", sd, (n_modes,)),
-            "covariance": modes.covariance(covariance, n_modes),
-            "shapes": real,
-            "shape_sd": modes.deviations("shape_sd", shape_sd, (n_sensors, n_modes)),
-            "sensors": modes.labels(sensors, n_sensors),
-            "dofs": modes.dofs(dofs, n_sensors),
-            "phase_collinearity": collinearity,
-        }
-        for name, field in fields.items():
-            object.__setattr__(self, name, field)
-        if collinearity is not None:
-            modes.warn_of_complex(collinearity)
+        checks.set_fields(
+            self,
+            frequencies=hertz,
+            sd=modes.deviations("sd", sd, (n_modes,)),
+            covariance=modes.covariance(covariance, n_modes),
+            shapes=real,
+            shape_sd=modes.deviations("shape_sd", shape_sd, (n_sensors, n_modes)),
+            sensors=modes.labels(sensors, n_sensors),
+            dofs=modes.dofs(dofs, n_sensors),
+            phase_collinearity=collinearity,
+        )
 
     @classmethod
     def from_repeats(
@@ -140,23 +142,23 @@ class Measurements:
 
         C is the covariance of one test. It is not divided by N: errors that all tests
         share (mounting, temperature, the model) do not average out, and a posterior
-        that shrank as 1 / sqrt(N) would be too sure of itself.
+        that shrank as 1 / sqrt(N) would be too confident.
 
         Each test's shape is scaled to unit length and turned to the sign, or phase,
         of the first singular vector of all; ``shapes`` holds the mean, ``shape_sd``
         the sample standard deviations.
 
         Args:
-            frequencies: In Hz, ``(n_tests, n_modes)``; a column is the same mode.
+            frequencies: In Hz, ``(n_tests, n_modes)``; each column is one mode.
             shapes: ``(n_tests, n_sensors, n_modes)``, real or complex, of any scale.
             correlated: Whether to keep the full covariance; False for one standard
-                deviation a mode, which two tests suffice for.
+                deviation per mode, for which two tests suffice.
             sensors: Labels of the sensors.
             dofs: The model's DOF at each sensor.
 
         Raises:
             ValueError: If there are too few tests, a mode does not scatter at all, or
-                a shape has a MAC below 0.5 with the mean: its modes are out of order.
+                a shape has a MAC below 0.5 with the mean (modes out of order).
         """
         scatter = repeats.frequency_scatter(frequencies, correlated)
         if shapes is not None:
@@ -167,8 +169,8 @@ class Measurements:
     def from_csv(cls, path: str | PathLike[str]) -> Self:
         """Read the file that :meth:`to_csv` writes, or that a person filled in.
 
-        A column a mode; the first one of a row says what it holds, all but the first
-        row are optional, and shapes have a row a sensor::
+        There is one column per mode. The first cell of a row says what it holds; all
+        rows but the first are optional, and shapes have one row per sensor::
 
             quantity,sensor,dof,mode 1,mode 2
             frequency [Hz],,,3.13,9.83
@@ -178,7 +180,7 @@ class Measurements:
             shape sd,roof,,0.02,0.03
             shape sd,floor 1,,0.02,0.03
 
-        Rows ``covariance [Hz2]``, one a mode, may stand in place of ``sd [Hz]``, and
+        Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``, and
         ``phase collinearity`` is that of shapes that were complex.
 
         Raises:
@@ -198,18 +200,17 @@ class Measurements:
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
     ) -> Self:
-        """Read normal or complex modes from a universal file, a data set 55 each.
+        """Read normal or complex modes, one data set 55 each, from a universal file.
 
         A sensor is a node and a direction, ``"12:x"``, in the file's own coordinate
-        systems. The modes are put in ascending order. Frequencies are in Hz whatever
-        the units of the file are, and shapes have no scale, so that units do not
-        matter. Needs pyuff: ``pip install "emcee_femu[uff]"``.
+        systems. The modes are put in ascending order; frequencies are in Hz whatever
+        the units of the file. Needs pyuff: ``pip install "emcee_femu[uff]"``.
 
         Args:
-            path: The file; data sets other than 55 in it are not read.
-            sensors: The sensors to keep, in this order. None keeps all but those that
-                are zero in all modes, which is how these files write a direction
-                that was not measured, and warns of each left out.
+            path: The file; data sets other than 55 are not read.
+            sensors: The sensors to keep, in this order; None for all but those that
+                are zero in all modes, which is how these files mark a direction that
+                was not measured.
             dofs: The model's DOF at each sensor that is kept.
 
         Raises:
@@ -238,9 +239,9 @@ class Measurements:
 
         Args:
             result: Any record with these attributes.
-            shape_sd: Whether to read Phi_std too. Not by default: in pyOMA2 1.4.3 it
-                is up to ten times the scatter of simulated records (it is evaluated
-                before the shapes are scaled to 1), while Fn_std agrees with it.
+            shape_sd: Whether to read Phi_std too. In pyOMA2 1.4.3 it is up to ten times
+                the scatter of simulated records (it is evaluated before the shapes are
+                scaled to 1), while Fn_std agrees with theirs.
             sensors: Labels of the channels.
             dofs: The model's DOF at each channel.
 
@@ -262,24 +263,29 @@ class Measurements:
         return len(self.sensors)
 
     def __str__(self) -> str:
-        """Return a small table: a line a mode."""
+        """Return a small table with one line per mode."""
+        return str(self._table())
+
+    def _repr_html_(self) -> str:
+        """Return the same table as notebooks show it."""
+        return self._table()._repr_html_()
+
+    def to_frame(self) -> Any:
+        """Return the same table as a ``pandas.DataFrame``, with all digits."""
+        return self._table().to_frame()
+
+    def _table(self) -> Table:
         title = f"Measured modes: {self.n_modes}"
         if self.sensors:
             title += f", sensors: {self.n_sensors} ({', '.join(self.sensors)})"
         sd = self.sd
         if self.covariance is not None:
             sd = np.sqrt(np.diag(self.covariance))
-        columns = [["mode", *map(str, range(1, self.n_modes + 1))]]
-        for label, values, spec in (
-            ("f [Hz]", self.frequencies, ".6g"),
-            ("sd [Hz]", sd, ".3g"),
-            ("MPC", self.phase_collinearity, ".3f"),
-        ):
-            if values is not None:
-                columns.append([label, *(format(value, spec) for value in values)])
-        widths = [max(map(len, column)) for column in columns]
-        lines = [
-            "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))
-            for row in zip(*columns, strict=True)
-        ]
-        return "\n".join([title, *lines])
+        columns = (
+            ("mode", "d", [*range(1, self.n_modes + 1)]),
+            ("f [Hz]", ".6g", self.frequencies),
+            ("sd [Hz]", ".3g", sd),
+            ("MPC", ".3f", self.phase_collinearity),
+        )
+        known = [column for column in columns if column[2] is not None]
+        return Table.from_columns(title, known)

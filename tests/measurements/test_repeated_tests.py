@@ -126,7 +126,7 @@ SWAPPED[3] = SWAPPED[3][:, [0, 2, 1]]
     ("frequencies", "shapes", "options", "message"),
     [
         (GOOD[:3], None, {}, "3 tests cannot tell the covariance of 3.*correlated=F"),
-        (GOOD[:1], None, {"correlated": False}, "two tests at least"),
+        (GOOD[:1], None, {"correlated": False}, "at least two tests"),
         (GOOD[:, :0], None, {}, "expected .n_tests, n_modes."),
         (GOOD[0], None, {}, "frequencies: expected 2 dimension"),
         (GOOD * [1, 0, 1], None, {}, "frequencies: expected numbers above zero"),
