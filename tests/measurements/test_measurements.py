@@ -196,7 +196,7 @@ def shapes_with(value, dtype=float):
         ({"shapes": SHAPES, "dofs": [0, 1, 2, -1]}, ValueError, "dofs: .*from 0"),
         ({"shapes": SHAPES, "dofs": [0, 1, 2, 3.0]}, TypeError, "dofs: .*whole"),
         ({"shapes": SHAPES, "dofs": [True] * 4}, TypeError, "dofs: .*whole"),
-        (
+        ({"shapes": SHAPES, "dofs": ["1:x", "1:y", "2", "3"]}, TypeError, "dofs: .*'2'"),
             {"shapes": SHAPES, "dofs": ["1:ux", "1:uy", "2", "3"]},
             TypeError,
             "got .*'2'",
