@@ -1,38 +1,21 @@
 """Bayesian updating of finite element models with emcee, stage by stage.
 
-interfaces       the contracts that a user may implement
-failures         solves that fail: why, where, how many
-models           parameters -> natural frequencies and mode shapes
-measurements     measured frequencies, mode shapes and their scatter, from
-                 arrays, repeats, CSV, universal files and pyOMA2
-pairing          MAC and one-to-one choices
-paired_model     a model in the order of the measured modes
-likelihoods      frequencies -> log-likelihood
-shape_likelihood mode shapes -> log-likelihood
-priors           names, order, bounds and density of the parameters
-agreement        whether model, terms and prior fit together
-posterior        model + terms + prior, for a batch of walkers
-guarded          a posterior that turns failed solves into rejections
-pools            ship the posterior once to processes or machines
-moves            proposals: plain emcee moves
-auto             the recipe "auto": burn in, fit an independence proposal, mix
-starts           the first state of every ensemble
-fingerprint      what is sampled and how, as text
-run_file         a backend that a kill leaves usable
-run_start        how a run in a file begins and goes on
-run_arguments    what a run is given, checked
-sampling         run emcee: starts, seeds, independent ensembles, resume
-inference_data   emcee -> ArviZ
-diagnostics      tau, ESS, R-hat, acceptance, and a verdict
-evidence         of a model class, from tempered samplers
-tables           parameters and frequencies as text, Markdown, CSV
-information      what the data say of each parameter
-predictive       predicted against measured frequencies and MAC, as tables
-contest          what each move of a comparison achieved, and who won
-comparison       one posterior under several moves, from the same starts
-figures          scatter with 95 % ellipses, error curve, correlation map,
-                 predictions, efficiency and error of the moves
-paper            the two structures of the paper, and its published numbers
+interfaces    the contracts that a user may implement
+checks        what users get wrong, checked once at the border
+table         tables that print themselves
+measurements  what was measured: frequencies, mode shapes and their scatter, from
+              arrays, repeats, CSV, universal files and pyOMA2
+models        parameters -> response: natural frequencies and mode shapes, or others;
+              paired with the measured modes
+surrogates    a cheap stand-in for a model, with a certificate
+likelihoods   response -> log-likelihood
+posterior     models + terms + prior, for a batch of walkers; failed solves
+moves         proposals: plain emcee moves
+sampling      run emcee: starts, seeds, independent ensembles, files, pools
+results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
+comparison    one posterior under several moves
+figures       one figure per file
+paper         the two structures of the paper, and its published numbers
 """
 
 from importlib.metadata import version as _version
@@ -45,6 +28,9 @@ from .figures import plot_predictive as plot_predictive
 from .figures import plot_scatter as plot_scatter
 from .figures import plot_tae as plot_tae
 from .interfaces import ModalSolution as ModalSolution
+from .interfaces import PairedSolution as PairedSolution
+from .interfaces import Variable as Variable
+from .interfaces import modal_variables as modal_variables
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements

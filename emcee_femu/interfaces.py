@@ -1,19 +1,40 @@
-"""The contracts between the stages, and the record that they pass.
+"""The contracts between the stages: model, response, term, prior, move, backend.
 
-Everything between the sampler and the model carries a leading walker axis of length
-``n``. Outside the sampler parameters have names; the prior alone owns their order.
+Everything between sampler and model carries a leading axis of ``n`` walkers. Outside
+the sampler parameters have names; the prior alone owns their order. A plain function
+is enough for a model or a term. What either may say of itself, so that it is checked
+before the first FE solve, is optional:
 
-Optional attributes let a model be checked before the first FE solve: ``names`` (the
-parameters that it reads), ``required`` (those without which there is no model),
-``n_modes`` (the frequencies that it returns), ``positive`` (the parameters that must
-stay above zero), ``bounds`` (``{parameter: (low, high)}`` within which it holds) and
-``paired`` (whether it returns a :class:`PairedSolution`). Two do so for a term:
-``n_modes`` (the frequencies that it compares) and ``names`` (the parameters that it
-reads).
+========== ============= =============================================================
+attribute  of            meaning
+========== ============= =============================================================
+variables  model         ``{name: Variable}``, what its response holds; those that are
+                         ``stored`` go with each sample. Without it the terms' ``reads``
+                         are stored.
+names      model, term   the parameters that it reads
+required   model         the parameters without which there is no model
+positive   model, term   the parameters that must stay above zero
+bounds     model         ``{parameter: (low, high)}`` within which it holds
+one_by_one model         True if a batch is solved one parameter set after another
+n_modes    modal model   how many modes it returns; enough in place of variables
+name       term          the label under which its log-likelihood is stored
+reads      term          ``{name: Variable}``, what it needs of the response
+observed   term          ``{name: array}``, what was measured, by the name of a variable
+pointwise  term          ``pointwise(parameters, stored)``: the log-likelihood of each
+                         datum, ``{variable: (n, ...)}``, with the dimensions of that
+                         variable; None where it does not factorise
+replicate  term          ``replicate(rng, parameters, stored)``: a new measurement for
+                         each sample, ``{variable: (n, ...)}``
+check      move          ``check(nwalkers, ndim)`` raises if they do not fit the move
+========== ============= =============================================================
+
+``parameters`` is ``{name: (n,)}``, and ``stored`` the stored variables of the response,
+``{name: (n, ...)}``.
 """
 
-from collections.abc import Mapping
-from typing import NamedTuple, Protocol, TypeAlias
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +43,61 @@ Floats: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = Mapping[str, Floats]
 
 PLACE = "raised by the model at"  # begins the note that names the parameters
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A quantity of a response: dimensions and coordinates, as in xarray.
+
+    Args:
+        coords: ``{dimension: labels}``, in the order of the axes after that of the
+            walkers; the number of labels is the length of the axis. Empty for a
+            number, or for something unstored whose shape is not known beforehand.
+        unit: For tables and figures.
+        stored: Whether it is stored with each sample.
+
+    Example:
+        >>> Variable({"point": ["left", "middle", "right"]}, "m").shape
+        (3,)
+    """
+
+    coords: Mapping[str, Sequence[Any]]
+    unit: str = ""
+    stored: bool = True
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """The names of the dimensions."""
+        return tuple(self.coords)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape for one parameter set."""
+        return tuple(len(labels) for labels in self.coords.values())
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has for one parameter set."""
+        return int(np.prod(self.shape, dtype=int))
+
+
+def read(response: Any, name: str) -> Any:
+    """Return a variable of a response, which is an object or a mapping.
+
+    Raises:
+        TypeError: If the response has none of that name; it says what there is.
+    """
+    if isinstance(response, Mapping):
+        value, has = response.get(name), list(response)
+    else:
+        value = getattr(response, name, None)
+        has = [] if value is not None else [k for k in dir(response) if k[0] != "_"]
+    if value is None:
+        raise TypeError(
+            f"model: its response ({type(response).__name__}) has no {name!r}; there "
+            f"are {has}"
+        )
+    return value
 
 
 class ModalSolution(NamedTuple):
@@ -35,6 +111,11 @@ class ModalSolution(NamedTuple):
 
     frequencies: Floats
     shapes: Floats | None = None
+
+    @property
+    def frequency(self) -> Floats:
+        """The frequencies, under the name by which they are stored."""
+        return self.frequencies
 
 
 class Pairing(NamedTuple):
@@ -52,42 +133,84 @@ class Pairing(NamedTuple):
     unpaired: NDArray[np.bool_]
 
 
-class PairedSolution(ModalSolution):
+@dataclass(frozen=True, eq=False)
+class PairedSolution:
     """A modal solution in the order of the measured modes, at the sensors.
 
-    Args:
-        frequencies: Of the paired modes in Hz, ``(n, n_measured)``, in the order of the
-            measured ones.
+    Attributes:
+        frequencies: Frequencies of the paired modes in Hz, ``(n, n_measured)``, in the
+            order of the measured ones.
         shapes: Their shapes at the sensors, ``(n, n_sensors, n_measured)``.
         pairing: How they were paired.
     """
 
+    frequencies: Floats
+    shapes: Floats
     pairing: Pairing
 
-    def __new__(
-        cls, frequencies: Floats, shapes: Floats, pairing: Pairing
-    ) -> "PairedSolution":
-        """Attach the pairing to the two fields."""
-        solution = super().__new__(cls, frequencies, shapes)
-        solution.pairing = pairing
-        return solution
+    @property
+    def frequency(self) -> Floats:
+        """The frequencies, under the name by which they are stored."""
+        return self.frequencies
+
+    @property
+    def mac(self) -> Floats:
+        """The MAC of every pair."""
+        return self.pairing.mac
+
+    @property
+    def model_mode(self) -> NDArray[np.intp]:
+        """The numbers of the model's modes."""
+        return self.pairing.model_modes
+
+    @property
+    def unpaired(self) -> NDArray[np.bool_]:
+        """Where the MAC is too low."""
+        return self.pairing.unpaired
 
 
-class ModalModel(Protocol):
-    """Parameters to modal solution, for a batch of parameter sets."""
+def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variable]:
+    """Return what a model with modal solutions declares.
 
-    def __call__(self, parameters: Parameters) -> ModalSolution:
+    Args:
+        n_modes: Number of natural frequencies.
+        dofs: Labels of the rows of the mode shapes; none if there are no shapes.
+    """
+    modes = range(1, n_modes + 1)
+    variables = {"frequency": Variable({"mode": modes}, "Hz")}
+    if len(dofs):
+        shapes = Variable({"dof": dofs, "mode": modes}, stored=False)
+        variables["shapes"] = shapes
+    return variables
+
+
+def declared_variables(model: Any) -> Mapping[str, Variable] | None:
+    """Return what a model says that it returns, None if it says nothing.
+
+    For a modal model ``n_modes`` is enough; whether it has shapes is then not known.
+    """
+    declared: Mapping[str, Variable] | None = getattr(model, "variables", None)
+    n_modes = getattr(model, "n_modes", None)
+    if declared is None and n_modes is not None:
+        return modal_variables(n_modes) | {"shapes": Variable({}, stored=False)}
+    return declared
+
+
+class Model(Protocol):
+    """Parameters to response, for a batch of parameter sets.
+
+    The response is an object with the declared variables as attributes, or a mapping
+    with them as keys; each is an array ``(n, *shape)``.
+    """
+
+    def __call__(self, parameters: Parameters) -> Any:
         """Solve for every parameter set; each value has shape ``(n,)``."""
 
 
 class LikelihoodTerm(Protocol):
     """One factor of the likelihood."""
 
-    @property
-    def name(self) -> str:
-        """The label under which the log-likelihood of this term is stored."""
-
-    def __call__(self, parameters: Parameters, modes: ModalSolution) -> Floats:
+    def __call__(self, parameters: Parameters, response: Any) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
 
 
@@ -109,8 +232,35 @@ class Prior(Protocol):
         """Draw ``(n, d)`` parameter sets, all inside the bounds."""
 
 
+class Move(Protocol):
+    """A proposal, as emcee takes it."""
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        """Return the next state, and which walkers moved ``(nwalkers,)``."""
+
+
+class Backend(Protocol):
+    """Where emcee stores a chain."""
+
+    initialized: bool
+
+    @property
+    def iteration(self) -> int:
+        """The number of stored steps."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Walkers and parameters."""
+
+    def get_chain(self, *, flat: bool, thin: int, discard: int) -> Floats:
+        """Return the stored positions ``(steps, nwalkers, ndim)``."""
+
+    def save_step(self, state: Any, accepted: NDArray[np.bool_]) -> None:
+        """Store one generation."""
+
+
 class SolveError(ValueError):
-    """A solve that returned something other than finite frequencies.
+    """A solve that returned something other than finite numbers of the right shape.
 
     Args:
         cause: In two or three words, under which failures are counted.
@@ -118,7 +268,6 @@ class SolveError(ValueError):
     """
 
     def __init__(self, cause: str, message: str) -> None:
-        """See the class."""
         super().__init__(cause, message)
         self.cause = cause
 

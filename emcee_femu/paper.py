@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .interfaces import Floats, ModalModel
+from .interfaces import Floats, Model
 from .likelihoods.frequency import FrequencyTerm
 from .models.frame.model import FrameModel
 from .models.frame.section import Section
@@ -51,7 +51,7 @@ class Problem:
     """
 
     posterior: LogPosterior
-    model: ModalModel
+    model: Model
     measured: Floats
     initial: Mapping[str, float]
     nominal: Mapping[str, float] | None

@@ -10,7 +10,7 @@ from warnings import warn
 import numpy as np
 
 from .. import checks
-from ..interfaces import Floats, ModalModel, ModalSolution, Parameters
+from ..interfaces import Floats, Model, Parameters
 from ..moves.stock_faults import stock_fault
 from ..posterior.log_posterior import LogPosterior
 from ..results.diagnostics import Diagnosis, diagnose
@@ -150,15 +150,18 @@ def compare_moves(
 class _CountedModel:
     """A model that counts the parameter sets it is asked to solve."""
 
-    model: ModalModel
-    n_modes: int
-    paired: bool
+    model: Model
     solves: int = 0
 
-    def __call__(self, parameters: Parameters) -> ModalSolution:
-        solution = self.model(parameters)
-        self.solves += len(solution.frequencies)
-        return solution
+    def __call__(self, parameters: Parameters) -> Any:
+        response = self.model(parameters)
+        self.solves += len(next(iter(parameters.values())))
+        return response
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name == "model":  # as pickle asks for
+            raise AttributeError(name)
+        return getattr(self.model, name)
 
 
 def _sampled(
@@ -171,8 +174,7 @@ def _sampled(
     options: dict[str, Any],
 ) -> Entry:
     """Run one move from the given starts and measure it."""
-    model = _CountedModel(posterior.model, posterior.n_modes, bool(posterior.n_paired))
-    counted = LogPosterior(model, posterior.terms, posterior.prior)
+    counted = posterior.with_models(_CountedModel)
     nwalkers, ensembles = len(starts[0]), len(starts)
     clock = time.process_time()
     samplers = run(counted, move, nwalkers, nsteps, initial=np.array(starts), **options)
@@ -186,7 +188,7 @@ def _sampled(
         kept=ensembles * nwalkers * (nsteps - dropped),
         chain=ensembles * nwalkers * nsteps,
         before=sum(int(getattr(own, "burn_in_evaluations", 0)) for own in samplers),
-        solves=model.solves,
+        solves=sum(e.model.solves for e in counted.experiments),  # type: ignore[attr-defined]
         cpu=cpu,
         recipe=str(getattr(samplers[0], "recipe", "")),
         idata=to_inference_data(samplers, posterior, dropped),

@@ -1,12 +1,14 @@
-"""Likelihood terms: each turns a batch of modal solutions into log-likelihoods."""
+"""The likelihood of measured natural frequencies."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, ModalSolution, PairedSolution, Parameters
+from ..interfaces import Floats, Parameters, Variable, modal_variables, read
 from ..measurements import Measurements
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
@@ -23,14 +25,14 @@ class FrequencyTerm:
 
     where :math:`f_i^m` are the measured and :math:`f_i` the model's frequencies, R is
     the covariance of the relative measurement errors and :math:`\sigma_d` the relative
-    standard deviation of what the model cannot represent. Of Eq. 2.2 of the paper R is
+    standard deviation of what the model cannot represent. In Eq. 2.2 of the paper R is
     diagonal with :math:`1 / \beta_i`, so that :math:`\beta_i^{-1/2}` is the relative
     standard deviation of mode i, and there is no :math:`\sigma_d`. A term
     on eigenvalues, :math:`f^2 / f_m^2 - 1`, has about twice these deviations.
 
     The lowest ``n_modes`` frequencies of the model are compared, in ascending order,
-    or, of a :class:`models.paired.PairedModel`, those of the paired modes. A mode that
-    has no pair costs 8 (four standard deviations) on top of its residual.
+    or those of the paired modes, if the model is a :class:`PairedModel`. A mode without
+    a pair costs 8 (four standard deviations) on top of its residual.
 
     The scatter of modal tests is often 0.2 %, the error of a good model 1 to 2 %: with
     the measured standard deviations alone the posterior is far too narrow. Give the
@@ -44,11 +46,11 @@ class FrequencyTerm:
         measured: Measured natural frequencies in Hz, ``(n_modes,)``, or
             :class:`Measurements`, whose standard deviations or covariance are then
             the default.
-        beta: :math:`\beta_c` of Eq. 2.2, one number or one a mode.
+        beta: :math:`\beta_c` of Eq. 2.2, one number or one per mode.
         relative_sd: Instead: relative standard deviation, ``beta ** -0.5``.
-        sd: Instead: standard deviations in Hz, one number or one a mode.
-        covariance: Instead: covariance in Hz^2, ``(n_modes, n_modes)``. Of repeated
-            tests it is that of one test, not of the mean: what they share in error
+        sd: Instead: standard deviations in Hz, one number or one per mode.
+        covariance: Instead: covariance in Hz^2, ``(n_modes, n_modes)``. For repeated
+            tests give that of one test, not of the mean: what they share in error
             (mounting, temperature) does not average out.
         discrepancy: Name of the parameter :math:`\sigma_d`, or None for no such part.
         name: The label under which the log-likelihood is stored.
@@ -64,8 +66,7 @@ class FrequencyTerm:
 
     Example:
         >>> term = FrequencyTerm([10.0, 20.0], relative_sd=0.01)
-        >>> modes = ModalSolution(np.array([[10.1, 20.0]]))
-        >>> term({}, modes).round(4).tolist()
+        >>> term({}, {"frequency": np.array([[10.1, 20.0]])}).round(4).tolist()
         [1.5741]
     """
 
@@ -74,6 +75,7 @@ class FrequencyTerm:
     discrepancy: str | None
     name: str
     _axes: Floats | None = field(repr=False)
+    _log_constants: Floats = field(repr=False)
     _log_constant: float = field(repr=False)
 
     def __init__(
@@ -87,7 +89,6 @@ class FrequencyTerm:
         discrepancy: str | None = None,
         name: str = "frequency",
     ) -> None:
-        """See the class."""
         possible = {
             "beta": beta,
             "relative_sd": relative_sd,
@@ -120,12 +121,26 @@ class FrequencyTerm:
         constant = -np.log(frequencies)
         if discrepancy is None:
             constant += 0.5 * np.log(precision / (2 * np.pi))
-        object.__setattr__(self, "measured", frequencies)
-        object.__setattr__(self, "beta", precision)
-        object.__setattr__(self, "discrepancy", discrepancy)
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "_axes", axes)
-        object.__setattr__(self, "_log_constant", float(constant.sum()))
+        checks.set_fields(
+            self,
+            measured=frequencies,
+            beta=precision,
+            discrepancy=discrepancy,
+            name=name,
+            _axes=axes,
+            _log_constants=constant,
+            _log_constant=float(constant.sum()),
+        )
+
+    @property
+    def reads(self) -> Mapping[str, Variable]:
+        """What the term needs of a response: the frequencies of the measured modes."""
+        return modal_variables(len(self.measured))
+
+    @property
+    def observed(self) -> Mapping[str, Floats]:
+        """What was measured, by the name of the variable."""
+        return {"frequency": self.measured}
 
     @property
     def n_modes(self) -> int:
@@ -150,9 +165,30 @@ class FrequencyTerm:
         """The parameters that must stay above zero: all."""
         return self.names
 
-    def __call__(self, parameters: Parameters, modes: ModalSolution) -> Floats:
+    def __call__(self, parameters: Parameters, response: Any) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        predicted = modes.frequencies[:, : self.n_modes]
+        residuals = self._residuals(response)
+        if self._axes is not None:  # one product per row: its sums round alike
+            residuals = (residuals[:, None] @ self._axes)[:, 0]
+        with np.errstate(over="ignore"):  # so far off the likelihood is zero
+            residuals *= residuals
+        if self.discrepancy is None:
+            residuals *= self.beta
+        else:
+            variances = 1 / self.beta + np.square(parameters[self.discrepancy])[:, None]
+            residuals /= variances
+            residuals += np.log(2 * np.pi * variances)
+        log_likelihood: Floats = np.add.reduce(residuals, axis=1)
+        log_likelihood *= -0.5
+        log_likelihood += self._log_constant
+        unpaired = _unpaired(response)
+        if unpaired is not None:
+            unpaired = unpaired[:, : self.n_modes]
+            log_likelihood -= UNPAIRED * np.count_nonzero(unpaired, axis=1)
+        return log_likelihood
+
+    def _residuals(self, response: Any) -> Floats:
+        predicted = read(response, "frequency")[:, : self.n_modes]
         if predicted.shape[1] < self.n_modes:
             raise ValueError(
                 f"measured: {self.n_modes} modes were measured, but the model "
@@ -161,25 +197,47 @@ class FrequencyTerm:
         # Contiguous rows: their sums must round alike for one row and for many.
         residuals = np.ascontiguousarray(predicted / self.measured)
         residuals -= 1.0
-        if self._axes is not None:  # one product a row, for the same reason
-            residuals = (residuals[:, None] @ self._axes)[:, 0]
-        with np.errstate(over="ignore"):  # so far off the likelihood is zero
-            residuals *= residuals
+        return residuals
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> dict[str, Floats] | None:
+        """Return each mode's log-likelihood ``(n, n_modes)``; None if correlated."""
+        if self._axes is not None:
+            return None
+        squares = self._residuals(stored) ** 2
         if self.discrepancy is None:
-            residuals *= self.beta
-            log_likelihood: Floats = np.add.reduce(residuals, axis=1)
+            values = self._log_constants - 0.5 * self.beta * squares
         else:
-            sigma = parameters[self.discrepancy]
-            variances = 1 / self.beta + np.square(sigma)[:, None]
-            residuals /= variances
-            residuals += np.log(2 * np.pi * variances)
-            log_likelihood = np.add.reduce(residuals, axis=1)
-        log_likelihood *= -0.5
-        log_likelihood += self._log_constant
-        if isinstance(modes, PairedSolution):
-            unpaired = modes.pairing.unpaired[:, : self.n_modes]
-            log_likelihood -= UNPAIRED * np.count_nonzero(unpaired, axis=1)
-        return log_likelihood
+            variances = 1 / self.beta + np.square(parameters[self.discrepancy])[:, None]
+            logs = np.log(2 * np.pi * variances)
+            values = self._log_constants - 0.5 * (squares / variances + logs)
+        if "unpaired" in stored:
+            values -= UNPAIRED * stored["unpaired"][:, : self.n_modes]
+        return {"frequency": values}
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        stored: Mapping[str, Floats],
+    ) -> dict[str, Floats]:
+        """Return a new measurement for each sample, with all its errors, in Hz."""
+        predicted = stored["frequency"][:, : self.n_modes]
+        errors = rng.standard_normal(predicted.shape) / np.sqrt(self.beta)
+        if self._axes is not None:
+            errors = errors @ self._axes.T
+        if self.discrepancy is not None:
+            sigma = parameters[self.discrepancy][:, None]
+            errors = errors + sigma * rng.standard_normal(predicted.shape)
+        return {"frequency": predicted + self.measured * errors}
+
+
+def _unpaired(response: Any) -> Any:
+    """Return where modes have no pair, None if the model pairs none."""
+    if isinstance(response, Mapping):
+        return response.get("unpaired")
+    return getattr(response, "unpaired", None)
 
 
 def _relative_precision(

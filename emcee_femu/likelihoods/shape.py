@@ -1,12 +1,14 @@
 """The likelihood of measured mode shapes, by their MAC or sensor by sensor."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Floats, ModalSolution, Parameters
+from ..interfaces import Floats, PairedSolution, Parameters, Variable, read
 from ..measurements import Measurements
 from ..models.pairing import at_sensors
 
@@ -30,22 +32,23 @@ class ShapeTerm:
         {\sum_s \phi_{si}^2 / \sigma_{si}^2}
 
     where :math:`\gamma_i` scales the model's shape to fit best. Modes are compared in
-    ascending order unless the model is a :class:`models.paired.PairedModel`, which is
-    what you want: shapes tell which mode is which.
+    ascending order unless the model is a :class:`PairedModel`, which is what you want:
+    shapes tell which mode is which.
 
     Args:
         measured: :class:`Measurements` with shapes, or shapes ``(n_sensors, n_modes)``
             at the rows of the model's shapes.
-        delta: A number, one a mode, or the name of the parameter that is delta of all
-            modes (0.01 to 0.1 is usual; ``scipy.stats.halfnorm(scale=0.1)`` a prior).
-            Inferred it is too sure of itself where the modes' scatter differs: of
-            simulated ambient tests chi^2 was 11 on 5 degrees of freedom.
+        delta: A number or one per mode; 0.01 to 0.1 is usual.
+        discrepancy: Instead: name of the parameter that is delta for all modes; a prior
+            could be ``scipy.stats.halfnorm(scale=0.1)``. Inferred it is too sure of
+            itself where the modes' scatter differs: chi^2 was 11 on 5 degrees of
+            freedom in simulated ambient tests.
         sd: Instead: ``(n_sensors, n_modes)`` or what broadcasts to it. The default
             is ``shape_sd`` of the measurements.
         name: The label under which the log-likelihood is stored.
 
     Raises:
-        TypeError: If not exactly one of delta and sd is given.
+        TypeError: If not exactly one of delta, discrepancy and sd is given.
         ValueError: If there are no shapes, fewer than two sensors, a value is not
             above zero, or shapes disagree. When called: if the model returns no
             shapes, too few modes or other rows.
@@ -55,13 +58,13 @@ class ShapeTerm:
 
     Example:
         >>> term = ShapeTerm([[1.0], [2.0]], delta=0.1)
-        >>> modes = ModalSolution(np.array([[10.0]]), np.array([[[0.5], [1.1]]]))
-        >>> term({}, modes).round(4).tolist()
+        >>> term({}, {"shapes": np.array([[[0.5], [1.1]]])}).round(4).tolist()
         [1.3152]
     """
 
     measured: Floats
-    delta: Floats | str | None
+    delta: Floats | None
+    discrepancy: str | None
     sd: Floats | None
     name: str
     _dofs: NDArray[np.intp] | None = field(repr=False)
@@ -70,16 +73,16 @@ class ShapeTerm:
         self,
         measured: ArrayLike | Measurements,
         *,
-        delta: ArrayLike | str | None = None,
+        delta: ArrayLike | None = None,
+        discrepancy: str | None = None,
         sd: ArrayLike | None = None,
         name: str = "shape",
     ) -> None:
-        """See the class."""
         dofs = None
         if isinstance(measured, Measurements):
             if measured.shapes is None:
                 raise ValueError("measured: these measurements have no shapes")
-            if delta is None and sd is None:
+            if delta is None and discrepancy is None and sd is None:
                 sd = measured.shape_sd
             dofs, measured = measured.dofs, measured.shapes
         shapes = checks.real_array("measured", measured, 2)
@@ -88,27 +91,37 @@ class ShapeTerm:
                 "measured: expected shapes (n_sensors, n_modes) of at least two "
                 f"sensors, none of them all zero, got shape {shapes.shape}"
             )
-        if not isinstance(name, str) or not name:
-            raise TypeError(f"name: expected a non-empty string, got {name!r}")
-        if (delta is None) == (sd is None):
-            raise TypeError(
-                "delta, sd: expected exactly one of the two, or Measurements with "
-                "shape_sd"
-            )
-        scale: Floats | str | None = None
+        for label, text in (("name", name), ("discrepancy", discrepancy)):
+            left_out = label == "discrepancy" and text is None
+            if not left_out and (not isinstance(text, str) or not text):
+                raise TypeError(f"{label}: expected a non-empty string, got {text!r}")
         if isinstance(delta, str):
-            if not delta:
-                raise ValueError("delta: expected a parameter name, got ''")
-            scale = delta
-        elif delta is not None:
-            scale = _positive("delta", delta, shapes.shape[1:])
-        object.__setattr__(self, "measured", shapes)
-        object.__setattr__(self, "delta", scale)
-        object.__setattr__(
-            self, "sd", None if sd is None else _positive("sd", sd, shapes.shape)
+            raise TypeError(f"delta: expected numbers; write discrepancy={delta!r}")
+        if sum(value is not None for value in (delta, discrepancy, sd)) != 1:
+            raise TypeError(
+                "delta, discrepancy, sd: expected exactly one of them, or Measurements "
+                "with shape_sd"
+            )
+        checks.set_fields(
+            self,
+            measured=shapes,
+            delta=None
+            if delta is None
+            else _positive("delta", delta, shapes.shape[1:]),
+            discrepancy=discrepancy,
+            sd=None if sd is None else _positive("sd", sd, shapes.shape),
+            name=name,
+            _dofs=dofs,
         )
-        object.__setattr__(self, "name", name)
-        object.__setattr__(self, "_dofs", dofs)
+
+    @property
+    def reads(self) -> Mapping[str, Variable]:
+        """What the term needs of a response: shapes at the sensors."""
+        n_sensors, n_modes = self.measured.shape
+        # Sensors whose DOFs are not known stand in the order of the model's rows.
+        dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
+        coords = {"dof": dofs, "mode": range(1, n_modes + 1)}
+        return {"shapes": Variable(coords, stored=False)}
 
     @property
     def n_modes(self) -> int:
@@ -117,25 +130,24 @@ class ShapeTerm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that the term reads: delta, where it is a name."""
-        return (self.delta,) if isinstance(self.delta, str) else ()
+        """The parameters that the term reads: the discrepancy, where there is one."""
+        return () if self.discrepancy is None else (self.discrepancy,)
 
     @property
     def positive(self) -> tuple[str, ...]:
         """The parameters that must stay above zero: all."""
         return self.names
 
-    def __call__(self, parameters: Parameters, modes: ModalSolution) -> Floats:
+    def __call__(self, parameters: Parameters, response: Any) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        if modes.shapes is None or modes.shapes.shape[2] < self.n_modes:
-            got = (
-                "none" if modes.shapes is None else f"those of {modes.shapes.shape[2]}"
-            )
+        shapes = read(response, "shapes")
+        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
             raise ValueError(
                 f"measured: the shapes of {self.n_modes} modes were measured, but the "
-                f"model returned {got}; ask it for them (shapes=..., n_modes=...)"
+                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
             )
-        shapes = at_sensors(modes.shapes, self._dofs, len(self.measured))
+        if not isinstance(response, PairedSolution):  # whose rows are the sensors
+            shapes = at_sensors(shapes, self._dofs, len(self.measured))
         # Contiguous: sums must round alike for one row and for many.
         shapes = np.ascontiguousarray(shapes[:, :, : self.n_modes])
         # Residuals of the best fit: 1 - MAC would lose its digits near 1.
@@ -152,14 +164,27 @@ class ShapeTerm:
             result: Floats = constant - 0.5 * squares.sum(axis=1)
             return result
         squares /= np.square(self.measured).sum(axis=0)  # 1 - MAC
-        if isinstance(self.delta, str):
-            variance = np.square(parameters[self.delta])[:, None]
+        result = -0.5 * self._by_mac(parameters, squares).sum(axis=1)
+        return result
+
+    def _by_mac(self, parameters: Parameters, lost: Floats) -> Floats:
+        """Return -2 ln p of each mode ``(n, n_modes)`` for ``lost``, 1 - MAC."""
+        if self.discrepancy is not None:
+            variance = np.square(parameters[self.discrepancy])[:, None]
         else:
             variance = np.square(np.asarray(self.delta))[None]
         directions = len(self.measured) - 1
-        terms = squares / variance + directions * np.log(2 * np.pi * variance)
-        result = -0.5 * terms.sum(axis=1)
-        return result
+        values: Floats = lost / variance + directions * np.log(2 * np.pi * variance)
+        return values
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> dict[str, Floats] | None:
+        """Return each mode's log-likelihood ``(n, n_modes)``; None without its MAC."""
+        if self.sd is not None or "mac" not in stored:
+            return None
+        lost = 1 - stored["mac"][:, : self.n_modes]
+        return {"mac": -0.5 * self._by_mac(parameters, lost)}
 
 
 def _positive(argument: str, value: ArrayLike, shape: tuple[int, ...]) -> Floats:

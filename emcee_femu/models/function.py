@@ -1,33 +1,40 @@
-"""Any Python callable or external solver as a modal model."""
+"""Any Python callable or external solver as a model."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import PLACE, ModalSolution, Parameters, SolveError
+from ..interfaces import (
+    PLACE,
+    Floats,
+    ModalSolution,
+    Parameters,
+    SolveError,
+    Variable,
+)
 
 
 @dataclass(frozen=True)
 class FunctionModel:
-    """A function of one parameter set, called once a walker.
+    """A function of one parameter set, called once per walker.
 
-    A solver that takes milliseconds or more gains from a pool: give ``run`` or
-    ``emcee.EnsembleSampler`` a ``pool=``; the function must then be importable (no
-    lambda). A program that may hang gets its limit where it is started:
+    A solver that takes milliseconds or more gains from processes: ``run(...,
+    workers=8)``. A program that may hang gets its limit where it is started:
     ``subprocess.run(..., timeout=600)``, whose ``TimeoutExpired`` is a failed solve.
 
     Args:
-        function: ``{name: float}`` to natural frequencies in Hz ``(n_modes,)``, or to
-            a :class:`ModalSolution` of ``(n_modes,)`` and ``(n_dof, n_modes)``.
+        function: ``{name: float}`` to natural frequencies in Hz ``(n_modes,)``; or to a
+            :class:`ModalSolution` of ``(n_modes,)`` and ``(n_dof, n_modes)``; or, with
+            ``variables``, to ``{name: array}``, or the array alone if there is one.
         n_modes: How many frequencies the function returns; None for as many as the
             likelihood terms compare.
+        variables: What the function returns instead of modes, ``{name: Variable}``.
 
     Raises:
-        TypeError: If function is not callable.
+        TypeError: If function is not callable, or n_modes and variables are both given.
         ValueError: When called, if the function returns anything else, naming the
             parameters.
 
@@ -37,8 +44,9 @@ class FunctionModel:
         array([[3.183]])
     """
 
-    function: Callable[[Mapping[str, float]], ArrayLike | ModalSolution]
+    function: Callable[[Mapping[str, float]], Any]
     n_modes: int | None = None
+    variables: Mapping[str, Variable] | None = None
     one_by_one: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -47,65 +55,97 @@ class FunctionModel:
             raise TypeError(f"function: expected a callable, got {self.function!r}")
         if self.n_modes is not None:
             checks.whole_number("n_modes", self.n_modes, 1)
+            if self.variables is not None:
+                raise TypeError("variables: expected them or n_modes, got both")
 
-    def __call__(self, parameters: Parameters) -> ModalSolution:
+    def __call__(self, parameters: Parameters) -> Any:
         """Call the function for each parameter set and stack the results."""
         parameters, n = checks.batch(parameters)
         for name, value in parameters.items():
             if not np.isfinite(value).all():
                 raise ValueError(f"parameters[{name!r}]: expected finite, got {value}")
-        solutions: list[ModalSolution] = []
+        results: list[dict[str, Floats]] = []
         for i in range(n):
             values = {name: float(value[i]) for name, value in parameters.items()}
-            solution = self._one(values)
-            first = solutions[0] if solutions else solution
-            if _sizes(solution) != _sizes(first):
+            result = self._call(values)
+            sizes = _sizes(results[0] if results else result)
+            if _sizes(result) != sizes:
                 raise SolveError(
-                    "wrong number of modes",
-                    "function: expected frequencies (and shapes) as large as the "
-                    f"first ones, {_sizes(first)}, got {_sizes(solution)} at {values}",
+                    "wrong shape",
+                    f"function: expected results as large as the first ones, {sizes}, "
+                    f"got {_sizes(result)} at {values}",
                 )
-            solutions.append(solution)
-        shapes = [s.shapes for s in solutions if s.shapes is not None]
-        return ModalSolution(
-            np.array([solution.frequencies for solution in solutions]),
-            np.array(shapes) if shapes else None,
-        )
+            results.append(result)
+        names = list(results[0]) if results else []
+        stacked = {name: np.array([one[name] for one in results]) for name in names}
+        return ModalSolution(**stacked) if self.variables is None else stacked
 
-    def _one(self, values: dict[str, float]) -> ModalSolution:
+    def _call(self, values: dict[str, float]) -> dict[str, Floats]:
         try:
-            result: Any = self.function(dict(values))
-        except (StopIteration, SystemExit) as error:  # see LogPosterior
+            result = self.function(dict(values))
+        except (StopIteration, SystemExit) as error:  # see Experiment
             raise RuntimeError(f"function: it raised {error!r} at {values}") from error
         except Exception as error:
             error.add_note(f"{PLACE} {values}")
             raise
-        if isinstance(result, ModalSolution):
-            result, shapes = result
-        else:
-            shapes = None
         try:
-            frequencies = checks.numeric_array("function", result)
-            if shapes is not None:
-                shapes = checks.real_array("function (shapes)", shapes, 2)
+            return self._read(result)
+        except SolveError as error:
+            raise SolveError(error.cause, f"{error}; at {values}") from None
         except (TypeError, ValueError) as error:
             raise type(error)(f"{error}; at {values}") from None
-        wanted = self.n_modes
-        length = frequencies.size if wanted is None else wanted
+
+    def _read(self, result: Any) -> dict[str, Floats]:
+        """Return one result by name, checked."""
+        if self.variables is not None:
+            return _read_variables(result, self.variables)
+        shapes = None
+        if isinstance(result, ModalSolution):
+            result, shapes = result
+        frequencies = checks.numeric_array("function", result)
+        length = frequencies.size if self.n_modes is None else self.n_modes
         if frequencies.shape != (length,) or not length:
-            count = "n_modes" if wanted is None else str(wanted)
+            count = "n_modes" if self.n_modes is None else str(self.n_modes)
             raise SolveError(
-                "wrong number of modes",
+                "wrong shape",
                 f"function: expected frequencies of shape ({count},), got "
-                f"{frequencies.shape} at {values}",
+                f"{frequencies.shape}",
             )
-        if shapes is not None and shapes.shape[1] != length:
-            raise ValueError(
-                f"function: expected shapes of (n_dof, {length}), got {shapes.shape} "
-                f"at {values}"
-            )
-        return ModalSolution(frequencies, shapes)
+        found = {"frequencies": frequencies}
+        if shapes is not None:
+            found["shapes"] = checks.real_array("function (shapes)", shapes, 2)
+            if found["shapes"].shape[1] != length:
+                raise ValueError(
+                    f"function: expected shapes of (n_dof, {length}), got "
+                    f"{found['shapes'].shape}"
+                )
+        return found
 
 
-def _sizes(solution: ModalSolution) -> tuple[tuple[int, ...], ...]:
-    return tuple(np.shape(part) for part in solution if part is not None)
+def _read_variables(
+    result: Any, variables: Mapping[str, Variable]
+) -> dict[str, Floats]:
+    if not isinstance(result, Mapping):
+        if len(variables) > 1:
+            raise TypeError(
+                f"function: expected {{name: array}} of {list(variables)}, got "
+                f"{type(result).__name__}"
+            )
+        result = {next(iter(variables)): result}
+    missing = [name for name in variables if name not in result]
+    if missing:
+        raise TypeError(f"function: expected {list(variables)}, got no {missing}")
+    found = {}
+    for name, variable in variables.items():
+        found[name] = checks.numeric_array(f"function ({name})", result[name])
+        if found[name].shape != variable.shape:
+            raise SolveError(
+                "wrong shape",
+                f"function: expected {name!r} of shape {variable.shape}, got "
+                f"{found[name].shape}",
+            )
+    return found
+
+
+def _sizes(result: Mapping[str, Floats]) -> dict[str, tuple[int, ...]]:
+    return {name: value.shape for name, value in result.items()}

@@ -4,22 +4,26 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import (
     Floats,
-    ModalModel,
-    ModalSolution,
+    Model,
     PairedSolution,
     Pairing,
     Parameters,
     SolveError,
+    Variable,
+    declared_variables,
+    modal_variables,
+    read,
 )
 from ..measurements import Measurements
 from ..measurements.modes import scaled
-from .pairing import at_sensors, cluster_bases, one_to_one
+from .pairing import at_sensors, couple_modes, one_to_one, share_shapes
 
-# Inside a cluster all candidates share one MAC; their own MAC then decides.
+# Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
 
 
@@ -35,53 +39,52 @@ class PairedModel:
     bounds, and compared in ascending order they would then be those of other modes.
 
     Shapes of close modes turn freely in the space that they span. Model modes nearer to
-    each other than ``min_gap`` are therefore one cluster: the MAC is that of the
-    measured shape with its projection on the cluster's span, and this projection is
-    returned as the paired shape, so that a :class:`ShapeTerm` does not see the turning
-    either.
+    each other than half of ``min_gap`` therefore share one: the MAC is that of the
+    measured shape with its projection on their span, and this projection is returned as
+    the paired shape, so that a :class:`ShapeTerm` does not see the turning either. From
+    there to ``min_gap`` the sharing fades smoothly, so that no likelihood has a step.
 
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
-        measurements: Measured modes with shapes. Their ``dofs`` are the rows of the
-            model's shapes; where they are None, or the model returns just as many
-            rows as there are sensors, rows and sensors correspond in order.
+        measurements: Measured modes with shapes. Their ``dofs`` are matched with those
+            at which the model returns shapes, in any order; where they are None, rows
+            and sensors correspond in order.
         candidates: How many of the model's modes are searched; None for twice the
             number of measured ones, as is usual.
         min_mac: A pair below it counts as unpaired, which a
             :class:`FrequencyTerm` answers with a finite penalty.
-        min_gap: Relative distance of two frequencies below which modes are one
-            cluster.
+        min_gap: Relative distance of two frequencies below which modes share their
+            space.
 
     Raises:
         TypeError: If measurements are no Measurements, or model is not callable.
         ValueError: If the measurements have no shapes, there are fewer model modes
-            than candidates, or fewer candidates than measured modes. When called: if
-            the model returns no shapes, or too few modes or rows.
+            than candidates, or fewer candidates than measured modes, or the model has
+            no shapes at a sensor. When called: if the model returns no shapes, or too
+            few modes or rows.
 
     Source: Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001;
     D'Ambrogio and Fregolent (2003) for the subspace MAC,
     doi:10.1006/mssp.2002.1554.
     """
 
-    model: ModalModel
+    model: Model
     measurements: Measurements
     candidates: int
     min_mac: float
     min_gap: float
     _shapes: Floats = field(repr=False)
-
-    paired = True
+    _rows: NDArray[np.intp] | None = field(repr=False)
 
     def __init__(
         self,
-        model: ModalModel,
+        model: Model,
         measurements: Measurements,
         *,
         candidates: int | None = None,
         min_mac: float = 0.5,
         min_gap: float = 0.02,
     ) -> None:
-        """See the class."""
         if not callable(model):
             raise TypeError(f"model: expected a callable, got {model!r}")
         if not isinstance(measurements, Measurements):
@@ -107,12 +110,25 @@ class PairedModel:
         if min_mac > 1:
             raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac:g}")
         shapes = scaled(measurements.shapes)
-        object.__setattr__(self, "model", model)
-        object.__setattr__(self, "measurements", measurements)
-        object.__setattr__(self, "candidates", candidates)
-        object.__setattr__(self, "min_mac", min_mac)
-        object.__setattr__(self, "min_gap", min_gap)
-        object.__setattr__(self, "_shapes", shapes / np.linalg.norm(shapes, axis=0))
+        checks.set_fields(
+            self,
+            model=model,
+            measurements=measurements,
+            candidates=candidates,
+            min_mac=min_mac,
+            min_gap=min_gap,
+            _shapes=shapes / np.linalg.norm(shapes, axis=0),
+            _rows=_match_rows(declared_variables(model), measurements),
+        )
+
+    @property
+    def variables(self) -> dict[str, Variable]:
+        """What a response holds: frequencies, MAC and numbers of the paired modes."""
+        dofs = self.measurements.dofs
+        labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
+        modal = modal_variables(self.n_modes, labels)
+        by_mode = Variable(modal["frequency"].coords)
+        return {**modal, "mac": by_mode, "model_mode": by_mode, "unpaired": by_mode}
 
     @property
     def n_modes(self) -> int:
@@ -137,29 +153,30 @@ class PairedModel:
         unit = np.divide(
             shapes, norms[:, None], out=np.zeros_like(shapes), where=norms[:, None] > 0
         )
-        # (n, n_measured, candidates); one product a row, so that rows round alike
-        cosines = self._shapes.T @ unit
-        single = cosines**2
+        # (n, n_measured, candidates); one product per row, so that rows round alike
+        single = (self._shapes.T @ unit) ** 2
         with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
             close = np.diff(frequencies, axis=1) < self.min_gap * frequencies[:, :-1]
         rows = np.flatnonzero(close.any(axis=1))
-        shared, score = single, single
+        mac, score = single, single
         if len(rows):
-            shared, score = single.copy(), single.copy()
-            basis, together = cluster_bases(unit[rows], close[rows])
-            along = self._shapes.T @ basis
-            shared[rows] = along**2 @ together
-            score[rows] = shared[rows] + TIE_BREAK * single[rows]
+            coupling = couple_modes(frequencies[rows], self.min_gap)
+            shared_mac, shared = share_shapes(self._shapes, unit[rows], coupling)
+            alone = (coupling > 0).sum(axis=2) == 1  # (rows, candidates)
+            mac, score = single.copy(), single.copy()
+            mac[rows] = np.where(alone[:, None], single[rows], shared_mac)
+            score[rows] = mac[rows] + TIE_BREAK * single[rows]
         chosen = one_to_one(score)
-        which = chosen[:, None, :]
-        paired = np.take_along_axis(shapes, which, axis=2)
+        paired = np.take_along_axis(shapes, chosen[:, None, :], axis=2)
         if len(rows):
-            # The projection of a measured shape on the cluster of its mode.
-            mask = np.take_along_axis(together, chosen[rows][:, None, :], axis=2)
-            in_cluster = mask.sum(axis=1) > 1
-            projected = basis @ (along.transpose(0, 2, 1) * mask)
-            paired[rows] = np.where(in_cluster[:, None], projected, paired[rows])
-        found = np.take_along_axis(shared, chosen[:, :, None], axis=2)[:, :, 0]
+            which = chosen[rows]
+            # The projection of each measured shape on the space of its mode.
+            projected = np.take_along_axis(shared, which[:, :, None, None], axis=3)
+            free = np.take_along_axis(alone, which, axis=1)[:, None]
+            paired[rows] = np.where(
+                free, paired[rows], projected[..., 0].transpose(0, 2, 1)
+            )
+        found = np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0]
         return PairedSolution(
             np.take_along_axis(frequencies, chosen, axis=1),
             paired,
@@ -168,18 +185,15 @@ class PairedModel:
 
     def _solve(self, parameters: Parameters) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of the candidates."""
-        modes = self.model(parameters)
-        if not isinstance(modes, ModalSolution):
-            raise TypeError(
-                "model: expected a ModalSolution with shapes, got "
-                f"{type(modes).__name__}"
-            )
-        if modes.shapes is None:
+        response = self.model(parameters)
+        if not hasattr(response, "shapes") or response.shapes is None:
             raise ValueError(
                 "model: it returned no mode shapes, by which modes are paired; ask for "
                 "them (shapes=True)"
             )
-        frequencies, shapes = (_checked(part) for part in modes[:2])
+        frequencies, shapes = (
+            _checked(read(response, name)) for name in ("frequency", "shapes")
+        )
         if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
             raise ValueError(
                 "model: expected frequencies (n, n_modes) and shapes (n, n_dof, "
@@ -192,9 +206,35 @@ class PairedModel:
             raise ValueError(
                 f"model: expected at least {self.candidates} modes, got {n_modes}"
             )
-        shapes = at_sensors(shapes, self.measurements.dofs, len(self._shapes))
+        if self._rows is not None:
+            shapes = np.ascontiguousarray(shapes[:, self._rows])
+        else:
+            shapes = at_sensors(shapes, self.measurements.dofs, len(self._shapes))
         wanted = slice(self.candidates)
         return frequencies[:, wanted], shapes[:, :, wanted]
+
+
+def _match_rows(variables: Any, measurements: Measurements) -> NDArray[np.intp] | None:
+    """Return where the sensors stand among the model's rows, None if unknown."""
+    if variables is None:
+        return None
+    if "shapes" not in variables:
+        raise ValueError(
+            "model: it returns no mode shapes, by which modes are paired; ask for them "
+            "(shapes=True)"
+        )
+    labels = variables["shapes"].coords.get("dof")
+    if labels is None or measurements.dofs is None:
+        return None
+    places = {dof: i for i, dof in enumerate(labels)}
+    sensors = measurements.dofs.tolist()
+    missing = [dof for dof in sensors if dof not in places]
+    if missing:
+        raise ValueError(
+            f"dofs: the measurements have sensors at {missing}, but the model has no "
+            f"shapes there; ask it for shapes={sensors}"
+        )
+    return np.array([places[dof] for dof in sensors])
 
 
 def _checked(part: Any) -> Floats:

@@ -100,24 +100,62 @@ def one_to_one(score: Floats) -> NDArray[np.intp]:
     return best
 
 
-def cluster_bases(shapes: Floats, close: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return orthonormal bases of the clusters, and who shares one, ``(n, q, q)``.
+def couple_modes(frequencies: Floats, min_gap: float) -> Floats:
+    """Return how far each mode shares its space with each other, ``(n, q, q)``.
 
-    Gram-Schmidt for all rows at once, twice for accuracy; a mode alone in its cluster
-    is its own basis.
+    1 for neighbours nearer than half of ``min_gap``, 0 beyond it, a smooth passage
+    between; along a row of close neighbours the weakest link counts.
     """
-    n, _, q = shapes.shape
-    number = np.zeros((n, q), dtype=int)
-    np.cumsum(~close, axis=1, out=number[:, 1:])
-    together = (number[:, :, None] == number[:, None, :]).astype(float)
-    basis = shapes.copy()
-    for j in range(1, q):
-        earlier, mask = basis[:, :, :j], together[:, :j, j, None]
-        vector = basis[:, :, j, None]
+    with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
+        gaps = np.diff(frequencies, axis=1) / (min_gap * frequencies[:, :-1])
+    x = np.clip(2.0 * np.nan_to_num(gaps, nan=np.inf) - 1.0, 0.0, 1.0)
+    links = 1.0 - x * x * (3.0 - 2.0 * x)  # (n, q - 1)
+    n, q = frequencies.shape
+    coupling = np.broadcast_to(np.eye(q), (n, q, q)).copy()
+    for i in range(q - 1):
+        weakest = np.minimum.accumulate(links[:, i:], axis=1)
+        coupling[:, i, i + 1 :] = coupling[:, i + 1 :, i] = weakest
+    return coupling
+
+
+def share_shapes(
+    measured: Floats, shapes: Floats, coupling: Floats
+) -> tuple[Floats, Floats]:
+    r"""Return MAC and shape of each mode, widened by the modes that it is coupled to.
+
+    .. math:: v = \sum_k c_k q_k q_k^T \phi^m, \qquad
+        MAC = \frac{(\sum_k c_k t_k^2)^2}{\sum_k c_k^2 t_k^2}, \quad
+        t_k = q_k^T \phi^m
+
+    with the orthonormal :math:`q_k` of the mode itself and its neighbours, in the order
+    of their coupling, so that one whose coupling fades takes nothing with it.
+
+    Args:
+        measured: Unit shapes ``(n_sensors, p)``.
+        shapes: Unit shapes of the model's modes, ``(n, n_sensors, q)``.
+        coupling: ``(n, q, q)``.
+
+    Returns:
+        MAC ``(n, p, q)`` and shapes ``(n, p, n_sensors, q)``.
+    """
+    q = shapes.shape[2]
+    order = np.argsort(-coupling, axis=2, kind="stable")  # (n, q, q), itself first
+    weights = np.take_along_axis(coupling, order, axis=2)
+    # The modes in the order of each one's coupling: (n, q, n_sensors, q)
+    basis = np.take_along_axis(shapes[:, None], order[:, :, None], axis=3)
+    for k in range(1, q):  # Gram-Schmidt for all at once, twice for accuracy
+        earlier, vector = basis[..., :k], basis[..., k, None]
         for _ in range(2):
-            vector = vector - earlier @ (mask * (earlier.transpose(0, 2, 1) @ vector))
-        length = np.linalg.norm(vector, axis=1, keepdims=True)
-        basis[:, :, j, None] = np.divide(
+            vector = vector - earlier @ (earlier.swapaxes(-1, -2) @ vector)
+        length = np.linalg.norm(vector, axis=-2, keepdims=True)
+        basis[..., k, None] = np.divide(
             vector, length, out=np.zeros_like(vector), where=length > DEPENDENT
         )
-    return basis, together
+    along = measured.T @ basis  # (n, q, p, q); one product each, so rows round alike
+    first = (weights[:, :, None] * along**2).sum(axis=3)
+    second = ((weights[:, :, None] * along) ** 2).sum(axis=3)
+    mac = np.divide(first**2, second, out=np.zeros_like(first), where=second > 0)
+    shared = basis @ (weights[:, :, None] * along).swapaxes(
+        2, 3
+    )  # (n, q, n_sensors, p)
+    return mac.swapaxes(1, 2), shared.transpose(0, 3, 2, 1)

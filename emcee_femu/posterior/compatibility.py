@@ -1,10 +1,12 @@
 """Whether model, likelihood terms and prior fit together, before the first FE solve."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..interfaces import Prior
+from .. import checks
+from ..interfaces import Prior, Variable, declared_variables
 
-RESERVED = {"chain", "draw", "ensemble", "walker", "mode"}  # dimensions in ArviZ
+RESERVED = {"chain", "draw", "ensemble", "walker", "parameter"}  # of ArviZ objects
 
 
 def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
@@ -24,13 +26,19 @@ def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
             )
 
 
-def check_names(model: Any, terms: tuple[Any, ...], prior: Prior) -> None:
-    """Refuse a prior whose names or bounds do not fit the model and the terms."""
-    reserved = sorted(RESERVED & set(prior.names))
-    if reserved:
-        raise ValueError(f"prior: ArviZ needs the names {reserved} itself; rename them")
+def name_terms(terms: tuple[Any, ...]) -> tuple[str, ...]:
+    """Return the distinct labels of terms: their name, or that of the function."""
+    names = tuple(
+        str(getattr(term, "name", None) or getattr(term, "__name__", f"term{i}"))
+        for i, term in enumerate(terms)
+    )
+    return checks.parameter_names("terms (their names)", names)
+
+
+def check_parameters(models: tuple[Any, ...], terms: Sequence[Any], prior: Any) -> None:
+    """Refuse a prior whose names or bounds do not fit the models and terms."""
     lower = dict(zip(prior.names, prior.bounds[:, 0].tolist(), strict=True))
-    for reader in (model, *terms):
+    for reader in (*models, *terms):
         for name in getattr(reader, "positive", ()):
             if lower.get(name, 0.0) < 0:
                 raise ValueError(
@@ -38,19 +46,23 @@ def check_names(model: Any, terms: tuple[Any, ...], prior: Prior) -> None:
                     f"{type(reader).__name__}, but its lower bound is "
                     f"{lower[name]:g}; give it bounds with low >= 0"
                 )
-    _check_model_bounds(getattr(model, "bounds", None), prior)
+    for model in models:
+        _check_model_bounds(getattr(model, "bounds", None), prior)
     read = {name for term in terms for name in getattr(term, "names", ())}
-    missing = sorted((read | set(getattr(model, "required", ()))) - set(prior.names))
+    required = {name for model in models for name in getattr(model, "required", ())}
+    missing = sorted((read | required) - set(prior.names))
     if missing:
         raise ValueError(f"prior: no parameter {missing}, which model or terms need")
-    known = getattr(model, "names", None)
-    if known is None:  # the model reads what it likes
-        return
-    unread = [name for name in prior.names if name not in read | set(known)]
+    for model in models:
+        known = getattr(model, "names", None)
+        if known is None:  # the model reads what it likes
+            return
+        read |= set(known)
+    unread = [name for name in prior.names if name not in read]
     if unread:
         raise ValueError(
-            f"prior: neither the model nor a term reads {unread}; the model reads "
-            f"{sorted(known)}"
+            f"prior: neither a model nor a term reads {unread}; they read "
+            f"{sorted(read)}"
         )
 
 
@@ -69,20 +81,93 @@ def _check_model_bounds(bounds: Any, prior: Prior) -> None:
             )
 
 
-def stored_modes(model: Any, terms: tuple[Any, ...]) -> int:
-    """Return how many frequencies of a solution are stored."""
-    compared = max((getattr(term, "n_modes", 0) for term in terms), default=0)
-    available = getattr(model, "n_modes", None)
-    if available is None:
-        if not compared:
+def declare(model: Any, terms: Sequence[Any]) -> dict[str, Variable]:
+    """Return the variables of a model's response, and check that they suffice.
+
+    A model that declares none is taken at the word of the terms that read it.
+
+    Raises:
+        TypeError: If something declared is no :class:`Variable`.
+        ValueError: If nothing is declared, or a term needs what is not.
+    """
+    declared = declared_variables(model)
+    needed: dict[str, Variable] = {}
+    for term in terms:
+        for name, variable in getattr(term, "reads", {}).items():
+            if declared is not None:
+                _check_read(term, name, variable, declared)
+            elif name not in needed or needed[name].size < variable.size:
+                needed[name] = variable
+    if declared is None:
+        declared = needed
+        if not needed:
             raise ValueError(
-                "model: how many frequencies does it return? Neither the model nor a "
-                "term has n_modes; write FunctionModel(function, n_modes=...)"
+                "model: what does it return? Neither it nor a term declares variables; "
+                "write FunctionModel(function, n_modes=...) or FunctionModel(function, "
+                "variables={name: Variable(...)}), or give it an attribute variables"
             )
-        return int(compared)
-    if compared > available:
+    for name, variable in declared.items():
+        if not isinstance(variable, Variable):
+            raise TypeError(
+                f"model: expected a Variable for {name!r} of its variables, got "
+                f"{variable!r}"
+            )
+    return dict(declared)
+
+
+def _check_read(
+    term: Any, name: str, needed: Variable, declared: Mapping[str, Variable]
+) -> None:
+    label = repr(getattr(term, "name", term))
+    if name not in declared:
         raise ValueError(
-            f"terms: {compared} modes were measured, but the model returns "
-            f"{available}; ask it for more modes"
+            f"terms: {label} reads {name!r}, which the model does not return; it "
+            f"returns {list(declared)}" + _REMEDIES.get(name, "")
         )
-    return int(available)
+    given = declared[name]
+    if not given.stored and not given.coords:  # of a shape that is not known
+        return
+    if given.dims != needed.dims:
+        raise ValueError(
+            f"terms: {label} reads {name!r} with the dimensions {needed.dims}, but the "
+            f"model returns {given.dims}"
+        )
+    for dim, labels in needed.coords.items():
+        there = list(given.coords[dim])
+        if len(labels) > len(there):
+            raise ValueError(
+                f"terms: {label} compares {len(labels)} of {name!r} along {dim!r}, but "
+                f"the model returns {len(there)}; ask it for more"
+            )
+        if None in labels:  # known by their places only
+            continue
+        # Labels counted from 0 or 1 say no more than where each stands.
+        numbered = there in (list(range(len(there))), list(range(1, len(there) + 1)))
+        if list(labels) != there and not (numbered and set(labels) <= set(there)):
+            raise ValueError(
+                f"terms: {label} was measured at {dim} {list(labels)}, but the model "
+                f"returns {name!r} at {there}; give both the same, in the same order"
+            )
+
+
+_REMEDIES = {"shapes": "; ask it for shapes (shapes=True, or the DOFs of the sensors)"}
+
+
+def check_names(prior: Any, variables: Mapping[str, Variable]) -> None:
+    """Refuse names that ArviZ objects need, and dimensions with two meanings."""
+    known: dict[str, list[Any]] = {}
+    for name, variable in variables.items():
+        for dim, labels in variable.coords.items():
+            if dim in RESERVED:
+                raise ValueError(
+                    f"model: ArviZ needs the dimension {dim!r} of {name!r} itself; "
+                    "rename it"
+                )
+            if known.setdefault(dim, list(labels)) != list(labels):
+                raise ValueError(
+                    f"model: the dimension {dim!r} of {name!r} has other labels than "
+                    "that of another variable; give it a name of its own"
+                )
+    reserved = sorted((RESERVED | set(known)) & set(prior.names))
+    if reserved:
+        raise ValueError(f"prior: ArviZ needs the names {reserved} itself; rename them")

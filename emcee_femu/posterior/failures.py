@@ -10,7 +10,7 @@ from ..interfaces import SolveError
 
 logger = logging.getLogger("emcee_femu")
 FEWEST = 100  # evaluations before a fraction of them means something
-CAUSES = ("not finite", "wrong number of modes", "time-out", "exception")
+CAUSES = ("not finite", "wrong shape", "time-out", "exception")
 KEPT = 1_000  # failures whose parameters are kept
 
 
@@ -18,7 +18,7 @@ class Failure(NamedTuple):
     """One failed solve.
 
     Attributes:
-        cause: "not finite", "wrong number of modes", "time-out" or "exception".
+        cause: "not finite", "wrong shape", "time-out" or "exception".
         message: What was raised.
         parameters: Where, by name.
     """
@@ -52,7 +52,6 @@ class FailureLog:
     """
 
     def __init__(self, max_failures: float) -> None:
-        """See the class."""
         self.max_failures = max_failures
         self.evaluations = 0
         self.causes: Counter[str] = Counter()

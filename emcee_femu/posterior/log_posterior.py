@@ -1,87 +1,162 @@
-"""The log-posterior: model, likelihood terms and prior, for a batch of walkers."""
+"""The log-posterior: models, likelihood terms and prior, for a batch of walkers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from itertools import product
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from .. import checks
 from ..interfaces import (
-    PLACE,
     Floats,
     LikelihoodTerm,
-    ModalModel,
-    PairedSolution,
+    Model,
     Parameters,
     Prior,
     SolveError,
+    Variable,
 )
-from .compatibility import check_names, check_types, stored_modes
-from .priors import inside, prior_summary
+from .compatibility import check_names, check_parameters
+from .experiments import Experiment, check_joint, gather_experiments
+from .starting import check_inside, draw_start
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class LogPosterior:
-    r"""Log-posterior of an FE model given modal data, for a batch of walkers.
+    r"""Log-posterior of one model or several, given data, for a batch of walkers.
 
     .. math:: \ln p(\theta | D) = \ln p(\theta) + \sum_t \ln p_t(D | \theta)
 
-    Called with ``theta (n, d)`` it returns rows
-    ``(log_posterior, log_prior, one value a term, f_1 .. f_m)``; with ``(d,)`` one
-    such row. Of a model that pairs modes, the MAC of every pair and the number of the
-    model's mode follow. emcee stores all but the first number as blobs, so that no FE
-    solve is repeated. Rows outside the prior's support get -inf and NaN frequencies
-    without a model call, and all others share one call of the model.
+    Called with ``theta (n, d)`` it returns rows ``(log_posterior, log_prior, one value
+    per term, the stored variables of the response)``; with ``(d,)`` one such row.
+    emcee stores all but the first number as blobs, so that no FE solve is repeated.
+    Rows outside the prior's support get -inf and NaN variables without a model call,
+    and all others share one call of each model.
 
     Args:
-        model: Parameters to modal solution (:class:`interfaces.ModalModel`).
+        model: Parameters to response (:class:`interfaces.Model`).
         terms: One likelihood term or a sequence of them
             (:class:`interfaces.LikelihoodTerm`).
         prior: Owner of names, order and bounds (:class:`interfaces.Prior`).
 
+    Attributes:
+        experiments: Models, terms and stored variables; one unless made by
+            :meth:`joint`.
+        prior: The prior.
+        term_names: Labels of all terms.
+        variables: All stored variables, ``{name: Variable}``.
+        columns: Where in a row they stand, ``{name: slice}``, after "densities".
+
     Raises:
         TypeError: If model or a term is not callable, or prior is not a prior.
-        ValueError: If names do not match, more modes were measured than the model
-            returns, or the prior admits a non-positive stiffness or mass, or a point
-            outside the model's own bounds.
+        ValueError: If names do not match, a term needs what the model does not return,
+            or the prior admits a non-positive stiffness or mass, or a point outside the
+            model's own bounds.
 
     Source: Eqs. 2.1 and 2.4 of Sherri, Boulkaibet, Marwala and Friswell.
     """
 
-    model: ModalModel
-    terms: tuple[LikelihoodTerm, ...]
+    experiments: tuple[Experiment, ...]
     prior: Prior
-    n_modes: int
-    n_paired: int = field(repr=False)
-    takes_batches: ClassVar[bool] = True
     term_names: tuple[str, ...] = field(repr=False)
+    variables: dict[str, Variable] = field(repr=False)
+    columns: dict[str, slice] = field(repr=False)
+    _width: int = field(repr=False)
+    takes_batches: ClassVar[bool] = True
 
     def __init__(
         self,
-        model: ModalModel,
+        model: Model,
         terms: LikelihoodTerm | Sequence[LikelihoodTerm],
         prior: Prior,
     ) -> None:
-        """See the class."""
-        sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
-        check_types(model, sequence, prior)
-        check_names(model, sequence, prior)
-        names = tuple(
-            str(getattr(term, "name", None) or getattr(term, "__name__", f"term{i}"))
-            for i, term in enumerate(sequence)
+        self._set({"": (model, terms)}, prior)
+
+    @classmethod
+    def joint(cls, experiments: Mapping[str, tuple[Model, Any]], prior: Prior) -> Self:
+        r"""Return the posterior of several experiments that share parameters.
+
+        .. math:: \ln p(\theta | D) = \ln p(\theta)
+            + \sum_e \sum_{t \in e} \ln p_t(D_e | \theta)
+
+        States of one structure (empty and loaded, at two temperatures) or tests of
+        different kinds. Each model is solved once per parameter set. Stored variables,
+        their dimensions and the terms carry the experiment's name: ``empty.frequency
+        (empty.mode)``.
+
+        Args:
+            experiments: ``{name: (model, terms)}``.
+            prior: The prior of all parameters; a model or term reads those it knows.
+
+        Raises:
+            TypeError: If experiments is no such mapping; see also the class.
+            ValueError: If it is empty, or a name is not a plain word; see also the
+                class.
+
+        Example:
+            >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
+            >>> tests = {
+            ...     name: (
+            ...         FunctionModel(lambda p, m=m: [(p["k"] / m) ** 0.5], n_modes=1),
+            ...         FrequencyTerm([f], relative_sd=0.01),
+            ...     )
+            ...     for name, m, f in [("empty", 1.0, 3.0), ("loaded", 2.0, 2.1)]
+            ... }
+            >>> prior = GaussianPrior(["k"], [9.0], [1.0], [(1.0, 20.0)])
+            >>> list(LogPosterior.joint(tests, prior).variables)
+            ['empty.frequency', 'loaded.frequency']
+        """
+        check_joint(experiments)
+        self = cls.__new__(cls)
+        self._set(experiments, prior)
+        return self
+
+    def _set(self, given: Mapping[str, tuple[Model, Any]], prior: Prior) -> None:
+        experiments = gather_experiments(given, prior)
+        names = [e.full_name(name) for e in experiments for name in e.term_names]
+        variables = {
+            e.full_name(name): Variable(
+                {e.full_name(dim): labels for dim, labels in own.coords.items()},
+                own.unit,
+            )
+            for e in experiments
+            for name, own in e.variables.items()
+        }
+        check_names(prior, variables)
+        terms = [term for e in experiments for term in e.terms]
+        check_parameters(tuple(e.model for e in experiments), terms, prior)
+        ends = np.cumsum([2 + len(terms), *(v.size for v in variables.values())])
+        slices = map(slice, (0, *ends[:-1].tolist()), ends.tolist())
+        checks.set_fields(
+            self,
+            experiments=experiments,
+            prior=prior,
+            term_names=tuple(names),
+            variables=variables,
+            columns=dict(zip(["densities", *variables], slices, strict=True)),
+            _width=int(ends[-1]),
         )
-        object.__setattr__(self, "model", model)
-        object.__setattr__(self, "terms", sequence)
-        object.__setattr__(self, "prior", prior)
-        object.__setattr__(self, "n_modes", stored_modes(model, sequence))
-        paired = bool(getattr(model, "paired", False))
-        object.__setattr__(self, "n_paired", self.n_modes if paired else 0)
-        object.__setattr__(
-            self, "term_names", checks.parameter_names("terms (their names)", names)
-        )
+
+    @property
+    def model(self) -> Model:
+        """The model, if there is only one.
+
+        Raises:
+            ValueError: If there are several experiments.
+        """
+        if len(self.experiments) > 1:
+            names = [experiment.name for experiment in self.experiments]
+            raise ValueError(
+                f"model: there is one for each of {names}; see experiments"
+            )
+        return self.experiments[0].model
+
+    @property
+    def terms(self) -> tuple[LikelihoodTerm, ...]:
+        """The likelihood terms of all experiments, as ``term_names`` has them."""
+        return tuple(term for e in self.experiments for term in e.terms)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -93,17 +168,47 @@ class LogPosterior:
         """Number of parameters."""
         return len(self.prior.names)
 
+    @property
+    def error_names(self) -> tuple[str, ...]:
+        """Parameters that only terms read: errors and discrepancies."""
+        read_by_models = {n for e in self.experiments for n in _names(e.model)}
+        by_terms = {n for term in self.terms for n in _names(term)}
+        return tuple(n for n in self.names if n in by_terms - read_by_models)
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether a model solves one parameter set after another."""
+        return any(getattr(e.model, "one_by_one", False) for e in self.experiments)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What each column of a row is, such as ``frequency[1]``."""
+        densities = ["log_posterior", "log_prior"]
+        densities += [f"log_likelihood[{name}]" for name in self.term_names]
+        numbers = [
+            name + (f"[{', '.join(map(str, where))}]" if where else "")
+            for name, variable in self.variables.items()
+            for where in product(*variable.coords.values())
+        ]
+        return (*densities, *numbers)
+
+    def with_models(self, wrap: Callable[[Model], Model]) -> Self:
+        """Return the same posterior with wrapped models, as to count their solves."""
+        other = type(self).__new__(type(self))
+        given = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
+        other._set(given, self.prior)
+        return other
+
     def parameters(self, theta: Floats) -> Parameters:
         """Return the columns of ``theta (n, d)`` by parameter name."""
         return dict(zip(self.prior.names, theta.T, strict=True))
 
-    @property
-    def columns(self) -> dict[str, slice]:
-        """Where in a row the densities, the frequencies and the pairing stand."""
-        ends = np.cumsum([2 + len(self.terms), self.n_modes, *2 * [self.n_paired]])
-        starts = (0, *ends[:-1].tolist())
-        labels = ("densities", "frequency", "mac", "model_mode")
-        return dict(zip(labels, map(slice, starts, ends.tolist()), strict=True))
+    def unfold(self, rows: Floats) -> dict[str, Floats]:
+        """Return the stored variables of ``rows (..., columns)``, by name."""
+        return {
+            name: rows[..., self.columns[name]].reshape(*rows.shape[:-1], *v.shape)
+            for name, v in self.variables.items()
+        }
 
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row or the rows of ``theta``, see the class."""
@@ -126,90 +231,47 @@ class LogPosterior:
         supported = log_prior > -np.inf
         n_supported = np.count_nonzero(supported)
         if n_supported == len(theta) > 0:
-            return self._solved(theta, log_prior)
+            return self._solve(theta, log_prior)
         rows = np.tile(self.rejected(), (len(theta), 1))
         if np.isnan(log_prior).any():
             row = int(np.argmax(np.isnan(log_prior)))
             values = self._values(theta[row : row + 1])
             raise ValueError(f"prior: its log-density is NaN at {values}")
         if n_supported:
-            rows[supported] = self._solved(theta[supported], log_prior[supported])
+            rows[supported] = self._solve(theta[supported], log_prior[supported])
         return rows
 
     def rejected(self) -> Floats:
         """Return the row of a point that is not evaluated: -inf, then NaN."""
-        columns = self.columns
-        row = np.full(columns["model_mode"].stop, np.nan)
-        row[columns["densities"]] = -np.inf
+        row = np.full(self._width, np.nan)
+        row[self.columns["densities"]] = -np.inf
         return row
 
-    def _solved(self, theta: Floats, log_prior: Floats) -> Floats:
+    def _solve(self, theta: Floats, log_prior: Floats) -> Floats:
         """Return the rows of parameter sets inside the prior's support."""
-        n, first_mode = len(theta), 2 + len(self.terms)
-        parameters = self.parameters(theta)
-        try:
-            modes = self.model(parameters)
-        except (StopIteration, SystemExit) as error:
-            # The one would lose its notes in emcee's generator, the other end the
-            # program without a word, and with exit code 0.
-            raise RuntimeError(
-                f"model: it raised {error!r} at {self._values(theta)}"
-            ) from error
-        except Exception as error:
-            notes = getattr(error, "__notes__", ())
-            if not any(note.startswith(PLACE) for note in notes):
-                error.add_note(f"{PLACE} {self._values(theta)}")
-            raise
-        frequencies = getattr(modes, "frequencies", None)
-        if (
-            not isinstance(frequencies, np.ndarray)
-            or isinstance(frequencies, np.ma.MaskedArray)
-            or frequencies.dtype.kind not in "fiu"
-        ):
-            raise TypeError(
-                "model: expected a ModalSolution with an array of real frequencies, "
-                f"got {modes!r} at {self._values(theta)}"
-            )
-        shape = frequencies.shape
-        if len(shape) != 2 or shape[0] != n or shape[1] < self.n_modes:
-            raise SolveError(
-                "wrong number of modes",
-                f"model: expected frequencies of shape ({n}, {self.n_modes}) or more "
-                f"modes, got {shape} at {self._values(theta)}",
-            )
-        end = first_mode + self.n_modes
-        rows = np.empty((n, end + 2 * self.n_paired))
+        rows = np.empty((len(theta), self._width))
         rows[:, 1] = total = log_prior
-        for column, term in enumerate(self.terms, 2):
-            value = term(parameters, modes)
-            if type(value) is not np.ndarray or value.dtype != np.float64:
-                value = checks.numeric_array(f"terms ({self._label(column)})", value)
-            if value.shape != (n,):  # one number would do for all rows, unseen
-                raise ValueError(
-                    f"terms: expected {n} log-likelihoods of {self._label(column)}, "
-                    f"got shape {value.shape}"
-                )
-            rows[:, column] = value
-            total = total + value
+        parameters = self.parameters(theta)
+        column, first = 2, self.columns["densities"].stop
+        end = first
+        for experiment in self.experiments:
+            values, stored = experiment.solve(
+                parameters, len(theta), lambda: self._values(theta)
+            )
+            for value in values:
+                rows[:, column] = value
+                total = total + value
+                column += 1
+            for value in stored:
+                start, end = end, end + value.shape[1]
+                rows[:, start:end] = value
         rows[:, 0] = total
-        rows[:, first_mode:end] = frequencies[:, : self.n_modes]
-        if self.n_paired:
-            if not isinstance(modes, PairedSolution):
-                raise TypeError(
-                    "model: it says that it is paired, so expected a PairedSolution, "
-                    f"got {type(modes).__name__}"
-                )
-            rows[:, end : end + self.n_paired] = modes.pairing.mac
-            rows[:, end + self.n_paired :] = modes.pairing.model_modes
         # NaN and infinity survive a sum: one look finds them anywhere.
-        if not np.isfinite(np.add.reduce(rows[:, first_mode:], axis=None)) or not (
+        if not np.isfinite(np.add.reduce(rows[:, first:], axis=None)) or not (
             np.maximum.reduce(total) < np.inf
         ):
             raise self._not_finite(rows, theta)
         return rows
-
-    def _label(self, column: int) -> str:
-        return repr(self.term_names[column - 2])
 
     def _values(self, theta: Floats) -> Any:
         """Return parameter sets by name, for a message."""
@@ -217,18 +279,20 @@ class LogPosterior:
         return sets[0] if len(sets) == 1 else sets
 
     def _not_finite(self, rows: Floats, theta: Floats) -> SolveError:
-        first_mode = 2 + len(self.terms)
-        wrong = ~(rows[:, 0] < np.inf) | ~np.isfinite(rows[:, first_mode:]).all(axis=1)
+        first = self.columns["densities"].stop
+        wrong = ~(rows[:, 0] < np.inf) | ~np.isfinite(rows[:, first:]).all(axis=1)
         row = int(np.argmax(wrong))
         values = self._values(theta[row : row + 1])
+        numbers = rows[row].tolist()
         densities = dict(
-            zip(("prior", *self.term_names), rows[row, 1:].tolist(), strict=False)
+            zip(("prior", *self.term_names), numbers[1:first], strict=True)
         )
+        stored = {name: numbers[self.columns[name]] for name in self.variables}
         return SolveError(
             "not finite",
-            f"the log-posterior is {rows[row, 0]} at {values}: log-densities "
-            f"{densities}, frequencies {rows[row, first_mode:].tolist()}; a model "
-            "must return finite frequencies, a term finite numbers, or -inf to reject",
+            f"the log-posterior is {numbers[0]} at {values}: log-densities "
+            f"{densities}, {stored}; a model must return finite numbers, a term finite "
+            "ones, or -inf to reject",
         )
 
     def start(
@@ -249,42 +313,12 @@ class LogPosterior:
             TypeError: If nwalkers is not a whole number.
             ValueError: If nwalkers < 1, or around lies outside the bounds.
         """
-        nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
-        try:
-            rng = np.random.default_rng(seed)
-        except (TypeError, ValueError) as error:
-            raise type(error)(
-                f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
-                f"({error})"
-            ) from None
-        if around is None:
-            return self.prior.sample(rng, nwalkers)
-        centre = checks.real_array("around", around, 1)
-        self.check_inside("around", centre[None])
-        spread = 0.1 * prior_summary(self.prior)[1]
-        low, high = (self.prior.bounds.T - centre) / spread
-        standard = stats.truncnorm.rvs(
-            low, high, size=(nwalkers, self.ndim), random_state=rng
-        )
-        result: Floats = np.clip(  # rounding alone can pass a bound, by an ulp
-            centre + spread * standard, *self.prior.bounds.T
-        )
-        return result
+        return draw_start(self.prior, nwalkers, seed, around)
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
-        if theta.ndim != 2 or theta.shape[1] != self.ndim:
-            raise ValueError(
-                f"{argument}: expected one number for each of {self.names}, "
-                f"got shape {theta.shape}"
-            )
-        bounds = self.prior.bounds
-        if inside(theta, bounds).all():
-            return
-        within = (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
-        row, column = np.argwhere(~within)[0]
-        low, high = bounds[column]
-        raise ValueError(
-            f"{argument}: {self.names[column]} = {theta[row, column]:g} of point "
-            f"{row} is outside its bounds ({low:g}, {high:g})"
-        )
+        check_inside(self.prior, argument, theta)
+
+
+def _names(reader: Any) -> tuple[str, ...]:
+    return tuple(getattr(reader, "names", None) or ())

@@ -25,7 +25,6 @@ class GuardedPosterior:
     takes_batches = True
 
     def __init__(self, posterior: LogPosterior) -> None:
-        """See the class."""
         self.posterior = posterior
         self.names = posterior.names
 
@@ -33,7 +32,7 @@ class GuardedPosterior:
         """Return a row or a failure, or a sequence of them for ``(n, d)``."""
         if np.ndim(theta) == 1:
             return self._one(theta)
-        if not getattr(self.posterior.model, "one_by_one", False):
+        if not self.posterior.one_by_one:
             try:
                 return self.posterior(theta)
             except Exception:  # of any kind: it is the user's model that raised
@@ -59,7 +58,6 @@ class CountedPosterior:
     takes_batches = True
 
     def __init__(self, posterior: LogPosterior, log: FailureLog) -> None:
-        """See the class."""
         self._guarded = GuardedPosterior(posterior)
         self._log = log
         self.names = posterior.names
@@ -82,7 +80,6 @@ class CountingPool:
     """
 
     def __init__(self, pool: Any, posterior: LogPosterior, log: FailureLog) -> None:
-        """See the class."""
         self._pool, self._posterior, self._log = pool, posterior, log
 
     def map(self, function: Any, points: Iterable[Any]) -> Floats:

@@ -239,7 +239,8 @@ def running_tae(
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, points).round().astype(int))
     frequencies = posterior(means[where - 1])[:, posterior.columns["frequency"]]
-    steps = 1.0 + inference_data.dataset(idata, "posterior")["draw"].values[where - 1]
+    group = inference_data.dataset(idata, "posterior")
+    steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
     return steps, total_average_error(measured, frequencies)
 
 

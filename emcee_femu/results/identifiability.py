@@ -141,7 +141,7 @@ def identifiability(idata: Any) -> Identifiability:
     shift = np.full(len(names), np.nan)
     if "prior_mean" in constants:
         shift = (mean - constants["prior_mean"].values) / prior_sd
-    predicted = dataset(idata, "posterior_predictive")["frequency"]
+    predicted = dataset(idata, "response")["frequency"]
     frequencies = predicted.transpose("chain", "draw", "mode").values
     fitted = np.linspace(0, len(draws) - 1, min(len(draws), ENOUGH)).astype(int)
     gradients, r_squared = _gradients(

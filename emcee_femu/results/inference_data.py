@@ -2,9 +2,11 @@
 
 The only module that imports ArviZ, which takes seconds: it is imported where it is
 used. Datasets are built once with xarray and wrapped once, so that both generations
-of ArviZ see the same groups and numbers.
+of ArviZ see the same groups and numbers. What the variables are is read from the
+posterior's declarations alone.
 """
 
+import warnings
 from collections.abc import Hashable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -12,21 +14,16 @@ from typing import Any
 import emcee
 import numpy as np
 
-from ..interfaces import Floats
+from ..interfaces import Floats, Variable
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_summary
+from ..posterior.rejecting import GuardedPosterior
 from .chains import as_list as as_list
 from .chains import cold as cold
 from .chains import stacked as stacked
 
-GROUPS = (
-    "posterior",
-    "sample_stats",
-    "log_likelihood",
-    "posterior_predictive",
-    "observed_data",
-    "constant_data",
-)
+PRIOR_DRAWS = 1_000
+LONGEST_REPR = 200  # of a move, in the attributes
 
 
 def to_inference_data(
@@ -35,22 +32,33 @@ def to_inference_data(
     discard: int = 0,
     thin: int = 1,
 ) -> Any:
-    """Convert runs of one posterior to an ArviZ object, every walker a chain.
+    """Convert runs of one posterior to an ArviZ object, with every walker as a chain.
 
-    Groups: ``posterior`` by parameter name; ``sample_stats`` (lp, log_prior);
-    ``log_likelihood`` by term; ``posterior_predictive`` (frequency, by mode, the
-    model's prediction without measurement noise; where modes are paired also mac and
-    model_mode); ``observed_data``;
-    ``constant_data`` (bounds, ``initial`` parameters and the frequencies there, mean
-    and sd of the prior inside the bounds). Walkers of one ensemble are not independent
-    chains: the coordinate ``ensemble`` says which belong together. Of tempered runs the
-    cold walkers alone are converted.
+    ============================ ====================================================
+    group                        holds
+    ============================ ====================================================
+    ``posterior``                the parameters by name; ``attrs["sampled"]`` lists
+                                 them, so that derived quantities can be added
+    ``sample_stats``             lp, log_prior
+    ``log_likelihood``           by term: each datum's where it factorises (for
+                                 ``arviz.loo``), else the whole term's
+    ``response``                 the model's stored variables, without measurement
+                                 noise
+    ``posterior_predictive``     a new measurement for each sample, noise included,
+                                 where a term can draw one (``arviz.plot_ppc``)
+    ``prior``                    1,000 draws of the prior
+    ``observed_data``            what was measured, by the name of the variable
+    ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
+                                 them; ``initial``, a Gaussian prior's own mean or else
+                                 the prior mean; ``initial_<variable>``, the response
+                                 there, NaN where it cannot be solved; is_error, whether
+                                 only terms read the parameter (noise, discrepancy)
+    ============================ ====================================================
 
-    At its peak the conversion needs twice the memory of what it returns, which is
-    ``8 * (ndim + 1 + blobs)`` bytes a walker and draw, and before that some 4 MB a
-    parameter for the prior's summary. Of a file only the draws that are kept are read,
-    one ensemble after the other. Where the system tells how much memory is available
-    (Linux does), too large a conversion is refused before anything is read.
+    Walkers of one ensemble are not independent chains: the coordinate ``ensemble`` says
+    which belong together. Draws count from 0; the coordinate ``step`` is the stored
+    step. For tempered runs only the cold walkers are converted. At its peak the
+    conversion needs some three times the memory of the chains and blobs that are kept.
 
     Args:
         samplers: What :func:`run` returned, or any EnsembleSampler of the posterior.
@@ -62,125 +70,185 @@ def to_inference_data(
         ``arviz.InferenceData`` (ArviZ < 1) or ``xarray.DataTree`` (ArviZ >= 1).
 
     Raises:
-        TypeError: If discard or thin is not a whole number.
+        TypeError: If discard or thin is not a whole number, or posterior is no
+            LogPosterior.
         ValueError: If nothing is left, or a chain is not of this posterior.
     """
+    if not isinstance(posterior, LogPosterior):
+        raise TypeError(
+            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
+            "another log-probability use arviz.from_emcee(sampler, var_names=...)"
+        )
     runs = as_list(samplers)
-    columns = posterior.columns
-    width = columns["model_mode"].stop - 1  # emcee takes the first one as log_prob
-    attributes = _attributes(runs, discard, thin)
-    # Before the chains are read: the draws of the prior take memory for a moment.
-    fixed = {
-        "observed_data": _observed(posterior, attributes),
-        "constant_data": _constants(posterior, attributes),
-    }
     chain = stacked(runs, "chain", discard, thin)  # (draws, ensembles, walkers, d)
     log_prob = stacked(runs, "log_prob", discard, thin)
     blobs = stacked(runs, "blobs", discard, thin)
+    width = len(posterior.rejected()) - 1  # emcee takes the first one as log_prob
     if chain.shape[-1] != posterior.ndim or blobs.shape[3:] != (width,):
         raise ValueError(
             f"samplers: chains of {chain.shape[-1]} parameters with blobs of shape "
             f"{blobs.shape[3:]} are not of this posterior, which has "
             f"{posterior.ndim} and ({width},)"
         )
-    predictions = {
-        label: blobs[..., where.start - 1 : where.stop - 1]
-        for label, where in columns.items()
-        if label != "densities" and where.stop > where.start
-    }
-    by_chain = {
+    rows = np.concatenate([log_prob[..., None], blobs], axis=-1)
+    del blobs
+    response = posterior.unfold(rows)
+    values: dict[str, dict[str, Floats]] = {
         "posterior": dict(zip(posterior.names, np.moveaxis(chain, -1, 0), strict=True)),
-        "sample_stats": {"lp": log_prob, "log_prior": blobs[..., 0]},
+        "sample_stats": {"lp": log_prob, "log_prior": rows[..., 1]},
         "log_likelihood": {
-            name: blobs[..., 1 + i] for i, name in enumerate(posterior.term_names)
+            name: rows[..., i] for i, name in enumerate(posterior.term_names, 2)
         },
-        "posterior_predictive": predictions,
+        "response": response,
+        "posterior_predictive": {},
     }
+    dims = {name: variable.dims for name, variable in posterior.variables.items()}
+    by_term = dict(dims)  # and of the pointwise values, by the name of the term
+    _add_by_terms(posterior, values, by_term)
+    attributes = _attributes(discard, thin)
     datasets = {
-        group: _sample_dataset(values, discard, thin, attributes)
-        for group, values in by_chain.items()
+        group: _to_dataset(own, by_term, posterior.variables, discard, thin, attributes)
+        for group, own in values.items()
+        if own
     }
-    return wrapped({**datasets, **fixed})
+    datasets["posterior"].attrs |= _run_attributes(runs, posterior)
+    return wrap(datasets | _fixed_groups(posterior, attributes))
 
 
-def _sample_dataset(
-    values: Mapping[str, Floats], discard: int, thin: int, attributes: dict[str, Any]
+def _add_by_terms(
+    posterior: LogPosterior,
+    values: dict[str, dict[str, Floats]],
+    dims: dict[str, tuple[str, ...]],
+) -> None:
+    """Add what the terms say of each datum, and new measurements."""
+    lead = values["sample_stats"]["lp"].shape
+    parameters = {name: v.reshape(-1) for name, v in values["posterior"].items()}
+    rng = np.random.default_rng(0)  # the same draws at each conversion
+    for experiment in posterior.experiments:
+        stored = {
+            name: values["response"][experiment.full_name(name)].reshape(-1, *v.shape)
+            for name, v in experiment.variables.items()
+        }
+        for term, own in zip(experiment.terms, experiment.term_names, strict=True):
+            if hasattr(term, "pointwise"):
+                for name, value in (term.pointwise(parameters, stored) or {}).items():
+                    label = experiment.full_name(own)
+                    dims[label] = dims[experiment.full_name(name)]
+                    values["log_likelihood"][label] = value.reshape(
+                        *lead, *value.shape[1:]
+                    )
+            if hasattr(term, "replicate"):
+                for name, value in term.replicate(rng, parameters, stored).items():
+                    values["posterior_predictive"][experiment.full_name(name)] = (
+                        value.reshape(*lead, *value.shape[1:])
+                    )
+
+
+def _to_dataset(
+    values: Mapping[str, Floats],
+    dims: Mapping[str, tuple[str, ...]],
+    declared: Mapping[str, Variable],
+    discard: int,
+    thin: int,
+    attributes: dict[str, Any],
 ) -> Any:
+    """Return samples ``(draws, ensembles, walkers, ...)`` as an xarray Dataset."""
     import xarray
 
     n_draws, n_ensembles, n_walkers = next(iter(values.values())).shape[:3]
+    labels = {dim: list(c) for v in declared.values() for dim, c in v.coords.items()}
     variables = {}
     for name, value in values.items():
-        # (draws, ensembles, walkers, ...) -> (chain, draw, ...)
-        chains = np.moveaxis(value, 0, 2)
+        chains = np.moveaxis(value, 0, 2)  # to (chain, draw, ...)
         chains = chains.reshape(n_ensembles * n_walkers, n_draws, *value.shape[3:])
-        variables[name] = (("chain", "draw", "mode")[: chains.ndim], chains)
+        own = dims.get(name, ()) if value.ndim > 3 else ()
+        # A term may have read the first of the modes only.
+        extent = zip(own, value.shape[3:], strict=True)
+        coords = {dim: labels[dim][:length] for dim, length in extent}
+        variables[name] = xarray.DataArray(chains, coords, ("chain", "draw", *own))
     coordinates: dict[Hashable, Any] = {
         "chain": np.arange(n_ensembles * n_walkers),
-        "draw": discard + thin * (1 + np.arange(n_draws)) - 1,
+        "draw": np.arange(n_draws),
+        "step": ("draw", discard + thin * (1 + np.arange(n_draws)) - 1),
         "ensemble": ("chain", np.repeat(np.arange(n_ensembles), n_walkers)),
         "walker": ("chain", np.tile(np.arange(n_walkers), n_ensembles)),
     }
-    modes = [v.shape[2] for _, v in variables.values() if v.ndim == 3]
-    if modes:
-        coordinates["mode"] = np.arange(1, modes[0] + 1)
     return xarray.Dataset(
         variables, coordinates, {**attributes, "sample_dims": ["chain", "draw"]}
     )
 
 
-def _observed(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:
-    import xarray
-
-    measured = {
-        name: np.asarray(term.measured)
-        for name, term in zip(posterior.term_names, posterior.terms, strict=True)
-        if hasattr(term, "measured")
-    }
-    measured = {name: value for name, value in measured.items() if value.ndim == 1}
-    length = max(map(len, measured.values()), default=0)
-    padded = {
-        name: ("mode", np.append(value, np.full(length - len(value), np.nan)))
-        for name, value in measured.items()
-    }
-    return xarray.Dataset(padded, {"mode": np.arange(1, length + 1)}, attributes)
-
-
-def _constants(posterior: LogPosterior, attributes: dict[str, Any]) -> Any:
+def _fixed_groups(
+    posterior: LogPosterior, attributes: dict[str, Any]
+) -> dict[str, Any]:
+    """Return prior draws, what was measured, and constants."""
     import xarray
 
     mean, sd = prior_summary(posterior.prior)
     # A Gaussian prior starts at its own mean, wherever its bounds cut it.
     initial = np.asarray(getattr(posterior.prior, "mean", mean), dtype=float)
-    frequencies = posterior(initial)[posterior.columns["frequency"]]
-    return xarray.Dataset(
-        {
-            "lower": ("parameter", posterior.prior.bounds[:, 0]),
-            "upper": ("parameter", posterior.prior.bounds[:, 1]),
-            "initial": ("parameter", initial),
-            "prior_mean": ("parameter", mean),
-            "prior_sd": ("parameter", sd),
-            "initial_frequency": ("mode", frequencies),
-        },
-        {
-            "parameter": list(posterior.names),
-            "mode": np.arange(1, posterior.n_modes + 1),
-        },
-        attributes,
-    )
+    row = GuardedPosterior(posterior)(initial)
+    row = row if isinstance(row, np.ndarray) else posterior.rejected()
+    by_parameter = {
+        "lower": posterior.prior.bounds[:, 0],
+        "upper": posterior.prior.bounds[:, 1],
+        "initial": initial,
+        "prior_mean": mean,
+        "prior_sd": sd,
+        "is_error": np.isin(posterior.names, posterior.error_names),
+    }
+    constants: dict[str, Any] = {
+        name: ("parameter", value) for name, value in by_parameter.items()
+    }
+    labels: dict[str, Any] = {"parameter": list(posterior.names)}
+    for name, value in posterior.unfold(row).items():
+        variable = posterior.variables[name]
+        constants[f"initial_{name}"] = (variable.dims, value, {"unit": variable.unit})
+        labels |= {dim: list(own) for dim, own in variable.coords.items()}
+    draws = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
+    prior = {
+        name: (("chain", "draw"), column[None])
+        for name, column in zip(posterior.names, draws.T, strict=True)
+    }
+    groups = {
+        "prior": xarray.Dataset(
+            prior,
+            {"chain": [0], "draw": np.arange(PRIOR_DRAWS)},
+            {**attributes, "sample_dims": ["chain", "draw"]},
+        ),
+        "constant_data": xarray.Dataset(constants, labels, attributes),
+    }
+    observed = _observed(posterior)
+    if observed:
+        groups["observed_data"] = xarray.Dataset(observed, attrs=attributes)
+    return groups
 
 
-def _attributes(runs: list[Any], discard: int, thin: int) -> dict[str, Any]:
-    moves = getattr(runs[0], "_moves", ())  # emcee keeps them nowhere else
-    weights = getattr(runs[0], "_weights", ())
+def _observed(posterior: LogPosterior) -> dict[str, Any]:
+    """Return what the terms measured, by variable; a second time by term too."""
+    import xarray
+
+    observed: dict[str, Any] = {}
+    for experiment in posterior.experiments:
+        for term, own in zip(experiment.terms, experiment.term_names, strict=True):
+            for name, value in getattr(term, "observed", {}).items():
+                variable = getattr(term, "reads", {}).get(name)
+                variable = variable or experiment.variables[name]
+                coords = {
+                    experiment.full_name(dim): list(labels)
+                    for dim, labels in variable.coords.items()
+                }
+                label = experiment.full_name(name)
+                if label in observed:
+                    label = f"{label}[{own}]"
+                observed[label] = xarray.DataArray(
+                    value, coords, attrs={"unit": variable.unit}
+                )
+    return observed
+
+
+def _attributes(discard: int, thin: int) -> dict[str, Any]:
     return {
-        "moves": "; ".join(
-            f"{weight:g} x {move!r}"
-            for move, weight in zip(moves, weights, strict=True)
-        )
-        or "unknown (read from a backend)",
-        "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
-        "recipe": str(getattr(runs[0], "recipe", "")),
         "discard": discard,
         "thin": thin,
         "inference_library": "emcee",
@@ -190,11 +258,37 @@ def _attributes(runs: list[Any], discard: int, thin: int) -> dict[str, Any]:
     }
 
 
-def wrapped(datasets: Mapping[str, Any]) -> Any:
+def _run_attributes(runs: list[Any], posterior: LogPosterior) -> dict[str, Any]:
+    moves = getattr(runs[0], "_moves", ())  # emcee keeps them nowhere else
+    weights = getattr(runs[0], "_weights", ())
+    described = []
+    for weight, move in zip(weights, moves, strict=True):
+        text = repr(move)
+        if len(text) > LONGEST_REPR:  # of a fitted mixture, all its numbers
+            text = f"{type(move).__name__}(...)"
+        described.append(f"{weight:g} x {text}")
+    return {
+        "moves": "; ".join(described) or "unknown (read from a backend)",
+        "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
+        "recipe": str(getattr(runs[0], "recipe", "")),
+        "sampled": list(posterior.names),
+    }
+
+
+def load_arviz() -> Any:
+    """Import ArviZ; version 0.23 announces version 1, which is not the user's task."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "[\\s\\S]*ArviZ", FutureWarning)
+        import arviz
+
+    return arviz
+
+
+def wrap(datasets: Mapping[str, Any]) -> Any:
     """Return xarray Datasets as the installed ArviZ's own container."""
-    import arviz
     import xarray
 
+    arviz = load_arviz()
     if int(arviz.__version__.split(".")[0]) < 1:
         return arviz.InferenceData(**datasets)
     return xarray.DataTree.from_dict(dict(datasets))
@@ -219,28 +313,46 @@ def dataset(idata: Any, group: str) -> Any:
     return found.to_dataset() if hasattr(found, "to_dataset") else found
 
 
-def samples(idata: Any) -> tuple[list[str], Floats]:
-    """Return parameter names and draws ``(chains, draws, d)`` of the posterior."""
+def samples(
+    idata: Any, var_names: Sequence[str] | None = None
+) -> tuple[list[str], Floats]:
+    """Return names and draws ``(chains, draws, d)`` of the posterior.
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        var_names: Which; None for the sampled parameters. Derived quantities that were
+            added to the group must be numbers.
+
+    Raises:
+        ValueError: If the group has no such variable, or one has more dimensions.
+    """
     posterior = dataset(idata, "posterior")
-    names = [str(name) for name in posterior.data_vars]
+    if var_names is None:
+        known = posterior.attrs.get("sampled", list(posterior.data_vars))
+    else:
+        known = [var_names] if isinstance(var_names, str) else list(var_names)
+    names = [str(name) for name in np.atleast_1d(known)]
+    for name in names:
+        if name not in posterior or set(posterior[name].dims) != {"chain", "draw"}:
+            raise ValueError(
+                f"var_names: expected numbers of the posterior group, got {name!r}; "
+                f"there are {[str(n) for n in posterior.data_vars]}"
+            )
     ordered = [posterior[name].transpose("chain", "draw").values for name in names]
     return names, np.stack(ordered, axis=-1)
 
 
 def rhat(chains: Floats) -> Floats:
     """Return the rank-normalised split R-hat of ``chains (m, n, d)``, ``(d,)``."""
-    import arviz
-
-    return _by_parameter(arviz.rhat, chains)
+    return _by_parameter(load_arviz().rhat, chains)
 
 
 def effective_sizes(chains: Floats) -> tuple[Floats, Floats]:
     """Return bulk and tail (5 %, 95 %) ESS of ``chains (m, n, d)``, each ``(d,)``."""
-    import arviz
-
-    bulk = _by_parameter(arviz.ess, chains, method="bulk")
+    ess = load_arviz().ess
+    bulk = _by_parameter(ess, chains, method="bulk")
     # The quantiles are named because their default differs between ArviZ 0.x and 1.x.
-    tail = _by_parameter(arviz.ess, chains, method="tail", prob=(0.05, 0.95))
+    tail = _by_parameter(ess, chains, method="tail", prob=(0.05, 0.95))
     return bulk, tail
 
 

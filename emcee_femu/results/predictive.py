@@ -122,12 +122,12 @@ def pairing_table(idata: Any) -> Table:
 
 def has_pairing(idata: Any) -> bool:
     """Return whether the model paired its modes with the measured ones."""
-    return "mac" in dataset(idata, "posterior_predictive")
+    return "mac" in dataset(idata, "response")
 
 
 def predicted(idata: Any, what: str) -> Floats:
     """Return frequency, mac or model_mode of all samples, ``(n, n_modes)``."""
-    values = dataset(idata, "posterior_predictive")[what]
+    values = dataset(idata, "response")[what]
     array: Floats = values.transpose("chain", "draw", "mode").values
     return array.reshape(-1, array.shape[-1])
 

@@ -85,7 +85,7 @@ def frequency_table(
     """
     measured = measured_frequencies(idata)
     m = len(measured)
-    predicted = dataset(idata, "posterior_predictive")["frequency"]
+    predicted = dataset(idata, "response")["frequency"]
     draws = predicted.transpose("chain", "draw", "mode").values
     draws = draws.reshape(-1, draws.shape[-1])[:, :m]
     initial = dataset(idata, "constant_data")["initial_frequency"].values[:m]

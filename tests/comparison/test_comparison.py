@@ -20,7 +20,7 @@ KEPT = 140
 class Linear:
     """Frequencies C theta; counts the parameter sets that it is given."""
 
-    n_modes = 3
+    variables = ef.modal_variables(3)
 
     def __init__(self):
         self.rows = 0

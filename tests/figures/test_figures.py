@@ -13,7 +13,7 @@ from emcee_femu.figures import plot_proposals
 from emcee_femu.figures.ellipses import covariance_ellipse
 from emcee_femu.figures.scatter import MOST_POINTS
 from emcee_femu.results.diagnostics import running_tae
-from emcee_femu.results.inference_data import dataset, samples, wrapped
+from emcee_femu.results.inference_data import dataset, samples, wrap
 
 PROBLEMS = {
     "h_structure": ef.paper.h_structure(),
@@ -49,7 +49,7 @@ def gaussian(d, n=60):
         for k, (name, scale) in enumerate(list(MIXED.items())[:d])
     }
     attrs = {"sample_dims": ["chain", "draw"]}
-    return wrapped({"posterior": xarray.Dataset(data, attrs=attrs)})
+    return wrap({"posterior": xarray.Dataset(data, attrs=attrs)})
 
 
 def ellipses(figure, d):

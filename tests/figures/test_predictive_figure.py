@@ -146,7 +146,7 @@ def test_below_stand_mac_and_the_paired_mode():
     idata, measured, _ = predictions(with_mac=True)
     figure = plot_predictive(idata)
     top, bottom = figure.axes
-    mac = dataset(idata, "posterior_predictive")["mac"].values.reshape(-1, 3)
+    mac = dataset(idata, "response")["mac"].values.reshape(-1, 3)
     (lines,) = bottom.collections
     expected = np.quantile(mac, [0.025, 0.975], axis=0).T
     assert_allclose(np.array(lines.get_segments())[:, :, 1], expected, rtol=1e-12)
@@ -189,10 +189,10 @@ def test_the_paper_is_drawn_with_its_frequencies():
     problem = ef.paper.mass_spring()
     runs = ef.run(problem.posterior, None, 24, 200, seed=1)
     idata = ef.to_inference_data(runs, problem.posterior, discard=100)
-    before = dataset(idata, "posterior_predictive").copy(deep=True)
+    before = dataset(idata, "response").copy(deep=True)
     figure = plot_predictive(idata, problem.posterior)
     assert_nothing_is_clipped(figure, "1\n3.507 Hz", "5\n9.426 Hz")
-    assert dataset(idata, "posterior_predictive").identical(before)
+    assert dataset(idata, "response").identical(before)
 
 
 def test_an_exact_fit_has_a_frame_of_its_own():

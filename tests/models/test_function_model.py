@@ -148,7 +148,7 @@ def test_the_error_names_the_parameters_even_if_the_function_changed_them():
 
 
 def test_a_2d_return_is_refused_without_n_modes_too():
-    with pytest.raises(ValueError, match=r"\(n_modes,\), got \(1, 2\) at \{'k': 40.0"):
+    with pytest.raises(ValueError, match=r"\(n_modes,\), got \(1, 2\); at \{'k': 40.0"):
         FunctionModel(lambda p: [[1.0, 2.0]])(PARAMETERS)
 
 

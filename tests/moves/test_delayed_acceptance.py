@@ -124,7 +124,7 @@ def test_walkers_that_another_move_changed_are_screened_anew():
 class Lines:
     """Three frequencies that are linear in two parameters, all off by a shift."""
 
-    n_modes = 3
+    variables = ef.modal_variables(3)
 
     def __init__(self, shift=0.0):
         self.shift = shift

@@ -217,7 +217,7 @@ def test_auto_frees_walkers_that_start_in_a_far_mode():
     def nothing(parameters):
         return ef.ModalSolution(np.ones((len(parameters["x0"]), 1)))
 
-    nothing.n_modes = 1
+    nothing.variables = ef.modal_variables(1)
     posterior = ef.LogPosterior(nothing, density, prior)
     sampler = ef.run(posterior, "auto", 32, 1_500, seed=1)[0]
     left = sampler.get_chain()[..., 0] < 0

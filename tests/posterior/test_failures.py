@@ -48,7 +48,7 @@ OPTIONS = {"nwalkers": 16, "seed": 1, "initial": START, "max_failures": 1.0}
 class Batched:
     """A model of all walkers at once, of which one fails."""
 
-    n_modes = 2
+    variables = ef.modal_variables(2)
 
     def __call__(self, parameters):
         a, b = parameters["a"], parameters["b"]
@@ -104,7 +104,7 @@ def test_rejected_failures_leave_the_posterior_of_what_can_be_solved(pool):
         "exception",
         "time-out",
         "not finite",
-        "wrong number of modes",
+        "wrong shape",
     }
     outside = sampler.failures.kept
     assert len(outside) == causes.total() > 100

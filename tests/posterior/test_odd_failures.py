@@ -42,7 +42,7 @@ class Solver:
 class Vectorised(Solver):
     """The same of all walkers at once."""
 
-    n_modes = 2
+    variables = ef.modal_variables(2)
 
     def __call__(self, parameters):
         k, m = parameters["k"], parameters["m"]
@@ -112,7 +112,7 @@ def test_a_frequency_that_is_not_finite_is_a_failure(model, odd, column):
     log_posterior = posterior(MODELS[model](ODD[odd], column))
     theta = np.array([[1.0, 1.0], [1.5, 0.75], [1.0, 1.1]])
     for given in (theta, theta[1]):
-        with pytest.raises(SolveError, match="finite frequencies") as caught:
+        with pytest.raises(SolveError, match="finite numbers") as caught:
             log_posterior(given)
         assert caught.value.cause == "not finite"
         assert "{'k': 1.5, 'm': 0.75}" in str(caught.value)
@@ -124,7 +124,7 @@ def test_a_frequency_that_is_not_finite_is_a_failure(model, odd, column):
 @every_model
 @pytest.mark.parametrize("odd", ODD)
 def test_a_run_stops_at_a_frequency_that_is_not_finite(model, odd, pool):
-    with pytest.raises(ValueError, match="finite frequencies") as caught:
+    with pytest.raises(ValueError, match="finite numbers") as caught:
         ef.run(posterior(MODELS[model](ODD[odd])), **OPTIONS, **POOLS[pool]())
     assert caught.value.cause == "not finite"  # it survives the journey, too
     assert named(caught.value, model, pool)

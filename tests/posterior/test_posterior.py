@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from emcee_femu.interfaces import ModalSolution
+from emcee_femu.interfaces import ModalSolution, modal_variables
 from emcee_femu.likelihoods.frequency import FrequencyTerm
 from emcee_femu.models.function import FunctionModel
 from emcee_femu.models.mass_spring import MassSpringModel
@@ -21,7 +21,7 @@ INSIDE, OUTSIDE = [0.05, 0.1], [0.05, 0.6]
 
 
 class Linear:
-    n_modes = 2
+    variables = modal_variables(2)
 
     def __init__(self, last=None, overwrite=False):
         self.rows, self.last, self.overwrite = [], last, overwrite
@@ -154,6 +154,7 @@ MATRICES = MatrixModel(EYE, EYE, {"s": EYE, "t": EYE}, n_modes=1)
 THREE = FrequencyTerm([1.0, 2.0, 3.0], beta=1.0)
 LOW = GaussianPrior(["k1", "k2"], [5, 5], 1, [(1, 9), (-1e-9, 9)])
 K1 = GaussianPrior(["k1"], [5], 1, BOX)
+TWO_MODES = FunctionModel(abs, 2)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +164,7 @@ K1 = GaussianPrior(["k1"], [5], 1, BOX)
         (MATRICES, ONE, GaussianPrior(["s"], [5], 1, BOX), ValueError, r"\['t'\]"),
         (SPRINGS, ONE, GaussianPrior(["k2"], [5], 1), ValueError, "'k2' must stay"),
         (SPRINGS, ONE, LOW, ValueError, "'k2' must stay above zero"),
-        (SPRINGS, THREE, K1, ValueError, "3 modes were measured, .* returns 2"),
+        (TWO_MODES, THREE, K1, ValueError, "compares 3 of .* returns 2"),
         (3.0, TERM, PRIOR, TypeError, "^model: "),
         (Linear(), [TERM, 3.0], PRIOR, TypeError, "^terms: .*3.0"),
         (Linear(), "terms", PRIOR, TypeError, "^terms: "),
@@ -171,7 +172,13 @@ K1 = GaussianPrior(["k1"], [5], 1, BOX)
         (Linear(), TERM, {"a": 1}, TypeError, "^prior: .*dict has no names"),
         (Linear(), PRIOR, TERM, TypeError, "^terms: "),
         (Linear(), [TERM, TERM], PRIOR, ValueError, r"^terms.*\['frequency'\]"),
-        (FunctionModel(abs), negative_a, PRIOR, ValueError, "^model: how many freq"),
+        (
+            FunctionModel(abs),
+            negative_a,
+            PRIOR,
+            ValueError,
+            "^model: what does it return",
+        ),
     ],
 )
 def test_construction_refuses(model, terms, prior, error, message):
@@ -181,7 +188,7 @@ def test_construction_refuses(model, terms, prior, error, message):
 
 def test_a_lower_bound_of_zero_is_enough_for_a_stiffness():
     prior = IndependentPrior({"k2": uniform_between(0.0, 9.0)})
-    assert LogPosterior(SPRINGS, ONE, prior).n_modes == 2
+    assert LogPosterior(SPRINGS, ONE, prior).names == ("k2",)
 
 
 @pytest.mark.parametrize(("own", "stored"), [(None, 1), (2, 2)])
@@ -252,7 +259,7 @@ def test_start_refuses(arguments, error, message):
 @pytest.mark.parametrize("high", [2.0, 2.1])
 def test_a_prior_wider_than_the_models_own_bounds_is_refused(low, high):
     class Bounded:
-        names, n_modes, bounds = ("k",), 1, {"k": (1.0, 2.0)}
+        names, bounds = ("k",), {"k": (1.0, 2.0)}
 
         def __call__(self, parameters):
             return ModalSolution(parameters["k"][:, None])

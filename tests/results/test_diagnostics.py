@@ -189,7 +189,7 @@ def test_rhat_and_effective_sizes_equal_their_definitions():
 
 
 class Square:
-    n_modes = 2
+    variables = ef.modal_variables(2)
 
     def __call__(self, p):
         rows = np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"]], axis=1)

@@ -292,7 +292,7 @@ def test_what_is_not_inference_data_is_refused(found):
 def test_the_samples_are_not_modified():
     z = exact_draws(COVARIANCE)
     idata = made(z, linear_frequencies(z))
-    groups = ("posterior", "posterior_predictive", "constant_data")
+    groups = ("posterior", "response", "constant_data")
     before = [dataset(idata, group).copy(deep=True) for group in groups]
     identifiability(idata)
     for group, copy in zip(groups, before, strict=True):

@@ -13,7 +13,6 @@ from scipy import stats
 import emcee_femu as ef
 from emcee_femu.moves import MetropolisMove
 from emcee_femu.results.inference_data import (
-    GROUPS,
     dataset,
     effective_sizes,
     rhat,
@@ -24,14 +23,14 @@ NAMES = ["stiff", "alpha", "mass"]  # not in alphabetical order
 BOUNDS = [(0.5, 1.6), (-1.0, 1.0), (0.6, 3.0)]
 MEAN, SD = [1.0, 0.1, 1.5], [0.2, 0.3, 0.4]
 MEASURED = [10.2, 25.5]  # two of the model's four modes
+SAMPLED = ("posterior", "sample_stats", "log_likelihood", "response")
+GROUPS = (*SAMPLED, "posterior_predictive", "prior", "observed_data", "constant_data")
 WALKERS, STEPS, MODES = 10, 24, 4
 
 
 class Model:
-    n_modes = MODES
-
     def __init__(self, n_modes=MODES):
-        self.n_modes = n_modes
+        self.n_modes, self.variables = n_modes, ef.modal_variables(n_modes)
 
     def __call__(self, p):
         f1 = 10 * np.sqrt(p["stiff"])
@@ -70,9 +69,8 @@ def assert_is_the_chain(idata, runs, discard=0, thin=1):
         expected = {
             ("sample_stats", "lp"): runs[e].get_log_prob(**options)[:, w],
             ("sample_stats", "log_prior"): blobs[:, 0],
-            ("log_likelihood", "frequency"): blobs[:, 1],
             ("log_likelihood", "ridge"): blobs[:, 2],
-            ("posterior_predictive", "frequency"): blobs[:, 3:],
+            ("response", "frequency"): blobs[:, 3:],
         }
         for k, name in enumerate(NAMES):
             expected["posterior", name] = runs[e].get_chain(**options)[:, w, k]
@@ -80,7 +78,10 @@ def assert_is_the_chain(idata, runs, discard=0, thin=1):
             found = dataset(idata, group)[name]
             assert found.dims == ("chain", "draw", "mode")[: 1 + value.ndim]
             assert_array_equal(found.values[chain], value)
-    for group in GROUPS[:4]:
+        factors = dataset(idata, "log_likelihood")["frequency"].values[chain]
+        assert factors.shape == (len(blobs), len(MEASURED))
+        assert_allclose(factors.sum(axis=1), blobs[:, 1], rtol=1e-11)
+    for group in SAMPLED:
         found = dataset(idata, group)
         assert_array_equal(np.c_[found.ensemble, found.walker], pairs)
         assert found.ensemble.dims == found.walker.dims == ("chain",)
@@ -93,18 +94,24 @@ def test_every_number_is_the_sampler_s(runs, count, discard, thin):
     idata = ef.to_inference_data(runs[:count], POSTERIOR, discard, thin)
     assert_is_the_chain(idata, runs[:count], discard, thin)
     posterior = dataset(idata, "posterior")
-    draws = posterior.draw.values
-    assert_array_equal(draws, np.arange(STEPS)[discard + thin - 1 :: thin])
-    whole = runs[0].get_chain()[:, 3, 1]  # draw counts the stored steps
-    assert_array_equal(posterior["alpha"].values[3], whole[draws])
+    steps = posterior.step.values
+    assert_array_equal(steps, np.arange(STEPS)[discard + thin - 1 :: thin])
+    assert_array_equal(posterior.draw, np.arange(len(steps)))
+    whole = runs[0].get_chain()[:, 3, 1]
+    assert_array_equal(posterior["alpha"].values[3], whole[steps])
 
 
 def test_container_groups_variables_and_dimensions(idata):
     expected = {
         "posterior": (NAMES, {"chain": 30, "draw": 20}),
         "sample_stats": (["lp", "log_prior"], {"chain": 30, "draw": 20}),
-        "log_likelihood": (["frequency", "ridge"], {"chain": 30, "draw": 20}),
-        "posterior_predictive": (["frequency"], {"chain": 30, "draw": 20, "mode": 4}),
+        "log_likelihood": (
+            ["frequency", "ridge"],
+            {"chain": 30, "draw": 20, "mode": 2},
+        ),
+        "posterior_predictive": (["frequency"], {"chain": 30, "draw": 20, "mode": 2}),
+        "prior": (NAMES, {"chain": 1, "draw": 1000}),
+        "response": (["frequency"], {"chain": 30, "draw": 20, "mode": 4}),
         "observed_data": (["frequency"], {"mode": 2}),
         "constant_data": (
             [
@@ -113,6 +120,7 @@ def test_container_groups_variables_and_dimensions(idata):
                 "initial",
                 "prior_mean",
                 "prior_sd",
+                "is_error",
                 "initial_frequency",
             ],
             {"parameter": 3, "mode": 4},
@@ -131,12 +139,12 @@ def test_container_groups_variables_and_dimensions(idata):
 
 def test_lp_is_log_prior_plus_log_likelihoods_and_frequency_is_the_model(idata):
     stored, terms = dataset(idata, "sample_stats"), dataset(idata, "log_likelihood")
-    total = stored["log_prior"] + terms["frequency"] + terms["ridge"]
+    total = stored["log_prior"] + terms["frequency"].sum("mode") + terms["ridge"]
     assert_allclose(stored["lp"], total, rtol=1e-13)
     assert np.unique(stored["lp"]).size > 100
     posterior = dataset(idata, "posterior")
     draws = {name: posterior[name].values.ravel() for name in NAMES}
-    predicted = dataset(idata, "posterior_predictive")["frequency"].values
+    predicted = dataset(idata, "response")["frequency"].values
     assert_allclose(predicted.reshape(-1, MODES), Model()(draws).frequencies, 1e-14)
     assert_allclose(terms["ridge"].values.ravel(), ridge(draws, None), 1e-14)
 
@@ -157,10 +165,14 @@ def test_observed_and_constant_data(idata):
 @pytest.mark.parametrize("group", GROUPS)
 def test_attributes_tell_how_the_chain_was_made(idata, group):
     found = dataset(idata, group).attrs
-    first, second = found["moves"].split("; ")
-    assert first.startswith("0.75 x DEMCMove(")
-    assert second.startswith("0.25 x MetropolisMove(")
-    assert (found["seed"], found["discard"], found["thin"]) == ("7", 4, 1)
+    assert (found["discard"], found["thin"]) == (4, 1)
+    if group == "posterior":
+        first, second = found["moves"].split("; ")
+        assert first.startswith("0.75 x DEMCMove(")
+        assert second.startswith("0.25 x MetropolisMove(")
+        assert found["seed"] == "7" and found["sampled"] == NAMES
+    else:
+        assert "moves" not in found
     assert found["inference_library"] == "emcee"
     assert found["inference_library_version"] == version("emcee")
     assert found["emcee_femu_version"] == version("emcee-femu")
@@ -255,7 +267,7 @@ def test_wrong_samplers_and_counts_are_refused(runs, error, message, options, ma
 
 
 def test_a_group_is_asked_for_by_name_from_a_container(idata):
-    with pytest.raises(ValueError, match="no group 'prior'"):
-        dataset(idata, "prior")
+    with pytest.raises(ValueError, match="no group 'warmup'"):
+        dataset(idata, "warmup")
     with pytest.raises(TypeError, match="what to_inference_data returns, got dict"):
         dataset({"posterior": 1}, "posterior")

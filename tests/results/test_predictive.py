@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.results.inference_data import wrapped
+from emcee_femu.results.inference_data import wrap
 from emcee_femu.results.predictive import (
     measurement_sd,
     pairing_table,
@@ -38,14 +38,14 @@ def made(frequency, mac=None, model_mode=None, measured=MEASURED, **parameters):
             name: (("chain", "draw"), np.resize(values, shape))
             for name, values in parameters.items()
         },
-        "posterior_predictive": {
+        "response": {
             name: (("chain", "draw", "mode"), values)
             for name, values in predicted.items()
         },
         "observed_data": {"frequency": ("mode", measured)},
         "constant_data": {"initial_frequency": ("mode", 1.1 * frequency[0, 0])},
     }
-    return wrapped({key: xarray.Dataset(v, attrs=sampled) for key, v in groups.items()})
+    return wrap({key: xarray.Dataset(v, attrs=sampled) for key, v in groups.items()})
 
 
 def paired(seed=0):
@@ -174,7 +174,7 @@ def test_the_usual_order_is_that_of_most_samples_not_of_each_mode():
 class Crossing:
     """Two perpendicular vibrations; which one is lower depends on the parameter."""
 
-    n_modes = 2
+    variables = ef.modal_variables(2)
     names = ("ratio",)
 
     def __call__(self, parameters):

@@ -9,7 +9,7 @@ from emcee_femu.results.diagnostics import (
     running_tae,
     total_average_error,
 )
-from emcee_femu.results.inference_data import wrapped
+from emcee_femu.results.inference_data import wrap
 from emcee_femu.results.tables import frequency_table, parameter_table
 
 NAMES = ["stiff", "alpha"]  # not in alphabetical order
@@ -28,7 +28,7 @@ INITIAL, PRIOR_SD, INITIAL_HZ = [1.1, 1.2], [0.5, 0.8], [12.0, 22.0, 7.0]
 
 
 class Square:
-    n_modes = 3
+    variables = ef.modal_variables(3)
 
     def __call__(self, p):
         rows = np.stack([10 * p["stiff"] ** 2, 20 * p["alpha"], 90 + p["stiff"]], 1)
@@ -53,10 +53,10 @@ def idata():
         "initial_frequency": ("mode", INITIAL_HZ),
     }
     observed = {"first": ("mode", MEASURED), "later": ("mode", [1.0, 2.0])}
-    return wrapped(
+    return wrap(
         {
             "posterior": xarray.Dataset(draws, attrs=sampled),
-            "posterior_predictive": xarray.Dataset(predicted, attrs=sampled),
+            "response": xarray.Dataset(predicted, attrs=sampled),
             "observed_data": xarray.Dataset(observed),
             "constant_data": xarray.Dataset(constants),
         }
@@ -100,7 +100,7 @@ def test_coefficient_of_variation_is_positive_for_a_negative_mean():
     data = {"a": (("chain", "draw"), [[-1.0, -2.0, -3.0]])}
     constants = {"initial": ("parameter", [0.0]), "prior_sd": ("parameter", [1.0])}
     groups = {"posterior": data, "constant_data": constants}
-    table = parameter_table(wrapped({k: xarray.Dataset(v) for k, v in groups.items()}))
+    table = parameter_table(wrap({k: xarray.Dataset(v) for k, v in groups.items()}))
     assert table.column("c.o.v. %") == [50.0]
 
 

@@ -86,7 +86,7 @@ def test_a_mixture_made_of_its_own_numbers_is_the_same_to_the_bit():
 
 def test_an_interrupted_run_goes_on(path):
     class Interrupted:
-        names, n_modes = PROBLEM.model.names, 5
+        names, variables = PROBLEM.model.names, ef.modal_variables(5)
 
         def __init__(self):
             self.calls = 0

@@ -23,7 +23,7 @@ def short_burn_in():
 class Counted:
     """The paper's model, which counts its calls and stops at one of them."""
 
-    names, n_modes = PROBLEM.model.names, 5
+    names, variables = PROBLEM.model.names, ef.modal_variables(5)
 
     def __init__(self):
         self.calls = 0

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray
 
-from emcee_femu.results.inference_data import wrapped
+from emcee_femu.results.inference_data import wrap
 
 PRIOR_SD = np.array([3.0, 2e-8, 0.5])
 NAMES = ("stiff", "area", "x")  # not in alphabetical order
@@ -44,10 +44,10 @@ def made(z, frequencies, prior_sd=PRIOR_SD, names=NAMES, **constants):
     draws = {name: (("chain", "draw"), values) for name, values in by_name}
     by_mode = {"frequency": (("chain", "draw", "mode"), frequencies)}
     sampled = {"sample_dims": ["chain", "draw"]}
-    return wrapped(
+    return wrap(
         {
             "posterior": xarray.Dataset(draws, attrs=sampled),
-            "posterior_predictive": xarray.Dataset(by_mode, attrs=sampled),
+            "response": xarray.Dataset(by_mode, attrs=sampled),
             "constant_data": xarray.Dataset(
                 {key: ("parameter", value) for key, value in constants.items()}
             ),

@@ -89,7 +89,7 @@ class _UnitBox:
 
 
 class _OneMode:
-    n_modes = 1
+    variables = ef.modal_variables(1)
 
     def __call__(self, parameters):
         return ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))
