@@ -13,14 +13,12 @@ from .. import checks
 from ..interfaces import Floats, Model, Parameters
 from ..moves.stock_faults import stock_fault
 from ..posterior.log_posterior import LogPosterior
-from ..results.diagnostics import Diagnosis, diagnose
-from ..results.inference_data import effective_sizes, stacked, to_inference_data
+from ..results.diagnostics import FEWEST_STEPS, Diagnosis, diagnose
+from ..results.inference_data import to_inference_data
 from ..sampling.arguments import check_moves, check_progress
 from ..sampling.run import run
-from ..table import Table
+from ..table import Table, as_html
 from .ranking import Entry, conclusion, known_moments, table
-
-FEWEST_STEPS = 8  # that diagnose can judge
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,7 @@ class Comparison:
         idata: ArviZ object of the kept steps, by label.
         diagnoses: :class:`results.diagnostics.Diagnosis`, by label.
         ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
-            an ensemble ``(ensembles,)``, by label.
+            per ensemble ``(ensembles,)``, by label.
         winner: Label of the move that is best beyond the spread; None if none is.
         conclusion: The outcome in words, one sentence a line.
         posterior: The sampled posterior.
@@ -60,6 +58,10 @@ class Comparison:
         """Return the table and the conclusion."""
         return f"{self.table}\n{self.conclusion}"
 
+    def _repr_html_(self) -> str:
+        """Return the table and the conclusion as notebooks show them."""
+        return as_html(self.table, *self.conclusion.splitlines())
+
 
 def compare_moves(
     posterior: LogPosterior,
@@ -70,7 +72,7 @@ def compare_moves(
     max_evaluations: int | None = None,
     ensembles: int = 4,
     seed: int,
-    discard: float = 0.25,
+    discard: int | None = None,
     reference: Mapping[str, tuple[float, float]] | None = None,
     progress: bool | str = False,
 ) -> Comparison:
@@ -86,16 +88,16 @@ def compare_moves(
         posterior: What to sample.
         moves: By label, what :func:`run` takes: an emcee move, a weighted list, or
             "auto".
-        nwalkers: Walkers an ensemble; None for 4 a parameter, at least 16.
-        nsteps: Stored generations an ensemble. Give either this or max_evaluations.
+        nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16.
+        nsteps: Stored generations per ensemble. Give either this or max_evaluations.
         max_evaluations: Log-posterior evaluations that each move may spend on the
             stored chains of all ensembles; those of the starts and of the burn-in of
             "auto" come on top and are reported.
         ensembles: Independent ensembles, at least 2, started by draws from the prior.
         seed: A whole number, the same for every move.
-        discard: Fraction of the stored steps to drop as burn-in.
+        discard: Stored steps to drop as burn-in; None for a quarter of them.
         reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
-        progress: Whether to show a progress bar an ensemble (needs tqdm).
+        progress: Whether to show a progress bar per ensemble (needs tqdm).
 
     Raises:
         TypeError: If not exactly one of nsteps and max_evaluations is given, or an
@@ -120,16 +122,18 @@ def compare_moves(
     dropped = _dropped(discard, nsteps)
     known = known_moments(reference, posterior.names)
     _check_moves(moves, nwalkers, posterior.ndim)
-    streams = np.random.SeedSequence(seed).spawn(ensembles)  # as run
-    starts = [posterior.start(nwalkers, stream.spawn(1)[0]) for stream in streams]
     entries = []
     for label, move in moves.items():
         if progress:
-            print(f"{label}:", file=sys.stderr)  # the bars tell the ensemble alone
-        options = {"ensembles": ensembles, "seed": seed, "progress": progress}
-        entries.append(
-            _sampled(posterior, label, move, starts, nsteps, dropped, options)
-        )
+            print(f"{label}:", file=sys.stderr)  # the bars name only the ensemble
+        settings: dict[str, Any] = {  # so that all start from the same prior draws
+            "nwalkers": nwalkers,
+            "nsteps": nsteps,
+            "ensembles": ensembles,
+            "seed": seed,
+            "progress": progress,
+        }
+        entries.append(_sample(posterior, label, move, dropped, settings))
     winner, words = conclusion(entries)
     title = (
         f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
@@ -164,29 +168,26 @@ class _CountedModel:
         return getattr(self.model, name)
 
 
-def _sampled(
+def _sample(
     posterior: LogPosterior,
     label: str,
     move: Any,
-    starts: list[Floats],
-    nsteps: int,
     dropped: int,
-    options: dict[str, Any],
+    settings: Mapping[str, Any],
 ) -> Entry:
-    """Run one move from the given starts and measure it."""
+    """Run one move and measure it."""
     counted = posterior.with_models(_CountedModel)
-    nwalkers, ensembles = len(starts[0]), len(starts)
     clock = time.process_time()
-    samplers = run(counted, move, nwalkers, nsteps, initial=np.array(starts), **options)
+    samplers = run(counted, move, **settings)
     cpu = time.process_time() - clock
-    chain = stacked(samplers, "chain", dropped)  # (steps, ensembles, walkers, d)
-    alone = [effective_sizes(chain[:, e].swapaxes(0, 1))[0] for e in range(ensembles)]
+    alone = [diagnose(own, dropped).ess_bulk.min() for own in samplers]
+    per_step = settings["ensembles"] * settings["nwalkers"]
     return Entry(
         label=label,
         diagnosis=diagnose(samplers, dropped),
-        ess=np.array([bulk.min() for bulk in alone]),
-        kept=ensembles * nwalkers * (nsteps - dropped),
-        chain=ensembles * nwalkers * nsteps,
+        ess=np.array(alone),
+        kept=per_step * (settings["nsteps"] - dropped),
+        chain=per_step * settings["nsteps"],
         before=sum(int(getattr(own, "burn_in_evaluations", 0)) for own in samplers),
         solves=sum(e.model.solves for e in counted.experiments),  # type: ignore[attr-defined]
         cpu=cpu,
@@ -196,7 +197,7 @@ def _sampled(
 
 
 def _steps(nsteps: Any, max_evaluations: Any, per_step: int) -> int:
-    """Return the generations an ensemble."""
+    """Return the generations per ensemble."""
     if (nsteps is None) == (max_evaluations is None):
         raise TypeError(
             "nsteps, max_evaluations: expected exactly one of the two, got "
@@ -208,20 +209,16 @@ def _steps(nsteps: Any, max_evaluations: Any, per_step: int) -> int:
     return checks.whole_number("max_evaluations", max_evaluations, low) // per_step
 
 
-def _dropped(discard: float, nsteps: int) -> int:
+def _dropped(discard: int | None, nsteps: int) -> int:
     """Return the number of steps to drop."""
-    fraction = checks.real_number("discard", discard, 0)
-    if fraction >= 1:
-        raise ValueError(
-            "discard: expected the fraction of the steps to drop, from 0 to below 1, "
-            f"got {fraction:g}"
-        )
-    dropped = int(fraction * nsteps)
+    dropped = nsteps // 4
+    if discard is not None:
+        dropped = checks.whole_number("discard", discard)
     if nsteps - dropped < FEWEST_STEPS:
         raise ValueError(
             f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
-            f"{nsteps - dropped} of {nsteps} (discard={fraction:g}); run longer, or "
-            "drop less"
+            f"{max(nsteps - dropped, 0)} of {nsteps} (discard={dropped}); run longer, "
+            "or drop less"
         )
     return dropped
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from ..results.diagnostics import ENOUGH_TAU, WALKERS_APART, Diagnosis
+from ..results.diagnostics import CONVERGED, Diagnosis
 from ..results.inference_data import samples
 from ..table import Table
 
-CONVERGED = "converged"
 MOST_NAMES = 4  # in a sentence
 LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
@@ -103,44 +102,27 @@ class Entry:
         share = self.kept / (self.chain + self.before)
         return float(self.diagnosis.ess_bulk.min() / (share * self.cpu))
 
-    @property
-    def verdict(self) -> str:
-        """The diagnosis in a few words, by the rules of :func:`diagnose`."""
-        found = self.diagnosis
-        if found.converged:
-            return CONVERGED
-        if found.stuck:
-            return f"{len(found.stuck)} walkers stuck"
-        if not (found.steps_per_tau >= ENOUGH_TAU).all():
-            return f"too short: {int(np.nan_to_num(found.steps_per_tau).min())} tau"
-        if found.rhat_within.max() > WALKERS_APART:
-            return "walkers stay apart"
-        return "ensembles disagree"
-
     def __str__(self) -> str:
         """Return label, efficiency and its standard error."""
         return f"{self.label} {self.efficiency:.3g} +- {self.error:.2g}"
 
 
 def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
-    """Tabulate the moves, a row each; see :class:`comparison.compare.Comparison`."""
+    """Tabulate the moves, one row each; see :class:`comparison.compare.Comparison`."""
+    found = [entry.diagnosis for entry in entries]
     columns: list[tuple[str, str, Any]] = [
         ("move", "", [e.label for e in entries]),
         ("FE solves", "d", [e.solves for e in entries]),
         ("before chain", "d", [e.before for e in entries]),
-        ("acceptance", ".2f", [float(e.diagnosis.acceptance.mean()) for e in entries]),
-        ("tau", ".0f", [float(e.diagnosis.tau.max()) for e in entries]),
-        ("steps/tau", ".0f", [float(e.diagnosis.steps_per_tau.min()) for e in entries]),
-        ("ESS bulk", ".0f", [float(e.diagnosis.ess_bulk.min()) for e in entries]),
-        ("ESS tail", ".0f", [float(e.diagnosis.ess_tail.min()) for e in entries]),
+        ("acceptance", ".2f", [float(d.acceptance.mean()) for d in found]),
+        ("tau", ".0f", [float(d.tau.max()) for d in found]),
+        ("steps/tau", ".0f", [float(d.steps_per_tau.min()) for d in found]),
+        ("ESS bulk", ".0f", [float(d.ess_bulk.min()) for d in found]),
+        ("ESS tail", ".0f", [float(d.ess_tail.min()) for d in found]),
         ("ESS per 1000", ".3g", [e.efficiency for e in entries]),
         ("+-", ".2g", [e.error for e in entries]),
         ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
-        (
-            "R-hat ensembles",
-            ".3f",
-            [float(e.diagnosis.rhat_between.max()) for e in entries],
-        ),
+        ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in found]),
     ]
     if known is not None:
         off = [_errors(entry.idata, known) for entry in entries]
@@ -148,7 +130,7 @@ def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
         columns.append(("sd error %", ".1f", [sd for _, sd in off]))
     columns += [
         ("end to end", ".3g", [e.end_to_end for e in entries]),
-        ("verdict", "", [e.verdict for e in entries]),
+        ("verdict", "", [d.short for d in found]),
     ]
     return Table.from_columns(title, columns)
 
@@ -169,7 +151,7 @@ def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
     combined standard errors.
     """
     ranked = sorted(entries, key=lambda entry: -entry.efficiency)
-    able = [entry for entry in ranked if entry.verdict == CONVERGED]
+    able = [entry for entry in ranked if entry.diagnosis.short == CONVERGED]
     winner, lines = None, []
     if not able:
         lines.append("No winner: no move has converged; run longer.")
@@ -194,7 +176,7 @@ def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
                 f"End to end, with burn-in counted, {first.label} is ahead: "
                 f"{first.end_to_end:.3g} against {best.end_to_end:.3g} of {best.label}."
             )
-    unfit = [f"{e.label} ({e.verdict})" for e in ranked if e not in able]
+    unfit = [f"{e.label} ({e.diagnosis.short})" for e in ranked if e not in able]
     if unfit and able:
         lines.append(f"Not converged, so out of the contest: {', '.join(unfit)}.")
     lines += [

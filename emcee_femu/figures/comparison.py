@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from ..comparison.compare import Comparison
-from ..comparison.ranking import CONVERGED
 from ..interfaces import Floats
-from ..results.diagnostics import measured_frequencies, running_tae
+from ..results.diagnostics import CONVERGED
+from ..results.frequencies import measured_frequencies, running_tae
 
 LABEL_WIDTH = 32  # characters a line
 

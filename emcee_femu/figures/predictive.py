@@ -6,7 +6,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..results.diagnostics import measured_frequencies, total_average_error
+from ..results.frequencies import measured_frequencies, total_average_error
 from ..results.inference_data import dataset
 from ..results.predictive import (
     INTERVAL,

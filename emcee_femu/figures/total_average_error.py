@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from ..posterior.log_posterior import LogPosterior
-from ..results.diagnostics import running_tae
+from ..results.frequencies import running_tae
 
 
 def plot_tae(idata: Any, posterior: LogPosterior) -> Any:

@@ -1,5 +1,6 @@
 """Stored chains as arrays: which walkers and which steps."""
 
+import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,6 +35,26 @@ def cold(run: Any) -> slice:
     """
     tempered = ladder(getattr(run, "_moves", ()))
     return slice(None) if tempered is None else tempered.cold(run.nwalkers)
+
+
+def describe_runs(runs: list[Any]) -> dict[str, Any]:
+    """Return what runs know of themselves, as attributes that netCDF can hold.
+
+    The acceptance is that of every walker that samples the posterior, ensemble after
+    ensemble; failed solves are in one log of all ensembles, where run made it.
+    """
+    fractions = []
+    for run in runs:
+        backend = getattr(run, "backend", run)
+        fractions += (backend.accepted / backend.iteration)[cold(run)].tolist()
+    return {
+        "acceptance": fractions,
+        "tempered": int(ladder(getattr(runs[0], "_moves", ())) is not None),
+        "starts_given": int(any(getattr(run, "starts_given", False) for run in runs)),
+        "failures": json.dumps(
+            dict(getattr(getattr(runs[0], "failures", None), "causes", {}))
+        ),
+    }
 
 
 def stacked(

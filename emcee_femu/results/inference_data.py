@@ -20,6 +20,7 @@ from ..posterior.priors import prior_summary
 from ..posterior.rejecting import GuardedPosterior
 from .chains import as_list as as_list
 from .chains import cold as cold
+from .chains import describe_runs
 from .chains import stacked as stacked
 
 PRIOR_DRAWS = 1_000
@@ -268,6 +269,7 @@ def _run_attributes(runs: list[Any], posterior: LogPosterior) -> dict[str, Any]:
             text = f"{type(move).__name__}(...)"
         described.append(f"{weight:g} x {text}")
     return {
+        **describe_runs(runs),
         "moves": "; ".join(described) or "unknown (read from a backend)",
         "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
         "recipe": str(getattr(runs[0], "recipe", "")),
@@ -354,6 +356,11 @@ def effective_sizes(chains: Floats) -> tuple[Floats, Floats]:
     # The quantiles are named because their default differs between ArviZ 0.x and 1.x.
     tail = _by_parameter(ess, chains, method="tail", prob=(0.05, 0.95))
     return bulk, tail
+
+
+def mean_sizes(chains: Floats) -> Floats:
+    """Return the ESS of the mean of ``chains (m, n, d)``, ``(d,)``."""
+    return _by_parameter(load_arviz().ess, chains, method="mean")
 
 
 def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:

@@ -8,7 +8,7 @@ from ..interfaces import Floats
 from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
-from .diagnostics import check_sampled, measured_frequencies
+from .frequencies import check_sampled, measured_frequencies
 from .inference_data import dataset, samples
 
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much

@@ -10,7 +10,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
-from .diagnostics import check_sampled, measured_frequencies, total_average_error
+from .frequencies import check_sampled, measured_frequencies, total_average_error
 from .inference_data import dataset, samples
 
 

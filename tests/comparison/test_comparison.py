@@ -9,11 +9,12 @@ import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 
 import emcee_femu as ef
+from emcee_femu.comparison.ranking import known_moments
 from emcee_femu.results.inference_data import samples
 
 C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0]])
 NAMES, TRUTH, SD = ("a", "b", "c"), np.array([40.0, 60.0, 20.0]), 4.0
-WALKERS, STEPS, ENSEMBLES, SEED, DISCARD = 10, 200, 3, 5, 0.3
+WALKERS, STEPS, ENSEMBLES, SEED, DISCARD = 10, 200, 3, 5, 60
 KEPT = 140
 
 
@@ -129,27 +130,6 @@ def test_all_numbers_are_those_of_the_samplers(small, by_hand, label):
     assert_array_equal(kept, np.moveaxis(everything, 0, 1))
 
 
-def test_all_moves_start_from_the_same_prior_draws(monkeypatch):
-    starts = []
-
-    def recorded(*args, initial, seed, **options):
-        starts.append((initial, seed))
-        return ef.run(*args, initial=initial, seed=seed, **options)
-
-    monkeypatch.setattr(ef.comparison.compare, "run", recorded)
-    posterior = linear()
-    ef.compare_moves(posterior, MOVES, **{**SMALL, "nsteps": 11})
-    assert len(starts) == len(MOVES)
-    for start, seed in starts:
-        assert_array_equal(start, starts[0][0])
-        assert start.shape == (ENSEMBLES, WALKERS, 3) and seed == SEED
-    assert len(np.unique(starts[0][0][..., 0])) == ENSEMBLES * WALKERS
-    spread = starts[0][0].std(axis=(0, 1)) / ef.posterior.priors.prior_summary(
-        posterior.prior
-    )
-    assert (spread[1] > 0.6).all()  # as wide as the prior
-
-
 def test_proposals_out_of_bounds_cost_no_solve(small):
     evaluations = STEPS * WALKERS * ENSEMBLES
     for solves, before in zip(
@@ -166,6 +146,7 @@ def test_auto_says_what_it_did(small):
     assert line.startswith("auto: burn-in of") and "evaluations in all before" in line
     assert small.conclusion.count("burn-in of") == 1
     assert str(small) == f"{small.table}\n{small.conclusion}"
+    assert small._repr_html_().startswith(small.table._repr_html_() + "\n<p>")
 
 
 def test_without_a_reference_its_columns_are_missing():
@@ -182,7 +163,7 @@ def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
         20,
         max_evaluations=evaluations,
         seed=1,
-        discard=0.5,
+        discard=steps // 2,
     )
     draws = samples(found.idata["DE-MC"])[1]
     assert draws.shape == (4 * 20, steps - steps // 2, 3)
@@ -240,3 +221,59 @@ def test_too_short_chains_are_never_converged(small):
         if per_tau < 50:
             assert verdict == f"too short: {int(per_tau)} tau"
     assert small.winner not in list(MOVES)[:3]
+
+
+ONE = {"DE-MC": ef.DEMCMove()}
+
+
+@pytest.mark.parametrize(
+    ("error", "message", "changes"),
+    [
+        (TypeError, "posterior: expected a LogPosterior", {"posterior": len}),
+        (TypeError, "moves: expected moves by label", {"moves": ef.DEMCMove()}),
+        (TypeError, "moves: expected moves by label", {"moves": {}}),
+        (
+            TypeError,
+            r"moves\['x'\]: expected an emcee",
+            {"moves": {**ONE, "x": "demc"}},
+        ),
+        (TypeError, r"moves\['x'\]: expected an emcee", {"moves": {"x": [(2, 0.5)]}}),
+        (
+            ValueError,
+            "nsplits: expected at most",
+            {"moves": {"x": ef.DEMCMove(nsplits=9)}},
+        ),
+        (ValueError, "sd: ", {"moves": {"x": [ef.MetropolisMove(sd=[1.0, 2.0])]}}),
+        (TypeError, "exactly one of the two", {"nsteps": None}),
+        (TypeError, "exactly one of the two", {"max_evaluations": 10_000}),
+        (TypeError, "nsteps: expected a whole", {"nsteps": 1e4}),
+        (ValueError, "at least 8 steps to judge, got 7 of 9", {"nsteps": 9}),
+        (
+            ValueError,
+            "max_eval.*at least 128",
+            {"nsteps": None, "max_evaluations": 127},
+        ),
+        (ValueError, "ensembles: expected at least 2", {"ensembles": 1}),
+        (ValueError, "to judge, got 7 of 20.*discard=13", {"discard": 13}),
+        (ValueError, "to judge, got 0 of 20.*discard=500", {"discard": 500}),
+        (TypeError, "discard: expected a whole number, got 0.25", {"discard": 0.25}),
+        (TypeError, "seed: expected a whole", {"seed": None}),
+        (ValueError, r"reference: .*\['z'\]", {"reference": {"z": (1, 2)}}),
+        (ValueError, "reference: .*got none", {"reference": {}}),
+        (ValueError, r"reference \(its sd\)", {"reference": {"a": (1, 0)}}),
+        (ValueError, r"reference: .*got \[\[", {"reference": {"a": (1, 2, 3)}}),
+    ],
+)
+def test_wrong_arguments_are_refused_before_sampling(error, message, changes):
+    posterior = linear()
+    arguments = {"posterior": posterior, "moves": ONE, "nwalkers": 8, "nsteps": 20}
+    arguments |= {"ensembles": 2, "seed": 1}
+    with pytest.raises(error, match=message):
+        ef.compare_moves(**{**arguments, **changes})
+    assert posterior.model.rows == 0
+
+
+def test_the_reference_is_taken_by_name():
+    known = known_moments({"c": (1.0, 2.0), "a": (3.0, 4.0)}, NAMES)
+    assert known.columns.tolist() == [2, 0]
+    assert known.mean.tolist() == [1.0, 3.0] and known.sd.tolist() == [2.0, 4.0]

@@ -2,20 +2,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from test_diagnostics import ar1, backend
 
-import emcee_femu as ef
 from emcee_femu.comparison.ranking import Entry, conclusion
 
 
-def entry(label, efficiency, error=1.0, verdict="", before=0, recipe="", kept=10_000):
+def entry(
+    label, efficiency, error=1.0, short="converged", before=0, recipe="", kept=10_000
+):
     """Return an entry of four ensembles with the given numbers."""
-    diagnosis = SimpleNamespace(
-        converged=not verdict,
-        stuck=(),
-        steps_per_tau=np.array([30.9, 99.0]),
-        ess_bulk=np.array([efficiency * kept / 1000, 1e9]),
-    )
+    bulk = np.array([efficiency * kept / 1000, 1e9])
+    diagnosis = SimpleNamespace(short=short, ess_bulk=bulk)
     # Deviations of which the standard error of the mean is `error`.
     around = efficiency + error * np.sqrt(3) * np.array([1, -1, 1, -1])
     ess = around * kept / 4 / 1000
@@ -68,7 +64,7 @@ def test_equal_numbers_without_any_spread_are_no_win():
 
 
 def test_a_move_that_has_not_converged_cannot_win():
-    fast = entry("fast", 900, verdict="no")
+    fast = entry("fast", 900, short="too short: 30 tau")
     winner, words = conclusion([fast, entry("A", 60), entry("B", 50)])
     assert winner == "A"
     assert words.splitlines()[1] == (
@@ -76,7 +72,7 @@ def test_a_move_that_has_not_converged_cannot_win():
     )
     winner, words = conclusion([fast, entry("A", 60)])
     assert winner == "A" and "; no other has converged." in words
-    winner, words = conclusion([fast, entry("slow", 1, verdict="no")])
+    winner, words = conclusion([fast, entry("slow", 1, short="too short: 30 tau")])
     assert winner is None and words == "No winner: no move has converged; run longer."
 
 
@@ -88,32 +84,3 @@ def test_burn_in_may_turn_the_order_and_that_is_said():
         "End to end, with burn-in counted, A is ahead: 48 against 16 of auto.",
         "auto: It burnt in; 50000 evaluations in all before its chains.",
     ]
-
-
-def judged(chains):
-    runs = [backend(chain) for chain in chains]
-    return Entry("A", ef.diagnose(runs), np.ones(2), 1, 1, 0, 1, 1.0, "", None)
-
-
-def test_the_verdict_is_that_of_the_diagnosis():
-    chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in (1, 2)]
-    assert judged(chains).verdict == "converged"
-    short = judged([ar1([0.9, 0.2], 400, 8, seed) for seed in (1, 2)])
-    per_tau = short.diagnosis.steps_per_tau
-    assert 10 < per_tau[0] < 50 < per_tau[1]
-    assert short.verdict == f"too short: {int(per_tau[0])} tau"
-    assert judged([chains[0], chains[1] + 1.0]).verdict == "ensembles disagree"
-    apart = chains[0].copy()
-    apart[:, 4:] += 6
-    assert judged([apart, apart[::-1]]).verdict == "walkers stay apart"
-    stuck = chains[0].copy()
-    stuck[:, 2] = 0.1
-    assert judged([stuck, chains[1]]).verdict == "1 walkers stuck"
-    frozen = np.zeros((1_000, 8, 2)) + np.arange(8.0)[:, None]
-    assert judged([frozen, chains[1]]).verdict == "8 walkers stuck"
-
-
-def test_a_parameter_without_tau_is_too_short():
-    found = entry("A", 1, verdict="no")
-    found.diagnosis.steps_per_tau[:] = 99.0, np.nan
-    assert found.verdict == "too short: 0 tau"

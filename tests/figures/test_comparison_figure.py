@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from test_figures import assert_nothing_is_clipped
 
 import emcee_femu as ef
-from emcee_femu.results.diagnostics import running_tae
+from emcee_femu.results.frequencies import running_tae
 
 LONG = (
     "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer may name it"

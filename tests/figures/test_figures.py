@@ -12,7 +12,7 @@ from emcee_femu import plot_correlation, plot_scatter, plot_tae
 from emcee_femu.figures import plot_proposals
 from emcee_femu.figures.ellipses import covariance_ellipse
 from emcee_femu.figures.scatter import MOST_POINTS
-from emcee_femu.results.diagnostics import running_tae
+from emcee_femu.results.frequencies import running_tae
 from emcee_femu.results.inference_data import dataset, samples, wrap
 
 PROBLEMS = {

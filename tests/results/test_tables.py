@@ -4,7 +4,7 @@ import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 
 import emcee_femu as ef
-from emcee_femu.results.diagnostics import (
+from emcee_femu.results.frequencies import (
     measured_frequencies,
     running_tae,
     total_average_error,
