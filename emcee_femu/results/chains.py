@@ -48,7 +48,7 @@ def describe_runs(runs: list[Any]) -> dict[str, Any]:
         backend = getattr(run, "backend", run)
         fractions += (backend.accepted / backend.iteration)[cold(run)].tolist()
     return {
-        "acceptance": fractions,
+        "acceptance": json.dumps(fractions),
         "tempered": int(ladder(getattr(runs[0], "_moves", ())) is not None),
         "starts_given": int(any(getattr(run, "starts_given", False) for run in runs)),
         "failures": json.dumps(

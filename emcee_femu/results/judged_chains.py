@@ -68,7 +68,7 @@ def _described(
 ) -> JudgedChains:
     """Return the chains with what :func:`describe_runs` knows of them."""
     shape = draws.shape[1:3]
-    acceptance = np.asarray(known.get("acceptance", ()))
+    acceptance = np.array(json.loads(known.get("acceptance", "[]")))
     if acceptance.size != np.prod(shape):  # chains were selected
         acceptance = np.full(shape, np.nan)
     return JudgedChains(
