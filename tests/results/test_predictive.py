@@ -174,7 +174,7 @@ def test_the_usual_order_is_that_of_most_samples_not_of_each_mode():
 class Crossing:
     """Two perpendicular vibrations; which one is lower depends on the parameter."""
 
-    variables = ef.modal_variables(2)
+    variables = ef.modal_variables(2, dofs=[1, 2])
     names = ("ratio",)
 
     def __call__(self, parameters):
