@@ -28,8 +28,9 @@ def paired_model() -> ef.PairedModel:
     problem = ef.paper.h_structure()
     model = ef.paper.h_frame(range(1, SEARCHED + 1), shapes=True)
     modes = model({name: np.array([x]) for name, x in problem.initial.items()})
-    dofs = [row for row, dof in enumerate(model.dofs) if ":u" in dof]
-    shapes = modes.shapes[0][np.ix_(dofs, HOME - 1)]
+    rows = [row for row, dof in enumerate(model.dofs) if ":u" in dof]
+    shapes = modes.shapes[0][np.ix_(rows, HOME - 1)]
+    dofs = [model.dofs[row] for row in rows]
     test = ef.Measurements(problem.measured, shapes=shapes, dofs=dofs)
     # Close modes stay apart (min_gap=0): here their order is the question.
     return ef.PairedModel(model, test, candidates=SEARCHED, min_gap=0.0)

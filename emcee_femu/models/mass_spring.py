@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, ModalSolution, Parameters
+from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
 from .parameters import check_positive, chosen_dofs
 
@@ -51,6 +51,7 @@ class MassSpringModel:
     positive: tuple[str, ...] = field(repr=False)
     n_modes: int = field(repr=False)
     shape_dofs: tuple[int, ...]
+    variables: Mapping[str, Variable] = field(repr=False)
     _defaults: Floats = field(repr=False)
     _problem: Eigenproblem = field(repr=False)
 
@@ -88,6 +89,7 @@ class MassSpringModel:
             positive=names,
             n_modes=n,
             shape_dofs=dofs,
+            variables=modal_variables(n, dofs),
             _defaults=np.array([*defaults.values()]),
             _problem=Eigenproblem(
                 K0=np.zeros((n, n)),

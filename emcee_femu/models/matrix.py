@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import ModalSolution, Parameters
+from ..interfaces import ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
 from .eigen.sparse import SparseEigenproblem, check_mass
 from .eigen.symmetric import sparse_symmetric, symmetric
@@ -64,6 +64,7 @@ class MatrixModel:
     n_modes: int
     skip: int
     shape_dofs: tuple[int, ...]
+    variables: Mapping[str, Variable] = field(repr=False)
     names: tuple[str, ...] = field(repr=False)
     required: tuple[str, ...] = field(repr=False)
     _problem: Eigenproblem | SparseEigenproblem = field(repr=False)
@@ -102,6 +103,7 @@ class MatrixModel:
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
+        dofs = chosen_dofs(shapes, range(size))
         checks.set_fields(
             self,
             K0=stiffness,
@@ -110,7 +112,8 @@ class MatrixModel:
             M=M,
             n_modes=n_modes,
             skip=skip,
-            shape_dofs=chosen_dofs(shapes, range(size)),
+            shape_dofs=dofs,
+            variables=modal_variables(n_modes, dofs),
             names=names,
             required=names,
         )

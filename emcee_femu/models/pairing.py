@@ -67,26 +67,27 @@ def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) ->
             rows as there are sensors.
     """
     n_rows = shapes.shape[1]
+    numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
     if n_rows == n_sensors:
         every = np.arange(n_rows)
         if (
-            dofs is not None
-            and (np.sort(dofs) == every).all()
-            and (dofs != every).any()
+            numbers is not None
+            and (np.sort(numbers) == every).all()
+            and (numbers != every).any()
         ):
             raise ValueError(
                 f"dofs: {n_rows} sensors at all {n_rows} rows of the model's shapes, "
-                f"in another order ({dofs.tolist()}): are the rows DOFs, or sensors "
+                f"in another order ({numbers.tolist()}): are the rows DOFs, or sensors "
                 "already? List the sensors in the order of the DOFs"
             )
         return shapes
-    if dofs is None or dofs.max() >= n_rows:
-        given = "None" if dofs is None else f"DOFs up to {dofs.max()}"
+    if numbers is None or numbers.max() >= n_rows:
+        given = "None" if dofs is None else str(dofs.tolist())
         raise ValueError(
             f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
             f"model's shapes, got {given}"
         )
-    return np.ascontiguousarray(shapes[:, dofs])
+    return np.ascontiguousarray(shapes[:, numbers])
 
 
 def one_to_one(score: Floats) -> NDArray[np.intp]:

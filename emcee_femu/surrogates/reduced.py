@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from ..interfaces import ModalSolution, Parameters
+from ..interfaces import ModalSolution, Parameters, Variable, modal_variables
 from ..models.eigen.dense import Eigenproblem
 from ..models.parameters import columns, describe, read_batch
 
@@ -60,6 +60,11 @@ class ReducedModel:
     def names(self) -> tuple[str, ...]:
         """The parameters that the model depends on."""
         return tuple(self.bounds)
+
+    @property
+    def variables(self) -> Mapping[str, Variable]:
+        """What it returns: frequencies, and shapes at the DOFs where it has them."""
+        return modal_variables(self.n_modes, self.shape_dofs)
 
     @property
     def required(self) -> tuple[str, ...]:

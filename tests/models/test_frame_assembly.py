@@ -5,7 +5,10 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
+from emcee_femu.interfaces import modal_variables
+from emcee_femu.measurements import Measurements
 from emcee_femu.models.frame.model import DOFS, FrameModel, Section
+from emcee_femu.models.paired import PairedModel
 
 
 def solve(model):
@@ -189,6 +192,24 @@ def test_shapes_at_some_DOFs_are_named_by_node_and_direction():
     np.testing.assert_allclose(
         some({}).shapes, full({}).shapes[:, rows], rtol=0, atol=1e-13
     )
+    assert some.variables == modal_variables(12, tuple(dofs))
     for wrong, message in ((["12:ux"], "no DOF 12:ux; DOFs are 0:ux"), ([3], "DOF 3")):
         with pytest.raises(ValueError, match=message):
             h_frame(supports=HELD, shapes=wrong)
+
+
+def test_sensors_are_matched_to_the_DOFs_of_the_same_name():
+    # Fault 13: in any order of sensors and of the model's shapes.
+    dofs, truth = ["12:uz", "0:uy", "8:uz", "3:uy", "10:uz"], h_values(["E"])
+    modes = h_frame(["E"], shapes=dofs, n_modes=5)(truth)
+    for order in ([0, 1, 2, 3, 4], [3, 0, 4, 2, 1]):
+        labels = [dofs[i] for i in order]
+        test = Measurements(
+            modes.frequencies[0], shapes=modes.shapes[0][order], dofs=labels
+        )
+        for shapes in (True, dofs, sorted(dofs)):
+            model = PairedModel(h_frame(["E"], shapes=shapes), test, candidates=8)
+            np.testing.assert_allclose(model(truth).mac, 1.0, rtol=1e-9)
+    test = Measurements(modes.frequencies[0], shapes=modes.shapes[0], dofs=range(5))
+    with pytest.raises(ValueError, match="sensors at .0, 1, 2, 3, 4., but the model"):
+        PairedModel(h_frame(["E"], shapes=dofs), test, candidates=8)

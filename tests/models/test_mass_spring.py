@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from emcee_femu.interfaces import modal_variables
 from emcee_femu.models.mass_spring import MassSpringModel
 
 # Application 1 of the paper: nodes 1 to 5 are m1 to m5, node 0 the ground.
@@ -175,6 +176,7 @@ def test_the_model_says_what_it_reads_and_returns():
     assert model.names == tuple(name for name in TEN_SPRINGS if name != "k7")
     assert model.positive == model.names
     assert model.n_modes == 5
+    assert five_mass_model(shapes=[3, 0]).variables == modal_variables(5, (3, 0))
 
 
 def test_a_pickled_model_gives_the_same_bits():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
+from emcee_femu.interfaces import modal_variables
 from emcee_femu.models.matrix import MatrixModel
 
 SIZE = 7
@@ -154,6 +155,9 @@ def test_the_model_says_what_it_reads_and_returns():
     model = MatrixModel(K0, M0, K, M, n_modes=np.int64(3), skip=0)
     assert model.names == model.required == ("a", "b", "c")
     assert (model.n_modes, model.skip) == (3, 0)
+    assert model.variables == modal_variables(3)
+    declared = MatrixModel(K0, M0, K, M, n_modes=3, shapes=[4, 1]).variables
+    assert declared["shapes"].coords == {"dof": (4, 1), "mode": range(1, 4)}
 
 
 def test_a_model_without_parameters_solves_once():

@@ -37,6 +37,7 @@ def test_shapes_at_the_sensors_are_those_of_the_full_model(full, reduced):
     parameters = draws(20)
     theirs, ours = full(parameters).shapes, reduced(parameters).shapes
     assert ours.shape == (20, 3, 5) and reduced.shape_dofs == (10, 90, 150)
+    assert reduced.variables == full.variables
     signs = np.sign((ours * theirs).sum(axis=1, keepdims=True))
     assert np.abs(ours * signs - theirs).max() < 0.02 * np.abs(theirs).max()
     assert 0 <= reduced.shape_error < 1e-3

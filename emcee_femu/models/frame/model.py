@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import checks
-from ...interfaces import Floats, ModalSolution, Parameters
+from ...interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from ..eigen.dense import Eigenproblem, output_rows
 from ..parameters import check_positive, chosen_dofs, describe, read_batch
 from .assembly import DOFS, Element, Terms, assemble, check_elements, free_dofs, split
@@ -60,6 +60,7 @@ class FrameModel:
     n_modes: int
     skip: int
     shape_dofs: tuple[str, ...]
+    variables: Mapping[str, Variable] = field(repr=False)
     names: tuple[str, ...] = field(repr=False)
     required: tuple[str, ...] = field(repr=False)
     positive: tuple[str, ...] = field(repr=False)
@@ -102,6 +103,7 @@ class FrameModel:
             n_modes=len(wanted),
             skip=skip,
             shape_dofs=chosen,
+            variables=modal_variables(len(wanted), chosen),
             names=names,
             required=names,
             positive=names,
