@@ -206,7 +206,7 @@ class LogPosterior:
     def unfold(self, rows: Floats) -> dict[str, Floats]:
         """Return the stored variables of ``rows (..., columns)``, by name."""
         return {
-            name: rows[..., self.columns[name]].reshape(*rows.shape[:-1], *v.shape)
+            name: rows[..., self.columns[name]].reshape((*rows.shape[:-1], *v.shape))
             for name, v in self.variables.items()
         }
 

@@ -127,7 +127,7 @@ def _add_by_terms(
     rng = np.random.default_rng(0)  # the same draws at each conversion
     for experiment in posterior.experiments:
         stored = {
-            name: values["response"][experiment.full_name(name)].reshape(-1, *v.shape)
+            name: values["response"][experiment.full_name(name)].reshape((-1, *v.shape))
             for name, v in experiment.variables.items()
         }
         for term, own in zip(experiment.terms, experiment.term_names, strict=True):

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu import Measurements, ModalSolution, PairedModel
+from emcee_femu import Measurements, ModalSolution, PairedModel, ShapeTerm
 from emcee_femu.likelihoods.frequency import UNPAIRED
 from emcee_femu.models.pairing import mac
 from emcee_femu.results.inference_data import dataset
@@ -283,3 +283,55 @@ def test_mac_and_number_of_the_paired_modes_are_stored_with_each_sample():
     outside = posterior([0.5])
     assert np.isneginf(outside[where["densities"]]).all()
     assert np.isnan(outside[3:]).all()
+
+
+# --- what was wrong in 0.1.0
+
+
+def two_storeys(k2, turn):
+    """Two equal oscillators of 10 Hz and a little more, seen by turned sensors."""
+    frequencies = np.array([[10.0, 10.0 * (1 + k2)]])
+    return Fixed(frequencies, turned(turn)[None])
+
+
+@pytest.mark.parametrize("term", ["shape", "both"])
+def test_the_likelihood_has_no_step_where_modes_come_near(term):
+    test = Measurements([10.0, 10.2], sd=[0.1, 0.1], shapes=np.eye(2))
+    terms = [ShapeTerm(test, delta=0.05), ef.FrequencyTerm(test)]
+    gaps = np.linspace(0.005, 0.025, 401)  # half the least gap of 2 %, and past it
+    values = []
+    for gap in gaps:
+        paired = PairedModel(two_storeys(gap, np.radians(20)), test, candidates=2)({})
+        of_terms = [each({}, paired)[0] for each in terms]
+        values.append(of_terms[0] if term == "shape" else sum(of_terms))
+        mac = np.cos(np.radians(20)) ** 2
+        assert mac - 1e-12 <= paired.mac.min() <= paired.mac.max() <= 1 + 1e-12
+        alone = {"mac": paired.mac, "frequency": paired.frequency}
+        whole = terms[0].pointwise({}, alone)["mac"].sum()
+        np.testing.assert_allclose(whole, of_terms[0], rtol=1e-9)
+    if term == "shape":  # from the whole space of both to each mode's own
+        assert values[0] - values[-1] > 40
+    assert np.abs(np.diff(values)).max() < 1.5  # it fell by 46.8 from 1.999 to 2.001 %
+
+
+def test_sensors_and_dofs_are_matched_in_any_order():
+    K = {"k": np.diag([4.0, 3.0, 2.0, 1.0]) + 0.2}
+    full = ef.MatrixModel(np.zeros((4, 4)), np.eye(4), K, n_modes=4, shapes=True)
+    solution = full({"k": np.array([9.0])})
+    frequencies, shapes = solution.frequencies[0], solution.shapes[0]
+    test = Measurements(frequencies[:2], shapes=shapes[[3, 1]][:, :2], dofs=[3, 1])
+    for given in (True, [1, 3], [3, 1], [3, 0, 1]):
+        model = ef.MatrixModel(full.K0, full.M0, K, n_modes=4, shapes=given)
+        paired = PairedModel(model, test)({"k": np.array([9.0])})
+        np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
+    model = ef.MatrixModel(full.K0, full.M0, K, n_modes=4, shapes=[0, 1])
+    with pytest.raises(ValueError, match=r"^dofs: .* sensors at \[3\]"):
+        PairedModel(model, test)
+    prior = ef.IndependentPrior({"k": stats.uniform(5, 9)})
+    model = ef.MatrixModel(full.K0, full.M0, K, n_modes=4, shapes=[1, 3])
+    term = ShapeTerm(test, delta=0.1)
+    with pytest.raises(ValueError, match=r"measured at dof \[3, 1\], .* at \[1, 3\]"):
+        ef.LogPosterior(model, term, prior)
+    paired = ef.LogPosterior(PairedModel(model, test), term, prior)
+    best = -2 * np.log(2 * np.pi * 0.1**2) / 2  # of two modes at two sensors
+    np.testing.assert_allclose(paired([9.0])[2], best, rtol=1e-12)

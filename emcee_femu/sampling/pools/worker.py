@@ -64,7 +64,7 @@ def evaluate_task(task: tuple[Any, ...]) -> Outcome:
 def _evaluated(function: Any, points: Sequence[Any]) -> Outcome:
     # A model that solves one set at a time gains nothing from a batch, and then the
     # error of a row would be looked for by solving the others again.
-    single = getattr(getattr(function, "model", None), "one_by_one", False)
+    single = getattr(function, "one_by_one", False)
     if single or not getattr(function, "takes_batches", False):
         return _one_by_one(function, points)
     try:
