@@ -13,22 +13,22 @@ much force. Five accelerometers record 300 s. How stiff is each storey?
    or take 30 %. Frequencies weigh by their own deviations, shapes by the noise of a
    sensor, DELTA. Without shapes the stiffnesses come out two to six times less certain,
    and walkers get caught near frames that fit some of the frequencies. A chain's modes
-   never change order, so no pairing is needed (`pairing.PairedModel` otherwise).
+   never change order, so no pairing is needed (otherwise: `PairedModel`).
 4. `ef.run` samples two ensembles, which must agree before a table is believed.
 
 The pyOMA2 package brings no records as files (`get_sample_data` fetches them from the
 network), so these are from its own generator, `example_data`: white noise on a frame of
-10 kN/m a storey, 10 % noise in each channel. The truth is thus known, and shown. A real
-structure deviates from its model by more than 0.2 % in frequency, and then
+10 kN/m per storey, 10 % noise in each channel. The truth is thus known, and shown. A
+real structure deviates from its model by more than 0.2 % in frequency, and then
 `FrequencyTerm(measured, discrepancy="model error")` is the term to use.
 
-Can the result be trusted? Over 60 simulated records such as this Fn_std was 0.9 to 1.1
-times the scatter of the frequencies. In 12 of them the errors of the stiffnesses were
-what the posterior says (mean chi-square 4.8 on 5 degrees of freedom). A delta that is
-inferred made it too sure (11.3, in 16): one number cannot stand for the first mode's
-shape and for the fifth's, which is three times noisier. Phi_std,
-which `from_pyoma2` leaves out unless told, was 1.3 to 9.5 times the scatter of the
-shapes (pyOMA2 1.4.3).
+Can the result be trusted? Over 60 simulated records such as this one, Fn_std was 0.9 to
+1.1 times the scatter of the frequencies. In 12 of them the errors of the stiffnesses
+were what the posterior says (mean chi-square 4.8 on 5 degrees of freedom). Inferring
+delta made the posterior too sure (11.3, in 16): one number cannot stand for the first
+mode's shape and for the fifth's, which is three times noisier. Phi_std, which
+`from_pyoma2` leaves out unless told, was 1.3 to 9.5 times the scatter of the shapes
+(pyOMA2 1.4.3).
 
 For your own records copy `identify`; it needs `pip install "emcee_femu[oma]"`.
 
@@ -49,7 +49,7 @@ from emcee_femu.table import Table
 FLOORS, MASS = 5, 25.91  # -, kg
 TRUTH = 1e4  # N/m, every storey
 PEAKS = [0.9, 2.6, 4.1, 5.25, 6.0]  # Hz, as read off the stabilisation diagram
-RATE = 100.0  # samples a second
+RATE = 100.0  # samples per second
 DELTA = 0.01  # of a shape of unit length
 
 
@@ -72,7 +72,7 @@ def identify(acceleration: np.ndarray, rate: float, peaks: list[float]) -> Any:
     """Return pyOMA2's modes near the peaks; records are ``(samples, channels)``."""
     SSI, SingleSetup, _ = load_pyoma2()
     setup = SingleSetup(acceleration, fs=rate)
-    setup.decimate_data(q=5)  # to 20 samples a second: the highest mode is at 6 Hz
+    setup.decimate_data(q=5)  # to 20 samples per second: the highest mode is at 6 Hz
     method = SSI(name="SSI", method="cov", br=10, ordmax=20, calc_unc=True, nb=50)
     setup.add_algorithms(method)
     setup.run_by_name("SSI")

@@ -15,12 +15,12 @@ proposals end outside, where they cost no solve. An independence proposal ("auto
 escapes the ceiling of random walks: it is fitted to a burn-in and jumps to anywhere.
 
 All moves start from the same draws of the prior, in independent ensembles, and their
-number is judged by the spread of these ensembles. A chain of fewer than 50
+ESS is judged by its spread over these ensembles. A chain of fewer than 50
 autocorrelation times does not know its own tau, and cannot win.
 
 What to look for: "auto" is three times as good on the H and ten times on the springs,
 and stays ahead when its burn-in is counted ("end to end"). On the springs its ensembles
-differ: in some a walker stays long in the lobe at k4 < 1980 N/m, where the fitted
+differ: in some, a walker stays long in the lobe at k4 < 1980 N/m, where the fitted
 proposal is thin. The DE-MC variants (the paper's sweep, two halves in turn, emcee's
 DEMove) and tuned M-H are of one kind.
 

@@ -114,13 +114,13 @@ def matrices(ops: ModuleType) -> tuple[np.ndarray, np.ndarray, list[tuple[int, i
     found = []
     for mass, stiffness in ((0.0, 1.0), (1.0, 0.0)):
         ops.wipeAnalysis()
-        ops.system("FullGeneral")  # the system that can hand out its matrix
+        ops.system("FullGeneral")  # the system that hands out its matrix
         ops.numberer("Plain")
         ops.constraints("Transformation")
         ops.algorithm("Linear")
         ops.integrator("GimmeMCK", mass, 0.0, stiffness)  # mass, damping, stiffness
         ops.analysis("Transient")
-        ops.analyze(1, 0.0)  # assembles; that it cannot solve a singular M is no harm
+        ops.analyze(1, 0.0)  # assembles; that it cannot solve a singular M does no harm
         n = ops.systemSize()
         found.append(np.array(ops.printA("-ret")).reshape(n, n))
     labels = {}
@@ -202,7 +202,7 @@ def main(generations: int = 1_000, seed: int = 1, sets: int = 20) -> dict[str, A
     found = {"split": np.abs(combined(split, thetas[0]) - K).max() / np.abs(K).max()}
     print(f"K_0 + sum theta_j K_j: off by {found['split']:.0e} of the largest of K")
 
-    errors, seconds = [], []  # paired: both models in turn, at the same parameter sets
+    errors, seconds = [], []  # both models in turn, at the same parameter sets
     for theta in thetas:
         batch = {name: np.full(16, value) for name, value in theta.items()}
         clock = [time.perf_counter()]
@@ -217,7 +217,7 @@ def main(generations: int = 1_000, seed: int = 1, sets: int = 20) -> dict[str, A
     program, matrix = 1e3 * np.median(seconds, axis=0)
     print(f"frequencies: off by {found['frequencies']:.0e} from those of OpenSees")
     print(
-        f"a solve: OpenSees {program:.2f} ms with the rebuilding, MatrixModel "
+        f"one solve: OpenSees {program:.2f} ms with the rebuilding, MatrixModel "
         f"{matrix:.3f} ms in a batch of 16, {found['speed-up']:.0f} times faster"
     )
     found["condensed"], found["inertia"] = lumped_masses(ops, split)

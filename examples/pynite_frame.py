@@ -145,7 +145,7 @@ def main(generations: int = 1_000, seed: int = 1, sets: int = 10) -> dict[str, A
     print("total mass in X, Y and Z:", *np.round(found["mass"], 1), "kg")
     print(f"K_0 + sum theta_j K_j: off by {found['split']:.0e} of the largest of K")
 
-    errors, seconds = [], []  # paired: both models in turn, at the same parameter sets
+    errors, seconds = [], []  # both models in turn, at the same parameter sets
     for theta in thetas:
         batch = {name: np.full(16, value) for name, value in theta.items()}
         clock = [time.perf_counter()]
@@ -160,7 +160,7 @@ def main(generations: int = 1_000, seed: int = 1, sets: int = 10) -> dict[str, A
     program, matrix = 1e3 * np.median(seconds, axis=0)
     print(f"frequencies: off by {found['frequencies']:.0e} from those of PyNite")
     print(
-        f"a solve: PyNite {program:.1f} ms with the rebuilding, MatrixModel "
+        f"one solve: PyNite {program:.1f} ms with the rebuilding, MatrixModel "
         f"{matrix:.3f} ms in a batch of 16, {found['speed-up']:.0f} times faster\n"
     )
 

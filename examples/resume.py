@@ -5,7 +5,7 @@ a child process that samples is killed in the middle (SIGKILL, as by a full memo
 cluster's time limit), and the same call goes on with the file. The chain is that of a
 run which was never stopped, to the bit. Asked to go on with other data, it refuses and
 says what differs. Then the cost of writing is measured, against a generation of 16
-walkers at 5 ms an evaluation. Last, a solver that does not converge for stiff springs
+walkers at 5 ms per evaluation. Last, a solver that does not converge for stiff springs
 is sampled with ``on_failure="reject"``: the failures are counted, and reported.
 
 Run it:  python examples/resume.py
@@ -109,8 +109,8 @@ def survive(path: str, generations: int, share: float) -> dict:
         seconds[place] = time.process_time() - begin
     cost = 1e3 * (seconds["file"] - seconds["memory"]) / (2 * generations)
     print(
-        f"\nwriting costs {cost:.2f} ms a generation: {cost / 80:.1%} of one of 16 "
-        "walkers at 5 ms an evaluation"
+        f"\nwriting costs {cost:.2f} ms per generation: {cost / 80:.1%} of one of 16 "
+        "walkers at 5 ms per evaluation"
     )
 
     return {"stored": stored, "same": same, "refusal": refusal}

@@ -139,7 +139,7 @@ def main(generations: int = 2_000, seed: int = 1, sets: int = 10) -> dict[str, A
     print(f"{len(labels)} rows, the last one is {labels[-1]}")
     print(f"sum theta_j K_j: off by {found['split']:.0e} of the largest of K")
 
-    errors, seconds = [], []  # paired: both models in turn, at the same parameter sets
+    errors, seconds = [], []  # both models in turn, at the same parameter sets
     for theta in thetas:
         batch = {name: np.full(16, value) for name, value in theta.items()}
         clock = [time.perf_counter()]
@@ -154,7 +154,7 @@ def main(generations: int = 2_000, seed: int = 1, sets: int = 10) -> dict[str, A
     program, matrix = 1e3 * np.median(seconds, axis=0)
     print(f"frequencies: off by {found['frequencies']:.0e} from those of scikit-fem")
     print(
-        f"a solve: scikit-fem {program:.1f} ms with the assembly, MatrixModel "
+        f"one solve: scikit-fem {program:.1f} ms with the assembly, MatrixModel "
         f"{matrix:.3f} ms in a batch of 16, {found['speed-up']:.0f} times faster\n"
     )
 

@@ -1,38 +1,70 @@
-"""The README's code runs, and its commands are those that CI runs."""
+"""The code of README and docs runs and prints what they say; their links exist."""
 
 import re
 from pathlib import Path
 
 import pytest
 
-import emcee_femu
-
 ROOT = Path(__file__).parents[1]
-PACKAGE = Path(emcee_femu.__file__).parent  # of the installed wheel in .ci/run
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.S)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
+README = TEXT[PAGES[0]]
+BLOCKS = [
+    pytest.param(*found.groups(), id=f"{page.stem}-{number}")
+    for page, text in TEXT.items()
+    for number, found in enumerate(
+        re.finditer(r"```python\n(.*?)```(?:\n\n```text\n(.*?)```)?", text, re.S)
+    )
+]
+NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d,]*(?:\.\d+)?(?:e[+-]?\d+)?")
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
-def test_python_blocks_run(block, tmp_path, monkeypatch):
+def assert_alike(printed, promised):
+    """Compare words exactly, numbers to 2 % or a unit of their last digit."""
+    shapes = [NUMBER.sub("#", text).split() for text in (printed, promised)]
+    assert shapes[0] == shapes[1]
+    found = zip(NUMBER.findall(printed), NUMBER.findall(promised), strict=True)
+    for one, other in found:
+        unit = 10.0 ** -len(other.partition(".")[2].partition("e")[0])
+        number = float(other.replace(",", ""))
+        tolerance = {"rel": 0.02, "abs": 1.01 * unit}
+        assert float(one.replace(",", "")) == pytest.approx(number, **tolerance)
+
+
+@pytest.mark.parametrize("code, promised", BLOCKS)
+def test_python_blocks_run_and_print_what_is_shown(
+    code, promised, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)  # one writes a file
-    exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
+    exec(compile(code, "page", "exec"), {"__name__": "page"})
+    if promised:
+        assert_alike(capsys.readouterr().out, promised)
+
+
+@pytest.mark.parametrize("other", ["mean 1.26", "mean 1.23 %", "mean 1.23 4", "1.23"])
+def test_other_words_or_numbers_are_noticed(other):
+    assert_alike("mean  1.24\n", "mean 1.23")
+    with pytest.raises((AssertionError, ValueError)):
+        assert_alike(other, "mean 1.23")
 
 
 def test_the_own_model_example_takes_about_15_lines():
-    assert len([line for line in BLOCKS[0].splitlines() if line]) <= 16
+    code, printed = BLOCKS[0].values
+    assert len([line for line in code.splitlines() if line]) <= 16
+    assert printed
 
 
 def test_every_python_command_names_an_existing_example():
-    named = re.findall(r"python (examples/[\w/]+\.py)", README)
-    assert named
+    named = re.findall(r"python (examples/[\w/]+\.py)", "".join(TEXT.values()))
+    assert len(named) > 8
     for path in named:
         assert (ROOT / path).exists(), path
 
 
-def test_the_picture_exists():
-    for image in re.findall(r"!\[.*?\]\((.*?)\)", README):
-        assert (ROOT / image).exists(), image
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_exist(page):
+    for link in re.findall(r"\]\((?!https?:)([^)#]+)", TEXT[page]):
+        assert (page.parent / link).exists(), link
 
 
 def test_ci_runs_the_readmes_test_command():

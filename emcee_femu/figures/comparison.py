@@ -3,14 +3,14 @@
 import textwrap
 from typing import Any
 
-import numpy as np
-
 from ..comparison.compare import Comparison
 from ..interfaces import Floats
 from ..results.diagnostics import CONVERGED
 from ..results.frequencies import measured_frequencies, running_tae
+from .colours import GREY
+from .total_average_error import scale_error_axes
 
-LABEL_WIDTH = 32  # characters a line
+LABEL_WIDTH = 32  # characters per line
 
 
 def plot_comparison(comparison: Comparison) -> Any:
@@ -23,6 +23,9 @@ def plot_comparison(comparison: Comparison) -> Any:
 
     Args:
         comparison: What :func:`compare_moves` returns.
+
+    Returns:
+        The matplotlib Figure.
 
     Raises:
         TypeError: If it is something else.
@@ -72,46 +75,31 @@ def _draw_bars(
 ) -> None:
     from matplotlib.patches import Patch
 
-    values = comparison.table.column("ESS per 1000")
-    rows = sorted(
-        zip(
-            values,
-            comparison.table.column("+-"),
-            comparison.table.column("move"),
-            comparison.table.column("verdict"),
-            strict=True,
-        ),
-        key=lambda row: row[0],
+    column = comparison.table.column
+    fields = ("ESS per 1000", "+-", "move", "verdict")
+    rows = sorted(zip(*map(column, fields), strict=True), key=lambda row: row[0])
+    values, errors, labels, verdicts = zip(*rows, strict=True)
+    fit = [verdict == CONVERGED for verdict in verdicts]
+    bars = axes.barh(
+        range(len(rows)),
+        values,
+        xerr=errors,
+        height=0.65,
+        color=[colors[x] if v == CONVERGED else "none" for _, _, x, v in rows],
+        edgecolor=[colors[label] for label in labels],
+        hatch=["" if good else "////" for good in fit],
+        error_kw={"capsize": 3, "lw": 1.2},
     )
-    for place, (value, error, label, verdict) in enumerate(rows):
-        fit = verdict == CONVERGED
-        axes.barh(
-            place,
-            value,
-            xerr=error,
-            height=0.65,
-            color=colors[label] if fit else "none",
-            edgecolor=colors[label],
-            hatch=None if fit else "////",
-            error_kw={"capsize": 3, "lw": 1.2},
-        )
-        axes.annotate(
-            f"{value:.3g}",
-            (value + error, place),
-            textcoords="offset points",
-            xytext=(6, 0),
-            va="center",
-            fontsize=9,
-        )
+    axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
     longest = max(value + error for value, error, *_ in rows)
     axes.set_xlim(0, 1.25 * longest)  # room for the numbers
-    axes.set_yticks(range(len(rows)), [names[label] for _, _, label, _ in rows])
+    axes.set_yticks(range(len(rows)), [names[label] for label in labels])
     axes.set_xlabel("ESS per 1000 log-posterior evaluations (more is better)")
     axes.spines[["top", "right"]].set_visible(False)
-    keys = [Patch(color="0.45", label="converged")]
-    if any(verdict != CONVERGED for *_, verdict in rows):
+    keys = [Patch(color=GREY, label="converged")]
+    if not all(fit):
         text = "not converged, so the number cannot be trusted"
-        keys.append(Patch(fc="none", ec="0.45", hatch="////", label=text))
+        keys.append(Patch(fc="none", ec=GREY, hatch="////", label=text))
     axes.figure.legend(
         handles=keys, loc="outside lower left", frameon=False, ncols=len(keys)
     )
@@ -136,30 +124,12 @@ def _draw_curves(
     curves: dict[str, tuple[Floats, Floats]],
     colors: dict[str, Any],
 ) -> None:
-    from matplotlib import ticker
-
-    verdicts = dict(
-        zip(
-            comparison.table.column("move"),
-            comparison.table.column("verdict"),
-            strict=True,
-        )
-    )
-    dashed = any(verdict != CONVERGED for verdict in verdicts.values())
+    column = comparison.table.column
+    verdicts = dict(zip(column("move"), column("verdict"), strict=True))
     for label, (generations, tae) in curves.items():
         style = "-" if verdicts[label] == CONVERGED else "--"
         axes.plot(generations, tae, style, color=colors[label], lw=1.6, label=label)
-    axes.set(
-        xscale="log",
-        xlabel="generation after burn-in",
-        ylabel="total average error of the mean so far (%)",
-        title="same colours; dashed: not converged" if dashed else "same colours",
-    )
-    axes.xaxis.set_major_formatter("{x:g}")
-    errors = np.concatenate([tae for _, tae in curves.values()])
-    if errors.max() > 10 * errors.min():
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
-        axes.yaxis.set_minor_formatter(ticker.NullFormatter())
-        axes.yaxis.set_major_formatter("{x:g}")
-    axes.grid(True, which="both", alpha=0.25)
+    scale_error_axes(axes, [tae for _, tae in curves.values()])
+    dashed = set(verdicts.values()) != {CONVERGED}
+    axes.set_xlabel("generation after burn-in")
+    axes.set_title(f"same colours{'; dashed: not converged' if dashed else ''}")

@@ -1,5 +1,6 @@
 """The correlation of the parameters."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,31 +8,30 @@ import numpy as np
 from .draws import changing_draws
 
 
-def plot_correlation(idata: Any) -> Any:
+def plot_correlation(idata: Any, *, var_names: Sequence[str] | None = None) -> Any:
     """Draw the correlation of the parameters as a map with numbers (Figs 4.4, 5.3).
 
     Args:
         idata: What :func:`to_inference_data` returns.
+        var_names: Variables of its ``posterior`` group; default: the sampled ones.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        ValueError: If a parameter has the same value in all samples.
     """
     from matplotlib import pyplot as plt
 
-    names, draws = changing_draws(idata)
+    names, draws = changing_draws(idata, var_names)
     d = len(names)
     values = np.corrcoef(draws, rowvar=False).reshape(d, d)
     size = 1.8 + 0.7 * d
     figure, axes = plt.subplots(figsize=(size + 0.8, size), layout="constrained")
     image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
-    for i in range(d):
-        for j in range(d):
-            dark = abs(values[i, j]) > 0.6
-            axes.text(
-                j,
-                i,
-                f"{values[i, j]:.2f}",
-                ha="center",
-                va="center",
-                color="white" if dark else "black",
-            )
+    for (i, j), value in np.ndenumerate(values):
+        color = "white" if abs(value) > 0.6 else "black"
+        axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color)
     axes.set_xticks(range(d), names)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)

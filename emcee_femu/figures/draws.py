@@ -1,5 +1,6 @@
 """The samples that a figure of parameters shows."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,11 @@ from ..interfaces import Floats
 from ..results.inference_data import samples
 
 
-def changing_draws(idata: Any) -> tuple[list[str], Floats]:
+def changing_draws(
+    idata: Any, var_names: Sequence[str] | None
+) -> tuple[list[str], Floats]:
     """Return names and draws ``(n, d)``, refusing a parameter that never changes."""
-    names, chains = samples(idata)
+    names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
     for name, column in zip(names, draws.T, strict=True):
         if np.ptp(column) == 0:

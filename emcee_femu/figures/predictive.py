@@ -1,36 +1,32 @@
-"""The figure of measured against predicted modes."""
+"""The figure of what was measured against what the model predicts."""
 
+from itertools import product
+from math import ceil
 from typing import Any
 
 import numpy as np
 
 from ..interfaces import Floats
+from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
-from ..results.frequencies import measured_frequencies, total_average_error
-from ..results.inference_data import dataset
-from ..results.predictive import (
-    INTERVAL,
-    frequency_term,
-    has_pairing,
-    measurement_sd,
-    predicted,
-    replicated,
-)
-from .colours import BLUE, RED
+from ..results.frequencies import check_sampled
+from ..results.inference_data import dataset, samples
+from .deviations import Compared, draw_deviations, draw_mac
 
-FAR = 4.0  # times the updated deviations, beyond which the initial ones go to the edge
+MOST_LABELS = 24  # below a panel
 
 
 def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
-    """Draw how far the predicted frequencies lie from the measured ones, and the MAC.
+    """Draw how far predictions lie from what was measured, and the MAC.
 
-    Above, in percent of each measured frequency: the model before updating (at the
-    prior mean) as a diamond, or, where that would shrink all else, as an arrow with a
-    number; the updated model's mean and 95 % interval over the samples. With
-    ``posterior``, the measured frequency +- 2 standard deviations as a band where its
-    :class:`FrequencyTerm` knows them, and, where it infers a discrepancy, a thin line
-    for the 95 % interval of a new measurement with error and discrepancy. Below, where
-    modes are paired: mean and 95 % interval of the MAC, and the model's mode that is
+    One panel per measured variable, with the deviations from its measured values: in
+    percent for frequencies, in its own unit for any other. The model before updating,
+    at the prior mean, is a diamond, or, where that would shrink all else, an arrow with
+    a number; the updated model is its mean and 95 % interval over the samples. A thin
+    line is the 95 % interval of a new measurement, with its error and any inferred
+    discrepancy. With ``posterior``, bands are measured frequencies +- 2 standard
+    deviations where its :class:`FrequencyTerm` knows them. Where modes are paired, a
+    panel below has the mean and 95 % interval of the MAC, and the model's mode that is
     paired most often.
 
     Args:
@@ -41,160 +37,118 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
         The matplotlib Figure.
 
     Raises:
-        ValueError: If there are no measured frequencies, or posterior has no
-            FrequencyTerm with them or other parameters.
+        TypeError: If posterior is no LogPosterior.
+        ValueError: If no measured variable is one of the response, or posterior has
+            other parameters.
     """
-    measured = measured_frequencies(idata)
-    m = len(measured)
-    draws = predicted(idata, "frequency")[:, :m]
-    initial = dataset(idata, "constant_data")["initial_frequency"].values[:m]
-    new, sd = None, np.full(m, np.nan)
-    if posterior is not None:
-        sd = measurement_sd(idata, posterior)
-        if frequency_term(idata, posterior).discrepancy is not None:
-            new = replicated(idata, posterior)
-
     from matplotlib import pyplot as plt
 
-    paired = has_pairing(idata)
+    if posterior is not None:
+        check_sampled(posterior, samples(idata)[0])
+    items = [_compare(idata, name, posterior) for name in _measured_names(idata)]
+    heights = [h for i in items for h in ([3.4] if i.mac is None else [3.4, 1.7])]
+    width = float(np.clip(1.6 + 0.8 * max(len(i.measured) for i in items), 7, 16))
     figure, panels = plt.subplots(
-        1 + paired,
+        len(heights),
         1,
-        figsize=(max(7.0, 1.6 + 0.8 * m), 6.4 if paired else 4.6),
-        height_ratios=[2.0, 1.0] if paired else [1.0],
-        sharex=True,
+        figsize=(width, 1.2 + sum(heights)),
+        height_ratios=heights,
         layout="constrained",
         squeeze=False,
     )
-    top, bottom = panels[0, 0], panels[-1, 0]
-    _draw_deviations(top, measured, initial, draws, sd, new)
-    labels = [f"{i}\n{hertz:.5g} Hz" for i, hertz in enumerate(measured, 1)]
-    if paired:
-        _draw_mac(bottom, predicted(idata, "mac")[:, :m])
-        numbers = predicted(idata, "model_mode")[:, :m].astype(int)
-        labels = [
-            f"{label}\n{_partner(column)}"
-            for label, column in zip(labels, numbers.T, strict=True)
-        ]
-    bottom.set_xticks(range(m), labels)
-    bottom.set_xlim(-0.6, m - 0.4)
-    under = ", and the model's mode paired with it" if paired else ""
-    bottom.set_xlabel(f"measured mode, its frequency{under}")
-    before = total_average_error(measured, initial)
-    after = total_average_error(measured, draws.mean(axis=0))
-    figure.suptitle(
-        f"Mean error of the frequencies: {before:.2g} % before updating, {after:.2g} % "
-        "after",
-        fontsize=12,
-    )
-    figure.legend(
-        *top.get_legend_handles_labels(),
-        loc="outside lower center",
-        frameon=False,
-        ncols=2,
-    )
+    remaining = iter(panels[:, 0])
+    handles: dict[str, Any] = {}
+    for item in items:
+        axes = next(remaining)
+        draw_deviations(axes, item)
+        found, labels = axes.get_legend_handles_labels()
+        handles |= dict(zip(labels, found, strict=True))
+        if item.mac is not None:
+            axes.set_xticks([])
+            axes = next(remaining)
+            draw_mac(axes, item.mac)
+        step = ceil(len(item.labels) / MOST_LABELS)
+        axes.set_xticks(range(0, len(item.labels), step), item.labels[::step])
+        axes.set_xlabel(item.below)
+    where = {"loc": "outside lower center", "ncols": 2, "frameon": False}
+    figure.legend(handles.values(), handles.keys(), **where)
     return figure
 
 
-def _draw_deviations(
-    axes: Any,
-    measured: Floats,
-    initial: Floats,
-    draws: Floats,
-    sd: Floats,
-    new: Floats | None,
-) -> None:
-    place = np.arange(len(measured))
-    band = 200 * sd / measured
-    known = np.isfinite(band)
-    mean, low, high = 100 * (_summary(draws) / measured - 1)
-    shown = np.concatenate([[0.0], low, high, -band[known], band[known]])
-    axes.axhline(0, color="black", lw=0.8)
-    if known.any():
-        axes.bar(
-            place[known],
-            2 * band[known],
-            bottom=-band[known],
-            width=0.7,
-            color="0.85",
-            label="measured ± 2 sd",
+def _measured_names(idata: Any) -> list[str]:
+    """Return the measured variables that the response holds."""
+    try:
+        observed = list(map(str, dataset(idata, "observed_data").data_vars))
+    except ValueError:
+        observed = []
+    response = list(map(str, dataset(idata, "response").data_vars))
+    names = [name for name in observed if name in response]
+    if not names:
+        raise ValueError(
+            f"idata: expected measured variables of the response {response}, got "
+            f"{observed}; no likelihood term says what it observed"
         )
-    if new is not None:
-        _, lowest, highest = 100 * (_summary(new) / measured - 1)
-        shown = np.concatenate([shown, lowest, highest])
-        label = "95 % of new measurements, with discrepancy"
-        axes.vlines(place, lowest, highest, color=BLUE, lw=1.2, label=label)
-    _draw_intervals(
-        axes, mean, low, high, label="updated model: mean (circle), 95 % interval"
-    )
-    before = 100 * (initial / measured - 1)
-    near, limits, room = _frame(shown, before)
-    axes.plot(
-        place[near] - 0.22,
-        before[near],
-        "D",
-        ms=7,
-        color=RED,
-        mfc="none",
-        label="model before updating",
-    )
-    for x, value in zip(place[~near], before[~near], strict=True):
-        _draw_arrow(axes, x, value, limits[int(value > 0)], room)
-    axes.set_ylim(limits)
-    axes.set_ylabel("deviation from the\nmeasured frequency (%)")
-    axes.grid(True, axis="y", alpha=0.25)
+    return names
 
 
-def _frame(shown: Floats, before: Floats) -> tuple[Any, Floats, float]:
-    """Return which initial values are drawn, the limits, and the room for arrows."""
-    near = np.abs(before) <= FAR * np.abs(shown).max()
-    while True:
-        inside = np.append(shown, before[near])
-        margin = 0.08 * float(np.ptp(inside)) or 1.0  # all alike only in an exact fit
-        room, far = 3 * margin, before[~near]
-        low = inside.min() - margin - room * (far < 0).any()
-        high = inside.max() + margin + room * (far > 0).any()
-        fits = near | ((low <= before) & (before <= high))
-        if (fits == near).all():
-            return near, np.array([low, high]), room
-        near = fits  # the room for the others' arrows holds it
+def _compare(idata: Any, name: str, posterior: LogPosterior | None) -> Compared:
+    """Gather a variable where it was measured."""
+    observed = dataset(idata, "observed_data")[name]
+    kept = np.isfinite(observed.values).ravel()
 
+    def at_places(group: str, variable: str) -> Any:
+        """Return ``(n, m)`` for samples, ``(1, m)`` for constants, None without any."""
+        try:
+            values = dataset(idata, group)[variable]
+        except (KeyError, ValueError):
+            return None
+        places = values.reindex_like(observed).transpose(..., *observed.dims)
+        return places.values.reshape(-1, observed.size)[:, kept]
 
-def _draw_arrow(axes: Any, x: float, value: float, edge: float, room: float) -> None:
-    """Point to a value beyond the edge, with its number."""
-    axes.annotate(
-        f"before:\n{value:+.3g} %",
-        (x, edge),
-        (x, edge - np.sign(value) * room),
-        color=RED,
-        ha="center",
-        va="bottom" if value > 0 else "top",
-        fontsize=9,
-        arrowprops={"arrowstyle": "-|>", "color": RED},
+    measured = observed.values.ravel()[kept]
+    unit = observed.attrs.get("unit", "")
+    places = list(product(*(observed[dim].values for dim in observed.dims)))
+    labels = [
+        f"{', '.join(map(str, places[i]))}\n{value:.5g} {unit}".rstrip()
+        for i, value in zip(np.flatnonzero(kept), measured, strict=True)
+    ]
+    dims = ", ".join(str(dim).rpartition(".")[2] for dim in observed.dims)
+    below = f"measured {dims}, its {name}"
+    mac = None
+    if name.rpartition(".")[2] == "frequency":
+        mac = at_places("response", name.replace("frequency", "mac"))
+    if mac is not None:
+        modes = at_places("response", name.replace("frequency", "model_mode"))
+        below += ", and the model's mode paired with it"
+        partners = map(_partner, modes.astype(int).T)
+        labels = [f"{a}\n{b}" for a, b in zip(labels, partners, strict=True)]
+    return Compared(
+        name=name,
+        unit=unit,
+        labels=labels,
+        below=below,
+        measured=measured,
+        sd=_measured_sd(posterior, name, measured),
+        initial=at_places("constant_data", f"initial_{name}")[0],
+        predicted=at_places("response", name),
+        replicated=at_places("posterior_predictive", name),
+        mac=mac,
     )
 
 
-def _draw_mac(axes: Any, mac: Floats) -> None:
-    mean, low, high = _summary(mac)
-    _draw_intervals(axes, mean, low, high)
-    axes.axhline(1, color="black", lw=0.8)
-    span = 1 - min(low.min(), 0.9)
-    axes.set_ylim(1 - 1.1 * span, 1 + 0.1 * span)
-    axes.set_ylabel("MAC\n(1: same shape)")
-    axes.grid(True, axis="y", alpha=0.25)
-
-
-def _summary(draws: Floats) -> Floats:
-    """Return mean and ends of the 95 % interval, ``(3, m)``."""
-    return np.stack([draws.mean(axis=0), *np.quantile(draws, INTERVAL, axis=0)])
-
-
-def _draw_intervals(
-    axes: Any, mean: Floats, low: Floats, high: Floats, label: str | None = None
-) -> None:
-    place = np.arange(len(mean))
-    axes.vlines(place, low, high, color=BLUE, lw=5, label=label)
-    axes.plot(place, mean, "o", color="white", mec=BLUE, ms=5)
+def _measured_sd(posterior: LogPosterior | None, name: str, measured: Floats) -> Floats:
+    """Return standard deviations in Hz, NaN where no FrequencyTerm knows them."""
+    for experiment in () if posterior is None else posterior.experiments:
+        for term in experiment.terms:
+            if (
+                isinstance(term, FrequencyTerm)
+                and experiment.full_name("frequency") == name
+                and np.array_equal(term.measured, measured)
+            ):
+                known = term.relative_variances
+                sd: Floats = measured * np.sqrt(np.where(known > 0, known, np.nan))
+                return sd
+    return np.full(measured.shape, np.nan)
 
 
 def _partner(numbers: Any) -> str:

@@ -51,20 +51,13 @@ def plot_proposals() -> Any:
 
 
 def _arrow(axes: Any, start: Floats, end: Floats, color: str) -> None:
-    axes.annotate(
-        "", end, start, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.8}
-    )
+    style = {"arrowstyle": "-|>", "color": color, "lw": 1.8}
+    axes.annotate("", end, start, arrowprops=style)
 
 
 def _point(
     axes: Any, at: Floats, label: str, color: str = "black", below: bool = False
 ) -> None:
     axes.plot(*at, "o", color=color, ms=7)
-    axes.annotate(
-        label,
-        at,
-        textcoords="offset points",
-        xytext=(6, -20) if below else (6, 8),
-        color=color,
-        fontsize=14,
-    )
+    offset = {"textcoords": "offset points", "xytext": (6, -20 if below else 8)}
+    axes.annotate(label, at, color=color, fontsize=14, **offset)

@@ -1,13 +1,14 @@
 """All pairs of parameters with their 95 % ellipses."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
+from ..results.inference_data import dataset
 from .colours import BLUE, GREY, RED
 from .draws import changing_draws
 from .ellipses import covariance_ellipse
@@ -18,6 +19,7 @@ MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
 def plot_scatter(
     idata: Any,
     *,
+    var_names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
     probability: float = 0.95,
@@ -25,13 +27,17 @@ def plot_scatter(
     """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
 
     An ellipse holds ``probability`` of a Gaussian with the samples' covariance
-    (:func:`figures.ellipses.covariance_ellipse`).
+    (:func:`figures.ellipses.covariance_ellipse`). Axes end at the prior's bounds.
 
     Args:
         idata: What :func:`to_inference_data` returns.
+        var_names: Variables of its ``posterior`` group; default: the sampled ones.
         units: Units by parameter name, for the axes.
         truths: Values to mark by parameter name, such as the nominal ones.
         probability: The share inside an ellipse.
+
+    Returns:
+        The matplotlib Figure.
 
     Raises:
         TypeError: If units or truths is no such mapping.
@@ -39,33 +45,26 @@ def plot_scatter(
             between 0 and 1, or a parameter has the same value in all samples.
     """
     import corner
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Ellipse
 
-    names, draws = changing_draws(idata)
+    names, draws = changing_draws(idata, var_names)
     probability = checks.real_number("probability", probability)
     if not 0 < probability < 1:
         raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
-    marks = {
-        name: checks.real_number(f"truths[{name!r}]", value)
-        for name, value in _known("truths", truths, names).items()
-    }
-    exponents = [_exponent(column) for column in draws.T]
-    scale = 10.0 ** np.array(exponents)
-    draws = draws / scale
-    scaled_marks = [
-        marks[name] / factor if name in marks else None
-        for name, factor in zip(names, scale, strict=True)
-    ]
+    known = [str(name) for name in dataset(idata, "posterior").data_vars]
+    marks = _marks(truths, names, known)
+    exponents = np.array([_exponent(column) for column in draws.T])
+    labels = _labels(units, names, known, exponents)
+    limits = _limits(draws, marks, _bounds(idata, names), probability)
+    scale = 10.0**exponents
     shown = np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]
     figure = corner.corner(
-        draws[shown],
-        labels=_labels(names, units, exponents),
-        range=_ranges(draws, scaled_marks, probability),
+        draws[shown] / scale,
+        labels=labels,
+        range=limits / scale[:, None],
         bins=30,
         plot_contours=False,
         plot_density=False,
-        truths=scaled_marks,
+        truths=[None if np.isnan(mark) else mark for mark in marks / scale],
         truth_color=BLUE,
         data_kwargs={"alpha": 0.25, "ms": 2.0, "color": GREY},
         hist_kwargs={"color": GREY},
@@ -73,48 +72,69 @@ def plot_scatter(
         label_kwargs={"fontsize": 11},
         labelpad=0.08,
     )
-    d = len(names)
-    panels = np.array(figure.axes).reshape(d, d)
-    for row in range(1, d):
-        for left in range(row):
-            pair = draws[:, (left, row)]
-            shape = covariance_ellipse(pair, probability)
-            width, height = 2 * shape.semi_axes
-            panels[row, left].add_patch(
-                Ellipse(
-                    tuple(shape.centre),
-                    width,
-                    height,
-                    angle=shape.angle,
-                    fill=False,
-                    color=RED,
-                    linewidth=1.8,
-                    zorder=5,
-                )
-            )
-    handles = [
-        Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
-        Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
-    ]
-    if marks:
-        handles.append(Line2D([], [], color=BLUE, marker="s", label="reference"))
-    figure.legend(handles=handles, loc="upper right", fontsize=13, frameon=False)
+    _draw_ellipses(figure, draws / scale, probability)
+    _add_legend(figure, probability, bool(np.isfinite(marks).any()))
     return figure
 
 
-def _ranges(
-    draws: Floats, marks: list[float | None], probability: float
-) -> list[tuple[float, float]]:
-    """Return axis limits that show every sample, ellipse and mark."""
-    radius = math.sqrt(-2 * math.log1p(-probability))
-    ranges = []
-    for column, mark in zip(draws.T, marks, strict=True):
-        reach = 1.05 * radius * column.std()
-        shown = [column.min(), column.max()]
-        shown += [column.mean() - reach, column.mean() + reach]
-        shown += [] if mark is None else [mark]
-        ranges.append((float(min(shown)), float(max(shown))))
-    return ranges
+def _draw_ellipses(figure: Any, draws: Floats, probability: float) -> None:
+    from matplotlib.patches import Ellipse
+
+    d = draws.shape[1]
+    panels = np.array(figure.axes).reshape(d, d)
+    style: dict[str, Any] = {"fill": False, "color": RED, "linewidth": 1.8, "zorder": 5}
+    for row, left in zip(*np.tril_indices(d, -1), strict=True):
+        shape = covariance_ellipse(draws[:, (left, row)], probability)
+        width, height = 2 * shape.semi_axes
+        centre = tuple(shape.centre)
+        patch = Ellipse(centre, width, height, angle=shape.angle, **style)
+        panels[row, left].add_patch(patch)
+
+
+def _add_legend(figure: Any, probability: float, with_marks: bool) -> None:
+    from matplotlib.lines import Line2D
+
+    handles = [
+        Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
+        Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
+        Line2D([], [], color=BLUE, marker="s", label="reference"),
+    ]
+    figure.legend(
+        handles=handles[: 2 + with_marks],
+        loc="upper right",
+        fontsize=13,
+        frameon=False,
+    )
+
+
+def _marks(
+    truths: Mapping[str, float] | None, names: list[str], known: list[str]
+) -> Floats:
+    """Return the values to mark, NaN where there is none, ``(d,)``."""
+    given = {} if truths is None else checks.by_name("truths", truths, known)
+    values = {k: checks.real_number(f"truths[{k!r}]", v) for k, v in given.items()}
+    return np.array([values.get(name, np.nan) for name in names])
+
+
+def _bounds(idata: Any, names: list[str]) -> Floats:
+    """Return the prior's bounds, NaN where there is no prior, ``(d, 2)``."""
+    try:
+        constants = dataset(idata, "constant_data")[["lower", "upper"]]
+    except ValueError:  # chains of somebody else
+        return np.full((len(names), 2), np.nan)
+    by_name = constants.reindex(parameter=names)
+    return np.column_stack([by_name["lower"].values, by_name["upper"].values])
+
+
+def _limits(draws: Floats, marks: Floats, bounds: Floats, probability: float) -> Floats:
+    """Return axis limits ``(d, 2)``: samples and ellipses in the bounds, and marks."""
+    reach = 1.05 * math.sqrt(-2 * math.log1p(-probability)) * draws.std(axis=0)
+    mean = draws.mean(axis=0)
+    low = np.minimum(draws.min(axis=0), mean - reach)
+    high = np.maximum(draws.max(axis=0), mean + reach)
+    # fmin and fmax leave out NaN.
+    low, high = np.fmax(low, bounds[:, 0]), np.fmin(high, bounds[:, 1])
+    return np.column_stack([np.fmin(low, marks), np.fmax(high, marks)])
 
 
 def _exponent(column: Floats) -> int:
@@ -123,16 +143,13 @@ def _exponent(column: Floats) -> int:
     return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
 
 
-def _known(
-    argument: str, values: Mapping[str, Any] | None, names: list[str]
-) -> dict[str, Any]:
-    return {} if values is None else checks.by_name(argument, values, names)
-
-
 def _labels(
-    names: list[str], units: Mapping[str, str] | None, exponents: list[int]
+    units: Mapping[str, str] | None,
+    names: list[str],
+    known: list[str],
+    exponents: Any,
 ) -> list[str]:
-    by_name = _known("units", units, names)
+    by_name = {} if units is None else checks.by_name("units", units, known)
     for name, unit in by_name.items():
         if not isinstance(unit, str):
             raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")

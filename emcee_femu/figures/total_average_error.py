@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.frequencies import running_tae
 
@@ -16,35 +17,40 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
             or several as ``{label: idata}`` of the same posterior.
         posterior: The sampled posterior.
 
+    Returns:
+        The matplotlib Figure.
+
     Raises:
         TypeError: If posterior is no LogPosterior.
         ValueError: If no term of it has measured frequencies, it has other parameters,
             or there is no idata.
     """
     from matplotlib import pyplot as plt
-    from matplotlib import ticker
 
     given = dict(idata) if isinstance(idata, dict) else {"": idata}
     if not given:
         raise ValueError("idata: expected at least one, got none")
     curves = {label: running_tae(item, posterior) for label, item in given.items()}
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    lowest, highest = np.inf, 0.0
     for label, (generations, tae) in curves.items():
         end = f"ends at {tae[-1]:.3g} %"
         axes.plot(generations, tae, label=f"{label}, {end}" if label else end)
-        lowest, highest = min(lowest, tae.min()), max(highest, tae.max())
-    axes.set(
-        xscale="log",
-        xlabel="generation",
-        ylabel="total average error of the mean so far (%)",
-    )
+    scale_error_axes(axes, [tae for _, tae in curves.values()])
+    axes.set_xlabel("generation")
+    axes.legend(frameon=False)
+    return figure
+
+
+def scale_error_axes(axes: Any, errors: list[Floats]) -> None:
+    """Label the axes of errors in percent; logarithmic where a decade is passed."""
+    from matplotlib import ticker
+
+    axes.set(xscale="log", ylabel="total average error of the mean so far (%)")
     axes.xaxis.set_major_formatter("{x:g}")
-    if highest > 10 * lowest:
+    values = np.concatenate(errors)
+    if values.max() > 10 * values.min():
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
         axes.yaxis.set_minor_formatter(ticker.NullFormatter())
         axes.yaxis.set_major_formatter("{x:g}")
     axes.grid(True, which="both", alpha=0.25)
-    axes.legend(frameon=False)
-    return figure

@@ -16,7 +16,7 @@ def test_resume():
     assert "never stopped: True" in shown
     assert "terms[0].measured: 1 of 5 changed" in shown
     assert "failed solves, taken for impossible: {'exception': " in shown
-    assert "ms a generation" in shown
+    assert "ms per generation" in shown
 
 
 @pytest.mark.slow

@@ -2,10 +2,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
 from matplotlib.colors import to_hex
 from numpy.testing import assert_allclose, assert_array_equal
-from test_figures import assert_nothing_is_clipped
+from support.figures import assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
 from emcee_femu.results.frequencies import running_tae
@@ -18,12 +17,6 @@ MOVES = {
     LONG: [(ef.DEMCMove(), 0.9), (ef.MetropolisMove(sd=0.05), 0.1)],
     "DE-MC": ef.DEMCMove(),
 }
-
-
-@pytest.fixture(autouse=True)
-def closed_figures():
-    yield
-    plt.close("all")
 
 
 def measured_high(parameters, modes):
@@ -61,7 +54,8 @@ def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
     order = np.argsort(column("ESS per 1000"))
     values, errors = (np.array(column(t))[order] for t in ("ESS per 1000", "+-"))
     assert_allclose([bar.get_width() for bar in axes.patches], values, rtol=1e-12)
-    lines = [box.lines[2][0].get_segments()[0] for box in axes.containers[::2]]
+    (bars,) = (box for box in axes.containers if hasattr(box, "patches"))
+    lines = bars.errorbar.lines[2][0].get_segments()
     drawn = [np.abs(np.diff(line[:, 0]))[0] for line in lines]
     assert_allclose(drawn, 2 * errors, rtol=1e-12)
     failed = {"M-H": "M-H (too short: 3 tau)"}
@@ -76,13 +70,12 @@ def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
 
 def test_the_legend_explains_hatched_bars(comparison):
     figure = ef.plot_comparison(comparison)
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["converged", "not converged, so the number cannot be trusted"]
+    trust = "not converged, so the number cannot be trusted"
+    assert legend(figure) == ["converged", trust]
     rows = tuple((*row[:-1], "converged") for row in comparison.table.rows)
     table = dataclasses.replace(comparison.table, rows=rows)
     figure = ef.plot_comparison(dataclasses.replace(comparison, table=table))
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["converged"]
+    assert legend(figure) == ["converged"]
     assert figure.axes[1].get_title() == "same colours"
 
 

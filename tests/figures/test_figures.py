@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
 import xarray
-from matplotlib import pyplot as plt
-from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from matplotlib.text import Text
 from numpy.testing import assert_allclose, assert_array_equal
+from support.figures import assert_nothing_is_clipped, legend, visible_texts
 
 import emcee_femu as ef
 from emcee_femu import plot_correlation, plot_scatter, plot_tae
@@ -23,12 +21,6 @@ CORRELATED = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
 MIXED = {"stiff": 1e3, "alpha": 2e-8, "x": 3.0, "big": 4e6, "long_name": 1e-3}
 
 
-@pytest.fixture(autouse=True)
-def closed_figures():
-    yield
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def runs():
     return {
@@ -40,6 +32,7 @@ def runs():
 
 
 def gaussian(d, n=60):
+    """Return samples of parameters with a prior that has no bounds."""
     rng = np.random.default_rng(d)
     mix = np.eye(d)
     mix[: min(d, 3), : min(d, 3)] = CORRELATED[: min(d, 3), : min(d, 3)]
@@ -86,8 +79,7 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
         assert patch.get_edgecolor()[0] > 0.7 > 0.3 > patch.get_edgecolor()[1]  # red
         points = figure.axes[row * d + left].lines[0]
         assert len(points.get_xdata()) == MOST_POINTS
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert legend == ["samples", f"{100 * probability:g} % ellipse"]
+    assert legend(figure) == ["samples", f"{100 * probability:g} % ellipse"]
 
 
 def test_drawn_points_are_samples_on_their_own_axes():
@@ -130,37 +122,7 @@ def test_truths_are_marked_on_the_scaled_axes():
     assert marks[0] == []
     assert_allclose(marks[1], [[1.1, 1.1]], rtol=1e-12)
     assert_allclose(marks[2], [[14.0, 14.0]], rtol=1e-12)
-    assert figure.legends[0].get_texts()[-1].get_text() == "reference"
-
-
-def visible_texts(figure):
-    hidden = set()
-    for axes in figure.axes:
-        if not axes.get_visible():
-            hidden.update(axes.findobj(Text))
-        for axis in (axes.xaxis, axes.yaxis):
-            low, high = sorted(axis.get_view_interval())
-            for tick in [*axis.get_major_ticks(), *axis.get_minor_ticks()]:
-                if not low <= tick.get_loc() <= high or not axis.get_visible():
-                    hidden.update(tick.findobj(Text))
-    return [
-        text
-        for text in figure.findobj(Text)
-        if text.get_visible() and text.get_text() and text not in hidden
-    ]
-
-
-def assert_nothing_is_clipped(figure, *expected):
-    """Check that every text lies on the canvas, up to 1 px, and the expected occur."""
-    assert type(figure) is Figure
-    figure.canvas.draw()  # once, as savefig does
-    texts = visible_texts(figure)
-    width, height = figure.canvas.get_width_height()
-    for text in texts:
-        box = text.get_window_extent()
-        inside = box.x0 >= -1 and box.y0 >= -1 and box.x1 <= width + 1
-        assert inside and box.y1 <= height + 1, (text.get_text(), box)
-    assert set(expected) <= {text.get_text() for text in texts}
+    assert legend(figure)[-1] == "reference"
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -198,8 +160,8 @@ def test_tae_curves_are_the_running_errors(runs):
     several = plot_tae({"a": idata, "b": idata}, posterior).axes[0]
     end = f"ends at {tae[-1]:.3g} %"
     for axes, labels in [(single, [end]), (several, [f"a, {end}", f"b, {end}"])]:
-        legend = axes.get_legend().get_texts()
-        assert [text.get_text() for text in legend] == labels
+        shown = axes.get_legend().get_texts()
+        assert [text.get_text() for text in shown] == labels
         count = len(labels)
         assert len(axes.lines) == count
         for line in axes.lines:
@@ -226,13 +188,8 @@ def test_correlation_map_shows_the_correlations(d):
 
 def test_proposals_show_both_moves():
     figure = plot_proposals()
-    assert len(figure.axes) == 2
-    assert figure.axes[0].get_title().startswith("Metropolis-Hastings")
-    assert figure.axes[1].get_title().startswith("DE-MC")
-
-
-def test_proposals_are_not_clipped():
-    figure = plot_proposals()
+    titles = [axes.get_title().split(":")[0] for axes in figure.axes]
+    assert titles == ["Metropolis-Hastings", "DE-MC"]
     assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")
 
 
@@ -242,8 +199,60 @@ def test_unknown_names_are_refused(argument):
         plot_scatter(gaussian(2), **{argument: {"z": 1}})
 
 
+@pytest.mark.parametrize("probability", [0.0, 1.0, 95, np.nan])
+def test_a_probability_is_between_0_and_1(probability):
+    with pytest.raises(ValueError, match="probability: expected"):
+        plot_scatter(gaussian(1), probability=probability)
+
+
 def test_a_constant_parameter_is_refused_by_name():
     idata = gaussian(3)
     dataset(idata, "posterior")["alpha"][:] = 2e-8
     with pytest.raises(ValueError, match="every sample of 'alpha' is 2e-08"):
         plot_scatter(idata)
+
+
+@pytest.fixture
+def positive():
+    """Draws of a standard deviation near zero, as of HalfNormal, and a derived one."""
+    rng = np.random.default_rng(3)
+    error = np.abs(rng.normal(size=(4, 200))).clip(max=2.5)
+    values = {"x": rng.normal(size=(4, 200)), "error": error, "twice": 2 * error}
+    constants = {"lower": [-np.inf, 0.0], "upper": [np.inf, 2.5]}
+    attrs = {"sampled": ["x", "error"], "sample_dims": ["chain", "draw"]}
+    return wrap(
+        {
+            "posterior": xarray.Dataset(
+                {k: (("chain", "draw"), v) for k, v in values.items()},
+                attrs=attrs,
+            ),
+            "constant_data": xarray.Dataset(
+                {k: ("parameter", v) for k, v in constants.items()},
+                {"parameter": ["x", "error"]},
+            ),
+        }
+    )
+
+
+def test_axes_and_histograms_end_at_the_priors_bounds(positive):
+    figure = plot_scatter(positive, truths={"x": 9.0})
+    panels = np.array(figure.axes).reshape(2, 2)
+    assert panels[1, 0].get_ylim() == panels[1, 1].get_xlim() == (0.0, 2.5)
+    edges = np.concatenate([p.get_xy()[:, 0] for p in panels[1, 1].patches])
+    assert edges.min() == 0 and edges.max() == 2.5
+    assert panels[0, 0].get_xlim()[0] < -2 and panels[0, 0].get_xlim()[1] == 9
+    (ellipse,) = (p for p in panels[1, 0].patches if isinstance(p, Ellipse))
+    lowest = ellipse.get_window_extent().y0
+    assert lowest < panels[1, 0].get_window_extent().y0  # it is cut there,
+    assert ellipse.get_clip_box() is not None  # and not drawn beyond
+
+
+def test_derived_quantities_are_drawn_when_asked_for(positive):
+    units = {"error": "%"}
+    assert len(plot_scatter(positive, units=units).axes) == 4
+    assert len(plot_correlation(positive).axes[0].texts) == 4
+    chosen = {"var_names": ["twice", "error"]}
+    panels = plot_scatter(positive, units=units, truths={"x": 1.0}, **chosen).axes
+    assert [axes.get_xlabel() for axes in panels[2:]] == ["twice", "error [%]"]
+    texts = plot_correlation(positive, **chosen).axes[0].texts
+    assert [text.get_text() for text in texts] == 4 * ["1.00"]
