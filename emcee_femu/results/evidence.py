@@ -26,6 +26,7 @@ class Evidence:
             few betas miss comes on top.
         betas: Powers of the likelihood, from 1 to 0, ``(n_betas,)``.
         mean_log_likelihood: Mean log-likelihood at each of them, ``(n_betas,)``.
+        failed_solves: Number of solves that were rejected because they failed.
     """
 
     stepping_stones: float
@@ -34,6 +35,7 @@ class Evidence:
     thermodynamic_error: float
     betas: Floats
     mean_log_likelihood: Floats
+    failed_solves: int = 0
 
     def __str__(self) -> str:
         """Return both estimates, and a warning where they disagree."""
@@ -47,6 +49,12 @@ class Evidence:
         error = np.hypot(self.stepping_stones_error, self.thermodynamic_error)
         if abs(self.stepping_stones - self.thermodynamic) > 3 * error:
             lines.append("The two disagree: use more betas near 0, or run longer.")
+        if self.failed_solves:
+            lines.append(
+                f"{self.failed_solves} solves failed: both hold for the prior within "
+                "the region that can be solved. For the prior as given add ln(share of "
+                "prior draws that can be solved)."
+            )
         return "\n".join(lines)
 
 
@@ -63,15 +71,19 @@ def log_evidence(
 
     with :math:`h_t = \beta_t - \beta_{t+1}`, and E and V the mean and variance of ln L
     at a beta. The likelihood is normalised (the constant of
-    :class:`FrequencyTerm` is included), so that differences of two model classes'
-    results for the same data are log Bayes factors. Where a term returns -inf inside
-    the prior's support, multiply Z by the prior probability of where it does not.
+    :class:`FrequencyTerm` is included), so that differences between two model classes'
+    results for the same data are log Bayes factors.
 
-    The standard errors are those of one series an ensemble: each estimate, to first
+    Where the posterior is zero inside the prior's support, because a term returns -inf
+    or ``on_failure="reject"`` took a failed solve for impossible, no walker goes at any
+    beta: the evidence is that of the prior normalised where the likelihood is above
+    zero. For the prior as given, multiply it by the prior probability of that region.
+
+    The standard errors come from one series per ensemble: each estimate, to first
     order, is a mean over generations of a sum over all walkers and betas. The series'
-    autocorrelation time so includes what exchanges carry from walker to walker and
-    from beta to beta, which times of single walkers or blocks miss. Of several
-    ensembles the spread is taken where it is larger: it sees a mode that one missed.
+    autocorrelation time thus includes what exchanges carry from walker to walker and
+    from beta to beta, which times of single walkers or blocks miss. With several
+    ensembles their spread is taken where it is larger: it sees a mode that one missed.
 
     Args:
         samplers: What :func:`run` returned for a ``TemperedMove`` with betas to 0.
@@ -86,7 +98,33 @@ def log_evidence(
     and Wyse (2014), doi:10.1007/s11222-013-9397-1 (integration).
     """
     runs = inference_data.as_list(samplers)
-    betas = _betas(runs)
+    betas = _shared_betas(runs)
+    log_likelihood = _stack_log_likelihoods(runs, len(betas), discard)
+    gaps = betas[:-1] - betas[1:]
+
+    powers = gaps[:, None] * log_likelihood[:, :, 1:]
+    largest = powers.max(axis=(0, 1, 3))
+    ratios = np.exp(powers - largest[:, None]).mean(axis=3)  # (steps, ensembles, gaps)
+    means = ratios.mean(axis=(0, 1))
+
+    average = log_likelihood.mean(axis=(0, 1, 3))
+    squares = ((log_likelihood - average[:, None]) ** 2).mean(axis=3)
+    trapezoids = _trapezoids(log_likelihood.mean(axis=3), squares, gaps)
+    # The ensembles of one run share a log of failures.
+    logs = {id(log): log for run in runs if (log := getattr(run, "failures", None))}
+    return Evidence(
+        stepping_stones=float((largest + np.log(means)).sum()),
+        stepping_stones_error=_standard_error((ratios / means).sum(axis=2)),
+        thermodynamic=float(trapezoids.mean()),
+        thermodynamic_error=_standard_error(trapezoids),
+        betas=betas,
+        mean_log_likelihood=average,
+        failed_solves=sum(log.causes.total() for log in logs.values()),
+    )
+
+
+def _stack_log_likelihoods(runs: list[Any], n_betas: int, discard: int) -> Floats:
+    """Return them as ``(steps, ensembles, n_betas, block)``."""
     log_prob = inference_data.stacked(runs, "log_prob", discard, hot=True)
     blobs = inference_data.stacked(runs, "blobs", discard, hot=True)
     steps, ensembles, nwalkers = log_prob.shape
@@ -99,29 +137,11 @@ def log_evidence(
             f"{log_prob[step, ensemble, walker]} at step {step} after discard; start "
             "where it is finite, or discard more"
         )
-    shape = (steps, ensembles, len(betas), nwalkers // len(betas))
-    log_likelihood = log_likelihoods(log_prob, blobs[..., 0]).reshape(shape)
-    gaps = betas[:-1] - betas[1:]
-
-    logs = gaps[:, None] * log_likelihood[:, :, 1:]
-    largest = logs.max(axis=(0, 1, 3))
-    ratios = np.exp(logs - largest[:, None]).mean(axis=3)  # (steps, ensembles, gaps)
-    means = ratios.mean(axis=(0, 1))
-
-    average = log_likelihood.mean(axis=(0, 1, 3))
-    squares = ((log_likelihood - average[:, None]) ** 2).mean(axis=3)
-    trapezoids = _trapezoids(log_likelihood.mean(axis=3), squares, gaps)
-    return Evidence(
-        stepping_stones=float((largest + np.log(means)).sum()),
-        stepping_stones_error=_standard_error((ratios / means).sum(axis=2)),
-        thermodynamic=float(trapezoids.mean()),
-        thermodynamic_error=_standard_error(trapezoids),
-        betas=betas,
-        mean_log_likelihood=average,
-    )
+    shape = (steps, ensembles, n_betas, nwalkers // n_betas)
+    return log_likelihoods(log_prob, blobs[..., 0]).reshape(shape)
 
 
-def _betas(runs: list[Any]) -> Floats:
+def _shared_betas(runs: list[Any]) -> Floats:
     """Return the betas that all runs share, refusing those that do not end at 0."""
     found = [ladder(getattr(run, "_moves", ())) for run in runs]
     betas: list[Floats] = [move.betas for move in found if move is not None]

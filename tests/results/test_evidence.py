@@ -131,6 +131,34 @@ def test_huge_log_likelihoods_neither_overflow_nor_vanish():
     assert_allclose(moved.stepping_stones_error, found.stepping_stones_error, rtol=1e-6)
 
 
+def half_solvable(parameters):
+    """Return a frequency in one half of the unit box, none in the other."""
+    return [1.0 if parameters["a"] < 0.5 else np.nan]
+
+
+def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
+    law = LAWS["bounded"]
+    posterior = ef.LogPosterior(
+        ef.FunctionModel(half_solvable, n_modes=1), law.term, law.posterior.prior
+    )
+    betas = np.linspace(1, 0, 5) ** 2
+    runs = ef.run(
+        posterior,
+        TemperedMove(DEMCMove(), betas),
+        nwalkers=16 * len(betas),
+        nsteps=300,
+        seed=1,
+        on_failure="reject",
+        max_failures=0.9,
+    )
+    found = log_evidence(runs, discard=50)
+    inside = np.log(0.5**2 / 2 / 0.5) + law.log_evidence - np.log(1 / 2)
+    assert found.stepping_stones_error < 0.1
+    assert abs(found.stepping_stones - inside) < 4 * found.stepping_stones_error
+    assert found.failed_solves == runs[0].failures.causes.total() > 0
+    assert f"{found.failed_solves} solves failed" in str(found)
+
+
 def test_it_prints_both_and_says_when_they_disagree():
     agree = Evidence(-5.0, 0.01, -5.01, 0.01, BETAS, BETAS)
     assert str(agree).splitlines()[1:] == [
