@@ -1,8 +1,8 @@
 """Moves propose, and one Metropolis step accepts, on arrays of walkers.
 
-emcee's moves propose and accept in one method, and accept in a Python loop over
-walkers, which costs more than a cheap proposal. Here a move only yields proposals, so
-that the same move also serves delayed acceptance, and all temperatures at once.
+emcee's moves do both in one method, with a Python loop over walkers that costs more
+than a cheap proposal. Moves that only propose also serve delayed acceptance, and all
+temperatures at once.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ Batch: TypeAlias = tuple[NDArray[np.intp], Floats, Floats | None]
 class ProposingMove(Move):
     """A move that proposes for one batch of walkers after the other.
 
-    A subclass implements ``batches``, and ``check`` where it cannot move any ensemble.
+    A subclass implements ``batches``, and ``check`` if it cannot move every ensemble.
     """
 
     def __repr__(self) -> str:
@@ -39,11 +39,10 @@ class ProposingMove(Move):
         """Refuse an ensemble for which the move is not valid."""
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield walkers ``(k,)``, their proposals ``(k, ndim)``, and log-factors.
+        """Yield walkers, proposals and log-factors, as metropolis_step takes them.
 
         Each batch is accepted or rejected, and ``coords (nwalkers, ndim)`` changed in
-        place, before the next one is asked for. The log-factors ``(k,)`` are the F of
-        :func:`metropolis_step`, or None.
+        place, before the next one is asked for.
         """
         raise NotImplementedError
 
@@ -55,11 +54,6 @@ class ProposingMove(Move):
         for batch in self.batches(state.coords, model.random):
             accepted[metropolis_step(model, state, *batch)] = True
         return state, accepted
-
-
-def only_proposes(move: Any) -> bool:
-    """Return whether ``batches`` is all that a move does; propose may be overridden."""
-    return getattr(type(move), "propose", None) is ProposingMove.propose
 
 
 def metropolis_step(
@@ -92,9 +86,10 @@ def metropolis_step(
         return walkers
     log_prob, blobs = model.compute_log_prob_fn(proposed)
     target, threshold = log_prob, state.log_prob.take(walkers)
-    if betas is not None:
-        target = temper(betas, log_prob, blobs[:, 0])
-        threshold = temper(betas, threshold, state.blobs[walkers, 0])
+    if betas is not None:  # -inf stays -inf for every beta; beta = 1 changes no bit
+        target = log_prob - (1 - betas) * log_likelihoods(log_prob, blobs[:, 0])
+        old = log_likelihoods(threshold, state.blobs[walkers, 0])
+        threshold -= (1 - betas) * old
     # log U = -Exp(1). Written without a difference, so that -inf against -inf is a
     # rejection and not a NaN.
     threshold -= model.random.standard_exponential(len(walkers))
@@ -112,12 +107,6 @@ def metropolis_step(
             )
         state.blobs[moved] = blobs[better]
     return moved
-
-
-def temper(beta: float | Floats, log_prob: Floats, log_prior: Floats) -> Floats:
-    """Return ``log_prior + beta * log_likelihood`` per walker."""
-    # Written so that -inf stays -inf for every beta, and beta = 1 changes no bit.
-    return log_prob - (1 - beta) * log_likelihoods(log_prob, log_prior)
 
 
 def log_likelihoods(log_prob: Floats, log_prior: Floats) -> Floats:

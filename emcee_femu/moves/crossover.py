@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import check_sigma, convert_sigma, draw_guides, draw_noise
+from .guides import convert_sigma, draw_guides, draw_noise
 from .red_blue import VectorizedRedBlueMove
 
 
@@ -51,14 +51,6 @@ class CrossoverMove(VectorizedRedBlueMove):
             does not fit ndim or fewer than ``2 * pairs`` walkers are at rest.
 
     Source: Vrugt et al. (2009), doi:10.1515/IJNSNS.2009.10.3.273.
-
-    Example:
-        >>> import emcee
-        >>> move = CrossoverMove(pairs=2)
-        >>> sampler = emcee.EnsembleSampler(8, 3, lambda x: -0.5 * x @ x, moves=move)
-        >>> start = np.random.default_rng(1).normal(size=(8, 3))
-        >>> sampler.run_mcmc(start, 10).coords.shape
-        (8, 3)
     """
 
     def __init__(
@@ -84,11 +76,6 @@ class CrossoverMove(VectorizedRedBlueMove):
             )
         self.crossover: tuple[float, ...] = tuple(self._crossover.tolist())
         self.sigma = convert_sigma(sigma)
-
-    def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse an ensemble for which the move is not valid, see the base class."""
-        super().check(nwalkers, ndim)
-        check_sigma(self.sigma, ndim)
 
     def get_proposal(
         self, s: Floats, c: list[Floats], random: RandomState

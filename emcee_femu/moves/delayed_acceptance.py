@@ -4,14 +4,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from emcee.moves import MHMove, RedBlueMove
 from numpy.random import RandomState
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import Batch, ProposingMove, only_proposes
-from .stock_proposals import MetropolisProposal, RedBlueProposal
+from .acceptance import Batch, ProposingMove
+from .stock_proposals import only_propose
 
 
 class DelayedAcceptanceMove(ProposingMove):
@@ -57,10 +56,12 @@ class DelayedAcceptanceMove(ProposingMove):
     def __init__(self, inner: Any, cheap: Callable[[Floats], ArrayLike]) -> None:
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
+        if isinstance(inner, DelayedAcceptanceMove):
+            raise TypeError(f"inner: expected no delayed acceptance in it, got {inner}")
         self.inner = inner
         self.cheap = cheap
         self.proposed = self.full_solves = self.accepted = 0
-        self._proposing = _only_propose(inner)
+        self._proposing = only_propose(inner)
         self._known: tuple[Floats, Floats] | None = None
 
     def __str__(self) -> str:
@@ -128,19 +129,3 @@ class DelayedAcceptanceMove(ProposingMove):
             row = int(np.argmin(log_prob < np.inf))
             raise ValueError(f"cheap: {log_prob[row]} at {theta[row].tolist()}")
         return log_prob
-
-
-def _only_propose(inner: Any) -> ProposingMove:
-    """Return a move that leaves the acceptance to others."""
-    if only_proposes(inner) and not isinstance(inner, DelayedAcceptanceMove):
-        own: ProposingMove = inner
-        return own
-    if isinstance(inner, RedBlueMove):
-        return RedBlueProposal(inner)
-    if isinstance(inner, MHMove):
-        return MetropolisProposal(inner)
-    raise TypeError(
-        "inner: expected a move of this package that is neither tempered nor delayed, "
-        f"or an emcee RedBlueMove or MHMove, got {inner!r}; temperatures go around it: "
-        "TemperedMove(DelayedAcceptanceMove(...), betas)"
-    )

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import check_sigma, convert_sigma, draw_noise
+from .guides import convert_sigma, draw_noise
 from .red_blue import VectorizedRedBlueMove
 
 MOST_TABLED = 256  # guides up to which the pairs are looked up, in 1 MB
@@ -76,11 +76,6 @@ class DEMCMove(VectorizedRedBlueMove):
         self.mode_jump = checks.real_number("mode_jump", mode_jump, 0)
         if self.mode_jump > 1:
             raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")
-
-    def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse an ensemble for which the move is not valid, see the base class."""
-        super().check(nwalkers, ndim)
-        check_sigma(self.sigma, ndim)
 
     def get_proposal(
         self, s: Floats, c: list[Floats], random: RandomState

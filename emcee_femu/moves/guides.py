@@ -63,19 +63,6 @@ def convert_sigma(sigma: ArrayLike | None) -> Floats | None:
     return array
 
 
-def check_sigma(sigma: Floats | None, ndim: int) -> None:
-    """Refuse a sigma that does not fit ndim parameters.
-
-    Raises:
-        ValueError: If sigma is neither None, a number nor of shape ``(ndim,)``.
-    """
-    if sigma is not None and sigma.shape not in ((), (ndim,)):
-        raise ValueError(
-            f"sigma: expected one number or shape ({ndim},) for {ndim} parameters, "
-            f"got shape {sigma.shape}"
-        )
-
-
 def standard_deviations(walkers: Floats) -> Floats:
     """Return those of the columns of ``walkers (n, ndim)``, to 1e-8 of the mean.
 

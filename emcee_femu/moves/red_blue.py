@@ -35,6 +35,7 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
     """
 
     guides = 2  # the smallest number of walkers at rest that a proposal needs
+    sigma: Floats | None = None  # of the noise, where there is one
 
     def __init__(
         self,
@@ -54,7 +55,7 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
 
         Raises:
             ValueError: If there are fewer walkers than splits, or fewer at rest than
-                the proposal needs.
+                the proposal needs, or sigma is not of ndim parameters.
             RuntimeError: As emcee's moves, if there are fewer walkers than twice the
                 dimension and live_dangerously is not set.
         """
@@ -75,6 +76,11 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
             raise RuntimeError(
                 f"nwalkers: expected at least 2 * ndim = {2 * ndim}, got {nwalkers}; "
                 "fewer may stay in a subspace (live_dangerously=True allows it)"
+            )
+        if self.sigma is not None and self.sigma.shape not in ((), (ndim,)):
+            raise ValueError(
+                f"sigma: expected one number or shape ({ndim},) for {ndim} parameters, "
+                f"got shape {self.sigma.shape}"
             )
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:

@@ -42,14 +42,6 @@ class SnookerMove(VectorizedRedBlueMove):
             proposes: if fewer than 3 walkers are at rest.
 
     Source: ter Braak and Vrugt (2008), doi:10.1007/s11222-008-9104-9.
-
-    Example:
-        >>> import emcee
-        >>> move = SnookerMove()
-        >>> sampler = emcee.EnsembleSampler(8, 3, lambda x: -0.5 * x @ x, moves=move)
-        >>> start = np.random.default_rng(1).normal(size=(8, 3))
-        >>> sampler.run_mcmc(start, 10).coords.shape
-        (8, 3)
     """
 
     guides = 3

@@ -1,6 +1,7 @@
 """emcee's own moves as moves that only propose, for what accepts in another way."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from emcee.moves import MHMove, RedBlueMove
@@ -9,6 +10,25 @@ from numpy.random import RandomState
 from ..interfaces import Floats
 from .acceptance import Batch, ProposingMove
 from .red_blue import VectorizedRedBlueMove
+
+
+def only_propose(inner: Any) -> ProposingMove:
+    """Return a move that leaves the acceptance to others.
+
+    Raises:
+        TypeError: If inner is none, or accepts in a way of its own.
+    """
+    propose = getattr(type(inner), "propose", None)
+    if isinstance(inner, ProposingMove) and propose is ProposingMove.propose:
+        return inner
+    if isinstance(inner, RedBlueMove) and propose is RedBlueMove.propose:
+        return RedBlueProposal(inner)
+    if isinstance(inner, MHMove) and propose is MHMove.propose:
+        return MetropolisProposal(inner)
+    raise TypeError(
+        "inner: expected an untempered move of this package, or an emcee RedBlueMove "
+        f"or MHMove with emcee's own propose, got {inner!r}"
+    )
 
 
 class RedBlueProposal(VectorizedRedBlueMove):

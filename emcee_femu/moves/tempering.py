@@ -1,27 +1,19 @@
 """Parallel tempering: hot walkers cross between modes and hand them to the cold ones.
 
-Why nothing is hidden in the move: the state holds the posterior's own log-probability
-and blobs for the walkers of every temperature. What an inner move sees is computed from
-them anew each generation, so that a run resumed from a file goes on to the bit.
+The state holds the posterior's own log-probability and blobs for the walkers of every
+temperature, and the move hides nothing: a run resumed from a file goes on to the bit.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
-import emcee
 import numpy as np
 from emcee.moves import Move
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Floats
-from .acceptance import (
-    check_floats,
-    log_likelihoods,
-    metropolis_step,
-    only_proposes,
-    temper,
-)
+from .acceptance import check_floats, log_likelihoods, metropolis_step
+from .stock_proposals import only_propose
 
 
 class TemperedMove(Move):
@@ -32,24 +24,26 @@ class TemperedMove(Move):
         ^{\beta_t - \beta_{t+1}}\right\}
 
     Walkers ``t * block .. (t + 1) * block - 1`` sample ``p_t``, with ``block = nwalkers
-    / len(betas)``. Each generation moves every block by the inner move, then offers
-    each walker an exchange of places with one of the next block, the even and the odd
-    pairs of neighbouring blocks in random order. The log-probability must be a
-    LogPosterior, or return the log-prior as first blob; the log-probabilities and blobs
-    stored are the posterior's, whatever the beta.
+    / len(betas)``. Each generation moves every block by the inner move, guided by its
+    own walkers, with one evaluation for all blocks. It then offers each walker an
+    exchange of places with one of the next block, the even and the odd pairs of
+    neighbouring blocks in random order. The log-probability must be a LogPosterior, or
+    return the log-prior as first blob; the log-probabilities and blobs stored are the
+    posterior's, whatever the beta.
 
     Only the first block samples the posterior; conversion, tables and ``diagnose`` use
     it alone. They know it from the sampler's moves: to read a chain from a file, make
     a sampler with the same moves and that backend.
 
     Args:
-        inner: An emcee move, of this package or stock, for the walkers of a block.
+        inner: The move of the walkers of a block: one of this package, or an emcee
+            ``RedBlueMove`` or ``MHMove``.
         betas: Powers of the likelihood, descending from 1, at least two. Choose them
             denser near zero: ``numpy.linspace(1, 0, 8) ** 4``. Down to 0 (the prior)
             they allow :func:`log_evidence`, and hot walkers roam the prior.
 
     Raises:
-        TypeError: If inner is not a move, or betas are not real numbers.
+        TypeError: If inner is another kind of move, or betas are not real numbers.
         ValueError: If betas do not descend from 1 to at least 0. When it proposes: if
             nwalkers is not a multiple of len(betas), or there are no blobs.
 
@@ -64,19 +58,11 @@ class TemperedMove(Move):
     """
 
     def __init__(self, inner: Any, betas: ArrayLike) -> None:
-        if not hasattr(inner, "propose") or isinstance(inner, type | TemperedMove):
-            raise TypeError(
-                "inner: expected an emcee move that is not itself tempered, such as "
-                f"DEMCMove(), got {inner!r}"
-            )
         self.inner = inner
+        self._proposing = only_propose(inner)
         self.betas = checks.real_array("betas", betas, 1)
-        if (
-            len(self.betas) < 2
-            or self.betas[0] != 1
-            or self.betas[-1] < 0
-            or not (np.diff(self.betas) < 0).all()
-        ):
+        falling = len(self.betas) > 1 and (np.diff(self.betas) < 0).all()
+        if not falling or self.betas[0] != 1 or self.betas[-1] < 0:
             raise ValueError(
                 "betas: expected at least two powers that descend from 1 to no less "
                 f"than 0, such as [1.0, 0.3, 0.0], got {self.betas.tolist()}"
@@ -91,7 +77,7 @@ class TemperedMove(Move):
         return slice(0, nwalkers // len(self.betas))
 
     def default_walkers(self, ndim: int) -> int:
-        """Return the usual number of walkers, of all temperatures together."""
+        """Return the usual number of walkers, all temperatures together."""
         return len(self.betas) * max(16, 4 * ndim)
 
     def check(self, nwalkers: int, ndim: int) -> None:
@@ -99,7 +85,7 @@ class TemperedMove(Move):
 
         Raises:
             ValueError: If nwalkers is not a multiple of len(betas).
-            Exception: What inner raises, in terms of all walkers.
+            Exception: What inner raises for a block, in terms of all walkers.
         """
         rungs, usual = len(self.betas), self.default_walkers(ndim)
         block, rest = divmod(nwalkers, rungs)
@@ -123,8 +109,7 @@ class TemperedMove(Move):
     def _refusal(self, block: int, ndim: int) -> Exception | None:
         """Return why inner cannot move a block of so many walkers, None if it can."""
         try:
-            if hasattr(self.inner, "check"):
-                self.inner.check(block, ndim)
+            self._proposing.check(block, ndim)
         except (ValueError, RuntimeError) as error:
             return error
         return None
@@ -141,27 +126,21 @@ class TemperedMove(Move):
                 "least two floating-point blobs, as LogPosterior returns them, got "
                 + ("no blobs" if blobs is None else f"{blobs.dtype} {blobs.shape}")
             )
-        accepted = np.zeros(nwalkers, dtype=bool)
         block = nwalkers // len(self.betas)
-        if only_proposes(self.inner):
-            self._move_together(model, state, block, accepted)
-        else:
-            for t, beta in enumerate(self.betas.tolist()):
-                own = slice(t * block, (t + 1) * block)
-                accepted[own] = self._move_one(model, state, own, beta)
+        accepted = self._move(model, state, range(0, nwalkers, block), block)
         for first in model.random.permutation(2):  # both: an exchange needs no solve
             self._exchange(model.random, state, block, first)
         return state, accepted
 
-    def _move_together(
-        self, model: Any, state: Any, block: int, accepted: NDArray[np.bool_]
-    ) -> None:
-        """Move all blocks in place, with one evaluation for a split of every block."""
-        starts = range(0, len(state.coords), block)
+    def _move(
+        self, model: Any, state: Any, starts: Sequence[int], block: int
+    ) -> NDArray[np.bool_]:
+        """Move all blocks in place, evaluating a split of each of them in one call."""
+        accepted = np.zeros(len(state.coords), dtype=bool)
         betas = self.betas.repeat(block)
         # Slices, not copies: each stream sees what was accepted in its block.
         blocks = [state.coords[start : start + block] for start in starts]
-        streams = [self.inner.batches(coords, model.random) for coords in blocks]
+        streams = [self._proposing.batches(coords, model.random) for coords in blocks]
         for batches in zip(*streams, strict=True):
             own, proposed, factors = zip(*batches, strict=True)
             walkers = np.concatenate([i + s for i, s in zip(own, starts, strict=True)])
@@ -174,34 +153,13 @@ class TemperedMove(Move):
                 betas[walkers],
             )
             accepted[moved] = True
-
-    def _move_one(self, model: Any, state: Any, own: slice, beta: float) -> Any:
-        """Move the block ``own`` of the state in place by any emcee move."""
-
-        def lower(log_prob: Floats, blobs: Floats) -> tuple[Floats, Floats]:
-            tempered = temper(beta, log_prob, blobs[:, 0])
-            return tempered, np.concatenate((blobs, log_prob[:, None]), axis=1)
-
-        moved, accepted = self.inner.propose(
-            # Without log_prob_fn: a move that called it would miss the temperature.
-            model._replace(
-                compute_log_prob_fn=lambda q: lower(*model.compute_log_prob_fn(q)),
-                log_prob_fn=None,
-            ),
-            emcee.State(
-                state.coords[own].copy(), *lower(state.log_prob[own], state.blobs[own])
-            ),
-        )
-        state.coords[own] = moved.coords
-        state.log_prob[own] = moved.blobs[:, -1]
-        state.blobs[own] = moved.blobs[:, :-1]
         return accepted
 
     def _exchange(self, random: Any, state: Any, block: int, first: int) -> None:
         """Offer walkers of every second pair of neighbouring blocks an exchange."""
         colder = np.arange(first, len(self.betas) - 1, 2)
         shape = (len(colder), block)
-        order = random.random_sample(shape).argsort(axis=1)  # a permutation a row
+        order = random.random_sample(shape).argsort(axis=1)  # a permutation per row
         threshold = -random.standard_exponential(shape)  # log of a uniform number
         cold = colder[:, None] * block + np.arange(block)
         hot = (colder[:, None] + 1) * block + order

@@ -220,7 +220,7 @@ def test_arguments_are_checked():
         DelayedAcceptanceMove(DEMCMove(), 3)
     tempered = TemperedMove(DEMCMove(), [1.0, 0.0])
     for inner in (tempered, DelayedAcceptanceMove(DEMCMove(), cheap), DEMCMove, None):
-        with pytest.raises(TypeError, match="inner: expected a move of this package"):
+        with pytest.raises(TypeError, match="inner: expected"):
             DelayedAcceptanceMove(inner, cheap)
     with pytest.raises(ValueError, match="nwalkers"):
         DelayedAcceptanceMove(DEMCMove(), cheap).check(2, 3)

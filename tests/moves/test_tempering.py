@@ -94,11 +94,11 @@ def test_every_block_keeps_its_tempered_law_at_high_power(law, betas):
     assert exact_start(move, LAWS[law], ensembles=2_000, steps=8) < LIMIT
 
 
-class Still:
+class Still(acceptance.ProposingMove):
     """Leaves all walkers where they are."""
 
-    def propose(self, model, state):
-        return state, np.zeros(len(state.coords), bool)
+    def batches(self, coords, random):
+        return iter(())
 
 
 def exchange_p_values(kind, betas=(1.0, 0.6, 0.2, 0.0), block=1_000):
@@ -220,15 +220,12 @@ def test_wrong_guides_are_seen_in_the_proposals(mutant):
     assert blocks_guided_by_others(mutated(*GUIDE_MUTANTS[mutant])) > 0
 
 
-def prior_too(beta, log_prob, log_prior):
-    return beta * np.maximum(log_prob, -1e300)
+def test_the_exact_start_catches_a_tempered_prior(monkeypatch):
+    def prior_too(log_prob, log_prior):
+        return np.maximum(log_prob, -1e300)
 
-
-@pytest.mark.parametrize("inner", [DEMCMove(), emcee.moves.StretchMove()])
-def test_the_exact_start_catches_a_tempered_prior(inner, monkeypatch):
-    for module in (acceptance, tempering):
-        monkeypatch.setattr(module, "temper", prior_too)
-    assert exact_start(TemperedMove(inner, BETAS), LAWS["gaussian"]) > LIMIT
+    monkeypatch.setattr(acceptance, "log_likelihoods", prior_too)
+    assert exact_start(TemperedMove(DEMCMove(), BETAS), LAWS["gaussian"]) > LIMIT
 
 
 @pytest.mark.parametrize("kept", ["(state.coords, state.blobs)", "(state.coords,)"])
@@ -330,7 +327,16 @@ def test_wrong_betas_are_refused(betas):
         TemperedMove(DEMCMove(), betas)
 
 
-@pytest.mark.parametrize("inner", [DEMCMove, MOVE, [DEMCMove()], None])
+class Synchronous(DEMCMove):
+    """Accepts in a way of its own, which TemperedMove would leave out."""
+
+    def propose(self, model, state):
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    "inner", [DEMCMove, MOVE, [DEMCMove()], None, Synchronous(), emcee.moves.Move()]
+)
 def test_what_is_no_untempered_move_is_refused(inner):
     with pytest.raises(TypeError, match="inner"):
         TemperedMove(inner, [1.0, 0.0])
