@@ -61,8 +61,7 @@ def killed(path: str, generations: int, share: float) -> int:
 
 def steps(path: str) -> list[int]:
     """Return the stored steps of both ensembles."""
-    names = ("ensemble_0", "ensemble_1")
-    return [ef.sampling.run_file.RunFile(path, name).iteration for name in names]
+    return [own.iteration for own in ef.sampling.run_file.RunFile.open(path)]
 
 
 def diverging(parameters: Mapping[str, float]) -> np.ndarray:
@@ -76,7 +75,7 @@ def diverging(parameters: Mapping[str, float]) -> np.ndarray:
 def main(generations: int = 4_000, share: float = 0.4) -> dict:
     """Kill and resume a run, time the writing, reject failures; return what came."""
     with tempfile.TemporaryDirectory() as directory:
-        found = survive(str(Path(directory) / "run.h5"), generations, share)
+        found = survive(str(Path(directory) / "run.chain"), generations, share)
     return {**found, "log": reject(generations // 2)}
 
 
@@ -98,7 +97,7 @@ def survive(path: str, generations: int, share: float) -> dict:
     try:
         sample(path, generations, ef.LogPosterior(PROBLEM.model, other, prior))
     except ValueError as error:
-        refusal = str(error).replace(path, "run.h5")
+        refusal = str(error).replace(path, "run.chain")
     print(f"\nwith other data: {refusal}")
 
     seconds = {}

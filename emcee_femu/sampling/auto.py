@@ -1,6 +1,5 @@
 """The recipe behind ``run(..., moves="auto")``: burn in, check, fit, freeze."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 from warnings import warn
 
@@ -9,6 +8,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..moves import DEMCMove, IndependenceMove
+from .starts import Evaluation
 
 FIRST, LONGEST = 512, 16_384  # generations of burn-in, doubled until it is long enough
 ENOUGH_TAU = 20  # autocorrelation times in its second half
@@ -17,30 +17,29 @@ TRIAL = 20  # generations of independence proposals that tell how good the fit i
 SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
 
 
-Backends = Callable[[str, list[emcee.State]], list[Any]]
-
-
 class Recipe(NamedTuple):
-    """What the burn-in found.
+    """How a chain begins.
 
     Attributes:
-        moves: The frozen mixture of moves for sampling.
+        moves: The moves for sampling.
         states: Where the ensembles stand, with their random streams.
-        evaluations: Log-posterior evaluations spent, an ensemble.
-        sentence: What was done, in words.
+        evaluations: Log-posterior evaluations spent per ensemble.
+        sentence: What was done, in words; empty if the moves were given.
     """
 
-    moves: list[tuple[Any, float]]
+    moves: Any
     states: list[emcee.State]
     evaluations: int
     sentence: str
 
 
+def mixture(fitted: IndependenceMove, share: float) -> list[tuple[Any, float]]:
+    """Return independence proposals and DE-MC, whose tenth steps jump between modes."""
+    return [(fitted, share), (DEMCMove(mode_jump=0.1), 1.0 - share)]
+
+
 def burn_in_and_fit(
-    build: Callable[..., emcee.EnsembleSampler],
-    states: list[emcee.State],
-    progress: bool | str,
-    backends: Backends,
+    evaluation: Evaluation, states: list[emcee.State], backends: list[Any]
 ) -> Recipe:
     """Burn in with DE-MC, fit an independence proposal to it, and return the mixture.
 
@@ -51,18 +50,18 @@ def burn_in_and_fit(
     The better its proposals are accepted, the larger their share.
 
     Args:
-        build: ``build(moves=...)`` makes an emcee sampler of the posterior.
+        evaluation: Of the posterior.
         states: Evaluated starts of the ensembles.
-        progress: Whether to show progress bars.
-        backends: ``backends(stage, states)`` gives each ensemble's backend of a stage,
-            "burn-in" and "second-fit". What they hold already is not run again.
+        backends: Of the burn-in of each ensemble, then of its second fit; what they
+            hold already is not run again.
     """
+    progress, ensembles = evaluation.settings.progress, len(states)
     local = DEMCMove(mode_jump=0.1)
-    samplers = [build(moves=local, backend=b) for b in backends("burn-in", states)]
+    samplers = [evaluation.sampler(local, own) for own in backends[:ensembles]]
     generations, per_tau = 0, 0.0
     while per_tau < ENOUGH_TAU and generations < LONGEST:
         generations = max(FIRST, 2 * generations)
-        ends = _advanced(samplers, states, generations, progress, "burn-in")
+        ends = _advance(samplers, states, generations, progress, "burn-in")
         # Backends may hold more: this may be the repetition of a run that was stopped.
         halves = [s.get_chain()[generations // 2 : generations] for s in samplers]
         # A walker that never moved has no tau, NaN: then the burn-in is too short.
@@ -77,22 +76,22 @@ def burn_in_and_fit(
             "badly. Use more walkers, or tighter bounds",
             stacklevel=3,
         )
-    fitted = _fitted(halves)
+    fitted = _fit(halves)
     # DE-MC alone leaves few independent draws in the tails; with a first fit there are
     # many more, and the second fit covers them.
-    mixture = [(fitted, 0.7), (local, 0.3)]
-    mixed = [build(moves=mixture, backend=b) for b in backends("second-fit", ends)]
+    moves = mixture(fitted, 0.7)
+    mixed = [evaluation.sampler(moves, own) for own in backends[ensembles:]]
     second = len(halves[0])
-    ends = _advanced(mixed, ends, second, progress, "second fit")
-    fitted = _fitted([sampler.get_chain() for sampler in mixed])
+    ends = _advance(mixed, ends, second, progress, "second fit")
+    fitted = _fit([sampler.get_chain() for sampler in mixed])
 
-    trials = [build(moves=fitted) for _ in ends]
-    ends = _advanced(trials, ends, TRIAL, False, "")
+    trials = [evaluation.sampler(fitted) for _ in ends]
+    ends = _advance(trials, ends, TRIAL, False, "")
     acceptance = float(np.mean([trial.acceptance_fraction for trial in trials]))
     share = next(share for least, share in SHARES if acceptance >= least)
     k = len(fitted.weights)
     return Recipe(
-        moves=[(fitted, share), (local, 1.0 - share)],
+        moves=mixture(fitted, share),
         states=ends,
         evaluations=len(ends[0].coords) * (1 + generations + second + TRIAL),
         sentence=(
@@ -105,13 +104,13 @@ def burn_in_and_fit(
     )
 
 
-def _fitted(chains: list[Floats]) -> IndependenceMove:
+def _fit(chains: list[Floats]) -> IndependenceMove:
     """Return the fit to all ensembles' chains ``(steps, walkers, d)``."""
     draws = np.concatenate([chain.reshape(-1, chain.shape[2]) for chain in chains])
     return IndependenceMove.fit(draws, components="auto")
 
 
-def _advanced(
+def _advance(
     samplers: list[emcee.EnsembleSampler],
     starts: list[emcee.State],
     generations: int,

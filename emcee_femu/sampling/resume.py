@@ -1,198 +1,118 @@
-"""Where a run in a file begins: its starts and moves as text, and how it goes on."""
+"""Where a run in a file begins, and how it goes on."""
 
-import json
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from os import PathLike
 from typing import Any
 
-import emcee
-import numpy as np
-
-from ..moves import DEMCMove, IndependenceMove
-from ..posterior.failures import FailureLog
-from .auto import FIRST, Recipe
-from .fingerprint import changing, differences, without
+from ..moves import IndependenceMove
+from .auto import Recipe, burn_in_and_fit, mixture
+from .manifest import check_same, describe_run
+from .probe import probe
 from .run_file import RunFile
-from .run_file.creation import check_new
-
-START = "start"  # the entry beside the fingerprint; not part of what must agree
-STAGES = ("burn-in", "second-fit")  # of "auto", each in a file of its own
+from .run_file.log import COUNTS, check_new
+from .starts import Evaluation, draw_starts
 
 
-def place(path: str | PathLike[str]) -> str:
-    """Return the absolute path, since a solver may change the directory.
+def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
+    """Go on with the file of a run, or make it.
+
+    Starts, moves and burn-in of "auto" are stored, so that nothing is evaluated again:
+    a burn-in can cost as much as the chain. During it there is another file beside the
+    file, ``.burn-in``.
 
     Raises:
-        ImportError: If h5py is not installed.
-        ValueError: If it is a directory, or there is no file and none can be made.
+        ValueError: If the file is not that of such a run, naming every difference, or
+            there is one and ``resume`` was not asked for.
     """
-    given = os.fspath(path)
-    if os.path.isdir(given):
-        raise ValueError(f"backend: expected the name of a file, got {given!r}")
-    if not os.path.lexists(given):
-        check_new(given)
-    return os.path.abspath(given)
-
-
-@dataclass(frozen=True)
-class StoredRun:
-    """A run in a file, and in files beside it during the burn-in of "auto".
-
-    Attributes:
-        path: The file.
-        ensembles: How many.
-        fingerprint: What is sampled and how, before anything was evaluated.
-        describe: The same of now.
-        log: Who counts failures, if anyone does.
-    """
-
-    path: str
-    ensembles: int
-    fingerprint: dict[str, str]
-    describe: Callable[[], dict[str, str]]
-    log: FailureLog | None
-
-    def check_new(self) -> None:
-        """Refuse to begin where there is something to go on with.
-
-        Raises:
-            ValueError: If the file exists, or one of a burn-in.
-        """
-        for path in [self.path, *(f"{self.path}.{stage}" for stage in STAGES)]:
-            if os.path.lexists(path):
-                raise ValueError(
-                    f"backend: {path} exists; go on with it by resume=True, or give a "
-                    "new file name"
-                )
-
-    def begin(
-        self, moves: Any, automatic: bool, nsteps: int, first: Callable[..., Recipe]
-    ) -> tuple[list[RunFile], Recipe]:
-        """Go on with the file, or make it from ``first(backends=...)``.
-
-        Starts and moves are stored, so that nothing is evaluated again when it goes
-        on: a burn-in of "auto" can cost as much as the chain.
-
-        Raises:
-            ValueError: If the file is not that of such a run, naming every difference.
-        """
-        if os.path.lexists(self.path):
-            backends, start = self._opened(self.path)
-            states = [
-                own.get_last_sample() if own.iteration else _state_of_lists(lists)
-                for own, lists in zip(backends, start["states"], strict=True)
-            ]
-            if start["moves"] is not None:
-                moves = _moves_of_lists(start["moves"])
-            recipe = Recipe(moves, states, start["evaluations"], start["sentence"])
-        else:
-            recipe = first(backends=self._burn_in)
-            start = {
-                "states": [_state_as_lists(state) for state in recipe.states],
-                "moves": _moves_as_lists(recipe.moves) if automatic else None,
-                "evaluations": recipe.evaluations,
-                "sentence": recipe.sentence,
-            }
-            backends = self._created(self.path, recipe.states, nsteps, start)
-        for stage in STAGES:  # of which nothing is needed any more
-            if automatic and os.path.lexists(f"{self.path}.{stage}"):
-                self._opened(f"{self.path}.{stage}", counts=False)
-                os.remove(f"{self.path}.{stage}")
-        return backends, recipe
-
-    def _burn_in(self, stage: str, states: list[emcee.State]) -> list[RunFile]:
-        path = f"{self.path}.{stage}"
-        if os.path.lexists(path):
-            return self._opened(path)[0]
-        return self._created(path, states, FIRST, {})
-
-    def _created(
-        self, path: str, states: list[emcee.State], nsteps: int, start: dict[str, Any]
-    ) -> list[RunFile]:
-        start |= {
-            "counts": [] if self.log is None else self.log.counts,
-            # What evaluations change, such as counters and caches, tells no two runs
-            # apart.
-            "volatile": changing(self.fingerprint, self.describe()),
-        }
-        nwalkers, ndim = states[0].coords.shape
+    settings = evaluation.settings
+    path = str(settings.path)
+    beside = f"{path}.burn-in"
+    manifest = describe_run(settings)
+    if not settings.resume:
+        check_new(beside)
+    if settings.resume and os.path.isfile(path):
+        backends = _open(path, evaluation, manifest)
+        recipe = _stored_recipe(evaluation, backends)
+        _go_on(path, evaluation, backends, recipe.states)
+    else:
+        check_new(path)
+        recipe = _begin(evaluation, beside, manifest)
+        found = {"recipe": _recipe_as_lists(recipe)} if settings.automatic else {}
         backends = RunFile.create(
-            path,
-            nwalkers,
-            ndim,
-            nsteps,
-            blobs=states[0].blobs.shape[1],
-            ensembles=self.ensembles,
-            fingerprint={**self.fingerprint, START: json.dumps(start)},
+            path, recipe.states, {**manifest, **found}, _counts(evaluation)
         )
-        return self._logged(backends)
+    if settings.automatic and os.path.lexists(beside):
+        _open(beside, evaluation, manifest)  # refuses what is somebody else's
+        os.remove(beside)
+    for own in backends:
+        own.failures = evaluation.failures
+    return backends, recipe
 
-    def _opened(
-        self, path: str, counts: bool = True
-    ) -> tuple[list[RunFile], dict[str, Any]]:
-        """Return the backends of a file of this run, and what it began with."""
-        backends = RunFile.resume(path, self.ensembles)
-        stored = backends[0].fingerprint
-        start = json.loads(stored.pop(START))
-        volatile = start["volatile"]
-        found = differences(
-            without(stored, volatile), without(self.fingerprint, volatile)
+
+def _begin(evaluation: Evaluation, beside: str, manifest: dict[str, Any]) -> Recipe:
+    """Return starts and moves of a run that has no file yet, but maybe a burn-in."""
+    settings = evaluation.settings
+    if not settings.automatic:
+        states = draw_starts(evaluation)
+        return Recipe(settings.moves, states, len(states[0].coords), "")
+    if os.path.lexists(beside):
+        stages = _open(beside, evaluation, manifest)
+        first, second = stages[: settings.ensembles], stages[settings.ensembles :]
+        states = [own.get_last_sample() for own in first]
+        pairs = zip(states, second, strict=True)
+        latest = [s.get_last_sample() if s.iteration else state for state, s in pairs]
+        _go_on(beside, evaluation, stages, latest)
+    else:
+        states = draw_starts(evaluation)
+        counts = _counts(evaluation)
+        stages = RunFile.create(beside, states, manifest, counts, stages=2)
+    for own in stages:
+        own.failures = evaluation.failures
+    return burn_in_and_fit(evaluation, states, stages)
+
+
+def _open(path: str, evaluation: Evaluation, manifest: dict[str, Any]) -> list[RunFile]:
+    """Open a file of this run to append to it, or refuse it."""
+    backends = RunFile.open(path, append=True)
+    check_same(path, backends[0].manifest, manifest)
+    done = max(own.iteration for own in backends)
+    if path == evaluation.settings.path and done > evaluation.settings.nsteps:
+        raise ValueError(
+            f"nsteps: expected at least the {done} steps that {path} holds already, "
+            f"got {evaluation.settings.nsteps}"
         )
-        if found:
-            raise ValueError(
-                f"resume: {path} holds a run of something else:\n  "
-                + "\n  ".join(found)
-                + "\nGo on with what it was, or give another file name"
-            )
-        if counts and self.log is not None:
-            # One ensemble runs after the other, and the counts only grow.
-            known = [start["counts"], *(own.counts for own in backends)]
-            self.log.restore(max(known))
-        return self._logged(backends), start
-
-    def _logged(self, backends: list[RunFile]) -> list[RunFile]:
-        for own in backends:
-            own.log = self.log
-        return backends
+    return backends
 
 
-def _state_as_lists(state: emcee.State) -> dict[str, Any]:
-    name, key, *rest = state.random_state
+def _go_on(
+    path: str, evaluation: Evaluation, backends: list[RunFile], states: list[Any]
+) -> None:
+    """Probe the posterior, then count failures from where the file ends."""
+    probe(evaluation, states, path)
+    if evaluation.failures is not None:
+        evaluation.failures.restore(backends[0].counts)
+
+
+def _counts(evaluation: Evaluation) -> list[int]:
+    log = evaluation.failures
+    return [0] * COUNTS if log is None else log.counts
+
+
+def _recipe_as_lists(recipe: Recipe) -> dict[str, Any]:
+    (fitted, share), _ = recipe.moves
+    laws = fitted.weights, fitted.means, fitted.scale_matrices
     return {
-        "coords": state.coords.tolist(),
-        "log_prob": state.log_prob.tolist(),
-        "blobs": state.blobs.tolist(),
-        "random_state": [name, key.tolist(), *rest],
+        "fitted": [*(law.tolist() for law in laws), fitted.df],
+        "share": share,
+        "evaluations": recipe.evaluations,
+        "sentence": recipe.sentence,
     }
 
 
-def _state_of_lists(lists: dict[str, Any]) -> emcee.State:
-    name, key, *rest = lists["random_state"]
-    return emcee.State(
-        np.array(lists["coords"]),
-        np.array(lists["log_prob"]),
-        np.array(lists["blobs"]),
-        (name, np.array(key, dtype=np.uint32), *rest),
-    )
-
-
-def _moves_as_lists(moves: Sequence[tuple[Any, float]]) -> dict[str, Any]:
-    """Return the mixture of "auto": an independence proposal and DE-MC."""
-    (fitted, share), (local, other) = moves
-    return {
-        "weights": fitted.weights.tolist(),
-        "means": fitted.means.tolist(),
-        "scale_matrices": fitted.scale_matrices.tolist(),
-        "df": fitted.df,
-        "mode_jump": local.mode_jump,
-        "shares": [share, other],
-    }
-
-
-def _moves_of_lists(lists: dict[str, Any]) -> list[tuple[Any, float]]:
-    laws = (lists[name] for name in ("weights", "means", "scale_matrices", "df"))
-    share, other = lists["shares"]
-    fitted = IndependenceMove(*laws)
-    return [(fitted, share), (DEMCMove(mode_jump=lists["mode_jump"]), other)]
+def _stored_recipe(evaluation: Evaluation, backends: list[RunFile]) -> Recipe:
+    """Return where the ensembles stand, and the moves to the bit."""
+    states = [own.get_last_sample() for own in backends]
+    stored = backends[0].manifest.get("recipe")
+    if stored is None:
+        return Recipe(evaluation.settings.moves, states, len(states[0].coords), "")
+    moves = mixture(IndependenceMove(*stored["fitted"]), stored["share"])
+    return Recipe(moves, states, stored["evaluations"], stored["sentence"])

@@ -1,110 +1,100 @@
 """The first state of every ensemble: starts, random streams, burn-in."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import emcee
 import numpy as np
-from numpy.typing import ArrayLike
 
-from .. import checks
-from ..posterior.log_posterior import LogPosterior
-from .auto import Backends, Recipe, burn_in_and_fit
+from ..interfaces import Floats
+from ..posterior.failures import FailureLog
+from ..posterior.rejecting import guard
+from .arguments import Settings
 
 MOST_DRAWS = 20  # of a starting point
 
 
-def begin_run(
-    posterior: LogPosterior,
-    moves: Any,
-    automatic: bool,
-    build: Callable[..., emcee.EnsembleSampler],
-    seed: int,
-    initial: Any,
-    ensembles: int,
-    progress: bool | str,
-    redraw: bool,
-    backends: Backends,
-) -> Recipe:
-    """Return evaluated starts and the moves, after the burn-in of "auto".
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Who evaluates the posterior of a run, and who counts its failures.
 
-    Args:
-        posterior: What is sampled.
-        moves: The moves that were asked for.
-        automatic: Whether they shall be found by a burn-in.
-        build: ``build(moves=...)`` makes an emcee sampler of the posterior.
-        seed: Of all random streams.
-        initial: Starting positions, or None for draws from the prior.
-        ensembles: Number of ensembles.
-        progress: Whether to show the progress of the burn-in.
-        redraw: Whether draws from the prior where the posterior is zero are redrawn.
-        backends: Of the burn-in, see :func:`sampling.auto.burn_in_and_fit`.
+    Attributes:
+        settings: What was asked for.
+        failures: The log, None if failures stop the run.
+        function: What emcee calls.
+        pool: Where emcee calls it, or None.
+        bare: The same pool, which counts nothing.
+    """
+
+    settings: Settings
+    failures: FailureLog | None
+    function: Any
+    pool: Any
+    bare: Any
+
+    @classmethod
+    def begin(cls, settings: Settings, pool: Any) -> Self:
+        """Return the evaluation of the posterior on a pool, or None."""
+        kind, most = settings.on_failure, settings.max_failures
+        return cls(settings, *guard(settings.posterior, pool, kind, most), pool)
+
+    def uncounted(self) -> Self:
+        """Return the same with a log of its own that never stops."""
+        return self.begin(replace(self.settings, max_failures=1.0), self.bare)
+
+    def sampler(self, moves: Any = None, backend: Any = None) -> emcee.EnsembleSampler:
+        """Return a sampler of the posterior."""
+        return emcee.EnsembleSampler(
+            self.settings.nwalkers,
+            self.settings.posterior.ndim,
+            self.function,
+            moves=moves,
+            backend=backend,
+            pool=self.pool,
+            vectorize=self.settings.vectorize,
+        )
+
+
+def draw_starts(evaluation: Evaluation) -> list[emcee.State]:
+    """Return the evaluated start of each ensemble, with its own random stream.
+
+    Draws from the prior at which a solve failed and was rejected, or the posterior is
+    zero for another reason beside it, are drawn again.
 
     Raises:
-        ValueError: If initial has the wrong shape or is out of bounds, or a walker
-            starts where the posterior is zero.
+        ValueError: If a walker starts where the posterior is zero.
     """
-    streams = np.random.SeedSequence(seed).spawn(ensembles)
-    nwalkers = build().nwalkers
-    starts = _starts(posterior, nwalkers, streams, initial)
-    drawn = posterior if redraw and initial is None else None
-    states = [
-        _first_state(build(), start, stream, drawn, posterior.names)
-        for start, stream in zip(starts, streams, strict=True)
-    ]
-    if automatic:
-        return burn_in_and_fit(build, states, progress, backends)
-    return Recipe(moves, states, nwalkers, "")
+    settings = evaluation.settings
+    posterior, sampler = settings.posterior, evaluation.sampler()
+    states = []
+    streams = np.random.SeedSequence(settings.seed).spawn(settings.ensembles)
+    for ensemble, stream in enumerate(streams):
+        if settings.initial is None:
+            start = posterior.start(settings.nwalkers, stream.spawn(1)[0])
+        else:
+            start = settings.initial[ensemble].copy()
+        log_prob, blobs = sampler.compute_log_prob(start)
+        redraws = MOST_DRAWS
+        if evaluation.failures is None or settings.initial is not None:
+            redraws = 0
+        for _ in range(redraws):
+            again = np.flatnonzero(~np.isfinite(log_prob))
+            if not len(again):
+                break
+            start[again] = posterior.start(len(again), stream.spawn(1)[0])
+            log_prob[again], blobs[again] = sampler.compute_log_prob(start[again])
+        _check_finite(log_prob, start, posterior.names)
+        random = np.random.RandomState(np.random.MT19937(stream))
+        states.append(emcee.State(start, log_prob, blobs, random.get_state()))
+    return states
 
 
-def _starts(
-    posterior: LogPosterior,
-    nwalkers: int,
-    streams: list[np.random.SeedSequence],
-    initial: ArrayLike | None,
-) -> list[Any]:
-    if initial is None:
-        return [posterior.start(nwalkers, stream.spawn(1)[0]) for stream in streams]
-    # A copy in double precision: emcee would truncate steps from integer starts.
-    starts = checks.real_array("initial", initial)
-    if starts.ndim == 2 and len(streams) == 1:
-        starts = starts[None]
-    if starts.shape != (len(streams), nwalkers, posterior.ndim):
-        raise ValueError(
-            f"initial: expected shape {(len(streams), nwalkers, posterior.ndim)} "
-            f"(ensembles, nwalkers, ndim), got {starts.shape}"
-        )
-    for start in starts:
-        posterior.check_inside("initial", start)
-    return list(starts)
-
-
-def _first_state(
-    sampler: emcee.EnsembleSampler,
-    start: Any,
-    stream: np.random.SeedSequence,
-    drawn: LogPosterior | None,
-    names: Sequence[str],
-) -> emcee.State:
-    """Return the evaluated start, with the ensemble's own random stream.
-
-    Draws from the prior, ``drawn``, at which the posterior is zero, as where a solve
-    failed and was rejected, are drawn again.
-    """
-    log_prob, blobs = sampler.compute_log_prob(start)
-    for _ in range(MOST_DRAWS):
-        again = np.flatnonzero(~np.isfinite(log_prob))
-        if drawn is None or not len(again):
-            break
-        start[again] = drawn.start(len(again), stream.spawn(1)[0])
-        log_prob[again], blobs[again] = sampler.compute_log_prob(start[again])
+def _check_finite(log_prob: Floats, start: Floats, names: tuple[str, ...]) -> None:
     if not np.isfinite(log_prob).all():
         walker = int(np.argmin(np.isfinite(log_prob)))
         values = dict(zip(names, start[walker].tolist(), strict=True))
         raise ValueError(
             f"initial: the log-posterior of walker {walker} is {log_prob[walker]} at "
-            f"{values}; every walker must start where it is finite (of a solve that "
+            f"{values}; every walker must start where it is finite (for a solve that "
             "failed, on_failure='raise' tells why)"
         )
-    random = np.random.RandomState(np.random.MT19937(stream))
-    return emcee.State(start, log_prob, blobs, random.get_state())

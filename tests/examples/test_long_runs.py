@@ -14,7 +14,7 @@ def test_resume():
     stored = int(shown.split()[2])
     assert 0 < stored <= 800
     assert "never stopped: True" in shown
-    assert "terms[0].measured: 1 of 5 changed" in shown
+    assert "terms.frequency.measured[2]: was 7.083, is 7.09" in shown
     assert "failed solves, taken for impossible: {'exception': " in shown
     assert "ms per generation" in shown
 

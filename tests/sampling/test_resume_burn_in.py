@@ -60,7 +60,7 @@ def files(path):
 
 def test_a_stop_at_any_time_costs_a_generation_or_a_trial(whole, tmp_path):
     calls, samplers = whole
-    path = tmp_path / "run.h5"
+    path = tmp_path / "run.chain"
     spent, held = 0, set()
     for share in (0.01, 0.2, 0.25, 0.3, 0.2):  # of all calls, then to the end
         part, stopped = sampled(int(share * calls), backend=path, resume=True)
@@ -69,9 +69,9 @@ def test_a_stop_at_any_time_costs_a_generation_or_a_trial(whole, tmp_path):
         spent += part
         held.update(files(path))
     part, found = sampled(backend=path, resume=True)
-    assert held >= {"run.h5.burn-in", "run.h5.second-fit"}
-    assert files(path) == ["run.h5"]
-    # Each stop: two ensembles' first states again, and the two calls of a generation.
+    assert held == {"run.chain.burn-in", "run.chain"}
+    assert files(path) == ["run.chain"]
+    # Each stop: a probe of two ensembles, and the two calls of a generation.
     # The last one may have stopped the trial of the fit, which is not stored.
     trial = 2 * ef.sampling.auto.TRIAL
     assert calls < spent + part <= calls + 5 * (2 + 2) + trial < 1.2 * calls
@@ -83,35 +83,35 @@ def test_a_stop_at_any_time_costs_a_generation_or_a_trial(whole, tmp_path):
 
 
 def test_a_burn_in_that_was_stopped_is_not_run_over_and_not_mixed(tmp_path):
-    path = tmp_path / "run.h5"
+    path = tmp_path / "run.chain"
     sampled(200, backend=path)
-    before = (tmp_path / "run.h5.burn-in").read_bytes()
-    with pytest.raises(ValueError, match=r"run.h5.burn-in exists; go on .* resume"):
+    before = (tmp_path / "run.chain.burn-in").read_bytes()
+    with pytest.raises(ValueError, match=r"run.chain.burn-in exists; go on .* resume"):
         sampled(backend=path)
     with pytest.raises(ValueError, match=r"burn-in holds a run of .*\n  seed: was 1"):
         sampled(backend=path, resume=True, seed=2)
-    assert (tmp_path / "run.h5.burn-in").read_bytes() == before
-    assert files(path) == ["run.h5.burn-in"]
+    assert (tmp_path / "run.chain.burn-in").read_bytes() == before
+    assert files(path) == ["run.chain.burn-in"]
 
 
 def test_a_foreign_file_in_its_place_is_left_as_it_is(tmp_path):
-    path, beside = tmp_path / "run.h5", tmp_path / "run.h5.burn-in"
+    path, beside = tmp_path / "run.chain", tmp_path / "run.chain.burn-in"
     beside.write_text("mine")
-    with pytest.raises(ValueError, match="burn-in: expected the file of a run"):
+    with pytest.raises(ValueError, match="expected the file of a run.*burn-in"):
         sampled(backend=path, resume=True)
     assert beside.read_text() == "mine"
 
 
 def test_files_of_a_burn_in_that_a_kill_left_are_removed(tmp_path):
-    path, beside = tmp_path / "run.h5", tmp_path / "run.h5.burn-in"
+    path, beside = tmp_path / "run.chain", tmp_path / "run.chain.burn-in"
     sampled(200, backend=path)
     left = beside.read_bytes()
     sampled(backend=path, resume=True)
     beside.write_bytes(left)  # killed between making one and removing the other
     sampled(backend=path, resume=True)
-    assert files(path) == ["run.h5"]
+    assert files(path) == ["run.chain"]
     beside.write_text("mine")
-    with pytest.raises(ValueError, match="burn-in: expected the file of a run"):
+    with pytest.raises(ValueError, match="expected the file of a run.*burn-in"):
         sampled(backend=path, resume=True)
     assert beside.read_text() == "mine"
 

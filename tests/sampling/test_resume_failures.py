@@ -30,7 +30,7 @@ POSTERIOR = ef.LogPosterior(ef.FunctionModel(fails, n_modes=2), TERM, PRIOR)
 
 @pytest.fixture
 def path(tmp_path):
-    return tmp_path / "run.h5"
+    return tmp_path / "run.chain"
 
 
 def rejected(**options):
@@ -142,30 +142,6 @@ def test_a_run_that_a_failure_stopped_goes_on_with_reject(path):
         np.testing.assert_array_equal(one.get_chain(), other.get_chain())
 
 
-@pytest.mark.parametrize("moves", [None, "auto"])
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [("none/run.h5", "no directory for .*run.h5; make it"), ("sub/", "name of a file")],
-)
-def test_a_place_for_no_file_is_refused_before_anything_is_solved(
-    tmp_path, moves, name, message
-):
-    def unsolved(p):
-        raise AssertionError("it was solved")
-
-    (tmp_path / "sub").mkdir()
-    posterior = ef.LogPosterior(ef.FunctionModel(unsolved, n_modes=2), TERM, PRIOR)
-    for resume in (False, True):
-        with pytest.raises(ValueError, match=message):
-            ef.run(
-                posterior,
-                moves,
-                seed=1,
-                backend=os.path.join(tmp_path, name),
-                resume=resume,
-            )
-
-
 def test_a_solver_may_change_the_directory(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sub").mkdir()
@@ -175,25 +151,6 @@ def test_a_solver_may_change_the_directory(tmp_path, monkeypatch):
         return [10.0 + p["a"], 20.0 + p["b"]]
 
     posterior = ef.LogPosterior(ef.FunctionModel(wanders, n_modes=2), TERM, PRIOR)
-    ef.run(posterior, nsteps=3, backend="run.h5", **OPTIONS)
-    assert [file.name for file in tmp_path.glob("**/*.h5")] == ["run.h5"]
-    assert (tmp_path / "run.h5").exists()
-
-
-def test_counters_and_caches_of_a_model_do_not_tell_two_runs_apart(path):
-    calls, cache = {"n": 0}, {}
-
-    def cached(p):
-        calls["n"] += 1
-        return cache.setdefault((p["a"], p["b"]), [10.0 + p["a"], 20.0 + p["b"]])
-
-    def posterior(term=TERM):
-        return ef.LogPosterior(ef.FunctionModel(cached, n_modes=2), term, PRIOR)
-
-    ef.run(posterior(), nsteps=5, backend=path, **OPTIONS)
-    assert calls["n"] > 100 and len(cache) > 100
-    samplers = ef.run(posterior(), nsteps=9, backend=path, resume=True, **OPTIONS)
-    assert samplers[1].iteration == 9
-    other = posterior(ef.FrequencyTerm([10.1, 20.0], sd=[0.5, 0.5]))
-    with pytest.raises(ValueError, match=r"terms\[0\]\.measured"):
-        ef.run(other, nsteps=12, backend=path, resume=True, **OPTIONS)
+    ef.run(posterior, nsteps=3, backend="run.chain", **OPTIONS)
+    assert [file.name for file in tmp_path.glob("**/*.chain")] == ["run.chain"]
+    assert (tmp_path / "run.chain").exists()

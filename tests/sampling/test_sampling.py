@@ -90,19 +90,18 @@ def test_one_metropolis_walker_is_a_legitimate_ensemble():
     assert np.ptp(chain[:, 0], axis=0).min() > 0
 
 
-def test_hdf_file_holds_one_group_an_ensemble_and_is_not_run_over(tmp_path):
-    file = tmp_path / "run.h5"
-    in_file = chains(backend=file, ensembles=2)
-    assert np.array_equal(in_file, chains(ensembles=2))
-    stored = emcee.backends.HDFBackend(str(file), name="ensemble_1", read_only=True)
-    assert np.array_equal(stored.get_chain(), in_file[1])
-    with pytest.raises(ValueError, match="exists; go on with it by resume=True"):
-        chains(backend=file, ensembles=2)
+def test_the_default_ensemble_is_large_enough_for_dimension_and_ladder():
+    for moves, expected in [(None, 20), (ef.TemperedMove(ef.DEMCMove(), [1, 0.5]), 40)]:
+        (sampler,) = ef.run(PROBLEM.posterior, moves, nsteps=1, seed=1)
+        assert sampler.nwalkers == expected
 
 
-def test_default_ensemble_is_large_enough_for_the_dimension():
-    (sampler,) = ef.run(PROBLEM.posterior, nsteps=1, seed=1)
-    assert sampler.nwalkers == 20
+def test_samplers_know_whether_their_starts_were_given():
+    start = PROBLEM.posterior.start(12, seed=5)
+    for initial, given in [(None, False), (start, True)]:
+        options = {"nwalkers": 12, "nsteps": 1, "seed": 1, "initial": initial}
+        (sampler,) = ef.run(PROBLEM.posterior, **options)
+        assert sampler.starts_given is given
 
 
 def never(parameters):

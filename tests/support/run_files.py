@@ -14,32 +14,34 @@ def log_prob(theta, blobs):
     )
 
 
+def first_state(blobs=2):
+    random = np.random.RandomState(7)  # noqa: NPY002 - what emcee uses
+    start = random.standard_normal((W, D))
+    rows = log_prob(start, blobs)
+    own = rows[:, 1:] if blobs else None
+    return emcee.State(start, rows[:, 0], own, random.get_state())
+
+
 def advance(backend, nsteps, blobs=2, thin_by=1):
     """Run a sampler for nsteps more and return the backend."""
     sampler = emcee.EnsembleSampler(
         W, D, log_prob, args=[blobs], vectorize=True, backend=backend
     )
-    if sampler.iteration:
-        state = sampler.get_last_sample()
-    else:
-        random = np.random.RandomState(7)  # noqa: NPY002 - what emcee uses
-        start = random.standard_normal((W, D))
-        state = emcee.State(start, random_state=random.get_state())
+    state = sampler.get_last_sample() if sampler.iteration else first_state(blobs)
     sampler.run_mcmc(state, nsteps, thin_by=thin_by)
     return backend
 
 
-def create(path, nsteps=10, blobs=2, **options):
-    options = {"fingerprint": {}, **options}
-    return RunFile.create(path, W, D, nsteps, blobs=blobs, **options)[0]
+def create(path, blobs=2, ensembles=1):
+    return RunFile.create(path, [first_state(blobs)] * ensembles, {"seed": 7})[0]
 
 
 def assert_same(one, other):
-    for backend in (one, other):
-        assert backend.iteration > 0
+    """Compare backends, or samplers, in all that a run leaves."""
     for get in ("get_chain", "get_log_prob", "get_blobs"):
         np.testing.assert_array_equal(getattr(one, get)(), getattr(other, get)())
+    one, other = (getattr(run, "backend", run) for run in (one, other))
     np.testing.assert_array_equal(one.accepted, other.accepted)
     for a, b in zip(one.random_state, other.random_state, strict=True):
         np.testing.assert_array_equal(a, b)
-    assert one.iteration == other.iteration
+    assert one.iteration == other.iteration > 0

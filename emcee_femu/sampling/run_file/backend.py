@@ -1,294 +1,219 @@
-"""A backend of emcee in an HDF5 file that a kill at any moment leaves usable."""
+"""A backend of emcee in a file that a kill at any moment leaves usable."""
 
-import json
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Any, BinaryIO, Literal, Self
+from typing import Any, Self
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import checks
 from ...interfaces import Floats
-from . import creation, storage
-from .storage import Layout
+from .log import COUNTS, RANDOM, Log, check_new, create
 
 
-class RunFile(emcee.backends.HDFBackend):
-    """One ensemble of a run in an HDF5 file, which a kill at any moment leaves usable.
+class RunFile(emcee.backends.Backend):
+    """One ensemble of a run in a file, which a kill at any moment leaves usable.
 
-    A run that was killed and resumed ends bit-identical to one that was not. emcee's
-    own ``HDFBackend(path, name="ensemble_0")`` reads the file, also while it is
-    written, but cannot append to it. Room for all steps is made when the file is
-    created; it fills as the run goes. Writing a step takes a fraction of a
-    millisecond and no lock, so that others may read meanwhile.
-
-    Make a file by :meth:`create`, go on with :meth:`resume`; the bare class reads one.
+    A run that was killed and resumed ends bit-identical to one that was not. The bare
+    class reads one ensemble, also while it is written; only the steps that are asked
+    for are read. ``emcee.EnsembleSampler(..., backend=RunFile(path))`` is a sampler of
+    what is stored.
 
     Args:
-        filename: The file.
-        name: The ensemble's group in it.
+        path: The file.
+        ensemble: Number of the ensemble, from 0.
 
     Raises:
-        ImportError: If h5py is not installed.
+        ValueError: If it is no file of a run, is damaged (by the number of the record,
+            with what can be kept), or has no such ensemble.
     """
 
-    def __init__(self, filename: str | PathLike[str], name: str = "ensemble_0") -> None:
-        """See the class."""
-        storage.hdf5()
-        super().__init__(os.fspath(filename), name=name, dtype=np.float64)
-        self._layout: Layout | None = None
-        self.log: Any = None  # whose counts are stored with every step
-        self._expected: int | None = None  # steps in the file as far as we know
+    def __init__(self, path: str | PathLike[str], ensemble: int = 0) -> None:
+        self._attach(Log(os.fspath(path)), ensemble)
+
+    def _attach(self, log: Log, ensemble: int) -> Self:
+        super().__init__(np.float64)
+        header = log.header
+        if ensemble not in range(header["streams"]):
+            raise ValueError(
+                f"ensemble: {log.path} holds {header['streams']}, numbered from 0, got "
+                f"{ensemble!r}"
+            )
+        self._log, self._stream = log, ensemble
+        self.nwalkers, self.ndim = header["nwalkers"], header["ndim"]
+        self.failures: Any = None  # whose counts are stored with every step
+        self.initialized = True
+        return self
+
+    @classmethod
+    def open(cls, path: str | PathLike[str], append: bool = False) -> list[Self]:
+        """Return a backend per ensemble, to read them or to ``append`` more steps.
+
+        Raises:
+            ValueError: If it is no file of a run, or damaged, as for the class.
+        """
+        log = Log(os.fspath(path), append)
+        streams = range(log.header["streams"])
+        return [cls.__new__(cls)._attach(log, stream) for stream in streams]
 
     @classmethod
     def create(
         cls,
-        filename: str | PathLike[str],
-        nwalkers: int,
-        ndim: int,
-        nsteps: int,
-        *,
-        blobs: int = 0,
-        ensembles: int = 1,
-        fingerprint: Mapping[str, str],
+        path: str | PathLike[str],
+        starts: Sequence[emcee.State],
+        manifest: Mapping[str, Any],
+        counts: Sequence[int] = (0,) * COUNTS,
+        stages: int = 1,
     ) -> list[Self]:
-        """Make a file with room for all ensembles, in one step: all of it or nothing.
-
-        Its size is ``8 * nwalkers * (ndim + 1 + blobs) * nsteps * ensembles`` bytes
-        and some kB.
+        """Make a file, in one step: all of it or nothing.
 
         Args:
-            filename: The file, which must not exist.
-            nwalkers: Walkers an ensemble.
-            ndim: Parameters.
-            nsteps: Stored steps.
-            blobs: Blobs a walker.
-            ensembles: Groups ``ensemble_0``, ``ensemble_1``, ... in the file.
-            fingerprint: What is sampled and how, see
-                :func:`emcee_femu.sampling.fingerprint.fingerprint`.
+            path: The file, which must not exist.
+            starts: Where each ensemble begins: evaluated, with its random state.
+            manifest: What is sampled and how, for JSON.
+            counts: Evaluations so far, and failures by cause.
+            stages: Chains per ensemble; those of later stages have no start.
 
         Returns:
-            One backend an ensemble.
+            One backend to append to per stage and ensemble.
 
         Raises:
-            ImportError: If h5py is not installed.
-            ValueError: If the file exists, its directory does not, a count is below 1,
-                or the disk has too little room.
+            ValueError: If the file exists, or its directory does not or takes no files.
+            OSError: If it cannot be written.
         """
-        path = os.fspath(filename)
-        counts = {"nwalkers": nwalkers, "ndim": ndim, "nsteps": nsteps}
-        for argument, value in {**counts, "ensembles": ensembles}.items():
-            checks.whole_number(argument, value, 1)
-        checks.whole_number("blobs", blobs)
-        creation.create(
-            path,
-            Layout(nwalkers, ndim, nsteps, blobs),
-            ensembles,
-            json.dumps(dict(fingerprint)),
-        )
-        return cls.resume(path, ensembles)
-
-    @classmethod
-    def resume(cls, filename: str | PathLike[str], ensembles: int = 1) -> list[Self]:
-        """Open a file to go on with it, after a kill too; nothing is lost but a step.
-
-        Args:
-            filename: A file that :meth:`create` made.
-            ensembles: How many ensembles it must hold.
-
-        Returns:
-            One backend an ensemble.
-
-        Raises:
-            ImportError: If h5py is not installed.
-            ValueError: If the file is not there, truncated, damaged, not made by
-                :meth:`create`, or holds another number of ensembles. It is left as
-                it is.
-        """
-        ensembles = checks.whole_number("ensembles", ensembles, 1)
-        path = os.fspath(filename)
-        with storage.opened(path) as h5:
-            held = len(h5)
-        if held != ensembles:
-            raise ValueError(
-                f"backend: {path} holds {held} ensembles, but ensembles={ensembles} "
-                f"was asked for; resume with ensembles={held}"
-            )
-        backends = [cls(path, f"ensemble_{k}") for k in range(ensembles)]
-        records = [backend._checked() for backend in backends]  # before any is changed
-        for backend, record in zip(backends, records, strict=True):
-            backend._expected = int(record["iteration"])
-            with backend._file("r+b") as (file, layout):
-                storage.publish(file, layout, record)
-        return backends
-
-    def _checked(self) -> Any:
-        """Return the last commit record of a file that may be written to."""
-        storage.check_places(self.filename, self.name)
-        with self._file("rb") as (file, layout):
-            record = storage.latest(self.filename, file, layout)
-            storage.check_last_rows(self.filename, file, layout, record)
-        return record
-
-    @contextmanager
-    def _file(self, mode: Literal["rb", "r+b"]) -> Iterator[tuple[BinaryIO, Layout]]:
-        """Open the file and say where what is; it may have been replaced meanwhile."""
-        with open(self.filename, mode, buffering=0) as file:
-            found = storage.identity(os.fstat(file.fileno()))
-            if self._layout is None or self._layout.identity != found:
-                self._layout = storage.read_layout(self.filename, self.name)
-            yield file, self._layout
-
-    def _latest(self) -> Any:
-        with self._file("rb") as (file, layout):
-            return storage.latest(self.filename, file, layout)
+        blobs = starts[0].blobs
+        header = {
+            "nwalkers": starts[0].coords.shape[0],
+            "ndim": starts[0].coords.shape[1],
+            "blobs": 0 if blobs is None else blobs.shape[1],
+            "starts": len(starts),
+            "streams": stages * len(starts),
+            "manifest": dict(manifest),
+        }
+        create(os.path.abspath(path), header, starts, counts)
+        return cls.open(path, append=True)
 
     @property
-    def fingerprint(self) -> dict[str, str]:
-        """What is sampled and how, as it was given when the file was created."""
-        with storage.opened(self.filename) as h5:
-            stored: dict[str, str] = json.loads(h5.attrs["fingerprint"])
-        return stored
-
-    @property
-    def capacity(self) -> int:
-        """Number of steps for which the file has room."""
-        with self._file("rb") as (_, layout):
-            return layout.nsteps
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Walkers and parameters."""
-        with self._file("rb") as (_, layout):
-            return layout.nwalkers, layout.ndim
-
-    def has_blobs(self) -> bool:
-        """Return whether the walkers have blobs."""
-        with self._file("rb") as (_, layout):
-            return layout.blobs > 0
-
-    @property
-    def iteration(self) -> int:
-        """Number of stored steps."""
-        return int(self._latest()["iteration"])
-
-    @property
-    def accepted(self) -> Floats:
-        """Accepted proposals, ``(nwalkers,)``."""
-        counts: Floats = self._latest()["accepted"].copy()
-        return counts
+    def manifest(self) -> dict[str, Any]:
+        """What is sampled and how, as it was when the file was made."""
+        return dict(self._log.header["manifest"])
 
     @property
     def counts(self) -> list[int]:
         """Evaluations and failures by cause, of all ensembles up to the last step."""
-        counts: list[int] = self._latest()["counts"].tolist()
+        self._log.refresh()
+        counts: list[int] = self._log.counts.tolist()
+        return counts
+
+    @property
+    def iteration(self) -> int:
+        """Number of stored steps."""
+        self._log.refresh()
+        return self._log.steps(self._stream)
+
+    @property
+    def accepted(self) -> Floats:
+        """Accepted proposals, ``(nwalkers,)``."""
+        if not self.iteration:
+            return np.zeros(self.nwalkers)
+        counts: Floats = self._log.last(self._stream)["accepted"].copy()
         return counts
 
     @property
     def random_state(self) -> tuple[Any, ...] | None:
         """The state of NumPy's ``RandomState`` after the last step, None before one."""
-        last = self._latest()
-        if not last["iteration"]:
-            return None
-        key, *rest = (last[f"random_state_{i}"] for i in range(1, 5))
-        return "MT19937", key.copy(), *(value.item() for value in rest)
+        return self.get_last_sample().random_state if self.iteration else None
+
+    def has_blobs(self) -> bool:
+        """Return whether the walkers have blobs."""
+        return bool(self._log.header["blobs"])
+
+    def get_last_sample(self) -> emcee.State:
+        """Return the last stored state, that of the start before there is a step."""
+        self._log.refresh()
+        last = self._log.last(self._stream)
+        key, *rest = (last[name] for name in RANDOM)
+        return emcee.State(
+            last["chain"].copy(),
+            last["log_prob"].copy(),
+            last["blobs"].copy() if self.has_blobs() else None,
+            ("MT19937", key.copy(), *(value.item() for value in rest)),
+        )
 
     def get_value(
         self, name: str, flat: bool = False, thin: int = 1, discard: int = 0
     ) -> Floats | None:
-        """Return the stored steps of ``chain``, ``log_prob`` or ``blobs``.
-
-        Past HDF5, which may show this process what it read before the last steps.
-        """
-        iteration = self.iteration
-        if not iteration:
-            super().get_value(name)  # raises emcee's own error
+        """Return the stored steps of ``chain``, ``log_prob`` or ``blobs``."""
+        if not self.iteration:
+            raise AttributeError(f"{self._log.path}: no step of this ensemble is there")
         if name == "blobs" and not self.has_blobs():
             return None
-        with self._file("rb") as (file, layout):
-            inner = {"chain": (layout.ndim,), "blobs": layout.blob_shape}.get(name, ())
-            shape = (iteration, layout.nwalkers, *inner)
-            stored = np.memmap(file, "<f8", "r", layout.places[name], shape)
-            steps: Floats = np.array(stored[discard + thin - 1 :: thin], np.float64)
-        return steps.reshape(-1, *inner) if flat else steps
+        part = slice(discard + thin - 1, None, thin)
+        found: Floats = self._log.read(self._stream, name, part)
+        return found.reshape(-1, *found.shape[2:]) if flat else found
 
     def reset(self, nwalkers: int, ndim: int) -> None:
-        """Refuse to clear the chain: a file is for one run.
-
-        Raises:
-            ValueError: Always, with the remedy.
-        """
-        if os.path.lexists(self.filename):
-            storage.read_layout(self.filename, self.name)  # says what is wrong
-            raise ValueError(
-                f"backend: the steps in {self.filename} are never cleared; give a new "
-                "file name"
-            )
+        """Refuse to clear the chain: a file is for one run."""
         raise ValueError(
-            f"backend: there is no {self.filename}; make it by RunFile.create"
+            f"backend: the steps in {self._log.path} are never cleared; give a new "
+            "file name"
         )
 
     def grow(self, ngrow: int, blobs: Any) -> None:
-        """Make room for ``ngrow`` more steps, by a larger copy where there is none.
-
-        Raises:
-            ValueError: If the blobs are not those of the file, or the disk is full.
-        """
-        self._check_blobs(blobs)
-        steps = int(self._checked()["iteration"])
-        if self._expected is None:
-            self._expected = steps
-        if steps + ngrow > self.capacity:
-            creation.extend(self.filename, steps + ngrow)
+        """Refuse blobs that have no place in the records; the file grows by itself."""
+        expected = (self.nwalkers, self._log.header["blobs"])
+        if np.shape(blobs) != (expected if self.has_blobs() else ()):
+            raise ValueError(
+                f"blobs: {self._log.path} stores numbers of shape {expected}, got "
+                f"{np.shape(blobs)}; give a new file name"
+            )
 
     def save_step(self, state: emcee.State, accepted: NDArray[np.bool_]) -> None:
-        """Add a step; it exists once its commit record is written.
+        """Append a step: all of it, or nothing.
 
         Raises:
-            TypeError: If the walkers are not in double precision, which the file is.
-            ValueError: If shapes do not fit, there is no room, or another process
-                writes to the file.
+            ValueError: If shapes do not fit, or another run writes to the file.
+            OSError: If it cannot be written, as on a full disk; nothing is lost.
         """
         self._check(state, accepted)
-        if state.coords.dtype != np.float64:
-            raise TypeError(
-                f"initial_state: expected float64 coordinates, got {state.coords.dtype}"
-                "; a resumed run would differ"
-            )
-        with self._file("r+b") as (file, layout):
-            last = storage.latest(self.filename, file, layout)
-            step = int(last["iteration"])
-            if self._expected not in (None, step):
-                raise ValueError(
-                    f"backend: {self.filename} holds {step} steps of {self.name}, but "
-                    f"this run knows of {self._expected}: another run writes to it; "
-                    "stop one of the two and resume"
-                )
-            if step >= layout.nsteps:
-                raise ValueError(f"backend: {self.filename} is full; call grow first")
-            self._expected = None  # unknown, should it be interrupted here
-            record = storage.write_rows(file, layout, last, state)
-            record["accepted"] += accepted
-            if self.log is not None:
-                record["counts"] = self.log.counts
-            for i, value in enumerate(state.random_state[1:], 1):
-                record[f"random_state_{i}"] = value
-            storage.commit(file, layout, record)
-            storage.publish(file, layout, record)
-        self._expected = step + 1
+        self._log.append(
+            self._stream,
+            state,
+            self.accepted + accepted,
+            self._log.counts if self.failures is None else self.failures.counts,
+        )
 
-    def _check_blobs(self, blobs: Any) -> None:
-        with self._file("rb") as (_, layout):
-            expected = (layout.nwalkers, *layout.blob_shape) if layout.blobs else None
-        got = None if blobs is None else np.shape(blobs)
-        if got != expected or (blobs is not None and blobs.dtype != np.float64):
-            room = f"float64 blobs of shape {expected}" if expected else "no blobs"
-            kind = "none" if blobs is None else f"{blobs.dtype} ones of shape {got}"
-            raise ValueError(
-                f"blobs: {self.filename} has room for {room}, got {kind}; give a new "
-                "file name"
-            )
+    def to_hdf(self, path: str | PathLike[str]) -> None:
+        """Write all ensembles for emcee's HDFBackend, in groups ``ensemble_0`` ...
+
+        Raises:
+            ImportError: If h5py is not installed.
+            ValueError: If the file exists, or its directory does not or takes no files.
+        """
+        try:
+            import h5py
+        except ImportError as error:
+            raise ImportError(
+                'h5py is needed to write HDF5; pip install "emcee_femu[hdf]"'
+            ) from error
+        check_new(os.fspath(path))
+        with h5py.File(path, "w") as h5:
+            for number, own in enumerate(self.open(self._log.path)):
+                own._write_hdf(h5.create_group(f"ensemble_{number}"))
+
+    def _write_hdf(self, group: Any) -> None:
+        steps = self.iteration
+        group.attrs["version"] = emcee.__version__
+        group.attrs["nwalkers"], group.attrs["ndim"] = self.shape
+        group.attrs["has_blobs"], group.attrs["iteration"] = self.has_blobs(), steps
+        for i, value in enumerate(self.random_state or ()):
+            group.attrs[f"random_state_{i}"] = value
+        group["accepted"] = self.accepted
+        for name in ("chain", "log_prob", "blobs")[: 2 + self.has_blobs()]:
+            shape = self._log.read(self._stream, name, slice(0)).shape[1:]
+            stored = group.create_dataset(name, (steps, *shape), np.float64)
+            for at in range(0, steps, 1_000):  # never all of it in memory
+                part = slice(at, at + 1_000)
+                stored[part] = self._log.read(self._stream, name, part)

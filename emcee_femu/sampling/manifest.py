@@ -1,0 +1,146 @@
+"""What a run is of, readable: a chain may go on only as what it began.
+
+What can be read of the posterior is compared by entry; what cannot, such as the code
+of a model and the files that it reads, is found by :func:`probe.probe`.
+"""
+
+import hashlib
+import json
+import platform
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
+from inspect import signature
+from typing import Any
+from warnings import warn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..posterior.log_posterior import LogPosterior
+from .arguments import Settings
+
+PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
+SHOWN = 64  # numbers of an array; of a larger one the digest is kept
+ABSENT = "absent"
+
+
+def describe_run(settings: Settings) -> dict[str, Any]:
+    """Return what is sampled and how, as JSON has it."""
+    posterior = settings.posterior
+    columns = posterior.columns.items()
+    terms = zip(posterior.term_names, posterior.terms, strict=True)
+    entries = {
+        "parameters": posterior.names,
+        "bounds": dict(zip(posterior.names, posterior.prior.bounds, strict=True)),
+        "prior": posterior.prior,
+        "terms": {name: _term(term) for name, term in terms},
+        "stored": {name: part.stop - part.start for name, part in columns},
+        "moves": "auto" if settings.automatic else settings.moves,
+        "nwalkers": settings.nwalkers,
+        "ensembles": settings.ensembles,
+        "thin_by": settings.thin_by,
+        "seed": settings.seed,
+        "initial": None if settings.initial is None else _digest(settings.initial),
+        "versions": {
+            "python": platform.python_version(),
+            **{name: version(name) for name in PACKAGES},
+        },
+    }
+    described: dict[str, Any] = json.loads(json.dumps(_readable(entries)))
+    return described
+
+
+def _term(term: Any) -> Any:
+    """Describe a term of this package by its settings, another by what it measured."""
+    if type(term).__module__.startswith(f"{__package__.split('.')[0]}."):
+        return term
+    return {"type": type(term).__name__, "observed": getattr(term, "observed", None)}
+
+
+def _readable(value: Any, depth: int = 0) -> Any:
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic | np.ndarray):
+        array = np.asarray(value)
+        return array.tolist() if array.size <= SHOWN else _digest(array)
+    if isinstance(value, Mapping):
+        return {str(key): _readable(part, depth) for key, part in value.items()}
+    if isinstance(value, Sequence):
+        return [_readable(part, depth) for part in value]
+    kind = type(value).__name__
+    if hasattr(value, "dist") and hasattr(value, "kwds"):  # frozen, of scipy
+        parts = {"args": value.args, "kwds": value.kwds}
+        kind = value.dist.name
+    elif callable(value) and hasattr(value, "__name__"):
+        return "function"  # its name tells nothing of what it does
+    elif depth > 3 or isinstance(value, LogPosterior):
+        return kind
+    else:
+        parts = _settings(value)
+    found = {name: _readable(part, depth + 1) for name, part in parts.items()}
+    return {"type": kind, **found}
+
+
+def _settings(value: Any) -> dict[str, Any]:
+    """Return the arguments of an object, or, if it does not keep them, attributes.
+
+    What a move counts or keeps besides is then no part of it.
+    """
+    arguments = [name for name in signature(type(value)).parameters if name != "kwargs"]
+    if arguments and all(hasattr(value, name) for name in arguments):
+        return {name: getattr(value, name) for name in arguments}
+    attributes = getattr(value, "__dict__", {})
+    return {name: part for name, part in attributes.items() if name[0] != "_"}
+
+
+def _digest(array: NDArray[Any]) -> dict[str, Any]:
+    content = np.ascontiguousarray(array).tobytes()
+    return {"shape": array.shape, "sha256": hashlib.sha256(content).hexdigest()[:16]}
+
+
+def check_same(path: str, stored: dict[str, Any], now: dict[str, Any]) -> None:
+    """Refuse to go on with another run, naming every difference; versions only warn.
+
+    Raises:
+        ValueError: If there is a difference.
+
+    Warns:
+        UserWarning: If a version differs: results may then differ in the last digits.
+    """
+    kept = {name: value for name, value in stored.items() if name in now}
+    lines = list(differences(kept, now))
+    versions = [line for line in lines if line.startswith("versions.")]
+    lines = [line for line in lines if line not in versions]
+    if lines:
+        raise ValueError(
+            f"resume: {path} holds a run of something else:\n  "
+            + "\n  ".join(lines)
+            + "\nGo on with what it was, or give another file name"
+        )
+    if versions:
+        warn(
+            f"resume: {'; '.join(versions)}. The chain goes on, but to the bit only as "
+            "far as these compute alike",
+            stacklevel=6,
+        )
+
+
+def differences(stored: Any, now: Any, path: str = "") -> Iterator[str]:
+    """Yield a line per entry that differs; none of the parts of another type."""
+    if isinstance(stored, dict) and isinstance(now, dict):
+        keys = {**stored, **now}
+        if stored.get("type") != now.get("type"):
+            keys = {"type": None}
+        for key in keys:
+            own = f"{path}.{key}".lstrip(".")
+            yield from differences(stored.get(key, ABSENT), now.get(key, ABSENT), own)
+    elif isinstance(stored, list) and isinstance(now, list) and len(stored) == len(now):
+        for i, pair in enumerate(zip(stored, now, strict=True)):
+            yield from differences(*pair, f"{path}[{i}]")
+    elif json.dumps(stored) != json.dumps(now):  # NaN is NaN
+        yield f"{path}: was {_short(stored)}, is {_short(now)}"
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 200 else f"{text[:197]}..."

@@ -1,0 +1,275 @@
+"""An append-only log: a header as JSON, then fixed-size records with checksums.
+
+Why a log: what is written is never touched again, so a kill can only cut the last
+record short, and that is cut off when the run goes on. A record is one stored
+generation of one ensemble, complete with its random state, so that the file needs no
+index, no lock and no library; NumPy maps it into memory.
+"""
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAGIC = b"emcee_femu run 1"  # its last character is the version of the format
+LEAD = struct.Struct("<16sII")  # magic, length and checksum of the JSON that follows
+COUNTS = 5  # evaluations, and failures by cause
+BLOCK = 1 << 23  # bytes read at once
+RANDOM = ("key", "place", "has_cached", "cached")  # NumPy's RandomState
+
+
+class Log:
+    """The records of a file, in streams: each ensemble's start, then its steps.
+
+    Args:
+        path: The file.
+        append: Whether to write to it: a record that a kill cut short is then cut off,
+            and what others append is refused. Otherwise it is followed as it grows.
+
+    Raises:
+        ValueError: If there is no such file, or it is damaged, with the record.
+    """
+
+    def __init__(self, path: str, append: bool = False) -> None:
+        self.path = os.path.abspath(path)  # a solver may change the directory
+        self.header, self._begin = read_header(self.path)
+        self._kind = record_type(self.header)
+        # Of each stream the numbers of its records in the file.
+        self._numbers: list[list[int]] = [[] for _ in range(self.header["streams"])]
+        self._latest: dict[int, tuple[int, Any]] = {}
+        self.counts = np.zeros(COUNTS, np.int64)  # in the last record of all
+        self._append = False
+        self.refresh()
+        self._append = append
+        if append and os.path.getsize(self.path) > self._end():
+            os.truncate(self.path, self._end())
+
+    @property
+    def _known(self) -> int:
+        return sum(map(len, self._numbers))
+
+    def _end(self) -> int:
+        return self._begin + self._known * self._kind.itemsize
+
+    def refresh(self) -> None:
+        """Take in, and check, what was appended since the last look."""
+        if self._append:
+            return  # nobody else may
+        size = self._kind.itemsize
+        with open(self.path, "rb") as file:
+            count = (os.fstat(file.fileno()).st_size - self._begin) // size
+            file.seek(self._end())
+            while self._known < count:
+                block = file.read(min(BLOCK // size + 1, count - self._known) * size)
+                for place in range(0, len(block), size):
+                    content = block[place : place + size]
+                    record = np.frombuffer(content, self._kind)[0]
+                    if fault := self._fault(content, record):
+                        if self._known == count - 1:
+                            return  # to be cut off, as if it were cut short
+                        raise self._damaged(fault, count)
+                    self._take(record)
+
+    def _fault(self, content: bytes, record: Any) -> str:
+        if zlib.crc32(content[:-4]) != record["checksum"]:
+            return "is not what was written"
+        stream, step = record["stream"], record["step"]
+        if step != self.steps(stream) + 1 and (step or self._numbers[stream]):
+            return f"repeats step {step} of ensemble {stream + 1}: two runs wrote to it"
+        return ""
+
+    def _damaged(self, fault: str, count: int) -> ValueError:
+        return ValueError(
+            f"backend: {self.path} is damaged: record {self._known + 1} of {count} "
+            f"{fault}. The {self._known} before it are whole: "
+            f"os.truncate({self.path!r}, {self._end()}) keeps them for resume=True; or "
+            "give another file name"
+        )
+
+    def _take(self, record: Any) -> None:
+        stream, number = int(record["stream"]), self._known
+        self._latest[stream] = number, record
+        self.counts = record["counts"]
+        self._numbers[stream].append(number)
+
+    def steps(self, stream: int) -> int:
+        """Return the number of steps, without the start."""
+        return len(self._numbers[stream]) - self._started(stream)
+
+    def _started(self, stream: int) -> int:
+        return int(stream < self.header["starts"])
+
+    def last(self, stream: int) -> Any:
+        """Return the last record of a stream, be it the start."""
+        number = self._numbers[stream][-1]
+        known, record = self._latest[stream]
+        return record if known == number else self._map()[number]
+
+    def read(self, stream: int, field: str, part: slice) -> NDArray[Any]:
+        """Return a field of a part of the steps, and read no others."""
+        numbers = self._numbers[stream][self._started(stream) :]
+        found: NDArray[Any] = self._map()[field][numbers[part]]
+        return found
+
+    def _map(self) -> Any:
+        return np.memmap(self.path, self._kind, "r", self._begin, (self._known,))
+
+    def append(self, stream: int, state: Any, accepted: Any, counts: Any) -> None:
+        """Store one step: all of it, or nothing.
+
+        Raises:
+            OSError: If it cannot be written, as on a full disk; nothing is lost.
+            ValueError: If another run has written to the file.
+        """
+        if not self._append:
+            raise ValueError(
+                f"backend: {self.path} was opened to be read; go on with it by "
+                "run(..., resume=True)"
+            )
+        step = self.steps(stream) + 1
+        content = pack(self._kind, stream, step, state, accepted, counts)
+        with open(self.path, "r+b", buffering=0) as file:
+            end = file.seek(0, os.SEEK_END)
+            if end != self._end():
+                raise ValueError(
+                    f"backend: {self.path} has {end} bytes, but this run wrote "
+                    f"{self._end()}: another run writes to it; stop one of the two and "
+                    "resume"
+                )
+            try:
+                write(file, content)
+                self._take(np.frombuffer(content, self._kind)[0])
+            except BaseException as error:  # of the keyboard too
+                file.truncate(end)
+                if not isinstance(error, OSError):
+                    raise
+                raise OSError(
+                    error.errno,
+                    f"{error.strerror}; step {step} of ensemble {stream + 1} was not "
+                    "stored, all before it are: make room and go on by resume=True",
+                    self.path,
+                ) from error
+
+
+def record_type(header: Mapping[str, Any]) -> np.dtype[Any]:
+    """Return the type of a record, in which all numbers are aligned."""
+    walkers = header["nwalkers"]
+    return np.dtype(
+        [
+            ("stream", "<i8"),
+            ("step", "<i8"),  # 0 for the start
+            ("chain", "<f8", (walkers, header["ndim"])),
+            ("log_prob", "<f8", (walkers,)),
+            ("blobs", "<f8", (walkers, header["blobs"])),
+            ("accepted", "<f8", (walkers,)),
+            ("counts", "<i8", (COUNTS,)),
+            ("cached", "<f8"),
+            ("key", "<u4", (624,)),
+            ("place", "<u4"),
+            ("has_cached", "<u4"),
+            ("reserved", "<u4"),
+            ("checksum", "<u4"),
+        ]
+    )
+
+
+def pack(
+    kind: np.dtype[Any], stream: int, step: int, state: Any, accepted: Any, counts: Any
+) -> bytes:
+    """Return the bytes of a record of emcee's ``state``."""
+    record = np.zeros((), kind)
+    record["stream"], record["step"] = stream, step
+    record["chain"], record["log_prob"] = state.coords, state.log_prob
+    if state.blobs is not None:
+        record["blobs"] = state.blobs
+    record["accepted"], record["counts"] = accepted, counts
+    for name, value in zip(RANDOM, state.random_state[1:], strict=True):
+        record[name] = value
+    content = record.tobytes()[:-4]
+    return content + zlib.crc32(content).to_bytes(4, "little")
+
+
+def create(path: str, header: Mapping[str, Any], starts: Any, counts: Any) -> None:
+    """Make a file with the starts of the ensembles; it appears whole, or not at all.
+
+    Raises:
+        ValueError: As :func:`check_new`.
+        OSError: If it cannot be written.
+    """
+    check_new(path)
+    text = json.dumps(header).encode()
+    text += b" " * (-(LEAD.size + len(text)) % 64)  # so that the records are aligned
+    content = LEAD.pack(MAGIC, len(text), zlib.crc32(text)) + text
+    for stream, state in enumerate(starts):
+        content += pack(record_type(header), stream, 0, state, 0, counts)
+    temporary = f"{path}.new"
+    try:
+        with open(temporary, "wb", buffering=0) as file:
+            write(file, content)
+        os.replace(temporary, path)
+    except OSError as error:
+        if os.path.exists(temporary):
+            os.remove(temporary)
+        message = f"{error.strerror}; the file could not be made"
+        raise OSError(error.errno, message, path) from error
+
+
+def write(file: Any, content: bytes) -> None:
+    """Write to the end, though the system may take it in pieces."""
+    rest = memoryview(content)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
+def check_new(path: str) -> None:
+    """Refuse a place where no file can be made.
+
+    Raises:
+        ValueError: If the file exists, or its directory does not or takes no files.
+    """
+    folder, name = os.path.split(path)
+    folder = folder or os.curdir
+    if not name or os.path.isdir(path):
+        raise ValueError(f"backend: expected the name of a file, got {path!r}")
+    if os.path.lexists(path):
+        raise ValueError(
+            f"backend: {path} exists; go on with it by resume=True, or give a new file "
+            "name"
+        )
+    if not os.path.isdir(folder):
+        raise ValueError(f"backend: there is no directory for {path}; make it")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(f"backend: no file can be written in the folder of {path}")
+
+
+def read_header(path: str) -> tuple[dict[str, Any], int]:
+    """Return the header, and where the records begin.
+
+    Raises:
+        ValueError: If it is not that of a run, or not whole.
+    """
+    if not os.path.exists(path):
+        raise ValueError(f"backend: expected the file of a run, but there is no {path}")
+    with open(path, "rb") as file:
+        lead = file.read(LEAD.size)
+        whole = len(lead) == LEAD.size and lead[:15] == MAGIC[:15]
+        magic, length, checksum = LEAD.unpack(lead) if whole else (b"", 0, 0)
+        text = file.read(length)
+    if not whole:
+        fault = "this is another file, or its beginning is damaged"
+    elif magic != MAGIC:
+        fault = "another version of emcee_femu wrote it: go on with that"
+    elif zlib.crc32(text) != checksum:
+        fault = "its header is truncated or damaged: restore it from a copy"
+    else:
+        header: dict[str, Any] = json.loads(text)
+        return header, LEAD.size + length
+    raise ValueError(
+        f"backend: expected the file of a run of emcee_femu, got {path}: {fault}, or "
+        "give a new file name. It was left as it is"
+    )
