@@ -27,14 +27,16 @@ ABSENT = "absent"
 def describe_run(settings: Settings) -> dict[str, Any]:
     """Return what is sampled and how, as JSON has it."""
     posterior = settings.posterior
-    columns = posterior.columns.items()
+    variables = posterior.variables.items()
     terms = zip(posterior.term_names, posterior.terms, strict=True)
     entries = {
         "parameters": posterior.names,
         "bounds": dict(zip(posterior.names, posterior.prior.bounds, strict=True)),
         "prior": posterior.prior,
         "terms": {name: _term(term) for name, term in terms},
-        "stored": {name: part.stop - part.start for name, part in columns},
+        "stored": {
+            name: dict(zip(v.dims, v.shape, strict=True)) for name, v in variables
+        },
         "moves": "auto" if settings.automatic else settings.moves,
         "nwalkers": settings.nwalkers,
         "ensembles": settings.ensembles,

@@ -49,8 +49,8 @@ def probe(evaluation: Evaluation, states: list[emcee.State], path: str) -> None:
                 "resume: the solver is not deterministic: evaluated twice at the same "
                 f"parameters, {where[2]} was {now[where[:2]]:.12g}, then "
                 f"{again[where[:2]]:.12g}, of walker {where[0]} of ensemble {number} "
-                f"at {values}. Make it so (fixed seeds and starts, one thread), or give "
-                "probe_tolerance what it scatters by"
+                f"at {values}. Make it so (fixed seeds and starts, one thread), or set "
+                "probe_tolerance to what it scatters by"
             )
         where, values = _first(apart, state.coords, posterior)
         raise ValueError(
@@ -88,16 +88,4 @@ def _first(
     columns = np.flatnonzero(apart[walker])
     column = int(columns[1 if len(columns) > 1 and columns[0] == 0 else 0])
     values = dict(zip(posterior.names, coords[walker].tolist(), strict=True))
-    return (walker, column, labels(posterior)[column]), values
-
-
-def labels(posterior: LogPosterior) -> list[str]:
-    """Return a readable label per column of a row."""
-    if hasattr(posterior, "labels"):
-        return list(posterior.labels)
-    terms = [f"log_likelihood[{name}]" for name in posterior.term_names]
-    columns = list(posterior.columns.items())[1:]
-    others = [
-        f"{name}[{i + 1}]" for name, p in columns for i in range(p.stop - p.start)
-    ]
-    return ["log_posterior", "log_prior", *terms, *others]
+    return (walker, column, posterior.labels[column]), values

@@ -161,7 +161,7 @@ def test_another_run_is_refused_by_every_entry_that_differs(path, what):
 class Solver:
     """A model that reads a file, which no look at its code would tell."""
 
-    names, n_modes = ("a", "b"), 2
+    names, variables = ("a", "b"), ef.modal_variables(2)
 
     def __init__(self, folder, scatter=0.0):
         self.file, self.scatter, self.calls = folder / "deck", scatter, 0
@@ -252,7 +252,10 @@ def test_a_users_term_is_known_by_what_it_measured_and_counters_of_moves_by_none
         name = "mine"
 
         def __init__(self, measured):
-            self.observed, self.made = {"frequency": measured}, np.random.random()
+            self.observed, self.made = (
+                {"frequency": measured},
+                np.random.default_rng().random(),
+            )
 
         def __call__(self, p, modes):
             return -0.5 * ((modes.frequencies[:, 0] - 10) ** 2)
@@ -285,7 +288,8 @@ def test_a_file_is_never_run_over(path):
 
 def test_an_interrupted_run_goes_on(path):
     class Interrupted:
-        names, n_modes, calls = PROBLEM.model.names, 5, 0
+        names, variables = PROBLEM.model.names, ef.modal_variables(5)
+        calls = 0
 
         def __call__(self, parameters):
             self.calls += 1

@@ -220,7 +220,9 @@ def test_a_full_disk_is_named_and_loses_nothing(path):
     try:
         for room in (0, 100):
             resource.setrlimit(resource.RLIMIT_FSIZE, (size + room, limits[1]))
-            with pytest.raises(OSError, match="step 5 .* was not stored.*make room") as e:
+            with pytest.raises(
+                OSError, match="step 5 .* was not stored.*make room"
+            ) as e:
                 advance(backend, 1)
             assert e.value.filename == path and os.path.getsize(path) == size
             with pytest.raises(OSError, match="could not be made"):

@@ -12,23 +12,23 @@ import signal
 import sys
 import time
 import traceback
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from scipy import stats
-from support.run_files import assert_same
 
 import emcee_femu as ef
 from emcee_femu import DEMCMove, MetropolisMove, SnookerMove, TemperedMove
 from emcee_femu.sampling import auto
 from emcee_femu.sampling.run_file import log
+from support.run_files import assert_same
 
 BETAS = [1.0, 0.3]
 LADDER = [
     (TemperedMove(DEMCMove(), BETAS), 0.7),
     (TemperedMove(SnookerMove(), BETAS), 0.3),
 ]
-MIXED = [(DEMCMove(), 0.6), (SnookerMove(), 0.3), (MetropolisMove(9.0), 0.1)]
+MIXED = [(DEMCMove(), 0.6), (SnookerMove(), 0.3), (MetropolisMove(sd=9.0), 0.1)]
 MOVES = {
     "plain": (None, 16),
     "tempered": (LADDER, 24),
@@ -143,7 +143,7 @@ def deaths_in_writes(kind, nsteps, path, share, stride):
 
     deaths, status = 0, 3
     while status == 3:
-        _, code = os.waitpid(forked(lambda: die_at(deaths * stride)), 0)
+        _, code = os.waitpid(forked(partial(die_at, deaths * stride)), 0)
         status = os.waitstatus_to_exitcode(code)
         if status == 1:
             raise RuntimeError("the run failed, it was not killed")
