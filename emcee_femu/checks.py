@@ -146,4 +146,4 @@ def parameter_names(argument: str, names: Iterable[str]) -> tuple[str, ...]:
         raise ValueError(f"{argument}: each name once, but {repeated} are repeated")
     if not result:
         raise ValueError(f"{argument}: expected at least one name, got none")
-    return result
+    return tuple(map(str, result))  # NumPy's strings too

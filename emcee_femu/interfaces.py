@@ -65,6 +65,19 @@ class Variable:
     unit: str = ""
     stored: bool = True
 
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        labelled = isinstance(self.coords, Mapping) and all(
+            hasattr(labels, "__len__") and not isinstance(labels, str)
+            for labels in self.coords.values()
+        )
+        if not labelled:
+            raise TypeError(f"coords: expected {{name: labels}}, got {self.coords!r}")
+        if not isinstance(self.unit, str):
+            raise TypeError(f"unit: expected a text, got {self.unit!r}")
+        if not isinstance(self.stored, bool):
+            raise TypeError(f"stored: expected True or False, got {self.stored!r}")
+
     @property
     def dims(self) -> tuple[str, ...]:
         """The names of the dimensions."""
@@ -176,12 +189,13 @@ def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variabl
         n_modes: Number of natural frequencies.
         dofs: Labels of the rows of the mode shapes; none if there are no shapes.
     """
-    modes = range(1, n_modes + 1)
-    variables = {"frequency": Variable({"mode": modes}, "Hz")}
-    if len(dofs):
-        shapes = Variable({"dof": dofs, "mode": modes}, stored=False)
-        variables["shapes"] = shapes
-    return variables
+    try:
+        modes = range(1, n_modes + 1)
+    except TypeError:
+        raise TypeError(f"n_modes: expected a whole number, got {n_modes!r}") from None
+    frequency = Variable({"mode": modes}, "Hz")
+    shapes = Variable({"dof": dofs, "mode": modes}, stored=False)
+    return {"frequency": frequency, **({"shapes": shapes} if len(dofs) else {})}
 
 
 def declared_variables(model: Any) -> Mapping[str, Variable] | None:

@@ -57,6 +57,12 @@ class FunctionModel:
             checks.whole_number("n_modes", self.n_modes, 1)
             if self.variables is not None:
                 raise TypeError("variables: expected them or n_modes, got both")
+        given = self.variables
+        named = isinstance(given, Mapping) and len(given) > 0
+        if given is not None and not (
+            named and all(isinstance(v, Variable) for v in given.values())
+        ):
+            raise TypeError(f"variables: expected {{name: Variable}}, got {given!r}")
 
     def __call__(self, parameters: Parameters) -> Any:
         """Call the function for each parameter set and stack the results."""

@@ -141,8 +141,8 @@ class IndependentPrior:
                     f"such as scipy.stats.norm(0, 1), got {marginal!r}"
                 )
         cut = dict(marginals)
-        if bounds:
-            given = checks.by_name("bounds", bounds, names)
+        given = checks.by_name("bounds", {} if bounds is None else bounds, names)
+        if given:
             ends = check_bounds([*given.values()], (*given,))
             for name, (low, high) in zip(given, ends.tolist(), strict=True):
                 cut[name] = _Cut(name, marginals[name], low, high)

@@ -14,8 +14,8 @@ from typing import Any
 import emcee
 import numpy as np
 
+from .. import checks
 from ..interfaces import Floats, Variable
-from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_summary
 from ..posterior.rejecting import GuardedPosterior
@@ -104,11 +104,12 @@ def to_inference_data(
         "response": response,
         "posterior_predictive": {},
     }
-    variables = {group: dict(posterior.variables) for group in values}
-    _add_by_terms(posterior, values, variables)
+    dims = {name: variable.dims for name, variable in posterior.variables.items()}
+    by_term = dict(dims)  # and of the pointwise values, by the name of the term
+    _add_by_terms(posterior, values, by_term)
     attributes = _attributes(discard, thin)
     datasets = {
-        group: _to_dataset(own, variables[group], discard, thin, attributes)
+        group: _to_dataset(own, by_term, posterior.variables, discard, thin, attributes)
         for group, own in values.items()
         if own
     }
@@ -119,7 +120,7 @@ def to_inference_data(
 def _add_by_terms(
     posterior: LogPosterior,
     values: dict[str, dict[str, Floats]],
-    variables: dict[str, dict[str, Variable]],
+    dims: dict[str, tuple[str, ...]],
 ) -> None:
     """Add what the terms say of each datum, and new measurements."""
     lead = values["sample_stats"]["lp"].shape
@@ -134,32 +135,20 @@ def _add_by_terms(
             if hasattr(term, "pointwise"):
                 for name, value in (term.pointwise(parameters, stored) or {}).items():
                     label = experiment.full_name(own)
-                    variables["log_likelihood"][label] = _read_by(
-                        experiment, term, name
-                    )
+                    dims[label] = dims[experiment.full_name(name)]
                     values["log_likelihood"][label] = value.reshape(
                         *lead, *value.shape[1:]
                     )
             if hasattr(term, "replicate"):
                 for name, value in term.replicate(rng, parameters, stored).items():
-                    label = experiment.full_name(name)
-                    variables["posterior_predictive"][label] = _read_by(
-                        experiment, term, name
+                    values["posterior_predictive"][experiment.full_name(name)] = (
+                        value.reshape(*lead, *value.shape[1:])
                     )
-                    values["posterior_predictive"][label] = value.reshape(
-                        *lead, *value.shape[1:]
-                    )
-
-
-def _read_by(experiment: Experiment, term: Any, name: str) -> Variable:
-    """Return a variable where the term reads it, with the experiment's names."""
-    found = getattr(term, "reads", {}).get(name) or experiment.variables[name]
-    coords = {experiment.full_name(dim): list(v) for dim, v in found.coords.items()}
-    return Variable(coords, found.unit)
 
 
 def _to_dataset(
     values: Mapping[str, Floats],
+    dims: Mapping[str, tuple[str, ...]],
     declared: Mapping[str, Variable],
     discard: int,
     thin: int,
@@ -169,13 +158,16 @@ def _to_dataset(
     import xarray
 
     n_draws, n_ensembles, n_walkers = next(iter(values.values())).shape[:3]
+    labels = {dim: list(c) for v in declared.values() for dim, c in v.coords.items()}
     variables = {}
     for name, value in values.items():
         chains = np.moveaxis(value, 0, 2)  # to (chain, draw, ...)
         chains = chains.reshape(n_ensembles * n_walkers, n_draws, *value.shape[3:])
-        coords = declared[name].coords if value.ndim > 3 else {}
-        labels = {dim: list(own) for dim, own in coords.items()}
-        variables[name] = xarray.DataArray(chains, labels, ("chain", "draw", *coords))
+        own = dims.get(name, ()) if value.ndim > 3 else ()
+        # A term may have read the first of the modes only.
+        extent = zip(own, value.shape[3:], strict=True)
+        coords = {dim: labels[dim][:length] for dim, length in extent}
+        variables[name] = xarray.DataArray(chains, coords, ("chain", "draw", *own))
     coordinates: dict[Hashable, Any] = {
         "chain": np.arange(n_ensembles * n_walkers),
         "draw": np.arange(n_draws),
@@ -242,12 +234,17 @@ def _observed(posterior: LogPosterior) -> dict[str, Any]:
     for experiment in posterior.experiments:
         for term, own in zip(experiment.terms, experiment.term_names, strict=True):
             for name, value in getattr(term, "observed", {}).items():
-                variable = _read_by(experiment, term, name)
+                variable = getattr(term, "reads", {}).get(name)
+                variable = variable or experiment.variables[name]
+                coords = {
+                    experiment.full_name(dim): list(labels)
+                    for dim, labels in variable.coords.items()
+                }
                 label = experiment.full_name(name)
                 if label in observed:
                     label = f"{label}[{own}]"
                 observed[label] = xarray.DataArray(
-                    value, variable.coords, attrs={"unit": variable.unit}
+                    value, coords, attrs={"unit": variable.unit}
                 )
     return observed
 
@@ -333,11 +330,10 @@ def samples(
         ValueError: If the group has no such variable, or one has more dimensions.
     """
     posterior = dataset(idata, "posterior")
+    wanted: Any = [var_names] if isinstance(var_names, str) else var_names
     if var_names is None:
-        known = posterior.attrs.get("sampled", list(posterior.data_vars))
-    else:
-        known = [var_names] if isinstance(var_names, str) else list(var_names)
-    names = [str(name) for name in np.atleast_1d(known)]
+        wanted = np.atleast_1d(posterior.attrs.get("sampled", list(posterior)))
+    names = list(checks.parameter_names("var_names", wanted))
     for name in names:
         if name not in posterior or set(posterior[name].dims) != {"chain", "draw"}:
             raise ValueError(

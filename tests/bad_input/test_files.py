@@ -1,0 +1,61 @@
+"""Damaged files are refused by their name, or read in full."""
+
+import csv
+from collections import Counter
+
+import numpy as np
+import pytest
+from support.universal_file import F, write_modes
+
+import emcee_femu as ef
+
+CSV = """\
+quantity,sensor,dof,mode 1,mode 2
+frequency [Hz],,,3.13,9.83
+sd [Hz],,,0.01,0.02
+shape,roof,12,1.0,0.62
+shape,floor 1,6,0.61,-1.0
+"""
+PNG = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0"
+FOREIGN = {"empty": b"", "a picture": PNG, "a page": b"<html>\n", "zeros": bytes(999)}
+
+
+@pytest.mark.parametrize("content", FOREIGN.values(), ids=FOREIGN)
+@pytest.mark.parametrize("read", [ef.Measurements.from_csv, ef.Measurements.from_uff])
+def test_a_foreign_file_is_refused_by_its_name(tmp_path, read, content):
+    path = write_modes(tmp_path / "modes")  # skips where pyuff is missing
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=str(path)):
+        read(path)
+
+
+def cut(path, text, step, tail, read):
+    """Yield the texts that end anywhere and were read all the same, and as what."""
+    for end in range(0, len(text), step):
+        path.write_bytes((text[:end] + tail).encode("latin-1"))
+        try:
+            yield text[:end] + tail, read(path)
+        except ValueError as error:
+            arguments = ("frequencies", "sd", "shapes", "sensors", "dofs")
+            assert str(error).startswith((str(path), *arguments)), error
+
+
+def cells(text):
+    """Return the cells below the titles, and how often each is there."""
+    rows = [*csv.reader(text.splitlines())][1:]
+    return Counter(c.removesuffix("0").removesuffix(".") for r in rows for c in r if c)
+
+
+@pytest.mark.parametrize("tail", ["", "\n", "nan\n", ",", '"', "\0", "1e999\n", "é"])
+def test_a_csv_file_that_ends_anywhere_is_refused_or_read_in_full(tmp_path, tail):
+    path = tmp_path / "modes"
+    for text, found in cut(path, CSV, 3, tail, ef.Measurements.from_csv):
+        found.to_csv(path)
+        assert not cells(text) - cells(path.read_text()), text
+
+
+@pytest.mark.parametrize("tail", ["", "\n", "    -1\n", "nan\n", "\0", "1e999\n"])
+def test_a_universal_file_that_ends_anywhere_is_refused_or_read(tmp_path, tail):
+    path = write_modes(tmp_path / "modes")
+    for _, found in cut(path, path.read_text(), 43, tail, ef.Measurements.from_uff):
+        np.testing.assert_array_equal(found.frequencies, F[: found.n_modes])

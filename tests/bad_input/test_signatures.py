@@ -1,0 +1,320 @@
+"""Every argument of every public name is thrown the mistakes of its kind.
+
+A new public name needs no entry where ARGUMENTS has its arguments. Otherwise add a
+valid value and its kind there, or to CALLS where the same word means another thing.
+"""
+
+import inspect
+import warnings
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from unittest import mock
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from scipy import stats
+from support.mistakes import (
+    anything,
+    array,
+    by_name,
+    file,
+    find_faults,
+    flag,
+    names,
+    number,
+    text,
+    whole,
+    wholes,
+)
+from support.universal_file import LABELS, read_universal
+
+import emcee_femu as ef
+from emcee_femu import paper
+from emcee_femu.comparison.compare import Comparison
+
+HERTZ, SD = np.array([3.0, 9.0]), np.array([0.1, 0.2])
+SHAPES = np.array([[1.0, 1.5], [1.6, -0.6], [0.3, 0.8]])
+SQUARES = SHAPES**2
+rng = np.random.default_rng(1)
+REPEATS = HERTZ * (1 + 0.01 * rng.standard_normal((5, 2)))
+TESTS = SHAPES + 0.05 * rng.standard_normal((5, 3, 2))
+DRAWS = rng.standard_normal((45, 2)) * [1.0, 1e3] + [5.0, 2e4]
+COV = np.array([[1.0, 30.0], [30.0, 4e3]])
+MODES = ef.ModalSolution(HERTZ[None] * 1.02, (SHAPES + 0.05)[None])
+MEASURED = ef.Measurements(HERTZ, shapes=SHAPES, sd=SD)
+K0, M0 = np.diag([9.0, 4.0]), np.array([[2.0, 0.5], [0.5, 1.0]])
+K2 = np.array([[1.0, -1.0], [-1.0, 1.0]])
+NODES = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.1], [1.0, 0.0, 0.0]])
+BARS, UP = [(0, 1, "bar"), (1, 2, "bar")], np.array([0.0, 0.0, 1.0])
+BAR = {"E": 7e10, "GJ": 700.0, "rho": 2700.0, "A": 3e-4, "Iy": 2e-9, "Iz": 3e-9}
+SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+MODEL = ef.MassSpringModel([1.0, 2.0], SPRINGS)
+PRIOR = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 2.0, [(2.0, 20.0), (1.0, 9.0)])
+TERM = ef.FrequencyTerm(MODEL({}).frequencies[0], relative_sd=0.05)
+POSTERIOR = ef.LogPosterior(MODEL, TERM, PRIOR)
+POINT, START = np.array([9.0, 6.0]), POSTERIOR.start(16, 1).reshape(2, 8, 2)
+(SAMPLER,) = ef.run(POSTERIOR, nwalkers=8, nsteps=16, seed=1)
+LADDER = ef.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
+(TEMPERED,) = ef.run(POSTERIOR, LADDER, nwalkers=24, nsteps=16, seed=1)
+IDATA = ef.to_inference_data(SAMPLER, POSTERIOR)
+VARIABLES = {"y": ef.Variable({})}
+MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
+
+
+class Result:
+    """What pyOMA2 returns."""
+
+    Fn, Phi, Fn_std = HERTZ, SHAPES, None
+
+
+def reduce_model(**given):
+    with warnings.catch_warnings():  # with two DOFs no reduction pays
+        warnings.filterwarnings("ignore", "the reduction does not pay", UserWarning)
+        with mock.patch("emcee_femu.surrogates.ritz_greedy._time", return_value=1.0):
+            return ef.reduce_model(**given).tolerance
+
+
+positive, above_zero = array(positive=True), number(above=0.0)
+per_mode = positive.but("one number")
+relative = per_mode.but("a word", "one less", empty="")
+fraction = number(low=0.0).but(above_one=1.1)
+ordered = array().but(swapped=lambda v: v[..., ::-1])
+shown = number().but("NaN", "infinite")  # as it is: a dash would do as well
+limits = ordered.but("infinite", "masked", "integers")
+listed = array().but("with NaN", "infinite")
+steps = array(True, False).but("[]", "empty")  # of as many parameters as a run has
+counted = whole().but("True", "low")
+labels = anything.but("[]", "{'x': None}")
+axes = by_name(labels, known=False).but("numbered")
+many = array().but("one less")  # draws or shapes
+probabilities = array().but("infinite", above_one=[1.1, 1.0])
+stiffness = by_name(array(), known=False).but("numbered", "in it infinite")
+noise = array(shaped=False).but(negative=[-0.1, 2.0])
+matrix = array().but(asymmetric=[[1.0, 0.5], [0.0, 1.0]], oblong=np.ones((2, 3)))
+records = by_name(anything, every=True, known=False)
+named = records.but("numbered")
+covariance = per_mode.but("zero", "0", asymmetric=[[1.0, 0.5], [0.0, 1.0]])
+covariance = covariance.but(indefinite=[[1.0, 2.0], [2.0, 1.0]])
+ladder = array(shaped=False).but("integers", rising=[0.0, 1.0], low=[0.5, 0.0])
+spring = anything.but(float=(0.0, 1, 1.0), missing=(0, 9, 1.0), itself=(1, 1, 1.0))
+spring = spring.but(two=(0, 1), negative=(0, 1, -1.0), nan=(0, 1, np.nan))
+bars = anything.but(float=[(0.0, 1, "bar")], missing=[(0, 9, "bar")], two=[(0, 1)])
+bars = bars.but(itself=[*BARS, (1, 1, "bar")], unknown=[(0, 1, "rod")])
+KINDS = [  # of arguments, by their names; None is valid where it is the default
+    (whole(), {"discard": 0, "seed": 1, "skip": 0}),
+    (whole(1), {"nwalkers": 8, "nsteps": 2, "ensembles": 2, "thin": 1, "thin_by": 1}),
+    (whole(1), {"max_solves": 20, "n_modes": 2, "test_points": 4, "components": 1}),
+    (whole(1), {"pairs": 2, "chunksize": 2}),
+    (whole(2), {"nsplits": 2, "candidates": 3}),
+    (flag, {"correlated": True, "live_dangerously": False, "progress": False}),
+    (flag, {"randomize_split": True, "resume": False, "vectorize": False}),
+    (flag, {"shapes": False}),
+    (above_zero, {"df": 8.0, "tolerance": 1e-4, "beta": 10.0}),
+    (above_zero.but("a word", "numeral", empty=""), BAR),
+    (above_zero.but(one=1.0), {"probability": 0.95}),
+    (fraction, {"max_failures": 0.1, "min_mac": 0.5, "mode_jump": 0.1}),
+    (names.but("one less"), {"var_names": ["k1", "k2"]}),
+    (number(low=0.0), {"min_gap": 0.02, "gamma0": 0.5, "probe_tolerance": 1e-6}),
+    (number().but(above_high=9.0), {"low": 1.0}),
+    (number().but(below_low=0.0), {"high": 5.0}),
+    (records.but("one less"), {"experiments": {"empty": (MODEL, TERM)}}),
+    (axes, {"coords": {"point": [1, 2]}}),
+    (flag.but("of NumPy"), {"stored": False}),
+    (anything.but("a word"), {"unit": "m"}),
+    (text, {"name": "frequency", "discrepancy": "sigma"}),
+    (file, {"path": None, "backend": None}),
+    (names, {"names": ["k1", "k2"], "sensors": ["roof", "two", "one"]}),
+    (wholes, {"dofs": [7, 1, 3]}),
+    (wholes.but("array", "Series"), {"modes": [1, 2]}),
+    (array(), {"mean": POINT, "means": DRAWS[:2], "nodes": NODES}),
+    (array().but(zero=0 * UP), {"orientation": UP}),
+    (many.but(few=DRAWS[:2]), {"samples": DRAWS}),
+    (array().but(outside=99.0 * POINT), {"around": POINT}),
+    (array().but(outside=99.0 * START), {"initial": START}),
+    (array(True, False).but(above_one=[1.1]), {"crossover": SD}),
+    (probabilities, {"phase_collinearity": np.array([0.95, 1.0])}),
+    (ladder, {"betas": np.array([1.0, 0.3, 0.0])}),
+    (noise, {"sigma": SD}),
+    (positive, {"masses": POINT, "measured": HERTZ, "weights": np.array([0.3, 0.7])}),
+    (positive, {"shape_sd": np.ones((3, 2))}),
+    (positive.but(falling=[9.0, 3.0]), {"frequencies": HERTZ, "gamma": HERTZ}),
+    (positive.but("0"), {"scale_matrices": np.stack([COV, 2 * COV])}),
+    (per_mode, {"sd": SD, "relative_sd": SD}),
+    (relative, {"delta": SD}),
+    (covariance, {"cov": COV, "covariance": COV}),
+    (matrix, {"K0": K0, "M0": M0}),
+    (by_name(matrix, known=False), {"K": {"k2": K2}, "M": {"m": M0}}),
+    (ordered.but("infinite"), {"bounds": PRIOR.bounds}),
+    (bars, {"elements": BARS}),
+    (by_name(spring, known=False), {"springs": SPRINGS}),
+    (anything.but(node={9: "all"}, dof={0: ["u"]}), {"supports": {0: "all"}}),
+    (records, {"sections": {"bar": ef.Section(**BAR)}}),
+    (records, {"marginals": {"k1": stats.norm(3.0, 9.0)}}),
+    (by_name(shown), {"nominal": {"k1": 10.0}}),
+    (by_name(by_name(shown), known=False), {"published": {"a": {"k1": 9.0}}}),
+    (by_name(array()), {"reference": {"k1": POINT}}),
+    (by_name(number()), {"truths": {"k1": 10.0}}),
+    (by_name(anything.but("a word")), {"units": {"k1": "N/m"}}),
+    (anything.but(negative=[(ef.DEMCMove(), -1)]), {"moves": [(ef.DEMCMove(), 1.0)]}),
+    (anything, {"inner": ef.DEMCMove(), "cheap": len, "function": lambda p: HERTZ}),
+    (anything, {"idata": IDATA, "posterior": POSTERIOR, "samplers": [SAMPLER]}),
+    (anything, {"model": MODEL, "terms": [TERM], "prior": PRIOR}),
+    (anything, {"measurements": MEASURED, "result": Result(), "comparison": None}),
+    (anything, {"executor": ThreadPoolExecutor(1), "pool": None}),
+    (anything, {"on_failure": "raise"}),
+]
+ARGUMENTS = {name: (v, kind) for kind, given in KINDS for name, v in given.items()}
+TIED = {"frequencies": "shapes covariance", "shapes": "shape_sd", "masses": "springs"}
+TIED |= {"measured": "sd beta covariance", "parameters": "k1", "dofs": "coords"}
+OFF = None, None  # left out: it excludes another, or is thrown elsewhere
+OTHERS = ("sd", "shapes", "shape_sd", "sensors", "dofs", "phase_collinearity")
+OTHERS = dict.fromkeys(OTHERS, OFF)
+SIZE = {"sd": OFF, "delta": OFF, "discrepancy": OFF}
+SCATTER = {"sd": OFF, "relative_sd": OFF, "beta": OFF, "covariance": OFF}
+# By name, perhaps with a variant: the arguments that are unlike those of ARGUMENTS.
+CALLS = {
+    "Measurements": {"shapes": (SHAPES, array()), "covariance": OFF},
+    "Measurements, covariance": OTHERS,
+    "Measurements.from_repeats": {
+        "frequencies": (REPEATS, positive.but("one less")),
+        "shapes": (TESTS, array().but("complex")),
+    },
+    "Measurements.from_uff": {"sensors": OFF, "dofs": OFF},
+    "Measurements.from_uff, sensors": {
+        "path": OFF,
+        "sensors": (LABELS[:3], names.but("one less")),
+    },
+    "Measurements.from_pyoma2": {"shape_sd": (False, flag)},
+    "Measurements.to_csv": {},
+    "MassSpringModel called": {"parameters": ({"k1": SD, "k2": HERTZ}, stiffness)},
+    "FrameModel": {"n_modes": OFF},
+    "FrameModel, n_modes": {"modes": OFF},
+    "MatrixModel": {"shapes": ([0, 1], wholes.but("True", "Series"))},
+    "FunctionModel": {"variables": OFF},
+    "FunctionModel, variables": {"n_modes": OFF, "variables": (VARIABLES, named)},
+    "modal_variables": {"n_modes": (2, counted), "dofs": ([1], labels)},
+    "PairedModel": {"model": (ef.FunctionModel(lambda p: MODES, n_modes=4), anything)},
+    "IndependentPrior": {"bounds": ({"k1": np.array([0.0, 9.0])}, by_name(limits))},
+    "reduce_model": {
+        "model": (ef.MatrixModel(K0, M0, {"k2": K2}, n_modes=1), anything),
+        "bounds": ({"k2": np.array([3.0, 5.0])}, by_name(ordered, every=True)),
+    },
+    **{
+        f"FrequencyTerm, {which}": {**SCATTER, which: (SD, per_mode)}
+        for which in ("sd", "relative_sd", "beta")
+    },
+    "FrequencyTerm, covariance": {**SCATTER, "covariance": (COV, covariance)},
+    "ShapeTerm, sd": {**SIZE, "measured": (SHAPES, array()), "sd": (SQUARES, per_mode)},
+    "ShapeTerm, delta": {**SIZE, "measured": (SHAPES, many), "delta": (SD, relative)},
+    "ShapeTerm, discrepancy": {"measured": (SHAPES, many), "sd": OFF, "delta": OFF},
+    "LogPosterior called": {"theta": (POINT, array().but("infinite", "with NaN"))},
+    "LogPosterior.start": {"seed": (1, anything.but("None", "True", "[]"))},
+    "compare_moves": {
+        "moves": (MOVES, records.but("one less")),
+        "ensembles": (2, whole(2)),
+        "nsteps": (16, whole(1)),
+        "max_evaluations": OFF,
+    },
+    "compare_moves, max_evaluations": {
+        **dict.fromkeys(("nwalkers", "ensembles", "reference", "discard"), OFF),
+        "moves": (MOVES, anything),
+        "nsteps": OFF,
+        "max_evaluations": (1_000, whole(128)),
+    },
+    "MetropolisMove, sd": {"cov": OFF, "sd": (SD, steps)},
+    "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
+    "log_evidence": {"samplers": ([TEMPERED], anything)},
+    "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
+}
+STAND_INS = {
+    "Measurements.from_uff, sensors": read_universal,
+    "Measurements.to_csv": MEASURED.to_csv,
+    "MassSpringModel called": MODEL,
+    "LogPosterior called": POSTERIOR,
+    "LogPosterior.start": POSTERIOR.start,
+    "reduce_model": reduce_model,
+    "paper.h_frame": lambda **given: paper.h_frame(**given).modes,
+}
+ANY = defaultdict(lambda: np.array([0.1]))
+PROBES = {  # what is compared, by the type of the result; otherwise its text
+    ef.MassSpringModel: lambda model: model({}).frequencies,
+    ef.MatrixModel: lambda model: model({"k2": HERTZ, "m": SD}).frequencies,
+    ef.FrameModel: lambda model: model({}).frequencies,
+    ef.Section: lambda section: np.array([getattr(section, key) for key in BAR]),
+    ef.FrequencyTerm: lambda term: term(ANY, MODES),
+    ef.ShapeTerm: lambda term: term(ANY, MODES),
+    ef.IndependentPrior: lambda prior: prior.bounds,
+    type(stats.norm()): lambda law: law.args,
+    ef.GaussianPrior: lambda prior: prior.logpdf(POINT[None]),
+    ef.MetropolisMove: lambda move: move.cov if move.sd is None else move.sd,
+    ef.IndependenceMove: lambda move: move.log_density(DRAWS),
+    ef.TemperedMove: lambda move: move.betas,
+    ef.ModalSolution: lambda modes: modes.frequencies,
+    paper.Problem: lambda problem: problem.measured,
+    Comparison: type,  # its text has the time in it
+    ef.FunctionModel: type,
+    Figure: plt.close,
+    np.ndarray: lambda array: array,
+    list: lambda samplers: samplers[0].get_chain(),
+}
+# The package makes them, and users read them.
+RECORDS = "ModalSolution", "PairedSolution", "ReducedModel", "Published", "Problem"
+
+
+def find_public():
+    """Return functions, classes and class methods that users call, by name."""
+    found = {}
+    for prefix, module in (("", ef), ("paper.", paper)):
+        for name, value in vars(module).items():
+            where = getattr(value, "__module__", "")
+            own = where == paper.__name__ if prefix else where.startswith("emcee_femu")
+            if name.startswith(("_", *RECORDS)) or not callable(value) or not own:
+                continue
+            found[prefix + name] = value
+            for key, method in vars(value).items() if inspect.isclass(value) else ():
+                if isinstance(method, classmethod):
+                    found[f"{prefix}{name}.{key}"] = getattr(value, key)
+    return found
+
+
+PUBLIC = find_public()
+
+
+def describe(name):
+    """Return what is called, and a valid value and kind of each argument thrown at."""
+    public = PUBLIC.get(name.split(",")[0], STAND_INS.get(name))
+    given = {}
+    for key, parameter in inspect.signature(public).parameters.items():
+        value, kind = CALLS.get(name, {}).get(key) or ARGUMENTS.get(key, OFF)
+        if kind is not None:
+            given[key] = value, kind.but("None") if parameter.default is None else kind
+    return STAND_INS.get(name, public), given
+
+
+VARIED = {name.split(",")[0] for name in CALLS}
+CASES = {k: describe(k) for k in (*CALLS, *(k for k in PUBLIC if k not in VARIED))}
+
+
+def test_no_public_name_and_no_argument_is_left_out():
+    thrown = defaultdict(set)
+    for name, (_, given) in CASES.items():
+        thrown[name.split(",")[0]] |= {*given}
+    own = {name: {*inspect.signature(v).parameters} for name, v in PUBLIC.items()}
+    assert {k: v - thrown[k] for k, v in own.items() if v - thrown[k]} == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "argument"), [(k, a) for k, (_, given) in CASES.items() for a in given]
+)
+def test_mistakes_are_refused_by_the_name_of_the_argument(name, argument):
+    call, given = CASES[name]
+    valid = {key: value for key, (value, _) in given.items()}
+
+    def probe(**values):
+        result = call(**values)
+        return PROBES.get(type(result), str)(result)
+
+    kind, tied = given[argument][1], TIED.get(argument, "")
+    assert find_faults(probe, valid, argument, kind, tied) == []
