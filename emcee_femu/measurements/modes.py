@@ -50,14 +50,6 @@ def shapes(value: ArrayLike, n_modes: int, argument: str = "shapes") -> Shapes:
     return given
 
 
-def scaled(given: Any) -> Any:
-    """Return shapes of a size near 1, divided by powers of two: no digit changes."""
-    size = np.maximum(np.abs(given.real), np.abs(given.imag))
-    exponent = np.frexp(size.max(axis=-2, keepdims=True, initial=0.0))[1]
-    half = exponent // 2  # 2.0**-exponent itself may be too large
-    return given * np.ldexp(1.0, -half) * np.ldexp(1.0, half - exponent)
-
-
 def phases(given: Shapes) -> Shapes:
     """Return the factor per mode that turns its shape to its largest real part."""
     if not np.iscomplexobj(given):
@@ -80,15 +72,12 @@ def phase_collinearity(given: Shapes, known: ArrayLike | None = None) -> Floats:
             )
         unit = given / np.abs(given).max(axis=0)
         ratio = np.abs((unit * unit).sum(axis=0)) / (np.abs(unit) ** 2).sum(axis=0)
-        computed: Floats = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
-        return computed
-    if known is None:
-        return np.ones(n_modes)
-    mpc = checks.real_array("phase_collinearity", known, 1)
+        known = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
+    known = [1.0] * n_modes if known is None else known
+    mpc = checks.real_array("phase_collinearity", known)
     if mpc.shape != (n_modes,) or mpc.min() < 0 or mpc.max() > 1:
         raise ValueError(
-            f"phase_collinearity: expected {n_modes} numbers from 0 to 1, got "
-            f"{mpc.tolist()}"
+            f"phase_collinearity: expected {n_modes} numbers from 0 to 1, got {mpc}"
         )
     return mpc
 

@@ -207,16 +207,14 @@ class Measurements:
         the units of the file. Needs pyuff: ``pip install "emcee_femu[uff]"``.
 
         Args:
-            path: The file; data sets other than 55 are not read.
+            path: The file; other data sets are not read.
             sensors: The sensors to keep, in this order; None for all but those that
-                are zero in all modes, which is how these files mark a direction that
-                was not measured.
+                are zero in all modes: so these files mark what was not measured.
             dofs: The model's DOF at each sensor that is kept.
 
         Raises:
             ImportError: If pyuff is not installed.
-            ValueError: If there are no modes, their nodes differ, or a sensor is
-                unknown.
+            ValueError: If there are no modes, nodes differ, or a sensor is unknown.
 
         Warns:
             UserWarning: If sensors that are zero in all modes were left out.

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
-from .parameters import check_positive, chosen_dofs
+from .parameters import check_mapping, check_positive, chosen_dofs
 
 Spring = tuple[int, int, float | str]
 
@@ -67,11 +67,7 @@ class MassSpringModel:
         if not n:
             raise ValueError("masses: expected at least one, got none")
         dofs = chosen_dofs(shapes, range(n))
-        if not isinstance(springs, Mapping):
-            raise TypeError(
-                "springs: expected {name: (node, node, stiffness)}, got "
-                f"{type(springs).__name__}"
-            )
+        check_mapping("springs", springs, "{name: (node, node, stiffness)}")
         every = checks.parameter_names("springs", list(springs))
         defaults = _default_stiffnesses(springs)
         names = tuple(defaults)

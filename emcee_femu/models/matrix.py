@@ -14,7 +14,7 @@ from ..interfaces import ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
 from .eigen.sparse import SparseEigenproblem, check_mass
 from .eigen.symmetric import sparse_symmetric, symmetric
-from .parameters import chosen_dofs, columns, describe, read_batch
+from .parameters import check_mapping, chosen_dofs, columns, describe, read_batch
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -85,11 +85,7 @@ class MatrixModel:
         size = stiffness.shape[0]
         units = {"K": K, "M": {} if M is None else M}
         for label, given in units.items():
-            if not isinstance(given, Mapping):
-                raise TypeError(
-                    f"{label}: expected {{parameter: matrix}}, got "
-                    f"{type(given).__name__}"
-                )
+            check_mapping(label, given, "{parameter: matrix}")
         K, M = (
             {name: read(f"{label}[{name!r}]", given[name], size) for name in given}
             for label, given in units.items()

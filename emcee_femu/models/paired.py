@@ -20,7 +20,6 @@ from ..interfaces import (
     read,
 )
 from ..measurements import Measurements
-from ..measurements.modes import scaled
 from .pairing import at_sensors, couple_modes, one_to_one, share_shapes
 
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
@@ -109,7 +108,7 @@ class PairedModel:
         min_gap = checks.real_number("min_gap", min_gap, 0.0)
         if min_mac > 1:
             raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac:g}")
-        shapes = scaled(measurements.shapes)
+        shapes = measurements.shapes
         checks.set_fields(
             self,
             model=model,

@@ -6,7 +6,6 @@ from scipy.optimize import linear_sum_assignment
 
 from .. import checks
 from ..interfaces import Floats
-from ..measurements.modes import scaled
 
 DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 
@@ -44,7 +43,6 @@ def mac(a: ArrayLike, b: ArrayLike) -> Floats:
     for argument, shapes in (("a", first), ("b", second)):
         if not np.isfinite(shapes).all():
             raise ValueError(f"{argument}: expected finite shapes, got NaN or infinity")
-    first, second = scaled(first), scaled(second)
     product = np.abs(np.swapaxes(first.conj(), -1, -2) @ second) ** 2
     squares = [(np.abs(shapes) ** 2).sum(axis=-2) for shapes in (first, second)]
     norms = squares[0][..., :, None] * squares[1][..., None, :]

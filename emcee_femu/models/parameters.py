@@ -1,12 +1,18 @@
 """What models of named parameters share: reading a batch, and the DOFs of shapes."""
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from .. import checks
 from ..interfaces import Floats, Parameters
+
+
+def check_mapping(argument: str, value: Any, form: str) -> None:
+    """Raise TypeError unless ``value`` is a mapping of the given form."""
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{argument}: expected {form}, got {type(value).__name__}")
 
 
 def read_batch(

@@ -75,8 +75,7 @@ def reduce_model(
     n_tests = checks.whole_number("test_points", test_points, 2)
     max_solves = checks.whole_number("max_solves", max_solves, n_tests + 2)
     rng = np.random.default_rng(checks.whole_number("seed", seed))
-    full = _FullModel(model, sparse_problem(model), np.array([*box.values()]))
-
+    full = _FullModel(model, sparse_problem(model), box)
     outer = corners(len(box), rng)
     inside = qmc.Sobol(len(box), seed=rng).random(CANDIDATES)
     candidates = np.concatenate([inside, outer[n_tests // 2 :][:CORNERS]])
@@ -95,9 +94,8 @@ def reduce_model(
         candidates = np.concatenate([candidates, tests[worst : worst + 1]])
         basis = basis.extend(*full.lowest(tests[worst]))
         target *= 0.3
-    return _finish(
-        full, projection, basis.vectors @ T, box, tolerance, errors, shape_error
-    )
+    vectors = basis.vectors @ T
+    return _finish(full, projection, vectors, tolerance, errors, shape_error)
 
 
 @dataclass
@@ -106,11 +104,11 @@ class _FullModel:
 
     model: MatrixModel
     problem: SparseEigenproblem
-    box: Floats
+    bounds: dict[str, tuple[float, float]]
     solves: int = 0
 
     def parameters(self, points: Floats) -> dict[str, Floats]:
-        low, high = self.box.T
+        low, high = np.array([*self.bounds.values()]).T
         values = np.clip(low + points * (high - low), low, high)  # rounding, by an ulp
         return dict(zip(self.model.names, values.T, strict=True))
 
@@ -133,7 +131,7 @@ class _FullModel:
 
     def first_basis(self, tolerance: float, rng: np.random.Generator) -> RitzBasis:
         """Return the basis of the shapes at the centre."""
-        centre = np.full((1, len(self.box)), 0.5)
+        centre = np.full((1, len(self.bounds)), 0.5)
         eigenvalues, shapes = self.lowest(centre[0])
         k, m = self.coefficients(centre)
         skip = self.problem.skip
@@ -224,7 +222,6 @@ def _finish(
     full: _FullModel,
     projection: Projection,
     vectors: Floats,
-    box: dict[str, tuple[float, float]],
     tolerance: float,
     errors: Floats,
     shape_error: float,
@@ -232,7 +229,7 @@ def _finish(
     model, size = full.model, projection.stiffness.shape[1]
     dofs = list(model.shape_dofs)
     reduced = ReducedModel(
-        bounds=box,
+        bounds=full.bounds,
         n_modes=model.n_modes,
         shape_dofs=model.shape_dofs,
         tolerance=tolerance,
@@ -246,7 +243,8 @@ def _finish(
         _columns=(tuple(model.K), tuple(model.M)),
         _problem=projection.eigenproblem(bool(dofs), vectors[dofs] if dofs else None),
     )
-    batch = full.parameters(np.random.default_rng(0).uniform(size=(BATCH, len(box))))
+    points = np.random.default_rng(0).uniform(size=(BATCH, len(full.bounds)))
+    batch = full.parameters(points)
     # A sparse model solves one by one: one is enough to know the time of each.
     rows = 1 if issparse(model.K0) else BATCH
     some = {name: value[:rows] for name, value in batch.items()}

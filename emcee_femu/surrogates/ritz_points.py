@@ -38,26 +38,17 @@ def check_bounds(
     bounds: Mapping[str, tuple[float, float]], names: tuple[str, ...]
 ) -> dict[str, tuple[float, float]]:
     """Return the bounds in the order of ``names``; every name must have them."""
-    if not isinstance(bounds, Mapping):
-        raise TypeError(
-            f"bounds: expected {{parameter: (low, high)}}, got {type(bounds).__name__}"
-        )
     if not names:
         raise ValueError("bounds: the model has no parameters; solve it once instead")
-    missing = [name for name in names if name not in bounds]
-    unknown = sorted(set(bounds) - set(names))
-    if missing or unknown:
-        raise ValueError(
-            f"bounds: expected (low, high) for each of {names}; missing {missing}, "
-            f"unknown {unknown}"
-        )
-    result = {}
+    given, result = checks.by_name("bounds", bounds, names), {}
     for name in names:
-        pair = checks.real_array(f"bounds[{name!r}]", bounds[name], 1)
+        if name not in given:
+            raise ValueError(f"bounds: {name!r} has none; expected (low, high) for all")
+        pair = checks.real_array(f"bounds[{name!r}]", given[name], 1)
         if len(pair) != 2 or not pair[0] < pair[1]:
             raise ValueError(
                 f"bounds[{name!r}]: expected (low, high) with low < high, "
-                f"got {bounds[name]!r}"
+                f"got {given[name]!r}"
             )
         result[name] = (float(pair[0]), float(pair[1]))
     return result

@@ -14,7 +14,7 @@ TWO, BEAM = [(0, 0, 0), (1, 0, 0)], {"b": Section(**BAR)}
         ({"nodes": [(0, np.nan, 0)]}, ValueError, r"nodes: .*got nan at .*\(0, 1\)"),
         ({"nodes": [(0, 0, 0)] * 2}, ValueError, r"elements\[0\]: both nodes lie at"),
         ({"nodes": [(0, 0, 0), (0, 0, 2)]}, ValueError, r"elements\[0\]: .*parallel"),
-        ({"elements": []}, ValueError, "elements: expected at least one"),
+        ({"elements": []}, TypeError, "elements: expected at least one"),
         ({"elements": [(0, 2, "b")]}, ValueError, r"\[0\]: no node 2; .* 0 to 1"),
         ({"elements": [(0, 1.0, "b")]}, TypeError, r"elements\[0\]: .*got 1.0"),
         ({"elements": [(0, 1, "c")]}, ValueError, r"\[0\]: no section 'c'; .*\['b'\]"),

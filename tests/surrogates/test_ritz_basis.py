@@ -46,7 +46,7 @@ def test_the_shape_error_is_what_no_close_mode_explains(full):
     basis = basis.extend(*problem.lowest(centre, centre[:0], 7, "here"))
     box = np.array([*BOUNDS.values()])
     point = np.array([0.9, 0.0, 1.0])
-    measured = _FullModel(full, problem, box).errors(
+    measured = _FullModel(full, problem, BOUNDS).errors(
         basis.projection, basis.vectors, point[None]
     )
     k = box[:, 0] + point * (box[:, 1] - box[:, 0])

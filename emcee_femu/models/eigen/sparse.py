@@ -129,18 +129,12 @@ class SparseEigenproblem:
         if len(massive) <= max(2 * count + 1, 20):  # no room for a Krylov space
             values, vectors = _solve_condensed(factor, M, massive, count)
             return values - shift, vectors
-        options: dict[str, Any] = {"rng": np.random.default_rng(0)} if SEEDED else {}
+        options: dict[str, Any] = {"v0": self._start, "tol": TOLERANCE}
+        options["OPinv"] = LinearOperator(K.shape, matvec=factor.solve, dtype=float)
+        if SEEDED:
+            options["rng"] = np.random.default_rng(0)
         try:
-            values, vectors = eigsh(
-                K,
-                count,
-                M,
-                sigma=-shift,
-                OPinv=LinearOperator(K.shape, matvec=factor.solve, dtype=float),
-                v0=self._start,
-                tol=TOLERANCE,
-                **options,
-            )
+            values, vectors = eigsh(K, count, M, sigma=-shift, **options)
         except ArpackNoConvergence as error:
             raise ValueError(f"{error} at {where}; ask for other n_modes") from None
         order = np.argsort(values)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ... import checks
 from ...interfaces import Floats
+from ..parameters import check_mapping
 from .beam_element import local_axes, mass_matrices, stiffness_matrices
 from .section import MASS_KINDS, STIFFNESS_KINDS, Section
 
@@ -22,10 +23,7 @@ def free_dofs(
 ) -> NDArray[np.intp]:
     """Return the numbers of the DOFs that no support holds, six per node."""
     supports = {} if supports is None else supports
-    if not isinstance(supports, Mapping):
-        raise TypeError(
-            f"supports: expected {{node: held DOFs}}, got {type(supports).__name__}"
-        )
+    check_mapping("supports", supports, "{node: held DOFs}")
     free = np.ones((n_nodes, 6), dtype=bool)
     for node, held in supports.items():
         if checks.whole_number("supports", node) >= n_nodes:
@@ -49,21 +47,16 @@ def check_elements(
     n_nodes: int, elements: Sequence[Element], sections: Mapping[str, Section]
 ) -> None:
     """Check that nodes, elements and sections fit together."""
-    if not isinstance(sections, Mapping):
-        raise TypeError(
-            f"sections: expected {{name: Section}}, got {type(sections).__name__}"
-        )
+    check_mapping("sections", sections, "{name: Section}")
     checks.parameter_names("sections", list(sections))
     for name, section in sections.items():
         if not isinstance(section, Section):
             raise TypeError(f"sections[{name!r}]: expected a Section, got {section!r}")
-    if not isinstance(elements, Sequence) or isinstance(elements, str):
+    if not isinstance(elements, Sequence) or isinstance(elements, str) or not elements:
         raise TypeError(
-            "elements: expected a sequence of (node, node, section name), got "
-            f"{type(elements).__name__}"
+            "elements: expected at least one (node, node, section name), got "
+            f"{elements!r}"
         )
-    if not len(elements):
-        raise ValueError("elements: expected at least one element, got none")
     for e, element in enumerate(elements):
         if not isinstance(element, Sequence) or len(element) != 3:
             raise TypeError(
@@ -106,12 +99,10 @@ def assemble(
         T = np.kron(np.eye(4), axes)
         dofs = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6]
         where = np.ix_(dofs, dofs)
-        for total, parts in (
-            (K, stiffness_matrices(length)),
-            (M, mass_matrices(length)),
-        ):
-            for kind, matrix in parts.items():
-                total[name, kind][where] += T.T @ matrix @ T
+        for kind, matrix in stiffness_matrices(length).items():
+            K[name, kind][where] += T.T @ matrix @ T
+        for kind, matrix in mass_matrices(length).items():
+            M[name, kind][where] += T.T @ matrix @ T
     return K, M
 
 
