@@ -6,7 +6,8 @@ from typing import Any
 from ..comparison.compare import Comparison
 from ..interfaces import Floats
 from ..results.diagnostics import CONVERGED
-from ..results.frequencies import measured_frequencies, running_tae
+from ..results.frequencies import running_tae
+from ..results.measured import measured_frequencies
 from .colours import GREY
 from .total_average_error import scale_error_axes
 
@@ -19,7 +20,7 @@ def plot_comparison(comparison: Comparison) -> Any:
     Left: the best on top, error bars of one standard error over the ensembles; the
     bars of moves that have not converged are hatched. Right, where frequencies were
     measured: the total average error of the running mean of the kept steps
-    (:func:`results.diagnostics.running_tae`), in the colours of the bars.
+    (:func:`results.frequencies.running_tae`), in the colours of the bars.
 
     Args:
         comparison: What :func:`compare_moves` returns.

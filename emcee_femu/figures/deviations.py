@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..interfaces import Floats
-from ..results.predictive import INTERVAL
+from ..results.tables import INTERVAL
 from .colours import BLUE, RED
 
 FAR = 4.0  # times the updated deviations, beyond which the prior's go to the edge

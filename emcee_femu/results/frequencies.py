@@ -1,4 +1,4 @@
-"""Measured frequencies, and the total average error of predicted ones."""
+"""The error of predicted frequencies, as in the tables and figures of the paper."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -8,11 +8,15 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from . import inference_data
+from .inference_data import dataset, samples
+from .measured import measured_frequencies
 
 
 def running_tae(
-    idata: Any, posterior: LogPosterior, points: int = 200
+    idata: Any,
+    posterior: LogPosterior,
+    points: int = 200,
+    experiment: str | None = None,
 ) -> tuple[Floats, Floats]:
     r"""Return generations and the total average error of the mean so far, in percent.
 
@@ -22,6 +26,12 @@ def running_tae(
     with the mean over all walkers and ensembles up to generation i, at ``points``
     generations spaced geometrically.
 
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        posterior: The sampled posterior.
+        points: Number of generations at which the model is solved.
+        experiment: Name of one experiment of a joint posterior.
+
     Raises:
         TypeError: If posterior is no LogPosterior.
         ValueError: If no term of the posterior has measured frequencies, or it has
@@ -30,17 +40,17 @@ def running_tae(
     Source: the text below Table 4.2 of Sherri, Boulkaibet, Marwala and Friswell.
     """
     points = checks.whole_number("points", points, 2)
-    measured = measured_frequencies(idata)
-    names, chains = inference_data.samples(idata)
+    measured = measured_frequencies(idata, experiment)
+    names, chains = samples(idata)
     check_sampled(posterior, names)
     by_generation = chains.mean(axis=0)  # (draws, d)
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, points).round().astype(int))
-    frequencies = posterior(means[where - 1])[:, posterior.columns["frequency"]]
-    group = inference_data.dataset(idata, "posterior")
+    frequencies = posterior(means[where - 1])[:, posterior.columns[measured.name]]
+    group = dataset(idata, "posterior")
     steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
-    return steps, total_average_error(measured, frequencies)
+    return steps, total_average_error(measured.values, frequencies)
 
 
 def total_average_error(measured: Floats, frequencies: Floats) -> Floats:
@@ -66,15 +76,3 @@ def check_sampled(posterior: Any, names: Sequence[str]) -> None:
             f"posterior: expected the sampled one, with the parameters {list(names)}, "
             f"got {list(posterior.names)}"
         )
-
-
-def measured_frequencies(idata: Any) -> Floats:
-    """Return the measured frequencies of the first term that has some, ``(m,)``."""
-    try:
-        observed = inference_data.dataset(idata, "observed_data")
-        frequencies: Floats = next(iter(observed.data_vars.values())).values
-    except (ValueError, StopIteration):  # ArviZ < 1 drops a group without variables
-        raise ValueError(
-            "idata: no likelihood term of this posterior has measured frequencies"
-        ) from None
-    return frequencies[~np.isnan(frequencies)]  # terms are padded to one length

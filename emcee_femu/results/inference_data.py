@@ -16,6 +16,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats, Variable
+from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_summary
 from ..posterior.rejecting import GuardedPosterior
@@ -104,12 +105,11 @@ def to_inference_data(
         "response": response,
         "posterior_predictive": {},
     }
-    dims = {name: variable.dims for name, variable in posterior.variables.items()}
-    by_term = dict(dims)  # and of the pointwise values, by the name of the term
-    _add_by_terms(posterior, values, by_term)
+    variables = {group: dict(posterior.variables) for group in values}
+    _add_by_terms(posterior, values, variables)
     attributes = _attributes(discard, thin)
     datasets = {
-        group: _to_dataset(own, by_term, posterior.variables, discard, thin, attributes)
+        group: _to_dataset(own, variables[group], discard, thin, attributes)
         for group, own in values.items()
         if own
     }
@@ -120,7 +120,7 @@ def to_inference_data(
 def _add_by_terms(
     posterior: LogPosterior,
     values: dict[str, dict[str, Floats]],
-    dims: dict[str, tuple[str, ...]],
+    variables: dict[str, dict[str, Variable]],
 ) -> None:
     """Add what the terms say of each datum, and new measurements."""
     lead = values["sample_stats"]["lp"].shape
@@ -135,20 +135,32 @@ def _add_by_terms(
             if hasattr(term, "pointwise"):
                 for name, value in (term.pointwise(parameters, stored) or {}).items():
                     label = experiment.full_name(own)
-                    dims[label] = dims[experiment.full_name(name)]
+                    variables["log_likelihood"][label] = _read_by(
+                        experiment, term, name
+                    )
                     values["log_likelihood"][label] = value.reshape(
                         *lead, *value.shape[1:]
                     )
             if hasattr(term, "replicate"):
                 for name, value in term.replicate(rng, parameters, stored).items():
-                    values["posterior_predictive"][experiment.full_name(name)] = (
-                        value.reshape(*lead, *value.shape[1:])
+                    label = experiment.full_name(name)
+                    variables["posterior_predictive"][label] = _read_by(
+                        experiment, term, name
                     )
+                    values["posterior_predictive"][label] = value.reshape(
+                        *lead, *value.shape[1:]
+                    )
+
+
+def _read_by(experiment: Experiment, term: Any, name: str) -> Variable:
+    """Return a variable where the term reads it, with the experiment's names."""
+    found = getattr(term, "reads", {}).get(name) or experiment.variables[name]
+    coords = {experiment.full_name(dim): list(v) for dim, v in found.coords.items()}
+    return Variable(coords, found.unit)
 
 
 def _to_dataset(
     values: Mapping[str, Floats],
-    dims: Mapping[str, tuple[str, ...]],
     declared: Mapping[str, Variable],
     discard: int,
     thin: int,
@@ -158,16 +170,13 @@ def _to_dataset(
     import xarray
 
     n_draws, n_ensembles, n_walkers = next(iter(values.values())).shape[:3]
-    labels = {dim: list(c) for v in declared.values() for dim, c in v.coords.items()}
     variables = {}
     for name, value in values.items():
         chains = np.moveaxis(value, 0, 2)  # to (chain, draw, ...)
         chains = chains.reshape(n_ensembles * n_walkers, n_draws, *value.shape[3:])
-        own = dims.get(name, ()) if value.ndim > 3 else ()
-        # A term may have read the first of the modes only.
-        extent = zip(own, value.shape[3:], strict=True)
-        coords = {dim: labels[dim][:length] for dim, length in extent}
-        variables[name] = xarray.DataArray(chains, coords, ("chain", "draw", *own))
+        coords = declared[name].coords if value.ndim > 3 else {}
+        labels = {dim: list(own) for dim, own in coords.items()}
+        variables[name] = xarray.DataArray(chains, labels, ("chain", "draw", *coords))
     coordinates: dict[Hashable, Any] = {
         "chain": np.arange(n_ensembles * n_walkers),
         "draw": np.arange(n_draws),
@@ -234,17 +243,12 @@ def _observed(posterior: LogPosterior) -> dict[str, Any]:
     for experiment in posterior.experiments:
         for term, own in zip(experiment.terms, experiment.term_names, strict=True):
             for name, value in getattr(term, "observed", {}).items():
-                variable = getattr(term, "reads", {}).get(name)
-                variable = variable or experiment.variables[name]
-                coords = {
-                    experiment.full_name(dim): list(labels)
-                    for dim, labels in variable.coords.items()
-                }
+                variable = _read_by(experiment, term, name)
                 label = experiment.full_name(name)
                 if label in observed:
                     label = f"{label}[{own}]"
                 observed[label] = xarray.DataArray(
-                    value, coords, attrs={"unit": variable.unit}
+                    value, variable.coords, attrs={"unit": variable.unit}
                 )
     return observed
 

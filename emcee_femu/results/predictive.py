@@ -1,4 +1,4 @@
-"""Measured against predicted: frequencies, MAC, and which modes were paired."""
+"""Measured against predicted: any measured variable, and which modes were paired."""
 
 from typing import Any
 
@@ -8,93 +8,153 @@ from ..interfaces import Floats
 from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
-from .frequencies import check_sampled, measured_frequencies
+from .frequencies import check_sampled
 from .inference_data import dataset, samples
+from .measured import Measured, at_places, measured_variables
+from .tables import INTERVAL
 
 LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
-INTERVAL = (0.025, 0.975)
 
 
 def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table:
-    r"""Tabulate the measured frequencies against the posterior's predictions.
+    r"""Tabulate what was measured against the posterior's predictions.
 
-    A row a measured mode: mean and 95 % interval (the 2.5 % and 97.5 % quantiles) of
-    the prediction, and whether the measured frequency lies inside. Without
-    ``posterior`` the prediction is the model's at every sample, and the interval is how
-    uncertain the parameters leave it; the measured value, with its error, need not lie
-    inside. With ``posterior`` it is a new measurement,
+    One row per measured value of the response: mean and 95 % interval (the 2.5 % and
+    97.5 % quantiles) of the prediction, and whether the measured value lies inside.
+    Without ``posterior`` the prediction is the model's at every sample, and the
+    interval is how uncertain the parameters leave it; the measured value, with its
+    error, need not lie inside. With ``posterior`` it is a new measurement, such as
 
-    .. math:: \tilde f_i = f_i(\theta) + f_i^m \sqrt{R_{ii} + \sigma_d^2} \,
-        \varepsilon, \qquad \varepsilon \sim N(0, 1),
+    .. math:: \tilde f_i = f_i(\theta) + f_i^m (\eta_i + \sigma_d \varepsilon_i),
+        \qquad \eta \sim N(0, R), \quad \varepsilon \sim N(0, I),
 
-    with the measurement error R and discrepancy :math:`\sigma_d` of its
+    with the measurement error R and discrepancy :math:`\sigma_d` of a
     :class:`FrequencyTerm`; at least 95 % of the measured values, which the posterior
-    has seen, should lie inside. The column ``sd Hz`` holds :math:`f_i^m R_{ii}^{1/2}`
-    where it is known. Where the modes were paired, there are the mean and the 5 %
-    quantile of the MAC too.
+    has seen, should lie inside. The column ``sd`` holds :math:`f_i^m R_{ii}^{1/2}`
+    where it is known. Where modes were paired, there are the mean and the 5 % quantile
+    of the MAC too.
 
     Args:
         idata: What :func:`to_inference_data` returns.
         posterior: The sampled posterior, or None for the model's prediction alone.
 
     Raises:
-        ValueError: If there are no measured frequencies, or posterior has no
-            FrequencyTerm with them or other parameters.
+        TypeError: If posterior is no LogPosterior.
+        ValueError: If nothing of the response was measured, or posterior has other
+            parameters or no term that draws new measurements.
     """
-    measured = measured_frequencies(idata)
-    draws = predicted(idata, "frequency")[:, : len(measured)]
-    what, sd = "the model alone", np.full(len(measured), np.nan)
+    found = measured_variables(idata)
+    group, what = "response", "the model alone"
     if posterior is not None:
+        check_sampled(posterior, samples(idata)[0])
+        group = "posterior_predictive"
         what = "a new measurement, with its error and the discrepancy"
-        sd = measurement_sd(idata, posterior)
-        draws = replicated(idata, posterior)
+    draws = np.concatenate([_draws(idata, group, own) for own in found], axis=1)
+    measured = np.concatenate([own.values for own in found])
     low, high = np.quantile(draws, INTERVAL, axis=0)
-    inside = (low <= measured) & (measured <= high)
+    title, labels, unit = _rows(found)
     columns: list[tuple[str, str, Any]] = [
-        ("mode", "d", np.arange(1, len(measured) + 1)),
-        ("measured Hz", ".3f", measured),
-        ("sd Hz", ".3g", sd),
-        ("predicted Hz", ".3f", draws.mean(axis=0)),
-        ("2.5 %", ".3f", low),
-        ("97.5 %", ".3f", high),
-        ("inside", "", np.where(inside, "yes", "no")),
+        (title, "", labels),
+        (f"measured{unit}", ".5g", measured),
+        (f"predicted{unit}", ".5g", draws.mean(axis=0)),
+        ("2.5 %", ".5g", low),
+        ("97.5 %", ".5g", high),
+        ("inside", "", np.where((low <= measured) & (measured <= high), "yes", "no")),
     ]
-    if posterior is None:
-        del columns[2]
-    if has_pairing(idata):
-        mac = predicted(idata, "mac")[:, : len(measured)]
-        columns.append(("MAC", ".3f", mac.mean(axis=0)))
-        columns.append(("MAC 5 %", ".3f", np.quantile(mac, 0.05, axis=0)))
-    return Table.from_columns(
-        f"Predicted frequencies, 95 % intervals of {what}", columns
-    )
+    if posterior is not None:
+        sd = np.concatenate([measurement_sd(own, posterior) for own in found])
+        columns.insert(2, (f"sd{unit}", ".3g", sd))
+    mac = [_mac(idata, own) for own in found]
+    if any(np.isfinite(own).any() for own in mac):
+        mean, lowest = np.concatenate(mac, axis=1)
+        columns += [("MAC", ".3f", mean), ("MAC 5 %", ".3f", lowest)]
+    return Table.from_columns(f"Predictions, 95 % intervals of {what}", columns)
 
 
-def pairing_table(idata: Any) -> Table:
+def _draws(idata: Any, group: str, found: Measured) -> Floats:
+    draws = at_places(idata, group, found.name, found)
+    if draws is None:
+        raise ValueError(
+            f"posterior: no term draws new measurements of {found.name!r} (its "
+            "replicate), so that their error is not known; leave posterior out"
+        )
+    return draws
+
+
+def _rows(found: list[Measured]) -> tuple[str, list[str], str]:
+    """Return title and labels of the rows, and the unit that they share."""
+    units = {own.unit for own in found}
+    unit = f" {units.pop()}".rstrip() if len(units) == 1 else ""
+    if len(found) == 1:
+        return found[0].dims or "quantity", list(found[0].labels), unit
+    labels = [
+        f"{own.name}[{label}]" if label else own.name
+        for own in found
+        for label in own.labels
+    ]
+    if units:  # they differ
+        given = [own.unit for own in found for _ in own.labels]
+        labels = [f"{a} {b}".rstrip() for a, b in zip(labels, given, strict=True)]
+    return "quantity", labels, unit
+
+
+def _mac(idata: Any, found: Measured) -> Floats:
+    """Return mean and 5 % quantile of the MAC of measured frequencies, ``(2, m)``."""
+    experiment, dot, variable = found.name.rpartition(".")
+    mac = None
+    if variable == "frequency":
+        mac = at_places(idata, "response", f"{experiment}{dot}mac", found)
+    if mac is None:
+        return np.full((2, len(found.values)), np.nan)
+    return np.stack([mac.mean(axis=0), np.quantile(mac, 0.05, axis=0)])
+
+
+def measurement_sd(found: Measured, posterior: LogPosterior) -> Floats:
+    """Return the standard deviations of measured frequencies, NaN where unknown."""
+    for experiment in posterior.experiments:
+        for term in experiment.terms:
+            if (
+                isinstance(term, FrequencyTerm)
+                and experiment.full_name("frequency") == found.name
+                and np.array_equal(term.measured, found.values)
+            ):
+                known = term.relative_variances
+                sd = found.values * np.sqrt(np.where(known > 0, known, np.nan))
+                return np.asarray(sd)
+    return np.full(len(found.values), np.nan)
+
+
+def pairing_table(idata: Any, experiment: str | None = None) -> Table:
     """Tabulate which of the model's modes were paired with the measured ones.
 
-    A row a measured mode: the number of the model's mode that it has in most samples,
-    the share of samples in which it has another, mean and 5 % quantile of the MAC, the
-    share of samples with a MAC below 0.5, and the share in which a comparison in
-    ascending order, the i-th measured with the model's i-th, takes another mode.
+    One row per measured mode: the number of the model's mode that it has in most
+    samples, the share of samples in which it has another, mean and 5 % quantile of the
+    MAC, the share of samples with a MAC below 0.5, and the share in which a comparison
+    in ascending order, the i-th measured with the model's i-th, takes another mode.
 
-    In the last row the shares are those of samples in which this holds of any mode. The
-    order of the modes is the list of all numbers; the title says in which share of the
-    samples it is not the most frequent one.
+    In the last row the shares are those of samples in which this holds for any mode.
+    The order of the modes is the list of all numbers; the title says in which share of
+    the samples it is not the most frequent one.
 
     Args:
         idata: What :func:`to_inference_data` returns.
+        experiment: Name of one experiment of a joint posterior.
 
     Raises:
         ValueError: If the model does not pair modes.
     """
-    if not has_pairing(idata):
+    response = dataset(idata, "response")
+    names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
+    if not set(names) <= set(response.data_vars):
         raise ValueError(
-            "idata: it holds no MAC, since its model pairs no modes; wrap the model "
-            "in a pairing.PairedModel"
+            f"idata: it has no {names[0]!r}, since its model pairs no modes; wrap the "
+            "model in a PairedModel (of a joint posterior name one with experiment=)"
         )
-    mac, numbers = predicted(idata, "mac"), predicted(idata, "model_mode").astype(int)
-    n, m = numbers.shape
+    mac, model_mode = (
+        response[name].transpose("chain", "draw", ...).values for name in names
+    )
+    n, m = mac.shape[0] * mac.shape[1], mac.shape[2]
+    mac, numbers = mac.reshape(n, m), model_mode.reshape(n, m).astype(int)
     usual = np.array([np.bincount(column).argmax() for column in numbers.T])
     orders, counts = np.unique(numbers, axis=0, return_counts=True)
     order = orders[counts.argmax()]
@@ -118,51 +178,3 @@ def pairing_table(idata: Any) -> Table:
         f"{100 * changed.mean():.3g} % of {n} samples"
     )
     return Table.from_columns(title, columns)
-
-
-def has_pairing(idata: Any) -> bool:
-    """Return whether the model paired its modes with the measured ones."""
-    return "mac" in dataset(idata, "response")
-
-
-def predicted(idata: Any, what: str) -> Floats:
-    """Return frequency, mac or model_mode of all samples, ``(n, n_modes)``."""
-    values = dataset(idata, "response")[what]
-    array: Floats = values.transpose("chain", "draw", "mode").values
-    return array.reshape(-1, array.shape[-1])
-
-
-def measurement_sd(idata: Any, posterior: LogPosterior) -> Floats:
-    """Return the measured standard deviations in Hz, NaN where unknown, ``(m,)``."""
-    term = frequency_term(idata, posterior)
-    variances = term.relative_variances
-    known = np.where(variances > 0, variances, np.nan)
-    result: Floats = term.measured * np.sqrt(known)
-    return result
-
-
-def replicated(idata: Any, posterior: LogPosterior) -> Floats:
-    """Return one new measurement in Hz a sample, ``(n, m)``, always the same draws."""
-    term = frequency_term(idata, posterior)
-    names, chains = samples(idata)
-    variances = term.relative_variances
-    if term.discrepancy is not None:
-        sigma = chains[..., names.index(term.discrepancy)].reshape(-1, 1)
-        variances = variances + sigma**2
-    frequencies = predicted(idata, "frequency")[:, : term.n_modes]
-    errors = np.random.default_rng(0).standard_normal(frequencies.shape)
-    return frequencies + term.measured * np.sqrt(variances) * errors
-
-
-def frequency_term(idata: Any, posterior: LogPosterior) -> FrequencyTerm:
-    """Return the term with the measured frequencies of idata."""
-    names, _ = samples(idata)
-    check_sampled(posterior, names)
-    measured = measured_frequencies(idata)
-    for term in posterior.terms:
-        if isinstance(term, FrequencyTerm) and np.array_equal(term.measured, measured):
-            return term
-    raise ValueError(
-        "posterior: it has no FrequencyTerm with the measured frequencies of idata, so "
-        "that the measurement error is not known; leave posterior out"
-    )

@@ -10,38 +10,47 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
-from .frequencies import check_sampled, measured_frequencies, total_average_error
+from .frequencies import check_sampled, total_average_error
 from .inference_data import dataset, samples
+from .measured import at_places, measured_frequencies
+
+INTERVAL = (0.025, 0.975)
 
 
 def parameter_table(
     idata: Any,
     nominal: Mapping[str, float] | None = None,
     published: Mapping[str, Mapping[str, float]] | None = None,
+    var_names: Sequence[str] | None = None,
 ) -> Table:
     r"""Tabulate the updated parameters, as Tables 4.1 and 5.1 of the paper.
 
-    Columns: initial (the prior mean), nominal and relative errors where the nominal is
-    known, posterior mean, c.o.v. = sd / mean in percent, and the ratio of posterior to
-    prior standard deviation: near 1 the data said nothing about the parameter.
+    Columns: the prior mean, nominal and relative errors where the nominal is known,
+    posterior mean, its 95 % interval (the 2.5 % and 97.5 % quantiles), c.o.v. = sd /
+    mean in percent, and the ratio of posterior to prior standard deviation: near 1 the
+    data said nothing about the parameter.
 
     Args:
         idata: What :func:`to_inference_data` returns.
         nominal: Known true values by parameter name; None for a real structure.
         published: Further columns, ``{title: {parameter: value}}``.
+        var_names: Rows, with quantities that were added to the ``posterior`` group;
+            None for the sampled parameters.
 
     Raises:
         TypeError: If nominal or published is no such mapping.
-        ValueError: If nominal or a published column names an unknown parameter.
+        ValueError: If nominal, a published column or var_names names an unknown
+            parameter.
     """
-    names, chains = samples(idata)
+    names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
-    constants = dataset(idata, "constant_data")
+    constants = dataset(idata, "constant_data").reindex(parameter=names)
     initial, prior_sd = constants["initial"].values, constants["prior_sd"].values
     mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
+    low, high = np.quantile(draws, INTERVAL, axis=0)
     columns: list[tuple[str, str, Any]] = [
         ("parameter", "", names),
-        ("initial", ".5g", initial),
+        ("prior mean", ".5g", initial),
     ]
     if nominal is not None:
         known = _by_name("nominal", nominal, names)
@@ -53,6 +62,8 @@ def parameter_table(
     if nominal is not None:
         columns.append(("error % ", ".2f", _percent_off(mean, known)))
     columns += [
+        ("2.5 %", ".5g", low),
+        ("97.5 %", ".5g", high),
         ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
@@ -65,54 +76,56 @@ def frequency_table(
     idata: Any,
     posterior: LogPosterior | None = None,
     published: Mapping[str, Sequence[float]] | None = None,
+    experiment: str | None = None,
 ) -> Table:
     r"""Tabulate measured, initial and updated frequencies, as Tables 4.2 and 5.2.
 
-    The updated frequencies are the means of the predictions at all samples; with
-    ``posterior`` they are those of the model at the mean of the parameters, as in the
-    paper (one FE solve). Errors are ``100 |f_m - f| / f_m``; the last row holds their
-    mean, the total average error TAE.
+    The initial frequencies are those at the prior mean of the parameters. The updated
+    ones are the means of the predictions at all samples; with ``posterior`` they are
+    those of the model at the posterior mean of the parameters, as in the paper (one FE
+    solve). Errors are ``100 |f_m - f| / f_m``; the last row holds their mean, the total
+    average error TAE.
 
     Args:
         idata: What :func:`to_inference_data` returns.
         posterior: The sampled posterior, or None.
-        published: Further columns, ``{title: one number a measured mode}``.
+        published: Further columns, ``{title: one number per measured mode}``.
+        experiment: Name of one experiment of a joint posterior.
 
     Raises:
         TypeError: If published is no such mapping, or posterior no LogPosterior.
         ValueError: If there are no measured frequencies, a published column has
             another length, or posterior has other parameters.
     """
-    measured = measured_frequencies(idata)
-    m = len(measured)
-    predicted = dataset(idata, "response")["frequency"]
-    draws = predicted.transpose("chain", "draw", "mode").values
-    draws = draws.reshape(-1, draws.shape[-1])[:, :m]
-    initial = dataset(idata, "constant_data")["initial_frequency"].values[:m]
-    updated = draws.mean(axis=0)
+    found = measured_frequencies(idata, experiment)
+    measured, m = found.values, len(found.values)
+    draws = at_places(idata, "response", found.name, found)
+    initial = at_places(idata, "constant_data", f"initial_{found.name}", found)
+    if draws is None or initial is None:
+        raise ValueError(f"idata: its response does not hold {found.name!r}")
+    updated, what = draws.mean(axis=0), "mean of samples"
     if posterior is not None:
         names, chains = samples(idata)
         check_sampled(posterior, names)
         at_mean = posterior(chains.mean(axis=(0, 1)))
-        updated = at_mean[posterior.columns["frequency"]][:m]
-
-    def with_tae(values: ArrayLike) -> Floats:
-        return np.append(100 * np.abs(np.asarray(values) / measured - 1), np.nan)
+        updated = at_mean[posterior.columns[found.name]][:m]
+        what = "at posterior mean"
 
     def padded(values: ArrayLike) -> Floats:
         return np.append(np.asarray(values, dtype=float), np.nan)
 
-    errors = [with_tae(initial), with_tae(updated)]
-    errors[0][-1] = total_average_error(measured, initial)
-    errors[1][-1] = total_average_error(measured, updated)
+    def with_tae(values: Floats) -> Floats:
+        errors = 100 * np.abs(values / measured - 1)
+        return np.append(errors, total_average_error(measured, values))
+
     columns: list[tuple[str, str, Any]] = [
-        ("mode", "", [*map(str, range(1, m + 1)), "TAE"]),
+        (found.dims, "", [*found.labels, "TAE"]),
         ("measured Hz", ".3f", padded(measured)),
-        ("initial Hz", ".3f", padded(initial)),
-        ("error %", ".2f", errors[0]),
-        ("updated Hz", ".3f", padded(updated)),
+        ("at prior mean Hz", ".3f", padded(initial[0])),
+        ("error %", ".2f", with_tae(initial[0])),
+        (f"{what} Hz", ".3f", padded(updated)),
         ("c.o.v. %", ".3f", padded(100 * draws.std(axis=0, ddof=1) / updated)),
-        ("error % ", ".3f", errors[1]),
+        ("error % ", ".3f", with_tae(updated)),
     ]
     for title, values in _columns(published):
         given = checks.numeric_array(f"published[{title!r}]", values)
@@ -122,7 +135,8 @@ def frequency_table(
                 f"TAE, got shape {given.shape}"
             )
         columns.append((title, ".4g", given if len(given) > m else padded(given)))
-    return Table.from_columns("Natural frequencies", columns)
+    words = f" of {experiment!r}" if experiment else ""
+    return Table.from_columns(f"Natural frequencies{words}", columns)
 
 
 def _columns(published: Any) -> list[tuple[str, Any]]:
@@ -156,6 +170,5 @@ def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Fl
 def _percent_off(values: Floats, known: Floats) -> Floats:
     """Return the relative errors in percent, NaN where the known value is zero."""
     result: Floats = np.full(len(known), np.nan)
-    with np.errstate(over="ignore"):  # of a known value next to zero
-        np.divide(values, known, out=result, where=known != 0)
+    np.divide(values, known, out=result, where=known != 0)
     return 100 * np.abs(result - 1)

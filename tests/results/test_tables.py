@@ -4,12 +4,9 @@ import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 
 import emcee_femu as ef
-from emcee_femu.results.frequencies import (
-    measured_frequencies,
-    running_tae,
-    total_average_error,
-)
-from emcee_femu.results.inference_data import wrap
+from emcee_femu.results.frequencies import running_tae, total_average_error
+from emcee_femu.results.inference_data import dataset, wrap
+from emcee_femu.results.measured import measured_frequencies
 from emcee_femu.results.tables import frequency_table, parameter_table
 
 NAMES = ["stiff", "alpha"]  # not in alphabetical order
@@ -47,12 +44,15 @@ def idata():
     sampled = {"sample_dims": ["chain", "draw"]}
     draws = {name: (("chain", "draw"), values) for name, values in DRAWS.items()}
     predicted = {"frequency": (("chain", "draw", "mode"), FREQUENCY)}
+    predicted["mode"] = [1, 2, 3]
     constants = {
+        "parameter": NAMES,
+        "mode": [1, 2, 3],
         "initial": ("parameter", INITIAL),
         "prior_sd": ("parameter", PRIOR_SD),
         "initial_frequency": ("mode", INITIAL_HZ),
     }
-    observed = {"first": ("mode", MEASURED), "later": ("mode", [1.0, 2.0])}
+    observed = {"frequency": ("mode", MEASURED), "mode": [1, 2]}
     return wrap(
         {
             "posterior": xarray.Dataset(draws, attrs=sampled),
@@ -70,9 +70,13 @@ SPREAD = np.array(  # sqrt(sum of squared deviations / 5)
 
 def test_parameter_table_equals_numbers_by_hand(idata):
     table = parameter_table(idata)
-    assert table.columns == ("parameter", "initial", "mean", "c.o.v. %", "sd/prior sd")
+    titles = "parameter,prior mean,mean,2.5 %,97.5 %,c.o.v. %,sd/prior sd"
+    assert table.columns == tuple(titles.split(","))
     assert table.column("parameter") == NAMES
-    assert table.column("initial") == INITIAL
+    assert table.column("prior mean") == INITIAL
+    # Sorted, 0.4 0.8 1.0 1.2 1.2 1.4 and 1.0 1.2 1.3 1.3 1.5 1.5: an eighth of a step.
+    assert_allclose(table.column("2.5 %"), [0.45, 1.025], rtol=1e-13)
+    assert_allclose(table.column("97.5 %"), [1.375, 1.5], rtol=1e-13)
     assert_allclose(table.column("mean"), [1.0, 1.3], rtol=1e-14)
     assert_allclose(table.column("c.o.v. %"), 100 * SPREAD / [1.0, 1.3], rtol=1e-13)
     assert_allclose(table.column("sd/prior sd"), SPREAD / PRIOR_SD, rtol=1e-13)
@@ -82,8 +86,8 @@ def test_parameter_table_compares_with_nominal_and_published(idata):
     nominal = {"alpha": 1.25}  # the other is not known
     published = {"paper": {"alpha": 7.0, "stiff": 8.0}, "c.o.v.": {"stiff": 3.5}}
     table = parameter_table(idata, nominal, published)
-    titles = "parameter,initial,nominal,error %,mean,error % ,c.o.v. %,sd/prior sd"
-    assert table.columns == (*titles.split(","), "paper", "c.o.v.")
+    titles = "parameter,prior mean,nominal,error %,mean,error % ,2.5 %,97.5 %,c.o.v. %,"
+    assert table.columns == (*f"{titles}sd/prior sd".split(","), "paper", "c.o.v.")
     assert_allclose(table.column("nominal"), [np.nan, 1.25])
     assert_allclose(table.column("error %"), [np.nan, 4.0], rtol=1e-12)
     assert_allclose(table.column("mean"), [1.0, 1.3], rtol=1e-14)
@@ -99,30 +103,53 @@ def test_parameter_table_compares_with_nominal_and_published(idata):
 def test_coefficient_of_variation_is_positive_for_a_negative_mean():
     data = {"a": (("chain", "draw"), [[-1.0, -2.0, -3.0]])}
     constants = {"initial": ("parameter", [0.0]), "prior_sd": ("parameter", [1.0])}
-    groups = {"posterior": data, "constant_data": constants}
+    groups = {"posterior": data, "constant_data": constants | {"parameter": ["a"]}}
     table = parameter_table(wrap({k: xarray.Dataset(v) for k, v in groups.items()}))
     assert table.column("c.o.v. %") == [50.0]
 
 
-HEADER = "mode,measured Hz,initial Hz,error %,updated Hz,c.o.v. %,error % "
+def test_derived_quantities_are_rows_only_if_asked_for():
+    run = ef.run(POSTERIOR, None, 8, 12, seed=1)
+    idata = ef.to_inference_data(run, POSTERIOR)
+    before = parameter_table(idata)
+    group = dataset(idata, "posterior")
+    ratio = group["alpha"] / group["stiff"]
+    idata["posterior"]["ratio"] = ratio
+    for table, again in (
+        (parameter_table(idata), before),
+        (frequency_table(idata, POSTERIOR), frequency_table(idata, POSTERIOR)),
+        (ef.diagnose(idata).table, ef.diagnose(run).table),
+    ):
+        assert str(table) == str(again)
+    table = parameter_table(idata, var_names=["ratio", "alpha"])
+    assert table.column("parameter") == ["ratio", "alpha"]
+    assert_allclose(table.column("mean")[0], ratio.mean(), rtol=1e-12)
+    assert_array_equal(table.column("prior mean"), [np.nan, 1.2])
+    with pytest.raises(ValueError, match="var_names: .*'sum'"):
+        parameter_table(idata, var_names=["sum"])
+
+
+HEADER = "mode,measured Hz,at prior mean Hz,error %,{} Hz,c.o.v. %,error % "
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
 
 
 @pytest.mark.parametrize(
-    "posterior, updated, errors",
+    "posterior, what, updated, errors",
     [
-        (None, [10.5, 27.0], [5.0, 8.0, 6.5]),  # mean of the predictions
-        (POSTERIOR, [10.0, 26.0], [0.0, 4.0, 2.0]),  # the model at the mean
+        (None, "mean of samples", [10.5, 27.0], [5.0, 8.0, 6.5]),
+        (POSTERIOR, "at posterior mean", [10.0, 26.0], [0.0, 4.0, 2.0]),
     ],
 )
-def test_frequency_table_equals_numbers_by_hand(idata, posterior, updated, errors):
+def test_frequency_table_equals_numbers_by_hand(
+    idata, posterior, what, updated, errors
+):
     table = frequency_table(idata, posterior)
-    assert table.columns == tuple(HEADER.split(","))
+    assert table.columns == tuple(HEADER.format(what).split(","))
     assert table.column("mode") == ["1", "2", "TAE"]
     assert_array_equal(table.column("measured Hz"), [*MEASURED, np.nan])
-    assert_array_equal(table.column("initial Hz"), [12.0, 22.0, np.nan])
+    assert_array_equal(table.column("at prior mean Hz"), [12.0, 22.0, np.nan])
     assert_allclose(table.column("error %"), [20, 12, 16], rtol=1e-12)
-    assert_allclose(table.column("updated Hz"), [*updated, np.nan], rtol=1e-14)
+    assert_allclose(table.column(f"{what} Hz"), [*updated, np.nan], rtol=1e-14)
     expected = [*(100 * FREQUENCY_SD / updated), np.nan]
     assert_allclose(table.column("c.o.v. %"), expected, rtol=1e-13)
     assert_allclose(table.column("error % "), errors, rtol=1e-12, atol=1e-12)
@@ -131,9 +158,34 @@ def test_frequency_table_equals_numbers_by_hand(idata, posterior, updated, error
 def test_published_frequencies_are_columns_with_or_without_their_tae(idata):
     published = {"Hz": (9.0, 24.0), "paper error %": (0.5, 0.7, 0.6)}
     table = frequency_table(idata, published=published)
-    assert table.columns == (*HEADER.split(","), "Hz", "paper error %")
+    assert table.columns[-2:] == ("Hz", "paper error %")
     assert_array_equal(table.column("Hz"), [9.0, 24.0, np.nan])
     assert table.column("paper error %") == [0.5, 0.7, 0.6]
+
+
+def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
+    first, second = Square(), ef.FunctionModel(lambda p: [3 * p["alpha"]], n_modes=1)
+    joint = ef.LogPosterior.joint(
+        {
+            "empty": (first, ef.FrequencyTerm(MEASURED, beta=1e3)),
+            "loaded": (second, ef.FrequencyTerm([4.0], beta=1e3)),
+        },
+        POSTERIOR.prior,
+    )
+    idata = ef.to_inference_data(ef.run(joint, None, 8, 6, seed=1), joint)
+    stiff, alpha = parameter_table(idata).column("mean")
+    for name, expected, at_prior in (
+        ("empty", [10 * stiff**2, 20 * alpha], [12.1, 24.0]),
+        ("loaded", [3 * alpha], [3.6]),
+    ):
+        table = frequency_table(idata, joint, experiment=name)
+        assert table.title == f"Natural frequencies of '{name}'"
+        assert_allclose(table.column("at prior mean Hz")[:-1], at_prior, rtol=1e-12)
+        assert_allclose(table.column("at posterior mean Hz")[:-1], expected, rtol=1e-9)
+        last = running_tae(idata, joint, experiment=name)[1][-1]
+        assert_allclose(table.column("error % ")[-1], last, rtol=1e-9)
+    with pytest.raises(ValueError, match=r"has measured .frequency.*loaded.freq.*exp"):
+        frequency_table(idata, joint)
 
 
 @pytest.mark.parametrize(
@@ -174,7 +226,7 @@ def test_running_tae_ends_with_the_error_at_the_overall_mean(points):
         assert_allclose(error, expected, rtol=1e-9)
     assert (generations[0], generations[-1]) == (11, 60)
     assert 2 <= len(generations) <= points
-    measured = measured_frequencies(idata)
+    measured = measured_frequencies(idata).values
     assert measured.tolist() == [10, 25]
     last = total_average_error(measured, np.append(frequencies, 99))  # 99: no partner
     assert_allclose(tae[-1], last, rtol=1e-9)
