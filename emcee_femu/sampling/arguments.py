@@ -1,9 +1,9 @@
-"""What ``run`` is asked for, checked once."""
+"""What ``run`` is asked for: one record, and the checks that come before it."""
 
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from multiprocessing.pool import Pool, ThreadPool
 from typing import Any
 
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from ..moves import DEMCMove
 from ..moves.stock_faults import refuse_sequential
 from ..moves.tempering import ladder
 from ..posterior.log_posterior import LogPosterior
@@ -22,76 +21,31 @@ from .pools.pickling import pickled
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Settings:
-    """The arguments of :func:`run.run`; once checked, some have become another.
+    """The arguments of :func:`run.run`, checked, some of them resolved.
 
     Attributes:
-        moves: Emcee moves; those of the burn-in if they shall be found.
-        automatic: Whether moves were "auto".
-        nwalkers: Walkers per ensemble.
+        moves: Emcee moves, None if they shall be found.
         initial: Starts ``(ensembles, nwalkers, ndim)``, or None.
-        backend: One backend per ensemble, None for emcee's own.
-        path: Of the file in place of backends, or None.
+        backends: One per ensemble, None for emcee's own.
+        path: The file instead, or None.
     """
 
     posterior: LogPosterior
     moves: Any
-    nwalkers: Any
+    nwalkers: int
     nsteps: int
     ensembles: int
     seed: int
     vectorize: bool
-    backend: Any
+    backends: list[Any]
+    path: str | None
     thin_by: int
     progress: bool | str
-    initial: Any
+    initial: Floats | None
     resume: bool
     on_failure: str
     max_failures: float
     probe_tolerance: float
-    automatic: bool = False
-    path: str | None = None
-
-    def checked(self) -> "Settings":
-        """Return the settings, checked, with defaults and files resolved.
-
-        Raises:
-            TypeError, ValueError: As :func:`run.run`.
-        """
-        posterior = self.posterior
-        if not isinstance(posterior, LogPosterior):
-            raise TypeError(
-                f"posterior: expected a LogPosterior, got {type(posterior).__name__}; "
-                "for a bare log-probability function use emcee.EnsembleSampler"
-            )
-        ensembles = checks.whole_number("ensembles", self.ensembles, 1)
-        automatic = isinstance(self.moves, str)
-        if automatic and self.moves != "auto":
-            raise ValueError(
-                f"moves: expected emcee moves or 'auto', got {self.moves!r}"
-            )
-        moves = DEMCMove() if automatic or self.moves is None else self.moves
-        check_moves("moves", moves)
-        nwalkers = check_walkers(moves, self.nwalkers, posterior.ndim)
-        check_progress(self.progress)
-        path = check_path(self.backend, self.resume)
-        own = None if path else list_backends(self.backend, ensembles)
-        return replace(
-            self,
-            moves=moves,
-            automatic=automatic,
-            nwalkers=nwalkers,
-            nsteps=checks.whole_number("nsteps", self.nsteps, 1),
-            ensembles=ensembles,
-            seed=checks.whole_number("seed", self.seed),
-            vectorize=checks.flag("vectorize", self.vectorize),
-            backend=own,
-            path=path,
-            thin_by=checks.whole_number("thin_by", self.thin_by, 1),
-            initial=check_starts(self.initial, posterior, ensembles, nwalkers),
-            probe_tolerance=checks.real_number(
-                "probe_tolerance", self.probe_tolerance, 0.0
-            ),
-        )
 
 
 def check_moves(argument: str, moves: Any) -> None:
@@ -110,19 +64,16 @@ def check_moves(argument: str, moves: Any) -> None:
                 f"{argument}: expected an emcee move, a list of moves or of (move, "
                 f"weight), got {move!r}"
             )
-    if not isinstance(moves, Sequence):
-        return
-    pairs = [item for item in moves if isinstance(item, Sequence)]
+    listed = moves if isinstance(moves, Sequence) else []
+    pairs = [item for item in listed if isinstance(item, Sequence)]
     if not pairs:
         return
     if len(pairs) < len(moves) or any(len(pair) != 2 for pair in pairs):
         raise TypeError(
             f"{argument}: expected (move, weight) throughout, got {moves!r}"
         )
-    weights = [
-        checks.real_number(f"{argument} (their weights)", weight, 0.0)
-        for _, weight in pairs
-    ]
+    name = f"{argument} (their weights)"
+    weights = [checks.real_number(name, weight, 0.0) for _, weight in pairs]
     if not sum(weights) > 0:
         raise ValueError(f"{argument}: expected a weight above zero, got {weights}")
 
@@ -136,20 +87,17 @@ def list_moves(moves: Any) -> list[Any]:
     ]
 
 
-def check_walkers(moves: Any, nwalkers: Any, ndim: int) -> int:
-    """Return the number of walkers, checked against what each move needs.
-
-    The default is 4 per parameter, at least 16, and as many for each temperature.
+def check_walkers(nwalkers: Any, moves: Any, ndim: int) -> int:
+    """Return the walkers per ensemble, by default as many as are usual for the moves.
 
     Raises:
-        TypeError, ValueError, RuntimeError: If nwalkers does not fit.
+        TypeError, ValueError, RuntimeError: If they do not fit the moves.
     """
     given = list_moves(moves)
     tempered = ladder(given)  # refuses temperatures that differ
     if nwalkers is None:
-        nwalkers = max(16, 4 * ndim)
-        if tempered is not None:
-            nwalkers = tempered.default_walkers(ndim)
+        usual = max(16, 4 * ndim)
+        nwalkers = tempered.default_walkers(ndim) if tempered else usual
     number = checks.whole_number("nwalkers", nwalkers, 1)
     for move in given:
         refuse_sequential("moves", move)
@@ -158,17 +106,17 @@ def check_walkers(moves: Any, nwalkers: Any, ndim: int) -> int:
     return number
 
 
-def check_progress(progress: Any) -> None:
-    """Refuse what is neither True, False nor the name of a bar of tqdm."""
+def check_progress(progress: Any) -> bool | str:
+    """Return True, False or the name of a bar of tqdm."""
     if not isinstance(progress, str):
-        checks.flag("progress", progress)
-        return
+        return checks.flag("progress", progress)
     bars = emcee.pbar.tqdm
     if bars is not None and not hasattr(bars, f"tqdm_{progress}"):
         raise ValueError(
             f"progress: expected True, False or a bar of tqdm, such as 'notebook', got "
             f"{progress!r}"
         )
+    return progress
 
 
 def check_starts(
@@ -203,28 +151,25 @@ def check_pool(pool: Any, vectorize: bool, function: Any) -> None:
         pickled(function)
 
 
-def check_path(backend: Any, resume: Any) -> str | None:
-    """Return the absolute path of a file, since a solver may change the directory."""
+def check_backends(
+    backend: Any, ensembles: int, resume: bool
+) -> tuple[list[Any], str | None]:
+    """Return one empty backend per ensemble, or the name of a file.
+
+    Raises:
+        TypeError: If one is no backend, or there is no file to resume.
+        ValueError: If there are too few or too many, or one holds steps.
+    """
     if isinstance(backend, str | os.PathLike):
         name = os.fspath(checks.file_name("backend", backend))
-        checks.flag("resume", resume)
-        return os.path.abspath(name) if os.path.basename(name) else name
-    if checks.flag("resume", resume):
+        # Absolute, since a solver may change the directory.
+        return [], os.path.abspath(name) if os.path.basename(name) else name
+    if resume:
         raise TypeError(
             f"resume: expected backend to be the name of a file, got {backend!r}"
         )
-    return None
-
-
-def list_backends(backend: Any, ensembles: int) -> list[Any]:
-    """Return one empty backend per ensemble, or None for emcee's own.
-
-    Raises:
-        TypeError: If one is no backend.
-        ValueError: If there are too few or too many, or one holds steps.
-    """
     if backend is None:
-        return [None] * ensembles
+        return [None] * ensembles, None
     backends = list(backend) if isinstance(backend, Sequence) else [backend]
     if len(backends) != ensembles:
         raise ValueError(
@@ -242,4 +187,4 @@ def list_backends(backend: Any, ensembles: int) -> list[Any]:
                 f"backend: {own!r} already holds {own.iteration} steps of another "
                 "run; give a new file name, or call its reset()"
             )
-    return backends
+    return backends, None

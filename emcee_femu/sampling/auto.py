@@ -38,6 +38,22 @@ def mixture(fitted: IndependenceMove, share: float) -> list[tuple[Any, float]]:
     return [(fitted, share), (DEMCMove(mode_jump=0.1), 1.0 - share)]
 
 
+def prepare(
+    evaluation: Evaluation, states: list[emcee.State], backends: list[Any]
+) -> Recipe:
+    """Return how the chain begins: with the moves that were given, or with found ones.
+
+    Args:
+        evaluation: Of the posterior.
+        states: Evaluated starts of the ensembles.
+        backends: See :func:`burn_in_and_fit`.
+    """
+    moves = evaluation.settings.moves
+    if moves is None:
+        return burn_in_and_fit(evaluation, states, backends)
+    return Recipe(moves, states, len(states[0].coords), "")
+
+
 def burn_in_and_fit(
     evaluation: Evaluation, states: list[emcee.State], backends: list[Any]
 ) -> Recipe:

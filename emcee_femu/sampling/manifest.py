@@ -37,7 +37,7 @@ def describe_run(settings: Settings) -> dict[str, Any]:
         "stored": {
             name: dict(zip(v.dims, v.shape, strict=True)) for name, v in variables
         },
-        "moves": "auto" if settings.automatic else settings.moves,
+        "moves": "auto" if settings.moves is None else settings.moves,
         "nwalkers": settings.nwalkers,
         "ensembles": settings.ensembles,
         "thin_by": settings.thin_by,

@@ -4,7 +4,7 @@ import os
 from typing import Any
 
 from ..moves import IndependenceMove
-from .auto import Recipe, burn_in_and_fit, mixture
+from .auto import Recipe, mixture, prepare
 from .manifest import check_same, describe_run
 from .probe import probe
 from .run_file import RunFile
@@ -36,11 +36,11 @@ def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
     else:
         check_new(path)
         recipe = _begin(evaluation, beside, manifest)
-        found = {"recipe": _recipe_as_lists(recipe)} if settings.automatic else {}
+        found = {"recipe": _recipe_as_lists(recipe)} if settings.moves is None else {}
         backends = RunFile.create(
             path, recipe.states, {**manifest, **found}, _counts(evaluation)
         )
-    if settings.automatic and os.path.lexists(beside):
+    if settings.moves is None and os.path.lexists(beside):
         _open(beside, evaluation, manifest)  # refuses what is somebody else's
         os.remove(beside)
     for own in backends:
@@ -49,30 +49,27 @@ def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
 
 
 def _begin(evaluation: Evaluation, beside: str, manifest: dict[str, Any]) -> Recipe:
-    """Return starts and moves of a run that has no file yet, but maybe a burn-in."""
-    settings = evaluation.settings
-    if not settings.automatic:
-        states = draw_starts(evaluation)
-        return Recipe(settings.moves, states, len(states[0].coords), "")
+    """Return how a run begins that has no file yet, but may have that of a burn-in."""
+    ensembles = evaluation.settings.ensembles
+    if evaluation.settings.moves is not None:
+        return prepare(evaluation, draw_starts(evaluation), [])
     if os.path.lexists(beside):
         stages = _open(beside, evaluation, manifest)
-        first, second = stages[: settings.ensembles], stages[settings.ensembles :]
-        states = [own.get_last_sample() for own in first]
-        pairs = zip(states, second, strict=True)
+        states = [own.get_last_sample() for own in stages[:ensembles]]
+        pairs = zip(states, stages[ensembles:], strict=True)
         latest = [s.get_last_sample() if s.iteration else state for state, s in pairs]
         _go_on(beside, evaluation, stages, latest)
     else:
         states = draw_starts(evaluation)
-        counts = _counts(evaluation)
-        stages = RunFile.create(beside, states, manifest, counts, stages=2)
+        stages = RunFile.create(beside, states, manifest, _counts(evaluation), 2)
     for own in stages:
         own.failures = evaluation.failures
-    return burn_in_and_fit(evaluation, states, stages)
+    return prepare(evaluation, states, stages)
 
 
 def _open(path: str, evaluation: Evaluation, manifest: dict[str, Any]) -> list[RunFile]:
     """Open a file of this run to append to it, or refuse it."""
-    backends = RunFile.open(path, append=True)
+    backends = RunFile.open(path)
     check_same(path, backends[0].manifest, manifest)
     done = max(own.iteration for own in backends)
     if path == evaluation.settings.path and done > evaluation.settings.nsteps:

@@ -5,9 +5,19 @@ from typing import Any
 import emcee
 from numpy.typing import ArrayLike
 
+from .. import checks
+from ..moves import DEMCMove
 from ..posterior.log_posterior import LogPosterior
-from .arguments import Settings, check_pool
-from .auto import Recipe, burn_in_and_fit
+from .arguments import (
+    Settings,
+    check_backends,
+    check_moves,
+    check_pool,
+    check_progress,
+    check_starts,
+    check_walkers,
+)
+from .auto import prepare
 from .pools.evaluation_pool import safe_pool
 from .resume import begin_in_file
 from .starts import Evaluation, draw_starts
@@ -90,25 +100,39 @@ def run(
         RuntimeError: If too many solves failed. An exception during sampling has the
             samplers so far, as its attribute ``samplers``.
     """
-    if vectorize is None:
-        vectorize = pool is None
+    if not isinstance(posterior, LogPosterior):
+        raise TypeError(
+            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
+            "a bare log-probability function use emcee.EnsembleSampler"
+        )
+    if isinstance(moves, str) and moves != "auto":
+        raise ValueError(f"moves: expected emcee moves or 'auto', got {moves!r}")
+    automatic = isinstance(moves, str)
+    given = DEMCMove() if automatic or moves is None else moves
+    check_moves("moves", given)
+    nwalkers = check_walkers(nwalkers, given, posterior.ndim)
+    ensembles = checks.whole_number("ensembles", ensembles, 1)
+    vectorize = pool is None if vectorize is None else vectorize
+    resume = checks.flag("resume", resume)
+    backends, path = check_backends(backend, ensembles, resume)
     settings = Settings(
         posterior=posterior,
-        moves=moves,
+        moves=None if automatic else given,
         nwalkers=nwalkers,
-        nsteps=nsteps,
+        nsteps=checks.whole_number("nsteps", nsteps, 1),
         ensembles=ensembles,
-        seed=seed,
-        vectorize=vectorize,
-        backend=backend,
-        thin_by=thin_by,
-        progress=progress,
-        initial=initial,
+        seed=checks.whole_number("seed", seed),
+        vectorize=checks.flag("vectorize", vectorize),
+        backends=backends,
+        path=path,
+        thin_by=checks.whole_number("thin_by", thin_by, 1),
+        progress=check_progress(progress),
+        initial=check_starts(initial, posterior, ensembles, nwalkers),
         resume=resume,
         on_failure=on_failure,
         max_failures=max_failures,
-        probe_tolerance=probe_tolerance,
-    ).checked()
+        probe_tolerance=checks.real_number("probe_tolerance", probe_tolerance, 0),
+    )
     check_pool(pool, settings.vectorize, posterior)
     evaluation = Evaluation.begin(settings, safe_pool(pool))
     samplers, states = begin(evaluation)
@@ -126,15 +150,12 @@ def begin(
 ) -> tuple[list[emcee.EnsembleSampler], list[emcee.State]]:
     """Return the samplers, which may hold steps already, and where they go on from."""
     settings = evaluation.settings
-    backends: list[Any] = settings.backend
+    backends: list[Any] = settings.backends
     if settings.path is not None:
         backends, recipe = begin_in_file(evaluation)
-    elif settings.automatic:
-        states = draw_starts(evaluation)
-        recipe = burn_in_and_fit(evaluation, states, [None] * 2 * settings.ensembles)
     else:
-        states = draw_starts(evaluation)
-        recipe = Recipe(settings.moves, states, len(states[0].coords), "")
+        stages = [None] * 2 * settings.ensembles
+        recipe = prepare(evaluation, draw_starts(evaluation), stages)
     samplers = [evaluation.sampler(recipe.moves, own) for own in backends]
     for sampler in samplers:  # kept for to_inference_data, diagnose and compare_moves
         sampler.seed = settings.seed

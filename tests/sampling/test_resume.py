@@ -52,7 +52,7 @@ def test_what_auto_found_is_not_sought_again(path, monkeypatch):
     def never(*arguments):
         raise AssertionError("a second burn-in")
 
-    monkeypatch.setattr(ef.sampling.resume, "burn_in_and_fit", never)
+    monkeypatch.setattr(ef.sampling.auto, "burn_in_and_fit", never)
     longer = sampled(moves="auto", backend=path, resume=True, ensembles=1)
     all_same(longer, whole)
     assert longer[0].recipe == first[0].recipe != ""

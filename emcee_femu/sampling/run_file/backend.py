@@ -17,9 +17,9 @@ class RunFile(emcee.backends.Backend):
     """One ensemble of a run in a file, which a kill at any moment leaves usable.
 
     A run that was killed and resumed ends bit-identical to one that was not. The bare
-    class reads one ensemble, also while it is written; only the steps that are asked
-    for are read. ``emcee.EnsembleSampler(..., backend=RunFile(path))`` is a sampler of
-    what is stored.
+    class reads what is stored of one ensemble, also while a run goes on; only the steps
+    that are asked for are read. ``emcee.EnsembleSampler(..., backend=RunFile(path))``
+    is a sampler of it.
 
     Args:
         path: The file.
@@ -30,33 +30,24 @@ class RunFile(emcee.backends.Backend):
             with what can be kept), or has no such ensemble.
     """
 
-    def __init__(self, path: str | PathLike[str], ensemble: int = 0) -> None:
-        self._attach(Log(os.fspath(path)), ensemble)
-
-    def _attach(self, log: Log, ensemble: int) -> Self:
+    def __init__(self, path: str | PathLike[str] | Log, ensemble: int = 0) -> None:
         super().__init__(np.float64)
-        header = log.header
-        if ensemble not in range(header["streams"]):
+        self._log = log = path if isinstance(path, Log) else Log(os.fspath(path))
+        if ensemble not in range(log.header["streams"]):
             raise ValueError(
-                f"ensemble: {log.path} holds {header['streams']}, numbered from 0, got "
-                f"{ensemble!r}"
+                f"ensemble: {log.path} holds {log.header['streams']}, numbered from 0, "
+                f"got {ensemble!r}"
             )
-        self._log, self._stream = log, ensemble
-        self.nwalkers, self.ndim = header["nwalkers"], header["ndim"]
+        self._stream = ensemble
+        self.nwalkers, self.ndim = log.header["nwalkers"], log.header["ndim"]
         self.failures: Any = None  # whose counts are stored with every step
         self.initialized = True
-        return self
 
     @classmethod
-    def open(cls, path: str | PathLike[str], append: bool = False) -> list[Self]:
-        """Return a backend per ensemble, to read them or to ``append`` more steps.
-
-        Raises:
-            ValueError: If it is no file of a run, or damaged, as for the class.
-        """
-        log = Log(os.fspath(path), append)
-        streams = range(log.header["streams"])
-        return [cls.__new__(cls)._attach(log, stream) for stream in streams]
+    def open(cls, path: str | PathLike[str]) -> list[Self]:
+        """Return a backend per ensemble, to read them or to go on."""
+        log = Log(os.fspath(path))
+        return [cls(log, stream) for stream in range(log.header["streams"])]
 
     @classmethod
     def create(
@@ -83,17 +74,8 @@ class RunFile(emcee.backends.Backend):
             ValueError: If the file exists, or its directory does not or takes no files.
             OSError: If it cannot be written.
         """
-        blobs = starts[0].blobs
-        header = {
-            "nwalkers": starts[0].coords.shape[0],
-            "ndim": starts[0].coords.shape[1],
-            "blobs": 0 if blobs is None else blobs.shape[1],
-            "starts": len(starts),
-            "streams": stages * len(starts),
-            "manifest": dict(manifest),
-        }
-        create(os.path.abspath(path), header, starts, counts)
-        return cls.open(path, append=True)
+        create(os.path.abspath(path), starts, manifest, counts, stages)
+        return cls.open(path)
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -103,14 +85,11 @@ class RunFile(emcee.backends.Backend):
     @property
     def counts(self) -> list[int]:
         """Evaluations and failures by cause, of all ensembles up to the last step."""
-        self._log.refresh()
-        counts: list[int] = self._log.counts.tolist()
-        return counts
+        return self._log.counts
 
     @property
     def iteration(self) -> int:
         """Number of stored steps."""
-        self._log.refresh()
         return self._log.steps(self._stream)
 
     @property
@@ -132,7 +111,6 @@ class RunFile(emcee.backends.Backend):
 
     def get_last_sample(self) -> emcee.State:
         """Return the last stored state, that of the start before there is a step."""
-        self._log.refresh()
         last = self._log.last(self._stream)
         key, *rest = (last[name] for name in RANDOM)
         return emcee.State(
@@ -178,12 +156,8 @@ class RunFile(emcee.backends.Backend):
             OSError: If it cannot be written, as on a full disk; nothing is lost.
         """
         self._check(state, accepted)
-        self._log.append(
-            self._stream,
-            state,
-            self.accepted + accepted,
-            self._log.counts if self.failures is None else self.failures.counts,
-        )
+        counts = self._log.counts if self.failures is None else self.failures.counts
+        self._log.append(self._stream, state, self.accepted + accepted, counts)
 
     def to_hdf(self, path: str | PathLike[str]) -> None:
         """Write all ensembles for emcee's HDFBackend, in groups ``ensemble_0`` ...
@@ -205,11 +179,12 @@ class RunFile(emcee.backends.Backend):
 
     def _write_hdf(self, group: Any) -> None:
         steps = self.iteration
-        group.attrs["version"] = emcee.__version__
-        group.attrs["nwalkers"], group.attrs["ndim"] = self.shape
-        group.attrs["has_blobs"], group.attrs["iteration"] = self.has_blobs(), steps
+        attributes = {"version": emcee.__version__, "iteration": steps}
+        attributes |= {"nwalkers": self.nwalkers, "ndim": self.ndim}
+        attributes |= {"has_blobs": self.has_blobs()}
         for i, value in enumerate(self.random_state or ()):
-            group.attrs[f"random_state_{i}"] = value
+            attributes[f"random_state_{i}"] = value
+        group.attrs.update(attributes)
         group["accepted"] = self.accepted
         for name in ("chain", "log_prob", "blobs")[: 2 + self.has_blobs()]:
             shape = self._log.read(self._stream, name, slice(0)).shape[1:]
