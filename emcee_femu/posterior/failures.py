@@ -28,7 +28,7 @@ class Failure(NamedTuple):
     parameters: Mapping[str, float]
 
 
-def failure(error: Exception, parameters: Mapping[str, float]) -> Failure:
+def describe_failure(error: Exception, parameters: Mapping[str, float]) -> Failure:
     """Return what is kept of an error."""
     if isinstance(error, SolveError):
         cause = error.cause

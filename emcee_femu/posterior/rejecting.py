@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
-from .failures import Failure, FailureLog, failure
+from .failures import Failure, FailureLog, describe_failure
 from .log_posterior import LogPosterior
 
 
@@ -31,20 +31,20 @@ class GuardedPosterior:
     def __call__(self, theta: Floats) -> Any:
         """Return a row or a failure, or a sequence of them for ``(n, d)``."""
         if np.ndim(theta) == 1:
-            return self._one(theta)
+            return self._evaluate(theta)
         if not self.posterior.one_by_one:
             try:
                 return self.posterior(theta)
             except Exception:  # of any kind: it is the user's model that raised
-                pass
-        return [self._one(point) for point in theta]
+                pass  # found below
+        return [self._evaluate(point) for point in theta]
 
-    def _one(self, point: Floats) -> Any:
+    def _evaluate(self, point: Floats) -> Any:
         try:
             return self.posterior(point)
         except Exception as error:
             values = np.asarray(point, dtype=float).tolist()
-            return failure(error, dict(zip(self.names, values, strict=True)))
+            return describe_failure(error, dict(zip(self.names, values, strict=True)))
 
 
 class CountedPosterior:
@@ -66,7 +66,7 @@ class CountedPosterior:
         """Return the row or the rows of ``theta``."""
         single = np.ndim(theta) == 1
         results = self._guarded(np.asarray(theta)[None] if single else theta)
-        rows = counted(results, self._log, self._guarded.posterior)
+        rows = count_failures(results, self._log, self._guarded.posterior)
         return rows[0] if single else rows
 
 
@@ -85,10 +85,10 @@ class CountingPool:
     def map(self, function: Any, points: Iterable[Any]) -> Floats:
         """Return the rows of all points."""
         results = list(self._pool.map(function, points))
-        return counted(results, self._log, self._posterior)
+        return count_failures(results, self._log, self._posterior)
 
 
-def counted(results: Any, log: FailureLog, posterior: LogPosterior) -> Floats:
+def count_failures(results: Any, log: FailureLog, posterior: LogPosterior) -> Floats:
     """Count the failures among rows, and return rows for all."""
     if isinstance(results, np.ndarray):
         log.count(len(results), [])

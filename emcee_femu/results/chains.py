@@ -12,7 +12,7 @@ from ..interfaces import Floats
 from ..moves.tempering import ladder
 
 
-def as_list(
+def list_runs(
     samplers: emcee.EnsembleSampler | Sequence[emcee.EnsembleSampler],
 ) -> list[Any]:
     """Return one or several samplers (or backends) as a list."""
@@ -57,7 +57,7 @@ def describe_runs(runs: list[Any]) -> dict[str, Any]:
     }
 
 
-def stacked(
+def stack_chains(
     runs: list[Any],
     what: str,
     discard: int = 0,
@@ -66,7 +66,7 @@ def stacked(
 ) -> Floats:
     """Return chain, log_prob or blobs, ``(draws, ensembles, walkers, ...)``.
 
-    Ensembles must have the same number of walkers and steps. Of tempered ones only
+    Ensembles must have the same number of walkers and steps. For tempered ones only
     the cold walkers are returned unless ``hot``. Besides the result, memory holds one
     ensemble's part of it, read from its file.
     """

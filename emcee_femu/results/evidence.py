@@ -97,7 +97,7 @@ def log_evidence(
     Source: Xie et al. (2011), doi:10.1093/sysbio/syq085 (stepping stones); Friel, Hurn
     and Wyse (2014), doi:10.1007/s11222-013-9397-1 (integration).
     """
-    runs = inference_data.as_list(samplers)
+    runs = inference_data.list_runs(samplers)
     betas = _shared_betas(runs)
     log_likelihood = _stack_log_likelihoods(runs, len(betas), discard)
     gaps = betas[:-1] - betas[1:]
@@ -125,8 +125,8 @@ def log_evidence(
 
 def _stack_log_likelihoods(runs: list[Any], n_betas: int, discard: int) -> Floats:
     """Return them as ``(steps, ensembles, n_betas, block)``."""
-    log_prob = inference_data.stacked(runs, "log_prob", discard, hot=True)
-    blobs = inference_data.stacked(runs, "blobs", discard, hot=True)
+    log_prob = inference_data.stack_chains(runs, "log_prob", discard, hot=True)
+    blobs = inference_data.stack_chains(runs, "blobs", discard, hot=True)
     steps, ensembles, nwalkers = log_prob.shape
     if steps < 8:
         raise ValueError(f"discard: expected at least 8 steps to judge, left {steps}")

@@ -20,10 +20,10 @@ from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_summary
 from ..posterior.rejecting import GuardedPosterior
-from .chains import as_list as as_list
 from .chains import cold as cold
 from .chains import describe_runs
-from .chains import stacked as stacked
+from .chains import list_runs as list_runs
+from .chains import stack_chains as stack_chains
 
 PRIOR_DRAWS = 1_000
 LONGEST_REPR = 200  # of a move, in the attributes
@@ -82,10 +82,10 @@ def to_inference_data(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
             "another log-probability use arviz.from_emcee(sampler, var_names=...)"
         )
-    runs = as_list(samplers)
-    chain = stacked(runs, "chain", discard, thin)  # (draws, ensembles, walkers, d)
-    log_prob = stacked(runs, "log_prob", discard, thin)
-    blobs = stacked(runs, "blobs", discard, thin)
+    runs = list_runs(samplers)
+    chain = stack_chains(runs, "chain", discard, thin)  # (draws, ensembles, walkers, d)
+    log_prob = stack_chains(runs, "log_prob", discard, thin)
+    blobs = stack_chains(runs, "blobs", discard, thin)
     width = len(posterior.rejected()) - 1  # emcee takes the first one as log_prob
     if chain.shape[-1] != posterior.ndim or blobs.shape[3:] != (width,):
         raise ValueError(

@@ -41,9 +41,9 @@ def judged_chains(samplers: Any, discard: int) -> JudgedChains:
 
 
 def _from_samplers(samplers: Any, discard: int) -> JudgedChains:
-    runs = inference_data.as_list(samplers)
+    runs = inference_data.list_runs(samplers)
     ndim = getattr(runs[0], "backend", runs[0]).shape[1]
-    draws = inference_data.stacked(runs, "chain", discard)
+    draws = inference_data.stack_chains(runs, "chain", discard)
     return _described(_names(runs[0], ndim), draws, describe_runs(runs))
 
 

@@ -255,3 +255,31 @@ def test_an_inferred_discrepancy_has_the_posterior_of_quadrature():
     exact = [weight.sum(axis=1) @ factor, weight.sum(axis=0) @ sigma]
     assert (np.abs(draws.mean(axis=(0, 1)) - exact) < 4 * error).all()
     assert (error < 0.05 * np.array([0.02, 0.02])).all()
+
+
+@pytest.mark.parametrize("kind", ["relative_sd", "covariance"])
+@pytest.mark.parametrize("discrepancy", [None, "error"])
+def test_replicates_have_the_covariance_of_all_errors(kind, discrepancy):
+    measured = np.array([3.0, 8.0, 9.0])
+    C = np.array([[0.04, 0.05, 0.01], [0.05, 0.25, 0.1], [0.01, 0.1, 0.36]])
+    given = {"covariance": C, "relative_sd": [0.1, 0.05, 0.02]}[kind]
+    term = FrequencyTerm(measured, **{kind: given}, discrepancy=discrepancy)
+    expected = C if kind == "covariance" else np.diag((measured * given) ** 2)
+    n, parameters = 40_000, {"error": np.full(40_000, 0.08)}
+    if discrepancy:
+        expected = expected + np.diag((0.08 * measured) ** 2)
+    stored = {"frequency": np.tile([2.0, 7.0, 9.5, 11.0], (n, 1))}
+    drawn = term.replicate(np.random.default_rng(1), parameters, stored)["frequency"]
+    assert drawn.shape == (n, 3)
+    sd = np.sqrt(np.diag(expected) / n)
+    spread = 5 * np.sqrt(2 * n) * np.outer(sd, sd)
+    assert (np.abs(np.cov(drawn.T) - expected) < spread).all()
+    assert (
+        np.abs(drawn.mean(axis=0) - [2, 7]) < 5 * np.sqrt(np.diag(expected) / n)
+    ).all()
+    factors = term.pointwise(parameters, stored)
+    if kind == "covariance":
+        assert factors is None
+    else:
+        total = term(parameters, stored)
+        np.testing.assert_allclose(factors["frequency"].sum(axis=1), total, rtol=1e-12)

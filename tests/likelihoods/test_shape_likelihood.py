@@ -22,6 +22,21 @@ def test_the_mac_form_is_its_formula():
     np.testing.assert_allclose(term({}, MODES), expected.sum(axis=1), rtol=1e-12)
 
 
+@pytest.mark.parametrize("sd", [[0.1, 0.2, 0.4], [[0.1]] * 3 + [[0.3]] * 4])
+def test_deviations_by_mode_or_by_sensor_and_modes_that_were_not_measured(sd):
+    more = ModalSolution(
+        np.ones((20, 4)), np.dstack([SHAPES, RNG.normal(size=(20, 7))])
+    )
+    weights = np.broadcast_to(sd, (7, 3)) ** -2.0
+    gamma = (weights * MEASURED * SHAPES).sum(1) / (weights * SHAPES**2).sum(1)
+    fit = stats.norm.logpdf(MEASURED, gamma[:, None] * SHAPES, weights**-0.5)
+    for modes in (MODES, more):
+        found = ShapeTerm(MEASURED, sd=sd)({}, modes)
+        np.testing.assert_allclose(found, fit.sum(axis=(1, 2)), rtol=1e-12)
+    delta = ShapeTerm(MEASURED, delta=0.1)
+    np.testing.assert_array_equal(delta({}, more), delta({}, MODES))
+
+
 def test_an_inferred_delta_is_the_number_of_that_value():
     term = ShapeTerm(MEASURED, discrepancy="delta")
     assert term.names == ("delta",)

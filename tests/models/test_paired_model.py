@@ -206,6 +206,12 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
     term = ef.FrequencyTerm(test)
     same = term({}, ModalSolution(modes.frequencies))
     np.testing.assert_allclose(term({}, modes), same - UNPAIRED)
+    neither = modes.pairing._replace(unpaired=np.array([[True, True]]))
+    both = ef.PairedSolution(modes.frequencies, modes.shapes, neither)
+    np.testing.assert_allclose(term({}, both), same - 2 * UNPAIRED)
+    stored = {"frequency": modes.frequency, "unpaired": both.unpaired.astype(float)}
+    by_mode = term.pointwise({}, stored)["frequency"]
+    np.testing.assert_allclose(by_mode.sum(axis=1), same - 2 * UNPAIRED)
 
 
 def test_the_models_own_statements_pass_through():
@@ -312,6 +318,27 @@ def test_the_likelihood_has_no_step_where_modes_come_near(term):
     if term == "shape":  # from the whole space of both to each mode's own
         assert values[0] - values[-1] > 40
     assert np.abs(np.diff(values)).max() < 1.5  # it fell by 46.8 from 1.999 to 2.001 %
+
+
+@pytest.mark.parametrize("leaving", [0, 2])
+def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
+    # Three modes in a row: the last or the first leaves, while the others stay.
+    shapes = random_shapes(11, 1, 6, 3)
+    measured = shapes[0] @ random_shapes(12, 3, 1)
+    test = Measurements([1.0], shapes=measured)
+    macs = []
+    for gap in np.linspace(0.009, 0.021, 241):
+        ratios = [1.001, 1 + gap] if leaving else [1 + gap, 1.001]
+        frequencies = np.cumprod([[1.0, *ratios]], axis=1)
+        model = Fixed(frequencies, shapes)
+        macs.append(PairedModel(model, test, candidates=3)({}).mac[0, 0])
+    np.testing.assert_allclose(macs[0], 1.0, rtol=1e-12)  # in the span of all three
+    pair = np.delete(shapes[0], leaving, axis=1)
+    fit = pair @ np.linalg.lstsq(pair, measured)[0]
+    pair = ((fit * measured).sum() ** 2 / (fit**2).sum() / (measured**2).sum()).item()
+    alone = mac(measured, shapes[0][:, [leaving]]).item()
+    np.testing.assert_allclose(macs[-1], max(pair, alone), rtol=1e-10)
+    assert np.abs(np.diff(macs)).max() < 0.02
 
 
 def test_sensors_and_dofs_are_matched_in_any_order():

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.posterior.failures import FailureLog, SolveError, failure
+from emcee_femu.posterior.failures import FailureLog, SolveError, describe_failure
 from emcee_femu.posterior.rejecting import GuardedPosterior
 
 PRIOR = ef.IndependentPrior({"a": stats.norm(0, 1), "b": stats.norm(0, 1)})
@@ -154,14 +154,14 @@ def test_too_many_failures_stop_the_run_and_keep_what_was_sampled(caplog):
 
 def test_a_fraction_of_few_evaluations_stops_nothing():
     log = FailureLog(0.1)
-    failed = failure(ValueError("x"), {"a": 1.0})
+    failed = describe_failure(ValueError("x"), {"a": 1.0})
     log.count(99, [failed] * 99)
     with pytest.raises(RuntimeError, match="99 of 199 solves"):
         log.count(100, [])
 
 
 def test_the_fraction_is_exact():
-    log, failed = FailureLog(0.1), failure(ValueError("x"), {"a": 1.0})
+    log, failed = FailureLog(0.1), describe_failure(ValueError("x"), {"a": 1.0})
     log.count(200, [failed] * 20)  # just allowed
     with pytest.raises(RuntimeError, match="21 of 201 solves"):
         log.count(1, [failed])
@@ -169,7 +169,7 @@ def test_the_fraction_is_exact():
 
 def test_causes_are_told_apart():
     found = {
-        failure(error, {}).cause: error
+        describe_failure(error, {}).cause: error
         for error in (
             TimeoutError("t"),
             subprocess.TimeoutExpired("x", 1),
@@ -178,7 +178,10 @@ def test_causes_are_told_apart():
         )
     }
     assert set(found) == {"time-out", "not finite", "exception"}
-    assert failure(SolveError("c", "what came"), {}).message == "SolveError: what came"
+    assert (
+        describe_failure(SolveError("c", "what came"), {}).message
+        == "SolveError: what came"
+    )
 
 
 def test_the_keyboard_stops_the_run_and_keeps_the_chain():
