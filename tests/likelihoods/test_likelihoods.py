@@ -275,7 +275,7 @@ def test_replicates_have_the_covariance_of_all_errors(kind, discrepancy):
     spread = 5 * np.sqrt(2 * n) * np.outer(sd, sd)
     assert (np.abs(np.cov(drawn.T) - expected) < spread).all()
     assert (
-        np.abs(drawn.mean(axis=0) - [2, 7]) < 5 * np.sqrt(np.diag(expected) / n)
+        np.abs(drawn.mean(axis=0) - [2, 7, 9.5]) < 5 * np.sqrt(np.diag(expected) / n)
     ).all()
     factors = term.pointwise(parameters, stored)
     if kind == "covariance":
