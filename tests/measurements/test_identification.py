@@ -1,4 +1,4 @@
-import builtins
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -30,24 +30,9 @@ def test_normal_modes_among_other_data_sets(pyuff, write):
     millimetres = pyuff.prepare_164(
         units_code=5, length=1e3, force=1.0, temp=1.0, temp_offset=273.15
     )
-    nodes = pyuff.prepare_15(
-        node_nums=NODES,
-        def_cs=[0] * 3,
-        disp_cs=[0] * 3,
-        color=[0] * 3,
-        x=[0.0, 1.0, 2.0],
-        y=[0.0] * 3,
-        z=[0.0] * 3,
-    )
     forced = a_mode(pyuff, 1, analysis_type=5, freq_step_n=1)
-    path = write(
-        millimetres,
-        nodes,
-        a_mode(pyuff, 1),
-        forced,
-        a_mode(pyuff, 2),
-        a_mode(pyuff, 3),
-    )
+    modes = [a_mode(pyuff, i) for i in (1, 2, 3)]
+    path = write(millimetres, modes[0], forced, *modes[1:])
     with pytest.warns(UserWarning, match=LEFT_OUT):
         m = Measurements.from_uff(path, dofs=range(6))
     assert m.sensors == LABELS and m.dofs.tolist() == [*range(6)]
@@ -58,8 +43,9 @@ def test_normal_modes_among_other_data_sets(pyuff, write):
 
 
 def test_the_caller_chooses_sensors_and_their_order(pyuff, write):
-    path = write(*(a_mode(pyuff, i) for i in (1, 2, 3)))
+    path = write(*(a_mode(pyuff, i) for i in (2, 3, 1)))  # put in ascending order
     m = Measurements.from_uff(path, sensors=["7:y", "4:x", "4:z"])
+    np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)
     assert m.sensors == ("7:y", "4:x", "4:z")
     np.testing.assert_allclose(m.shapes, [Y[2], X[0], Z[0]], rtol=1e-5)
 
@@ -101,13 +87,6 @@ def test_rotations_are_sensors_too(pyuff, write):
     np.testing.assert_allclose(m.shapes[6:12, 0], [0.7, 0.1, 1, 0.7, 0.1, -0.2])
 
 
-def test_modes_of_a_universal_file_are_put_in_ascending_order(pyuff, write):
-    path = write(*(a_mode(pyuff, i) for i in (2, 3, 1)))
-    m = Measurements.from_uff(path, sensors=LABELS)
-    np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)
-    np.testing.assert_allclose(m.shapes, ROWS, rtol=1e-5)
-
-
 def test_universal_files_are_refused_by_data_set(pyuff, write, tmp_path):
     forced = a_mode(pyuff, 1, analysis_type=5, freq_step_n=1)
     with pytest.raises(ValueError, match="1 data sets 55 and no mode among them"):
@@ -146,14 +125,7 @@ def test_a_damaged_universal_file_is_refused(pyuff, write):
 
 
 def test_without_pyuff_the_message_says_what_to_install(monkeypatch, tmp_path):
-    load = builtins.__import__
-
-    def no_pyuff(name, *args, **kwargs):
-        if name == "pyuff":
-            raise ImportError(name)
-        return load(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", no_pyuff)
+    monkeypatch.setitem(sys.modules, "pyuff", None)
     with pytest.raises(ImportError, match=r'pip install "emcee_femu\[uff\]"'):
         Measurements.from_uff(tmp_path / "test.uff")
 
@@ -163,13 +135,8 @@ def test_without_pyuff_the_message_says_what_to_install(monkeypatch, tmp_path):
 
 def a_result(**changes):
     turn = np.exp(1j * np.array([0.01, -0.02, 0.0]))
-    values = {
-        "Fn": np.array(F),
-        "Xi": np.array([0.01, 0.02, 0.01]),
-        "Phi": X * turn,
-        "Fn_std": np.array([0.003, 0.005, 0.01]),
-        "Phi_std": np.full((3, 3), 0.02),
-    }
+    values = {"Fn": np.array(F), "Phi": X * turn, "Xi": np.array([0.01, 0.02, 0.01])}
+    values |= {"Fn_std": np.array([3e-3, 5e-3, 0.01]), "Phi_std": np.full((3, 3), 0.02)}
     return SimpleNamespace(**(values | changes))
 
 

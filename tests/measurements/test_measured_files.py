@@ -4,15 +4,7 @@ import pytest
 from emcee_femu.measurements import Measurements
 
 RNG = np.random.default_rng(22)
-FIELDS = (
-    "frequencies",
-    "sd",
-    "covariance",
-    "shapes",
-    "shape_sd",
-    "dofs",
-    "phase_collinearity",
-)
+FIELDS = "frequencies sd covariance shapes shape_sd dofs phase_collinearity".split()
 # Numbers whose shortest decimal form is long or odd, or that are tiny.
 NASTY = np.array([np.pi, 0.1 + 0.2, 1e22, 5e-324, -0.0, 1 / 3, -1.7976931348623157e30])
 LABELS = ["roof, north", 'the "old" one', "5:x", " blank ", "a;b\tc", "Ä", "two\nlines"]
@@ -80,9 +72,9 @@ def test_a_file_returns_every_bit(measurements, tmp_path):
     assert_same_bits(Measurements.from_csv(str(path)), measurements)
 
 
-def written(tmp_path, text, encoding="utf-8"):
+def written(tmp_path, text):
     path = tmp_path / "test.csv"
-    path.write_text(text, encoding=encoding)
+    path.write_text(text, encoding="utf-8")
     return path
 
 

@@ -1,4 +1,3 @@
-import copy
 import pickle
 
 import numpy as np
@@ -43,13 +42,8 @@ def test_frequencies_alone_are_enough():
     m = Measurements(F, sd=[0.1, 0.2, 0.3])
     assert (m.n_modes, m.n_sensors, m.sensors) == (3, 0, ())
     assert m.shapes is m.shape_sd is m.dofs is m.covariance is None
-    assert m.phase_collinearity is None
+    assert m.phase_collinearity is Measurements(F).sd is None
     np.testing.assert_array_equal(m.sd, [0.1, 0.2, 0.3])
-    assert Measurements(F).sd is None
-
-
-def test_sensors_are_numbered_by_default():
-    assert Measurements(F, shapes=SHAPES).sensors == ("s1", "s2", "s3", "s4")
 
 
 def test_arguments_are_copied():
@@ -62,12 +56,10 @@ def test_arguments_are_copied():
     np.testing.assert_array_equal(m.dofs, range(4))
 
 
-@pytest.mark.parametrize(
-    "clone", [copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))]
-)
-def test_it_can_be_sent_to_a_worker(clone):
-    m = clone(Measurements(F, sd=[0.1, 0.2, 0.3], shapes=SHAPES))
+def test_it_can_be_sent_to_a_worker_and_sensors_are_numbered_by_default():
+    m = pickle.loads(pickle.dumps(Measurements(F, shapes=SHAPES)))
     np.testing.assert_array_equal(m.shapes, SHAPES)
+    assert m.sensors == ("s1", "s2", "s3", "s4")
 
 
 # Complex shapes
@@ -139,9 +131,7 @@ def test_modes_of_low_collinearity_are_named_in_a_warning():
         ([3.1, 20.4, 9.8], ValueError, r"mode 3 \(9.8 Hz\) is below mode 2 .*argsort"),
         ([3.1, 9.8, 9.8], ValueError, "modes 2 and 3 are the same .*give shapes"),
         ([], ValueError, "frequencies: expected at least one"),
-        (3.1, ValueError, "frequencies: .*one dimension"),
         ([[3.1]], ValueError, "frequencies: .*one dimension"),
-        (["3.1"], TypeError, "frequencies: expected real numbers"),
         ([3.1 + 0j], TypeError, "frequencies: expected real numbers"),
     ],
 )
@@ -160,10 +150,8 @@ def shapes_with(value, dtype=float):
     ("options", "error", "message"),
     [
         ({"sd": [0.1, 0.2]}, ValueError, r"sd: expected shape \(3,\), got \(2,\)"),
-        ({"sd": 0.1}, ValueError, r"sd: expected shape \(3,\), got \(\)"),
         ({"sd": [0.1, 0.0, 0.1]}, ValueError, "sd: .*mode 2 has 0.0"),
         ({"sd": [0.1, 0.1, -1.0]}, ValueError, "sd: .*mode 3 has -1.0"),
-        ({"sd": [np.nan, 0.1, 1.0]}, ValueError, "sd: .*mode 1 has nan"),
         ({"sd": [0.1, np.inf, 1.0]}, ValueError, "sd: .*mode 2 has inf"),
         ({"sd": [1, 1, 1], "covariance": COVARIANCE}, TypeError, "at most one of the"),
         ({"covariance": COVARIANCE[:2]}, ValueError, r"covariance: .*\(3, 3\)"),
@@ -171,19 +159,15 @@ def shapes_with(value, dtype=float):
         ({"covariance": np.diag([1, 1, -1])}, ValueError, "covar.*mode 3 has -1.0"),
         ({"covariance": np.triu(COVARIANCE)}, ValueError, "covariance: .*symmetric"),
         ({"covariance": np.ones((3, 3))}, ValueError, "covariance: .*positive defin"),
-        ({"covariance": np.eye(3) * np.nan}, ValueError, "covariance: .*finite"),
         ({"shapes": SHAPES.T}, ValueError, r"shapes: .*got \(3, 4\); transpose them"),
         ({"shapes": SHAPES[:, :2]}, ValueError, r"shapes: .*\(n_sensors, 3\), .*4, 2"),
         ({"shapes": SHAPES[:0]}, ValueError, "shapes: expected"),
-        ({"shapes": SHAPES[0]}, ValueError, "shapes: expected"),
-        ({"shapes": [[1.0], [2.0, 3.0]]}, ValueError, "shapes: .*rectangular"),
-        ({"shapes": SHAPES.astype(str)}, TypeError, "shapes: expected real or complex"),
         ({"shapes": shapes_with(np.nan)}, ValueError, "mode 2 has nan at sensor 3"),
         ({"shapes": shapes_with(np.inf)}, ValueError, "mode 2 has inf at sensor 3"),
         (
             {"shapes": shapes_with(complex(0, np.nan), complex)},
             ValueError,
-            "mode 2 has .*nanj.* at sensor 3",
+            "nanj.*at s",
         ),
         ({"shapes": SHAPES * [1, 0, 1]}, ValueError, "mode 2 is zero at all sensors"),
         ({"shapes": SHAPES, "shape_sd": SHAPES}, ValueError, "shape_sd: .*mode 2 has"),
@@ -199,19 +183,14 @@ def shapes_with(value, dtype=float):
         ({"shapes": SHAPES, "dofs": [*"ab21"]}, TypeError, "dofs: .*'2'"),
         ({"shape_sd": SHAPES}, ValueError, "shape_sd: expected shapes with it"),
         ({"sensors": ["a"]}, ValueError, "sensors: expected shapes with it"),
-        ({"dofs": [1]}, ValueError, "dofs: expected shapes with it"),
         ({"phase_collinearity": [1.0] * 3}, ValueError, "phase_.*: expected shapes"),
         (
-            {"shapes": SHAPES + 0j, "phase_collinearity": [1.0] * 3},
+            {"shapes": SHAPES + 0j, "phase_collinearity": [1] * 3},
             ValueError,
-            "phase_collinearity: .*computed",
+            "computed",
         ),
         *(
-            (
-                {"shapes": SHAPES, "phase_collinearity": mpc},
-                ValueError,
-                "phase_collinearity: expected 3 numbers from 0 to 1",
-            )
+            ({"shapes": SHAPES, "phase_collinearity": mpc}, ValueError, "from 0 to 1")
             for mpc in ([1.0, 1.0], [1.0, 1.1, 1.0], [1.0, -0.1, 1.0])
         ),
     ],

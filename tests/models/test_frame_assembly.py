@@ -133,16 +133,6 @@ def test_modes_pick_from_the_lowest():
 
 
 @pytest.mark.parametrize(
-    ("skip", "message"),
-    [(0, "mode 1 is not"), (5, "mode 6 is not"), (7, "but mode 7 is elastic: 51.0")],
-)
-def test_a_wrong_count_of_rigid_body_modes_is_refused(skip, message):
-    model = h_frame(spread=dict.fromkeys(TILTS, 1.0), skip=skip)
-    with pytest.raises(ValueError, match=message):
-        model({})
-
-
-@pytest.mark.parametrize(
     ("value", "message"),
     [
         (None, r"no value for \['E left', 'E mid', 'E right'\]"),

@@ -72,8 +72,7 @@ def test_a_batch_equals_a_loop_to_the_bit_and_so_does_a_small_pickle(reduced):
 
 
 def test_the_same_seed_gives_the_same_model(full, reduced):
-    again = reduce(full, BOUNDS, 1e-4)
-    parameters = draws(3)
+    again, parameters = reduce(full, BOUNDS, 1e-4), draws(3)
     assert np.array_equal(
         again(parameters).frequencies, reduced(parameters).frequencies
     )
@@ -251,12 +250,9 @@ def test_a_full_solve_that_misses_a_mode_is_found_out(full, monkeypatch):
         ({"bounds": BOUNDS | {"x": (0, 1)}}, ValueError, r"no parameter \['x'\]"),
         ({"bounds": BOUNDS | {"left": (1, 1)}}, ValueError, r"'left'\]: .* low < high"),
         ({"bounds": BOUNDS | {"left": (1, 2, 3)}}, ValueError, r"'left'\]: expected"),
-        ({"bounds": BOUNDS | {"left": (0, np.inf)}}, ValueError, r"'left'\]: .*finite"),
         ({"tolerance": 0}, ValueError, r"tolerance: expected 1e-9 .* to 0.1, got 0"),
-        ({"tolerance": "small"}, TypeError, r"tolerance: expected real numbers"),
         ({"test_points": 1}, ValueError, r"test_points: expected at least 2, got 1"),
         ({"max_solves": 41}, ValueError, r"max_solves: expected at least 42, got 41"),
-        ({"seed": 1.5}, TypeError, r"seed: expected a whole number"),
     ],
 )
 def test_wrong_arguments_are_refused_by_name(full, changed, exception, message):
