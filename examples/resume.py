@@ -12,6 +12,7 @@ Run it:  python examples/resume.py
 """
 
 import argparse
+import logging
 import multiprocessing
 import tempfile
 import time
@@ -108,7 +109,7 @@ def survive(path: str, generations: int, share: float) -> dict:
         seconds[place] = time.process_time() - begin
     cost = 1e3 * (seconds["file"] - seconds["memory"]) / (2 * generations)
     print(
-        f"\nwriting costs {cost:.2f} ms per generation: {cost / 80:.1%} of one of 16 "
+        f"\nwriting costs {cost:.2f} ms per generation: {cost / 80:.2%} of one of 16 "
         "walkers at 5 ms per evaluation"
     )
 
@@ -117,6 +118,8 @@ def survive(path: str, generations: int, share: float) -> dict:
 
 def reject(generations: int) -> ef.posterior.failures.FailureLog:
     """Sample where the solver does not always converge; return what was counted."""
+    # Each failure is logged with its parameters; here their number is enough.
+    logging.getLogger("emcee_femu").setLevel(logging.ERROR)
     model = ef.FunctionModel(diverging, n_modes=5)
     known = PROBLEM.posterior
     posterior = ef.LogPosterior(model, known.terms, known.prior)
