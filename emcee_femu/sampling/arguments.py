@@ -21,7 +21,7 @@ from .pools.pickling import pickled
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Settings:
-    """The arguments of :func:`run.run`, checked, some of them resolved.
+    """The arguments of :func:`run`, checked, some of them resolved.
 
     Attributes:
         moves: Emcee moves, None if they shall be found.

@@ -1,7 +1,7 @@
 """What a run is of, readable: a chain may go on only as what it began.
 
 What can be read of the posterior is compared by entry; what cannot, such as the code
-of a model and the files that it reads, is found by :func:`probe.probe`.
+of a model and the files that it reads, is found by ``probe.probe``.
 """
 
 import hashlib

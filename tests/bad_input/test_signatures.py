@@ -163,7 +163,7 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (anything, {"model": MODEL, "terms": [TERM], "prior": PRIOR}),
     (anything, {"measurements": MEASURED, "result": Result(), "comparison": None}),
     (anything, {"executor": ThreadPoolExecutor(1), "pool": None}),
-    (anything, {"on_failure": "raise"}),
+    (anything, {"on_failure": "raise", "experiment": None}),
 ]
 ARGUMENTS = {name: (v, kind) for kind, given in KINDS for name, v in given.items()}
 TIED = {"frequencies": "shapes covariance", "shapes": "shape_sd", "masses": "springs"}
