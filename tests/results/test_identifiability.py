@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import halfnorm
 from support.known_posteriors import (
     CURVATURE,
     GRADIENT,
@@ -15,6 +16,7 @@ from support.known_posteriors import (
 )
 
 import emcee_femu as ef
+from emcee_femu.posterior.priors import uniform_between
 from emcee_femu.results.identifiability import identifiability
 from emcee_femu.results.inference_data import dataset
 
@@ -250,6 +252,98 @@ def test_a_rigid_body_mode_has_no_sensitivities_but_the_others_have():
     assert_allclose(found.sensitivities[1:], GRADIENT[1:], rtol=0, atol=1e-9)
 
 
+ERROR = {"is_error": [False, False, True]}  # of the parameters the third, "x"
+
+
+def with_error(shift=0.0, **constants):
+    """Return samples of two stiffnesses and an error of half its prior's width."""
+    z = exact_draws(np.diag([0.3, 0.3, 0.5]) ** 2, mean=[0, 0, shift])
+    frequencies = linear_frequencies(z, GRADIENT * [1, 1, 0], 0.0)
+    return identifiability(
+        made(z, frequencies, prior_mean=np.zeros(3), **ERROR, **constants)
+    )
+
+
+def test_errors_have_no_sensitivities():
+    found = with_error()
+    assert_allclose(found.sensitivities[:, :2], GRADIENT[:, :2], atol=1e-9)
+    assert np.isnan(found.sensitivities[:, 2]).all()
+    assert found.sensitivity_table.column("parameter") == [*NAMES[:2], "R^2"]
+    assert np.isnan(found.table.column("largest sensitivity %")[2])
+    assert found.findings[0].startswith("The data inform every parameter")
+    assert len(found.findings) == 1
+
+
+@pytest.mark.parametrize(("shift", "named"), [(1.9, False), (2.9, True), (-2.9, False)])
+def test_an_error_far_above_its_prior_mean_is_named(shift, named):
+    found = with_error(shift)
+    surprising = [
+        text for text in found.findings if "prior standard deviations" in text
+    ]
+    assert len(surprising) == named
+    if named:
+        assert surprising[0].startswith("x is inferred 2.9 prior standard deviations")
+
+
+@pytest.mark.parametrize("is_error", [True, False])
+def test_an_error_near_zero_is_small_and_not_pressed(is_error):
+    z = exact_draws(np.diag([0.3, 0.3, 0.01]) ** 2)
+    z[..., 2] = np.abs(z[..., 2])
+    idata = made(
+        z,
+        linear_frequencies(z),
+        lower=[-9.0, -9.0, 0.0],
+        upper=np.full(3, 2.0),
+        is_error=[False, False, is_error],
+    )
+    (text,) = identifiability(idata).findings[1:]
+    if is_error:
+        assert text.startswith("x may well be as small as its lower bound 0, where ")
+    else:
+        assert text.startswith("x is pressed against its lower bound 0: ")
+
+
+def test_where_little_is_informed_the_known_combinations_are_named():
+    """Two frequencies see (3 a + 4 b) / 5 and f of six parameters, no pair alone."""
+    names = tuple("abcdef")
+    design = np.array([[0.6, 0.8, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1.0]])
+    z = exact_draws(gaussian_posterior(design / [[0.5], [0.1]], 1.0), n=4000)
+    frequencies = linear_frequencies(z, design, 0.0)
+    found = identifiability(made(z, frequencies, np.ones(6), names))
+    (text,) = [text for text in found.findings if "combinations" in text]
+    first, second = (noise / np.hypot(1, noise) for noise in (0.1, 0.5))
+    assert text.startswith("2 of 6 independent combinations are known well (sd ratio")
+    assert text.endswith(
+        f"in prior standard deviations: 1.00 f (sd ratio {first:.2g}); 0.80 b + 0.60 a "
+        f"(sd ratio {second:.2g})."
+    )
+    none = exact_draws(np.eye(6), n=4000)
+    found = identifiability(made(none, frequencies, np.ones(6), names))
+    assert "No combination of the parameters is known well either." in found.findings
+
+
+def test_a_joint_posterior_has_the_modes_of_all_experiments_and_its_errors():
+    modal = ef.FunctionModel(lambda p: [10 * p["k"] ** 0.5], n_modes=1)
+    term = ef.FrequencyTerm([10.0], discrepancy="sigma")
+    prior = ef.IndependentPrior({"k": uniform_between(0.5, 2), "sigma": halfnorm(0, 1)})
+    joint = ef.LogPosterior.joint({"old": (modal, term), "new": (modal, term)}, prior)
+    found = identifiability(
+        ef.to_inference_data(ef.run(joint, None, 8, 50, seed=1), joint)
+    )
+    assert found.modes == ("old mode 1", "new mode 1")
+    assert found.is_error.tolist() == [False, True]
+    assert_allclose(found.sensitivities[0], found.sensitivities[1], rtol=1e-12)
+
+
+def test_without_frequencies_there_are_no_sensitivities():
+    z = exact_draws(COVARIANCE)
+    idata = made(z, linear_frequencies(z)[..., :0])
+    found = identifiability(idata)
+    assert found.modes == () and found.sensitivities.shape == (0, 3)
+    assert "Sensitivity" not in str(found) and "sensitivities" not in str(found)
+    assert_allclose(found.sd_ratio, np.sqrt(np.diag(COVARIANCE)), rtol=1e-10)
+
+
 def test_a_single_parameter_has_no_partner():
     z = exact_draws(np.array([[0.25]]), n=40)
     idata = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
@@ -264,6 +358,8 @@ def test_it_prints_both_tables_and_the_findings(found):
     assert text.startswith(str(found.table))
     assert str(found.sensitivity_table) in text
     assert text.endswith("\n".join(found.findings))
+    page = found._repr_html_()
+    assert page.count("<table>") == 2 and page.endswith(f"<p>{found.findings[-1]}</p>")
     table = found.sensitivity_table
     assert table.column("parameter") == [*NAMES, "R^2"]
     for i in range(4):

@@ -1,0 +1,133 @@
+"""What the samples say about the parameters, in sentences."""
+
+from typing import Any
+
+import numpy as np
+
+UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
+MOVED = 0.5  # prior sds; data that leave 0.9 of the sd move the mean by 0.4 or so
+SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
+TOGETHER = 0.95  # |correlation| above which only a combination is known well
+MANY = 3  # uninformed parameters from which on the known combinations are named
+INFORMED = 0.5  # sd ratio below which a combination is worth naming
+MOST_COMBINATIONS, MOST_PARTS, SMALL_PART = 3, 5, 0.15
+CROWDED = 0.05  # share of the samples near a bound
+GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
+
+
+def describe_findings(found: Any) -> list[str]:
+    """Return sentences about an :class:`identifiability.Identifiability`."""
+    uninformed = np.flatnonzero(found.sd_ratio > UNINFORMED)
+    together = np.abs(found.correlation) > TOGETHER
+    sentences = [_uninformed(found, i, together[i].sum() == 1) for i in uninformed]
+    sentences += [_pair(found, i, j) for i, j in np.argwhere(np.triu(together, 1))]
+    if not sentences:
+        least = int(found.sd_ratio.argmax())
+        sentences = [
+            f"The data inform every parameter, {found.names[least]} least (sd "
+            f"ratio {found.sd_ratio[least]:.2f})."
+        ]
+    if (~found.is_error[uninformed]).sum() >= MANY:
+        sentences += _combinations(found)
+    sentences += [
+        f"{found.names[i]} is inferred {found.shift[i]:.1f} prior standard deviations "
+        "above its prior mean: model and data disagree by more than was expected. Look "
+        "for what the model lacks, or widen this prior."
+        for i in np.flatnonzero(found.is_error & (found.shift > SURPRISING))
+    ]
+    crowded = np.argwhere(found.at_bound > CROWDED)
+    sentences += [_at_bound(found, i, side) for i, side in crowded]
+    sentences += [
+        f"{found.modes[i].capitalize()}: its sensitivities are rough, for ln(lambda) "
+        f"is not a quadratic over the samples (R^2 {found.r_squared[i]:.2f})."
+        for i in np.flatnonzero(found.r_squared < GOOD_FIT)
+    ]
+    if found.modes and np.isnan(found.sensitivities).all():
+        sentences.append(
+            "There are no sensitivities: the samples do not span all directions of "
+            "the parameters. Run longer, or with more walkers."
+        )
+    return sentences
+
+
+def _uninformed(found: Any, i: Any, alone: bool) -> str:
+    name, shift, ratio = found.names[i], found.shift[i], found.sd_ratio[i]
+    if abs(shift) >= MOVED:  # never for NaN
+        return (
+            f"The data move {name} by {shift:+.1f} prior standard deviations, but "
+            f"leave it as uncertain as before (sd ratio {ratio:.2f})."
+        )
+    reason = ""
+    largest = np.abs(found.sensitivities[:, i]).max(initial=0.0)
+    if found.modes and not np.isnan(largest):
+        reason = (
+            "; a prior standard deviation of it changes the eigenvalues by "
+            f"{100 * largest:.2g} % at most"
+        )
+    return (
+        f"The data say nothing about {name}{'' if alone else ' by itself'}: it is as "
+        f"uncertain as before (sd ratio {ratio:.2f}){reason}."
+    )
+
+
+def _pair(found: Any, i: int, j: int) -> str:
+    """Say which combination of two parameters is known best, by their prior sds."""
+    pair = [i, j]
+    variances, directions = _principal(found, pair)
+    first, second = directions[:, 0] / found.prior_sd[pair]
+    (a, b), ratios = (found.names[k] for k in pair), found.sd_ratio[pair]
+    return (
+        f"Only {a} {_signed(second / first)} {b} of {a} and {b} is known well: sd "
+        f"ratio {np.sqrt(variances[0]):.2g}, but {ratios[0]:.2g} and {ratios[1]:.2g} "
+        f"of them (correlation {found.correlation[i, j]:+.3f})."
+    )
+
+
+def _combinations(found: Any) -> list[str]:
+    """Name the directions in which the posterior is narrowest, in prior sds."""
+    structural = np.flatnonzero(~found.is_error)
+    variances, directions = _principal(found, structural)
+    known = np.flatnonzero(np.sqrt(variances) < INFORMED)
+    if not len(known):
+        return ["No combination of the parameters is known well either."]
+    words = []
+    for k in known[:MOST_COMBINATIONS]:
+        vector = directions[:, k]
+        parts = np.argsort(-np.abs(vector))[:MOST_PARTS]
+        parts = parts[np.abs(vector[parts]) >= SMALL_PART]
+        vector = vector * np.sign(vector[parts[0]])
+        text = f"{vector[parts[0]]:.2f} {found.names[structural[parts[0]]]}"
+        for i in parts[1:]:
+            text += f" {_signed(vector[i], '.2f')} {found.names[structural[i]]}"
+        words.append(f"{text} (sd ratio {np.sqrt(variances[k]):.2g})")
+    return [
+        f"{len(known)} of {len(structural)} independent combinations are known well "
+        f"(sd ratio below {INFORMED}), best, in prior standard deviations: "
+        f"{'; '.join(words)}."
+    ]
+
+
+def _principal(found: Any, which: Any) -> Any:
+    """Return variances and directions of parameters in prior sds, narrowest first."""
+    ratios = found.sd_ratio[which]
+    within = found.correlation[np.ix_(which, which)]
+    variances, directions = np.linalg.eigh(np.outer(ratios, ratios) * within)
+    return np.maximum(variances, 0.0), directions
+
+
+def _signed(value: float, spec: str = ".3g") -> str:
+    return f"{'+' if value > 0 else '-'} {abs(value):{spec}}"
+
+
+def _at_bound(found: Any, i: int, side: int) -> str:
+    name, share = found.names[i], 100 * found.at_bound[i, side]
+    bound = f"{('lower', 'upper')[side]} bound {found.bounds[i, side]:.5g}"
+    if found.is_error[i] and side == 0:
+        return (
+            f"{name} may well be as small as its {bound}, where {share:.0f} % of the "
+            "samples lie: the data do not need so large an error as the prior admits."
+        )
+    return (
+        f"{name} is pressed against its {bound}: {share:.0f} % of the samples lie "
+        "within 1 % of the range of it. Widen the bounds, or doubt the model."
+    )
