@@ -62,14 +62,14 @@ class ReducedModel:
         return tuple(self.bounds)
 
     @property
-    def variables(self) -> Mapping[str, Variable]:
-        """What it returns: frequencies, and shapes at the DOFs where it has them."""
-        return modal_variables(self.n_modes, self.shape_dofs)
-
-    @property
     def required(self) -> tuple[str, ...]:
         """The parameters without which there is no model: all."""
         return self.names
+
+    @property
+    def variables(self) -> Mapping[str, Variable]:
+        """What it returns: frequencies, and shapes where it has them."""
+        return modal_variables(self.n_modes, self.shape_dofs)
 
     def __str__(self) -> str:
         """Return what was reduced, how well it is known, and what it gains."""
@@ -100,6 +100,5 @@ class ReducedModel:
                     f"the bounds [{low:g}, {high:g}] of the reduced model; reduce over "
                     "wider bounds, or give its prior these bounds"
                 )
-
         k, m = (columns(values, names, n) for names in self._columns)
         return self._problem.solve(k, m, partial(describe, values, self.names))

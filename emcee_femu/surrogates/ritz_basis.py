@@ -28,31 +28,29 @@ class Projection:
     estimate costs no more than the reduced solve.
 
     Args:
-        stiffness: V^T K_q V, constant first, ``(1 + n_k, r, r)``.
-        mass: V^T M_q V, ``(1 + n_m, r, r)``.
-        stiffness_probes: g^T K_q V, ``(1 + n_k, s, r)``.
-        mass_probes: g^T M_q V, ``(1 + n_m, s, r)``.
+        matrices: V^T K_q V ``(1 + n_k, r, r)`` and V^T M_q V ``(1 + n_m, r, r)``,
+            constants first.
+        probes: g^T K_q V ``(1 + n_k, s, r)`` and g^T M_q V ``(1 + n_m, s, r)``.
         selected: Indices of the elastic modes, after the rigid ones.
 
     Source: Smetana, Zahm and Patera, SIAM J. Sci. Comput. 41 (2019) A900,
         doi:10.1137/18M120364X (random probes of a residual norm).
     """
 
-    stiffness: Floats
-    mass: Floats
-    stiffness_probes: Floats
-    mass_probes: Floats
+    matrices: tuple[Floats, ...]
+    probes: tuple[Floats, ...]
     selected: tuple[int, ...]
 
     def eigenproblem(
         self, shapes: bool = True, output: Floats | None = None
     ) -> Eigenproblem:
         """Return the dense problem in the basis; ``output`` rows map to the DOFs."""
+        K, M = self.matrices
         return Eigenproblem(
-            K0=self.stiffness[0],
-            K=self.stiffness[1:],
-            M0=self.mass[0],
-            M=self.mass[1:],
+            K0=K[0],
+            K=K[1:],
+            M0=M[0],
+            M=M[1:],
             selected=self.selected,
             skip=self.selected[0],
             shapes=shapes,
@@ -64,8 +62,8 @@ class Projection:
         frequencies, shapes = self.eigenproblem().solve(k, m, lambda i: f"point {i}")
         y = np.asarray(shapes)
         eigenvalues = (2 * np.pi * frequencies[:, None, :]) ** 2
-        probed = _sum(self.stiffness_probes, k) @ y
-        probed -= eigenvalues * (_sum(self.mass_probes, m) @ y)
+        probed = _sum(self.probes[0], k) @ y
+        probed -= eigenvalues * (_sum(self.probes[1], m) @ y)
         result: Floats = 0.5 * np.mean(probed**2, axis=1) / eigenvalues[:, 0]
         return result
 
@@ -73,10 +71,8 @@ class Projection:
         """Return the projection on the basis ``V T``."""
         return replace(
             self,
-            stiffness=T.T @ self.stiffness @ T,
-            mass=T.T @ self.mass @ T,
-            stiffness_probes=self.stiffness_probes @ T,
-            mass_probes=self.mass_probes @ T,
+            matrices=tuple(T.T @ matrix @ T for matrix in self.matrices),
+            probes=tuple(probe @ T for probe in self.probes),
         )
 
 
@@ -104,7 +100,7 @@ class RitzBasis:
 
     def extend(self, eigenvalues: Floats, shapes: Floats) -> "RitzBasis":
         """Return the basis with mode shapes ``(N, n)`` added."""
-        V = self.vectors
+        V, old = self.vectors, self.projection
         new = shapes / np.sqrt(np.abs(eigenvalues) + self.shift)  # unit energy
         coordinates = np.zeros((V.shape[1], new.shape[1]))
         for _ in range(2):  # once leaves the rounding of a difference behind
@@ -115,23 +111,24 @@ class RitzBasis:
         kept = energy > DEPENDENT**2
         Q = new @ (directions[:, kept] / np.sqrt(energy[kept]))
         coordinates = np.vstack([coordinates, Q.T @ (self.A @ new)])
-        coordinates[:, : self.projection.selected[0]] *= RIGID_WEIGHT
-        old = self.projection
-        K, M = (
-            np.array([_border(q, V, Q, own) for q, own in zip(*pair, strict=True)])
-            for pair in zip(self.matrices, (old.stiffness, old.mass), strict=True)
-        )
-        before = (old.stiffness_probes, old.mass_probes)
-        probed_K, probed_M = (
-            np.concatenate([known, np.array([p.T @ Q for p in own])], axis=2)
-            for known, own in zip(before, self.probes, strict=True)
+        coordinates[:, : old.selected[0]] *= RIGID_WEIGHT
+        projection = replace(
+            old,
+            matrices=tuple(
+                np.array([_border(q, V, Q, own) for q, own in zip(*pair, strict=True)])
+                for pair in zip(self.matrices, old.matrices, strict=True)
+            ),
+            probes=tuple(
+                np.concatenate([known, np.array([p.T @ Q for p in own])], axis=2)
+                for known, own in zip(old.probes, self.probes, strict=True)
+            ),
         )
         snapshots = np.pad(self.snapshots, ((0, Q.shape[1]), (0, 0)))
         return replace(
             self,
             vectors=np.hstack([V, Q]),
             snapshots=np.hstack([snapshots, coordinates]),
-            projection=Projection(K, M, probed_K, probed_M, old.selected),
+            projection=projection,
         )
 
     def principal_directions(self) -> Floats:
@@ -163,15 +160,12 @@ def empty_basis(
         rng: For the random probes.
     """
     A = csc_array(_combine(problem.K, k) + shift * _combine(problem.M, m))
-    masses = (csc_array(problem.M[0] + added * A), *problem.M[1:])
-    g = _draw_probes(A, rng)
-    n_k, n_m, skip = len(problem.K), len(masses), problem.skip
+    matrices = (problem.K, (csc_array(problem.M[0] + added * A), *problem.M[1:]))
+    g, skip = _draw_probes(A, rng), problem.skip
     projection = Projection(
-        np.empty((n_k, 0, 0)),
-        np.empty((n_m, 0, 0)),
-        np.empty((n_k, PROBES, 0)),
-        np.empty((n_m, PROBES, 0)),
-        tuple(range(skip, skip + problem.n_modes)),
+        matrices=tuple(np.empty((len(terms), 0, 0)) for terms in matrices),
+        probes=tuple(np.empty((len(terms), PROBES, 0)) for terms in matrices),
+        selected=tuple(range(skip, skip + problem.n_modes)),
     )
     return RitzBasis(
         vectors=np.empty((A.shape[0], 0)),
@@ -179,8 +173,8 @@ def empty_basis(
         snapshots=np.empty((0, 0)),
         A=A,
         shift=shift,
-        matrices=(problem.K, masses),
-        probes=([q @ g for q in problem.K], [q @ g for q in masses]),
+        matrices=matrices,
+        probes=tuple([q @ g for q in terms] for terms in matrices),
     )
 
 

@@ -14,7 +14,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..models.eigen.sparse import SparseEigenproblem
 from ..models.matrix import MatrixModel, sparse_problem
-from ..models.parameters import columns
+from ..models.parameters import columns, describe
 from .reduced import ReducedModel
 from .ritz_basis import Projection, RitzBasis, empty_basis
 from .ritz_points import check_bounds, corners, independent_points
@@ -117,8 +117,7 @@ class _FullModel:
         return columns(values, self.model.K, n), columns(values, self.model.M, n)
 
     def describe(self, point: Floats) -> str:
-        values = self.parameters(point[None])
-        return str({name: value.item() for name, value in values.items()})
+        return describe(self.parameters(point[None]), self.model.names, 0)
 
     def lowest(self, point: Floats) -> tuple[Floats, Floats]:
         """Solve in full at one point, with rigid-body modes and some more."""
@@ -226,7 +225,7 @@ def _finish(
     errors: Floats,
     shape_error: float,
 ) -> ReducedModel:
-    model, size = full.model, projection.stiffness.shape[1]
+    model, size = full.model, projection.matrices[0].shape[1]
     dofs = list(model.shape_dofs)
     reduced = ReducedModel(
         bounds=full.bounds,
