@@ -5,18 +5,20 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing.pool import Pool, ThreadPool
-from typing import Any
+from typing import Any, TypeAlias
 
 import emcee
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats
+from ..interfaces import Backend, Floats, Move
 from ..moves.stock_faults import refuse_sequential
 from ..moves.tempering import ladder
 from ..posterior.log_posterior import LogPosterior
 from .pools.evaluation_pool import usable
 from .pools.pickling import pickled
+
+Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,13 +33,13 @@ class Settings:
     """
 
     posterior: LogPosterior
-    moves: Any
+    moves: Moves | None
     nwalkers: int
     nsteps: int
     ensembles: int
     seed: int
     vectorize: bool
-    backends: list[Any]
+    backends: list[Backend | None]
     path: str | None
     thin_by: int
     progress: bool | str
@@ -153,7 +155,7 @@ def check_pool(pool: Any, vectorize: bool, function: Any) -> None:
 
 def check_backends(
     backend: Any, ensembles: int, resume: bool
-) -> tuple[list[Any], str | None]:
+) -> tuple[list[Backend | None], str | None]:
     """Return one empty backend per ensemble, or the name of a file.
 
     Raises:

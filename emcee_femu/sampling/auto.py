@@ -1,13 +1,15 @@
 """The recipe behind ``run(..., moves="auto")``: burn in, check, fit, freeze."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 from warnings import warn
 
 import emcee
 import numpy as np
 
-from ..interfaces import Floats
+from ..interfaces import Backend, Floats, Move
 from ..moves import DEMCMove, IndependenceMove
+from .arguments import Moves
 from .starts import Evaluation
 
 FIRST, LONGEST = 512, 16_384  # generations of burn-in, doubled until it is long enough
@@ -15,6 +17,9 @@ ENOUGH_TAU = 20  # autocorrelation times in its second half
 TRIAL = 20  # generations of independence proposals that tell how good the fit is
 # Share of independence proposals by their acceptance in the trial.
 SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
+
+
+Backends: TypeAlias = Sequence[Backend | None]
 
 
 class Recipe(NamedTuple):
@@ -27,27 +32,21 @@ class Recipe(NamedTuple):
         sentence: What was done, in words; empty if the moves were given.
     """
 
-    moves: Any
+    moves: Moves
     states: list[emcee.State]
     evaluations: int
     sentence: str
 
 
-def mixture(fitted: IndependenceMove, share: float) -> list[tuple[Any, float]]:
+def mixture(fitted: IndependenceMove, share: float) -> list[tuple[Move, float]]:
     """Return independence proposals and DE-MC, whose tenth steps jump between modes."""
     return [(fitted, share), (DEMCMove(mode_jump=0.1), 1.0 - share)]
 
 
 def prepare(
-    evaluation: Evaluation, states: list[emcee.State], backends: list[Any]
+    evaluation: Evaluation, states: list[emcee.State], backends: Backends
 ) -> Recipe:
-    """Return how the chain begins: with the moves that were given, or with found ones.
-
-    Args:
-        evaluation: Of the posterior.
-        states: Evaluated starts of the ensembles.
-        backends: See :func:`burn_in_and_fit`.
-    """
+    """Return how the chain begins, with given moves or found ones."""
     moves = evaluation.settings.moves
     if moves is None:
         return burn_in_and_fit(evaluation, states, backends)
@@ -55,7 +54,7 @@ def prepare(
 
 
 def burn_in_and_fit(
-    evaluation: Evaluation, states: list[emcee.State], backends: list[Any]
+    evaluation: Evaluation, states: list[emcee.State], backends: Backends
 ) -> Recipe:
     """Burn in with DE-MC, fit an independence proposal to it, and return the mixture.
 

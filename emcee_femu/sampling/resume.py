@@ -95,7 +95,8 @@ def _counts(evaluation: Evaluation) -> list[int]:
 
 
 def _recipe_as_lists(recipe: Recipe) -> dict[str, Any]:
-    (fitted, share), _ = recipe.moves
+    moves: Any = recipe.moves
+    (fitted, share), _ = moves
     laws = fitted.weights, fitted.means, fitted.scale_matrices
     return {
         "fitted": [*(law.tolist() for law in laws), fitted.df],
@@ -108,8 +109,8 @@ def _recipe_as_lists(recipe: Recipe) -> dict[str, Any]:
 def _stored_recipe(evaluation: Evaluation, backends: list[RunFile]) -> Recipe:
     """Return where the ensembles stand, and the moves to the bit."""
     states = [own.get_last_sample() for own in backends]
-    stored = backends[0].manifest.get("recipe")
-    if stored is None:
-        return Recipe(evaluation.settings.moves, states, len(states[0].coords), "")
+    if evaluation.settings.moves is not None:
+        return prepare(evaluation, states, [])
+    stored = backends[0].manifest["recipe"]
     moves = mixture(IndependenceMove(*stored["fitted"]), stored["share"])
     return Recipe(moves, states, stored["evaluations"], stored["sentence"])

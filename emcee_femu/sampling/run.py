@@ -1,14 +1,18 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, backends."""
 
+from collections.abc import Sequence
+from os import PathLike
 from typing import Any
 
 import emcee
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..interfaces import Backend
 from ..moves import DEMCMove
 from ..posterior.log_posterior import LogPosterior
 from .arguments import (
+    Moves,
     Settings,
     check_backends,
     check_moves,
@@ -25,7 +29,7 @@ from .starts import Evaluation, draw_starts
 
 def run(
     posterior: LogPosterior,
-    moves: Any = None,
+    moves: Moves | str | None = None,
     nwalkers: int | None = None,
     nsteps: int = 5_000,
     *,
@@ -33,7 +37,7 @@ def run(
     seed: int,
     pool: Any = None,
     vectorize: bool | None = None,
-    backend: Any = None,
+    backend: str | PathLike[str] | Backend | Sequence[Backend] | None = None,
     thin_by: int = 1,
     progress: bool | str = False,
     initial: ArrayLike | None = None,
@@ -108,8 +112,7 @@ def run(
         )
     if isinstance(moves, str) and moves != "auto":
         raise ValueError(f"moves: expected emcee moves or 'auto', got {moves!r}")
-    automatic = isinstance(moves, str)
-    given = DEMCMove() if automatic or moves is None else moves
+    given = DEMCMove() if moves is None or isinstance(moves, str) else moves
     check_moves("moves", given)
     nwalkers = check_walkers(nwalkers, given, posterior.ndim)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
@@ -118,7 +121,7 @@ def run(
     backends, path = check_backends(backend, ensembles, resume)
     settings = Settings(
         posterior=posterior,
-        moves=None if automatic else given,
+        moves=None if isinstance(moves, str) else given,
         nwalkers=nwalkers,
         nsteps=checks.whole_number("nsteps", nsteps, 1),
         ensembles=ensembles,
@@ -151,7 +154,7 @@ def begin(
 ) -> tuple[list[emcee.EnsembleSampler], list[emcee.State]]:
     """Return the samplers, which may hold steps already, and where they go on from."""
     settings = evaluation.settings
-    backends: list[Any] = settings.backends
+    backends: Sequence[Backend | None] = settings.backends
     if settings.path is not None:
         backends, recipe = begin_in_file(evaluation)
     else:

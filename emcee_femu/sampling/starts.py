@@ -6,10 +6,10 @@ from typing import Any, Self
 import emcee
 import numpy as np
 
-from ..interfaces import Floats
+from ..interfaces import Backend, Floats
 from ..posterior.failures import FailureLog
 from ..posterior.rejecting import guard
-from .arguments import Settings
+from .arguments import Moves, Settings
 
 MOST_DRAWS = 20  # of a starting point
 
@@ -42,7 +42,9 @@ class Evaluation:
         """Return the same with a log of its own that never stops."""
         return self.begin(replace(self.settings, max_failures=1.0), self.bare)
 
-    def sampler(self, moves: Any = None, backend: Any = None) -> emcee.EnsembleSampler:
+    def sampler(
+        self, moves: Moves | None = None, backend: Backend | None = None
+    ) -> emcee.EnsembleSampler:
         """Return a sampler of the posterior."""
         return emcee.EnsembleSampler(
             self.settings.nwalkers,

@@ -211,6 +211,27 @@ def test_a_file_that_the_solver_reads_was_changed(tmp_path):
     assert solved(tmp_path, "1.001", nsteps=9, probe_tolerance=0.1)[1][0].iteration == 9
 
 
+def test_solves_that_fail_now_are_a_difference_and_are_not_counted(tmp_path):
+    class Failing(Solver):
+        def __call__(self, p):
+            if self.file.read_text() == "broken":
+                raise ArithmeticError("no licence")
+            return super().__call__(p)
+
+    def run(deck, nsteps):
+        (tmp_path / "deck").write_text(deck)
+        known = simple()
+        posterior = ef.LogPosterior(Failing(tmp_path), known.terms, known.prior)
+        options = {"on_failure": "reject", "nsteps": nsteps, "nwalkers": 60}
+        file = tmp_path / "run.chain"
+        return sampled(posterior, backend=file, resume=True, **options)[0].failures
+
+    counts = run("1.0", 2).counts
+    with pytest.raises(ValueError, match=r"another posterior: log_prior .* is -inf at"):
+        run("broken", 4)
+    assert run("1.0", 2).counts == counts
+
+
 def test_a_difference_below_the_tolerance_passes_and_one_above_does_not(tmp_path):
     solved(tmp_path, nsteps=5)
     with pytest.raises(ValueError, match="of another posterior"):

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.posterior.failures import CAUSES, FailureLog, failure
+from emcee_femu.posterior.failures import CAUSES, FailureLog, describe_failure
 
 PRIOR = ef.IndependentPrior({"a": stats.norm(0, 1), "b": stats.norm(0, 1)})
 TERM = ef.FrequencyTerm([10.0, 20.0], sd=[0.5, 0.5])
@@ -65,7 +65,8 @@ def test_too_many_failures_are_too_many_after_a_resume_too(path):
 
 def test_counts_written_down_and_restored_are_the_same():
     log = FailureLog(1.0)
-    log.count(7, [failure(TimeoutError("t"), {}), failure(ValueError("v"), {})])
+    errors = TimeoutError("t"), ValueError("v")
+    log.count(7, [describe_failure(error, {}) for error in errors])
     other = FailureLog(1.0)
     other.restore(log.counts)
     assert other.counts == log.counts == [7, 0, 0, 1, 1]

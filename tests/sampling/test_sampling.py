@@ -35,13 +35,28 @@ def test_same_seed_same_chain_whatever_the_global_stream():
     assert not np.array_equal(first[0], chains(seed=2)[0])
 
 
-def test_ensembles_have_independent_starts_and_streams():
-    first, second = chains(ensembles=2, nsteps=400, nwalkers=10)
-    assert not np.array_equal(first[0], second[0])
+class Still(ef.DEMCMove):
+    """A move that does not move: the starts alone are looked at."""
+
+    def propose(self, model, state):
+        return state, np.zeros(len(state.coords), bool)
+
+
+@pytest.mark.parametrize("moves", [None, "auto"])
+def test_ensembles_have_independent_starts_and_streams(moves, monkeypatch):
+    monkeypatch.setattr(ef.sampling.auto, "FIRST", 16)
+    monkeypatch.setattr(ef.sampling.auto, "ENOUGH_TAU", 0.01)
+    starts = np.array(chains(moves=Still(), ensembles=4, nsteps=1))
+    assert len(np.unique(starts.reshape(-1, 5), axis=0)) == 4 * 12
     # Equal starts, so that only the streams can differ.
-    start = PROBLEM.posterior.start(10, seed=5)
-    a, b = chains(ensembles=2, nwalkers=10, initial=[start, start])
-    assert not np.array_equal(a, b)
+    samplers = ef.run(
+        PROBLEM.posterior, moves, 12, 1, ensembles=4, seed=1, initial=[starts[0, 0]] * 4
+    )
+    keys = {sampler.backend.random_state[1].tobytes() for sampler in samplers}
+    assert len(keys) == 4
+    moved = np.array([s.get_chain()[0] for s in samplers])[:, :, 0]
+    stayed = np.isin(moved, starts[0, 0, :, 0])
+    assert len(np.unique(moved[~stayed])) == (~stayed).sum() > 4
 
 
 def test_an_ensemble_is_the_same_whether_or_not_others_follow():

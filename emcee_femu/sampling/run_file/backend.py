@@ -58,7 +58,7 @@ class RunFile(emcee.backends.Backend):
         counts: Sequence[int] = (0,) * COUNTS,
         stages: int = 1,
     ) -> list[Self]:
-        """Make a file, in one step: all of it or nothing.
+        """Make a file, whole or not at all, and return one backend per ensemble.
 
         Args:
             path: The file, which must not exist.
@@ -67,14 +67,20 @@ class RunFile(emcee.backends.Backend):
             counts: Evaluations so far, and failures by cause.
             stages: Chains per ensemble; those of later stages have no start.
 
-        Returns:
-            One backend to append to per stage and ensemble.
-
         Raises:
             ValueError: If the file exists, or its directory does not or takes no files.
             OSError: If it cannot be written.
         """
-        create(os.path.abspath(path), starts, manifest, counts, stages)
+        nwalkers, ndim = starts[0].coords.shape
+        header = {
+            "nwalkers": nwalkers,
+            "ndim": ndim,
+            "blobs": 0 if starts[0].blobs is None else starts[0].blobs.shape[1],
+            "starts": len(starts),
+            "streams": stages * len(starts),
+            "manifest": dict(manifest),
+        }
+        create(os.path.abspath(path), header, starts, counts)
         return cls.open(path)
 
     @property

@@ -11,10 +11,9 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,11 +26,8 @@ RANDOM = ("key", "place", "has_cached", "cached")  # NumPy's RandomState
 class Log:
     """The records of a file, in streams: each ensemble's start, then its steps.
 
-    Args:
-        path: The file, of which what was written until now is seen.
-
-    Raises:
-        ValueError: If there is no such file, or it is damaged, with the record.
+    What was written until now is seen. A file that is missing or damaged raises a
+    ValueError, with the number of the record.
     """
 
     def __init__(self, path: str) -> None:
@@ -172,24 +168,9 @@ def pack(
     return content + zlib.crc32(content).to_bytes(4, "little")
 
 
-def create(
-    path: str,
-    starts: Sequence[emcee.State],
-    manifest: Mapping[str, Any],
-    counts: Sequence[int],
-    stages: int,
-) -> None:
+def create(path: str, header: Mapping[str, Any], starts: Any, counts: Any) -> None:
     """Make a file with the starts of the ensembles; it appears whole, or not at all."""
     check_new(path)
-    nwalkers, ndim = starts[0].coords.shape
-    header = {
-        "nwalkers": nwalkers,
-        "ndim": ndim,
-        "blobs": 0 if starts[0].blobs is None else starts[0].blobs.shape[1],
-        "starts": len(starts),
-        "streams": stages * len(starts),
-        "manifest": dict(manifest),
-    }
     text = json.dumps(header).encode()
     text += b" " * (-(LEAD.size + len(text)) % 64)  # so that the records are aligned
     content = LEAD.pack(MAGIC, len(text), zlib.crc32(text)) + text
@@ -200,8 +181,7 @@ def create(
         with open(temporary, "wb", buffering=0) as file:
             write(file, content)
     except OSError as error:
-        if os.path.exists(temporary):
-            os.remove(temporary)
+        os.remove(temporary)
         message = f"{error.strerror}; the file could not be made"
         raise OSError(error.errno, message, path) from error
     os.replace(temporary, path)
@@ -220,18 +200,19 @@ def check_new(path: str) -> None:
     Raises:
         ValueError: If the file exists, or its directory does not or takes no files.
     """
-    folder, name = os.path.split(path)
-    fault = ""
-    if not name or os.path.isdir(path):
-        fault = f"expected the name of a file, got {path!r}"
-    elif os.path.lexists(path):
-        fault = f"{path} exists; go on with it by resume=True, or give a new file name"
-    elif not os.path.isdir(folder or os.curdir):
-        fault = f"there is no directory for {path}; make it"
-    elif not os.access(folder or os.curdir, os.W_OK | os.X_OK):
-        fault = f"no file can be written in the folder of {path}"
-    if fault:
-        raise ValueError(f"backend: {fault}")
+    folder = os.path.dirname(path) or os.curdir
+    if not os.path.basename(path) or os.path.isdir(path):
+        raise ValueError(f"backend: expected the name of a file, got {path!r}")
+    if os.path.lexists(path):
+        raise ValueError(
+            f"backend: {path} exists; go on with it by resume=True, or give a new file "
+            "name"
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ValueError(
+            f"backend: there is no directory for {path}, or none that takes files; "
+            "make it"
+        )
 
 
 def read_header(path: str) -> tuple[dict[str, Any], int]:
