@@ -71,12 +71,12 @@ class MassSpringModel:
         every = checks.parameter_names("springs", list(springs))
         defaults = _default_stiffnesses(springs)
         names = tuple(defaults)
-        K = np.zeros((len(names), n, n))
+        K = np.zeros((1 + len(names), n, n))  # the first is the constant part
         for name in every:
             first, second, stiffness = springs[name]
             leader = stiffness if isinstance(stiffness, str) else name
             b = _incidence(name, first, second, n)
-            K[names.index(leader)] += np.outer(b, b)
+            K[1 + names.index(leader)] += np.outer(b, b)
         checks.set_fields(
             self,
             masses=mass,
@@ -88,10 +88,8 @@ class MassSpringModel:
             variables=modal_variables(n, dofs),
             _defaults=np.array([*defaults.values()]),
             _problem=Eigenproblem(
-                K0=np.zeros((n, n)),
-                K=K,
-                M0=np.diag(mass),
-                M=np.empty((0, n, n)),
+                K,
+                np.diag(mass)[None],
                 selected=tuple(range(n)),
                 shapes=bool(dofs),
                 output=output_rows(dofs, n),

@@ -146,14 +146,11 @@ def _dense_problem(model: MatrixModel) -> Eigenproblem:
                 "M0: expected a positive definite matrix; remove massless DOFs "
                 "by static condensation, or give scipy.sparse matrices"
             ) from None
-    size = len(model.K0)
     return Eigenproblem(
-        K0=model.K0,
-        K=np.array([*model.K.values()]).reshape(-1, size, size),
-        M0=model.M0,
-        M=np.array([*model.M.values()]).reshape(-1, size, size),
+        np.array([model.K0, *model.K.values()]),
+        np.array([model.M0, *model.M.values()]),
         selected=tuple(range(model.skip, model.skip + model.n_modes)),
         skip=model.skip,
         shapes=bool(model.shape_dofs),
-        output=output_rows(model.shape_dofs, size),
+        output=output_rows(model.shape_dofs, len(model.K0)),
     )

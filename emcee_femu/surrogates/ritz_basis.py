@@ -45,12 +45,9 @@ class Projection:
         self, shapes: bool = True, output: Floats | None = None
     ) -> Eigenproblem:
         """Return the dense problem in the basis; ``output`` rows map to the DOFs."""
-        K, M = self.matrices
         return Eigenproblem(
-            K0=K[0],
-            K=K[1:],
-            M0=M[0],
-            M=M[1:],
+            K=self.matrices[0],
+            M=self.matrices[1],
             selected=self.selected,
             skip=self.selected[0],
             shapes=shapes,

@@ -52,11 +52,13 @@ def h_values(named, factors=(1.0,)):
 
 
 def h_matrices(model):
-    parts = zip(model._mass, model._problem.M, strict=True)  # rho varies: none folded
+    parts = zip(
+        model._mass, model._problem.M[1:], strict=True
+    )  # rho varies: none folded
     M = sum(
         model.sections[s].coefficient(k, h_values(["rho"])) * m for (s, k), m in parts
     )
-    return model._problem.K0, M
+    return model._problem.K[0], M
 
 
 def rigid_motions(nodes):

@@ -10,7 +10,7 @@ def test_the_pattern_is_the_union_and_a_sum_of_numbers():
     rng = np.random.default_rng(0)
     terms = [sparse.random_array((9, 9), density=0.2, rng=rng).tocsc() for _ in "abcd"]
     also = sparse.csc_array(np.eye(9))
-    total = SparseSum(terms[0], terms[1:], [also])
+    total = SparseSum(terms, [also])
     a = rng.normal(size=3)
     matrix = total(a)
     expected = terms[0] + sum(x * term for x, term in zip(a, terms[1:], strict=True))

@@ -21,14 +21,12 @@ class Eigenproblem:
     .. math:: L L^T = M, \qquad A = L^{-1} K L^{-T}, \qquad A y = \omega^2 y,
         \qquad \phi = L^{-T} y, \qquad f = \omega / 2 \pi
 
-    A constant M is folded into K0 and the K_i once, so that a batch is one
+    A constant M is folded into all K once, so that a batch is one
     ``numpy.linalg.eigvalsh``; otherwise the Cholesky factors are batched.
 
     Args:
-        K0: Constant stiffness, ``(N, N)``.
-        K: Stiffness of unit coefficients, ``(n_k, N, N)``.
-        M0: Constant mass, ``(N, N)``.
-        M: Mass of unit coefficients, ``(n_m, N, N)``.
+        K: Stiffness matrices: K0, then those of unit coefficients, ``(1 + n_k, N, N)``.
+        M: Mass matrices, likewise, ``(1 + n_m, N, N)``.
         selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
         skip: Number of rigid-body modes, checked at each solve.
         shapes: Whether mass-normalised mode shapes are wanted too.
@@ -36,9 +34,7 @@ class Eigenproblem:
             ``(n_out, N)``; None for all DOFs.
     """
 
-    K0: Floats
     K: Floats
-    M0: Floats
     M: Floats
     selected: tuple[int, ...]
     skip: int = 0
@@ -48,16 +44,12 @@ class Eigenproblem:
 
     def __post_init__(self) -> None:
         """Fold a constant mass matrix into the stiffness."""
-        if len(self.M):
+        if len(self.M) > 1:
             checks.set_fields(self, _to_dof=None)
             return
-        inverse = np.linalg.inv(np.linalg.cholesky(self.M0))
-        checks.set_fields(
-            self,
-            K0=inverse @ self.K0 @ inverse.T,
-            K=inverse @ self.K @ inverse.T,
-            _to_dof=self._report(inverse.T),
-        )
+        inverse = np.linalg.inv(np.linalg.cholesky(self.M[0]))
+        K = inverse @ self.K @ inverse.T
+        checks.set_fields(self, K=K, _to_dof=self._report(inverse.T))
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
@@ -66,7 +58,7 @@ class Eigenproblem:
 
         ``describe(i)`` names parameter set i in an error message.
         """
-        A = _combine(self.K0, self.K, k)
+        A = _combine(self.K, k)
         to_dof = self._to_dof
         if to_dof is None:
             inverse = self._inverse_factor(m, describe)
@@ -90,7 +82,7 @@ class Eigenproblem:
 
     def _inverse_factor(self, m: Floats, describe: Callable[[int], str]) -> Floats:
         """Return the inverse Cholesky factors of the mass matrices, ``(n, N, N)``."""
-        mass = _combine(self.M0, self.M, m)
+        mass = _combine(self.M, m)
         try:
             return np.linalg.inv(np.linalg.cholesky(mass))
         except np.linalg.LinAlgError:
@@ -141,14 +133,14 @@ def check_elastic(
             )
 
 
-def _combine(constant: Floats, unit: Floats, coefficients: Floats) -> Floats:
-    """Return ``constant + sum_i coefficients[:, i] unit[i]``, ``(n, N, N)``."""
-    n, size = len(coefficients), constant.shape[0]
-    if not len(unit):
-        return np.broadcast_to(constant, (n, size, size))
+def _combine(terms: Floats, coefficients: Floats) -> Floats:
+    """Return ``terms[0] + sum_i coefficients[:, i] terms[1 + i]``, ``(n, N, N)``."""
+    n, (n_terms, size, _) = len(coefficients), terms.shape
+    if n_terms == 1:
+        return np.broadcast_to(terms[0], (n, size, size))
     # One row at a time inside matmul: a (n, n_k) @ (n_k, N^2) product rounds
     # differently with n, and a pool must give the same bits as one vectorised call.
-    rows = coefficients[:, None, :] @ unit.reshape(len(unit), -1)
+    rows = coefficients[:, None, :] @ terms[1:].reshape(n_terms - 1, -1)
     result: Floats = rows.reshape(n, size, size)
-    result += constant
+    result += terms[0]
     return result

@@ -63,8 +63,8 @@ class SparseEigenproblem:
         also_K, also_M = (self.M, self.K) if self.skip else ((), ())
         checks.set_fields(
             self,
-            stiffness=SparseSum(self.K[0], self.K[1:], also_K),
-            mass=SparseSum(self.M[0], self.M[1:], also_M),
+            stiffness=SparseSum(self.K, also_K),
+            mass=SparseSum(self.M, also_M),
             # Seeded: equal parameters give equal bits. Random: it holds every mode.
             _start=np.random.default_rng(0).normal(size=self.K[0].shape[0]),
         )

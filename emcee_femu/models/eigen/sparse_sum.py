@@ -21,12 +21,11 @@ class SparseSum:
     is found once. D is sparse as well: an entry of A depends on few parameters.
 
     Args:
-        constant: A_0, ``(N, N)``, without duplicate entries.
-        units: The A_i.
+        terms: A_0, then the A_i, each ``(N, N)`` without duplicate entries.
         also: Matrices whose pattern the sum must hold too.
 
     Example:
-        >>> total = SparseSum(csc_array(np.eye(2)), [csc_array([[0., 1.], [1., 0.]])])
+        >>> total = SparseSum([csc_array(np.eye(2)), csc_array([[0., 1.], [1., 0.]])])
         >>> total(np.array([5.0])).toarray().tolist()
         [[1.0, 5.0], [5.0, 1.0]]
     """
@@ -38,13 +37,11 @@ class SparseSum:
     _units: csc_array = field(repr=False)
 
     def __init__(
-        self,
-        constant: csc_array,
-        units: Sequence[csc_array] = (),
-        also: Sequence[csc_array] = (),
+        self, terms: Sequence[csc_array], also: Sequence[csc_array] = ()
     ) -> None:
+        constant, *units = terms
         size = constant.shape[0]
-        places = [_places(matrix) for matrix in (constant, *units, *also)]
+        places = [_places(matrix) for matrix in (*terms, *also)]
         pattern = np.unique(np.concatenate(places))
         where = [np.searchsorted(pattern, own) for own in places]
         data = np.zeros(len(pattern))
@@ -52,7 +49,7 @@ class SparseSum:
         ends = np.searchsorted(pattern, size * np.arange(size + 1, dtype=np.int64))
         # D, whose column i holds the numbers of unit i at their places.
         numbers = np.concatenate([np.empty(0), *(unit.data for unit in units)])
-        rows = np.concatenate([np.empty(0, int), *where[1 : len(units) + 1]])
+        rows = np.concatenate([np.empty(0, int), *where[1 : len(terms)]])
         counts = np.cumsum([0, *(unit.nnz for unit in units)])
         checks.set_fields(
             self,

@@ -108,8 +108,8 @@ def assemble(
 
 def split(
     matrices: Matrices, sections: Mapping[str, Section], free: NDArray[np.intp]
-) -> tuple[Floats, Terms, Floats]:
-    """Return the constant part, the varying terms and their unit matrices."""
+) -> tuple[Floats, Terms]:
+    """Return the constant part, then one matrix per varying term; and those terms."""
     constant = np.zeros((len(free), len(free)))
     varying = {}
     for (name, kind), matrix in matrices.items():
@@ -118,5 +118,4 @@ def split(
             varying[name, kind] = part
         else:
             constant += sections[name].coefficient(kind, {}) * part
-    units = np.array([*varying.values()]).reshape(-1, len(free), len(free))
-    return constant, tuple(varying), units
+    return np.array([constant, *varying.values()]), tuple(varying)

@@ -88,8 +88,8 @@ class FrameModel:
         free = free_dofs(len(points), supports)
         check_elements(len(points), elements, sections)
         K, M = assemble(points, elements, sections)
-        K0, stiffness, unit_K = split(K, sections, free)
-        M0, mass, unit_M = split(M, sections, free)
+        stiffness, stiffness_terms = split(K, sections, free)
+        mass, mass_terms = split(M, sections, free)
         skip = checks.whole_number("skip", skip)
         wanted = _wanted_modes(n_modes, modes, skip, len(free))
         dofs = tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist())
@@ -107,13 +107,11 @@ class FrameModel:
             names=names,
             required=names,
             positive=names,
-            _stiffness=stiffness,
-            _mass=mass,
+            _stiffness=stiffness_terms,
+            _mass=mass_terms,
             _problem=Eigenproblem(
-                K0=K0,
-                K=unit_K,
-                M0=M0,
-                M=unit_M,
+                stiffness,
+                mass,
                 selected=tuple(skip + mode - 1 for mode in wanted),
                 skip=skip,
                 shapes=bool(chosen),
