@@ -5,9 +5,9 @@ valid value and its kind there, or to CALLS where the same word means another th
 """
 
 import inspect
-import warnings
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from unittest import mock
 
 import matplotlib.pyplot as plt
@@ -61,19 +61,12 @@ LADDER = ef.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
 IDATA = ef.to_inference_data(SAMPLER, POSTERIOR)
 VARIABLES = {"y": ef.Variable({})}
 MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
-
-
-class Result:
-    """What pyOMA2 returns."""
-
-    Fn, Phi, Fn_std = HERTZ, SHAPES, None
+RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
 
 
 def reduce_model(**given):
-    with warnings.catch_warnings():  # with two DOFs no reduction pays
-        warnings.filterwarnings("ignore", "the reduction does not pay", UserWarning)
-        with mock.patch("emcee_femu.surrogates.ritz_greedy._time", return_value=1.0):
-            return ef.reduce_model(**given).tolerance
+    with mock.patch("emcee_femu.surrogates.ritz_greedy._time", return_value=1.0):
+        return ef.reduce_model(**given).tolerance
 
 
 positive, above_zero = array(positive=True), number(above=0.0)
@@ -161,7 +154,7 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (anything, {"inner": ef.DEMCMove(), "cheap": len, "function": lambda p: HERTZ}),
     (anything, {"idata": IDATA, "posterior": POSTERIOR, "samplers": [SAMPLER]}),
     (anything, {"model": MODEL, "terms": [TERM], "prior": PRIOR}),
-    (anything, {"measurements": MEASURED, "result": Result(), "comparison": None}),
+    (anything, {"measurements": MEASURED, "result": RESULT, "comparison": None}),
     (anything, {"executor": ThreadPoolExecutor(1), "pool": None}),
     (anything, {"on_failure": "raise", "experiment": None}),
 ]
@@ -305,6 +298,7 @@ def test_no_public_name_and_no_argument_is_left_out():
     assert {k: v - thrown[k] for k, v in own.items() if v - thrown[k]} == {}
 
 
+@pytest.mark.filterwarnings("ignore:the reduction does not pay")
 @pytest.mark.parametrize(
     ("name", "argument"), [(k, a) for k, (_, given) in CASES.items() for a in given]
 )
