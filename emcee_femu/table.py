@@ -14,14 +14,8 @@ from . import checks
 
 LATEX = str.maketrans(
     {character: f"\\{character}" for character in "&%$#_{}"}
-    | {
-        "\\": r"\textbackslash{}",
-        "~": r"\textasciitilde{}",
-        "^": r"\textasciicircum{}",
-        "<": r"\textless{}",
-        ">": r"\textgreater{}",
-        "|": r"\textbar{}",
-    }
+    | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
+    | {character: f"${character}$" for character in "<>|"}
 )
 
 
@@ -74,19 +68,13 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return the table as notebooks show it."""
-
-        def line(tag: str, cells: tuple[str, ...]) -> str:
-            escaped = (f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells)
-            return f"<tr>{''.join(escaped)}</tr>"
-
+        lines = self._joined("</td><td>", html.escape)
+        header, *rows = (f"<tr><td>{line}</td></tr>" for line in lines)
         return "\n".join(
             [
-                "<table>",
-                f"<caption>{html.escape(self.title)}</caption>",
-                f"<thead>{line('th', self.columns)}</thead>",
-                "<tbody>",
-                *(line("td", row) for row in self._cells()),
-                "</tbody>",
+                f"<table><caption>{html.escape(self.title)}</caption>",
+                header.replace("td>", "th>"),
+                *rows,
                 "</table>",
             ]
         )
@@ -100,18 +88,11 @@ class Table:
 
     def to_latex(self) -> str:
         """Return a LaTeX ``tabular`` without the title."""
-        header, *rows = self._joined(" & ", lambda cell: cell.translate(LATEX))
-        return "\n".join(
-            [
-                f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}",
-                "\\hline",
-                f"{header} \\\\",
-                "\\hline",
-                *(f"{row} \\\\" for row in rows),
-                "\\hline",
-                "\\end{tabular}",
-            ]
-        )
+        lines = self._joined(" & ", lambda cell: cell.translate(LATEX))
+        header, *rows = (f"{line} \\\\" for line in lines)
+        begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
+        rule, end = "\\hline", "\\end{tabular}"
+        return "\n".join([begin, rule, header, rule, *rows, rule, end])
 
     def to_csv(self, path: str | PathLike[str] | None = None) -> str:
         """Return the table as CSV with all digits, and write it to path if given."""
@@ -146,7 +127,7 @@ def _missing(cell: Any) -> bool:
 
 
 def as_html(*parts: Table | str) -> str:
-    """Return tables and sentences, one below the other, as notebooks show them."""
+    """Return tables and sentences, one below the other, as notebooks show it."""
     return "\n".join(
         part._repr_html_() if isinstance(part, Table) else f"<p>{html.escape(part)}</p>"
         for part in parts

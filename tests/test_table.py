@@ -78,8 +78,8 @@ def test_latex_is_escaped_and_has_a_column_for_each_title():
     assert lines[0] == r"\begin{tabular}{lrrr}" and lines[-1] == r"\end{tabular}"
     assert lines[2] == r"parameter & mean & mean & wrong \\"
     assert lines[4] == r"k\_1 & -1234.568 & 0.33 & yes \\"
-    assert lines[5] == r"x\textbar{}y \& 100 \% &  & 2 &  \\"
-    assert lines[6] == r"\textless{}E\textgreater{} & 0.000 &  & no \\"
+    assert lines[5] == r"x$|$y \& 100 \% &  & 2 &  \\"
+    assert lines[6] == r"$<$E$>$ & 0.000 &  & no \\"
 
 
 def test_csv_and_frame_keep_every_digit(tmp_path):

@@ -1,7 +1,8 @@
 """Judge chains: autocorrelation time, ESS, R-hat, acceptance, and one verdict."""
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import emcee
@@ -11,7 +12,7 @@ from scipy import stats
 from ..interfaces import Floats
 from ..table import Table, as_html
 from . import inference_data
-from .judged_chains import judged_chains
+from .judged_chains import acceptance, judged_chains
 
 ENOUGH_TAU = 50  # steps per autocorrelation time below which tau itself is unreliable
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
@@ -61,8 +62,8 @@ class Diagnosis:
     rhat_within: Floats
     rhat_between: Floats
     failures: Mapping[str, int]
-    short: str
-    verdict: str
+    short: str = ""
+    verdict: str = ""
 
     @property
     def converged(self) -> bool:
@@ -132,22 +133,21 @@ def diagnose(
     Source: Goodman and Weare (2010), doi:10.2140/camcos.2010.5.65 (tau); Vehtari et
     al. (2021), doi:10.1214/20-BA1221 (R-hat, ESS).
     """
-    chains = judged_chains(samplers, discard)
-    draws = chains.draws
+    names, draws, known = judged_chains(samplers, discard)
     steps, n_ensembles, n_walkers, ndim = draws.shape
     if steps < FEWEST_STEPS:
         raise ValueError(
             f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"
         )
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
+    by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     tau = np.full((n_ensembles, ndim), np.nan)
     for ensemble in np.flatnonzero(moved.any(axis=1)):
         series = draws[:, ensemble, moved[ensemble]]
-        if chains.tempered:
+        if known.get("tempered"):
             series = draws[:, ensemble].mean(axis=1, keepdims=True)
         tau[ensemble] = autocorrelation_time(series)
-    by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
-    if chains.tempered:
+    if known.get("tempered"):
         bulk, tail = _sizes_by_means(draws)
     else:
         everything = by_ensemble.reshape(-1, steps, ndim)
@@ -161,21 +161,21 @@ def diagnose(
         between = inference_data.rhat(pooled)
     with np.errstate(divide="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
-    found: dict[str, Any] = {
-        "names": chains.names,
-        "steps": steps,
-        "tau": tau,
-        "steps_per_tau": steps_per_tau,
-        "ess_bulk": bulk,
-        "ess_tail": tail,
-        "acceptance": chains.acceptance,
-        "stuck": tuple((int(e), int(w)) for e, w in np.argwhere(~moved)),
-        "rhat_within": np.max(within, axis=0),
-        "rhat_between": between,
-        "failures": chains.failures,
-    }
-    short, verdict = _verdict(found, n_ensembles, chains.starts_given)
-    return Diagnosis(**found, short=short, verdict=verdict)
+    found = Diagnosis(
+        names=tuple(names),
+        steps=steps,
+        tau=tau,
+        steps_per_tau=steps_per_tau,
+        ess_bulk=bulk,
+        ess_tail=tail,
+        acceptance=acceptance(known, moved.shape),
+        stuck=tuple((int(e), int(w)) for e, w in np.argwhere(~moved)),
+        rhat_within=np.max(within, axis=0),
+        rhat_between=between,
+        failures=json.loads(known.get("failures", "{}")),
+    )
+    short, verdict = _judge(found, bool(known.get("starts_given")))
+    return replace(found, short=short, verdict=verdict)
 
 
 def autocorrelation_time(chain: Floats) -> Floats:
@@ -197,11 +197,7 @@ def _sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
 
 
 def _size_by_means(values: Floats) -> Floats:
-    """Return the ESS of the mean of ``values (steps, ensembles, walkers, d)``.
-
-    It is var(values) by the variance of the mean, which is that of the series of
-    means over walkers by the ESS of this series.
-    """
+    """Return the ESS of ``values (steps, ensembles, walkers, d)``: var / var(mean)."""
     series = values.mean(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))
@@ -209,50 +205,48 @@ def _size_by_means(values: Floats) -> Floats:
     return result
 
 
-def _verdict(
-    found: dict[str, Any], n_ensembles: int, starts_given: bool
-) -> tuple[str, str]:
+def _judge(found: Diagnosis, starts_given: bool) -> tuple[str, str]:
     """Return the verdict in a few words and in a sentence."""
-    names, per_tau = found["names"], found["steps_per_tau"]
-    length = (
-        f"{per_tau.min():.0f} autocorrelation times, ESS at least "
-        f"{found['ess_bulk'].min():.0f}"
-    )
-    if found["stuck"]:
-        return f"{len(found['stuck'])} walkers stuck", (
-            f"Not converged: {len(found['stuck'])} walkers never moved "
-            f"(ensemble, walker): {list(found['stuck'][:5])}."
+    if found.stuck:
+        return f"{len(found.stuck)} walkers stuck", (
+            f"Not converged: {len(found.stuck)} walkers never moved "
+            f"(ensemble, walker): {list(found.stuck[:5])}."
         )
-    if not (per_tau >= ENOUGH_TAU).all():
-        worst = int(np.argmin(per_tau))
-        return f"too short: {int(per_tau[worst])} tau", (
-            f"Not converged: the chain is {per_tau[worst]:.0f} autocorrelation times "
-            f"long for {names[worst]} ({ENOUGH_TAU} are needed); run longer."
+    worst = int(np.argmin(found.steps_per_tau))
+    per_tau = found.steps_per_tau[worst]
+    if per_tau < ENOUGH_TAU:
+        return f"too short: {int(per_tau)} tau", (
+            f"Not converged: the chain is {per_tau:.0f} autocorrelation times "
+            f"long for {found.names[worst]} ({ENOUGH_TAU} are needed); run longer."
         )
-    apart = int(np.argmax(found["rhat_within"]))
-    if found["rhat_within"][apart] > WALKERS_APART:
+    worst = int(np.argmax(found.rhat_within))
+    rhat = found.rhat_within[worst]
+    if rhat > WALKERS_APART:
         return "walkers stay apart", (
-            f"Not converged: the walkers of one ensemble stay apart in {names[apart]} "
-            f"(R-hat {found['rhat_within'][apart]:.3f} over walkers), as they do "
+            "Not converged: the walkers of one ensemble stay apart in "
+            f"{found.names[worst]} (R-hat {rhat:.3f} over walkers), as they do "
             "between several modes; try DEMCMove(mode_jump=0.1)."
         )
-    if n_ensembles == 1:
+    length = (
+        f"{per_tau:.0f} autocorrelation times, ESS at least {found.ess_bulk.min():.0f}"
+    )
+    if len(found.tau) == 1:
         return "one ensemble", (
             "Well mixed, but one ensemble cannot show a missed mode: "
             f"{length}; run ensembles=4 to be sure."
         )
-    worst = int(np.argmax(found["rhat_between"]))
-    rhat = found["rhat_between"][worst]
+    worst = int(np.argmax(found.rhat_between))
+    rhat = found.rhat_between[worst]
     if rhat > GOOD_RHAT:
         return "ensembles disagree", (
-            f"Not converged: the ensembles disagree about {names[worst]} (R-hat "
+            f"Not converged: the ensembles disagree about {found.names[worst]} (R-hat "
             f"{rhat:.3f}, at most {GOOD_RHAT} is good); run longer, or "
             "try DEMCMove(mode_jump=0.1) if there are several modes."
         )
-    agreement = f"{n_ensembles} ensembles agree (R-hat at most {rhat:.3f}), {length}"
+    agreement = f"{len(found.tau)} ensembles agree (R-hat at most {rhat:.3f}), {length}"
     if starts_given:
         return "starts given", (
-            f"Well mixed from the given starts: {agreement}; they show nothing about "
-            "modes that no start was near, starts from the prior would."
+            f"Well mixed from the given starts: {agreement}; starts from the prior "
+            "would show modes that none of these was near."
         )
     return CONVERGED, f"Converged by every check: {agreement}."

@@ -258,9 +258,15 @@ def test_agreement_of_given_starts_is_not_called_converged():
     found = ef.diagnose(runs)
     assert not found.converged and found.short == "starts given"
     assert found.verdict.startswith("Well mixed from the given starts: 2 ensembles")
-    assert "starts from the prior would" in found.verdict
-    lone = ef.diagnose(runs[0])
-    assert "one ensemble cannot show a missed mode" in lone.verdict
+    assert "starts from the prior would show modes" in found.verdict
+    assert "one ensemble cannot show a missed mode" in ef.diagnose(runs[0]).verdict
+    start = POSTERIOR.prior.sample(np.random.default_rng(1), 8).reshape(2, 4, 2)
+    move = MetropolisMove(sd=0.1)
+    runs = ef.run(POSTERIOR, move, 4, 3000, ensembles=2, seed=1, initial=start)
+    assert ef.diagnose(runs, 100).short == "starts given"
+    assert (
+        ef.diagnose(ef.to_inference_data(runs, POSTERIOR), 100).short == "starts given"
+    )
 
 
 @pytest.mark.parametrize("discard", [0, 5])
