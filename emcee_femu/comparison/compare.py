@@ -15,7 +15,12 @@ from ..moves.stock_faults import stock_fault
 from ..posterior.log_posterior import LogPosterior
 from ..results.diagnostics import FEWEST_STEPS, Diagnosis, diagnose
 from ..results.inference_data import to_inference_data
-from ..sampling.arguments import check_moves, check_progress
+from ..sampling.arguments import (
+    check_moves,
+    check_progress,
+    check_walkers,
+    list_moves,
+)
 from ..sampling.run import run
 from ..table import Table, as_html
 from .ranking import Entry, conclusion, known_moments, table
@@ -25,24 +30,16 @@ from .ranking import Entry, conclusion, known_moments, table
 class Comparison:
     """What :func:`compare_moves` found; ``print`` it for the table and the conclusion.
 
-    Columns of the table, for the worst parameter of each move: FE solves of the whole
-    run (proposals out of bounds cost none); log-posterior evaluations before the
-    chain (the starts, and the burn-in of "auto"); acceptance; tau in steps; steps /
-    tau; bulk and tail ESS of all ensembles; bulk ESS per 1000 log-posterior
-    evaluations of the kept steps, its standard error over the ensembles, and the same
-    ESS per CPU second; R-hat between ensembles; with a reference the largest errors of
-    a mean (in reference standard deviations) and of a standard deviation (in percent);
-    "end to end", the ESS per 1000 evaluations with dropped steps and those before the
-    chain counted; and the verdict.
+    The table is that of :func:`ranking.table`.
 
     Attributes:
-        table: The table.
+        table: One row per move.
         idata: ArviZ object of the kept steps, by label.
         diagnoses: :class:`results.diagnostics.Diagnosis`, by label.
         ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
             per ensemble ``(ensembles,)``, by label.
         winner: Label of the move that is best beyond the spread; None if none is.
-        conclusion: The outcome in words, one sentence a line.
+        conclusion: The outcome in words, one sentence per line.
         posterior: The sampled posterior.
     """
 
@@ -88,7 +85,8 @@ def compare_moves(
         posterior: What to sample.
         moves: By label, what :func:`run` takes: an emcee move, a weighted list, or
             "auto".
-        nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16.
+        nwalkers: Walkers per ensemble; None for as many as :func:`run` takes, the
+            most that any of the moves has.
         nsteps: Stored generations per ensemble. Give either this or max_evaluations.
         max_evaluations: Log-posterior evaluations that each move may spend on the
             stored chains of all ensembles; those of the starts and of the burn-in of
@@ -112,27 +110,20 @@ def compare_moves(
         raise TypeError(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}"
         )
-    if nwalkers is None:
-        nwalkers = max(16, 4 * posterior.ndim)  # as run
-    nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
     check_progress(progress)
+    nwalkers = _check_moves(moves, nwalkers, posterior.ndim)
     nsteps = _steps(nsteps, max_evaluations, nwalkers * ensembles)
     dropped = _dropped(discard, nsteps)
     known = known_moments(reference, posterior.names)
-    _check_moves(moves, nwalkers, posterior.ndim)
+    # The same walkers and seed: all moves start from the same draws of the prior.
+    size = {"nwalkers": nwalkers, "nsteps": nsteps, "ensembles": ensembles}
     entries = []
     for label, move in moves.items():
         if progress:
             print(f"{label}:", file=sys.stderr)  # the bars name only the ensemble
-        settings: dict[str, Any] = {  # so that all start from the same prior draws
-            "nwalkers": nwalkers,
-            "nsteps": nsteps,
-            "ensembles": ensembles,
-            "seed": seed,
-            "progress": progress,
-        }
+        settings = {**size, "seed": seed, "progress": progress}
         entries.append(_sample(posterior, label, move, dropped, settings))
     winner, words = conclusion(entries)
     title = (
@@ -223,26 +214,30 @@ def _dropped(discard: int | None, nsteps: int) -> int:
     return dropped
 
 
-def _check_moves(moves: Any, nwalkers: int, ndim: int) -> None:
-    """Refuse what is no move or does not fit; warn of emcee's moves that are wrong."""
+def _check_moves(moves: Any, nwalkers: int | None, ndim: int) -> int:
+    """Return the walkers per ensemble; refuse what is no move or does not fit them.
+
+    Warns:
+        UserWarning: If one of emcee's moves samples wrongly.
+    """
     if not isinstance(moves, Mapping) or not moves:
         raise TypeError(
             "moves: expected moves by label, such as {'DE-MC': DEMCMove()}, got "
             f"{moves!r}"
         )
     faults = []
-    for label, given in moves.items():
+    for label, move in moves.items():
         if not isinstance(label, str):
             raise TypeError(f"moves: expected labels that are text, got {label!r}")
-        if isinstance(given, str) and given == "auto":
-            continue
-        check_moves(f"moves[{label!r}]", given)
-        weighted = given if isinstance(given, list | tuple) else [given]
-        for item in weighted:
-            move = item[0] if isinstance(item, list | tuple) else item
-            if hasattr(move, "check"):
-                move.check(nwalkers, ndim)
-            fault = stock_fault(move, ndim)
-            faults += [f"{label}: {fault}"] if fault else []
+        if not (isinstance(move, str) and move == "auto"):
+            check_moves(f"moves[{label!r}]", move)
+            found = (stock_fault(own, ndim) for own in list_moves(move))
+            faults += [f"{label}: {fault}" for fault in found if fault]
+    given = [[] if isinstance(move, str) else move for move in moves.values()]
+    if nwalkers is None:
+        nwalkers = max(check_walkers(None, move, ndim) for move in given)
+    for move in given:
+        nwalkers = check_walkers(nwalkers, move, ndim)
     if faults:
         warn("; ".join(dict.fromkeys(faults)), UserWarning, stacklevel=3)
+    return nwalkers

@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
@@ -17,35 +16,25 @@ MOST_NAMES = 4  # in a sentence
 LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 
-class Moments(NamedTuple):
-    """Known moments of the posterior: columns ``(m,)``, means and sds ``(m,)``."""
-
-    columns: NDArray[np.intp]
-    mean: Floats
-    sd: Floats
-
-
 def known_moments(
     reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
-) -> Moments | None:
-    """Return the reference, checked, as arrays."""
+) -> dict[str, tuple[float, float]]:
+    """Return the reference, checked, by parameter name; empty if there is none."""
     if reference is None:
-        return None
+        return {}
     if not checks.by_name("reference", reference, names):
         raise ValueError(
             f"reference: expected (mean, sd) by parameter name, some of {list(names)}, "
             "got none"
         )
-    pairs = [checks.real_array("reference", pair, 1) for pair in reference.values()]
-    if any(pair.shape != (2,) for pair in pairs):
-        raise ValueError(
-            "reference: expected a pair (mean, sd) for each parameter, got "
-            f"{[pair.tolist() for pair in pairs]}"
-        )
-    moments = np.array(pairs)
-    sd = checks.positive_array("reference (its sd)", moments[:, 1])
-    columns = np.array([names.index(name) for name in reference])
-    return Moments(columns, moments[:, 0], sd)
+    for name, pair in reference.items():
+        moments = checks.real_array(f"reference[{name!r}]", pair, 1)
+        if moments.shape != (2,) or not moments[1] > 0:
+            raise ValueError(
+                f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
+                f"got {pair!r}"
+            )
+    return dict(reference)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +45,9 @@ class Entry:
         label: The move's name.
         diagnosis: The judgement of all its ensembles.
         ess: Bulk ESS of the worst parameter in each ensemble alone, ``(ensembles,)``.
-        kept: Evaluations of the kept steps, all ensembles.
-        chain: Evaluations of the stored steps, all ensembles.
-        before: Evaluations before the stored steps, all ensembles.
-        solves: FE solves, all in all.
-        cpu: CPU seconds, all in all.
+        kept, chain, before: Evaluations of the kept steps, of the stored ones, and of
+            what was before them.
+        solves, cpu: FE solves and CPU seconds, all in all.
         recipe: What was done before the stored steps, in words.
         idata: ArviZ object of the kept steps.
     """
@@ -107,8 +94,18 @@ class Entry:
         return f"{self.label} {self.efficiency:.3g} +- {self.error:.2g}"
 
 
-def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
-    """Tabulate the moves, one row each; see :class:`comparison.compare.Comparison`."""
+def table(
+    title: str,
+    entries: Sequence[Entry],
+    known: Mapping[str, tuple[float, float]],
+) -> Table:
+    """Tabulate the moves, one row each, with numbers of the worst parameter.
+
+    FE solves are those of the whole run; "before chain" are evaluations for the starts
+    and the burn-in of "auto"; ESS per 1000 counts evaluations of the kept steps, +- is
+    its standard error over the ensembles; "end to end" counts all evaluations. Errors
+    are the largest against a reference, in its standard deviations.
+    """
     found = [entry.diagnosis for entry in entries]
     columns: list[tuple[str, str, Any]] = [
         ("move", "", [e.label for e in entries]),
@@ -124,7 +121,7 @@ def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
         ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
         ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in found]),
     ]
-    if known is not None:
+    if known:
         off = [_errors(entry.idata, known) for entry in entries]
         columns.append(("mean error/sd", ".3f", [mean for mean, _ in off]))
         columns.append(("sd error %", ".1f", [sd for _, sd in off]))
@@ -135,13 +132,15 @@ def table(title: str, entries: Sequence[Entry], known: Moments | None) -> Table:
     return Table.from_columns(title, columns)
 
 
-def _errors(idata: Any, known: Moments) -> tuple[float, float]:
+def _errors(
+    idata: Any, known: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
     """Return the largest error of a mean in sds, and of an sd in percent."""
-    _, chains = samples(idata)
-    draws = chains.reshape(-1, chains.shape[-1])[:, known.columns]
-    off_mean = np.abs(draws.mean(axis=0) - known.mean) / known.sd
-    off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / known.sd - 1)
-    return float(off_mean.max()), float(off_sd.max())
+    chains = samples(idata, list(known))[1]
+    draws = chains.reshape(-1, len(known))
+    mean, sd = np.array(list(known.values())).T
+    off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / sd - 1)
+    return float(np.abs((draws.mean(axis=0) - mean) / sd).max()), float(off_sd.max())
 
 
 def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
@@ -157,7 +156,12 @@ def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
         lines.append("No winner: no move has converged; run longer.")
     else:
         best, *others = able
-        close = [other for other in others if not _leads(best, other)]
+        close = [
+            other
+            for other in others
+            if best.efficiency - other.efficiency
+            <= LEAD * np.hypot(best.error, other.error)
+        ]
         if close:
             names = [str(entry) for entry in (best, *close)]
             if len(names) > MOST_NAMES:
@@ -186,8 +190,3 @@ def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
         if entry.recipe
     ]
     return winner, "\n".join(lines)
-
-
-def _leads(one: Entry, other: Entry) -> bool:
-    lead = one.efficiency - other.efficiency
-    return bool(lead > LEAD * np.hypot(one.error, other.error))
