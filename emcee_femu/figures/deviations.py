@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..interfaces import Floats
+from ..results.measured import Measured
 from ..results.tables import INTERVAL
 from .colours import BLUE, RED
 
@@ -12,13 +13,11 @@ FAR = 4.0  # times the updated deviations, beyond which the prior's go to the ed
 
 
 class Compared(NamedTuple):
-    """One variable, measured at ``m`` places and predicted by ``n`` samples."""
+    """A variable measured at ``m`` places, and predicted there by ``n`` samples."""
 
-    name: str
-    unit: str
+    what: Measured
     labels: list[str]  # m
     below: str  # what the labels say
-    measured: Floats  # (m,)
     sd: Floats  # (m,), NaN where unknown
     initial: Floats  # (m,), at the prior mean
     predicted: Floats  # (n, m)
@@ -28,12 +27,13 @@ class Compared(NamedTuple):
 
 def draw_deviations(axes: Any, item: Compared) -> None:
     """Draw the variable before and after updating, and its measurement error."""
-    percent = item.unit == "Hz"
-    unit = "%" if percent else item.unit
-    scale = 100 / item.measured if percent else np.ones_like(item.measured)
-    place = np.arange(len(item.measured))
-    mean, low, high = scale * (_summary(item.predicted) - item.measured)
-    before = scale * (item.initial - item.measured)
+    measured, unit = item.what.values, item.what.unit
+    scale = np.ones_like(measured)
+    if unit == "Hz":
+        scale, unit = 100 / measured, "%"
+    place = np.arange(len(measured))
+    mean, low, high = scale * (_summary(item.predicted) - measured)
+    before = scale * (item.initial - measured)
     band = np.abs(2 * scale * item.sd)
     known = np.isfinite(band)
     shown = [np.zeros(1), low, high, -band[known], band[known]]
@@ -48,7 +48,7 @@ def draw_deviations(axes: Any, item: Compared) -> None:
             label="measured ± 2 sd",
         )
     if item.replicated is not None:
-        ends = scale * (_summary(item.replicated)[1:] - item.measured)
+        ends = scale * (_summary(item.replicated)[1:] - measured)
         shown.extend(ends)
         label = "95 % of new measurements"
         axes.vlines(place, *ends, color=BLUE, lw=1.2, label=label)
@@ -56,9 +56,9 @@ def draw_deviations(axes: Any, item: Compared) -> None:
     _draw_intervals(axes, mean, low, high, label)
     _draw_initial(axes, before, np.concatenate(shown), unit)
     old, new = (f"{np.abs(x).mean():.2g} {unit}".rstrip() for x in (before, mean))
-    title = f"{item.name}: mean error {old} at the prior mean, {new} updated"
+    title = f"{item.what.name}: mean error {old} at the prior mean, {new} updated"
     axes.set_title(title, fontsize=10)
-    label = f"deviation from the\nmeasured {item.name}"
+    label = f"deviation from the\nmeasured {item.what.name}"
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
     axes.grid(True, axis="y", alpha=0.25)
 

@@ -1,16 +1,15 @@
 """The figure of what was measured against what the model predicts."""
 
-from itertools import product
 from math import ceil
 from typing import Any
 
 import numpy as np
 
-from ..interfaces import Floats
-from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
 from ..results.frequencies import check_sampled
-from ..results.inference_data import dataset, samples
+from ..results.inference_data import samples
+from ..results.measured import Measured, at_places, measured_variables
+from ..results.predictive import measurement_sd
 from .deviations import Compared, draw_deviations, draw_mac
 
 MOST_LABELS = 24  # below a panel
@@ -45,9 +44,9 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
 
     if posterior is not None:
         check_sampled(posterior, samples(idata)[0])
-    items = [_compare(idata, name, posterior) for name in _measured_names(idata)]
+    items = [_compare(idata, own, posterior) for own in measured_variables(idata)]
     heights = [h for i in items for h in ([3.4] if i.mac is None else [3.4, 1.7])]
-    width = float(np.clip(1.6 + 0.8 * max(len(i.measured) for i in items), 7, 16))
+    width = float(np.clip(1.6 + 0.8 * max(len(i.labels) for i in items), 7, 16))
     figure, panels = plt.subplots(
         len(heights),
         1,
@@ -75,80 +74,37 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
     return figure
 
 
-def _measured_names(idata: Any) -> list[str]:
-    """Return the measured variables that the response holds."""
-    try:
-        observed = list(map(str, dataset(idata, "observed_data").data_vars))
-    except ValueError:
-        observed = []
-    response = list(map(str, dataset(idata, "response").data_vars))
-    names = [name for name in observed if name in response]
-    if not names:
-        raise ValueError(
-            f"idata: expected measured variables of the response {response}, got "
-            f"{observed}; no likelihood term says what it observed"
-        )
-    return names
+def _compare(idata: Any, found: Measured, posterior: LogPosterior | None) -> Compared:
+    """Gather what is known where a variable was measured."""
 
+    def there(group: str, variable: str) -> Any:
+        return at_places(idata, group, variable, found)
 
-def _compare(idata: Any, name: str, posterior: LogPosterior | None) -> Compared:
-    """Gather a variable where it was measured."""
-    observed = dataset(idata, "observed_data")[name]
-    kept = np.isfinite(observed.values).ravel()
-
-    def at_places(group: str, variable: str) -> Any:
-        """Return ``(n, m)`` for samples, ``(1, m)`` for constants, None without any."""
-        try:
-            values = dataset(idata, group)[variable]
-        except (KeyError, ValueError):
-            return None
-        places = values.reindex_like(observed).transpose(..., *observed.dims)
-        return places.values.reshape(-1, observed.size)[:, kept]
-
-    measured = observed.values.ravel()[kept]
-    unit = observed.attrs.get("unit", "")
-    places = list(product(*(observed[dim].values for dim in observed.dims)))
     labels = [
-        f"{', '.join(map(str, places[i]))}\n{value:.5g} {unit}".rstrip()
-        for i, value in zip(np.flatnonzero(kept), measured, strict=True)
+        f"{label}\n{value:.5g} {found.unit}".strip()
+        for label, value in zip(found.labels, found.values, strict=True)
     ]
-    dims = ", ".join(str(dim).rpartition(".")[2] for dim in observed.dims)
-    below = f"measured {dims}, its {name}"
+    below = f"measured {found.dims}, its {found.name}".replace(" , its", "")
+    experiment, dot, variable = found.name.rpartition(".")
     mac = None
-    if name.rpartition(".")[2] == "frequency":
-        mac = at_places("response", name.replace("frequency", "mac"))
+    if variable == "frequency":
+        mac = there("response", f"{experiment}{dot}mac")
     if mac is not None:
-        modes = at_places("response", name.replace("frequency", "model_mode"))
         below += ", and the model's mode paired with it"
-        partners = map(_partner, modes.astype(int).T)
+        modes = there("response", f"{experiment}{dot}model_mode").astype(int)
+        partners = map(_partner, modes.T)
         labels = [f"{a}\n{b}" for a, b in zip(labels, partners, strict=True)]
+    unknown = np.full(len(labels), np.nan)
     return Compared(
-        name=name,
-        unit=unit,
+        what=found,
         labels=labels,
         below=below,
-        measured=measured,
-        sd=_measured_sd(posterior, name, measured),
-        initial=at_places("constant_data", f"initial_{name}")[0],
-        predicted=at_places("response", name),
-        replicated=at_places("posterior_predictive", name),
+        sd=unknown if posterior is None else measurement_sd(found, posterior),
+        initial=there("constant_data", f"initial_{found.name}")[0],
+        predicted=there("response", found.name),
+        replicated=there("posterior_predictive", found.name),
         mac=mac,
     )
-
-
-def _measured_sd(posterior: LogPosterior | None, name: str, measured: Floats) -> Floats:
-    """Return standard deviations in Hz, NaN where no FrequencyTerm knows them."""
-    for experiment in () if posterior is None else posterior.experiments:
-        for term in experiment.terms:
-            if (
-                isinstance(term, FrequencyTerm)
-                and experiment.full_name("frequency") == name
-                and np.array_equal(term.measured, measured)
-            ):
-                known = term.relative_variances
-                sd: Floats = measured * np.sqrt(np.where(known > 0, known, np.nan))
-                return sd
-    return np.full(measured.shape, np.nan)
 
 
 def _partner(numbers: Any) -> str:

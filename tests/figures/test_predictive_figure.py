@@ -102,28 +102,34 @@ def test_intervals_means_and_initial_values_are_deviations_in_percent():
 
 
 def test_another_quantity_is_drawn_in_its_unit_at_its_coordinates():
-    """Two load cases of three points, one of which was not measured."""
-    measured = [[1.5, 3.0, 2.0], [-0.5, np.nan, -1.0]]
+    measured = np.array([[1.5, 3.0, 2.0], [-0.5, 0.8, -1.0]])
     coords = {"case": ["snow", "wind"], "point": ["left", "middle", "right"]}
     idata = made(measured, "mm", coords, np.ones((2, 3)), (), "deflection", noise=0.1)
     figure = plot_predictive(idata, posterior(MEASURED, beta=1.0))
     (axes,) = figure.axes
-    shown = np.array([1.5, 3.0, 2.0, -0.5, -1.0])
-    kept = [0, 1, 2, 3, 5]
-    predicted = draws(idata, "deflection")[:, kept]
-    new = draws(idata, "deflection", "posterior_predictive")[:, kept]
-    for label, values in ((UPDATED, predicted), (NEW, new)):
-        expected = np.quantile(values, [0.025, 0.975], axis=0).T - shown[:, None]
+    for label, group in ((UPDATED, "response"), (NEW, "posterior_predictive")):
+        values = draws(idata, "deflection", group) - measured.ravel()
+        expected = np.quantile(values, [0.025, 0.975], axis=0).T
         assert_allclose(ends(axes, label), expected, rtol=1e-9, atol=1e-12)
     assert axes.get_ylabel() == "deviation from the\nmeasured deflection (mm)"
     assert axes.get_xlabel() == "measured case, point, its deflection"
     ticks = [label.get_text() for label in axes.get_xticklabels()]
-    assert ticks[:2] == ["snow, left\n1.5 mm", "snow, middle\n3 mm"]
-    assert ticks[3:] == ["wind, left\n-0.5 mm", "wind, right\n-1 mm"]
-    assert axes.get_title().startswith("deflection: mean error 1.4 mm at the prior m")
+    assert ticks[1:4] == [
+        "snow, middle\n3 mm",
+        "snow, right\n2 mm",
+        "wind, left\n-0.5 mm",
+    ]
+    assert axes.get_title().startswith("deflection: mean error 1.2 mm at the prior m")
     assert legend(figure) == [NEW, UPDATED, BEFORE]
     assert_nothing_is_clipped(figure)
     assert_no_texts_overlap(figure)
+
+
+def test_a_single_number_needs_no_place():
+    idata = made(5.0, "t", {}, 4.0, (), "mass")
+    (axes,) = plot_predictive(idata).axes
+    assert axes.get_xlabel() == "measured mass"
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["5 t"]
 
 
 def test_many_points_share_the_labels():
@@ -258,5 +264,5 @@ def test_something_measured_is_needed():
     model = ef.FunctionModel(lambda p: MEASURED, n_modes=3)
     bare = ef.LogPosterior(model, lambda p, modes: 0 * p["a"], PRIOR)
     runs = ef.run(bare, None, 8, 4, seed=1)
-    with pytest.raises(ValueError, match="no likelihood term says what it observed"):
+    with pytest.raises(ValueError, match="no likelihood term says what it measured"):
         plot_predictive(ef.to_inference_data(runs, bare))
