@@ -88,6 +88,13 @@ def test_rows_are_those_written_by_hand_and_each_model_is_solved_once():
     assert JOINT.error_names == ("error",)
 
 
+def test_what_a_model_reads_too_is_no_error():
+    model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), K, n_modes=2)
+    term = frequency_term(F_EMPTY, discrepancy="k2")
+    prior = ef.IndependentPrior(dict.fromkeys(K, ef.uniform_between(50, 400)))
+    assert ef.LogPosterior(model, term, prior).error_names == ()
+
+
 @pytest.mark.parametrize("pool", [None, "threads"])
 def test_samples_carry_the_experiments_names_with_and_without_a_pool(pool):
     options = {"nwalkers": 12, "nsteps": 30, "seed": 3}
@@ -110,6 +117,7 @@ def test_samples_carry_the_experiments_names_with_and_without_a_pool(pool):
     )
     stats_group = dataset(idata, "sample_stats")
     assert_allclose(stats_group["lp"], stats_group["log_prior"] + total, rtol=1e-10)
+    assert dataset(idata, "constant_data")["is_error"].values.tolist() == [0, 0, 1]
     observed = dataset(idata, "observed_data")
     assert observed["loaded.frequency"].values.tolist() == F_LOADED
     assert set(dataset(idata, "posterior_predictive").data_vars) == set(observed)
