@@ -73,9 +73,8 @@ def metropolis_step(
         state: emcee's ``State``; the accepted walkers are overwritten in place.
         walkers: Indices ``(k,)`` of the walkers that may move.
         proposed: Proposals ``(k, ndim)``.
-        log_factors: Logarithm F of the proposal's asymmetry, ``(k,)``, or None for a
-            symmetric one.
-        betas: Power of the likelihood per walker, ``(k,)``; None for 1.
+        log_factors: F of an asymmetric proposal, ``(k,)``.
+        betas: Powers of the likelihood other than 1, ``(k,)``.
 
     Returns:
         The indices of the walkers that moved.

@@ -26,26 +26,21 @@ class CrossoverMove(VectorizedRedBlueMove):
     uniformly chosen, is. The other parameters keep their values.
 
     Crossover hurts on strongly correlated posteriors, such as those of stiffnesses from
-    frequencies: a step in few parameters leaves the ridge. On five stiffnesses with
-    correlations up to 0.98, other samplers with crossover (PyDREAM, DREAM of spotpy)
-    gave 33 and 14 effective samples per 1000 model evaluations, DE-MC 42 to 49. On the
-    mass-spring posterior of :mod:`emcee_femu.paper` this move gave 25 and, without
-    crossover (``crossover=[1.0]``), 37; :class:`DEMCMove` 37.
+    frequencies: a step in few parameters leaves the ridge. On the mass-spring posterior
+    of :mod:`emcee_femu.paper` this move gave 25 effective samples per 1000 model
+    evaluations, without crossover (``crossover=[1.0]``) 37, :class:`DEMCMove` 37.
 
     Args:
         pairs: The largest number of pairs, 1 to 3; ``2 * pairs`` walkers must be at
             rest.
         crossover: Probabilities that a parameter moves, above 0 and up to 1.
-        sigma: Standard deviation of the noise eps **in parameter units**, one number
-            or ``(ndim,)``; the default is that of :class:`DEMCMove`, one hundredth of
-            the standard deviation of the walkers at rest.
+        sigma: Standard deviation of the noise eps, as for :class:`DEMCMove`.
         nsplits: Parts of the ensemble that move in turn.
         randomize_split: Whether to deal the walkers to the parts anew each step.
         live_dangerously: Whether to allow fewer walkers than ``2 * ndim``.
 
     Raises:
-        TypeError: If an argument does not hold real numbers (pairs, nsplits: is not a
-            whole number).
+        TypeError: If an argument does not hold real numbers, or whole ones.
         ValueError: If pairs is not 1 to 3, a probability is not above 0 and up to 1,
             sigma is negative or not finite, or nsplits < 2. When it proposes: if sigma
             does not fit ndim or fewer than ``2 * pairs`` walkers are at rest.
@@ -86,7 +81,7 @@ class CrossoverMove(VectorizedRedBlueMove):
         """
         guides = np.concatenate(c) if len(c) > 1 else c[0]
         moving, ndim = s.shape
-        # Three uniform draws a walker: of the pairs, of the probability, of the
+        # Three uniform draws per walker: the number of pairs, the probability, and the
         # parameter that moves if no other does.
         uniform = random.random_sample((3, moving))
         sizes = np.array([[self.pairs], [len(self.crossover)], [ndim]])

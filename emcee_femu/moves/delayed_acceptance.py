@@ -21,10 +21,10 @@ class DelayedAcceptanceMove(ProposingMove):
         {p(\theta_i) \, c(\theta^*)}\right\}
 
     with the posterior p, the cheap one c and the asymmetry F of the proposal. The
-    second factor is evaluated, by a solve of the full model, only where the first
-    accepts. The posterior is kept exactly whatever c is; a bad one costs acceptance.
-    :class:`ReducedModel` gives a good one. An error of its frequencies below a tenth of
-    their standard deviation needs no correction: then sample c itself.
+    second factor costs a solve of the full model, and only where the first accepts. The
+    posterior is kept exactly whatever c is; a bad one costs acceptance.
+    :class:`ReducedModel` gives a good one. If the error of its frequencies is below a
+    tenth of their standard deviation, sample c itself: no correction is needed.
 
     Attributes:
         proposed: Number of proposals so far.
@@ -33,14 +33,14 @@ class DelayedAcceptanceMove(ProposingMove):
 
     Args:
         inner: The move that proposes: one of this package, or an emcee ``RedBlueMove``
-            or ``MHMove``.
+            or ``MHMove``. Temperatures go around it, as in
+            ``TemperedMove(DelayedAcceptanceMove(...), betas)``.
         cheap: Log-probability of c, called with ``(n, ndim)``: returns ``(n,)``, or
             rows that begin with it, as a :class:`LogPosterior` does. It must be finite
             wherever the posterior is, or that region is never sampled.
 
     Raises:
-        TypeError: If inner is another kind of move (temper delayed acceptance, not the
-            reverse), or cheap is not callable.
+        TypeError: If inner is another kind of move, or cheap is not callable.
         ValueError: When it proposes: if cheap is not finite at a walker, NaN or +inf at
             a proposal, or of another length.
 
@@ -116,9 +116,7 @@ class DelayedAcceptanceMove(ProposingMove):
         return values
 
     def _evaluate(self, theta: Floats) -> Floats:
-        rows: Any = self.cheap(theta)
-        if type(rows) is not np.ndarray or rows.dtype != np.float64:
-            rows = checks.numeric_array("cheap", rows)
+        rows = checks.numeric_array("cheap", self.cheap(theta))
         log_prob: Floats = rows[:, 0] if rows.ndim == 2 and rows.size else rows
         if log_prob.shape != (len(theta),):
             raise ValueError(

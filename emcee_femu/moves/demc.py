@@ -29,9 +29,8 @@ class DEMCMove(VectorizedRedBlueMove):
 
     Args:
         sigma: Standard deviation of the noise **in parameter units**, one number or
-            ``(ndim,)``. The default is one hundredth of the standard deviation, per
-            parameter, of the walkers at rest, so that it fits stiffnesses of 1e3 and
-            areas of 1e-4 alike.
+            ``(ndim,)``; the default is one hundredth of that of the walkers at rest,
+            which fits stiffnesses of 1e3 and areas of 1e-4 alike.
         gamma0: The factor gamma; the default is :math:`2.38 / \sqrt{2\,ndim}`.
         nsplits: Parts of the ensemble that move in turn; ``nsplits=nwalkers`` is the
             paper's sweep, one chain after another.
@@ -41,7 +40,7 @@ class DEMCMove(VectorizedRedBlueMove):
             modes; 0.1 is usual where several are expected.
 
     Raises:
-        TypeError: If an argument is not a real number (nsplits: a whole number).
+        TypeError: If an argument does not hold real numbers, or whole ones.
         ValueError: If sigma or gamma0 is negative or not finite, mode_jump is not in
             [0, 1], or nsplits < 2. When it proposes: if sigma does not fit ndim or
             fewer than 2 walkers are at rest.

@@ -49,7 +49,6 @@ def convert_sigma(sigma: ArrayLike | None) -> Floats | None:
     """Return the argument ``sigma`` of a move as an array, or None for the default.
 
     Raises:
-        TypeError: If sigma does not hold real numbers.
         ValueError: If it is neither a number nor one-dimensional, or is negative.
     """
     if sigma is None:
@@ -57,8 +56,7 @@ def convert_sigma(sigma: ArrayLike | None) -> Floats | None:
     array = checks.real_array("sigma", sigma)
     if array.ndim > 1 or not array.size or (array < 0).any():
         raise ValueError(
-            "sigma: expected a number or (ndim,) numbers that are not "
-            f"negative, got {sigma}"
+            f"sigma: expected a number or (ndim,) numbers not below zero, got {sigma}"
         )
     return array
 

@@ -60,7 +60,7 @@ class IndependenceMove(ProposingMove):
                 f"{self.weights.shape} and {self.scale_matrices.shape}"
             )
         total = self.weights.sum()
-        if abs(total - 1) > 1e-12:  # else a move made of these numbers would differ
+        if abs(total - 1) > 1e-12:  # repr and pickle give these weights again
             self.weights /= total
         self._factors = np.array(
             [factorize("scale_matrices", S) for S in self.scale_matrices]
@@ -87,12 +87,10 @@ class IndependenceMove(ProposingMove):
 
         With several components a tenth of the weight goes to one that is fitted to all
         draws: it covers gaps between the others, in which walkers would stay long.
-        The EM is the package's own, some sixty lines: scikit-learn fits Gaussian
-        mixtures only, whose thin tails make an independence sampler stick.
 
         Args:
             samples: Draws of the target ``(n, ndim)``, such as a burn-in, at least
-                ``10 * ndim`` for each component.
+                ``10 * ndim`` per component.
             components: Number of mixture components, or "auto" for the number from 1
                 to 6 that the Bayesian information criterion prefers.
             df: Degrees of freedom of every component.
@@ -111,11 +109,7 @@ class IndependenceMove(ProposingMove):
         return cls(weights, means, scale_matrices, df)
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the mixture does not have.
-
-        Raises:
-            ValueError: If the mixture is of another dimension than ndim.
-        """
+        """Refuse a dimension that the mixture does not have."""
         if self.means.shape[1] != ndim:
             raise ValueError(
                 f"means: expected {ndim} columns for {ndim} parameters, got "
@@ -129,10 +123,8 @@ class IndependenceMove(ProposingMove):
         distance = np.einsum("knd,knd->kn", standard, standard)
         tails = np.log1p(distance / self.df)
         log_parts = self._log_constants[:, None] - 0.5 * (self.df + ndim) * tails
-        if len(log_parts) == 1:
-            one: Floats = log_parts[0]
-            return one
-        total: Floats = logsumexp(log_parts, axis=0)
+        one = len(log_parts) == 1  # and logsumexp slow
+        total: Floats = log_parts[0] if one else logsumexp(log_parts, axis=0)
         return total
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:

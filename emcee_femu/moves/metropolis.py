@@ -18,7 +18,7 @@ class MetropolisMove(ProposingMove):
         \alpha = \min\{1, p(\theta^*) / p(\theta_i)\}
 
     (Eq. 3.1 with a symmetric proposal density). Walkers do not interact; one walker
-    is enough. Give the size of the steps by one of two names:
+    is enough. The size of the steps has one of two names:
 
     Args:
         sd: Standard deviations of the steps, in parameter units: a number, or
@@ -34,10 +34,6 @@ class MetropolisMove(ProposingMove):
             does not fit ndim.
 
     Source: Eq. 3.1 of Sherri, Boulkaibet, Marwala and Friswell.
-
-    Example:
-        >>> MetropolisMove(sd=[0.1, 20.0])
-        MetropolisMove(sd=[0.1, 20.0], cov=None)
     """
 
     def __init__(
@@ -87,12 +83,7 @@ class MetropolisMove(ProposingMove):
         return cls(cov=2.38**2 / ndim * covariance)
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the steps do not fit.
-
-        Raises:
-            ValueError: If sd or cov is neither a number nor of the shape of ndim
-                parameters.
-        """
+        """Refuse a dimension that the steps do not fit."""
         if self._factor.ndim and len(self._factor) != ndim:
             name = "cov" if self.sd is None else "sd"
             raise ValueError(

@@ -46,8 +46,8 @@ def fit_mixture(
     possible = [fit for fit in fits if fit is not None]
     if not possible or one is None:
         raise ValueError(
-            f"samples: no fit with {components} components; give more draws, or "
-            "ask for fewer components"
+            f"samples: no fit with {components} components; give more draws, or ask "
+            "for fewer components"
         )
     _, weights, means, matrices = min(possible, key=lambda fit: fit[0])
     if len(weights) > 1:
@@ -63,10 +63,8 @@ def _widen(matrices: Floats) -> Floats:
     only then do independence proposals set it free.
     """
     narrow = np.linalg.eigvalsh(matrices)[:, 0] < RIDGE
-    result: Floats = (
-        matrices + RIDGE * np.eye(matrices.shape[1]) * narrow[:, None, None]
-    )
-    return result
+    ridges: Floats = RIDGE * np.eye(matrices.shape[1]) * narrow[:, None, None]
+    return matrices + ridges
 
 
 def _run_em(

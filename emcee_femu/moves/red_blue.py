@@ -1,9 +1,8 @@
 """emcee's red-blue scheme with array operations instead of a loop over walkers.
 
-Why walkers that move may not be used as guides: the proposal for a walker is built
-from other walkers, and detailed balance holds for the joint law of the ensemble only
-if those stand still while it moves. All walkers moved from one generation is biased
-(a variance of 0.87 of the truth for 4 walkers in 3 dimensions).
+A proposal is built from other walkers, the guides, and detailed balance holds for the
+joint law of the ensemble only if these stand still meanwhile. Moving all walkers at
+once is biased (a variance of 0.87 of the truth for 4 walkers in 3 dimensions).
 """
 
 from collections.abc import Iterator
@@ -54,10 +53,10 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
         """Refuse an ensemble for which the move is not valid.
 
         Raises:
-            ValueError: If there are fewer walkers than splits, or fewer at rest than
-                the proposal needs, or sigma is not of ndim parameters.
-            RuntimeError: As emcee's moves, if there are fewer walkers than twice the
-                dimension and live_dangerously is not set.
+            ValueError: If there are fewer walkers than splits, fewer at rest than the
+                proposal needs, or sigma is not of ndim parameters.
+            RuntimeError: As from emcee's moves, if there are fewer walkers than twice
+                the dimension and live_dangerously is not set.
         """
         if nwalkers < self.nsplits:
             raise ValueError(
@@ -67,10 +66,9 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
         if at_rest < self.guides:
             enough = self.guides + -(-self.guides // (self.nsplits - 1))
             raise ValueError(
-                f"nwalkers: {type(self).__name__} needs {self.guides} walkers at rest "
-                f"to guide those that move, but {nwalkers} walkers in {self.nsplits} "
-                f"splits leave {at_rest}; use at least "
-                f"{max(2 * ndim + 2, enough)} walkers"
+                f"nwalkers: {type(self).__name__} needs {self.guides} walkers at rest, "
+                f"but {nwalkers} in {self.nsplits} splits leave {at_rest}; use at "
+                f"least {max(2 * ndim + 2, enough)} walkers"
             )
         if nwalkers < 2 * ndim and not self.live_dangerously:
             raise RuntimeError(

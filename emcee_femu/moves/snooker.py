@@ -21,14 +21,13 @@ class SnookerMove(VectorizedRedBlueMove):
         r = \min\left\{1, \frac{p(\theta^*)}{p(\theta_i)}
         \left(\frac{|\theta^* - z|}{|\theta_i - z|}\right)^{d - 1}\right\}
 
-    z, z1 and z2 are distinct walkers among those at rest. Lengths and angles are those
-    of parameters divided by the standard deviation of the walkers at rest, so that
-    units do not matter; a parameter that all of these share has no weight.
+    z, z1 and z2 are distinct walkers among those at rest. Parameters are divided by the
+    standard deviation of these walkers, so that units do not matter; a parameter that
+    has one value in all of them has no weight.
 
     Not a move to use alone: on the mass-spring posterior of :mod:`emcee_femu.paper` it
-    gave 20 effective samples per 1000 model evaluations, :class:`DEMCMove` 37, and one
-    tenth of the first with nine tenths of the second,
-    ``moves=[(DEMCMove(), 0.9), (SnookerMove(), 0.1)]``, 39 (no real difference).
+    gave 20 effective samples per 1000 model evaluations, :class:`DEMCMove` 37, and
+    ``moves=[(DEMCMove(), 0.9), (SnookerMove(), 0.1)]`` 39 (no real difference).
 
     Args:
         gamma: The interval of gamma, ``(low, high)``, drawn anew for each walker.
@@ -37,7 +36,7 @@ class SnookerMove(VectorizedRedBlueMove):
         live_dangerously: Whether to allow fewer walkers than ``2 * ndim``.
 
     Raises:
-        TypeError: If gamma does not hold real numbers, or nsplits is not a whole one.
+        TypeError: If gamma does not hold real numbers, or nsplits is no whole number.
         ValueError: If gamma is not an interval above zero, or nsplits < 2. When it
             proposes: if fewer than 3 walkers are at rest.
 

@@ -7,23 +7,21 @@ import emcee
 import numpy as np
 from emcee.model import Model
 
+from ..interfaces import Floats
+
 
 def stock_fault(move: Any, ndim: int) -> str:
-    """Return what is wrong with one of emcee's own moves, or an empty string.
+    """Return what is wrong with a move of emcee's own, or an empty string.
 
-    The move is tried out, so that a release or a subclass that mends it passes.
-
-    Args:
-        move: Any move; all but two of emcee's own pass unseen.
-        ndim: Number of parameters.
+    The two doubtful ones are tried out, so that a release or a subclass that mends them
+    passes.
 
     Source: emcee's pull requests 571 (GaussianMove) and 531 (DESnookerMove).
     """
     if isinstance(move, emcee.moves.GaussianMove) and _moves_rigidly(move, ndim):
         return (
-            "GaussianMove with a full covariance adds one and the same step to all "
-            "walkers, which overstates their ESS; use MetropolisMove(cov=...) of "
-            "emcee_femu"
+            "GaussianMove with a full covariance adds the same step to all walkers, "
+            "which overstates their ESS; use emcee_femu.MetropolisMove(cov=...)"
         )
     if isinstance(move, emcee.moves.DESnookerMove) and not _snooker_is_balanced(move):
         return (
@@ -34,12 +32,9 @@ def stock_fault(move: Any, ndim: int) -> str:
 
 
 def refuse_sequential(argument: str, move: Any) -> None:
-    """Refuse a stock move that counts its steps, outside of the state of the chain.
+    """Refuse a stock move, or one inside a move, that counts its own steps.
 
     A second run with it, or a resumed one, would not be that of the same seed.
-
-    Raises:
-        ValueError: If the move, or the one in it, is ``GaussianMove`` of this mode.
     """
     while hasattr(move, "inner"):
         move = move.inner
@@ -52,12 +47,11 @@ def refuse_sequential(argument: str, move: Any) -> None:
 
 def _moves_rigidly(move: Any, ndim: int) -> bool:
     """Return whether two walkers at one place are sent to one and the same place."""
-    model = Model(
-        None,
-        lambda theta: (np.zeros(len(theta)), None),  # flat: all is accepted
-        map,
-        np.random.RandomState(1),
-    )
+
+    def flat(theta: Floats) -> tuple[Floats, None]:  # everything is accepted
+        return np.zeros(len(theta)), None
+
+    model = Model(None, flat, map, np.random.RandomState(1))
     state = emcee.State(np.zeros((2, ndim)), log_prob=np.zeros(2))
     state, _ = deepcopy(move).propose(model, state)  # it may count its calls
     first, second = state.coords

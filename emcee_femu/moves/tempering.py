@@ -4,7 +4,7 @@ The state holds the posterior's own log-probability and blobs for the walkers of
 temperature, and the move hides nothing: a run resumed from a file goes on to the bit.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -85,7 +85,7 @@ class TemperedMove(Move):
 
         Raises:
             ValueError: If nwalkers is not a multiple of len(betas).
-            Exception: What inner raises for a block, in terms of all walkers.
+            Exception: What inner raises for a block; too few are told for all blocks.
         """
         rungs, usual = len(self.betas), self.default_walkers(ndim)
         block, rest = divmod(nwalkers, rungs)
@@ -94,25 +94,14 @@ class TemperedMove(Move):
                 f"nwalkers: expected a multiple of {rungs}, the number of betas, got "
                 f"{nwalkers}; {usual} would be usual"
             )
-        refusal = self._refusal(block, ndim)
-        if refusal is None:
-            return
-        sizes = range(block + 1, usual // rungs + 1)
-        enough = next((n for n in sizes if self._refusal(n, ndim) is None), None)
-        if enough is None:  # more walkers are no remedy
-            raise refusal
-        raise type(refusal)(
-            f"nwalkers: expected at least {rungs * enough}, {enough} for each of "
-            f"{rungs} betas, got {nwalkers}; {usual} would be usual"
-        ) from refusal
-
-    def _refusal(self, block: int, ndim: int) -> Exception | None:
-        """Return why inner cannot move a block of so many walkers, None if it can."""
         try:
             self._proposing.check(block, ndim)
         except (ValueError, RuntimeError) as error:
-            return error
-        return None
+            self._proposing.check(max(block, usual // rungs), ndim)  # or no remedy
+            raise type(error)(
+                f"nwalkers: expected more than {nwalkers}, which leaves {block} for "
+                f"each of {rungs} betas; {usual} would be usual"
+            ) from error
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Move every block, then exchange; return the state and whom inner accepted."""
@@ -127,32 +116,25 @@ class TemperedMove(Move):
                 + ("no blobs" if blobs is None else f"{blobs.dtype} {blobs.shape}")
             )
         block = nwalkers // len(self.betas)
-        accepted = self._move(model, state, range(0, nwalkers, block), block)
+        accepted = self._move(model, state, block)
         for first in model.random.permutation(2):  # both: an exchange needs no solve
             self._exchange(model.random, state, block, first)
         return state, accepted
 
-    def _move(
-        self, model: Any, state: Any, starts: Sequence[int], block: int
-    ) -> NDArray[np.bool_]:
+    def _move(self, model: Any, state: Any, block: int) -> NDArray[np.bool_]:
         """Move all blocks in place, evaluating a split of each of them in one call."""
         accepted = np.zeros(len(state.coords), dtype=bool)
-        betas = self.betas.repeat(block)
+        starts, betas = range(0, len(accepted), block), self.betas.repeat(block)
         # Slices, not copies: each stream sees what was accepted in its block.
         blocks = [state.coords[start : start + block] for start in starts]
         streams = [self._proposing.batches(coords, model.random) for coords in blocks]
         for batches in zip(*streams, strict=True):
             own, proposed, factors = zip(*batches, strict=True)
             walkers = np.concatenate([i + s for i, s in zip(own, starts, strict=True)])
-            moved = metropolis_step(
-                model,
-                state,
-                walkers,
-                np.concatenate(proposed),
-                None if factors[0] is None else np.concatenate(factors),
-                betas[walkers],
-            )
-            accepted[moved] = True
+            targets = np.concatenate(proposed)
+            factor = None if factors[0] is None else np.concatenate(factors)
+            step = walkers, targets, factor, betas[walkers]
+            accepted[metropolis_step(model, state, *step)] = True
         return accepted
 
     def _exchange(self, random: Any, state: Any, block: int, first: int) -> None:
@@ -183,14 +165,11 @@ def ladder(moves: Iterable[Any]) -> TemperedMove | None:
     tempered = [move for move in given if isinstance(move, TemperedMove)]
     if not tempered:
         return None
-    first = tempered[0]
-    if len(tempered) < len(given) or not all(
-        np.array_equal(move.betas, first.betas) for move in tempered
-    ):
+    same = [np.array_equal(move.betas, tempered[0].betas) for move in tempered]
+    if len(tempered) < len(given) or not all(same):
         raise ValueError(
-            "moves: expected every move of a list to be a TemperedMove with the same "
-            "betas, since each walker has one temperature, got "
-            f"{given}; write [(TemperedMove(a, betas), 0.9), (TemperedMove(b, betas), "
-            "0.1)]"
+            "moves: expected every move to be a TemperedMove with the same betas, since "
+            f"each walker has one temperature, got {given}; write [(TemperedMove(a, "
+            "betas), 0.9), (TemperedMove(b, betas), 0.1)]"
         )
-    return first
+    return tempered[0]

@@ -278,9 +278,6 @@ def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
     assert "k1" in str(ef.parameter_table(idata))
     found = ef.diagnose(runs, discard=8)
     assert_array_equal(found.acceptance, [r.acceptance_fraction[:12] for r in runs])
-    assert_array_equal(
-        found.tau[1], ef.results.diagnostics.autocorrelation_time(cold[1])
-    )
     assert all(walker < 12 for _, walker in found.stuck)
 
 
@@ -308,8 +305,8 @@ def test_tempered_moves_of_the_same_betas_may_be_mixed():
     ("options", "error", "match"),
     [
         ({"nwalkers": 35}, ValueError, "nwalkers: expected a multiple of 3"),
-        ({"nwalkers": 24}, RuntimeError, "least 30, 10 for each of 3 .* 24; 60 would"),
-        ({"nwalkers": 3}, ValueError, "least 30, 10 for each of 3 .* 3; 60 would"),
+        ({"nwalkers": 24}, RuntimeError, "than 24, .* 8 for each of 3 .* 60 would"),
+        ({"nwalkers": 3}, ValueError, "than 3, .* 1 for each of 3 .* 60 would"),
         ({"nwalkers": 2}, ValueError, "a multiple of 3, .* got 2; 60 would"),
         ({"moves": TemperedMove(MetropolisMove(sd=[1.0]), [1, 0])}, ValueError, "sd"),
     ],
