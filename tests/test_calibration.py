@@ -15,7 +15,7 @@ from support.calibration import BETA, DRAWS, QUANTITIES, p_values, ranks, simula
 
 import emcee_femu as ef
 from emcee_femu.moves import IndependenceMove, MetropolisMove
-from emcee_femu.moves.acceptance import metropolis_step
+from emcee_femu.moves.acceptance import accept_or_reject
 
 
 class TooWarm(ef.DEMCMove):
@@ -42,7 +42,7 @@ class DriftingMetropolis(MetropolisMove):
         walkers = np.arange(nwalkers)
         normal = 0.4 + model.random.standard_normal((nwalkers, ndim))
         steps = normal @ np.linalg.cholesky(self.cov).T
-        moved = metropolis_step(model, state, walkers, state.coords + steps)
+        moved = accept_or_reject(model, state, walkers, state.coords + steps)
         return state, np.isin(walkers, moved)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats, Model, Parameters
-from ..moves.stock_faults import stock_fault
+from ..moves.stock_faults import find_stock_fault
 from ..posterior.log_posterior import LogPosterior
 from ..results.diagnostics import FEWEST_STEPS, Diagnosis, diagnose
 from ..results.inference_data import to_inference_data
@@ -231,7 +231,7 @@ def _check_moves(moves: Any, nwalkers: int | None, ndim: int) -> int:
             raise TypeError(f"moves: expected labels that are text, got {label!r}")
         if not (isinstance(move, str) and move == "auto"):
             check_moves(f"moves[{label!r}]", move)
-            found = (stock_fault(own, ndim) for own in list_moves(move))
+            found = (find_stock_fault(own, ndim) for own in list_moves(move))
             faults += [f"{label}: {fault}" for fault in found if fault]
     given = [[] if isinstance(move, str) else move for move in moves.values()]
     if nwalkers is None:

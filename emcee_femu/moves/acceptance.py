@@ -39,7 +39,7 @@ class ProposingMove(Move):
         """Refuse an ensemble for which the move is not valid."""
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield walkers, proposals and log-factors, as metropolis_step takes them.
+        """Yield walkers, proposals and log-factors, as accept_or_reject takes them.
 
         Each batch is accepted or rejected, and ``coords (nwalkers, ndim)`` changed in
         place, before the next one is asked for.
@@ -52,11 +52,11 @@ class ProposingMove(Move):
         check_floats(state.coords)
         accepted = np.zeros(len(state.coords), dtype=bool)
         for batch in self.batches(state.coords, model.random):
-            accepted[metropolis_step(model, state, *batch)] = True
+            accepted[accept_or_reject(model, state, *batch)] = True
         return state, accepted
 
 
-def metropolis_step(
+def accept_or_reject(
     model: Any,
     state: Any,
     walkers: NDArray[np.intp],
@@ -86,8 +86,8 @@ def metropolis_step(
     log_prob, blobs = model.compute_log_prob_fn(proposed)
     target, threshold = log_prob, state.log_prob.take(walkers)
     if betas is not None:  # -inf stays -inf for every beta; beta = 1 changes no bit
-        target = log_prob - (1 - betas) * log_likelihoods(log_prob, blobs[:, 0])
-        old = log_likelihoods(threshold, state.blobs[walkers, 0])
+        target = log_prob - (1 - betas) * subtract_log_prior(log_prob, blobs[:, 0])
+        old = subtract_log_prior(threshold, state.blobs[walkers, 0])
         threshold -= (1 - betas) * old
     # log U = -Exp(1). Written without a difference, so that -inf against -inf is a
     # rejection and not a NaN.
@@ -108,7 +108,7 @@ def metropolis_step(
     return moved
 
 
-def log_likelihoods(log_prob: Floats, log_prior: Floats) -> Floats:
+def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:
     """Return the log-likelihoods of walkers, and 0 where the posterior is zero."""
     result = np.zeros_like(log_prob)
     return np.subtract(log_prob, log_prior, out=result, where=log_prob > -np.inf)

@@ -97,14 +97,14 @@ class CrossoverMove(VectorizedRedBlueMove):
         members[::2] -= members[1::2]
         used = np.arange(self.pairs)[:, None] < delta  # (pairs, moving)
         step: Floats = np.einsum("pm,pmj->mj", used, members[::2])
-        step *= jump_factor(delta, moves.sum(axis=1))[:, None]
+        step *= scale_jump(delta, moves.sum(axis=1))[:, None]
         step += draw_noise(self.sigma, guides, moving, random)
         step *= moves
         step += s
         return step, None
 
 
-def jump_factor(pairs: Any, parameters: Any) -> Any:
+def scale_jump(pairs: Any, parameters: Any) -> Any:
     r"""Return gamma for a number of pairs and of moved parameters.
 
     .. math:: \gamma = 2.38 / \sqrt{2\, \delta\, d'}

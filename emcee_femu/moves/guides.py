@@ -39,7 +39,7 @@ def draw_noise(
 
     The default is symmetric, because the guides stand still meanwhile.
     """
-    scale = DEFAULT_NOISE * standard_deviations(guides) if sigma is None else sigma
+    scale = DEFAULT_NOISE * measure_spread(guides) if sigma is None else sigma
     result: Floats = random.standard_normal((moving, guides.shape[1]))
     result *= scale
     return result
@@ -61,7 +61,7 @@ def convert_sigma(sigma: ArrayLike | None) -> Floats | None:
     return array
 
 
-def standard_deviations(walkers: Floats) -> Floats:
+def measure_spread(walkers: Floats) -> Floats:
     """Return those of the columns of ``walkers (n, ndim)``, to 1e-8 of the mean.
 
     The textbook difference of moments, in a third of the time of ``walkers.std``; its

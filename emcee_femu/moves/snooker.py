@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import draw_guides, standard_deviations
+from .guides import draw_guides, measure_spread
 from .red_blue import VectorizedRedBlueMove
 
 NEVER = -np.finfo(np.float64).max  # finite, because -inf less -inf is a NaN
@@ -75,7 +75,7 @@ class SnookerMove(VectorizedRedBlueMove):
         low, high = self.gamma
         gamma = low + (high - low) * random.random_sample((moving,))
 
-        sd = standard_deviations(guides)
+        sd = measure_spread(guides)
         per_sd = np.divide(1.0, sd, out=np.zeros(ndim), where=sd > 0)
         line = s - z
         # With v = theta_i - z, the jump is a multiple of v: gamma (z1 - z2).v / v.v

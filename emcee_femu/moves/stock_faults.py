@@ -10,7 +10,7 @@ from emcee.model import Model
 from ..interfaces import Floats
 
 
-def stock_fault(move: Any, ndim: int) -> str:
+def find_stock_fault(move: Any, ndim: int) -> str:
     """Return what is wrong with a move of emcee's own, or an empty string.
 
     The two doubtful ones are tried out, so that a release or a subclass that mends them

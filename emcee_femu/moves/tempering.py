@@ -12,7 +12,7 @@ from emcee.moves import Move
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .acceptance import check_floats, log_likelihoods, metropolis_step
+from .acceptance import accept_or_reject, check_floats, subtract_log_prior
 from .stock_proposals import only_propose
 
 
@@ -134,7 +134,7 @@ class TemperedMove(Move):
             targets = np.concatenate(proposed)
             factor = None if factors[0] is None else np.concatenate(factors)
             step = walkers, targets, factor, betas[walkers]
-            accepted[metropolis_step(model, state, *step)] = True
+            accepted[accept_or_reject(model, state, *step)] = True
         return accepted
 
     def _exchange(self, random: Any, state: Any, block: int, first: int) -> None:
@@ -146,7 +146,7 @@ class TemperedMove(Move):
         cold = colder[:, None] * block + np.arange(block)
         hot = (colder[:, None] + 1) * block + order
         gaps = (self.betas[colder] - self.betas[colder + 1])[:, None]
-        log_likelihood = log_likelihoods(state.log_prob, state.blobs[:, 0])
+        log_likelihood = subtract_log_prior(state.log_prob, state.blobs[:, 0])
         log_ratio = gaps * (log_likelihood[hot] - log_likelihood[cold])
         possible = (state.log_prob[hot] > -np.inf) & (state.log_prob[cold] > -np.inf)
         swap = possible & (log_ratio > threshold)
@@ -155,7 +155,7 @@ class TemperedMove(Move):
             values[there] = values[back]
 
 
-def ladder(moves: Iterable[Any]) -> TemperedMove | None:
+def find_ladder(moves: Iterable[Any]) -> TemperedMove | None:
     """Return the tempered move whose blocks all ``moves`` share, None if untempered.
 
     Raises:
@@ -168,8 +168,8 @@ def ladder(moves: Iterable[Any]) -> TemperedMove | None:
     same = [np.array_equal(move.betas, tempered[0].betas) for move in tempered]
     if len(tempered) < len(given) or not all(same):
         raise ValueError(
-            "moves: expected every move to be a TemperedMove with the same betas, since "
-            f"each walker has one temperature, got {given}; write [(TemperedMove(a, "
-            "betas), 0.9), (TemperedMove(b, betas), 0.1)]"
+            "moves: expected every move to be a TemperedMove with the same betas, as a "
+            f"walker has one temperature, got {given}; write [(TemperedMove(a, betas), "
+            "0.9), (TemperedMove(b, betas), 0.1)]"
         )
     return tempered[0]

@@ -241,7 +241,7 @@ def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     return result
 
 
-def prior_summary(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
+def summarize_prior(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
     """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
 
     Both are those of ``draws`` samples, whatever the prior; the standard deviation has

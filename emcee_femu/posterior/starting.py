@@ -8,7 +8,7 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Prior
-from .priors import inside, prior_summary
+from .priors import inside, summarize_prior
 
 
 def draw_start(
@@ -27,7 +27,7 @@ def draw_start(
         return prior.sample(rng, nwalkers)
     centre = checks.real_array("around", around, 1)
     check_inside(prior, "around", centre[None])
-    spread = 0.1 * prior_summary(prior)[1]
+    spread = 0.1 * summarize_prior(prior)[1]
     low, high = (prior.bounds.T - centre) / spread
     shape = (nwalkers, len(centre))
     standard = stats.truncnorm.rvs(low, high, size=shape, random_state=rng)

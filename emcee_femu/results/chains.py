@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
-from ..moves.tempering import ladder
+from ..moves.tempering import find_ladder
 
 
 def list_runs(
@@ -33,7 +33,7 @@ def cold(run: Any) -> slice:
     Raises:
         ValueError: If the run's moves do not share their temperatures.
     """
-    tempered = ladder(getattr(run, "_moves", ()))
+    tempered = find_ladder(getattr(run, "_moves", ()))
     return slice(None) if tempered is None else tempered.cold(run.nwalkers)
 
 
@@ -49,7 +49,7 @@ def describe_runs(runs: list[Any]) -> dict[str, Any]:
         fractions += (backend.accepted / backend.iteration)[cold(run)].tolist()
     return {
         "acceptance": json.dumps(fractions),
-        "tempered": int(ladder(getattr(runs[0], "_moves", ())) is not None),
+        "tempered": int(find_ladder(getattr(runs[0], "_moves", ())) is not None),
         "starts_given": int(any(getattr(run, "starts_given", False) for run in runs)),
         "failures": json.dumps(
             dict(getattr(getattr(runs[0], "failures", None), "causes", {}))

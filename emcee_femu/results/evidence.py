@@ -8,8 +8,8 @@ import emcee
 import numpy as np
 
 from ..interfaces import Floats
-from ..moves.acceptance import log_likelihoods
-from ..moves.tempering import ladder
+from ..moves.acceptance import subtract_log_prior
+from ..moves.tempering import find_ladder
 from . import inference_data
 from .diagnostics import autocorrelation_time
 
@@ -138,12 +138,12 @@ def _stack_log_likelihoods(runs: list[Any], n_betas: int, discard: int) -> Float
             "where it is finite, or discard more"
         )
     shape = (steps, ensembles, n_betas, nwalkers // n_betas)
-    return log_likelihoods(log_prob, blobs[..., 0]).reshape(shape)
+    return subtract_log_prior(log_prob, blobs[..., 0]).reshape(shape)
 
 
 def _shared_betas(runs: list[Any]) -> Floats:
     """Return the betas that all runs share, refusing those that do not end at 0."""
-    found = [ladder(getattr(run, "_moves", ())) for run in runs]
+    found = [find_ladder(getattr(run, "_moves", ())) for run in runs]
     betas: list[Floats] = [move.betas for move in found if move is not None]
     if len(betas) < len(runs):
         raise ValueError(

@@ -18,7 +18,7 @@ from .. import checks
 from ..interfaces import Floats, Variable
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import prior_summary
+from ..posterior.priors import summarize_prior
 from ..posterior.rejecting import GuardedPosterior
 from .chains import cold as cold
 from .chains import describe_runs
@@ -195,7 +195,7 @@ def _fixed_groups(
     """Return prior draws, what was measured, and constants."""
     import xarray
 
-    mean, sd = prior_summary(posterior.prior)
+    mean, sd = summarize_prior(posterior.prior)
     # A Gaussian prior starts at its own mean, wherever its bounds cut it.
     initial = np.asarray(getattr(posterior.prior, "mean", mean), dtype=float)
     row = GuardedPosterior(posterior)(initial)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Backend, Floats, Move
 from ..moves.stock_faults import refuse_sequential
-from ..moves.tempering import ladder
+from ..moves.tempering import find_ladder
 from ..posterior.log_posterior import LogPosterior
 from .pools.evaluation_pool import usable
 from .pools.pickling import pickled
@@ -96,7 +96,7 @@ def check_walkers(nwalkers: Any, moves: Any, ndim: int) -> int:
         TypeError, ValueError, RuntimeError: If they do not fit the moves.
     """
     given = list_moves(moves)
-    tempered = ladder(given)  # refuses temperatures that differ
+    tempered = find_ladder(given)  # refuses temperatures that differ
     if nwalkers is None:
         usual = max(16, 4 * ndim)
         nwalkers = tempered.default_walkers(ndim) if tempered else usual

@@ -77,7 +77,7 @@ def test_a_gamma_without_the_two_is_seen(ndim, monkeypatch):
 def test_noise_is_gaussian_with_the_given_or_the_walkers_scale(
     kind, ndim, sigma, monkeypatch
 ):
-    monkeypatch.setattr(crossover, "jump_factor", lambda *_: np.zeros(N))
+    monkeypatch.setattr(crossover, "scale_jump", lambda *_: np.zeros(N))
     guides = (np.random.default_rng(2).normal(size=(8, 2)) * [1e-8, 1e6])[:, :ndim]
     sigma = sigma[:ndim] if isinstance(sigma, list) else sigma
     settings = {"gamma0": 0.0} if kind is DEMCMove else {"crossover": [1.0]}
@@ -240,7 +240,7 @@ def test_crossover_displacements_have_the_scale_of_the_moved_parameters():
 
 @pytest.mark.parametrize("wrong", WRONG_GAMMAS)
 def test_the_scale_of_displacements_catches_a_wrong_gamma(wrong, monkeypatch):
-    monkeypatch.setattr(crossover, "jump_factor", WRONG_GAMMAS[wrong])
+    monkeypatch.setattr(crossover, "scale_jump", WRONG_GAMMAS[wrong])
     assert displacement_z() > LIMIT
 
 

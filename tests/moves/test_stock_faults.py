@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import emcee_femu as ef
-from emcee_femu.moves.stock_faults import stock_fault
+from emcee_femu.moves.stock_faults import find_stock_fault
 
 COVARIANCE = 0.01 * np.array([[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 3.0]])
 
@@ -77,14 +77,14 @@ def installed_is_wrong(move):
     ],
 )
 def test_a_stock_move_is_named_as_long_as_the_installed_one_is_wrong(move, name):
-    fault = stock_fault(move, 3)
+    fault = find_stock_fault(move, 3)
     assert bool(fault) == installed_is_wrong(move)
     assert not fault or name in fault
 
 
 @pytest.mark.parametrize("move", [HalfFactor(), OffTheLine()])
 def test_a_wrong_snooker_of_any_kind_is_found(move):
-    assert "DESnookerMove" in stock_fault(move, 3)
+    assert "DESnookerMove" in find_stock_fault(move, 3)
 
 
 class Rigid(emcee.moves.GaussianMove):
@@ -97,7 +97,7 @@ class Rigid(emcee.moves.GaussianMove):
 
 
 def test_a_rigid_gaussian_move_of_any_kind_is_found():
-    assert "GaussianMove" in stock_fault(Rigid(), 3)
+    assert "GaussianMove" in find_stock_fault(Rigid(), 3)
 
 
 @pytest.mark.parametrize(
@@ -120,12 +120,12 @@ def test_a_rigid_gaussian_move_of_any_kind_is_found():
     ids=lambda move: type(move).__name__,
 )
 def test_a_right_move_is_not_blamed(move):
-    assert stock_fault(move, 3) == ""
+    assert find_stock_fault(move, 3) == ""
 
 
 def test_trying_a_move_leaves_it_as_it_was():
     move = emcee.moves.GaussianMove(0.5, mode="sequential")
-    stock_fault(move, 3)
+    find_stock_fault(move, 3)
     assert move.get_proposal.index == 0
 
 

@@ -224,7 +224,7 @@ def test_the_exact_start_catches_a_tempered_prior(monkeypatch):
     def prior_too(log_prob, log_prior):
         return np.maximum(log_prob, -1e300)
 
-    monkeypatch.setattr(acceptance, "log_likelihoods", prior_too)
+    monkeypatch.setattr(acceptance, "subtract_log_prior", prior_too)
     assert exact_start(TemperedMove(DEMCMove(), BETAS), LAWS["gaussian"]) > LIMIT
 
 
