@@ -3,7 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,21 +12,17 @@ from scipy.stats import qmc
 
 from .. import checks
 from ..interfaces import Floats
-from ..models.eigen.sparse import SparseEigenproblem
 from ..models.matrix import MatrixModel, sparse_problem
-from ..models.parameters import columns, describe
+from .full_model import FullModel
 from .reduced import ReducedModel
-from .ritz_basis import Projection, RitzBasis, empty_basis
+from .ritz_basis import Projection, RitzBasis
 from .ritz_points import check_bounds, corners, independent_points
 
-BUFFER = 2  # extra modes, so that those which cross the wanted ones are in the basis
 CANDIDATES, CORNERS = 128, 64  # points where the error is estimated, inside and outside
 SAFETY = 0.8  # largest estimate of the final basis, as a share of the tolerance
 RESERVE = 0.2  # share of that for the basis before truncation
-CLOSE = 0.02  # modes nearer to each other in frequency mix their shapes
 PAYS = 3.0  # a smaller speed-up is worth a warning
 BATCH = 16  # parameter sets in the batch that is timed
-MISSED = 1e-6  # a Ritz frequency this much below the full one, relatively, is an error
 
 
 def reduce_model(
@@ -75,105 +71,42 @@ def reduce_model(
     n_tests = checks.whole_number("test_points", test_points, 2)
     max_solves = checks.whole_number("max_solves", max_solves, n_tests + 2)
     rng = np.random.default_rng(checks.whole_number("seed", seed))
-    full = _FullModel(model, sparse_problem(model), box)
-    outer = corners(len(box), rng)
-    inside = qmc.Sobol(len(box), seed=rng).random(CANDIDATES)
+    full = FullModel(model, sparse_problem(model), box)
+    return _search(full, tolerance, n_tests, max_solves, rng)
+
+
+def _search(
+    full: FullModel,
+    tolerance: float,
+    n_tests: int,
+    max_solves: int,
+    rng: np.random.Generator,
+) -> ReducedModel:
+    """Extend the basis until full solves at independent points certify it."""
+    d = len(full.bounds)
+    outer = corners(d, rng)
+    inside = qmc.Sobol(d, seed=rng).random(CANDIDATES)
     candidates = np.concatenate([inside, outer[n_tests // 2 :][:CORNERS]])
     basis, target = full.first_basis(tolerance, rng), SAFETY * tolerance
     while True:
         basis = _grow(basis, full, candidates, RESERVE * target, max_solves - n_tests)
         projection, T = _truncate(basis, full, candidates, target)
+        vectors = basis.vectors @ T
         tests = independent_points(outer, candidates, n_tests, rng)
-        errors, shape_error = full.errors(projection, basis.vectors @ T, tests)
+        errors, shape_error = full.errors(projection, vectors, tests)
         worst = int(np.argmax(errors))
         if errors[worst] <= tolerance:
-            break
+            return _finish(full, projection, vectors, tolerance, errors, shape_error)
         if full.solves + 1 + n_tests > max_solves:
             raise _not_reached(tolerance, errors[worst], "at the test points", full)
         # The estimate misses something there: look closer, certify at new points.
         candidates = np.concatenate([candidates, tests[worst : worst + 1]])
         basis = basis.extend(*full.lowest(tests[worst]))
         target *= 0.3
-    vectors = basis.vectors @ T
-    return _finish(full, projection, vectors, tolerance, errors, shape_error)
-
-
-@dataclass
-class _FullModel:
-    """The full model over the unit cube of its parameters, counting its solves."""
-
-    model: MatrixModel
-    problem: SparseEigenproblem
-    bounds: dict[str, tuple[float, float]]
-    solves: int = 0
-
-    def parameters(self, points: Floats) -> dict[str, Floats]:
-        low, high = np.array([*self.bounds.values()]).T
-        values = np.clip(low + points * (high - low), low, high)  # rounding, by an ulp
-        return dict(zip(self.model.names, values.T, strict=True))
-
-    def coefficients(self, points: Floats) -> tuple[Floats, Floats]:
-        values, n = self.parameters(points), len(points)
-        return columns(values, self.model.K, n), columns(values, self.model.M, n)
-
-    def describe(self, point: Floats) -> str:
-        return describe(self.parameters(point[None]), self.model.names, 0)
-
-    def lowest(self, point: Floats) -> tuple[Floats, Floats]:
-        """Solve in full at one point, with rigid-body modes and some more."""
-        k, m = self.coefficients(point[None])
-        count = self.problem.skip + self.problem.n_modes + BUFFER
-        massive = int(np.count_nonzero(self.problem.mass(m[0]).diagonal()))
-        self.solves += 1
-        where = self.describe(point)
-        return self.problem.lowest(k[0], m[0], min(count, massive), where)
-
-    def first_basis(self, tolerance: float, rng: np.random.Generator) -> RitzBasis:
-        """Return the basis of the shapes at the centre."""
-        centre = np.full((1, len(self.bounds)), 0.5)
-        eigenvalues, shapes = self.lowest(centre[0])
-        k, m = self.coefficients(centre)
-        skip = self.problem.skip
-        shift = 0.1 * float(eigenvalues[skip]) if skip else 0.0
-        massless = not self.problem.mass(m[0]).diagonal().all()
-        # A little mass keeps the projected one definite: 0.5 % of the tolerance here.
-        added = 0.01 * tolerance / float(eigenvalues[-1]) if massless else 0.0
-        empty = empty_basis(self.problem, k[0], m[0], shift, added, rng)
-        return empty.extend(eigenvalues, shapes)
-
-    def errors(
-        self, projection: Projection, vectors: Floats, points: Floats
-    ) -> tuple[Floats, float]:
-        """Return frequency errors ``(n,)`` and the largest 1 - MAC, by full solves."""
-        k, m = self.coefficients(points)
-        solution = projection.eigenproblem().solve(k, m, lambda row: f"point {row}")
-        coordinates = np.asarray(solution.shapes)
-        skip, n_modes = self.problem.skip, self.problem.n_modes
-        errors, lost = np.empty(len(points)), 0.0
-        for i, point in enumerate(points):
-            eigenvalues, shapes = self.lowest(point)
-            frequencies = np.sqrt(eigenvalues[skip:]) / (2 * np.pi)
-            reduced = solution.frequencies[i]
-            phi = vectors @ coordinates[i]
-            M_phi = self.problem.mass(m[i]) @ phi
-            # The mass added to the first modes bounds what it lowers the last one by.
-            kept = 1 - np.cumsum(1 - (phi * M_phi).sum(axis=0))
-            least = frequencies[:n_modes] * np.sqrt(np.maximum(kept, 0.0))
-            for mode in np.flatnonzero(reduced < (1 - MISSED) * least):
-                raise ValueError(
-                    f"the full model missed a mode near {reduced[mode]:g} Hz at "
-                    f"{self.describe(point)}: a Ritz frequency is never below the true "
-                    "one; ask for other n_modes"
-                )
-            errors[i] = np.abs(reduced / frequencies[:n_modes] - 1).max()
-            mac = (shapes[:, skip:].T @ M_phi) ** 2
-            close = np.abs(frequencies[:, None] / reduced - 1) < CLOSE
-            lost = max(lost, float((1 - (mac * close).sum(axis=0)).max()))
-        return errors, lost
 
 
 def _grow(
-    basis: RitzBasis, full: _FullModel, points: Floats, target: float, allowed: int
+    basis: RitzBasis, full: FullModel, points: Floats, target: float, allowed: int
 ) -> RitzBasis:
     """Add the modes at the worst point until the estimate is below the target."""
     while True:
@@ -188,7 +121,7 @@ def _grow(
         points = points[estimate > target]
 
 
-def _estimate(projection: Projection, full: _FullModel, points: Floats) -> Floats:
+def _estimate(projection: Projection, full: FullModel, points: Floats) -> Floats:
     parts = [
         projection.estimate(*full.coefficients(points[i : i + BATCH])).max(axis=1)
         for i in range(0, len(points), BATCH)
@@ -197,7 +130,7 @@ def _estimate(projection: Projection, full: _FullModel, points: Floats) -> Float
 
 
 def _truncate(
-    basis: RitzBasis, full: _FullModel, points: Floats, target: float
+    basis: RitzBasis, full: FullModel, points: Floats, target: float
 ) -> tuple[Projection, Floats]:
     """Return the smallest principal basis whose estimate is below the target."""
     directions = basis.principal_directions()
@@ -218,7 +151,7 @@ def _truncate(
 
 
 def _finish(
-    full: _FullModel,
+    full: FullModel,
     projection: Projection,
     vectors: Floats,
     tolerance: float,
@@ -255,7 +188,7 @@ def _finish(
             f"DOFs, {speed_up:.2g} times the speed of the full model; use the latter, "
             "narrower bounds or a larger tolerance",
             UserWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
     return replace(reduced, speed_up=speed_up)
 
@@ -271,7 +204,7 @@ def _time(call: Callable[[], Any]) -> float:
     return float(np.median(taken))
 
 
-def _not_reached(target: float, error: float, how: str, full: _FullModel) -> ValueError:
+def _not_reached(target: float, error: float, how: str, full: FullModel) -> ValueError:
     return ValueError(
         f"the tolerance was not reached: frequency error {error:.2g} {how}, wanted "
         f"{target:.2g}, after {full.solves} full solves; allow more max_solves, a "

@@ -194,8 +194,10 @@ def test_it_says_what_it_is(full, reduced):
 def test_a_reduction_that_does_not_pay_is_a_warning():
     k = np.diag([1.0, 2.0, 3.0, 4.0])
     model = MatrixModel(k, np.eye(4), {"k": np.eye(4)}, n_modes=3)
-    with pytest.warns(UserWarning, match=r"does not pay: \d basis vectors for 4 DOFs"):
+    message = r"does not pay: \d basis vectors for 4 DOFs"
+    with pytest.warns(UserWarning, match=message) as caught:
         ef.reduce_model(model, {"k": (1.0, 2.0)})
+    assert caught[0].filename == __file__
 
 
 def test_too_few_full_solves_are_an_error_with_a_remedy(full):

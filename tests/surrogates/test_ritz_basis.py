@@ -6,8 +6,8 @@ from scipy.linalg import eigh
 from support.reduced_beam import BOUNDS, OPTIONS, beam, draws
 
 from emcee_femu.models.matrix import MatrixModel, sparse_problem
+from emcee_femu.surrogates.full_model import FullModel
 from emcee_femu.surrogates.ritz_basis import empty_basis
-from emcee_femu.surrogates.ritz_greedy import _FullModel
 from emcee_femu.surrogates.ritz_points import corners, independent_points
 
 
@@ -46,7 +46,7 @@ def test_the_shape_error_is_what_no_close_mode_explains(full):
     basis = basis.extend(*problem.lowest(centre, centre[:0], 7, "here"))
     box = np.array([*BOUNDS.values()])
     point = np.array([0.9, 0.0, 1.0])
-    measured = _FullModel(full, problem, BOUNDS).errors(
+    measured = FullModel(full, problem, BOUNDS).errors(
         basis.projection, basis.vectors, point[None]
     )
     k = box[:, 0] + point * (box[:, 1] - box[:, 0])
