@@ -1,92 +1,114 @@
 """What runs on a worker: it keeps the functions it was sent, and evaluates points."""
 
+import multiprocessing
+import os
 import pickle
+import signal
 import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from multiprocessing.connection import Connection, wait
 from typing import Any, NamedTuple
 
 import numpy as np
 
 KEPT = 8  # functions a worker keeps; an older one is sent again when it is needed
-_functions: dict[str, Any] = {}  # of this process, by digest
-_lock = threading.Lock()  # a dask worker may have several threads
+functions: dict[str, Any] = {}  # of this process, by digest
+_watched: set[int] = set()  # processes (forks inherit it) that end with their run
 
 
 class Outcome(NamedTuple):
-    """What a worker returns; it raises nothing, since that would end an MPI job.
+    """What a worker returns; it raises nothing, since that would end an MPI job."""
 
-    Attributes:
-        values: One result a point, or None.
-        missing: Whether the worker does not have the function.
-        error: What the function raised, or None.
-        note: Where it was raised: parameters by name, and the worker's traceback.
-    """
-
-    values: Any = ()
-    missing: bool = False
-    error: BaseException | None = None
-    note: str = ""
+    values: Any = ()  # one result per point
+    missing: bool = False  # the worker does not have the function
+    error: BaseException | None = None  # what the function raised
+    note: str = ""  # where: parameters by name, and the worker's traceback
 
 
-def evaluate(digest: str | None, points: Sequence[Any], payload: Any = None) -> Outcome:
-    """Evaluate the function of that digest at every point.
+def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
+    """Evaluate a function at every point.
 
     Args:
-        digest: Of the pickled function; None if payload is the function itself.
-        points: Parameter sets ``(n, d)``, or a list of whatever emcee passes.
-        payload: The pickled function, for a worker that does not have it.
+        task: Digest of the function's pickle; points ``(n, d)``, or a list of whatever
+            emcee passes; that pickle for a worker that does not have the function, else
+            None; process id of the run. Threads get no digest, but the function itself.
     """
-    if digest is None:
-        return _evaluated(payload, points)
-    with _lock:
-        function = _functions.get(digest)
+    digest, points, payload, home = task
+    _end_with_run(home)
+    function = payload if digest is None else functions.get(digest)
+    if function is None and payload is None:
+        return Outcome(missing=True)
     if function is None:
-        if payload is None:
-            return Outcome(missing=True)
         try:
             function = pickle.loads(payload)
         except Exception as error:
-            return _failed(error, "The worker could not load the function: is all of "
-                           "it importable there, and of the same version?")  # fmt: skip
-        with _lock:
-            _functions[digest] = function
-            while len(_functions) > KEPT:
-                del _functions[next(iter(_functions))]
-    return _evaluated(function, points)
-
-
-def evaluate_task(task: tuple[Any, ...]) -> Outcome:
-    """Evaluate a task ``(digest, points, payload)``."""
-    return evaluate(*task)
-
-
-def _evaluated(function: Any, points: Sequence[Any]) -> Outcome:
+            note = (
+                "The worker could not load the function: it must stand in a module "
+                "that workers can import, of the same version there; what a notebook "
+                "or a prompt defines reaches forked processes only"
+            )
+            return _fail(error, note)
+        functions[str(digest)] = function
+        for old in list(functions)[:-KEPT]:
+            functions.pop(old, None)  # another thread may have done so
     # A model that solves one set at a time gains nothing from a batch, and then the
     # error of a row would be looked for by solving the others again.
-    single = getattr(function, "one_by_one", False)
-    if single or not getattr(function, "takes_batches", False):
-        return _one_by_one(function, points)
+    batches = getattr(function, "takes_batches", False)
+    if not batches or getattr(function, "one_by_one", False):
+        return _evaluate_rows(function, points)
     try:
         return Outcome(function(np.asarray(points)))
     except (Exception, SystemExit) as error:
-        located = _one_by_one(function, points)  # which row of the batch was it?
+        located = _evaluate_rows(function, points)  # which row of the batch was it?
         if located.error is not None:
             return located
-        return _failed(error, _places(function, points))
+        return _fail(error, _locate(function, points))
 
 
-def _one_by_one(function: Any, points: Sequence[Any]) -> Outcome:
+def begin(reader: Connection, writer: Connection) -> None:
+    """Begin a process of a run's own: it ends when ``reader`` becomes ready.
+
+    That is when the run writes to the other end of the pipe, or was killed.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's business
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # whatever the run's handler does
+    writer.close()  # the run alone holds it
+    _watched.add(os.getpid())
+    _end_after(lambda: wait([reader]))
+
+
+def _end_with_run(home: int) -> None:
+    """Let a process of the user's executor end when the run ``home`` is killed.
+
+    It would wait for work for ever. What others started (MPI) is left alone.
+    """
+    if os.getpid() not in _watched:
+        _watched.add(os.getpid())
+        parent = multiprocessing.parent_process()
+        if parent is not None and parent.pid == home:
+            _end_after(parent.join)
+
+
+def _end_after(event: Callable[[], Any]) -> None:
+    def watch() -> None:
+        event()
+        os._exit(1)  # the main thread may be in the solver
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _evaluate_rows(function: Any, points: Sequence[Any]) -> Outcome:
     values = []
     for point in points:
         try:
             values.append(function(point))
         except (Exception, SystemExit) as error:  # a script may end with sys.exit
-            return _failed(error, _places(function, [point]))
+            return _fail(error, _locate(function, [point]))
     return Outcome(values)
 
 
-def _places(function: Any, points: Sequence[Any]) -> str:
+def _locate(function: Any, points: Sequence[Any]) -> str:
     # What emcee calls with ``args`` is wrapped once more.
     names = getattr(getattr(function, "f", function), "names", None)
     places = [point.tolist() if hasattr(point, "tolist") else point for point in points]
@@ -95,11 +117,11 @@ def _places(function: Any, points: Sequence[Any]) -> str:
     return f"Raised on a worker at {places[0] if len(places) == 1 else places}"
 
 
-def _failed(error: BaseException, note: str) -> Outcome:
+def _fail(error: BaseException, note: str) -> Outcome:
     trace = "".join(traceback.format_exception(error)).rstrip()
     if isinstance(error, SystemExit):
         error = RuntimeError(f"the function called sys.exit({error.code!r})")
-    try:  # not every exception survives the journey, and mp.Pool hangs on such a one
+    try:  # not every exception survives the journey
         pickle.loads(pickle.dumps(error))
     except Exception:
         error = RuntimeError(f"{type(error).__name__}: {error}")

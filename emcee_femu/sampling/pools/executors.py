@@ -1,0 +1,55 @@
+"""What executors and pools are asked: none of their libraries is imported here."""
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from multiprocessing.pool import ThreadPool
+from typing import Any
+
+# Their workers do not have the user's script: what stands there goes by value.
+BY_VALUE = ("distributed", "ray", "loky")
+THREADS = (ThreadPoolExecutor, ThreadPool)  # they share memory: nothing is pickled
+HANGING = ("multiprocessing.pool.Pool", "multiprocess.pool.Pool")
+
+
+def check_executor(argument: str, given: Any) -> None:
+    """Refuse what can evaluate nothing, or may wait for ever."""
+    classes = [f"{base.__module__}.{base.__name__}" for base in type(given).__mro__]
+    if any(name in HANGING for name in classes) and not isinstance(given, THREADS):
+        # It starts another worker for a dead one, but forgets its task, and does not
+        # say so; nor does the end of such a pool return if the dead held a lock.
+        raise TypeError(
+            f"{argument}: {classes[0]} waits for ever for a worker that died; give "
+            "run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"
+        )
+    if getattr(given, "asynchronous", False):
+        raise TypeError(f"{argument}: expected a dask Client with asynchronous=False")
+    if isinstance(given, type) or not hasattr(given, "map"):
+        raise TypeError(
+            f"{argument}: expected a concurrent.futures executor, a dask Client or a "
+            f"pool with a map, got {given!r}"
+        )
+
+
+def count_workers(executor: Any) -> int:
+    """Return how many evaluations run at once; 0 where that is not said."""
+    if hasattr(executor, "nthreads"):  # a dask Client
+        return sum(executor.nthreads().values())
+    # The standard library and loky; mpi4py; schwimmbad.
+    names = ("_max_workers", "num_workers", "size")
+    return max(int(getattr(executor, name, 0)) for name in names)
+
+
+def dump(executor: Any, value: Any) -> bytes:
+    """Pickle for the workers of an executor; pickle's message names what it cannot."""
+    by_value = type(executor).__module__.partition(".")[0] in BY_VALUE
+    try:
+        pickler = import_module("cloudpickle") if by_value else pickle
+        return bytes(pickler.dumps(value))
+    except Exception as error:  # a pickler raises what it likes
+        raise TypeError(
+            f"pool: the function cannot be pickled for the workers ({error}); write "
+            "functions at the top level of a module, and open files, locks and "
+            "programs inside the call; or give run(..., workers=8), which on Linux "
+            "pickles nothing, or a ThreadPoolExecutor"
+        ) from error

@@ -1,0 +1,92 @@
+"""The processes of ``run(..., workers=8)``: they begin and end with the run."""
+
+import multiprocessing
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+from ... import checks
+from .evaluation_pool import EvaluationPool
+from .executors import check_executor
+from .worker import begin, functions
+
+
+@contextmanager
+def open_pool(pool: Any, workers: Any, one_by_one: bool) -> Iterator[Any]:
+    """Yield who evaluates for a run: None, a pool, or processes of its own.
+
+    These end with the block; after an error at once, even in the middle of a solve.
+
+    Args:
+        pool: What the user gave; not closed here.
+        workers: Number of processes to start, or None.
+        one_by_one: Whether a batch is no quicker than its rows.
+
+    Raises:
+        TypeError: If workers is no whole number or pool is no pool.
+        ValueError: If workers < 1, or both are given.
+        RuntimeError: If a worker process imports the script that calls ``run``.
+    """
+    _refuse_import()
+    if workers is None:
+        if pool is not None and not isinstance(pool, EvaluationPool):
+            check_executor("pool", pool)
+            pool = EvaluationPool(pool, chunksize=1)
+        yield pool
+        return
+    workers = checks.whole_number("workers", workers, 1)
+    if pool is not None:
+        raise ValueError("workers: expected no pool beside it; give one of the two")
+    method = multiprocessing.get_start_method(allow_none=True)
+    if method is None and sys.platform == "linux":
+        method = "fork"
+    context = multiprocessing.get_context(method)
+    forks = context.get_start_method() == "fork"
+    reader, writer = context.Pipe(duplex=False)
+    executor = ProcessPoolExecutor(workers, context, begin, (reader, writer))
+    with reader, writer, executor:
+        try:
+            yield (ForkedPool if forks else EvaluationPool)(
+                executor, chunksize=1 if one_by_one else None
+            )
+        except BaseException:
+            writer.send_bytes(b"end")
+            raise
+
+
+class ForkedPool(EvaluationPool):
+    """A pool of processes that are forked at the first evaluation.
+
+    They inherit the function: nothing is pickled, so that it may stand in a notebook.
+    """
+
+    def _pickle(self, function: Any) -> tuple[str, bytes]:
+        if self._pickles:
+            return super()._pickle(function)
+        self._pickles = [(function, "inherited", b"")]
+        functions["inherited"] = function
+        with warnings.catch_warnings():
+            # Where there are other threads, as in every notebook, Python warns of
+            # locks that they may hold; what a worker does needs none of these.
+            warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+            self._executor.submit(int)  # forks all processes
+        del functions["inherited"]
+        return "inherited", b""
+
+
+def _refuse_import() -> None:
+    """Raise where a spawned process imports a script without a guard.
+
+    It would begin the run once more, and so without end.
+    """
+    for frame, _ in traceback.walk_stack(None):
+        module = frame.f_globals.get("__name__")
+        if module == "__mp_main__" and frame.f_code.co_name == "<module>":
+            raise RuntimeError(
+                "run: a worker process is importing this script and came to its run; "
+                'put what the script does under `if __name__ == "__main__":`'
+            )
