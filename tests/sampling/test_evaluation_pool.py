@@ -1,73 +1,75 @@
-"""One posterior a worker, only coordinates a step, and the chain of a serial run."""
+"""One posterior per worker, then coordinates only, and the chain of a serial run."""
 
 import multiprocessing
 import pickle
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing.pool import ThreadPool
+import threading
+import time
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import suppress
 
 import emcee
 import numpy as np
 import pytest
+from support import pool_problems
 from support.pool_problems import (
+    LIMIT,
     POSTERIOR,
-    Ballast,
+    START,
     Immediate,
     chain,
+    finishes,
     forks,
-    plain_chain,
+    names_the_place,
+    open_executor,
     posterior_of,
+    run,
 )
 
 import emcee_femu as ef
+from emcee_femu import EvaluationPool
 from emcee_femu.sampling.pools import worker
-from emcee_femu.sampling.pools.evaluation_pool import EvaluationPool
 
-
-@pytest.fixture(scope="module")
-def spawned():
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        yield pool
+slow = [  # start processes anew
+    pytest.param(name, marks=pytest.mark.slow)
+    for name in ("spawn", "forkserver", "loky")
+]
+executors = pytest.mark.parametrize("name", ["fork", "threads", "thread pool", *slow])
+processes = pytest.mark.parametrize("name", ["fork", *slow])
 
 
 @pytest.fixture(autouse=True)
 def forgetful():
     """Let the worker's memory of this process start empty."""
-    worker._functions.clear()
+    worker.functions.clear()
 
 
 # --- the same chain ---------------------------------------------------------------
 
 
-def opened(name):
-    context = multiprocessing.get_context
-    return {
-        "fork": lambda: context("fork").Pool(2),
-        "short-lived": lambda: context("fork").Pool(2, maxtasksperchild=20),
-        "processes": lambda: ProcessPoolExecutor(2, context("fork")),
-        "threads": lambda: ThreadPoolExecutor(2),
-        "thread pool": lambda: ThreadPool(2),
-    }[name]()
+@forks
+@executors
+def test_every_executor_gives_the_serial_chain_to_the_bit(name):
+    with open_executor(name) as executor:
+        for pool in (executor, *(EvaluationPool(executor, n) for n in (None, 1, 4))):
+            assert chain(pool) == chain()
 
 
 @forks
-@pytest.mark.parametrize(
-    "name", ["fork", "short-lived", "processes", "threads", "thread pool"]
-)
-def test_every_pool_gives_the_serial_chain_to_the_bit(name):
-    with opened(name) as pool:
-        gives_the_serial_chain(pool)
+def test_a_plain_sampler_binds_arguments_and_keeps_its_chain():
+    def sample(pool):
+        sampler = emcee.EnsembleSampler(
+            8, 2, scaled, args=[3.0], kwargs={"power": 4}, pool=pool
+        )
+        start = np.random.default_rng(1).normal(size=(8, 2))
+        sampler.random_state = np.random.RandomState(2).get_state()
+        return sampler.run_mcmc(start, 5).coords
+
+    with open_executor("fork") as executor:
+        assert np.array_equal(sample(EvaluationPool(executor)), sample(None))
 
 
-def test_spawned_processes_give_the_serial_chain_to_the_bit(spawned):
-    gives_the_serial_chain(spawned)
-
-
-def gives_the_serial_chain(pool):
-    assert chain(pool) == chain()
-    assert plain_chain(pool) == plain_chain()
-    for chunksize in (None, 1, 4):
-        assert chain(EvaluationPool(pool, chunksize)) == chain()
-    assert plain_chain(EvaluationPool(pool)) == plain_chain()
+def scaled(theta, scale, power):
+    return -float(np.sum(np.abs(theta / scale) ** power))
 
 
 def test_results_keep_their_order_for_every_chunksize_and_number_of_workers():
@@ -81,73 +83,71 @@ def test_results_keep_their_order_for_every_chunksize_and_number_of_workers():
     assert EvaluationPool(Immediate()).map(POSTERIOR, []) == []
 
 
-def test_arguments_that_emcee_binds_reach_the_workers(spawned):
-    def run(pool):
-        sampler = emcee.EnsembleSampler(
-            8, 2, scaled, args=[3.0], kwargs={"power": 4}, pool=pool
-        )
-        start = np.random.default_rng(1).normal(size=(8, 2))
-        sampler.random_state = np.random.RandomState(2).get_state()
-        return sampler.run_mcmc(start, 5).coords
+def test_anything_with_a_map_will_do():
+    class Mapper:
+        def map(self, function, tasks):
+            return map(function, pickle.loads(pickle.dumps(tasks)))
 
-    assert np.array_equal(run(EvaluationPool(spawned)), run(None))
-
-
-def scaled(theta, scale, power):
-    return -float(np.sum(np.abs(theta / scale) ** power))
+    for pool in (Mapper(), EvaluationPool(Mapper()), EvaluationPool(Mapper(), 5)):
+        worker.functions.clear()
+        assert chain(pool) == chain()
 
 
 # --- what travels -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("chunksize", [None, 3])
-def test_a_worker_gets_the_function_once_and_then_coordinates_only(chunksize):
-    executor = Immediate()
+class Ballast:
+    """A log-density with something to carry, which counts how often it is pickled."""
+
+    def __init__(self, size=125_000, shift=0.0):
+        self.ballast = np.random.default_rng(0).random(size)
+        self.shift, self.pickled = shift, 0
+
+    def __call__(self, theta):
+        return self.shift - 0.5 * float(np.dot(theta, theta))
+
+    def __getstate__(self):
+        self.pickled += 1
+        return self.__dict__
+
+
+@pytest.mark.parametrize(("chunksize", "tasks"), [(None, 2), (3, 4)])
+def test_a_worker_gets_the_function_once_and_then_coordinates_only(chunksize, tasks):
+    executor, function, points = Immediate(), Ballast(), np.zeros((12, 5))
     pool = EvaluationPool(executor, chunksize)
-    function, points = Ballast(125_000), np.zeros((12, 5))
     pool.map(function, points)
-    assert sum(size > 1_000_000 for size in executor.sizes) == len(pool._parts(points))
+    assert sum(size > 1_000_000 for size in executor.sizes) == tasks
     executor.sizes.clear()
     for _ in range(10):
         pool.map(function, points)
-    assert len(executor.sizes) == 10 * len(pool._parts(points))
+    assert len(executor.sizes) == 10 * tasks
     assert max(executor.sizes) < 1_000  # 6 points of 5 numbers take 240
+    assert function.pickled == 1
 
 
-def test_several_samplers_of_a_function_send_it_once():
-    executor = Immediate(1)
-    pool = EvaluationPool(executor)
+def test_several_samplers_and_pools_of_a_function_send_it_once():
+    executor, function = Immediate(1), Ballast()
     for _ in range(3):  # every sampler wraps the function anew
-        sampler = emcee.EnsembleSampler(12, 5, Ballast.__call__, pool=pool)
-        sampler.log_prob_fn.f = BALLAST
-        sampler.compute_log_prob(np.zeros((12, 5)))
-    EvaluationPool(executor).map(pickle.loads(pickle.dumps(BALLAST)), np.zeros((2, 5)))
+        pool = EvaluationPool(executor)
+        sampler = emcee.EnsembleSampler(12, 5, function, pool=pool)
+        for _ in range(2):
+            sampler.compute_log_prob(np.zeros((12, 5)))
+        function.pickled = 0
     assert sum(size > 1_000_000 for size in executor.sizes) == 1
 
 
-BALLAST = Ballast(125_000)
-
-
-def test_a_function_is_pickled_once():
-    times = []
-
-    class Counted(Ballast):
-        def __reduce__(self):
-            times.append(1)
-            return Ballast, (3,)
-
-    pool, function = EvaluationPool(Immediate()), Counted(3)
-    for _ in range(5):
-        pool.map(function, np.zeros((4, 2)))
-    assert len(times) == 1
+def test_a_bare_pool_evaluates_walker_by_walker():
+    executor = Immediate()
+    assert chain(executor) == chain()
+    # Start and 8 steps of 12 walkers; none has the posterior at first.
+    assert len(executor.sizes) == 12 + 9 * 12
 
 
 def test_a_worker_that_forgot_the_function_is_sent_it_again():
     executor = Immediate()
-    pool = EvaluationPool(executor)
-    points = POSTERIOR.start(6, 1)
+    pool, points = EvaluationPool(executor), POSTERIOR.start(6, 1)
     first = pool.map(POSTERIOR, points)
-    worker._functions.clear()  # as in a new process
+    worker.functions.clear()  # as in a new process
     executor.sizes.clear()
     assert np.array_equal(pool.map(POSTERIOR, points), first)
     assert len(executor.sizes) == 4  # both parts, and again with the function
@@ -155,22 +155,11 @@ def test_a_worker_that_forgot_the_function_is_sent_it_again():
 
 def test_a_worker_keeps_few_functions_and_the_results_stay_right():
     pool = EvaluationPool(Immediate(1))
-    functions = [posterior_of(Shifted(i)) for i in range(3 * worker.KEPT)]
-    theta = POSTERIOR.start(1, 1)
+    functions = [Ballast(1, shift) for shift in range(3 * worker.KEPT)]
     for _ in range(2):
-        for number, function in enumerate(functions):
-            (row,) = pool.map(function, theta)
-            assert row[-5] == 1 + number
-            assert len(worker._functions) <= worker.KEPT
-    assert len(pool._pickles) <= worker.KEPT
-
-
-class Shifted:
-    def __init__(self, shift):
-        self.shift = shift
-
-    def __call__(self, parameters):
-        return [1.0 + self.shift, 100.0, 200.0, 300.0, 400.0]
+        for shift, function in enumerate(functions):
+            assert pool.map(function, np.zeros((1, 2))) == [shift]
+            assert len(worker.functions) <= worker.KEPT
 
 
 def test_a_share_is_one_call_of_a_log_posterior_and_many_of_another_function():
@@ -180,14 +169,196 @@ def test_a_share_is_one_call_of_a_log_posterior_and_many_of_another_function():
         calls.append(len(parameters["k1"]))
         return POSTERIOR.model(parameters)
 
+    model.variables = POSTERIOR.model.variables
     counted = ef.LogPosterior(model, POSTERIOR.terms, POSTERIOR.prior)
     points = POSTERIOR.start(12, 1)
     with ThreadPoolExecutor(2) as executor:
-        EvaluationPool(executor).map(counted, points)
-        assert calls == [6, 6]
-        calls.clear()
-        EvaluationPool(executor, 5).map(counted, points)
-        assert sorted(calls) == [2, 5, 5]
-        calls.clear()
-        EvaluationPool(executor).map(lambda theta: counted(theta), points)
-        assert calls == [1] * 12
+        for function, chunksize, expected in [
+            (counted, None, [6, 6]),
+            (counted, 5, [2, 5, 5]),
+            (lambda theta: counted(theta), None, [1] * 12),
+        ]:
+            EvaluationPool(executor, chunksize).map(function, points)
+            assert sorted(calls) == expected
+            calls.clear()
+
+
+# --- what goes wrong --------------------------------------------------------------
+
+
+def error_of(name, fault, **options):
+    """Return what a run with an executor raises; fail if it hangs, or raises nothing.
+
+    What hangs may be the end of the block, too.
+    """
+
+    def work():
+        with open_executor(name) as pool:
+            run(fault, pool=pool, **options)
+
+    error = finishes(work)
+    assert isinstance(error, Exception), f"the run ended with {error!r}"
+    return error
+
+
+@forks
+@pytest.mark.parametrize("fault", ["killed", "ended"])
+@processes
+def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
+    error = error_of(name, getattr(pool_problems, fault))
+    assert type(error) is RuntimeError
+    assert str(error).startswith("pool: ProcessPoolExecutor could not do its work")
+    assert isinstance(error.__cause__, BrokenExecutor)
+    (sampler,) = error.samplers
+    assert 0 < sampler.iteration < 100
+
+
+@forks
+@pytest.mark.parametrize(
+    ("fault", "kind", "message"),
+    [
+        ("left", RuntimeError, "sys.exit.*licence|SystemExit.*licence"),
+        # Where dask was imported, its tblib lets such an exception travel.
+        ("awkward", (RuntimeError, pool_problems.Awkward), "1 and 2"),
+        ("ordinary", ArithmeticError, "^the solver did not converge"),
+    ],
+)
+@executors
+def test_an_error_of_the_solver_arrives_with_parameters_and_traceback(
+    capfd, name, fault, kind, message
+):
+    error = error_of(name, getattr(pool_problems, fault))
+    with pytest.raises(kind, match=message):
+        raise error
+    assert names_the_place(error)
+    assert f"in {fault}" in error.__notes__[-1]  # the worker's traceback
+    assert "Exception while calling" not in capfd.readouterr().out  # emcee's report
+
+
+@forks
+@pytest.mark.parametrize("fault", ["left", "awkward", "ordinary"])
+def test_failures_on_workers_are_counted_as_in_a_serial_run(fault):
+    options = {"nsteps": 20, "on_failure": "reject", "max_failures": 1.0}
+    fault = getattr(pool_problems, fault)
+    with open_executor("fork") as executor:
+        (sampler,) = run(fault, pool=executor, **options)
+    (serial,) = run(fault, **options)
+    assert np.array_equal(sampler.get_chain(), serial.get_chain())
+    assert sampler.failures.causes == serial.failures.causes
+    assert sampler.failures.causes["exception"] > 0
+
+
+def test_a_model_that_solves_one_set_at_a_time_is_not_asked_again():
+    solved = []
+
+    def solver(p):
+        solved.append(p["k"])
+        return pool_problems.Beyond(pool_problems.ordinary)(p)
+
+    points = np.array([[1.0, 1.0], [LIMIT + 0.1, 1.0], [0.9, 1.0]])
+    with ThreadPoolExecutor(1) as executor, pytest.raises(ArithmeticError) as caught:
+        EvaluationPool(executor).map(posterior_of(solver), points)
+    assert solved == [1.0, LIMIT + 0.1]
+    assert names_the_place(caught.value)
+
+
+def test_an_error_of_a_batch_that_no_row_repeats_names_all_rows():
+    class Fickle:
+        takes_batches, names = True, ["k", "m"]
+
+        def __call__(self, theta):
+            if theta.ndim == 2:
+                raise OSError("disk full")
+            return 0.0
+
+    with ThreadPoolExecutor(1) as executor, pytest.raises(OSError) as caught:
+        EvaluationPool(executor).map(Fickle(), np.array([[1.0, 2.0], [3.0, 4.0]]))
+    for k, m in ([1.0, 2.0], [3.0, 4.0]):
+        assert f"{{'k': {k}, 'm': {m}}}" in caught.value.__notes__[-1]
+
+
+class Unloadable(Ballast):
+    """Pickles here, but cannot be loaded."""
+
+    def __reduce__(self):
+        return refuse, ()
+
+
+def refuse():
+    raise ImportError("no such solver here")
+
+
+def test_a_function_that_a_worker_cannot_load_says_what_to_do():
+    with pytest.raises(ImportError, match="no such solver") as caught:
+        EvaluationPool(Immediate()).map(Unloadable(), START)
+    assert "could not load the function" in caught.value.__notes__[-1]
+
+
+def test_what_cannot_be_pickled_is_named_by_python_and_threads_need_not():
+    holder = Ballast(1)
+    holder.lock = threading.Lock()
+    for function, name in [
+        (posterior_of(lambda p: [1.0, 2.0]), "lambda"),
+        (holder, "lock"),
+    ]:
+        with pytest.raises(TypeError, match=f"^pool: .*pickled.*{name}.*top level"):
+            EvaluationPool(Immediate()).map(function, START)
+        for name in ("threads", "thread pool"):
+            with open_executor(name) as executor:
+                assert len(EvaluationPool(executor).map(function, START)) == 12
+
+
+def test_waiting_tasks_are_dropped_after_an_error():
+    with ThreadPoolExecutor(1) as executor:
+        begin = time.perf_counter()
+        with pytest.raises(ZeroDivisionError):
+            EvaluationPool(executor, 1).map(slow_reciprocal, [0, *[1] * 200])
+    assert time.perf_counter() - begin < 5  # of the 10 s that the rest would take
+
+
+def slow_reciprocal(x):
+    time.sleep(0.05 * x)
+    return 1 / x
+
+
+@forks
+@pytest.mark.parametrize("wrap", [lambda pool: pool, EvaluationPool])
+@executors
+def test_a_closed_pool_says_so(name, wrap):
+    with open_executor(name) as executor:
+        given = wrap(executor)
+        chain(given, steps=1)
+    error = finishes(lambda: chain(given))
+    assert type(error) is RuntimeError and not hasattr(error, "samplers")
+    assert "the pool was closed" in str(error) and "make a new pool" in str(error)
+
+
+@forks
+def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
+    refusal = "multiprocess.*waits for ever.*workers=8.*ProcessPoolExecutor"
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        with pytest.raises(TypeError, match=f"^executor: {refusal}"):
+            EvaluationPool(pool)
+        with pytest.raises(TypeError, match=f"^pool: {refusal}"):
+            ef.run(POSTERIOR, seed=1, pool=pool)
+    with suppress(ImportError):
+        from schwimmbad import MultiPool, SerialPool
+
+        with MultiPool(1) as pool, pytest.raises(TypeError, match=refusal):
+            EvaluationPool(pool)
+        assert chain(SerialPool()) == chain()
+
+
+@pytest.mark.parametrize("executor", [None, 2, "dask", [1], ThreadPoolExecutor, time])
+def test_what_is_no_pool_is_refused(executor):
+    with pytest.raises(TypeError, match="^executor: expected"):
+        EvaluationPool(executor)
+    if executor is not None:
+        with pytest.raises(TypeError, match="^pool: expected"):
+            ef.run(POSTERIOR, seed=1, pool=executor)
+
+
+@pytest.mark.parametrize("bad", [1.5, True, "2", 0])
+def test_bad_chunksizes_are_refused(bad):
+    with pytest.raises((TypeError, ValueError), match="^chunksize: expected"):
+        EvaluationPool(Immediate(), bad)

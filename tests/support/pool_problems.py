@@ -1,47 +1,42 @@
-"""What tests of pools share: functions that workers import, chains, an executor."""
+"""What tests of pools share: solvers that misbehave on workers, chains, executors."""
 
+import multiprocessing
 import os
 import pickle
+import re
 import signal
 import sys
 import threading
 import time
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing.pool import ThreadPool
 
-import emcee
 import numpy as np
 import pytest
 
 import emcee_femu as ef
 
-STRUCTURE = ef.paper.mass_spring()
-POSTERIOR = STRUCTURE.posterior
+POSTERIOR = ef.paper.mass_spring().posterior
+LIMIT = 1.3  # which no walker of START is beyond
+PRIOR = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds=[(0.1, 2.0)] * 2)
+START = np.random.default_rng(0).uniform(0.95, 1.05, (12, 2))
+
+# Python 3.12 and newer warn of every fork in a process with threads, such as pytest's.
+forks = pytest.mark.filterwarnings(
+    "ignore:This process .* is multi-threaded:DeprecationWarning"
+)
 
 
-class Ballast:
-    """A log-density with something to carry."""
-
-    def __init__(self, size=0):
-        self.ballast = np.random.default_rng(0).random(size)
-
-    def __call__(self, theta):
-        return -0.5 * float(np.dot(theta, theta))
+def killed(p):
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
-def sleeper(theta):
-    time.sleep(0.05)
-    return -0.5 * float(theta @ theta)
+def ended(p):
+    os._exit(0)
 
 
-def wait(theta):
-    time.sleep(theta[0])
-    return os.getpid()
-
-
-def kill_at_three(theta):
-    if theta[0] == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return 1.0
+def left(p):
+    sys.exit("licence server not found")
 
 
 class Awkward(Exception):
@@ -51,65 +46,70 @@ class Awkward(Exception):
         super().__init__(f"{one} and {two}")
 
 
-def failing(parameters):
-    stiff = parameters["k4"] > 2_400
-    if stiff:
-        raise ArithmeticError("the solver did not converge")
-    return [1.0, 2.0, 3.0, 4.0, 5.0]
-
-
-def awkward(theta):
+def awkward(p):
     raise Awkward(1, 2)
 
 
-def leave(theta):
-    sys.exit("licence server not found")
+def ordinary(p):
+    raise ArithmeticError("the solver did not converge")
 
 
-def refuse():
-    raise ImportError("no such solver here")
+def stuck(p):
+    print("working", flush=True)
+    time.sleep(60)
 
 
-class Unloadable:
-    """Pickles here, but cannot be loaded."""
+class Beyond:
+    """A solver that does something else beyond the limit."""
 
-    def __call__(self, theta):
-        return 0.0
+    def __init__(self, fault):
+        self.fault, self.home = fault, os.getpid()
 
-    def __reduce__(self):
-        return refuse, ()
+    def __call__(self, p):
+        if p["k"] > LIMIT:
+            at_home = os.getpid() == self.home
+            assert not (at_home and self.fault in (killed, ended)), "it would end us"
+            self.fault(p)
+        return [p["k"], 2 * p["m"]]
 
 
 def posterior_of(function):
-    model = ef.FunctionModel(function, n_modes=5)
-    return ef.LogPosterior(model, POSTERIOR.terms, POSTERIOR.prior)
+    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.2)
+    return ef.LogPosterior(ef.FunctionModel(function, n_modes=2), term, PRIOR)
 
 
-def chain(pool=None, steps=8, posterior=POSTERIOR):
-    """Return what emcee stores of a run, as one array of bytes."""
-    (sampler,) = ef.run(posterior, nwalkers=12, nsteps=steps, seed=5, pool=pool)
-    return stored(sampler)
+def run(fault, **options):
+    """Sample where the solver has that fault beyond the limit."""
+    settings = {"nwalkers": 12, "nsteps": 100, "seed": 1, "initial": START} | options
+    return ef.run(posterior_of(Beyond(fault)), **settings)
 
 
-def plain_chain(pool=None, steps=8, posterior=POSTERIOR):
-    """Return the same of a plain sampler with another move."""
-    move = emcee.moves.StretchMove()
-    sampler = emcee.EnsembleSampler(12, 5, posterior, pool=pool, moves=move)
-    random = np.random.RandomState(3).get_state()
-    start = emcee.State(posterior.start(12, 1), random_state=random)
-    sampler.run_mcmc(start, steps)
-    return stored(sampler)
+def names_the_place(error):
+    """Return whether message and notes name one parameter set, one beyond the limit."""
+    text = "\n".join([str(error), *error.__notes__])
+    places = {*re.findall(r"\{'k': ([0-9.]+), 'm': [0-9.]+\}", text)}
+    return len(places) == 1 and float(places.pop()) > LIMIT
 
 
-def stored(sampler):
+def chain(pool=None, steps=8, posterior=POSTERIOR, **options):
+    """Return what emcee stores of a run, as bytes."""
+    (sampler,) = ef.run(
+        posterior, nwalkers=12, nsteps=steps, seed=5, pool=pool, **options
+    )
     parts = (sampler.get_chain(), sampler.get_log_prob(), sampler.get_blobs())
     return pickle.dumps([np.ascontiguousarray(part).tobytes() for part in parts])
 
 
-# Python 3.12 and newer warn of every fork in a process with threads, such as pytest's.
-forks = pytest.mark.filterwarnings(
-    "ignore:This process .* is multi-threaded:DeprecationWarning"
-)
+def open_executor(name):
+    """Return two workers, by a start method or a kind of threads."""
+    if name == "threads":
+        return ThreadPoolExecutor(2)
+    if name == "thread pool":
+        return ThreadPool(2)
+    if name == "loky":
+        loky = pytest.importorskip("loky", reason="loky is not installed")
+        return loky.ProcessPoolExecutor(2)
+    return ProcessPoolExecutor(2, multiprocessing.get_context(name))
 
 
 class Immediate(Executor):

@@ -1,0 +1,234 @@
+"""run(..., workers=2): its processes begin and end with it, whatever ends it."""
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from support import pool_problems
+from support.examples import TESTS
+from support.pool_problems import (
+    POSTERIOR,
+    START,
+    chain,
+    finishes,
+    names_the_place,
+    posterior_of,
+    run,
+)
+
+import emcee_femu as ef
+from emcee_femu.sampling.pools.own_processes import open_pool
+
+anew = [pytest.param(name, marks=pytest.mark.slow) for name in ("spawn", "forkserver")]
+methods = pytest.mark.parametrize("method", ["fork", *anew], indirect=True)
+
+
+@pytest.fixture
+def method(request):
+    before = multiprocessing.get_start_method(allow_none=True)
+    multiprocessing.set_start_method(request.param, force=True)
+    yield request.param
+    multiprocessing.set_start_method(before, force=True)
+    assert not multiprocessing.active_children()
+
+
+@methods
+def test_the_chain_is_that_of_a_serial_run_to_the_bit(method):
+    for workers in (1, 2, 3):
+        assert chain(workers=workers) == chain()
+    with pytest.MonkeyPatch.context() as patch:  # the shares of a costly model are one
+        patch.setattr(ef.LogPosterior, "one_by_one", True)
+        assert chain(workers=2) == chain()
+
+
+def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads():
+    lock = threading.Lock()
+    posterior = posterior_of(lambda p: [p["k"], 2 * p["m"]] if lock else None)
+    going = threading.Thread(target=time.sleep, args=[5], daemon=True)
+    going.start()  # Python 3.12 and newer would warn, which is an error here
+    settings = {"nwalkers": 12, "nsteps": 5, "seed": 1, "ensembles": 2}
+    for options in ({}, {"on_failure": "reject"}, {"moves": "auto"}):
+        pooled = ef.run(posterior, workers=2, **settings, **options)
+        serial = ef.run(posterior, **settings, **options)
+        for one, other in zip(pooled, serial, strict=True):
+            assert np.array_equal(one.get_chain(), other.get_chain())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["spawn"], indirect=True)
+def test_spawned_processes_must_be_sent_the_posterior(method):
+    with pytest.raises(TypeError, match="^pool: .*lambda.*top level of a module"):
+        ef.run(posterior_of(lambda p: [1.0, 2.0]), seed=1, workers=2)
+
+
+@methods
+def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(method):
+    for fault in (pool_problems.killed, pool_problems.ended):
+        error = finishes(lambda fault=fault: run(fault, workers=2))
+        assert type(error) is RuntimeError and "A worker died" in str(error)
+        assert 0 < error.samplers[0].iteration < 100
+
+
+def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
+    def solver(p):
+        if p["k"] == 1.0:
+            raise ArithmeticError("the solver did not converge")
+        time.sleep(60)
+
+    def work():
+        with open_pool(None, 2, one_by_one=True) as pool:
+            pool.map(posterior_of(solver), np.array([[1.0, 1.0], [0.9, 1.0]]))
+
+    begin = time.perf_counter()
+    error = finishes(work)
+    assert time.perf_counter() - begin < 20
+    assert "'k': 1.0" in error.__notes__[-1]
+    assert not multiprocessing.active_children()
+
+
+def test_failures_are_counted_as_in_a_serial_run():
+    options = {"nsteps": 20, "on_failure": "reject", "max_failures": 1.0}
+    (pooled,) = run(pool_problems.left, workers=2, **options)
+    (serial,) = run(pool_problems.left, **options)
+    assert np.array_equal(pooled.get_chain(), serial.get_chain())
+    assert pooled.failures.causes == serial.failures.causes != {}
+    with pytest.raises(ArithmeticError) as caught:
+        run(pool_problems.ordinary, workers=2)
+    assert names_the_place(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"workers": 0}, ValueError),
+        ({"workers": 1.5}, TypeError),
+        ({"workers": True}, TypeError),
+        ({"workers": "2"}, TypeError),
+        ({"workers": 2, "pool": pool_problems.Immediate()}, ValueError),
+    ],
+)
+def test_bad_numbers_of_workers_are_refused(options, error):
+    with pytest.raises(error, match="^workers: expected"):
+        ef.run(POSTERIOR, seed=1, **options)
+    with pytest.raises(ValueError, match="^vectorize: "):
+        ef.run(POSTERIOR, seed=1, workers=2, vectorize=True)
+
+
+# --- scripts ----------------------------------------------------------------------
+
+
+def start(script, *arguments, stdin=None):
+    paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, *script, *arguments],
+        env=os.environ | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+UNGUARDED = """
+import multiprocessing, sys
+import emcee_femu as ef
+
+if len(sys.argv) > 1:
+    multiprocessing.set_start_method(sys.argv[1], force=True)
+
+def solver(p):
+    return [p["k"], 2 * p["m"]]
+
+prior = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds=[(0.1, 2.0)] * 2)
+term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.2)
+posterior = ef.LogPosterior(ef.FunctionModel(solver, n_modes=2), term, prior)
+serial, pooled = (
+    ef.run(posterior, nwalkers=12, nsteps=5, seed=1, **options)[0].get_chain()
+    for options in ({}, {"workers": 2})
+)
+print((serial == pooled).all())
+"""
+
+
+@pytest.fixture
+def script(tmp_path):
+    path = tmp_path / "unguarded.py"
+    path.write_text(UNGUARDED)
+    return [str(path)]
+
+
+def test_a_script_needs_no_guard_nor_a_file(script):
+    ways = [(script, None), (["-c", UNGUARDED], None), (["-"], UNGUARDED)]
+    for process, (_, stdin) in [(start(way), (way, text)) for way, text in ways]:
+        shown, errors = process.communicate(stdin, timeout=60)
+        assert (shown, errors) == ("True\n", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["spawn", "forkserver"])
+def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(script, name):
+    for way, text, message in [
+        (script, None, 'put what the script does under `if __name__ == "__main__":`'),
+        (["-c", UNGUARDED], None, "could not load the function"),
+        (["-"], UNGUARDED, "could not start (its output says why)"),
+    ]:
+        process = start(way, name)
+        shown, errors = process.communicate(text, timeout=60)
+        assert process.returncode == 1 and message in errors and not shown
+
+
+STUCK = """
+import multiprocessing, sys
+from concurrent.futures import ProcessPoolExecutor
+from support import pool_problems
+
+if __name__ == "__main__":
+    multiprocessing.set_start_method(sys.argv[1])
+    try:
+        if sys.argv[2] == "workers":
+            pool_problems.run(pool_problems.stuck, workers=2)
+        with ProcessPoolExecutor(2) as executor:
+            pool_problems.run(pool_problems.stuck, pool=executor)
+    except KeyboardInterrupt as error:
+        print("kept", error.samplers[0].iteration > 0)
+"""
+
+
+def end(tmp_path, name, mine, send):
+    """Return what a run showed whose worker is in a long solve when it is ended."""
+    path = tmp_path / "stuck.py"
+    path.write_text(STUCK)
+    process = start([str(path)], name, mine)
+    assert process.stdout.readline() == "working\n"
+    begin = time.perf_counter()
+    send(process)
+    # This waits for every process that can write to the pipe, and so for the workers.
+    shown, errors = process.communicate(timeout=30)
+    assert time.perf_counter() - begin < 20  # of the minute that the solve takes
+    return shown.replace("working\n", ""), errors
+
+
+ways = pytest.mark.parametrize("name", ["fork", *anew])
+
+
+@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("mine", ["workers", "executor"])
+@ways
+def test_no_process_outlives_a_run_that_is_killed(tmp_path, name, mine, kind):
+    shown, _ = end(tmp_path, name, mine, lambda process: process.send_signal(kind))
+    assert shown == ""
+
+
+@ways
+def test_the_keyboard_ends_a_run_at_once_and_keeps_the_samples(tmp_path, name):
+    def press(process):  # as a terminal does: to all processes
+        os.killpg(process.pid, signal.SIGINT)
+
+    assert end(tmp_path, name, "workers", press) == ("kept True\n", "")
