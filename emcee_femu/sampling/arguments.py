@@ -2,9 +2,7 @@
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing.pool import Pool, ThreadPool
 from typing import Any, TypeAlias
 
 import emcee
@@ -15,8 +13,6 @@ from ..interfaces import Backend, Floats, Move
 from ..moves.stock_faults import refuse_sequential
 from ..moves.tempering import find_ladder
 from ..posterior.log_posterior import LogPosterior
-from .pools.evaluation_pool import usable
-from .pools.pickling import pickled
 
 Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
 
@@ -140,17 +136,6 @@ def check_starts(
     for start in starts:
         posterior.check_inside("initial", start)
     return starts
-
-
-def check_pool(pool: Any, vectorize: bool, function: Any) -> None:
-    """Refuse what is no pool, and, naming the part to blame, what it cannot be sent."""
-    if vectorize and pool is not None:
-        raise ValueError("vectorize: emcee ignores the pool then; give one of the two")
-    if pool is not None and (isinstance(pool, type) or not usable(pool)):
-        raise TypeError(f"pool: expected something with a map, got {pool!r}")
-    of_processes = isinstance(pool, ProcessPoolExecutor | Pool)
-    if of_processes and not isinstance(pool, ThreadPool):
-        pickled(function)
 
 
 def check_backends(

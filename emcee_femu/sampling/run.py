@@ -16,13 +16,12 @@ from .arguments import (
     Settings,
     check_backends,
     check_moves,
-    check_pool,
     check_progress,
     check_starts,
     check_walkers,
 )
 from .auto import prepare
-from .pools.evaluation_pool import safe_pool
+from .pools.own_processes import open_pool
 from .resume import begin_in_file
 from .starts import Evaluation, draw_starts
 
@@ -35,6 +34,7 @@ def run(
     *,
     ensembles: int = 1,
     seed: int,
+    workers: int | None = None,
     pool: Any = None,
     vectorize: bool | None = None,
     backend: str | PathLike[str] | Backend | Sequence[Backend] | None = None,
@@ -60,11 +60,17 @@ def run(
         ensembles: Independent ensembles, each with its own start and random stream.
             Four from over-dispersed starts are what R-hat needs to see a missed mode.
         seed: A whole number.
-        pool: Where to evaluate, one walker per task: whatever :class:`EvaluationPool`
-            takes, such as ``multiprocessing.Pool``, which is wrapped in it; or an
-            EvaluationPool of your own, say for vectorised calls on the workers.
+        workers: Number of processes to start for the evaluations, and to end with the
+            run; None for none. No more than ``nwalkers / 2`` are of use to most moves.
+            On Linux they are forked, which works from scripts without a guard and from
+            notebooks; another method, ``multiprocessing.set_start_method("spawn")``,
+            is for solvers that do not survive a fork (some with threads or a GPU) and
+            needs ``if __name__ == "__main__":`` and functions in importable files.
+        pool: Where to evaluate instead, one walker per task: whatever
+            :class:`EvaluationPool` takes, such as a ``ProcessPoolExecutor`` or a dask
+            ``Client``; or an EvaluationPool of your own.
         vectorize: Whether to evaluate all moving walkers in one call. None for yes
-            without a pool, no with one.
+            without workers and pool, no with them.
         backend: None to keep the chain in memory, the name of a file, such as
             "run.chain" (see
             :class:`sampling.run_file.RunFile`), or one emcee backend per ensemble.
@@ -100,10 +106,10 @@ def run(
             cannot be pickled for the processes of a pool.
         ValueError: If the moves do not fit the ensemble, an initial point is out of
             bounds or has no finite log-posterior, a backend already holds steps, a
-            file is not that of the same run, or pool and vectorize are both asked for.
-            All are raised before sampling.
-        RuntimeError: If too many solves failed. An exception during sampling has the
-            samplers so far, as its attribute ``samplers``.
+            file is not that of the same run, or two of workers, pool and vectorize are
+            asked for. All are raised before sampling.
+        RuntimeError: If too many solves failed or a worker died. An exception during
+            sampling has the samplers so far, as its attribute ``samplers``.
     """
     if not isinstance(posterior, LogPosterior):
         raise TypeError(
@@ -116,7 +122,10 @@ def run(
     check_moves("moves", given)
     nwalkers = check_walkers(nwalkers, given, posterior.ndim)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
-    vectorize = pool is None if vectorize is None else vectorize
+    serial = workers is None and pool is None
+    vectorize = checks.flag("vectorize", serial if vectorize is None else vectorize)
+    if vectorize and not serial:
+        raise ValueError("vectorize: emcee ignores workers and pool then; omit them")
     resume = checks.flag("resume", resume)
     backends, path = check_backends(backend, ensembles, resume)
     settings = Settings(
@@ -126,7 +135,7 @@ def run(
         nsteps=checks.whole_number("nsteps", nsteps, 1),
         ensembles=ensembles,
         seed=checks.whole_number("seed", seed),
-        vectorize=checks.flag("vectorize", vectorize),
+        vectorize=vectorize,
         backends=backends,
         path=path,
         thin_by=checks.whole_number("thin_by", thin_by, 1),
@@ -137,12 +146,11 @@ def run(
         max_failures=max_failures,
         probe_tolerance=checks.real_number("probe_tolerance", probe_tolerance, 0),
     )
-    check_pool(pool, settings.vectorize, posterior)
-    evaluation = Evaluation.begin(settings, safe_pool(pool))
-    samplers, states = begin(evaluation)
-    for number, (sampler, state) in enumerate(zip(samplers, states, strict=True), 1):
+    with open_pool(pool, workers, posterior.one_by_one) as evaluators:
+        samplers, states = begin(Evaluation.begin(settings, evaluators))
         try:
-            advance(settings, sampler, state, number)
+            for number, state in enumerate(states, 1):
+                advance(settings, samplers[number - 1], state, number)
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.samplers = samplers  # type: ignore[attr-defined]
             raise

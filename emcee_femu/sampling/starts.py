@@ -40,7 +40,9 @@ class Evaluation:
 
     def uncounted(self) -> Self:
         """Return the same with a log of its own that never stops."""
-        return self.begin(replace(self.settings, max_failures=1.0), self.bare)
+        other = self.begin(replace(self.settings, max_failures=1.0), self.bare)
+        # Forked workers know the function itself.
+        return other if self.pool is None else replace(other, function=self.function)
 
     def sampler(
         self, moves: Moves | None = None, backend: Backend | None = None

@@ -14,7 +14,6 @@ from support import pool_problems
 from support.examples import TESTS
 from support.pool_problems import (
     POSTERIOR,
-    START,
     chain,
     finishes,
     names_the_place,
@@ -53,7 +52,7 @@ def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads():
     going = threading.Thread(target=time.sleep, args=[5], daemon=True)
     going.start()  # Python 3.12 and newer would warn, which is an error here
     settings = {"nwalkers": 12, "nsteps": 5, "seed": 1, "ensembles": 2}
-    for options in ({}, {"on_failure": "reject"}, {"moves": "auto"}):
+    for options in ({}, {"on_failure": "reject"}):
         pooled = ef.run(posterior, workers=2, **settings, **options)
         serial = ef.run(posterior, **settings, **options)
         for one, other in zip(pooled, serial, strict=True):

@@ -1,6 +1,7 @@
 """The processes of ``run(..., workers=8)``: they begin and end with the run."""
 
 import multiprocessing
+import os
 import sys
 import traceback
 import warnings
@@ -46,13 +47,12 @@ def open_pool(pool: Any, workers: Any, one_by_one: bool) -> Iterator[Any]:
         method = "fork"
     context = multiprocessing.get_context(method)
     forks = context.get_start_method() == "fork"
+    kind = ForkedPool if forks else EvaluationPool
     reader, writer = context.Pipe(duplex=False)
     executor = ProcessPoolExecutor(workers, context, begin, (reader, writer))
     with reader, writer, executor:
         try:
-            yield (ForkedPool if forks else EvaluationPool)(
-                executor, chunksize=1 if one_by_one else None
-            )
+            yield kind(executor, chunksize=1 if one_by_one else None)
         except BaseException:
             writer.send_bytes(b"end")
             raise
@@ -67,15 +67,16 @@ class ForkedPool(EvaluationPool):
     def _pickle(self, function: Any) -> tuple[str, bytes]:
         if self._pickles:
             return super()._pickle(function)
-        self._pickles = [(function, "inherited", b"")]
-        functions["inherited"] = function
+        digest = f"inherited from {os.getpid()}"
+        self._pickles = [(function, digest, b"")]
+        functions[digest] = function
         with warnings.catch_warnings():
             # Where there are other threads, as in every notebook, Python warns of
             # locks that they may hold; what a worker does needs none of these.
             warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
             self._executor.submit(int)  # forks all processes
-        del functions["inherited"]
-        return "inherited", b""
+        del functions[digest]
+        return digest, b""
 
 
 def _refuse_import() -> None:
