@@ -29,12 +29,8 @@ import emcee_femu as ef
 from emcee_femu import EvaluationPool
 from emcee_femu.sampling.pools import worker
 
-slow = [  # start processes anew
-    pytest.param(name, marks=pytest.mark.slow)
-    for name in ("spawn", "forkserver", "loky")
-]
-executors = pytest.mark.parametrize("name", ["fork", "threads", "thread pool", *slow])
-processes = pytest.mark.parametrize("name", ["fork", *slow])
+spawn = pytest.param("spawn", marks=pytest.mark.slow)  # starts processes anew
+executors = pytest.mark.parametrize("name", ["fork", "threads", "thread pool"])
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +43,7 @@ def forgetful():
 
 
 @forks
-@executors
+@pytest.mark.parametrize("name", ["fork", "threads", "thread pool", spawn])
 def test_every_executor_gives_the_serial_chain_to_the_bit(name):
     with open_executor(name) as executor:
         for pool in (executor, *(EvaluationPool(executor, n) for n in (None, 1, 4))):
@@ -88,9 +84,7 @@ def test_anything_with_a_map_will_do():
         def map(self, function, tasks):
             return map(function, pickle.loads(pickle.dumps(tasks)))
 
-    for pool in (Mapper(), EvaluationPool(Mapper()), EvaluationPool(Mapper(), 5)):
-        worker.functions.clear()
-        assert chain(pool) == chain()
+    assert chain(Mapper()) == chain(EvaluationPool(Mapper(), 5)) == chain()
 
 
 # --- what travels -----------------------------------------------------------------
@@ -136,21 +130,13 @@ def test_several_samplers_and_pools_of_a_function_send_it_once():
     assert sum(size > 1_000_000 for size in executor.sizes) == 1
 
 
-def test_a_bare_pool_evaluates_walker_by_walker():
-    executor = Immediate()
-    assert chain(executor) == chain()
-    # Start and 8 steps of 12 walkers; none has the posterior at first.
-    assert len(executor.sizes) == 12 + 9 * 12
-
-
 def test_a_worker_that_forgot_the_function_is_sent_it_again():
     executor = Immediate()
-    pool, points = EvaluationPool(executor), POSTERIOR.start(6, 1)
-    first = pool.map(POSTERIOR, points)
+    first = chain(executor)  # walker by walker: the start and 8 steps
+    assert len(executor.sizes) == 12 + 9 * 12
     worker.functions.clear()  # as in a new process
-    executor.sizes.clear()
-    assert np.array_equal(pool.map(POSTERIOR, points), first)
-    assert len(executor.sizes) == 4  # both parts, and again with the function
+    assert chain(executor) == first == chain()
+    assert len(executor.sizes) == 2 * (12 + 9 * 12)
 
 
 def test_a_worker_keeps_few_functions_and_the_results_stay_right():
@@ -186,15 +172,12 @@ def test_a_share_is_one_call_of_a_log_posterior_and_many_of_another_function():
 # --- what goes wrong --------------------------------------------------------------
 
 
-def error_of(name, fault, **options):
-    """Return what a run with an executor raises; fail if it hangs, or raises nothing.
-
-    What hangs may be the end of the block, too.
-    """
+def error_of(name, fault):
+    """Return what a run, or the end of its executor, raises; fail if one hangs."""
 
     def work():
         with open_executor(name) as pool:
-            run(fault, pool=pool, **options)
+            run(fault, pool=pool)
 
     error = finishes(work)
     assert isinstance(error, Exception), f"the run ended with {error!r}"
@@ -203,7 +186,7 @@ def error_of(name, fault, **options):
 
 @forks
 @pytest.mark.parametrize("fault", ["killed", "ended"])
-@processes
+@pytest.mark.parametrize("name", ["fork", spawn])
 def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
     error = error_of(name, getattr(pool_problems, fault))
     assert type(error) is RuntimeError
@@ -278,14 +261,8 @@ def test_an_error_of_a_batch_that_no_row_repeats_names_all_rows():
 
 
 class Unloadable(Ballast):
-    """Pickles here, but cannot be loaded."""
-
-    def __reduce__(self):
-        return refuse, ()
-
-
-def refuse():
-    raise ImportError("no such solver here")
+    def __setstate__(self, state):
+        raise ImportError("no such solver here")
 
 
 def test_a_function_that_a_worker_cannot_load_says_what_to_do():

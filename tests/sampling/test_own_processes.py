@@ -37,13 +37,15 @@ def method(request):
     assert not multiprocessing.active_children()
 
 
+def linear(p):
+    return [p["k"], 2 * p["m"]]
+
+
 @methods
 def test_the_chain_is_that_of_a_serial_run_to_the_bit(method):
-    for workers in (1, 2, 3):
-        assert chain(workers=workers) == chain()
-    with pytest.MonkeyPatch.context() as patch:  # the shares of a costly model are one
-        patch.setattr(ef.LogPosterior, "one_by_one", True)
-        assert chain(workers=2) == chain()
+    for workers, posterior in [(3, POSTERIOR), (2, posterior_of(linear))]:
+        serial = chain(posterior=posterior, steps=3)
+        assert chain(posterior=posterior, steps=3, workers=workers) == serial
 
 
 def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads():
@@ -70,7 +72,7 @@ def test_spawned_processes_must_be_sent_the_posterior(method):
 def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(method):
     for fault in (pool_problems.killed, pool_problems.ended):
         error = finishes(lambda fault=fault: run(fault, workers=2))
-        assert type(error) is RuntimeError and "A worker died" in str(error)
+        assert type(error) is RuntimeError and "a worker died" in str(error)
         assert 0 < error.samplers[0].iteration < 100
 
 
@@ -122,10 +124,10 @@ def test_bad_numbers_of_workers_are_refused(options, error):
 # --- scripts ----------------------------------------------------------------------
 
 
-def start(script, *arguments, stdin=None):
+def start(*arguments):
     paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
     return subprocess.Popen(
-        [sys.executable, *script, *arguments],
+        [sys.executable, *arguments],
         env=os.environ | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1"},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -137,7 +139,7 @@ def start(script, *arguments, stdin=None):
 
 UNGUARDED = """
 import multiprocessing, sys
-import emcee_femu as ef
+from support.pool_problems import chain, posterior_of
 
 if len(sys.argv) > 1:
     multiprocessing.set_start_method(sys.argv[1], force=True)
@@ -145,47 +147,41 @@ if len(sys.argv) > 1:
 def solver(p):
     return [p["k"], 2 * p["m"]]
 
-prior = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds=[(0.1, 2.0)] * 2)
-term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.2)
-posterior = ef.LogPosterior(ef.FunctionModel(solver, n_modes=2), term, prior)
-serial, pooled = (
-    ef.run(posterior, nwalkers=12, nsteps=5, seed=1, **options)[0].get_chain()
-    for options in ({}, {"workers": 2})
-)
-print((serial == pooled).all())
+posterior = posterior_of(solver)
+print(chain(posterior=posterior, workers=2) == chain(posterior=posterior))
 """
 
 
-@pytest.fixture
-def script(tmp_path):
+def run_unguarded(tmp_path, *arguments):
+    """Return what it shows and reports as a file, a command and standard input."""
     path = tmp_path / "unguarded.py"
     path.write_text(UNGUARDED)
-    return [str(path)]
+    begun = [start(str(path), *arguments), start("-c", UNGUARDED, *arguments)]
+    found = [process.communicate(timeout=60) for process in begun]
+    return [*found, start("-", *arguments).communicate(UNGUARDED, timeout=60)]
 
 
-def test_a_script_needs_no_guard_nor_a_file(script):
-    ways = [(script, None), (["-c", UNGUARDED], None), (["-"], UNGUARDED)]
-    for process, (_, stdin) in [(start(way), (way, text)) for way, text in ways]:
-        shown, errors = process.communicate(stdin, timeout=60)
-        assert (shown, errors) == ("True\n", "")
+def test_a_script_needs_no_guard_nor_a_file(tmp_path):
+    assert run_unguarded(tmp_path) == [("True\n", "")] * 3
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["spawn", "forkserver"])
-def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(script, name):
-    for way, text, message in [
-        (script, None, 'put what the script does under `if __name__ == "__main__":`'),
-        (["-c", UNGUARDED], None, "could not load the function"),
-        (["-"], UNGUARDED, "could not start (its output says why)"),
-    ]:
-        process = start(way, name)
-        shown, errors = process.communicate(text, timeout=60)
-        assert process.returncode == 1 and message in errors and not shown
+def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path, name):
+    messages = [
+        'put what the script does under `if __name__ == "__main__":`',
+        "could not load the function: it must stand in a module",
+        "could not start (its output says why)",
+    ]
+    found = run_unguarded(tmp_path, name)
+    for (shown, errors), message in zip(found, messages, strict=True):
+        assert message in errors and not shown
 
 
 STUCK = """
 import multiprocessing, sys
 from concurrent.futures import ProcessPoolExecutor
+from emcee_femu import EvaluationPool
 from support import pool_problems
 
 if __name__ == "__main__":
@@ -194,7 +190,10 @@ if __name__ == "__main__":
         if sys.argv[2] == "workers":
             pool_problems.run(pool_problems.stuck, workers=2)
         with ProcessPoolExecutor(2) as executor:
-            pool_problems.run(pool_problems.stuck, pool=executor)
+            pool = EvaluationPool(executor, 1)
+            while len({*pool.map(pool_problems.where, [[0.1]] * 8)}) < 2:
+                pass  # until both have begun
+            pool_problems.run(pool_problems.stuck, pool=pool)
     except KeyboardInterrupt as error:
         print("kept", error.samplers[0].iteration > 0)
 """
@@ -204,7 +203,7 @@ def end(tmp_path, name, mine, send):
     """Return what a run showed whose worker is in a long solve when it is ended."""
     path = tmp_path / "stuck.py"
     path.write_text(STUCK)
-    process = start([str(path)], name, mine)
+    process = start(str(path), name, mine)
     assert process.stdout.readline() == "working\n"
     begin = time.perf_counter()
     send(process)

@@ -1,26 +1,28 @@
-"""Run by ``mpiexec`` from test_pools.py: chains of all routes into a file."""
+"""Run by ``mpiexec`` from test_clusters.py: chains of all routes into a file."""
 
 import pickle
 import sys
 
-from emcee_femu.sampling.pools.evaluation_pool import EvaluationPool
-from support.pool_problems import POSTERIOR, chain, failing, posterior_of
+from emcee_femu import EvaluationPool
+from support.pool_problems import chain, ordinary, run
 
 if __name__ == "__main__":
-    from schwimmbad import MPIPool  # here, since pytest looks for doctests in this file
+    if sys.argv[1] == "futures":  # here, since pytest looks for doctests in this file
+        from mpi4py.futures import MPIPoolExecutor as MPIPool
+    else:
+        from schwimmbad import MPIPool
 
     with MPIPool() as pool:
+        if "fail" in sys.argv:
+            run(ordinary, pool=pool)
         found = [
             chain(pool),
             chain(EvaluationPool(pool)),
             chain(EvaluationPool(pool, 1)),
         ]
-        points = POSTERIOR.start(8, 1)
-        points[:, 2] = 2_100.0
-        points[5, 2] = 2_500.0
         try:
-            EvaluationPool(pool).map(posterior_of(failing), points)
+            run(ordinary, pool=pool)
         except ArithmeticError as error:
             found.append(error.__notes__[-1])
-    with open(sys.argv[1], "wb") as file:
+    with open(sys.argv[2], "wb") as file:
         pickle.dump(found, file)

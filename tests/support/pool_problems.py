@@ -54,6 +54,11 @@ def ordinary(p):
     raise ArithmeticError("the solver did not converge")
 
 
+def where(theta):
+    time.sleep(theta[0])
+    return os.getpid()
+
+
 def stuck(p):
     print("working", flush=True)
     time.sleep(60)
@@ -106,9 +111,6 @@ def open_executor(name):
         return ThreadPoolExecutor(2)
     if name == "thread pool":
         return ThreadPool(2)
-    if name == "loky":
-        loky = pytest.importorskip("loky", reason="loky is not installed")
-        return loky.ProcessPoolExecutor(2)
     return ProcessPoolExecutor(2, multiprocessing.get_context(name))
 
 

@@ -104,11 +104,11 @@ class EvaluationPool:
             yield from self._executor.map(evaluate, tasks)
         except Exception as error:  # of the executor: an outcome carries the function's
             raise RuntimeError(
-                f"pool: {type(self._executor).__name__} could not do its work "
-                f"({type(error).__name__}: {error}). A worker died (out of memory, "
-                "killed, a crash in the solver's own code) or could not start (its "
-                "output says why), or the pool was closed. What was sampled so far is "
-                "kept in the backend: make a new pool and resume"
+                f"pool: {type(self._executor).__name__} could not do its work: a "
+                "worker died (out of memory, killed, a crash in the solver's own code) "
+                "or could not start (its output says why), or the pool was closed. "
+                "What was sampled so far is kept in the backend: make a new pool and "
+                f"resume. {type(error).__name__}: {error}"
             ) from error
 
     def _cut(self, points: Any) -> list[Any]:

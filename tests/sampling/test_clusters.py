@@ -1,0 +1,149 @@
+"""Clusters: MPI, dask and ray give the chain of a serial run, and name what fails."""
+
+import contextlib
+import os
+import pickle
+import re
+import signal
+import threading
+
+import numpy as np
+import pytest
+from support import pool_problems
+from support.examples import TESTS
+from support.mpi import leaves_sockets, mpiexec
+from support.pool_problems import POSTERIOR, START, chain, names_the_place, run
+
+import emcee_femu as ef
+from emcee_femu import EvaluationPool
+
+pytestmark = pytest.mark.slow
+
+
+def gives_the_chain_and_names_errors(pool):
+    assert chain(pool) == chain()
+    for chunksize in (None, 5):
+        assert chain(EvaluationPool(pool, chunksize), steps=2) == chain(steps=2)
+    scale = 2.0  # what is not importable goes by value
+    pool = EvaluationPool(pool, 2)
+    assert pool.map(lambda theta: scale * theta[0], np.ones((3, 2))) == [scale] * 3
+    for fault, kind in [("ordinary", ArithmeticError), ("left", RuntimeError)]:
+        with pytest.raises(kind) as caught:
+            run(getattr(pool_problems, fault), pool=pool)
+        assert names_the_place(caught.value)
+
+
+@pytest.fixture
+def found_by_workers(monkeypatch):
+    """Let workers import the support code of the tests."""
+    paths = os.pathsep.join([str(TESTS), os.environ.get("PYTHONPATH", "")])
+    monkeypatch.setenv("PYTHONPATH", paths)
+
+
+# --- MPI --------------------------------------------------------------------------
+
+CHAIN = TESTS / "support" / "mpi_chain.py"
+
+
+@pytest.mark.parametrize("kind", ["schwimmbad", "futures"])
+def test_mpi_gives_the_serial_chain_and_brings_errors_to_the_master(tmp_path, kind):
+    runner = ["-m", "mpi4py.futures"] if kind == "futures" else []
+    mpiexec(*runner, CHAIN, kind, tmp_path / "found.pickle")
+    *chains, note = pickle.loads((tmp_path / "found.pickle").read_bytes())
+    assert chains == [chain()] * 3
+    assert re.search(r"Raised on a worker at \{'k': 1\.", note)
+
+
+def test_an_error_on_a_worker_of_mpi_fails_the_job(tmp_path):
+    # mpiexec() asserts that the exit code is 0; else it says what the job wrote.
+    with pytest.raises(AssertionError, match="ArithmeticError: the solver did not"):
+        mpiexec(CHAIN, "schwimmbad", tmp_path / "no such folder" / "found", "fail")
+
+
+# --- dask -------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def dask():
+    distributed = pytest.importorskip("distributed", reason="dask is not installed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as local,
+        distributed.Client(local) as client,
+    ):
+        yield local, client
+
+
+@leaves_sockets
+def test_dask_gives_the_serial_chain_and_survives_its_workers(found_by_workers):
+    with dask() as (local, client):
+        gives_the_chain_and_names_errors(client)
+        assert chain(client.get_executor(), steps=2) == chain(steps=2)
+        pool, points = EvaluationPool(client), POSTERIOR.start(8, 1)
+        expected = np.array([POSTERIOR(point) for point in points])
+        local.scale(3)  # one more, which is sent the posterior
+        client.wait_for_workers(3)
+        assert np.array_equal(pool.map(POSTERIOR, points), expected)
+        pool = EvaluationPool(client, 1)
+        (victim,) = pool.map(pool_problems.where, np.zeros((1, 1)))
+        threading.Timer(0.7, os.kill, (victim, signal.SIGKILL)).start()
+        assert len(pool.map(pool_problems.where, np.full((8, 1), 0.4))) == 8
+    with pytest.raises(RuntimeError, match="^pool: .*was closed"):
+        chain(client)
+
+
+@leaves_sockets
+def test_dask_gives_up_a_task_that_kills_its_workers(found_by_workers):
+    with (
+        dask() as (_, client),
+        pytest.raises(RuntimeError, match="^pool: .*a worker died.*KilledWorker"),
+    ):
+        run(pool_problems.killed, pool=client)
+
+
+def test_an_asynchronous_client_is_refused():
+    class Asynchronous:
+        asynchronous, map = True, None
+
+    with pytest.raises(TypeError, match="^pool: .*asynchronous=False"):
+        ef.run(POSTERIOR, seed=1, pool=Asynchronous())
+
+
+# --- ray --------------------------------------------------------------------------
+
+
+# ray leaves sockets and log files open when it shuts down, and reads an old setting.
+@leaves_sockets
+@pytest.mark.filterwarnings(
+    "ignore::FutureWarning:ray", "ignore::DeprecationWarning:ray"
+)
+def test_a_pool_of_ray_gives_the_serial_chain(monkeypatch, found_by_workers):
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")  # no token in the home directory
+    monkeypatch.setenv("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    ray = pytest.importorskip("ray", reason="ray is not installed")
+    from ray.util.multiprocessing import Pool
+
+    ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+    try:
+        pool = Pool(2)
+        gives_the_chain_and_names_errors(pool)
+        with pytest.raises(RuntimeError, match="^pool: .*a worker died"):
+            run(pool_problems.killed, pool=pool)
+        pool.terminate()
+        with pytest.raises(RuntimeError, match="^pool: .*was closed"):
+            EvaluationPool(pool).map(POSTERIOR, START)
+    finally:
+        ray.shutdown()
+
+
+# --- loky -------------------------------------------------------------------------
+
+
+def test_loky_gives_the_serial_chain(found_by_workers):
+    loky = pytest.importorskip("loky", reason="loky is not installed")
+    with loky.ProcessPoolExecutor(2) as executor:
+        gives_the_chain_and_names_errors(executor)
+        with pytest.raises(RuntimeError, match="^pool: .*a worker died"):
+            run(pool_problems.killed, pool=executor)
