@@ -16,7 +16,7 @@ scheduler and the workers, and give the scheduler's address. In a Slurm job:
 In a PBS job (``#PBS -l select=2:ncpus=32:mpiprocs=32``) ``mpiexec`` takes the place of
 ``srun``. The workers need the same Python packages as this script, emcee_femu among
 them; what stands in the script itself is sent along. No more than half the walkers are
-evaluated at once, hence 4 walkers a worker here: 2 evaluations each, one after the
+evaluated at once, hence 4 walkers per worker here: 2 evaluations each, one after the
 other. ``examples/benchmarks/cluster_scaling.py`` shows what other numbers give.
 
 A worker that dies is no loss: dask gives its work to another. If a run must survive

@@ -7,8 +7,9 @@ so that a generation lasts as long as its unluckiest worker. A cluster is used w
 * every worker gets several evaluations of each half (then their times even out), or
 * all evaluations take the same time and the half is a multiple of the workers.
 
-The first table is measured here, with a multiprocessing pool: the efficiency is the
-time of the serial run, over workers times the time of the parallel one. The routes
+The first table is measured here, with processes: an ``EvaluationPool`` of an executor,
+as in ``run(..., workers=2)``, and emcee with a ``multiprocessing.Pool``. The efficiency
+is the time of the serial run, over workers times the time of the first. The routes
 take turns in short blocks, and the best block of each counts, since other programs
 only slow a run down. One model burns a fixed amount of processor time; another waits
 as long, like a solver on another machine, so that it shows what the pool alone costs
@@ -18,7 +19,7 @@ The other tables are simulated: solver times are log-normal, and the master hand
 evaluation after evaluation to the next free worker (``EvaluationPool(...,
 chunksize=1)``), which takes it some time each. A larger ensemble is used better but
 has its price: every walker has a burn-in of its own. So where all solves take the same
-time, 2 to 4 walkers a worker are enough; where their times vary, 8 to 16. Beyond some
+time, 2 to 4 walkers per worker are enough; where their times vary, 8 to 16. Beyond some
 hundred workers rather run several ensembles, each a job of its own with its own
 ``seed``.
 
@@ -29,6 +30,7 @@ import argparse
 import heapq
 import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import emcee
@@ -38,7 +40,7 @@ import emcee_femu as ef
 from emcee_femu.table import Table
 
 JOBS = 40_000  # simulated, for every number of the tables
-WALKERS_A_WORKER = (2, 4, 8, 16)
+WALKERS_PER_WORKER = (2, 4, 8, 16)
 
 
 @dataclass(frozen=True)
@@ -85,11 +87,14 @@ def measured(
         "free, 1 MB": (CostlyModel(ballast=megabyte), 10),
     }
     rows = []
-    with multiprocessing.Pool(workers) as processes:
-        adapter = ef.EvaluationPool(processes)
+    with (
+        ProcessPoolExecutor(workers) as executor,
+        multiprocessing.Pool(workers) as bare,
+    ):
+        adapter = ef.EvaluationPool(executor)
         for name, (model, steps) in cases.items():
             milliseconds = {"serial": [], "EvaluationPool": [], "bare pool": []}
-            pools = (None, adapter, processes)
+            pools = (None, adapter, bare)
             for _ in range(rounds):
                 for route, pool in zip(milliseconds, pools, strict=True):
                     sampler = emcee.EnsembleSampler(
@@ -99,10 +104,10 @@ def measured(
                     state = sampler.run_mcmc(start, 1)  # the model is sent here
                     elapsed = _seconds(sampler.run_mcmc, state, steps)
                     milliseconds[route].append(1e3 * elapsed / steps)
-            serial, pooled, bare = (min(times) for times in milliseconds.values())
-            rows.append((name, serial, pooled, bare, serial / (workers * pooled)))
+            best = [min(times) for times in milliseconds.values()]
+            rows.append((name, *best, best[0] / (workers * best[1])))
     return Table(
-        f"Measured: ms a generation of {walkers} walkers, {workers} workers",
+        f"Measured: ms per generation of {walkers} walkers, {workers} workers",
         ("model", "serial", "EvaluationPool", "bare pool", "efficiency"),
         ("", ".2f", ".2f", ".2f", ".2f"),
         tuple(rows),
@@ -163,7 +168,7 @@ def simulated(
             size,
             *(
                 100 * efficiency(size, k * size // 2, cov, dispatch / mean)
-                for k in WALKERS_A_WORKER
+                for k in WALKERS_PER_WORKER
             ),
         )
         for size in sizes
@@ -171,8 +176,8 @@ def simulated(
     return Table(
         f"Simulated: efficiency in %; a solve of {mean:g} s, c.o.v. {cov:g}, "
         f"{1e3 * dispatch:g} ms to hand it out",
-        ("workers", *(f"{k} walkers a worker" for k in WALKERS_A_WORKER)),
-        ("d", *(".0f",) * len(WALKERS_A_WORKER)),
+        ("workers", *(f"{k} walkers per worker" for k in WALKERS_PER_WORKER)),
+        ("d", *(".0f",) * len(WALKERS_PER_WORKER)),
         tuple(rows),
     )
 
@@ -209,6 +214,6 @@ if __name__ == "__main__":
     parser.add_argument("--rounds", type=int, default=10, help="of timing")
     parser.add_argument("--mean", type=float, default=60.0, help="seconds of a solve")
     parser.add_argument("--cov", type=float, default=0.3, help="of the solver's time")
-    parser.add_argument("--dispatch", type=float, default=1e-3, help="seconds a task")
+    parser.add_argument("--dispatch", type=float, default=1e-3, help="seconds per task")
     parser.add_argument("--most", type=int, default=1_000, help="workers")
     main(**vars(parser.parse_args()))
