@@ -38,8 +38,8 @@ def describe_findings(found: Any) -> list[str]:
     crowded = np.argwhere(found.at_bound > CROWDED)
     sentences += [_at_bound(found, i, side) for i, side in crowded]
     sentences += [
-        f"{found.modes[i].capitalize()}: its sensitivities are rough, for ln(lambda) "
-        f"is not a quadratic over the samples (R^2 {found.r_squared[i]:.2f})."
+        f"The sensitivities of {found.modes[i]} are rough, for ln(lambda) is not a "
+        f"quadratic over the samples (R^2 {found.r_squared[i]:.2f})."
         for i in np.flatnonzero(found.r_squared < GOOD_FIT)
     ]
     if found.modes and np.isnan(found.sensitivities).all():

@@ -29,8 +29,7 @@ class Identifiability:
         bounds: Bounds of the prior, ``(d, 2)``.
         sd_ratio: Posterior by prior standard deviation, ``(d,)``: near 1 the data say
             nothing, near 0 they say everything.
-        shift: Posterior minus prior mean in prior standard deviations, ``(d,)``; NaN
-            where idata does not hold ``prior_mean``.
+        shift: Posterior minus prior mean in prior standard deviations, ``(d,)``.
         correlation: Of the posterior, ``(d, d)``.
         at_bound: Share of samples within 1 % of the range of the lower and of the
             upper bound, ``(d, 2)``; of a range with an infinite end, within 4 % of a
@@ -60,7 +59,10 @@ class Identifiability:
     @property
     def table(self) -> Table:
         """One row per parameter: sd ratio, shift, strongest correlation, at a bound."""
-        partners = _strongest(self.correlation)
+        d = len(self.names)
+        strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
+        partners = [self.names[j] if d > 1 else "" for j in strongest]
+        pairs = self.correlation[np.arange(d), strongest]
         largest = np.abs(self.sensitivities).max(axis=0, initial=0.0)
         return Table.from_columns(
             "What the data say",
@@ -68,15 +70,8 @@ class Identifiability:
                 ("parameter", "", list(self.names)),
                 ("sd/prior sd", ".2f", self.sd_ratio),
                 ("shift/prior sd", "+.2f", self.shift),
-                ("with", "", [self.names[j] if j >= 0 else "" for j in partners]),
-                (
-                    "correlation",
-                    "+.2f",
-                    [
-                        float(self.correlation[i, j]) if j >= 0 else np.nan
-                        for i, j in enumerate(partners)
-                    ],
-                ),
+                ("with", "", partners),
+                ("correlation", "+.2f", np.where(d > 1, pairs, np.nan)),
                 ("at a bound %", ".1f", 100 * self.at_bound.max(axis=1)),
                 ("largest sensitivity %", ".3g", 100 * largest),
             ],
@@ -144,16 +139,11 @@ def identifiability(idata: Any) -> Identifiability:
     names, chains = samples(idata)
     draws = chains.reshape(-1, len(names))
     constants = dataset(idata, "constant_data")
-    is_error = np.zeros(len(names), dtype=bool)
-    if "is_error" in constants:
-        is_error = constants["is_error"].values.astype(bool)
+    is_error = constants["is_error"].values.astype(bool)
     structural = np.flatnonzero(~is_error)
     _check_enough([names[i] for i in structural], draws[:, structural])
     prior_sd = constants["prior_sd"].values
     mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
-    shift = np.full(len(names), np.nan)
-    if "prior_mean" in constants:
-        shift = (mean - constants["prior_mean"].values) / prior_sd
     modes, frequencies = _frequencies(idata, len(draws))
     sensitivities = np.full((len(modes), len(names)), np.nan)
     fitted = np.linspace(0, len(draws) - 1, min(len(draws), ENOUGH)).astype(int)
@@ -168,7 +158,7 @@ def identifiability(idata: Any) -> Identifiability:
         prior_sd=prior_sd,
         bounds=bounds,
         sd_ratio=sd / prior_sd,
-        shift=shift,
+        shift=(mean - constants["prior_mean"].values) / prior_sd,
         correlation=np.corrcoef(draws, rowvar=False).reshape(len(names), -1),
         at_bound=_shares_at_bounds(draws, bounds, prior_sd),
         modes=modes,
@@ -187,9 +177,8 @@ def _frequencies(idata: Any, n: int) -> tuple[tuple[str, ...], Floats]:
         if variable == "frequency":
             array = values.transpose("chain", "draw", ...).values.reshape(n, -1)
             columns.append(array)
-            labels += [
-                f"{experiment} mode {i}".strip() for i in range(1, array.shape[1] + 1)
-            ]
+            numbers = range(1, array.shape[1] + 1)
+            labels += [f"{experiment} mode {i}".strip() for i in numbers]
     return tuple(labels), np.concatenate(columns, axis=1)
 
 
@@ -211,7 +200,7 @@ def _gradients(draws: Floats, frequencies: Floats) -> tuple[Floats, Floats]:
     gradients, r_squared = np.full((m, d), np.nan), np.full(m, np.nan)
     # Whitened, because the squares of correlated draws are nearly collinear.
     U, S, Vt = np.linalg.svd(draws - draws.mean(axis=0), full_matrices=False)
-    if not S[-1] > COLLINEAR * S[0]:
+    if not d or not S[-1] > COLLINEAR * S[0]:
         return gradients, r_squared
     white = np.sqrt(n) * U
     i, j = np.triu_indices(d)
@@ -237,11 +226,3 @@ def _shares_at_bounds(draws: Floats, bounds: Floats, prior_sd: Floats) -> Floats
     width = np.where(np.isfinite(high - low), high - low, 4 * prior_sd)
     near = [draws <= low + NEAR * width, draws >= high - NEAR * width]
     return np.stack([share.mean(axis=0) for share in near], axis=1)
-
-
-def _strongest(correlation: Floats) -> list[int]:
-    """Return the parameter with which each one is correlated most, -1 for none."""
-    if len(correlation) == 1:
-        return [-1]
-    others = np.abs(correlation) - 2 * np.eye(len(correlation))
-    return [int(j) for j in others.argmax(axis=1)]

@@ -144,6 +144,8 @@ def _add_by_terms(
             if hasattr(term, "replicate"):
                 for name, value in term.replicate(rng, parameters, stored).items():
                     label = experiment.full_name(name)
+                    if label in values["posterior_predictive"]:  # as in observed_data
+                        label = f"{label}[{own}]"
                     variables["posterior_predictive"][label] = _read_by(
                         experiment, term, name
                     )

@@ -82,20 +82,14 @@ def _draws(idata: Any, group: str, found: Measured) -> Floats:
 
 
 def _rows(found: list[Measured]) -> tuple[str, list[str], str]:
-    """Return title and labels of the rows, and the unit that they share."""
-    units = {own.unit for own in found}
-    unit = f" {units.pop()}".rstrip() if len(units) == 1 else ""
+    """Return title and labels of the rows, and the unit for the titles of columns."""
     if len(found) == 1:
-        return found[0].dims or "quantity", list(found[0].labels), unit
+        (own,) = found
+        return own.dims or "quantity", list(own.labels), f" {own.unit}".rstrip()
     labels = [
-        f"{own.name}[{label}]" if label else own.name
-        for own in found
-        for label in own.labels
+        f"{own.name}[{place}] {own.unit}" for own in found for place in own.labels
     ]
-    if units:  # they differ
-        given = [own.unit for own in found for _ in own.labels]
-        labels = [f"{a} {b}".rstrip() for a, b in zip(labels, given, strict=True)]
-    return "quantity", labels, unit
+    return "quantity", [label.rstrip().replace("[]", "") for label in labels], ""
 
 
 def _mac(idata: Any, found: Measured) -> Floats:

@@ -142,6 +142,18 @@ def test_known_standard_deviations_are_those_of_the_right_term(error, sd):
     assert_allclose(predictive_table(idata, both).column("sd Hz"), sd, rtol=1e-12)
 
 
+def test_two_terms_draw_measurements_of_their_own():
+    wide = ef.FrequencyTerm(MEASURED, relative_sd=0.1)
+    narrow = ef.FrequencyTerm(MEASURED[:2], relative_sd=0.01, name="again")
+    usual = posterior(beta=1.0)
+    target = ef.LogPosterior(usual.model, [wide, narrow], usual.prior)
+    idata = ef.to_inference_data(ef.run(target, None, 8, 500, seed=1), target)
+    table = predictive_table(idata, target)
+    assert table.column("mode") == ["1", "2", "3"]
+    width = np.subtract(table.column("97.5 %"), table.column("2.5 %"))
+    assert_allclose(width, 0.2 * stats.norm.ppf(0.975) * np.array(MEASURED), rtol=0.1)
+
+
 class Deflection:
     """A user's term: millimetres at two of three points, with an error of 0.1."""
 

@@ -35,7 +35,9 @@ def made(z, frequencies, prior_sd=PRIOR_SD, names=NAMES, **constants):
     """Return what to_inference_data would; z is theta in prior sds."""
     d = len(names)
     constants = {
+        "prior_mean": np.zeros(d),
         "prior_sd": prior_sd,
+        "is_error": np.zeros(d, dtype=bool),
         "lower": np.full(d, -np.inf),
         "upper": np.full(d, np.inf),
         **constants,
