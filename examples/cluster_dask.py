@@ -20,7 +20,7 @@ evaluated at once, hence 4 walkers per worker here: 2 evaluations each, one afte
 other. ``examples/benchmarks/cluster_scaling.py`` shows what other numbers give.
 
 A worker that dies is no loss: dask gives its work to another. If a run must survive
-the end of the whole job, give it a file, ``ef.run(..., backend="run.h5")``.
+the end of the whole job, give it a file, ``ef.run(..., backend="run.chain")``.
 
 Run it:  python examples/cluster_dask.py
 """
