@@ -56,12 +56,9 @@ class GaussianPrior:
         sd = checks.positive_array("sd", sd)
         d = len(names)
         if mean.shape != (d,):
-            got = f"got shape {mean.shape}"
-            raise ValueError(f"mean: expected one number for each of {d} names, {got}")
+            raise ValueError(f"mean: expected one per {d} names, got {mean.shape}")
         if sd.shape not in ((), (d,)):
-            raise ValueError(
-                f"sd: expected one number or shape ({d},), got shape {sd.shape}"
-            )
+            raise ValueError(f"sd: expected one number or {d} of them, got {sd.shape}")
         sd = np.broadcast_to(sd, (d,)).copy()
         free = np.tile([-np.inf, np.inf], (d, 1))
         bounds = check_bounds(free if bounds is None else bounds, names)
@@ -169,7 +166,7 @@ class _Cut:
         least, most = marginal.support()
         self.low, self.high = max(low, float(least)), min(high, float(most))
         self._marginal = marginal
-        # In the upper tail probabilities from below differ by less than rounding.
+        # Far up, probabilities from below differ by less than rounding.
         upper = marginal.cdf(self.low) > 0.5
         self._quantile = marginal.isf if upper else marginal.ppf
         beyond = marginal.sf if upper else marginal.cdf

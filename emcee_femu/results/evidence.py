@@ -51,9 +51,8 @@ class Evidence:
             lines.append("The two disagree: use more betas near 0, or run longer.")
         if self.failed_solves:
             lines.append(
-                f"{self.failed_solves} solves failed: both hold for the prior within "
-                "the region that can be solved. For the prior as given add ln(share of "
-                "prior draws that can be solved)."
+                f"{self.failed_solves} solves failed: both hold for the prior where it can"
+                " be solved; for all of it add ln(share of its draws that can)."
             )
         return "\n".join(lines)
 
@@ -74,15 +73,14 @@ def log_evidence(
     :class:`FrequencyTerm` is included), so that differences between two model classes'
     results for the same data are log Bayes factors.
 
-    Where the posterior is zero inside the prior's support, because a term returns -inf
-    or ``on_failure="reject"`` took a failed solve for impossible, no walker goes at any
-    beta: the evidence is that of the prior normalised where the likelihood is above
-    zero. For the prior as given, multiply it by the prior probability of that region.
+    Where a term returns -inf, or ``on_failure="reject"`` took a failed solve for
+    impossible, no walker goes at any beta: the evidence is that of the prior normalised
+    over the rest. For the prior as given, multiply it by the prior probability of the
+    rest.
 
     The standard errors come from one series per ensemble: each estimate, to first
-    order, is a mean over generations of a sum over all walkers and betas. The series'
-    autocorrelation time thus includes what exchanges carry from walker to walker and
-    from beta to beta, which times of single walkers or blocks miss. With several
+    order, is a mean over generations of a sum over all walkers and betas, so that its
+    autocorrelation time includes what exchanges carry between them. With several
     ensembles their spread is taken where it is larger: it sees a mode that one missed.
 
     Args:
@@ -148,18 +146,15 @@ def _shared_betas(runs: list[Any]) -> Floats:
     if len(betas) < len(runs):
         raise ValueError(
             "samplers: expected samplers of a TemperedMove, got one that is not "
-            "tempered, or a backend, which does not know its moves; run with "
-            "TemperedMove(inner, betas)"
+            "tempered, or a backend, which does not know its moves"
         )
     if not all(np.array_equal(own, betas[0]) for own in betas):
-        raise ValueError(
-            "samplers: expected the same betas in all, got "
-            f"{[own.tolist() for own in betas]}"
-        )
+        got = [own.tolist() for own in betas]
+        raise ValueError(f"samplers: expected the same betas in all, got {got}")
     if betas[0][-1] != 0:
         raise ValueError(
             "samplers: expected betas that end at 0, the prior, from which the "
-            f"evidence starts, got {betas[0].tolist()}; run with betas down to 0"
+            f"evidence starts, got {betas[0].tolist()}"
         )
     return betas[0].copy()
 
@@ -167,8 +162,8 @@ def _shared_betas(runs: list[Any]) -> Floats:
 def _trapezoids(mean: Floats, variance: Floats, gaps: Floats) -> Floats:
     """Return the corrected trapezoid rule over the last axis, the betas."""
     areas = 0.5 * gaps * (mean[..., :-1] + mean[..., 1:])
-    areas -= gaps**2 / 12 * (variance[..., :-1] - variance[..., 1:])
-    total: Floats = areas.sum(axis=-1)
+    correction = gaps**2 / 12 * (variance[..., :-1] - variance[..., 1:])
+    total: Floats = (areas - correction).sum(axis=-1)
     return total
 
 

@@ -121,12 +121,10 @@ def test_gaussian_copies_its_arguments():
     ("change", "error", "message"),
     [
         ({"mean": [1.0]}, ValueError, "mean: .*2 names"),
-        ({"mean": [1.0, 2.0, 3.0]}, ValueError, "mean: .*2 names"),
         ({"mean": 1.0}, ValueError, r"mean: expected 1 dimension"),
         ({"mean": [1.0, np.nan]}, ValueError, r"mean: .*nan at index \(1,\)"),
         ({"mean": ["1", "2"]}, TypeError, "mean: expected real numbers"),
         ({"sd": [1.0, 1.0, 1.0]}, ValueError, "sd: "),
-        ({"sd": [1.0]}, ValueError, "sd: "),
         ({"sd": 0.0}, ValueError, "sd: expected numbers above zero"),
         ({"sd": [1.0, -1.0]}, ValueError, r"sd: .*-1.0 at index \(1,\)"),
         ({"bounds": [(0, 9)]}, ValueError, r"bounds: .*\(2, 2\)"),
@@ -134,14 +132,11 @@ def test_gaussian_copies_its_arguments():
         ({"bounds": [(0, 9), (9, 0)]}, ValueError, "bounds: low < high for 'I'"),
         ({"bounds": [(5, 5), (0, 9)]}, ValueError, "bounds: low < high for 'k'"),
         ({"bounds": [(0, 9), (np.nan, 9)]}, ValueError, "bounds: low < high for 'I'"),
-        ({"bounds": [(0, 9), (0, np.nan)]}, ValueError, "bounds: low < high for 'I'"),
-        ({"bounds": [(0, 9), (INF, INF)]}, ValueError, "bounds: low < high for 'I'"),
         ({"bounds": [(0, 9), (None, 9)]}, TypeError, "bounds: expected real numbers"),
         ({"names": ["k", "k"]}, ValueError, r"names: .*\['k'\]"),
         ({"names": "kI"}, TypeError, r"names: .*write \['kI'\]"),
         ({"names": []}, ValueError, "names: expected at least one"),
         ({"names": ["k", ""]}, TypeError, "names: expected non-empty strings"),
-        ({"names": ["k", 2]}, TypeError, "names: expected non-empty strings"),
     ],
 )
 def test_gaussian_refuses(change, error, message):
@@ -190,8 +185,6 @@ def test_independent_prior_is_minus_infinity_outside_one_support(column, value):
     ("marginals", "error", "message"),
     [
         ({"a": stats.norm}, TypeError, r"marginals\['a'\]: .*frozen"),
-        ({"a": stats.uniform}, TypeError, r"marginals\['a'\]: .*frozen"),
-        ({"a": stats.lognorm}, TypeError, r"marginals\['a'\]: .*frozen"),
         ({"a": stats.poisson(3)}, TypeError, r"marginals\['a'\]: .*continuous"),
         ({"a": stats.norm(), "b": 3.0}, TypeError, r"marginals\['b'\]: .*3.0"),
         ({"a": (0.0, 1.0)}, TypeError, r"marginals\['a'\]: "),
@@ -243,22 +236,18 @@ def test_a_cut_marginal_is_renormalised_and_drawn_from(case):
     assert stats.kstest(draws, lambda v: np.interp(v, x, cumulative)).pvalue > 1e-4
 
 
-def test_a_cut_gaussian_is_a_gaussian_prior_and_the_others_stay_as_they_are():
-    cut = IndependentPrior(
-        {"u": stats.uniform(), "n": stats.norm(4e3, 5e2)}, bounds={"n": (3e3, 4.2e3)}
-    )
+def test_a_cut_gaussian_is_a_gaussian_prior_and_others_are_drawn_as_before():
+    marginals = {"u": stats.uniform(), "n": stats.norm(4e3, 5e2)}
+    cut = IndependentPrior(marginals, bounds={"n": (3e3, 4.2e3)})
     gaussian = GaussianPrior(["n"], [4e3], 5e2, [(3e3, 4.2e3)])
     theta = np.column_stack([np.full(9, 0.3), np.linspace(2.9e3, 4.3e3, 9)])
     exact = gaussian.logpdf(theta[:, 1:])
     np.testing.assert_allclose(cut.logpdf(theta), exact, rtol=1e-12)
-    same = [
-        IndependentPrior(cut.marginals | {"n": stats.norm()}, bounds=bounds).sample(
-            np.random.default_rng(1), 9
-        )
-        for bounds in (None, {}, {"n": (-9.0, 9.0)})
-    ]
-    np.testing.assert_array_equal(same[0], same[1])
-    np.testing.assert_array_equal(same[0][:, 0], same[2][:, 0])
+    free, first = (
+        prior.sample(np.random.default_rng(1), 9)
+        for prior in (IndependentPrior(marginals, bounds={}), cut)
+    )
+    np.testing.assert_array_equal(free[:, 0], first[:, 0])
 
 
 @pytest.mark.parametrize(

@@ -3,22 +3,15 @@
 Parameters are drawn from the prior and measured frequencies are simulated with them.
 The parameters are then themselves a draw of the posterior given these frequencies, so
 that among L independent draws of a sampler their rank is uniform on 0 .. L, data set by
-data set. A wrong likelihood, prior, bound or move makes it another law. The rank of the
-log-likelihood is tested too: it sees a wrong width of the posterior at once, which each
-parameter sees only in part.
+data set. The rank of the log-likelihood is tested too: it sees a wrong width of the
+posterior at once, which each parameter sees only in part.
 
 The law of the data must be that of the likelihood, exactly. FrequencyTerm divides by
-the *measured* frequency, so that for a given model frequency f its density of the
-measured one is
-
-    p(fm | f)  proportional to  exp(-beta (f / fm - 1)^2 / 2) / fm .
-
-With u = f / fm it is exp(-beta (u - 1)^2 / 2) / u, whatever f is: the constant that
-normalises it does not depend on the parameters, which is why the term may leave it out
-and the posterior is exact. fm = f / u with u drawn from this density is what is used
-here, not f (1 + noise), which it resembles to first order only. In the far tail of
-infinite fm, 1 / fm has no finite integral, but the factor before it is exp(-beta / 2),
-1e-147660: u is cut at 8 standard deviations from 1.
+the *measured* frequency, so that for a model frequency f, p(fm | f) is proportional to
+exp(-beta (f / fm - 1)^2 / 2) / fm. With u = f / fm this is exp(-beta (u - 1)^2 / 2) / u
+whatever f is, so that its constant does not depend on the parameters: fm = f / u with u
+drawn from this density, cut at 8 standard deviations from 1. f (1 + noise) resembles it
+to first order only.
 
 Sources: Talts, Betancourt, Simpson, Vehtari and Gelman (2018), arXiv:1804.06788;
 Modrak et al. (2023), arXiv:2211.02383, on the log-likelihood as a test quantity.
