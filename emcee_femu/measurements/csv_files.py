@@ -79,11 +79,8 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"{path}, column 'dof': expected a DOF for each sensor or for none, but "
             f"{sensors[dofs.index('')]!r} has none"
         )
-    if sensors:
-        found["sensors"] = sensors
-    if any(dofs):
-        found["dofs"] = [int(dof) if dof.isdigit() else dof for dof in dofs]
-    return found
+    numbers = [int(dof) if dof.isdigit() else dof for dof in dofs]
+    return found | {"sensors": sensors or None, "dofs": numbers if any(dofs) else None}
 
 
 def _read_rows(path: Path, file: Iterable[str]) -> Iterator[Row]:

@@ -114,13 +114,9 @@ def _read_modes(path: Path) -> dict[int, Mapping[str, Any]]:
 
 
 def _frequency(data: Mapping[str, Any]) -> float:
-    """Return Hz: the undamped frequency |lambda| / 2 pi where there is an eigenvalue.
-
-    Real modes state Hz, whatever the units in data set 164; eigenvalues are in rad/s.
-    """
-    if data["analysis_type"] == 2:
-        return float(data["freq"])
-    return float(abs(data["eig"]) / (2 * np.pi))
+    """Return Hz: as stated, or the undamped frequency of an eigenvalue in rad/s."""
+    normal = data["analysis_type"] == 2
+    return float(data["freq"] if normal else abs(data["eig"]) / (2 * np.pi))
 
 
 def _nodal_values(path: Path, data: Mapping[str, Any]) -> dict[str, complex]:

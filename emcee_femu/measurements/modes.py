@@ -168,7 +168,8 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
         return None
     found = np.array(np.asarray(value).tolist())  # strings of pandas too
     labels = found.dtype.kind == "U"
-    if found.dtype.kind not in "iU" or (labels and any(map(_is_number, found.flat))):
+    digits = labels and any(x.replace(".", "").isdigit() for x in found.flat)
+    if found.dtype.kind not in "iU" or digits:
         raise TypeError(
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
@@ -182,14 +183,6 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
             "average sensors at one DOF first"
         )
     return found
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _refuse(argument: str, array: Any, expected: str, wrong: NDArray[np.bool_]) -> None:

@@ -71,8 +71,8 @@ class Section:
     def coefficient(self, kind: str, parameters: Parameters) -> Floats | float:
         """Return EA, GJ, EIz, EIy, rhoA or rhoI = rho (Iy + Iz), ``(n,)`` or a number.
 
-        Products of two parameters are exact: the matrices are affine in these
-        coefficients, whatever the properties that vary.
+        Products of parameters are exact: the matrices are affine in these
+        coefficients, whichever properties vary.
         """
 
         def value(name: str) -> Floats | float:
