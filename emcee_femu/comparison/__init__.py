@@ -1,1 +1,1 @@
-"""Of moves, on one posterior."""
+"""Comparison of moves on one posterior."""

@@ -144,7 +144,7 @@ def _errors(
 
 
 def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
-    """Return the label of the winner, or None, and the outcome, one sentence a line.
+    """Return the label of the winner, or None, and the outcome, one sentence per line.
 
     The winner has converged, and leads every other converged move by more than two
     combined standard errors.

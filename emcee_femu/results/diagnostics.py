@@ -115,7 +115,7 @@ def diagnose(
     """Judge whether the chains can be trusted.
 
     tau is emcee's, for each ensemble by itself. R-hat is rank-normalised and split.
-    Numbers of one ensemble cannot show that it missed a mode: run several from
+    One ensemble cannot show that it missed a mode: run several from
     over-dispersed starts. For tempered runs only the cold walkers are judged, and tau
     and ESS are those of the mean over these walkers: an exchange hands a state to
     another walker, so that a walker forgets sooner than its ensemble.

@@ -77,9 +77,9 @@ def _pair(found: Any, i: int, j: int) -> str:
     first, second = directions[:, 0] / found.prior_sd[pair]
     (a, b), ratios = (found.names[k] for k in pair), found.sd_ratio[pair]
     return (
-        f"Only {a} {_signed(second / first)} {b} of {a} and {b} is known well: sd "
-        f"ratio {np.sqrt(variances[0]):.2g}, but {ratios[0]:.2g} and {ratios[1]:.2g} "
-        f"of them (correlation {found.correlation[i, j]:+.3f})."
+        f"Only {a} {_signed(second / first)} {b} is known well, not {a} and {b} by "
+        f"themselves: sd ratio {np.sqrt(variances[0]):.2g}, against {ratios[0]:.2g} "
+        f"and {ratios[1]:.2g} (correlation {found.correlation[i, j]:+.3f})."
     )
 
 
@@ -129,5 +129,5 @@ def _at_bound(found: Any, i: int, side: int) -> str:
         )
     return (
         f"{name} is pressed against its {bound}: {share:.0f} % of the samples lie "
-        "within 1 % of the range of it. Widen the bounds, or doubt the model."
+        "within 1 % of the range from it. Widen the bounds, or doubt the model."
     )

@@ -30,7 +30,7 @@ class Identifiability:
         sd_ratio: Posterior by prior standard deviation, ``(d,)``: near 1 the data say
             nothing, near 0 they say everything.
         shift: Posterior minus prior mean in prior standard deviations, ``(d,)``.
-        correlation: Of the posterior, ``(d, d)``.
+        correlation: Correlation matrix of the posterior, ``(d, d)``.
         at_bound: Share of samples within 1 % of the range of the lower and of the
             upper bound, ``(d, 2)``; of a range with an infinite end, within 4 % of a
             prior standard deviation.
@@ -38,8 +38,8 @@ class Identifiability:
         sensitivities: d ln(lambda_i) per prior standard deviation of each parameter,
             at the posterior mean, ``(n_modes, d)``; NaN where the samples do not tell,
             and for the parameters of errors.
-        r_squared: Of the fits behind the sensitivities, ``(n_modes,)``; NaN for a mode
-            that no parameter changes.
+        r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
+            mode that no parameter changes.
         findings: Plain sentences.
     """
 

@@ -13,7 +13,7 @@ class Measured(NamedTuple):
     """A measured variable.
 
     Attributes:
-        name: Of the variable, such as ``"frequency"`` or ``"empty.frequency"``.
+        name: Name of the variable, such as ``"frequency"`` or ``"empty.frequency"``.
         unit: Its unit, or an empty string.
         dims: Its dimensions in words, such as ``"mode"``.
         labels: One label per place, such as ``"3"`` or ``"left, 3"``.

@@ -53,12 +53,13 @@ def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table
     measured = np.concatenate([own.values for own in found])
     low, high = np.quantile(draws, INTERVAL, axis=0)
     title, labels, unit = _rows(found)
+    spec = ".3f" if unit == " Hz" else ".5g"
     columns: list[tuple[str, str, Any]] = [
         (title, "", labels),
-        (f"measured{unit}", ".5g", measured),
-        (f"predicted{unit}", ".5g", draws.mean(axis=0)),
-        ("2.5 %", ".5g", low),
-        ("97.5 %", ".5g", high),
+        (f"measured{unit}", spec, measured),
+        (f"predicted{unit}", spec, draws.mean(axis=0)),
+        ("2.5 %", spec, low),
+        ("97.5 %", spec, high),
         ("inside", "", np.where((low <= measured) & (measured <= high), "yes", "no")),
     ]
     if posterior is not None:

@@ -152,10 +152,10 @@ def test_of_a_collinear_pair_the_known_combination_is_named(sign):
     assert_allclose(found.sensitivities, design, rtol=0, atol=1e-6)
     (sentence,) = found.findings
     # In parameter units: theta_1 / 3 + sign * 0.5 theta_3 / 0.5
-    start = f"Only stiff {'+' if sign > 0 else '-'} 3 x of stiff and x is known well: "
+    start = f"Only stiff {'+' if sign > 0 else '-'} 3 x is known well, not stiff and x"
     assert sentence.startswith(start)
     exact = 0.01 / np.sqrt(1 + 0.01**2)
-    assert f"sd ratio {exact:.2g}, but 0.45 and 0.89 of them" in sentence
+    assert f"sd ratio {exact:.2g}, against 0.45 and 0.89 " in sentence
     assert (
         f"(correlation {-sign * covariance_correlation(covariance):+.3f})" in sentence
     )
@@ -173,7 +173,7 @@ def test_one_of_a_pair_is_unknown_by_itself_only():
     z = exact_draws(covariance)
     findings = identifiability(made(z, linear_frequencies(z))).findings
     assert findings[0].startswith("The data say nothing about x by itself: ")
-    assert findings[1].startswith("Only stiff + 0.6 x of stiff and x is known well: ")
+    assert findings[1].startswith("Only stiff + 0.6 x is known well, not ")
 
 
 @pytest.mark.parametrize(("r", "named"), [(0.94, False), (-0.96, True)])
