@@ -25,6 +25,8 @@ pointwise  term          ``pointwise(parameters, stored)``: the log-likelihood o
                          variable; None where it does not factorise
 replicate  term          ``replicate(rng, parameters, stored)``: a new measurement for
                          each sample, ``{variable: (n, ...)}``
+unpaired   response      where a mode has no pair, ``(n, n_modes)``
+mean       prior         where its tables begin; otherwise at the mean of its draws
 check      move          ``check(nwalkers, ndim)`` raises if they do not fit the move
 ========== ============= =============================================================
 

@@ -16,7 +16,7 @@ GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H struct
 
 
 def describe_findings(found: Any) -> list[str]:
-    """Return sentences about an :class:`identifiability.Identifiability`."""
+    """Return sentences about an ``Identifiability``."""
     uninformed = np.flatnonzero(found.sd_ratio > UNINFORMED)
     together = np.abs(found.correlation) > TOGETHER
     sentences = [_uninformed(found, i, together[i].sum() == 1) for i in uninformed]

@@ -1,0 +1,85 @@
+"""What messages and docstrings name exists, and public things go by their names."""
+
+import ast
+import builtins
+import importlib
+import inspect
+import pkgutil
+import re
+
+import emcee
+import pytest
+
+import emcee_femu as ef
+
+MODULES = [
+    importlib.import_module(info.name)
+    for info in pkgutil.walk_packages(ef.__path__, "emcee_femu.")
+]
+ROOTS = ["arviz", "concurrent.futures", "emcee", "multiprocessing", "numpy", "queue"]
+ROOTS += ["numpy.random", "pandas", "scipy.sparse", "scipy.stats", "subprocess"]
+OTHERS = {name: importlib.import_module(name) for name in (*ROOTS, "xarray")}
+# Names of people, programs, formats and journals, and of optional dependencies.
+WORDS = {"ArviZ", "LaTeX", "McLachlan", "NaN", "NumPy", "PhysRevLett", "PyDREAM"}
+WORDS |= {"EnsembleSamplers", "RdBu_r", "SuperLU", "SymmetricMode"}
+CAMEL = r"(?<![\w.])(?:[a-z]\w*\.)*[A-Z]\w*[a-z]\w*[A-Z]\w*"
+ROLE = r":(?:class|func|meth|mod|attr):`([^`]+)`"
+CALL = r"(?<![\w.])(\w+)\(([^()]*)\)"
+
+
+def strings(module):
+    for node in ast.walk(ast.parse(inspect.getsource(module))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def reach(owner, path):
+    """Return what a dotted path means inside an owner, None if it means nothing."""
+    for part in path.split("."):
+        owner = getattr(owner, part, None)
+    return owner
+
+
+def exists(name, module):
+    own = [value for value in vars(module).values() if inspect.isclass(value)]
+    fields = {key for value in own for key in getattr(value, "__annotations__", {})}
+    owners = [ef, module, *own, builtins, emcee, emcee.moves, *OTHERS.values()]
+    paths = [name, *(name.removeprefix(f"{root}.") for root in ("emcee_femu", *OTHERS))]
+    found = any(reach(owner, path) is not None for owner in owners for path in paths)
+    public = name.rpartition(".")[2]
+    alone = name in (public, f"emcee_femu.{public}") or not hasattr(ef, public)
+    return name in WORDS or name in fields or (found and alone)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_what_is_named_exists(module):
+    missing = set()
+    for text in strings(module):
+        named = {*re.findall(ROLE, text), *re.findall(CAMEL, text)}
+        missing |= {name for name in named if not exists(name, module)}
+        for name, given in re.findall(CALL, text):
+            if callable(getattr(ef, name, None)):
+                known = inspect.signature(getattr(ef, name)).parameters
+                words = re.findall(r"(\w+)=", given)
+                missing |= {f"{name}({word}=)" for word in words if word not in known}
+    assert missing == set()
+
+
+@pytest.mark.parametrize("name", ["pairing.PairedModel", "NoModel", "moves.DEMCMove"])
+def test_the_search_finds_what_it_is_for(name):
+    assert not exists(name, ef)
+
+
+def test_what_a_contract_may_have_is_listed():
+    """Whatever is asked of a model, term, prior, move or response, if it has it."""
+    asked = set()
+    for module in MODULES:
+        for node in ast.walk(ast.parse(inspect.getsource(module))):
+            function = getattr(getattr(node, "func", None), "id", "")
+            if function in ("getattr", "hasattr"):
+                owner, name = ast.unparse(node.args[0]), ast.unparse(node.args[1])
+                if re.search(r"\b(model|term|reader|prior|move|response)$", owner):
+                    asked.add(name.strip("'"))
+    listed = {*re.findall(r"^(\w+) +\w", ef.interfaces.__doc__, re.M)}
+    of_emcee = {"get_proposal", "inner", "propose"}
+    assert asked - listed <= of_emcee | {"__name__", "name", "shapes"}
