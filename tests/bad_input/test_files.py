@@ -46,7 +46,7 @@ def cells(text):
     return Counter(c.removesuffix("0").removesuffix(".") for r in rows for c in r if c)
 
 
-@pytest.mark.parametrize("tail", ["", "\n", "nan\n", ",", '"', "\0", "1e999\n", "é"])
+@pytest.mark.parametrize("tail", ["", "\n", "nan\n", ",5\n", '"', "\0", "1e999\n", "é"])
 def test_a_csv_file_that_ends_anywhere_is_refused_or_read_in_full(tmp_path, tail):
     path = tmp_path / "modes"
     for text, found in cut(path, CSV, 3, tail, ef.Measurements.from_csv):
