@@ -16,6 +16,7 @@ MODULES = [
     importlib.import_module(info.name)
     for info in pkgutil.walk_packages(ef.__path__, "emcee_femu.")
 ]
+PUBLIC = {name for name, value in vars(ef).items() if callable(value)}
 ROOTS = ["arviz", "concurrent.futures", "emcee", "multiprocessing", "numpy", "queue"]
 ROOTS += ["numpy.random", "pandas", "scipy.sparse", "scipy.stats", "subprocess"]
 OTHERS = {name: importlib.import_module(name) for name in (*ROOTS, "xarray")}
@@ -47,7 +48,7 @@ def exists(name, module):
     paths = [name, *(name.removeprefix(f"{root}.") for root in ("emcee_femu", *OTHERS))]
     found = any(reach(owner, path) is not None for owner in owners for path in paths)
     public = name.rpartition(".")[2]
-    alone = name in (public, f"emcee_femu.{public}") or not hasattr(ef, public)
+    alone = name in (public, f"emcee_femu.{public}") or public not in PUBLIC
     return name in WORDS or name in fields or (found and alone)
 
 

@@ -30,7 +30,7 @@ from .ranking import Entry, conclusion, known_moments, table
 class Comparison:
     """What :func:`compare_moves` found; ``print`` it for the table and the conclusion.
 
-    The table is that of :func:`ranking.table`.
+    The table is that of :func:`comparison.ranking.table`.
 
     Attributes:
         table: One row per move.
