@@ -164,6 +164,7 @@ TIED |= {"measured": "sd beta covariance", "parameters": "k1", "dofs": "coords"}
 OFF = None, None  # left out: it excludes another, or is thrown elsewhere
 OTHERS = ("sd", "shapes", "shape_sd", "sensors", "dofs", "phase_collinearity")
 OTHERS = dict.fromkeys(OTHERS, OFF)
+FEW = {"posterior", "seed", "nsteps"}
 SIZE = {"sd": OFF, "delta": OFF, "discrepancy": OFF}
 SCATTER = {"sd": OFF, "relative_sd": OFF, "beta": OFF, "covariance": OFF}
 # By name, perhaps with a variant: the arguments that are unlike those of ARGUMENTS.
@@ -218,6 +219,11 @@ CALLS = {
     },
     "MetropolisMove, sd": {"cov": OFF, "sd": (SD, steps)},
     "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
+    "run": {"workers": OFF},
+    "run, workers": {
+        **dict.fromkeys({*inspect.signature(ef.run).parameters} - FEW, OFF),
+        "workers": (1, whole(1)),
+    },
     "log_evidence": {"samplers": ([TEMPERED], anything)},
     "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
 }
