@@ -47,12 +47,7 @@ class Settings:
 
 
 def check_moves(argument: str, moves: Any) -> None:
-    """Refuse what emcee would take for a move, a list of moves or weighted pairs.
-
-    Raises:
-        TypeError: If something is no move, or pairs are mixed with moves.
-        ValueError: If there is no move, or weights are negative or all zero.
-    """
+    """Refuse what emcee would take for a move, a list of moves or weighted pairs."""
     given = list_moves(moves)
     if not given:
         raise ValueError(f"{argument}: expected at least one move, got none")
@@ -86,11 +81,7 @@ def list_moves(moves: Any) -> list[Any]:
 
 
 def check_walkers(nwalkers: Any, moves: Any, ndim: int) -> int:
-    """Return the walkers per ensemble, by default as many as are usual for the moves.
-
-    Raises:
-        TypeError, ValueError, RuntimeError: If they do not fit the moves.
-    """
+    """Return the walkers per ensemble, by default what is usual for the moves."""
     given = list_moves(moves)
     tempered = find_ladder(given)  # refuses temperatures that differ
     if nwalkers is None:
@@ -141,12 +132,7 @@ def check_starts(
 def check_backends(
     backend: Any, ensembles: int, resume: bool
 ) -> tuple[list[Backend | None], str | None]:
-    """Return one empty backend per ensemble, or the name of a file.
-
-    Raises:
-        TypeError: If one is no backend, or there is no file to resume.
-        ValueError: If there are too few or too many, or one holds steps.
-    """
+    """Return one empty backend per ensemble, or the name of a file."""
     if isinstance(backend, str | os.PathLike):
         name = os.fspath(checks.file_name("backend", backend))
         # Absolute, since a solver may change the directory.

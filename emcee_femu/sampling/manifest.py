@@ -101,14 +101,7 @@ def _digest(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def check_same(path: str, stored: dict[str, Any], now: dict[str, Any]) -> None:
-    """Refuse to go on with another run, naming every difference; versions only warn.
-
-    Raises:
-        ValueError: If there is a difference.
-
-    Warns:
-        UserWarning: If a version differs: results may then differ in the last digits.
-    """
+    """Refuse to go on with another run, naming every difference; versions only warn."""
     kept = {name: value for name, value in stored.items() if name in now}
     lines = list(differences(kept, now))
     versions = [line for line in lines if line.startswith("versions.")]

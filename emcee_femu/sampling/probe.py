@@ -6,7 +6,6 @@ posteriors silently. What does not show at these points passes.
 """
 
 import logging
-from typing import Any
 
 import emcee
 import numpy as np
@@ -23,9 +22,7 @@ FLOOR = 1e-3  # of the largest value of a variable, to which the tolerance is re
 def probe(evaluation: Evaluation, states: list[emcee.State], path: str) -> None:
     """Refuse to go on if ``states`` are evaluated to other columns than were stored.
 
-    Raises:
-        ValueError: If a column differs by more than ``probe_tolerance``, with the
-            parameters by name; or if the solver is not deterministic.
+    A solver that is not deterministic is told apart by a second evaluation.
     """
     posterior = evaluation.settings.posterior
     tolerance = evaluation.settings.probe_tolerance
@@ -44,21 +41,18 @@ def probe(evaluation: Evaluation, states: list[emcee.State], path: str) -> None:
         again = np.column_stack(sampler.compute_log_prob(state.coords))
         changing = _apart(now, again, posterior, tolerance)
         if changing.any():
-            where, values = _first(changing, state.coords, posterior)
+            where = _first(changing, now, again, state.coords, posterior)
             raise ValueError(
-                "resume: the solver is not deterministic: evaluated twice at the same "
-                f"parameters, {where[2]} was {now[where[:2]]:.12g}, then "
-                f"{again[where[:2]]:.12g}, of walker {where[0]} of ensemble {number} "
-                f"at {values}. Make it so (fixed seeds and starts, one thread), or set "
-                "probe_tolerance to what it scatters by"
+                f"resume: the solver is not deterministic: of ensemble {number} "
+                f"{where}. Fix its seeds, starts and threads, or set probe_tolerance "
+                "to what it scatters by"
             )
-        where, values = _first(apart, state.coords, posterior)
+        where = _first(apart, stored, now, state.coords, posterior)
         raise ValueError(
-            f"resume: {path} holds a run of another posterior: {where[2]} of walker "
-            f"{where[0]} of ensemble {number} was {stored[where[:2]]:.12g} and is "
-            f"{now[where[:2]]:.12g} at {values} ({int(apart.any(axis=1).sum())} of "
-            f"{len(apart)} walkers differ by more than probe_tolerance={tolerance:g}). "
-            "Restore model, files and versions, or give another file name"
+            f"resume: {path} holds a run of another posterior: of ensemble {number} "
+            f"{where} ({int(apart.any(axis=1).sum())} of {len(apart)} walkers differ "
+            f"by more than probe_tolerance={tolerance:g}). Restore model, files and "
+            "versions, or give another file name"
         )
 
 
@@ -78,14 +72,23 @@ def _apart(
 
 
 def _first(
-    apart: NDArray[np.bool_], coords: Floats, posterior: LogPosterior
-) -> tuple[tuple[int, int, str], dict[str, Any]]:
-    """Return walker, column, its label, and the parameters of the first difference.
+    apart: NDArray[np.bool_],
+    one: Floats,
+    other: Floats,
+    coords: Floats,
+    posterior: LogPosterior,
+) -> str:
+    """Return the first difference in words, with the parameters by name.
 
-    The log-posterior is a sum: another column says more, if there is one.
+    The log-posterior is a sum: unless the solve failed, another column says more.
     """
     walker = int(np.argmax(apart.any(axis=1)))
     columns = np.flatnonzero(apart[walker])
-    column = int(columns[1 if len(columns) > 1 and columns[0] == 0 else 0])
+    parts = columns[columns > 0]
+    solved = other[walker, 0] > -np.inf
+    column = int(parts[0] if solved and len(parts) else columns[0])
     values = dict(zip(posterior.names, coords[walker].tolist(), strict=True))
-    return (walker, column, posterior.labels[column]), values
+    return (
+        f"{posterior.labels[column]} of walker {walker} was "
+        f"{one[walker, column]:.12g} and is {other[walker, column]:.12g} at {values}"
+    )

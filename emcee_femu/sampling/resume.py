@@ -15,13 +15,9 @@ from .starts import Evaluation, draw_starts
 def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
     """Go on with the file of a run, or make it.
 
-    Starts, moves and burn-in of "auto" are stored, so that nothing is evaluated again:
-    a burn-in can cost as much as the chain. During it there is another file beside the
+    Starts, moves and burn-in of "auto" are stored, so that they are not found again: a
+    burn-in can cost as much as the chain. During it there is another file beside the
     file, ``.burn-in``.
-
-    Raises:
-        ValueError: If the file is not that of such a run, naming every difference, or
-            there is one and ``resume`` was not asked for.
     """
     settings = evaluation.settings
     path = str(settings.path)

@@ -62,11 +62,8 @@ class Evaluation:
 def draw_starts(evaluation: Evaluation) -> list[emcee.State]:
     """Return the evaluated start of each ensemble, with its own random stream.
 
-    Draws from the prior at which a solve failed and was rejected, or the posterior is
-    zero for another reason beside it, are drawn again.
-
-    Raises:
-        ValueError: If a walker starts where the posterior is zero.
+    If failed solves are rejected, draws from the prior where the posterior is zero are
+    drawn again.
     """
     settings = evaluation.settings
     posterior, sampler = settings.posterior, evaluation.sampler()
@@ -78,10 +75,8 @@ def draw_starts(evaluation: Evaluation) -> list[emcee.State]:
         else:
             start = settings.initial[ensemble].copy()
         log_prob, blobs = sampler.compute_log_prob(start)
-        redraws = MOST_DRAWS
-        if evaluation.failures is None or settings.initial is not None:
-            redraws = 0
-        for _ in range(redraws):
+        redraw = evaluation.failures is not None and settings.initial is None
+        for _ in range(MOST_DRAWS if redraw else 0):
             again = np.flatnonzero(~np.isfinite(log_prob))
             if not len(again):
                 break

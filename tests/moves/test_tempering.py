@@ -263,7 +263,7 @@ def test_serial_vectorised_and_pooled_chains_are_the_same_to_the_bit():
 
 
 def test_a_run_resumed_from_a_file_goes_on_to_the_bit(tmp_path):
-    file = tmp_path / "run.h5"
+    file = tmp_path / "run.chain"
     sampled(nsteps=5, backend=file)
     (resumed,) = sampled(backend=file, resume=True)
     assert_array_equal(everything(resumed), everything(sampled()[0]))

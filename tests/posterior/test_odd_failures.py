@@ -246,7 +246,7 @@ INSIDE = {
 
 @pytest.mark.parametrize("inside", INSIDE)
 def test_a_sequential_gaussian_move_is_refused_by_name(inside, tmp_path):
-    file = tmp_path / "run.h5"
+    file = tmp_path / "run.chain"
     moves = INSIDE[inside](gaussian("sequential"))
     with pytest.raises(ValueError, match="^moves: GaussianMove.*sequential.*'random'"):
         ef.run(posterior(one_by_one(0.5)), moves, backend=file, **OPTIONS)

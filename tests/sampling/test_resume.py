@@ -201,7 +201,7 @@ def test_a_file_that_the_solver_reads_was_changed(tmp_path):
     a, b = last.coords[0].tolist()
     now = 10 + 1.001 * a
     likelihood = -0.5 * ((now - 10) ** 2 + (20 + b - 20) ** 2) / 0.25
-    assert "log_likelihood[frequency] of walker 0 of ensemble 1 was" in message
+    assert "of ensemble 1 log_likelihood[frequency] of walker 0 was" in message
     assert f"{{'a': {a}, 'b': {b}}}" in message
     stored, found = message.split(" was ")[1].split(" at ")[0].split(" and is ")
     assert float(stored) == pytest.approx(last.blobs[0, 1], abs=1e-9)
@@ -227,7 +227,7 @@ def test_solves_that_fail_now_are_a_difference_and_are_not_counted(tmp_path):
         return sampled(posterior, backend=file, resume=True, **options)[0].failures
 
     counts = run("1.0", 2).counts
-    with pytest.raises(ValueError, match=r"another posterior: log_prior .* is -inf at"):
+    with pytest.raises(ValueError, match=r"1 log_posterior of .* is -inf at"):
         run("broken", 4)
     assert run("1.0", 2).counts == counts
 
@@ -241,7 +241,7 @@ def test_a_difference_below_the_tolerance_passes_and_one_above_does_not(tmp_path
 
 def test_a_solver_that_is_not_deterministic_is_told_apart(tmp_path):
     solved(tmp_path, nsteps=5, scatter=1e-3)
-    with pytest.raises(ValueError, match=r"not deterministic: .*frequency.* then"):
+    with pytest.raises(ValueError, match=r"not deterministic: .*frequency.* was "):
         solved(tmp_path, nsteps=9, scatter=1e-3)
     solved(tmp_path, nsteps=9, scatter=1e-3, probe_tolerance=1.0)
 

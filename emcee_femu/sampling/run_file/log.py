@@ -97,12 +97,7 @@ class Log:
         return np.memmap(self.path, self._kind, "r", self._begin, (self._known,))
 
     def append(self, stream: int, state: Any, accepted: Any, counts: Any) -> None:
-        """Store one step: all of it, or nothing.
-
-        Raises:
-            OSError: If it cannot be written, as on a full disk; nothing is lost.
-            ValueError: If another run has written to the file.
-        """
+        """Store one step, all of it or nothing, if no other run writes to the file."""
         step = self.steps(stream) + 1
         content = pack(self._kind, stream, step, state, accepted, counts)
         with open(self.path, "r+b", buffering=0) as file:
@@ -195,11 +190,7 @@ def write(file: Any, content: bytes) -> None:
 
 
 def check_new(path: str) -> None:
-    """Refuse a place where no file can be made.
-
-    Raises:
-        ValueError: If the file exists, or its directory does not or takes no files.
-    """
+    """Refuse a place where there is a file, or none can be made."""
     folder = os.path.dirname(path) or os.curdir
     if not os.path.basename(path) or os.path.isdir(path):
         raise ValueError(f"backend: expected the name of a file, got {path!r}")
@@ -216,11 +207,7 @@ def check_new(path: str) -> None:
 
 
 def read_header(path: str) -> tuple[dict[str, Any], int]:
-    """Return the header, and where the records begin.
-
-    Raises:
-        ValueError: If it is not that of a run, or not whole.
-    """
+    """Return the header of a run, checked, and where the records begin."""
     if not os.path.exists(path):
         raise ValueError(f"backend: expected the file of a run, but there is no {path}")
     with open(path, "rb") as file:
