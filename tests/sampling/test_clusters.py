@@ -14,7 +14,6 @@ from support.examples import TESTS
 from support.mpi import leaves_sockets, mpiexec
 from support.pool_problems import POSTERIOR, START, chain, names_the_place, run
 
-import emcee_femu as ef
 from emcee_femu import EvaluationPool
 
 pytestmark = pytest.mark.slow
@@ -100,14 +99,6 @@ def test_dask_gives_up_a_task_that_kills_its_workers(found_by_workers):
         pytest.raises(RuntimeError, match="^pool: .*a worker died.*KilledWorker"),
     ):
         run(pool_problems.killed, pool=client)
-
-
-def test_an_asynchronous_client_is_refused():
-    class Asynchronous:
-        asynchronous, map = True, None
-
-    with pytest.raises(TypeError, match="^pool: .*asynchronous=False"):
-        ef.run(POSTERIOR, seed=1, pool=Asynchronous())
 
 
 # --- ray --------------------------------------------------------------------------

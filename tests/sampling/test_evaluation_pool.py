@@ -6,6 +6,7 @@ import threading
 import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import suppress
+from types import SimpleNamespace
 
 import emcee
 import numpy as np
@@ -23,6 +24,7 @@ from support.pool_problems import (
     open_executor,
     posterior_of,
     run,
+    run_on,
 )
 
 import emcee_femu as ef
@@ -172,25 +174,13 @@ def test_a_share_is_one_call_of_a_log_posterior_and_many_of_another_function():
 # --- what goes wrong --------------------------------------------------------------
 
 
-def error_of(name, fault):
-    """Return what a run, or the end of its executor, raises; fail if one hangs."""
-
-    def work():
-        with open_executor(name) as pool:
-            run(fault, pool=pool)
-
-    error = finishes(work)
-    assert isinstance(error, Exception), f"the run ended with {error!r}"
-    return error
-
-
 @forks
 @pytest.mark.parametrize("fault", ["killed", "ended"])
-@pytest.mark.parametrize("name", ["fork", spawn])
+@pytest.mark.parametrize("name", ["fork", "workers", spawn])
 def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
-    error = error_of(name, getattr(pool_problems, fault))
+    error = finishes(lambda: run_on(name, getattr(pool_problems, fault)))
     assert type(error) is RuntimeError
-    assert str(error).startswith("pool: ProcessPoolExecutor could not do its work")
+    assert str(error).startswith("pool: ProcessPoolExecutor could not do its work: a")
     assert isinstance(error.__cause__, BrokenExecutor)
     (sampler,) = error.samplers
     assert 0 < sampler.iteration < 100
@@ -206,26 +196,24 @@ def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
         ("ordinary", ArithmeticError, "^the solver did not converge"),
     ],
 )
-@executors
+@pytest.mark.parametrize("name", ["fork", "workers", "threads", "thread pool"])
 def test_an_error_of_the_solver_arrives_with_parameters_and_traceback(
     capfd, name, fault, kind, message
 ):
-    error = error_of(name, getattr(pool_problems, fault))
-    with pytest.raises(kind, match=message):
-        raise error
-    assert names_the_place(error)
-    assert f"in {fault}" in error.__notes__[-1]  # the worker's traceback
+    with pytest.raises(kind, match=message) as caught:
+        run_on(name, getattr(pool_problems, fault))
+    assert names_the_place(caught.value)
+    assert f"in {fault}" in caught.value.__notes__[-1]  # the worker's traceback
     assert "Exception while calling" not in capfd.readouterr().out  # emcee's report
 
 
 @forks
+@pytest.mark.parametrize("name", ["fork", "workers"])
 @pytest.mark.parametrize("fault", ["left", "awkward", "ordinary"])
-def test_failures_on_workers_are_counted_as_in_a_serial_run(fault):
-    options = {"nsteps": 20, "on_failure": "reject", "max_failures": 1.0}
+def test_failures_on_workers_are_counted_as_in_a_serial_run(name, fault):
     fault = getattr(pool_problems, fault)
-    with open_executor("fork") as executor:
-        (sampler,) = run(fault, pool=executor, **options)
-    (serial,) = run(fault, **options)
+    options = {"nsteps": 20, "on_failure": "reject", "max_failures": 1.0}
+    (sampler,), (serial,) = run_on(name, fault, **options), run(fault, **options)
     assert np.array_equal(sampler.get_chain(), serial.get_chain())
     assert sampler.failures.causes == serial.failures.causes
     assert sampler.failures.causes["exception"] > 0
@@ -326,7 +314,12 @@ def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
         assert chain(SerialPool()) == chain()
 
 
-@pytest.mark.parametrize("executor", [None, 2, "dask", [1], ThreadPoolExecutor, time])
+ASYNCHRONOUS = SimpleNamespace(map=map, asynchronous=True)  # a dask Client may be
+
+
+@pytest.mark.parametrize(
+    "executor", [None, 2, "dask", [1], ThreadPoolExecutor, time, ASYNCHRONOUS]
+)
 def test_what_is_no_pool_is_refused(executor):
     with pytest.raises(TypeError, match="^executor: expected"):
         EvaluationPool(executor)

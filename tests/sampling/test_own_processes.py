@@ -16,9 +16,7 @@ from support.pool_problems import (
     POSTERIOR,
     chain,
     finishes,
-    names_the_place,
     posterior_of,
-    run,
 )
 
 import emcee_femu as ef
@@ -48,15 +46,16 @@ def test_the_chain_is_that_of_a_serial_run_to_the_bit(method):
         assert chain(posterior=posterior, steps=3, workers=workers) == serial
 
 
-def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads():
+def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads(tmp_path):
     lock = threading.Lock()
     posterior = posterior_of(lambda p: [p["k"], 2 * p["m"]] if lock else None)
     going = threading.Thread(target=time.sleep, args=[5], daemon=True)
     going.start()  # Python 3.12 and newer would warn, which is an error here
-    settings = {"nwalkers": 12, "nsteps": 5, "seed": 1, "ensembles": 2}
-    for options in ({}, {"on_failure": "reject"}):
-        pooled = ef.run(posterior, workers=2, **settings, **options)
-        serial = ef.run(posterior, **settings, **options)
+    file = {"backend": tmp_path / "run.chain", "resume": True, "on_failure": "reject"}
+    for options in ({"nsteps": 5}, {"nsteps": 5, **file}, {"nsteps": 8, **file}):
+        options |= {"nwalkers": 12, "seed": 1, "ensembles": 2}
+        pooled = ef.run(posterior, workers=2, **options)
+        serial = ef.run(posterior, **options | {"backend": None, "resume": False})
         for one, other in zip(pooled, serial, strict=True):
             assert np.array_equal(one.get_chain(), other.get_chain())
 
@@ -66,14 +65,6 @@ def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads():
 def test_spawned_processes_must_be_sent_the_posterior(method):
     with pytest.raises(TypeError, match="^pool: .*lambda.*top level of a module"):
         ef.run(posterior_of(lambda p: [1.0, 2.0]), seed=1, workers=2)
-
-
-@methods
-def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(method):
-    for fault in (pool_problems.killed, pool_problems.ended):
-        error = finishes(lambda fault=fault: run(fault, workers=2))
-        assert type(error) is RuntimeError and "a worker died" in str(error)
-        assert 0 < error.samplers[0].iteration < 100
 
 
 def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
@@ -91,17 +82,6 @@ def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
     assert time.perf_counter() - begin < 20
     assert "'k': 1.0" in error.__notes__[-1]
     assert not multiprocessing.active_children()
-
-
-def test_failures_are_counted_as_in_a_serial_run():
-    options = {"nsteps": 20, "on_failure": "reject", "max_failures": 1.0}
-    (pooled,) = run(pool_problems.left, workers=2, **options)
-    (serial,) = run(pool_problems.left, **options)
-    assert np.array_equal(pooled.get_chain(), serial.get_chain())
-    assert pooled.failures.causes == serial.failures.causes != {}
-    with pytest.raises(ArithmeticError) as caught:
-        run(pool_problems.ordinary, workers=2)
-    assert names_the_place(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,14 @@ def run(fault, **options):
     return ef.run(posterior_of(Beyond(fault)), **settings)
 
 
+def run_on(name, fault, **options):
+    """Sample so on an executor of that name, or on a run's own processes."""
+    if name == "workers":
+        return run(fault, workers=2, **options)
+    with open_executor(name) as pool:
+        return run(fault, pool=pool, **options)
+
+
 def names_the_place(error):
     """Return whether message and notes name one parameter set, one beyond the limit."""
     text = "\n".join([str(error), *error.__notes__])

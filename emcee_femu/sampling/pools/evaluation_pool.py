@@ -20,14 +20,13 @@ class EvaluationPool:
     it (at first, or new in a growing cluster) says so and is sent it. A worker's share
     of the walkers is one call of a :class:`LogPosterior`; another function is called
     point by point. The chain is that of a serial run, to the bit, as far as the
-    machines compute alike. A worker that dies is an error (dask and ray first try
-    another one).
+    machines compute alike. A worker that dies is an error (dask first tries others).
 
     A sampler can keep at most ``nwalkers / nsplits`` workers busy, nsplits being that
     of its moves (2 by default); ``examples/benchmarks/cluster_scaling.py`` shows how
     the ensemble should grow. The function must not change between calls. Start workers
     with one thread each for linear algebra (``OMP_NUM_THREADS=1``). The owner of the
-    executor closes it; the processes of a ``ProcessPoolExecutor`` that was used here
+    executor closes it; processes of a ``ProcessPoolExecutor`` that evaluated something
     also end if the run is killed.
 
     Args:
@@ -40,21 +39,16 @@ class EvaluationPool:
             for a solver whose time varies, or a cluster that grows on demand.
 
     Raises:
-        TypeError: If executor is none of these, or a ``multiprocessing.Pool``, which
-            waits for ever for a worker that died; or chunksize is no whole number.
-            From ``map``: if the function cannot be pickled.
-        ValueError: If chunksize < 1.
+        TypeError, ValueError: If executor is none of these (``multiprocessing.Pool``
+            is not: it waits for ever for a worker that died), chunksize is no whole
+            number >= 1, or (from ``map``) the function cannot be pickled.
         RuntimeError: From ``map``, if a worker died or the executor was closed.
 
     Example:
         >>> from concurrent.futures import ThreadPoolExecutor
-        >>> import emcee
         >>> with ThreadPoolExecutor(2) as executor:
-        ...     pool = EvaluationPool(executor)
-        ...     sampler = emcee.EnsembleSampler(8, 2, lambda x: -x @ x, pool=pool)
-        ...     start = np.random.default_rng(1).normal(size=(8, 2))
-        ...     sampler.run_mcmc(start, 10).coords.shape
-        (8, 2)
+        ...     EvaluationPool(executor).map(lambda x: float(x @ x), 2 * np.eye(2))
+        [4.0, 4.0]
     """
 
     def __init__(self, executor: Any, chunksize: int | None = None) -> None:
@@ -66,10 +60,6 @@ class EvaluationPool:
         if hasattr(executor, "get_executor"):  # a dask Client
             self._executor = executor.get_executor(pure=False)
         self._pickles: list[tuple[Any, str, bytes]] = []
-
-    def __repr__(self) -> str:
-        """Return the call that makes an equal pool."""
-        return f"EvaluationPool({self._given!r}, chunksize={self.chunksize})"
 
     def map(self, function: Any, iterable: Iterable[Any]) -> list[Any]:
         """Return ``[function(point) for point in iterable]``, evaluated by the workers.
@@ -128,10 +118,7 @@ class EvaluationPool:
 
 
 def _unwrap(function: Any) -> Any:
-    """Return the log-probability that emcee wraps, where it wraps nothing else.
-
-    emcee's wrapper is another object for every sampler of the same function.
-    """
+    """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""
     if type(function).__name__ != "_FunctionWrapper":
         return function
     return function if function.args or function.kwargs else function.f

@@ -37,7 +37,7 @@ def count_workers(executor: Any) -> int:
         return sum(executor.nthreads().values())
     # The standard library and loky; mpi4py; schwimmbad.
     names = ("_max_workers", "num_workers", "size")
-    return max(int(getattr(executor, name, 0)) for name in names)
+    return max(getattr(executor, name, 0) for name in names)
 
 
 def dump(executor: Any, value: Any) -> bytes:

@@ -21,15 +21,10 @@ def open_pool(pool: Any, workers: Any, one_by_one: bool) -> Iterator[Any]:
     """Yield who evaluates for a run: None, a pool, or processes of its own.
 
     These end with the block; after an error at once, even in the middle of a solve.
-
-    Args:
-        pool: What the user gave; not closed here.
-        workers: Number of processes to start, or None.
-        one_by_one: Whether a batch is no quicker than its rows.
+    They get one task per walker if a batch is no quicker than that (``one_by_one``).
 
     Raises:
-        TypeError: If workers is no whole number or pool is no pool.
-        ValueError: If workers < 1, or both are given.
+        TypeError, ValueError: If workers is no whole number >= 1, or both are given.
         RuntimeError: If a worker process imports the script that calls ``run``.
     """
     _refuse_import()
@@ -59,10 +54,7 @@ def open_pool(pool: Any, workers: Any, one_by_one: bool) -> Iterator[Any]:
 
 
 class ForkedPool(EvaluationPool):
-    """A pool of processes that are forked at the first evaluation.
-
-    They inherit the function: nothing is pickled, so that it may stand in a notebook.
-    """
+    """A pool whose processes are forked at the first evaluation, and inherit it all."""
 
     def _pickle(self, function: Any) -> tuple[str, bytes]:
         if self._pickles:
@@ -80,10 +72,7 @@ class ForkedPool(EvaluationPool):
 
 
 def _refuse_import() -> None:
-    """Raise where a spawned process imports a script without a guard.
-
-    It would begin the run once more, and so without end.
-    """
+    """Raise where a spawned process imports a script without a guard."""
     for frame, _ in traceback.walk_stack(None):
         module = frame.f_globals.get("__name__")
         if module == "__mp_main__" and frame.f_code.co_name == "<module>":

@@ -14,6 +14,10 @@ import numpy as np
 
 KEPT = 8  # functions a worker keeps; an older one is sent again when it is needed
 functions: dict[str, Any] = {}  # of this process, by digest
+NOT_LOADED = (
+    "The worker could not load the function: it must stand in a module that workers can"
+    " import; what a notebook or a prompt defines reaches forked processes only"
+)
 _watched: set[int] = set()  # processes (forks inherit it) that end with their run
 
 
@@ -37,25 +41,20 @@ def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
     digest, points, payload, home = task
     _end_with_run(home)
     function = payload if digest is None else functions.get(digest)
-    if function is None and payload is None:
-        return Outcome(missing=True)
     if function is None:
+        if payload is None:
+            return Outcome(missing=True)
         try:
             function = pickle.loads(payload)
         except Exception as error:
-            note = (
-                "The worker could not load the function: it must stand in a module "
-                "that workers can import, of the same version there; what a notebook "
-                "or a prompt defines reaches forked processes only"
-            )
-            return _fail(error, note)
+            return _fail(error, NOT_LOADED)
         functions[str(digest)] = function
         for old in list(functions)[:-KEPT]:
             functions.pop(old, None)  # another thread may have done so
-    # A model that solves one set at a time gains nothing from a batch, and then the
-    # error of a row would be looked for by solving the others again.
-    batches = getattr(function, "takes_batches", False)
-    if not batches or getattr(function, "one_by_one", False):
+    # A model that solves one set at a time gains nothing from a batch, and the error
+    # of a row would then be looked for by solving the others again.
+    one_by_one = getattr(function, "one_by_one", False)
+    if one_by_one or not getattr(function, "takes_batches", False):
         return _evaluate_rows(function, points)
     try:
         return Outcome(function(np.asarray(points)))
@@ -67,10 +66,7 @@ def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
 
 
 def begin(reader: Connection, writer: Connection) -> None:
-    """Begin a process of a run's own: it ends when ``reader`` becomes ready.
-
-    That is when the run writes to the other end of the pipe, or was killed.
-    """
+    """Begin a process of a run's own: the run's word, or its death, will end it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's business
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # whatever the run's handler does
     writer.close()  # the run alone holds it
@@ -79,10 +75,7 @@ def begin(reader: Connection, writer: Connection) -> None:
 
 
 def _end_with_run(home: int) -> None:
-    """Let a process of the user's executor end when the run ``home`` is killed.
-
-    It would wait for work for ever. What others started (MPI) is left alone.
-    """
+    """Let a process that the run ``home`` started end with it, not wait for ever."""
     if os.getpid() not in _watched:
         _watched.add(os.getpid())
         parent = multiprocessing.parent_process()
