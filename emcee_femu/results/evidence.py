@@ -51,8 +51,8 @@ class Evidence:
             lines.append("The two disagree: use more betas near 0, or run longer.")
         if self.failed_solves:
             lines.append(
-                f"{self.failed_solves} solves failed: this is for the prior where it can "
-                "be solved; for all of it add ln(share of its draws that can)."
+                f"{self.failed_solves} solves failed: it holds for the prior where it "
+                "can be solved; for all of it add ln(share of its draws that can)."
             )
         return "\n".join(lines)
 

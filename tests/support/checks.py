@@ -71,16 +71,30 @@ class BoundedTriangle:
         return np.concatenate([*moments, outside[..., None]], axis=-1)
 
 
-def exact_start(move, target, nwalkers, ensembles=1_000, steps=10, seed=0):
-    """Return the largest |z| of the target's statistics after a few steps."""
+def exact_start(move, target, nwalkers, ensembles=1_000, steps=10, seed=0, rows=True):
+    """Return the largest |z| of the target's statistics after a few steps.
+
+    The target may return rows that begin with the log density, as a posterior does. It
+    is infinite if ``rows`` and the state does not hold those of its coordinates.
+    """
     rng = np.random.default_rng(seed)
     random = np.random.RandomState(seed + 1)
-    model = Model(None, lambda q: (target(q), None), map, random)
+
+    def solve(theta):
+        values = target(theta)
+        return (values[:, 0], values[:, 1:]) if values.ndim > 1 else (values, None)
+
+    model = Model(None, solve, map, random)
     averages = []
     for start in target.sample(rng, (ensembles, nwalkers)):
-        state = emcee.State(start, log_prob=target(start))
+        state = emcee.State(start, *solve(start))
         for _ in range(steps):
             state, _ = move.propose(model, state)
+        log_prob, blobs = solve(state.coords)
+        if rows and blobs is not None:
+            kept = np.column_stack([state.log_prob, state.blobs])
+            if not np.array_equal(kept, np.column_stack([log_prob, blobs])):
+                return np.inf
         averages.append(target.statistics(state.coords).mean(axis=0))
     averages = np.array(averages)
     mean, error = averages.mean(axis=0), averages.std(axis=0) / np.sqrt(ensembles)
