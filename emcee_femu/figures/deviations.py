@@ -56,8 +56,9 @@ def draw_deviations(axes: Any, item: Compared) -> None:
     _draw_intervals(axes, mean, low, high, label)
     _draw_initial(axes, before, np.concatenate(shown), unit)
     old, new = (f"{np.abs(x).mean():.2g} {unit}".rstrip() for x in (before, mean))
-    title = f"{item.what.name}: mean error {old} at the prior mean, {new} updated"
-    axes.set_title(title, fontsize=10)
+    solved = np.isfinite(before).all()  # the model may fail at the prior mean
+    title = f"{old} at the prior mean, {new} updated" if solved else f"{new} updated"
+    axes.set_title(f"{item.what.name}: mean error {title}", fontsize=10)
     label = f"deviation from the\nmeasured {item.what.name}"
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
     axes.grid(True, axis="y", alpha=0.25)
@@ -83,11 +84,12 @@ def _draw_initial(axes: Any, before: Floats, shown: Floats, unit: str) -> None:
     low = inside.min() - margin - room * (before[~near] < 0).any()
     high = inside.max() + margin + room * (before[~near] > 0).any()
     near |= (low < before) & (before < high)
+    far = np.isfinite(before) & ~near
     place = np.arange(len(before))
     label = "before updating: prior mean"
     style = {"color": RED, "mfc": "none", "ms": 7, "label": label}
     axes.plot(place[near] - 0.22, before[near], "D", **style)
-    for x, value in zip(place[~near], before[~near], strict=True):
+    for x, value in zip(place[far], before[far], strict=True):
         axes.annotate(
             f"before:\n{value:+.3g} {unit}".rstrip(),
             (x, high if value > 0 else low),

@@ -253,6 +253,12 @@ def test_the_paper_is_drawn_with_its_frequencies():
     assert dataset(idata, "response").identical(before)
 
 
+def test_a_prior_mean_that_cannot_be_solved_is_left_out():
+    axes = plot_predictive(modal(initial=np.full(3, np.nan))[0]).axes[0]
+    assert not axes.texts and not len(line(axes, marker="D").get_xdata())
+    assert "prior mean" not in axes.get_title()
+
+
 def test_an_exact_fit_has_a_frame_of_its_own():
     idata, measured = modal(initial=1.0)
     dataset(idata, "response")["frequency"].values[:] = measured
