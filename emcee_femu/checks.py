@@ -88,7 +88,7 @@ def whole_number(argument: str, value: Any, low: int = 0) -> int:
 
 
 def flag(argument: str, value: Any) -> bool:
-    """Return True or False; nothing else stands for them, not even 0 or "no"."""
+    """Return True or False; nothing else will do, not even 0 or "no"."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{argument}: expected True or False, got {value!r}")
     return bool(value)

@@ -1,7 +1,7 @@
 """The contracts between the stages: model, response, term, prior, move, backend.
 
 Everything between sampler and model carries a leading axis of ``n`` walkers. Outside
-the sampler parameters have names; the prior alone owns their order. A plain function
+the sampler parameters have names; only the prior owns their order. A plain function
 is enough for a model or a term. What either may say of itself, so that it is checked
 before the first FE solve, is optional:
 
@@ -26,7 +26,7 @@ pointwise  term          ``pointwise(parameters, stored)``: the log-likelihood o
 replicate  term          ``replicate(rng, parameters, stored)``: a new measurement for
                          each sample, ``{variable: (n, ...)}``
 unpaired   response      where a mode has no pair, ``(n, n_modes)``
-mean       prior         where its tables begin; otherwise at the mean of its draws
+mean       prior         the initial parameters of tables; else the mean of its draws
 check      move          ``check(nwalkers, ndim)`` raises if they do not fit the move
 ========== ============= =============================================================
 

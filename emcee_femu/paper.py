@@ -27,7 +27,7 @@ class Published:
 
     Attributes:
         parameters: ``{title: {parameter: value}}``.
-        frequencies: ``{title: one number a mode, then the TAE where printed}``.
+        frequencies: ``{title: one number per mode, then the TAE where printed}``.
     """
 
     parameters: Mapping[str, Mapping[str, float]]

@@ -215,7 +215,7 @@ def _dropped(discard: int | None, nsteps: int) -> int:
 
 
 def _check_moves(moves: Any, nwalkers: int | None, ndim: int) -> int:
-    """Return the walkers per ensemble; refuse what is no move or does not fit them.
+    """Return the walkers per ensemble; refuse what is not a move or does not fit.
 
     Warns:
         UserWarning: If one of emcee's moves samples wrongly.

@@ -44,7 +44,7 @@ class Entry:
     Attributes:
         label: The move's name.
         diagnosis: The judgement of all its ensembles.
-        ess: Bulk ESS of the worst parameter in each ensemble alone, ``(ensembles,)``.
+        ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
         kept, chain, before: Evaluations of the kept steps, of the stored ones, and of
             what was before them.
         solves, cpu: FE solves and CPU seconds, all in all.

@@ -1,6 +1,6 @@
 """The paper's figures and more, for any chain; each function returns a Figure.
 
-These modules alone use matplotlib and corner, which take seconds to import: they are
+Only these modules use matplotlib and corner, which take seconds to import: they are
 imported where they are used.
 """
 

@@ -36,7 +36,7 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If posterior is no LogPosterior.
+        TypeError: If posterior is not a LogPosterior.
         ValueError: If no measured variable is one of the response, or posterior has
             other parameters.
     """

@@ -40,7 +40,7 @@ def plot_scatter(
         The matplotlib Figure.
 
     Raises:
-        TypeError: If units or truths is no such mapping.
+        TypeError: If units or truths is not such a mapping.
         ValueError: If units or truths name an unknown parameter, probability is not
             between 0 and 1, or a parameter has the same value in all samples.
     """
@@ -120,7 +120,7 @@ def _bounds(idata: Any, names: list[str]) -> Floats:
     """Return the prior's bounds, NaN where there is no prior, ``(d, 2)``."""
     try:
         constants = dataset(idata, "constant_data")[["lower", "upper"]]
-    except ValueError:  # chains of somebody else
+    except ValueError:  # chains from elsewhere
         return np.full((len(names), 2), np.nan)
     by_name = constants.reindex(parameter=names)
     return np.column_stack([by_name["lower"].values, by_name["upper"].values])

@@ -21,7 +21,7 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If posterior is no LogPosterior.
+        TypeError: If posterior is not a LogPosterior.
         ValueError: If no term of it has measured frequencies, it has other parameters,
             or there is no idata.
     """

@@ -118,7 +118,7 @@ class ShapeTerm:
     def reads(self) -> Mapping[str, Variable]:
         """What the term needs of a response: shapes at the sensors."""
         n_sensors, n_modes = self.measured.shape
-        # Sensors whose DOFs are not known stand in the order of the model's rows.
+        # Sensors whose DOFs are not known are in the order of the model's rows.
         dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
         coords = {"dof": dofs, "mode": range(1, n_modes + 1)}
         return {"shapes": Variable(coords, stored=False)}

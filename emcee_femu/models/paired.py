@@ -1,4 +1,4 @@
-"""A model whose modes stand in the order of the measured ones."""
+"""A model whose modes are in the order of the measured ones."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -56,7 +56,7 @@ class PairedModel:
             space.
 
     Raises:
-        TypeError: If measurements are no Measurements, or model is not callable.
+        TypeError: If measurements are not Measurements, or model is not callable.
         ValueError: If the measurements have no shapes, there are fewer model modes
             than candidates, or fewer candidates than measured modes, or the model has
             no shapes at a sensor. When called: if the model returns no shapes, or too
@@ -214,7 +214,7 @@ class PairedModel:
 
 
 def _match_rows(variables: Any, measurements: Measurements) -> NDArray[np.intp] | None:
-    """Return where the sensors stand among the model's rows, None if unknown."""
+    """Return where the sensors are among the model's rows, None if unknown."""
     if variables is None:
         return None
     if "shapes" not in variables:

@@ -36,7 +36,7 @@ class SnookerMove(VectorizedRedBlueMove):
         live_dangerously: Whether to allow fewer walkers than ``2 * ndim``.
 
     Raises:
-        TypeError: If gamma does not hold real numbers, or nsplits is no whole number.
+        TypeError: If gamma does not hold real numbers, or nsplits is not whole.
         ValueError: If gamma is not an interval above zero, or nsplits < 2. When it
             proposes: if fewer than 3 walkers are at rest.
 

@@ -16,7 +16,7 @@ def only_propose(inner: Any) -> ProposingMove:
     """Return a move that leaves the acceptance to others.
 
     Raises:
-        TypeError: If inner is none, or accepts in a way of its own.
+        TypeError: If inner is not a move, or accepts in its own way.
     """
     propose = getattr(type(inner), "propose", None)
     if isinstance(inner, ProposingMove) and propose is ProposingMove.propose:

@@ -141,7 +141,7 @@ def _check_read(
             )
         if None in labels:  # known by their places only
             continue
-        # Labels counted from 0 or 1 say no more than where each stands.
+        # Labels counted from 0 or 1 say no more than where each one is.
         numbered = there in (list(range(len(there))), list(range(1, len(there) + 1)))
         if list(labels) != there and not (numbered and set(labels) <= set(there)):
             raise ValueError(

@@ -23,7 +23,7 @@ class Experiment(NamedTuple):
     """A model, its terms and what is stored of its response.
 
     Attributes:
-        name: Of a joint posterior; empty for a single experiment.
+        name: Its name in a joint posterior; empty for a single experiment.
         model: Parameters to response.
         terms: Likelihood terms.
         term_names: Their labels.

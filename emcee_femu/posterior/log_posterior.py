@@ -47,7 +47,7 @@ class LogPosterior:
         prior: The prior.
         term_names: Labels of all terms.
         variables: All stored variables, ``{name: Variable}``.
-        columns: Where in a row they stand, ``{name: slice}``, after "densities".
+        columns: Where they are in a row, ``{name: slice}``, after "densities".
 
     Raises:
         TypeError: If model or a term is not callable, or prior is not a prior.
@@ -91,7 +91,7 @@ class LogPosterior:
             prior: The prior of all parameters; a model or term reads those it knows.
 
         Raises:
-            TypeError: If experiments is no such mapping; see also the class.
+            TypeError: If experiments is not such a mapping; see also the class.
             ValueError: If it is empty, or a name is not a plain word; see also the
                 class.
 

@@ -27,7 +27,7 @@ class GaussianPrior:
         bounds: ``(low, high)`` per parameter, ``(d, 2)``; None for unbounded.
 
     Raises:
-        TypeError: If an argument does not hold real numbers, or a name is no string.
+        TypeError: If an argument does not hold real numbers, or a name is not a string.
         ValueError: If shapes disagree, sd <= 0, a bound is NaN, or low >= high.
 
     Source: Eq. 2.3 of Sherri, Boulkaibet, Marwala and Friswell.

@@ -33,7 +33,7 @@ def running_tae(
         experiment: Name of one experiment of a joint posterior.
 
     Raises:
-        TypeError: If posterior is no LogPosterior.
+        TypeError: If posterior is not a LogPosterior.
         ValueError: If no term of the posterior has measured frequencies, or it has
             other parameters.
 
@@ -64,7 +64,7 @@ def check_sampled(posterior: Any, names: Sequence[str]) -> None:
     """Refuse what is not the posterior that was sampled, by its parameters.
 
     Raises:
-        TypeError: If it is no LogPosterior.
+        TypeError: If it is not a LogPosterior.
         ValueError: If its parameters are others, or in another order.
     """
     if not isinstance(posterior, LogPosterior):

@@ -1,4 +1,4 @@
-"""What the data say about each parameter, read off the samples alone."""
+"""What the data say about each parameter, read off the samples."""
 
 from dataclasses import dataclass, replace
 from typing import Any

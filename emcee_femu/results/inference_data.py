@@ -2,8 +2,8 @@
 
 The only module that imports ArviZ, which takes seconds: it is imported where it is
 used. Datasets are built once with xarray and wrapped once, so that both generations
-of ArviZ see the same groups and numbers. What the variables are is read from the
-posterior's declarations alone.
+of ArviZ see the same groups and numbers. What the variables are is read only
+from the posterior's declarations.
 """
 
 import warnings

@@ -64,7 +64,7 @@ def measured_frequencies(idata: Any, experiment: str | None = None) -> Measured:
 
 
 def at_places(idata: Any, group: str, variable: str, like: Measured) -> Floats | None:
-    """Return a variable where another one was measured, None if there is no such.
+    """Return a variable where another one was measured, None if there is none.
 
     Samples have shape ``(n, m)``, constants ``(1, m)``.
     """

@@ -36,10 +36,10 @@ def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table
 
     Args:
         idata: What :func:`to_inference_data` returns.
-        posterior: The sampled posterior, or None for the model's prediction alone.
+        posterior: The sampled posterior, or None for the model's prediction only.
 
     Raises:
-        TypeError: If posterior is no LogPosterior.
+        TypeError: If posterior is not a LogPosterior.
         ValueError: If nothing of the response was measured, or posterior has other
             parameters or no term that draws new measurements.
     """

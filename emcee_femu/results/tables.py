@@ -38,7 +38,7 @@ def parameter_table(
             None for the sampled parameters.
 
     Raises:
-        TypeError: If nominal or published is no such mapping.
+        TypeError: If nominal or published is not such a mapping.
         ValueError: If nominal, a published column or var_names names an unknown
             parameter.
     """
@@ -93,7 +93,8 @@ def frequency_table(
         experiment: Name of one experiment of a joint posterior.
 
     Raises:
-        TypeError: If published is no such mapping, or posterior no LogPosterior.
+        TypeError: If published is not such a mapping, or posterior not a
+            LogPosterior.
         ValueError: If there are no measured frequencies, a published column has
             another length, or posterior has other parameters.
     """

@@ -22,7 +22,7 @@ class Settings:
     """The arguments of :func:`run`, checked, some of them resolved.
 
     Attributes:
-        moves: Emcee moves, None if they shall be found.
+        moves: Emcee moves, None if they are to be found.
         initial: Starts ``(ensembles, nwalkers, ndim)``, or None.
         backends: One per ensemble, None for emcee's own.
         path: The file instead, or None.

@@ -27,7 +27,7 @@ class Recipe(NamedTuple):
 
     Attributes:
         moves: The moves for sampling.
-        states: Where the ensembles stand, with their random streams.
+        states: Where the ensembles are, with their random streams.
         evaluations: Log-posterior evaluations spent per ensemble.
         sentence: What was done, in words; empty if the moves were given.
     """
@@ -65,10 +65,10 @@ def burn_in_and_fit(
     The better its proposals are accepted, the larger their share.
 
     Args:
-        evaluation: Of the posterior.
+        evaluation: Evaluates the posterior.
         states: Evaluated starts of the ensembles.
-        backends: Of the burn-in of each ensemble, then of its second fit; what they
-            hold already is not run again.
+        backends: For the burn-in of each ensemble, then for its second fit; what
+            they hold already is not run again.
     """
     progress, ensembles = evaluation.settings.progress, len(states)
     local = DEMCMove(mode_jump=0.1)

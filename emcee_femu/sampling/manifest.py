@@ -1,4 +1,4 @@
-"""What a run is of, readable: a chain may go on only as what it began.
+"""A readable record of what is sampled, which a resumed run must match.
 
 What can be read of the posterior is compared by entry; what cannot, such as the code
 of a model and the files that it reads, is found by ``probe.probe``.

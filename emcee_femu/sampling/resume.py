@@ -103,7 +103,7 @@ def _recipe_as_lists(recipe: Recipe) -> dict[str, Any]:
 
 
 def _stored_recipe(evaluation: Evaluation, backends: list[RunFile]) -> Recipe:
-    """Return where the ensembles stand, and the moves to the bit."""
+    """Return where the ensembles are, and the moves to the bit."""
     states = [own.get_last_sample() for own in backends]
     if evaluation.settings.moves is not None:
         return prepare(evaluation, states, [])

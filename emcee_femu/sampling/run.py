@@ -102,8 +102,8 @@ def run(
         stored chain), ``failures`` and ``starts_given`` (whether by ``initial``).
 
     Raises:
-        TypeError: If a count is not a whole number, posterior is no LogPosterior, or it
-            cannot be pickled for the processes of a pool.
+        TypeError: If a count is not a whole number, or posterior is not a
+            LogPosterior, or cannot be pickled for the processes of a pool.
         ValueError: If the moves do not fit the ensemble, an initial point is out of
             bounds or has no finite log-posterior, a backend already holds steps, a
             file is not that of the same run, or two of workers, pool and vectorize are

@@ -150,7 +150,7 @@ def test_a_script_needs_no_guard_nor_a_file(tmp_path):
 def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path, name):
     messages = [
         'put what the script does under `if __name__ == "__main__":`',
-        "could not load the function: it must stand in a module",
+        "could not load the function: it must be in a module",
         "could not start (its output says why)",
     ]
     found = run_unguarded(tmp_path, name)

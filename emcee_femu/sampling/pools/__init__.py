@@ -1,1 +1,1 @@
-"""What stands behind :class:`emcee_femu.EvaluationPool`, and what runs on a worker."""
+"""How :class:`EvaluationPool` works, and what runs on a worker."""

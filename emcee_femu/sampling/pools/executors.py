@@ -6,7 +6,7 @@ from importlib import import_module
 from multiprocessing.pool import ThreadPool
 from typing import Any
 
-# Their workers do not have the user's script: what stands there goes by value.
+# Their workers do not have the user's script: what is defined there goes by value.
 BY_VALUE = ("distributed", "ray", "loky")
 THREADS = (ThreadPoolExecutor, ThreadPool)  # they share memory: nothing is pickled
 HANGING = ("multiprocessing.pool.Pool", "multiprocess.pool.Pool")

@@ -26,8 +26,8 @@ class RunFile(emcee.backends.Backend):
         ensemble: Number of the ensemble, from 0.
 
     Raises:
-        ValueError: If it is no file of a run, is damaged (by the number of the record,
-            with what can be kept), or has no such ensemble.
+        ValueError: If it is not a file of a run, is damaged (by the number of the
+            record, with what can be kept), or has no such ensemble.
     """
 
     def __init__(self, path: str | PathLike[str] | Log, ensemble: int = 0) -> None:

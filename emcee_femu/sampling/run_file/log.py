@@ -34,7 +34,7 @@ class Log:
         self.path = os.path.abspath(path)  # a solver may change the directory
         self.header, self._begin = read_header(self.path)
         self._kind = record_type(self.header)
-        # Of each stream the numbers of its records in the file.
+        # The numbers of each stream's records in the file.
         self._numbers: list[list[int]] = [[] for _ in range(self.header["streams"])]
         self._latest: dict[int, tuple[int, Any]] = {}
         self.counts = [0] * COUNTS  # in the last record of all
@@ -82,7 +82,7 @@ class Log:
         return len(self._numbers[stream]) - int(stream < self.header["starts"])
 
     def last(self, stream: int) -> Any:
-        """Return the last record of a stream, be it the start."""
+        """Return the last record of a stream, which may be its start."""
         number = self._numbers[stream][-1]
         known, record = self._latest[stream]
         return record if known == number else self._map()[number]
