@@ -67,9 +67,25 @@ POOLS = {
     "in an EvaluationPool": lambda: {"pool": ef.EvaluationPool(Immediate())},
     "by a bare pool": lambda: {"pool": Immediate()},
 }
-ODD = {"-inf": -np.inf, "+inf": np.inf, "NaN": np.nan}
 every_model = pytest.mark.parametrize("model", MODELS)
 every_pool = pytest.mark.parametrize("pool", POOLS)
+
+
+def with_notes():
+    error = ArithmeticError("the solver did not converge")
+    error.add_note("iteration 50")
+    return error
+
+
+FAULTS = {
+    "-inf": -np.inf,
+    "+inf": np.inf,
+    "NaN": np.nan,
+    "SystemExit": partial(SystemExit, "licence server not found"),
+    "StopIteration": partial(StopIteration, "no more output"),
+    "an error with notes": with_notes,
+}
+every_fault = pytest.mark.parametrize("fault", FAULTS)
 
 
 def posterior(model):
@@ -81,16 +97,44 @@ def places(text):
     return {float(k) for k in re.findall(r"\{'k': ([0-9.]+), 'm': [0-9.]+\}", text)}
 
 
-def named(error, model, pool):
-    """Return whether the message, or else the notes, name the place.
+def is_as_raised(error, fault):
+    """Return whether an error is what a solver's fault should become."""
+    if isinstance(FAULTS[fault], float):
+        return isinstance(error, SolveError) and error.cause == "not finite"
+    if fault == "an error with notes":  # kept, and the parameters said once
+        notes = error.__notes__
+        once = sum(note.startswith(PLACE) for note in notes) == 1
+        return type(error) is ArithmeticError and notes[0] == "iteration 50" and once
+    return type(error) is RuntimeError and repr(FAULTS[fault]()) in str(error)
 
-    A batch that raises in this process is named as a whole.
-    """
+
+@every_model
+@every_fault
+@pytest.mark.parametrize("column", [0, 1])
+def test_an_evaluation_says_what_was_wrong_and_where(model, fault, column):
+    log_posterior = posterior(MODELS[model](FAULTS[fault], column))
+    with pytest.raises((SolveError, RuntimeError, ArithmeticError)) as caught:
+        log_posterior([1.5, 0.75])
+    assert is_as_raised(caught.value, fault)
+    notes = getattr(caught.value, "__notes__", ())
+    assert "{'k': 1.5, 'm': 0.75}" in f"{caught.value} {notes}"
+    assert np.isfinite(log_posterior([[1.0, 1.0], [1.0, 1.1]])).all()
+
+
+@every_pool
+@every_model
+@every_fault
+def test_a_run_stops_with_the_place_and_keeps_what_it_has(model, fault, pool):
+    with pytest.raises((SolveError, RuntimeError, ArithmeticError)) as caught:
+        ef.run(posterior(MODELS[model](FAULTS[fault])), **OPTIONS, **POOLS[pool]())
+    error = caught.value
+    assert is_as_raised(error, fault) and error.samplers[0].iteration > 0
     notes = [note.partition("\n")[0] for note in getattr(error, "__notes__", ())]
     found = places(str(error)) or places("\n".join(notes))
     if model == "vectorised" and pool == "serial" and not isinstance(error, SolveError):
-        return 1 < len(found) <= 6 and max(found) > LIMIT  # half an ensemble
-    return len(found) == 1 and min(found) > LIMIT
+        assert 1 < len(found) <= 6 and max(found) > LIMIT  # half an ensemble raised
+    else:
+        assert len(found) == 1 and min(found) > LIMIT
 
 
 @cache
@@ -102,122 +146,20 @@ def expected_chain():
     return sampler.get_chain()
 
 
-# --- frequencies that are not finite ----------------------------------------------
-
-
-@every_model
-@pytest.mark.parametrize("column", [0, 1])
-@pytest.mark.parametrize("odd", ODD)
-def test_a_frequency_that_is_not_finite_is_a_failure(model, odd, column):
-    log_posterior = posterior(MODELS[model](ODD[odd], column))
-    theta = np.array([[1.0, 1.0], [1.5, 0.75], [1.0, 1.1]])
-    for given in (theta, theta[1]):
-        with pytest.raises(SolveError, match="finite numbers") as caught:
-            log_posterior(given)
-        assert caught.value.cause == "not finite"
-        assert "{'k': 1.5, 'm': 0.75}" in str(caught.value)
-        assert places(str(caught.value)) == {1.5}
-    assert np.isfinite(log_posterior(theta[[0, 2]])).all()
-
-
 @every_pool
 @every_model
-@pytest.mark.parametrize("odd", ODD)
-def test_a_run_stops_at_a_frequency_that_is_not_finite(model, odd, pool):
-    with pytest.raises(ValueError, match="finite numbers") as caught:
-        ef.run(posterior(MODELS[model](ODD[odd])), **OPTIONS, **POOLS[pool]())
-    assert caught.value.cause == "not finite"  # it survives the journey, too
-    assert named(caught.value, model, pool)
-    assert caught.value.samplers[0].iteration > 0
-
-
-@every_pool
-@every_model
-@pytest.mark.parametrize("odd", ODD)
-def test_every_frequency_that_is_not_finite_is_rejected_and_counted(model, odd, pool):
+@every_fault
+def test_every_fault_can_be_rejected_and_is_counted(model, fault, pool):
     beyond.clear()
-    log_posterior = posterior(MODELS[model](ODD[odd]))
+    log_posterior = posterior(MODELS[model](FAULTS[fault]))
     (sampler,) = ef.run(log_posterior, **OPTIONS, **REJECT, **POOLS[pool]())
-    assert len({*beyond}) > 10
-    assert sampler.failures.causes == {"not finite": len({*beyond})}
-    assert {failed.parameters["k"] for failed in sampler.failures.kept} == {*beyond}
+    cause = "not finite" if isinstance(FAULTS[fault], float) else "exception"
+    assert sampler.failures.causes == {cause: len(sampler.failures.kept)}
+    found = {failed.parameters["k"] for failed in sampler.failures.kept}
+    assert len(found) > 10 and min(found) > LIMIT
+    if cause == "not finite":
+        assert found == {*beyond} and len(sampler.failures.kept) == len(found)
     np.testing.assert_array_equal(sampler.get_chain(), expected_chain())
-
-
-# --- what a solver should not raise -----------------------------------------------
-
-
-LEAVES = {
-    "SystemExit": partial(SystemExit, "licence server not found"),
-    "SystemExit without a word": SystemExit,
-    "StopIteration": partial(StopIteration, "no more output"),
-}
-
-
-@pytest.mark.parametrize("leave", LEAVES)
-def test_a_solver_that_leaves_is_a_runtime_error_with_its_parameters(leave):
-    raised = repr(LEAVES[leave]())
-    parameters = {"k": np.array([1.0, 1.5]), "m": np.array([1.0, 0.75])}
-    with pytest.raises(RuntimeError, match="^function: it raised") as caught:
-        one_by_one(LEAVES[leave])(parameters)
-    assert raised in str(caught.value) and places(str(caught.value)) == {1.5}
-    assert repr(caught.value.__cause__) == raised
-
-    with pytest.raises(RuntimeError, match="^model: it raised") as caught:
-        posterior(Vectorised(LEAVES[leave]))([1.5, 0.75])
-    assert raised in str(caught.value) and places(str(caught.value)) == {1.5}
-    assert repr(caught.value.__cause__) == raised
-
-
-@every_pool
-@every_model
-@pytest.mark.parametrize("leave", LEAVES)
-def test_a_run_ends_with_an_error_where_a_solver_leaves(model, leave, pool):
-    with pytest.raises(RuntimeError, match="it raised") as caught:
-        ef.run(posterior(MODELS[model](LEAVES[leave])), **OPTIONS, **POOLS[pool]())
-    assert repr(LEAVES[leave]()) in str(caught.value)
-    assert named(caught.value, model, pool)
-    assert caught.value.samplers[0].iteration > 0
-
-
-@every_pool
-@every_model
-@pytest.mark.parametrize("leave", ["SystemExit", "StopIteration"])
-def test_a_solver_that_leaves_can_be_rejected(model, leave, pool):
-    log_posterior = posterior(MODELS[model](LEAVES[leave]))
-    (sampler,) = ef.run(log_posterior, **OPTIONS, **REJECT, **POOLS[pool]())
-    assert sampler.failures.causes["exception"] == len(sampler.failures.kept) > 10
-    assert sampler.failures.causes.keys() == {"exception"}
-    for failed in sampler.failures.kept:
-        assert failed.parameters["k"] > LIMIT
-        assert repr(LEAVES[leave]()) in failed.message
-    np.testing.assert_array_equal(sampler.get_chain(), expected_chain())
-
-
-def with_notes():
-    error = ArithmeticError("the solver did not converge")
-    error.add_note("iteration 50")
-    error.add_note("see the log of the solver")
-    return error
-
-
-@every_model
-def test_an_error_with_notes_of_its_own_still_gets_the_parameters(model):
-    with pytest.raises(ArithmeticError, match="^the solver did not") as caught:
-        posterior(MODELS[model](with_notes))([1.5, 0.75])
-    *own, last = caught.value.__notes__
-    assert own == ["iteration 50", "see the log of the solver"]
-    assert last == PLACE + " {'k': 1.5, 'm': 0.75}"  # said once, by the innermost
-
-
-@every_pool
-@every_model
-def test_a_run_keeps_notes_and_parameters(model, pool):
-    with pytest.raises(ArithmeticError) as caught:
-        ef.run(posterior(MODELS[model](with_notes)), **OPTIONS, **POOLS[pool]())
-    assert caught.value.__notes__[:2] == ["iteration 50", "see the log of the solver"]
-    assert sum(note.startswith(PLACE) for note in caught.value.__notes__) == 1
-    assert named(caught.value, model, pool)
 
 
 # --- a move that goes on from where its last run ended ----------------------------
@@ -233,11 +175,7 @@ def cheap(theta):
 
 INSIDE = {
     "alone": lambda move: move,
-    "in a list": lambda move: [ef.DEMCMove(), move],
-    "in a weighted list": lambda move: [(ef.DEMCMove(), 0.9), (move, 0.1)],
-    "in weighted pairs as lists": lambda move: [[move, 0.1], [ef.DEMCMove(), 0.9]],
-    "in a TemperedMove": lambda move: ef.TemperedMove(move, betas=[1.0, 0.5]),
-    "in a DelayedAcceptanceMove": lambda move: ef.DelayedAcceptanceMove(move, cheap),
+    "in a weighted list": lambda move: [[move, 0.1], [ef.DEMCMove(), 0.9]],
     "in one in the other": lambda move: [
         (ef.TemperedMove(ef.DelayedAcceptanceMove(move, cheap), betas=[1, 0.5]), 1.0)
     ],
