@@ -9,13 +9,14 @@ from ..posterior.log_posterior import LogPosterior
 from ..results.frequencies import running_tae
 
 
-def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
+def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None) -> Any:
     """Draw the total average error of the running mean (Figs 4.3, 5.4).
 
     Args:
         idata: What :func:`to_inference_data` returns, best without burn-in removed,
             or several as ``{label: idata}`` of the same posterior.
         posterior: The sampled posterior.
+        experiment: Name of one experiment of a joint posterior.
 
     Returns:
         The matplotlib Figure.
@@ -30,7 +31,10 @@ def plot_tae(idata: Any, posterior: LogPosterior) -> Any:
     given = dict(idata) if isinstance(idata, dict) else {"": idata}
     if not given:
         raise ValueError("idata: expected at least one, got none")
-    curves = {label: running_tae(item, posterior) for label, item in given.items()}
+    curves = {
+        label: running_tae(item, posterior, experiment=experiment)
+        for label, item in given.items()
+    }
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
     for label, (generations, tae) in curves.items():
         end = f"ends at {tae[-1]:.3g} %"

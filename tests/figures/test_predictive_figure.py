@@ -172,6 +172,9 @@ def test_each_experiment_has_its_panel_with_its_own_band():
         assert axes.get_xlabel() == f"measured mode, its {name}.frequency"
         heights = [bar.get_height() for bar in axes.patches]
         assert_allclose(heights, 400 * value / np.array([10.0, 30.0]), rtol=1e-9)
+    errors = ef.plot_tae(idata, joint, "loaded").axes[0].get_legend().get_texts()
+    final = figure.axes[1].get_title().split(", ")[1].removesuffix(" % updated")
+    assert float(final) == pytest.approx(float(errors[0].get_text().split()[2]), 0.05)
     assert legend(figure).count(BAND) == 1
     assert_nothing_is_clipped(figure)
     assert_no_texts_overlap(figure)
