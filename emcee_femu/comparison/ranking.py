@@ -20,21 +20,15 @@ def known_moments(
     reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
 ) -> dict[str, tuple[float, float]]:
     """Return the reference, checked, by parameter name; empty if there is none."""
-    if reference is None:
-        return {}
-    if not checks.by_name("reference", reference, names):
-        raise ValueError(
-            f"reference: expected (mean, sd) by parameter name, some of {list(names)}, "
-            "got none"
-        )
-    for name, pair in reference.items():
+    known = checks.by_name("reference", {} if reference is None else reference, names)
+    for name, pair in known.items():
         moments = checks.real_array(f"reference[{name!r}]", pair, 1)
         if moments.shape != (2,) or not moments[1] > 0:
             raise ValueError(
                 f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
                 f"got {pair!r}"
             )
-    return dict(reference)
+    return known
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,12 +150,8 @@ def conclusion(entries: Sequence[Entry]) -> tuple[str | None, str]:
         lines.append("No winner: no move has converged; run longer.")
     else:
         best, *others = able
-        close = [
-            other
-            for other in others
-            if best.efficiency - other.efficiency
-            <= LEAD * np.hypot(best.error, other.error)
-        ]
+        lead = {e: best.efficiency - e.efficiency for e in others}
+        close = [e for e in others if lead[e] <= LEAD * np.hypot(best.error, e.error)]
         if close:
             names = [str(entry) for entry in (best, *close)]
             if len(names) > MOST_NAMES:

@@ -33,7 +33,7 @@ def running_tae(
         experiment: Name of one experiment of a joint posterior.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior.
+        TypeError: If posterior is no LogPosterior.
         ValueError: If no term of the posterior has measured frequencies, or it has
             other parameters.
 
@@ -61,12 +61,7 @@ def total_average_error(measured: Floats, frequencies: Floats) -> Floats:
 
 
 def check_sampled(posterior: Any, names: Sequence[str]) -> None:
-    """Refuse what is not the posterior that was sampled, by its parameters.
-
-    Raises:
-        TypeError: If it is not a LogPosterior.
-        ValueError: If its parameters are others, or in another order.
-    """
+    """Refuse what is not the posterior that was sampled, by its parameters."""
     if not isinstance(posterior, LogPosterior):
         raise TypeError(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}"

@@ -258,7 +258,6 @@ ONE = {"DE-MC": ef.DEMCMove()}
         (TypeError, "discard: expected a whole number, got 0.25", {"discard": 0.25}),
         (TypeError, "seed: expected a whole", {"seed": None}),
         (ValueError, r"reference: .*\['z'\]", {"reference": {"z": (1, 2)}}),
-        (ValueError, "reference: .*got none", {"reference": {}}),
         (ValueError, r"reference\['a'\]: .*sd above", {"reference": {"a": (1, 0)}}),
         (ValueError, r"reference\['a'\]: .*a pair", {"reference": {"a": (1, 2, 3)}}),
     ],
