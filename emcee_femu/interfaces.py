@@ -134,7 +134,7 @@ class ModalSolution(NamedTuple):
 
 
 class Pairing(NamedTuple):
-    """Which mode of the model stands for which measured mode.
+    """Which mode of the model is paired with which measured mode.
 
     Attributes:
         mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
@@ -288,5 +288,5 @@ class SolveError(ValueError):
         self.cause = cause
 
     def __str__(self) -> str:
-        """Return the message alone."""
+        """Return only the message."""
         return str(self.args[1])

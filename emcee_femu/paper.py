@@ -63,7 +63,7 @@ class Problem:
 def mass_spring(beta: float = 6.8e5) -> Problem:
     """Return Application 1: five masses, ten springs, five unknown stiffnesses.
 
-    Two readings differ from the print, and then one topology alone fits every row of
+    Two readings differ from the print, and then only one topology fits every row of
     Table 4.2: spring k7 follows k2, and the measured frequencies belong to the round
     ``target``, not to the printed ``nominal`` values.
 
@@ -135,7 +135,7 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
             A=f"A{i}",
             Iy=2.5255e-9,
             Iz=f"Ix{i}",
-            orientation=_tilted(along_x=bar == "middle", degrees=tilt),
+            orientation=_tilt(along_x=bar == "middle", degrees=tilt),
         )
         for i, (bar, tilt) in enumerate(tilts.items(), 1)
     }
@@ -206,7 +206,7 @@ def h_structure(beta: float = 10.0) -> Problem:
     )
 
 
-def _tilted(along_x: bool, degrees: float) -> tuple[float, float, float]:
+def _tilt(along_x: bool, degrees: float) -> tuple[float, float, float]:
     """Return the direction whose displacement Ix resists, tilted out of the normal."""
     sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
     if along_x:

@@ -115,7 +115,7 @@ def compare_moves(
     check_progress(progress)
     nwalkers = _check_moves(moves, nwalkers, posterior.ndim)
     nsteps = _steps(nsteps, max_evaluations, nwalkers * ensembles)
-    dropped = _dropped(discard, nsteps)
+    dropped = _count_dropped(discard, nsteps)
     known = known_moments(reference, posterior.names)
     # The same walkers and seed: all moves start from the same draws of the prior.
     size = {"nwalkers": nwalkers, "nsteps": nsteps, "ensembles": ensembles}
@@ -200,7 +200,7 @@ def _steps(nsteps: Any, max_evaluations: Any, per_step: int) -> int:
     return checks.whole_number("max_evaluations", max_evaluations, low) // per_step
 
 
-def _dropped(discard: int | None, nsteps: int) -> int:
+def _count_dropped(discard: int | None, nsteps: int) -> int:
     """Return the number of steps to drop."""
     dropped = nsteps // 4
     if discard is not None:

@@ -41,7 +41,7 @@ class Entry:
         ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
         kept, chain, before: Evaluations of the kept steps, of the stored ones, and of
             what was before them.
-        solves, cpu: FE solves and CPU seconds, all in all.
+        solves, cpu: FE solves and CPU seconds, in total.
         recipe: What was done before the stored steps, in words.
         idata: ArviZ object of the kept steps.
     """

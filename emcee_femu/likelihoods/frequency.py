@@ -181,7 +181,7 @@ class FrequencyTerm:
         log_likelihood: Floats = np.add.reduce(residuals, axis=1)
         log_likelihood *= -0.5
         log_likelihood += self._log_constant
-        unpaired = _unpaired(response)
+        unpaired = _find_unpaired(response)
         if unpaired is not None:
             unpaired = unpaired[:, : self.n_modes]
             log_likelihood -= UNPAIRED * np.count_nonzero(unpaired, axis=1)
@@ -233,7 +233,7 @@ class FrequencyTerm:
         return {"frequency": predicted + self.measured * errors}
 
 
-def _unpaired(response: Any) -> Any:
+def _find_unpaired(response: Any) -> Any:
     """Return where modes have no pair, None if the model pairs none."""
     if isinstance(response, Mapping):
         return response.get("unpaired")

@@ -28,7 +28,7 @@ class FunctionModel:
     Args:
         function: ``{name: float}`` to natural frequencies in Hz ``(n_modes,)``; or to a
             :class:`ModalSolution` of ``(n_modes,)`` and ``(n_dof, n_modes)``; or, with
-            ``variables``, to ``{name: array}``, or the array alone if there is one.
+            ``variables``, to ``{name: array}``, or only the array if there is one.
         n_modes: How many frequencies the function returns; None for as many as the
             likelihood terms compare.
         variables: What the function returns instead of modes, ``{name: Variable}``.

@@ -191,7 +191,7 @@ class PairedModel:
                 "them (shapes=True)"
             )
         frequencies, shapes = (
-            _checked(read(response, name)) for name in ("frequency", "shapes")
+            _check_floats(read(response, name)) for name in ("frequency", "shapes")
         )
         if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
             raise ValueError(
@@ -236,7 +236,7 @@ def _match_rows(variables: Any, measurements: Measurements) -> NDArray[np.intp] 
     return np.array([places[dof] for dof in sensors])
 
 
-def _checked(part: Any) -> Floats:
+def _check_floats(part: Any) -> Floats:
     """Return an array of floats, as it is if it is one."""
     if type(part) is np.ndarray and part.dtype == np.float64:
         return part

@@ -87,8 +87,8 @@ def declare(model: Any, terms: Sequence[Any]) -> dict[str, Variable]:
     A model that declares none is taken at the word of the terms that read it.
 
     Raises:
-        TypeError: If something declared is no :class:`Variable`.
-        ValueError: If nothing is declared, or a term needs what is not.
+        TypeError: If something declared is not a :class:`Variable`.
+        ValueError: If nothing is declared, or a term needs what is not declared.
     """
     declared = declared_variables(model)
     needed: dict[str, Variable] = {}

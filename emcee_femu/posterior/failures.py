@@ -20,7 +20,7 @@ class Failure(NamedTuple):
     Attributes:
         cause: "not finite", "wrong shape", "time-out" or "exception".
         message: What was raised.
-        parameters: Where, by name.
+        parameters: The parameters of the solve, by name.
     """
 
     cause: str
@@ -58,7 +58,7 @@ class FailureLog:
         self.kept: list[Failure] = []
 
     def count(self, evaluations: int, failures: list[Failure]) -> None:
-        """Take note of a batch.
+        """Count a batch.
 
         Raises:
             RuntimeError: If more than max_failures of at least 100 evaluations failed.

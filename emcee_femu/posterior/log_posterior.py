@@ -155,7 +155,7 @@ class LogPosterior:
 
     @property
     def terms(self) -> tuple[LikelihoodTerm, ...]:
-        """The likelihood terms of all experiments, as ``term_names`` has them."""
+        """The likelihood terms of all experiments, in the order of ``term_names``."""
         return tuple(term for e in self.experiments for term in e.terms)
 
     @property
@@ -193,7 +193,7 @@ class LogPosterior:
         return (*densities, *numbers)
 
     def with_models(self, wrap: Callable[[Model], Model]) -> Self:
-        """Return the same posterior with wrapped models, as to count their solves."""
+        """Return the same posterior with wrapped models, which may count solves."""
         other = type(self).__new__(type(self))
         given = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
         other._set(given, self.prior)

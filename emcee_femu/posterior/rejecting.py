@@ -1,4 +1,4 @@
-"""A posterior that turns failed solves into rejections, and who counts them."""
+"""A posterior that turns failed solves into rejections, and what counts them."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -12,7 +12,7 @@ from .log_posterior import LogPosterior
 
 
 class GuardedPosterior:
-    """Return a :class:`Failure` in the place of a row whose solve failed.
+    """Return a :class:`Failure` in place of a row whose solve failed.
 
     The error of a batch does not say which of its rows is to blame: they are then
     evaluated one by one, which gives the others the same bits. A model that solves one
@@ -103,7 +103,7 @@ def count_failures(results: Any, log: FailureLog, posterior: LogPosterior) -> Fl
 def guard(
     posterior: LogPosterior, pool: Any, on_failure: Any, max_failures: Any
 ) -> tuple[FailureLog | None, Any, Any]:
-    """Return who counts failures, what is evaluated, and the pool.
+    """Return what counts failures, what is evaluated, and the pool.
 
     Raises:
         ValueError: If on_failure is neither "raise" nor "reject", or max_failures is

@@ -19,7 +19,7 @@ def describe_findings(found: Any) -> list[str]:
     """Return sentences about an ``Identifiability``."""
     uninformed = np.flatnonzero(found.sd_ratio > UNINFORMED)
     together = np.abs(found.correlation) > TOGETHER
-    sentences = [_uninformed(found, i, together[i].sum() == 1) for i in uninformed]
+    sentences = [_name_unknown(found, i, together[i].sum() == 1) for i in uninformed]
     sentences += [_pair(found, i, j) for i, j in np.argwhere(np.triu(together, 1))]
     if not sentences:
         least = int(found.sd_ratio.argmax())
@@ -50,7 +50,7 @@ def describe_findings(found: Any) -> list[str]:
     return sentences
 
 
-def _uninformed(found: Any, i: Any, alone: bool) -> str:
+def _name_unknown(found: Any, i: Any, alone: bool) -> str:
     name, shift, ratio = found.names[i], found.shift[i], found.sd_ratio[i]
     if abs(shift) >= MOVED:  # never for NaN
         return (
@@ -77,7 +77,7 @@ def _pair(found: Any, i: int, j: int) -> str:
     first, second = directions[:, 0] / found.prior_sd[pair]
     (a, b), ratios = (found.names[k] for k in pair), found.sd_ratio[pair]
     return (
-        f"Only {a} {_signed(second / first)} {b} is known well, not {a} and {b} by "
+        f"Only {a} {_sign(second / first)} {b} is known well, not {a} and {b} by "
         f"themselves: sd ratio {np.sqrt(variances[0]):.2g}, against {ratios[0]:.2g} "
         f"and {ratios[1]:.2g} (correlation {found.correlation[i, j]:+.3f})."
     )
@@ -98,7 +98,7 @@ def _combinations(found: Any) -> list[str]:
         vector = vector * np.sign(vector[parts[0]])
         text = f"{vector[parts[0]]:.2f} {found.names[structural[parts[0]]]}"
         for i in parts[1:]:
-            text += f" {_signed(vector[i], '.2f')} {found.names[structural[i]]}"
+            text += f" {_sign(vector[i], '.2f')} {found.names[structural[i]]}"
         words.append(f"{text} (sd ratio {np.sqrt(variances[k]):.2g})")
     return [
         f"{len(known)} of {len(structural)} independent combinations are known well "
@@ -115,7 +115,7 @@ def _principal(found: Any, which: Any) -> Any:
     return np.maximum(variances, 0.0), directions
 
 
-def _signed(value: float, spec: str = ".3g") -> str:
+def _sign(value: float, spec: str = ".3g") -> str:
     return f"{'+' if value > 0 else '-'} {abs(value):{spec}}"
 
 

@@ -118,7 +118,7 @@ def identifiability(idata: Any) -> Identifiability:
     such as a noise level, have none.
 
     The findings name a parameter that the data do not inform (sd ratio above 0.9 and
-    mean shifted by less than 0.5 prior sd), a pair of which a combination alone is
+    mean shifted by less than 0.5 prior sd), a pair of which only a combination is
     known well (absolute correlation above 0.95), where three or more are not informed
     the combinations that the data know best, a bound that the posterior is pressed
     against (more than 5 % of the samples within 1 % of the range), an error more than 2

@@ -37,7 +37,7 @@ def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
             path, recipe.states, {**manifest, **found}, _counts(evaluation)
         )
     if settings.moves is None and os.path.lexists(beside):
-        _open(beside, evaluation, manifest)  # refuses what is somebody else's
+        _open(beside, evaluation, manifest)  # refuses the file of another run
         os.remove(beside)
     for own in backends:
         own.failures = evaluation.failures

@@ -16,7 +16,7 @@ MOST_DRAWS = 20  # of a starting point
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Who evaluates the posterior of a run, and who counts its failures.
+    """What evaluates the posterior of a run, and what counts its failures.
 
     Attributes:
         settings: What was asked for.

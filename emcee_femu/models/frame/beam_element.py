@@ -33,10 +33,10 @@ def stiffness_matrices(length: float) -> dict[str, Floats]:
         / L**3
     )
     return {
-        "EA": _placed(AXIAL, rod),
-        "GJ": _placed(TORSION, rod),
-        "EIz": _placed(BENDING_Y, bending),
-        "EIy": _placed(BENDING_Z, bending * np.outer(ROTATION_SIGN, ROTATION_SIGN)),
+        "EA": _place(AXIAL, rod),
+        "GJ": _place(TORSION, rod),
+        "EIz": _place(BENDING_Y, bending),
+        "EIy": _place(BENDING_Z, bending * np.outer(ROTATION_SIGN, ROTATION_SIGN)),
     }
 
 
@@ -57,10 +57,10 @@ def mass_matrices(length: float) -> dict[str, Floats]:
         / 420
     )
     return {
-        "rhoA": _placed(AXIAL, rod)
-        + _placed(BENDING_Y, bending)
-        + _placed(BENDING_Z, bending * np.outer(ROTATION_SIGN, ROTATION_SIGN)),
-        "rhoI": _placed(TORSION, rod),
+        "rhoA": _place(AXIAL, rod)
+        + _place(BENDING_Y, bending)
+        + _place(BENDING_Z, bending * np.outer(ROTATION_SIGN, ROTATION_SIGN)),
+        "rhoI": _place(TORSION, rod),
     }
 
 
@@ -86,7 +86,7 @@ def local_axes(start: Floats, end: Floats, orientation: Floats) -> tuple[float, 
     return length, np.array([x, y, np.cross(x, y)])
 
 
-def _placed(dofs: list[int], block: Floats) -> Floats:
+def _place(dofs: list[int], block: Floats) -> Floats:
     matrix = np.zeros((12, 12))
     matrix[np.ix_(dofs, dofs)] = block
     return matrix

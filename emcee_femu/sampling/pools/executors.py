@@ -32,7 +32,7 @@ def check_executor(argument: str, given: Any) -> None:
 
 
 def count_workers(executor: Any) -> int:
-    """Return how many evaluations run at once; 0 where that is not said."""
+    """Return how many evaluations run at once; 0 where that is unknown."""
     if hasattr(executor, "nthreads"):  # a dask Client
         return sum(executor.nthreads().values())
     # The standard library and loky; mpi4py; schwimmbad.

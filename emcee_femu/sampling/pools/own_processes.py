@@ -18,13 +18,13 @@ from .worker import begin, functions
 
 @contextmanager
 def open_pool(pool: Any, workers: Any, one_by_one: bool) -> Iterator[Any]:
-    """Yield who evaluates for a run: None, a pool, or processes of its own.
+    """Yield what evaluates for a run: None, a pool, or processes of its own.
 
     These end with the block; after an error at once, even in the middle of a solve.
     They get one task per walker if a batch is no quicker than that (``one_by_one``).
 
     Raises:
-        TypeError, ValueError: If workers is no whole number >= 1, or both are given.
+        TypeError, ValueError: If workers is not a whole number >= 1, or both are given.
         RuntimeError: If a worker process imports the script that calls ``run``.
     """
     _refuse_import()

@@ -66,10 +66,10 @@ def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
 
 
 def begin(reader: Connection, writer: Connection) -> None:
-    """Begin a process of a run's own: the run's word, or its death, will end it."""
+    """Begin a worker process, which ends when its run says so or dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's business
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # whatever the run's handler does
-    writer.close()  # the run alone holds it
+    writer.close()  # only the run holds it
     _watched.add(os.getpid())
     _end_after(lambda: wait([reader]))
 
