@@ -42,9 +42,7 @@ def plot_comparison(comparison: Comparison) -> Any:
     palette = plt.get_cmap("tab10" if len(labels) <= 10 else "tab20").colors
     colors = {label: palette[i % len(palette)] for i, label in enumerate(labels)}
     curves = _error_curves(comparison)
-    verdicts = comparison.table.column("verdict")
-    names = dict(zip(labels, map(_name, labels, verdicts), strict=True))
-    lines = max(name.count("\n") + 1 for name in names.values())
+    lines = 2 + max(map(len, labels)) // LABEL_WIDTH  # of the longest, with its verdict
     height = 2.2 + max(len(labels) * max(0.5, 0.2 * lines), 2.2)
     figure, panels = plt.subplots(
         1,
@@ -54,7 +52,7 @@ def plot_comparison(comparison: Comparison) -> Any:
         squeeze=False,
         width_ratios=[1.3, 1.0] if curves else [1.0],
     )
-    _draw_bars(panels[0, 0], comparison, names, colors)
+    _draw_bars(panels[0, 0], comparison, colors)
     if curves:
         _draw_curves(panels[0, 1], comparison, curves, colors)
     headline = comparison.conclusion.splitlines()[0]
@@ -62,18 +60,7 @@ def plot_comparison(comparison: Comparison) -> Any:
     return figure
 
 
-def _name(label: str, verdict: str) -> str:
-    """Return the label in short lines, with the verdict on moves that failed."""
-    lines = textwrap.wrap(label, LABEL_WIDTH, break_on_hyphens=False)
-    return "\n".join([*lines, *([] if verdict == CONVERGED else [f"({verdict})"])])
-
-
-def _draw_bars(
-    axes: Any,
-    comparison: Comparison,
-    names: dict[str, str],
-    colors: dict[str, Any],
-) -> None:
+def _draw_bars(axes: Any, comparison: Comparison, colors: dict[str, Any]) -> None:
     from matplotlib.patches import Patch
 
     column = comparison.table.column
@@ -94,16 +81,21 @@ def _draw_bars(
     axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
     longest = max(value + error for value, error, *_ in rows)
     axes.set_xlim(0, 1.25 * longest)  # room for the numbers
-    axes.set_yticks(range(len(rows)), [names[label] for label in labels])
+    axes.set_yticks(range(len(rows)), map(_name, labels, verdicts))
     axes.set_xlabel("ESS per 1000 log-posterior evaluations (more is better)")
     axes.spines[["top", "right"]].set_visible(False)
     keys = [Patch(color=GREY, label="converged")]
     if not all(fit):
         text = "not converged, so the number cannot be trusted"
         keys.append(Patch(fc="none", ec=GREY, hatch="////", label=text))
-    axes.figure.legend(
-        handles=keys, loc="outside lower left", frameon=False, ncols=len(keys)
-    )
+    where = {"loc": "outside lower left", "ncols": len(keys), "frameon": False}
+    axes.figure.legend(handles=keys, **where)
+
+
+def _name(label: str, verdict: str) -> str:
+    """Return the label in short lines, with the verdict on moves that failed."""
+    lines = textwrap.wrap(label, LABEL_WIDTH, break_on_hyphens=False)
+    return "\n".join([*lines, *([] if verdict == CONVERGED else [f"({verdict})"])])
 
 
 def _error_curves(comparison: Comparison) -> dict[str, tuple[Floats, Floats]]:

@@ -99,12 +99,8 @@ def _add_legend(figure: Any, probability: float, with_marks: bool) -> None:
         Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
         Line2D([], [], color=BLUE, marker="s", label="reference"),
     ]
-    figure.legend(
-        handles=handles[: 2 + with_marks],
-        loc="upper right",
-        fontsize=13,
-        frameon=False,
-    )
+    where = {"loc": "upper right", "fontsize": 13, "frameon": False}
+    figure.legend(handles=handles[: 2 + with_marks], **where)
 
 
 def _marks(
