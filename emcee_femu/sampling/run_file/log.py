@@ -4,7 +4,8 @@ Why a log: what is written is never touched again, so a kill can only cut the la
 record short, which is written over when the run goes on. A record is one stored
 generation of one ensemble, complete with its random state, so that the file needs no
 index, no lock and no library; NumPy maps it into memory. Storing a generation of 16
-walkers takes some 0.06 ms.
+walkers takes 0.03 ms (writing into HDF5 in place took 0.09), and 4 kB, of which 2.5 kB
+are the random state.
 """
 
 import json
