@@ -142,7 +142,7 @@ def _wanted_modes(
         raise TypeError("n_modes, modes: expected exactly one of the two")
     if modes is None:
         wanted = tuple(range(1, checks.whole_number("n_modes", n_modes, 1) + 1))
-    elif not isinstance(modes, Sequence):
+    elif np.ndim(modes) != 1:
         raise TypeError(f"modes: expected a sequence of mode numbers, got {modes!r}")
     else:
         wanted = tuple(checks.whole_number("modes", mode, 1) for mode in modes)
