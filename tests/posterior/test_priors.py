@@ -21,12 +21,44 @@ CUTS = {  # (low, high) in standard deviations from the mean
 UNITS = {"1": (0.0, 1.0), "1e-8": (3e-8, 1e-8), "1e11": (2.1e11, 1e10)}
 
 
-def points_inside(low, high):
-    """Both finite ends, and points between them."""
-    ends = [end for end in (low, high) if np.isfinite(end)]
-    low = max(low, min(ends) - 4.0)
-    high = min(high, max(ends) + 4.0)
-    return np.concatenate([ends, np.linspace(low, high, 9)[1:-1]])
+def check_cut_law(prior, uncut, low, high, start, stop):
+    """Check the second of two parameters; the first is 0.5 and has density 1 there.
+
+    Its density is the uncut one times a constant from low to high, integrates to one
+    from start to stop, is zero an ulp beyond the ends, and is that of the draws.
+    """
+
+    def logpdf(values):
+        return prior.logpdf(np.column_stack([0.5 + 0 * values, values]))
+
+    assert prior.bounds.tolist() == [[0.0, 1.0], [low, high]]
+    x = np.linspace(start, stop, 40_001)
+    constant = (logpdf(x) - uncut.logpdf(x))[1:-1]
+    np.testing.assert_allclose(constant, constant[0], rtol=1e-9, atol=1e-9)
+    ends = np.array([end for end in (low, high) if np.isfinite(end)])
+    assert np.isfinite(logpdf(ends)).all()
+    beyond = np.nextafter([low, high], [-INF, INF])[np.isfinite([low, high])]
+    assert (logpdf(beyond) == -INF).all()
+    cumulative = integrate.cumulative_simpson(np.exp(logpdf(x)), x=x, initial=0)
+    assert cumulative[-1] == pytest.approx(1, abs=1e-8)
+    draws = prior.sample(np.random.default_rng(7), 20_000)
+    assert ((draws >= prior.bounds[:, 0]) & (draws <= prior.bounds[:, 1])).all()
+    assert abs(np.corrcoef(draws.T)[0, 1]) * np.sqrt(20_000) < 5
+    assert stats.kstest(draws[:, 0], stats.uniform.cdf).pvalue > 1e-4
+    found = stats.kstest(draws[:, 1], lambda value: np.interp(value, x, cumulative))
+    assert found.pvalue > 1e-4
+
+
+@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("cut", CUTS)
+def test_the_gaussian_is_cut_at_its_bounds(cut, unit):
+    mean, sd = UNITS[unit]
+    low, high = mean + sd * np.array(CUTS[cut])
+    flat = [0.5, mean], [1e6, sd], [(0.0, 1.0), (low, high)]
+    start = low if low > -INF else high - 9 * sd
+    stop = high if high < INF else max(low, mean) + 9 * sd
+    prior = GaussianPrior(["flat", "a"], *flat)
+    check_cut_law(prior, stats.norm(mean, sd), low, high, start, stop)
 
 
 def test_without_bounds_the_gaussian_is_a_sum_of_norm_logpdf():
@@ -37,75 +69,6 @@ def test_without_bounds_the_gaussian_is_a_sum_of_norm_logpdf():
     np.testing.assert_allclose(prior.logpdf(theta), expected, rtol=1e-13)
     assert prior.names == ("k", "I", "E", "c")
     np.testing.assert_array_equal(prior.bounds, [[-INF, INF]] * 4)
-
-
-@pytest.mark.parametrize("unit", UNITS)
-@pytest.mark.parametrize("cut", CUTS)
-def test_with_bounds_the_gaussian_is_truncnorm(cut, unit):
-    mean, sd = UNITS[unit]
-    low, high = mean + sd * np.array(CUTS[cut])
-    theta = np.clip(mean + sd * points_inside(*CUTS[cut]), low, high)
-    prior = GaussianPrior(["a"], [mean], sd, [(low, high)])
-    cut_in_sd = (np.array([low, high]) - mean) / sd
-    expected = stats.truncnorm.logpdf(theta, *cut_in_sd, mean, sd)
-    # A far tail is a difference of numbers near 800, each with 16 digits.
-    np.testing.assert_allclose(prior.logpdf(theta[:, None]), expected, 1e-13, 1e-12)
-
-
-@pytest.mark.parametrize(
-    ("low", "high"),
-    [(-1.0, 2.0), (0.5, 5.0), (30.0, 31.0), (-38.0, -37.5), (-1e-3, 2e-3)],
-)
-def test_cut_gaussian_integrates_to_one_with_scales_1e_minus_8_and_1e11(low, high):
-    mean, sd = np.array([3e-8, 2.1e11]), np.array([1e-8, 1e11])
-    bounds = np.array([[low, high], [-0.3, 0.8]]) * sd[:, None] + mean[:, None]
-    prior = GaussianPrior(["I", "E"], mean, sd, bounds)
-    nodes, weights = np.polynomial.legendre.leggauss(60)
-    half = np.diff(bounds)[:, 0] / 2
-    axes = bounds.mean(axis=1)[:, None] + half[:, None] * nodes
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    density = np.exp(prior.logpdf(grid)).reshape(60, 60)
-    total = half.prod() * weights @ density @ weights
-    assert total == pytest.approx(1.0, abs=1e-10)
-
-
-def test_gaussian_is_finite_on_a_bound_and_minus_infinity_an_ulp_beyond():
-    low, high = np.array([1e3, 1e-8]), np.array([5e3, 9e-8])
-    prior = GaussianPrior(["k", "I"], [4e3, 3e-8], [5e2, 1e-8], np.c_[low, high])
-    assert np.isfinite(prior.logpdf(np.array([low, high]))).all()
-    middle = (low + high) / 2
-    for column in range(2):
-        beyond = np.array([middle] * 2)
-        beyond[:, column] = (
-            np.nextafter(low[column], -INF),
-            np.nextafter(high[column], INF),
-        )
-        np.testing.assert_array_equal(prior.logpdf(beyond), [-INF, -INF])
-
-
-@pytest.mark.parametrize("cut", CUTS)
-def test_gaussian_samples_are_inside_with_the_moments_of_truncnorm(cut):
-    n, mean, sd = 20_000, 4e3, 5e2
-    low, high = mean + sd * np.array(CUTS[cut])
-    prior = GaussianPrior(["k", "free"], [mean, 1.0], [sd, 2.0], [(low, high), (-9, 9)])
-    draws = prior.sample(np.random.default_rng(7), n)
-    assert draws.shape == (n, 2)
-    assert np.isfinite(prior.logpdf(draws)).all()
-    exact = stats.truncnorm(*(np.array([low, high]) - mean) / sd, mean, sd)
-    # scipy's own moments cancel in far tails: integrate the density instead.
-    around = np.array(points_inside(*CUTS[cut]))
-    start, stop = max(low, mean + sd * (around.min() - 4)), min(high, exact.isf(1e-13))
-    x = np.linspace(start, stop, 20_001)
-    weight = exact.pdf(x) / integrate.simpson(exact.pdf(x), x=x)
-    centre = integrate.simpson(weight * x, x=x)
-    deviation = x - centre
-    second, fourth = (integrate.simpson(weight * deviation**p, x=x) for p in (2, 4))
-    k = draws[:, 0]
-    assert abs(k.mean() - centre) / np.sqrt(second / n) < 5
-    z = (((k - centre) ** 2).mean() - second) / np.sqrt((fourth - second**2) / n)
-    assert abs(z) < 5
-    assert abs(np.corrcoef(draws.T)[0, 1]) * np.sqrt(n) < 5
-    assert abs(draws[:, 1].mean() - 1.0) / (2.0 / np.sqrt(n)) < 5
 
 
 def test_gaussian_copies_its_arguments():
@@ -204,7 +167,7 @@ def test_independent_prior_refuses(marginals, error, message):
 CUT_MARGINALS = {  # marginal, bounds given, bounds that result
     "lognormal": (stats.lognorm(0.5), (0.5, 1.5), (0.5, 1.5)),
     "one-sided": (stats.lognorm(0.5, scale=2.1e11), (1e11, INF), (1e11, INF)),
-    "wider than the support": (stats.gamma(3), (-1.0, 2.0), (0.0, 2.0)),
+    "wider than the support": (stats.expon(), (-1.0, 2.0), (0.0, 2.0)),
     "upper tail": (stats.norm(3e-8, 1e-9), (4e-8, 4.1e-8), (4e-8, 4.1e-8)),
     "lower tail": (stats.norm(), (-9.0, -8.0), (-9.0, -8.0)),
 }
@@ -212,42 +175,11 @@ CUT_MARGINALS = {  # marginal, bounds given, bounds that result
 
 @pytest.mark.parametrize("case", CUT_MARGINALS)
 def test_a_cut_marginal_is_renormalised_and_drawn_from(case):
-    marginal, given, ends = CUT_MARGINALS[case]
-    prior = pickle.loads(
-        pickle.dumps(
-            IndependentPrior({"u": stats.uniform(), "a": marginal}, {"a": given})
-        )
-    )
-    assert prior.bounds.tolist() == [[0.0, 1.0], [*ends]]
-    low, high = ends[0], ends[1] if ends[1] < INF else marginal.isf(1e-13)
-    x = np.linspace(low, high, 40_001)
-
-    def density(values):
-        return np.exp(prior.logpdf(np.column_stack([0.5 + 0 * values, values])))
-
-    assert integrate.simpson(density(x), x=x) == pytest.approx(1, abs=1e-8)
-    shape = density(x[1:-1]) / marginal.pdf(x[1:-1])
-    np.testing.assert_allclose(shape, shape[0], rtol=1e-9)
-    beyond = np.nextafter([low, high], [-INF, INF])
-    assert (density(beyond)[np.isfinite(ends)] == 0).all()
-    draws = prior.sample(np.random.default_rng(2), 20_000)[:, 1]
-    assert low <= draws.min() and draws.max() <= ends[1]
-    cumulative = integrate.cumulative_simpson(density(x), x=x, initial=0)
-    assert stats.kstest(draws, lambda v: np.interp(v, x, cumulative)).pvalue > 1e-4
-
-
-def test_a_cut_gaussian_is_a_gaussian_prior_and_others_are_drawn_as_before():
-    marginals = {"u": stats.uniform(), "n": stats.norm(4e3, 5e2)}
-    cut = IndependentPrior(marginals, bounds={"n": (3e3, 4.2e3)})
-    gaussian = GaussianPrior(["n"], [4e3], 5e2, [(3e3, 4.2e3)])
-    theta = np.column_stack([np.full(9, 0.3), np.linspace(2.9e3, 4.3e3, 9)])
-    exact = gaussian.logpdf(theta[:, 1:])
-    np.testing.assert_allclose(cut.logpdf(theta), exact, rtol=1e-12)
-    free, first = (
-        prior.sample(np.random.default_rng(1), 9)
-        for prior in (IndependentPrior(marginals, bounds={}), cut)
-    )
-    np.testing.assert_array_equal(free[:, 0], first[:, 0])
+    marginal, given, (low, high) = CUT_MARGINALS[case]
+    prior = IndependentPrior({"u": stats.uniform(), "a": marginal}, bounds={"a": given})
+    stop = high if high < INF else marginal.isf(1e-13)
+    again = pickle.loads(pickle.dumps(prior))
+    check_cut_law(again, marginal, low, high, low, stop)
 
 
 @pytest.mark.parametrize(
