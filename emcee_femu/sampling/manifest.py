@@ -7,7 +7,7 @@ of a model and the files that it reads, is found by ``probe.probe``.
 import hashlib
 import json
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from importlib.metadata import version
 from inspect import signature
 from typing import Any
@@ -64,9 +64,16 @@ def _readable(value: Any, depth: int = 0) -> Any:
         return value
     if isinstance(value, np.generic | np.ndarray):
         array = np.asarray(value)
-        return array.tolist() if array.size <= SHOWN else _digest(array)
+        if array.dtype.kind == "O":
+            return _readable(array.tolist(), depth)
+        readable = array.size <= SHOWN and array.dtype.kind in "biufU"
+        return array.tolist() if readable else _digest(array)
     if isinstance(value, Mapping):
         return {str(key): _readable(part, depth) for key, part in value.items()}
+    if isinstance(value, complex):
+        return str(value)
+    if isinstance(value, Set):  # in the same order in every process
+        return sorted(map(str, value))
     if isinstance(value, Sequence):
         return [_readable(part, depth) for part in value]
     kind = type(value).__name__
@@ -88,7 +95,12 @@ def _settings(value: Any) -> dict[str, Any]:
 
     What a move counts or keeps besides is then no part of it.
     """
-    arguments = [name for name in signature(type(value)).parameters if name != "kwargs"]
+    try:
+        given = signature(type(value)).parameters
+    except ValueError:  # of what is written in C
+        text = repr(value)
+        return {} if " at 0x" in text else {"value": text}
+    arguments = [name for name in given if name != "kwargs"]
     if arguments and all(hasattr(value, name) for name in arguments):
         return {name: getattr(value, name) for name in arguments}
     attributes = getattr(value, "__dict__", {})

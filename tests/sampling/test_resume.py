@@ -1,6 +1,7 @@
 """run(resume=True): the bits of a run that was never stopped, or a clear refusal."""
 
 import logging
+import threading
 
 import emcee
 import numpy as np
@@ -273,17 +274,21 @@ def test_a_users_term_is_known_by_what_it_measured_and_counters_of_moves_by_none
         name = "mine"
 
         def __init__(self, measured):
-            self.observed, self.made = (
-                {"frequency": measured},
-                np.random.default_rng().random(),
-            )
+            self.observed = {"frequency": measured, "receptance": measured * 1j}
+            self.made = np.random.default_rng().random()
 
         def __call__(self, p, modes):
             return -0.5 * ((modes.frequencies[:, 0] - 10) ** 2)
 
     class Counting(DEMCMove):
+        count = 0
+
+        def __init__(self, kinds=frozenset({1, 2}), lock=None):
+            super().__init__()
+            self.kinds, self.lock = kinds, threading.Lock()
+
         def propose(self, model, state):
-            self.count = getattr(self, "count", 0) + 1
+            self.count += 1
             return super().propose(model, state)
 
     known, move = simple(), Counting()
