@@ -76,7 +76,7 @@ class Variable:
         if not labelled:
             raise TypeError(f"coords: expected {{name: labels}}, got {self.coords!r}")
         if not isinstance(self.unit, str):
-            raise TypeError(f"unit: expected a text, got {self.unit!r}")
+            raise TypeError(f"unit: expected text, got {self.unit!r}")
         if not isinstance(self.stored, bool):
             raise TypeError(f"stored: expected True or False, got {self.stored!r}")
 

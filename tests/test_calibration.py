@@ -4,7 +4,7 @@ The test, stated: of each setting's ranks, for the five parameters and the
 log-likelihood, a chi-square test of the uniform law in 8 bins (25 ranks expected in
 each). With 3 settings these are 18 tests; Bonferroni's correction asks each of them for
 p > 0.001 / 18, so that sound moves fail all this with a probability of at most 0.1 %,
-over the choice of the seed. Of a mutant at least one p must be below that.
+over the choice of the seed. For a mutant at least one p must be below that.
 """
 
 import numpy as np

@@ -43,13 +43,13 @@ def probe(evaluation: Evaluation, states: list[emcee.State], path: str) -> None:
         if changing.any():
             where = _first(changing, now, again, state.coords, posterior)
             raise ValueError(
-                f"resume: the solver is not deterministic: of ensemble {number} "
+                f"resume: the solver is not deterministic: in ensemble {number} "
                 f"{where}. Fix its seeds, starts and threads, or set probe_tolerance "
                 "to what it scatters by"
             )
         where = _first(apart, stored, now, state.coords, posterior)
         raise ValueError(
-            f"resume: {path} holds a run of another posterior: of ensemble {number} "
+            f"resume: {path} holds a run of another posterior: in ensemble {number} "
             f"{where} ({int(apart.any(axis=1).sum())} of {len(apart)} walkers differ "
             f"by more than probe_tolerance={tolerance:g}). Restore model, files and "
             "versions, or give another file name"

@@ -191,7 +191,7 @@ def with_zeus(target: Target, start: Floats, steps: int) -> Result:
     sampler = zeus.EnsembleSampler(
         nwalkers, d, lambda x: log_prob(x)[:, 0], vectorize=True, verbose=False
     )
-    steps //= 5  # a slice step takes about five evaluations a walker
+    steps //= 5  # a slice step takes about five evaluations per walker
     begin = time.process_time()
     sampler.run_mcmc(start, steps, progress=False)
     seconds = time.process_time() - begin

@@ -202,7 +202,7 @@ def test_a_file_that_the_solver_reads_was_changed(tmp_path):
     a, b = last.coords[0].tolist()
     now = 10 + 1.001 * a
     likelihood = -0.5 * ((now - 10) ** 2 + (20 + b - 20) ** 2) / 0.25
-    assert "of ensemble 1 log_likelihood[frequency] of walker 0 was" in message
+    assert "in ensemble 1 log_likelihood[frequency] of walker 0 was" in message
     assert f"{{'a': {a}, 'b': {b}}}" in message
     stored, found = message.split(" was ")[1].split(" at ")[0].split(" and is ")
     assert float(stored) == pytest.approx(last.blobs[0, 1], abs=1e-9)
