@@ -31,17 +31,18 @@ def compared(term):
     return ef.compare_moves(posterior, MOVES, 8, 400, ensembles=2, seed=1)
 
 
+def with_rows(comparison, rows, **fields):
+    table = dataclasses.replace(comparison.table, rows=tuple(rows))
+    return dataclasses.replace(comparison, table=table, **fields)
+
+
 @pytest.fixture(scope="module")
 def comparison():
     """Two converged moves and one that crawls, whatever their chains are."""
     found = compared(ef.FrequencyTerm([1.0, 3.0], relative_sd=0.05))
-    verdicts = ["too short: 3 tau", "converged", "converged"]
-    rows = [
-        (*row[:-1], verdict)
-        for row, verdict in zip(found.table.rows, verdicts, strict=True)
-    ]
-    table = dataclasses.replace(found.table, rows=tuple(rows))
-    return dataclasses.replace(found, table=table)
+    first, *others = [row[:-1] for row in found.table.rows]
+    rows = [(*first, "too short: 3 tau"), *((*row, "converged") for row in others)]
+    return with_rows(found, rows)
 
 
 def shown(axes):
@@ -72,9 +73,8 @@ def test_the_legend_explains_hatched_bars(comparison):
     figure = ef.plot_comparison(comparison)
     trust = "not converged, so the number cannot be trusted"
     assert legend(figure) == ["converged", trust]
-    rows = tuple((*row[:-1], "converged") for row in comparison.table.rows)
-    table = dataclasses.replace(comparison.table, rows=rows)
-    figure = ef.plot_comparison(dataclasses.replace(comparison, table=table))
+    rows = [(*row[:-1], "converged") for row in comparison.table.rows]
+    figure = ef.plot_comparison(with_rows(comparison, rows))
     assert legend(figure) == ["converged"]
     assert figure.axes[1].get_title() == "same colours"
 
@@ -117,15 +117,10 @@ def test_nothing_is_clipped_and_the_headline_is_the_conclusion(comparison):
 
 def test_many_long_labels_and_bars_are_not_clipped(comparison):
     labels = [f"{LONG} number {i}" for i in range(12)]
-    table = dataclasses.replace(
-        comparison.table,
-        rows=tuple(
-            (label, *comparison.table.rows[i % 3][1:]) for i, label in enumerate(labels)
-        ),
-    )
-    idata = {label: comparison.idata["DE-MC"] for label in labels}
-    many = dataclasses.replace(comparison, table=table, idata=idata)
-    figure = ef.plot_comparison(many)
+    cells = [row[1:] for row in 4 * comparison.table.rows]
+    rows = [(label, *row) for label, row in zip(labels, cells, strict=True)]
+    idata = dict.fromkeys(labels, comparison.idata["DE-MC"])
+    figure = ef.plot_comparison(with_rows(comparison, rows, idata=idata))
     assert_nothing_is_clipped(figure)
     bars = figure.axes[0]
     assert len({bar.get_edgecolor() for bar in bars.patches}) == 12
