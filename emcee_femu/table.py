@@ -68,7 +68,7 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return the table as notebooks show it."""
-        lines = self._joined("</td><td>", html.escape)
+        lines = self._join("</td><td>", html.escape)
         header, *rows = (f"<tr><td>{line}</td></tr>" for line in lines)
         return "\n".join(
             [
@@ -82,13 +82,13 @@ class Table:
     def to_markdown(self) -> str:
         """Return a Markdown table without the title."""
         rule = ("---", *("---:",) * (len(self.columns) - 1))
-        header, *rows = self._joined(" | ", lambda cell: cell.replace("|", "\\|"))
+        header, *rows = self._join(" | ", lambda cell: cell.replace("|", "\\|"))
         lines = [header, " | ".join(rule), *rows]
         return "\n".join(f"| {line} |" for line in lines)
 
     def to_latex(self) -> str:
         """Return a LaTeX ``tabular`` without the title."""
-        lines = self._joined(" & ", lambda cell: cell.translate(LATEX))
+        lines = self._join(" & ", lambda cell: cell.translate(LATEX))
         header, *rows = (f"{line} \\\\" for line in lines)
         begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
         rule, end = "\\hline", "\\end{tabular}"
@@ -108,7 +108,7 @@ class Table:
                 file.write(buffer.getvalue())
         return buffer.getvalue()
 
-    def _joined(self, separator: str, escape: Callable[[str], str]) -> list[str]:
+    def _join(self, separator: str, escape: Callable[[str], str]) -> list[str]:
         rows = [self.columns, *self._cells()]
         return [separator.join(map(escape, row)) for row in rows]
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
-from .parameters import check_mapping, check_positive, chosen_dofs
+from .parameters import check_mapping, check_positive, choose_dofs
 
 Spring = tuple[int, int, float | str]
 
@@ -66,7 +66,7 @@ class MassSpringModel:
         n = len(mass)
         if not n:
             raise ValueError("masses: expected at least one, got none")
-        dofs = chosen_dofs(shapes, range(n))
+        dofs = choose_dofs(shapes, range(n))
         check_mapping("springs", springs, "{name: (node, node, stiffness)}")
         every = checks.parameter_names("springs", list(springs))
         defaults = _default_stiffnesses(springs)

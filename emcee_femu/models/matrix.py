@@ -14,7 +14,7 @@ from ..interfaces import ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
 from .eigen.sparse import SparseEigenproblem, check_mass
 from .eigen.symmetric import sparse_symmetric, symmetric
-from .parameters import check_mapping, chosen_dofs, columns, describe, read_batch
+from .parameters import check_mapping, choose_dofs, columns, describe, read_batch
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -99,7 +99,7 @@ class MatrixModel:
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
-        dofs = chosen_dofs(shapes, range(size))
+        dofs = choose_dofs(shapes, range(size))
         checks.set_fields(
             self,
             K0=stiffness,

@@ -47,7 +47,7 @@ def check_positive(values: Parameters, names: Iterable[str], kind: str) -> None:
             )
 
 
-def chosen_dofs(shapes: Any, dofs: Sequence[Hashable]) -> tuple[Any, ...]:
+def choose_dofs(shapes: Any, dofs: Sequence[Hashable]) -> tuple[Any, ...]:
     """Return those of the model's DOFs at which ``shapes=`` asks for mode shapes.
 
     Args:

@@ -112,7 +112,7 @@ def frequency_table(
         updated = at_mean[posterior.columns[found.name]][:m]
         what = "at posterior mean"
 
-    def padded(values: ArrayLike) -> Floats:
+    def pad(values: ArrayLike) -> Floats:
         return np.append(np.asarray(values, dtype=float), np.nan)
 
     def with_tae(values: Floats) -> Floats:
@@ -121,11 +121,11 @@ def frequency_table(
 
     columns: list[tuple[str, str, Any]] = [
         (found.dims, "", [*found.labels, "TAE"]),
-        ("measured Hz", ".3f", padded(measured)),
-        ("at prior mean Hz", ".3f", padded(initial[0])),
+        ("measured Hz", ".3f", pad(measured)),
+        ("at prior mean Hz", ".3f", pad(initial[0])),
         ("error %", ".2f", with_tae(initial[0])),
-        (f"{what} Hz", ".3f", padded(updated)),
-        ("c.o.v. %", ".3f", padded(100 * draws.std(axis=0, ddof=1) / updated)),
+        (f"{what} Hz", ".3f", pad(updated)),
+        ("c.o.v. %", ".3f", pad(100 * draws.std(axis=0, ddof=1) / updated)),
         ("error % ", ".3f", with_tae(updated)),
     ]
     for title, values in _columns(published):
@@ -135,7 +135,7 @@ def frequency_table(
                 f"published[{title!r}]: expected {m} numbers, or {m + 1} with the "
                 f"TAE, got shape {given.shape}"
             )
-        columns.append((title, ".4g", given if len(given) > m else padded(given)))
+        columns.append((title, ".4g", given if len(given) > m else pad(given)))
     words = f" of {experiment!r}" if experiment else ""
     return Table.from_columns(f"Natural frequencies{words}", columns)
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ... import checks
 from ...interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from ..eigen.dense import Eigenproblem, output_rows
-from ..parameters import check_positive, chosen_dofs, describe, read_batch
+from ..parameters import check_positive, choose_dofs, describe, read_batch
 from .assembly import DOFS, Element, Terms, assemble, check_elements, free_dofs, split
 from .section import Section
 
@@ -91,9 +91,9 @@ class FrameModel:
         stiffness, stiffness_terms = split(K, sections, free)
         mass, mass_terms = split(M, sections, free)
         skip = checks.whole_number("skip", skip)
-        wanted = _wanted_modes(n_modes, modes, skip, len(free))
+        wanted = _choose_modes(n_modes, modes, skip, len(free))
         dofs = tuple(f"{i // 6}:{DOFS[i % 6]}" for i in free.tolist())
-        chosen = chosen_dofs(shapes, dofs)
+        chosen = choose_dofs(shapes, dofs)
         names = tuple(dict.fromkeys(p for s in sections.values() for p in s.parameters))
         checks.set_fields(
             self,
@@ -135,7 +135,7 @@ class FrameModel:
         )
 
 
-def _wanted_modes(
+def _choose_modes(
     n_modes: int | None, modes: Sequence[int] | None, skip: int, n_free: int
 ) -> tuple[int, ...]:
     if (n_modes is None) == (modes is None):
