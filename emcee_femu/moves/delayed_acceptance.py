@@ -45,12 +45,6 @@ class DelayedAcceptanceMove(ProposingMove):
             a proposal, or of another length.
 
     Source: Christen and Fox (2005), doi:10.1198/106186005X76983.
-
-    Example:
-        >>> from emcee_femu.moves import DEMCMove
-        >>> move = DelayedAcceptanceMove(DEMCMove(), lambda x: -(x**2).sum(axis=1))
-        >>> print(move)
-        delayed acceptance: nothing proposed yet
     """
 
     def __init__(self, inner: Any, cheap: Callable[[Floats], ArrayLike]) -> None:
