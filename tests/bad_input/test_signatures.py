@@ -59,7 +59,7 @@ POINT, START = np.array([9.0, 6.0]), POSTERIOR.start(16, 1).reshape(2, 8, 2)
 LADDER = ef.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
 (TEMPERED,) = ef.run(POSTERIOR, LADDER, nwalkers=24, nsteps=16, seed=1)
 IDATA = ef.to_inference_data(SAMPLER, POSTERIOR)
-VARIABLES = {"y": ef.Variable({})}
+VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
 MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
 RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
 
@@ -71,6 +71,7 @@ def reduce_model(**given):
 
 positive, above_zero = array(positive=True), number(above=0.0)
 per_mode = positive.but("one number")
+chosen = names.but("one less")
 relative = per_mode.but("a word", "one less", empty="")
 fraction = number(low=0.0).but(above_one=1.1)
 ordered = array().but(swapped=lambda v: v[..., ::-1])
@@ -97,7 +98,7 @@ bars = anything.but(float=[(0.0, 1, "bar")], missing=[(0, 9, "bar")], two=[(0, 1
 bars = bars.but(itself=[*BARS, (1, 1, "bar")], unknown=[(0, 1, "rod")])
 KINDS = [  # of arguments, by their names; None is valid where it is the default
     (whole(), {"discard": 0, "seed": 1, "skip": 0}),
-    (whole(1), {"nwalkers": 8, "nsteps": 2, "ensembles": 2, "thin": 1, "thin_by": 1}),
+    (whole(1), {"nwalkers": 8, "nsteps": 9, "ensembles": 2, "thin": 1, "thin_by": 1}),
     (whole(1), {"max_solves": 20, "n_modes": 2, "test_points": 4, "components": 1}),
     (whole(1), {"pairs": 2, "chunksize": 2}),
     (whole(2), {"nsplits": 2, "candidates": 3}),
@@ -108,7 +109,7 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (above_zero.but("a word", "numeral", empty=""), BAR),
     (above_zero.but(one=1.0), {"probability": 0.95}),
     (fraction, {"max_failures": 0.1, "min_mac": 0.5, "mode_jump": 0.1}),
-    (names.but("one less"), {"var_names": ["k1", "k2"]}),
+    (chosen, {"var_names": ["k1", "k2"]}),
     (number(low=0.0), {"min_gap": 0.02, "gamma0": 0.5, "probe_tolerance": 1e-6}),
     (number().but(above_high=9.0), {"low": 1.0}),
     (number().but(below_low=0.0), {"high": 5.0}),
@@ -142,8 +143,7 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (bars, {"elements": BARS}),
     (by_name(spring, known=False), {"springs": SPRINGS}),
     (anything.but(node={9: "all"}, dof={0: ["u"]}), {"supports": {0: "all"}}),
-    (records, {"sections": {"bar": ef.Section(**BAR)}}),
-    (records, {"marginals": {"k1": stats.norm(3.0, 9.0)}}),
+    (records, {"sections": {"bar": ef.Section(**BAR)}, "marginals": {"k1": NORMAL}}),
     (by_name(shown), {"nominal": {"k1": 10.0}}),
     (by_name(by_name(shown), known=False), {"published": {"a": {"k1": 9.0}}}),
     (by_name(array()), {"reference": {"k1": POINT}}),
@@ -161,9 +161,10 @@ ARGUMENTS = {name: (v, kind) for kind, given in KINDS for name, v in given.items
 TIED = {"frequencies": "shapes covariance", "shapes": "shape_sd", "masses": "springs"}
 TIED |= {"measured": "sd beta covariance", "parameters": "k1", "dofs": "coords"}
 OFF = None, None  # left out: it excludes another, or is thrown elsewhere
-OTHERS = ("sd", "shapes", "shape_sd", "sensors", "dofs", "phase_collinearity")
-OTHERS = dict.fromkeys(OTHERS, OFF)
-FEW = {"posterior", "seed", "nsteps"}
+OTHERS = "sd shapes shape_sd sensors dofs phase_collinearity"
+OTHERS = dict.fromkeys(OTHERS.split(), OFF)
+IDLE = {*inspect.signature(ef.run).parameters} - {"posterior", "seed", "nsteps"}
+IDLE = dict.fromkeys(IDLE, OFF)
 SIZE = {"sd": OFF, "delta": OFF, "discrepancy": OFF}
 SCATTER = {"sd": OFF, "relative_sd": OFF, "beta": OFF, "covariance": OFF}
 # By name, perhaps with a variant: the arguments that are unlike those of ARGUMENTS.
@@ -175,10 +176,7 @@ CALLS = {
         "shapes": (TESTS, array().but("complex")),
     },
     "Measurements.from_uff": {"sensors": OFF, "dofs": OFF},
-    "Measurements.from_uff, sensors": {
-        "path": OFF,
-        "sensors": (LABELS[:3], names.but("one less")),
-    },
+    "Measurements.from_uff, sensors": {"path": OFF, "sensors": (LABELS[:3], chosen)},
     "Measurements.from_pyoma2": {"shape_sd": (False, flag)},
     "Measurements.to_csv": {},
     "MassSpringModel called": {"parameters": ({"k1": SD, "k2": HERTZ}, stiffness)},
@@ -207,7 +205,6 @@ CALLS = {
     "compare_moves": {
         "moves": (MOVES, records.but("one less")),
         "ensembles": (2, whole(2)),
-        "nsteps": (16, whole(1)),
         "max_evaluations": OFF,
     },
     "compare_moves, max_evaluations": {
@@ -219,10 +216,7 @@ CALLS = {
     "MetropolisMove, sd": {"cov": OFF, "sd": (SD, steps)},
     "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
     "run": {"workers": OFF},
-    "run, workers": {
-        **dict.fromkeys({*inspect.signature(ef.run).parameters} - FEW, OFF),
-        "workers": (1, whole(1)),
-    },
+    "run, workers": {**IDLE, "workers": (1, whole(1))},
     "log_evidence": {"samplers": ([TEMPERED], anything)},
     "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
 }
