@@ -6,7 +6,7 @@ from scipy import stats
 from support.importance import importance_moments
 
 import emcee_femu as ef
-from emcee_femu.results.inference_data import samples
+from emcee_femu.results.arviz_objects import samples
 
 # A linear model of three parameters: f = C theta, Gaussian prior, Gaussian errors.
 C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0], [0.3, 0.3, 0.3]])

@@ -8,8 +8,8 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
+from ..results.arviz_objects import samples
 from ..results.diagnostics import CONVERGED, Diagnosis
-from ..results.inference_data import samples
 from ..table import Table
 
 MOST_NAMES = 4  # in a sentence

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..interfaces import Floats
-from ..results.inference_data import samples
+from ..results.arviz_objects import samples
 
 
 def changing_draws(

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from ..posterior.log_posterior import LogPosterior
+from ..results.arviz_objects import samples
 from ..results.frequencies import check_sampled
-from ..results.inference_data import samples
 from ..results.measured import Measured, at_places, measured_variables
 from ..results.predictive import measurement_sd
 from .deviations import Compared, draw_deviations, draw_mac

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
-from ..results.inference_data import dataset
+from ..results.arviz_objects import dataset
 from .colours import BLUE, GREY, RED
 from .draws import changing_draws
 from .ellipses import covariance_ellipse

@@ -11,7 +11,7 @@ from scipy import stats
 
 from ..interfaces import Floats
 from ..table import Table, as_html
-from . import inference_data
+from . import arviz_objects
 from .judged_chains import acceptance, judged_chains
 
 ENOUGH_TAU = 50  # steps per autocorrelation time below which tau itself is unreliable
@@ -151,14 +151,14 @@ def diagnose(
         bulk, tail = _sizes_by_means(draws)
     else:
         everything = by_ensemble.reshape(-1, steps, ndim)
-        bulk, tail = inference_data.effective_sizes(everything)
+        bulk, tail = arviz_objects.effective_sizes(everything)
     within = [np.full(ndim, np.nan)]  # one walker alone has nothing to compare with
     if n_walkers > 1:
-        within = [inference_data.rhat(walkers) for walkers in by_ensemble]
+        within = [arviz_objects.rhat(walkers) for walkers in by_ensemble]
     between = np.full(ndim, np.nan)
     if n_ensembles > 1:
         pooled = by_ensemble.reshape(n_ensembles, -1, ndim)  # walker after walker
-        between = inference_data.rhat(pooled)
+        between = arviz_objects.rhat(pooled)
     with np.errstate(divide="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
     found = Diagnosis(
@@ -201,7 +201,7 @@ def _size_by_means(values: Floats) -> Floats:
     series = values.mean(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))
-    result: Floats = gain * inference_data.mean_sizes(series.swapaxes(0, 1))
+    result: Floats = gain * arviz_objects.mean_sizes(series.swapaxes(0, 1))
     return result
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..interfaces import Floats
 from ..moves.acceptance import subtract_log_prior
 from ..moves.tempering import find_ladder
-from . import inference_data
+from .chains import list_runs, stack_chains
 from .diagnostics import autocorrelation_time
 
 
@@ -95,7 +95,7 @@ def log_evidence(
     Source: Xie et al. (2011), doi:10.1093/sysbio/syq085 (stepping stones); Friel, Hurn
     and Wyse (2014), doi:10.1007/s11222-013-9397-1 (integration).
     """
-    runs = inference_data.list_runs(samplers)
+    runs = list_runs(samplers)
     betas = _shared_betas(runs)
     log_likelihood = _stack_log_likelihoods(runs, len(betas), discard)
     gaps = betas[:-1] - betas[1:]
@@ -123,8 +123,8 @@ def log_evidence(
 
 def _stack_log_likelihoods(runs: list[Any], n_betas: int, discard: int) -> Floats:
     """Return them as ``(steps, ensembles, n_betas, block)``."""
-    log_prob = inference_data.stack_chains(runs, "log_prob", discard, hot=True)
-    blobs = inference_data.stack_chains(runs, "blobs", discard, hot=True)
+    log_prob = stack_chains(runs, "log_prob", discard, hot=True)
+    blobs = stack_chains(runs, "blobs", discard, hot=True)
     steps, ensembles, nwalkers = log_prob.shape
     if steps < 8:
         raise ValueError(f"discard: expected at least 8 steps to judge, left {steps}")

@@ -8,7 +8,7 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from .inference_data import dataset, samples
+from .arviz_objects import dataset, samples
 from .measured import measured_frequencies
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from ..table import Table, as_html
+from .arviz_objects import dataset, samples
 from .findings import describe_findings
-from .inference_data import dataset, samples
 
 NEAR = 0.01  # of the range; a uniform density has a share of 0.01 so near a bound
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding

@@ -7,18 +7,18 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
-from . import inference_data
-from .chains import describe_runs
+from .arviz_objects import dataset, samples
+from .chains import describe_runs, list_runs, stack_chains
 
 
 def judged_chains(samplers: Any, discard: int) -> tuple[list[str], Floats, Any]:
     """Return names, ``draws (steps, ensembles, walkers, d)``, and what is known."""
     if not hasattr(samplers, "posterior"):
-        runs = inference_data.list_runs(samplers)
-        draws = inference_data.stack_chains(runs, "chain", discard)
+        runs = list_runs(samplers)
+        draws = stack_chains(runs, "chain", discard)
         return _names(runs[0], draws.shape[-1]), draws, describe_runs(runs)
-    names, chains = inference_data.samples(samplers)
-    posterior = inference_data.dataset(samplers, "posterior")
+    names, chains = samples(samplers)
+    posterior = dataset(samplers, "posterior")
     ensemble = posterior["ensemble"].values if "ensemble" in posterior.coords else []
     counts = np.unique(ensemble, return_counts=True)[1]
     if len(set(counts.tolist())) != 1:

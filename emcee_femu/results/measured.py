@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..interfaces import Floats
-from .inference_data import dataset
+from .arviz_objects import dataset
 
 
 class Measured(NamedTuple):

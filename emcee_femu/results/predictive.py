@@ -8,8 +8,8 @@ from ..interfaces import Floats
 from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
+from .arviz_objects import dataset, samples
 from .frequencies import check_sampled
-from .inference_data import dataset, samples
 from .measured import Measured, at_places, measured_variables
 from .tables import INTERVAL
 

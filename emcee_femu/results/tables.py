@@ -10,8 +10,8 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
+from .arviz_objects import dataset, samples
 from .frequencies import check_sampled, total_average_error
-from .inference_data import dataset, samples
 from .measured import at_places, measured_frequencies
 
 INTERVAL = (0.025, 0.975)

@@ -29,7 +29,7 @@ import numpy as np
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.results.inference_data import effective_sizes
+from emcee_femu.results.arviz_objects import effective_sizes
 
 Floats = np.ndarray
 

@@ -9,7 +9,7 @@ import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 
 import emcee_femu as ef
-from emcee_femu.results.inference_data import samples
+from emcee_femu.results.arviz_objects import samples
 
 C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0]])
 NAMES, TRUTH, SD = ("a", "b", "c"), np.array([40.0, 60.0, 20.0]), 4.0

@@ -10,8 +10,8 @@ from emcee_femu import plot_correlation, plot_scatter, plot_tae
 from emcee_femu.figures import plot_proposals
 from emcee_femu.figures.ellipses import covariance_ellipse
 from emcee_femu.figures.scatter import MOST_POINTS
+from emcee_femu.results.arviz_objects import dataset, samples, wrap
 from emcee_femu.results.frequencies import running_tae
-from emcee_femu.results.inference_data import dataset, samples, wrap
 
 PROBLEMS = {
     "h_structure": ef.paper.h_structure(),

@@ -10,7 +10,7 @@ from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped, 
 import emcee_femu as ef
 from emcee_femu.figures.colours import BLUE, RED
 from emcee_femu.figures.predictive import plot_predictive
-from emcee_femu.results.inference_data import dataset, wrap
+from emcee_femu.results.arviz_objects import dataset, wrap
 
 MEASURED = np.array([10.0, 20.0, 40.0])
 UPDATED = "updated model: mean (circle), 95 % interval"

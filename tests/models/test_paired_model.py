@@ -8,7 +8,7 @@ import emcee_femu as ef
 from emcee_femu import Measurements, ModalSolution, PairedModel, ShapeTerm
 from emcee_femu.likelihoods.frequency import UNPAIRED
 from emcee_femu.models.pairing import mac
-from emcee_femu.results.inference_data import dataset
+from emcee_femu.results.arviz_objects import dataset
 
 
 def random_shapes(seed, *shape):

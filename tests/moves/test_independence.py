@@ -66,7 +66,7 @@ def test_auto_says_what_it_did_and_beats_plain_demc(automatic):
         kinds = [type(move).__name__ for move in sampler._moves]
         assert kinds == ["IndependenceMove", "DEMCMove"]
     idata = ef.to_inference_data(automatic, PROBLEM.posterior)
-    from emcee_femu.results.inference_data import dataset
+    from emcee_femu.results.arviz_objects import dataset
 
     assert dataset(idata, "posterior").attrs["recipe"] == automatic[0].recipe
 

@@ -22,7 +22,7 @@ from emcee_femu import (
     TemperedMove,
 )
 from emcee_femu.moves import acceptance, tempering
-from emcee_femu.results.inference_data import samples
+from emcee_femu.results.arviz_objects import samples
 
 BETAS = [1.0, 0.3, 0.0]
 

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.results.inference_data import dataset
+from emcee_femu.results.arviz_objects import dataset
 
 F_EMPTY, F_LOADED, TIP = [1.6, 4.1], [1.2, 3.6], 0.017
 SPRING = np.array([[1.0, -1.0], [-1.0, 1.0]])

@@ -14,7 +14,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.interfaces import Pairing, read
-from emcee_femu.results.inference_data import dataset
+from emcee_femu.results.arviz_objects import dataset
 
 # --- the user's code: a cantilever under an end load, measured at three points
 POINTS, MEASURED, SD = np.array([0.4, 0.7, 1.0]), [1.1, 2.9, 5.2], 0.2

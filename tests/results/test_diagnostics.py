@@ -9,8 +9,8 @@ from support.chains import ar1, backend
 
 import emcee_femu as ef
 from emcee_femu.moves import MetropolisMove
+from emcee_femu.results.arviz_objects import dataset, effective_sizes, rhat, wrap
 from emcee_femu.results.diagnostics import autocorrelation_time
-from emcee_femu.results.inference_data import dataset, effective_sizes, rhat, wrap
 
 SAMPLE_DIMS = {"sample_dims": ["chain", "draw"]}
 

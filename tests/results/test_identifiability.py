@@ -17,8 +17,8 @@ from support.known_posteriors import (
 
 import emcee_femu as ef
 from emcee_femu.posterior.priors import uniform_between
+from emcee_femu.results.arviz_objects import dataset
 from emcee_femu.results.identifiability import identifiability
-from emcee_femu.results.inference_data import dataset
 
 COVARIANCE = gaussian_posterior(GRADIENT[:2], 0.1)
 

@@ -12,12 +12,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.moves import MetropolisMove
-from emcee_femu.results.inference_data import (
-    dataset,
-    effective_sizes,
-    rhat,
-    samples,
-)
+from emcee_femu.results.arviz_objects import dataset, effective_sizes, rhat, samples
 
 NAMES = ["stiff", "alpha", "mass"]  # not in alphabetical order
 BOUNDS = [(0.5, 1.6), (-1.0, 1.0), (0.6, 3.0)]

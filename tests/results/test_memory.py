@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import emcee_femu as ef
-from emcee_femu.results.inference_data import dataset
+from emcee_femu.results.arviz_objects import dataset
 
 NDIM, NWALKERS, STEPS = 2, 256, 90
 PRIOR = ef.GaussianPrior([f"k{i}" for i in range(NDIM)], np.zeros(NDIM), 1.0)

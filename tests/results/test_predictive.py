@@ -8,7 +8,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.interfaces import Variable
-from emcee_femu.results.inference_data import wrap
+from emcee_femu.results.arviz_objects import wrap
 from emcee_femu.results.predictive import pairing_table, predictive_table
 
 MEASURED = [10.0, 20.0, 40.0]

@@ -4,8 +4,8 @@ import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 
 import emcee_femu as ef
+from emcee_femu.results.arviz_objects import dataset, wrap
 from emcee_femu.results.frequencies import running_tae, total_average_error
-from emcee_femu.results.inference_data import dataset, wrap
 from emcee_femu.results.measured import measured_frequencies
 from emcee_femu.results.tables import frequency_table, parameter_table
 
