@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -50,11 +51,15 @@ def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads(tmp
     lock = threading.Lock()
     posterior = posterior_of(lambda p: [p["k"], 2 * p["m"]] if lock else None)
     going = threading.Thread(target=time.sleep, args=[5], daemon=True)
-    going.start()  # Python 3.12 and newer would warn, which is an error here
+    going.start()
     file = {"backend": tmp_path / "run.chain", "resume": True, "on_failure": "reject"}
     for options in ({"nsteps": 5}, {"nsteps": 5, **file}, {"nsteps": 8, **file}):
         options |= {"nwalkers": 12, "seed": 1, "ensembles": 2}
-        pooled = ef.run(posterior, workers=2, **options)
+        with warnings.catch_warnings(record=True) as shown:
+            warnings.simplefilter("always")
+            pooled = ef.run(posterior, workers=2, **options)
+        # Python 3.12 and newer warn of forks beside threads.
+        assert not [one for one in shown if "fork" in str(one.message)]
         serial = ef.run(posterior, **options | {"backend": None, "resume": False})
         for one, other in zip(pooled, serial, strict=True):
             assert np.array_equal(one.get_chain(), other.get_chain())
@@ -82,6 +87,13 @@ def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
     assert time.perf_counter() - begin < 20
     assert "'k': 1.0" in error.__notes__[-1]
     assert not multiprocessing.active_children()
+
+
+def test_the_keyboard_is_the_business_of_the_run():
+    with open_pool(None, 2, one_by_one=True) as pool:
+        for pid in {*pool.map(pool_problems.where, np.full((4, 1), 0.1))}:
+            os.kill(pid, signal.SIGINT)
+        assert len(pool.map(pool_problems.where, np.full((4, 1), 0.1))) == 4
 
 
 @pytest.mark.parametrize(
