@@ -16,8 +16,7 @@ def check_executor(argument: str, given: Any) -> None:
     """Refuse what can evaluate nothing, or may wait for ever."""
     classes = [f"{base.__module__}.{base.__name__}" for base in type(given).__mro__]
     if any(name in HANGING for name in classes) and not isinstance(given, THREADS):
-        # It starts another worker for a dead one, but forgets its task, and does not
-        # say so; nor does the end of such a pool return if the dead held a lock.
+        # It forgets the task of the dead; nor does it end if they held a lock.
         raise TypeError(
             f"{argument}: {classes[0]} waits for ever for a worker that died; give "
             "run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"

@@ -63,8 +63,7 @@ class ForkedPool(EvaluationPool):
         self._pickles = [(function, digest, b"")]
         functions[digest] = function
         with warnings.catch_warnings():
-            # Where there are other threads, as in every notebook, Python warns of
-            # locks that they may hold; what a worker does needs none of these.
+            # Python warns of locks that other threads may hold: workers need none.
             warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
             self._executor.submit(int)  # forks all processes
         del functions[digest]

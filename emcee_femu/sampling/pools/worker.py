@@ -51,8 +51,7 @@ def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
         functions[str(digest)] = function
         for old in list(functions)[:-KEPT]:
             functions.pop(old, None)  # another thread may have done so
-    # A model that solves one set at a time gains nothing from a batch, and the error
-    # of a row would then be looked for by solving the others again.
+    # One set at a time is as quick, and no row is solved again to find an error.
     one_by_one = getattr(function, "one_by_one", False)
     if one_by_one or not getattr(function, "takes_batches", False):
         return _evaluate_rows(function, points)
