@@ -246,6 +246,7 @@ PROBES = {  # what is compared, by the type of the result; otherwise its text
     ef.ModalSolution: lambda modes: modes.frequencies,
     paper.Problem: lambda problem: problem.measured,
     Comparison: type,  # its text has the time in it
+    ef.EvaluationPool: type,
     ef.FunctionModel: type,
     Figure: plt.close,
     np.ndarray: lambda array: array,
