@@ -23,6 +23,9 @@ from .experiments import Experiment, check_joint, gather_experiments
 from .starting import check_inside, draw_start
 
 
+SHOWN = 8  # parameter sets of a batch in a message
+
+
 @dataclass(frozen=True, eq=False, init=False)
 class LogPosterior:
     r"""Log-posterior of one model or several, given data, for a batch of walkers.
@@ -274,9 +277,11 @@ class LogPosterior:
         return rows
 
     def _values(self, theta: Floats) -> Any:
-        """Return parameter sets by name, for a message."""
-        sets = [dict(zip(self.names, row, strict=True)) for row in theta.tolist()]
-        return sets[0] if len(sets) == 1 else sets
+        """Return parameter sets by name, for a message, and not all of many."""
+        some = theta[:SHOWN].tolist()
+        sets = [dict(zip(self.names, row, strict=True)) for row in some]
+        rest = [f"{len(theta) - SHOWN} more"] if len(theta) > SHOWN else []
+        return sets[0] if len(theta) == 1 else [*sets, *rest]
 
     def _not_finite(self, rows: Floats, theta: Floats) -> SolveError:
         first = self.columns["densities"].stop

@@ -57,7 +57,7 @@ def to_inference_data(
     Walkers of one ensemble are not independent chains: the coordinate ``ensemble`` says
     which belong together. Draws count from 0; the coordinate ``step`` is the stored
     step. For tempered runs only the cold walkers are converted. At its peak the
-    conversion needs some three times the memory of the chains and blobs that are kept.
+    conversion needs some four times the memory of the chains and blobs that are kept.
 
     Args:
         samplers: What :func:`run` returned, or any EnsembleSampler of the posterior.

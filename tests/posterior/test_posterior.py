@@ -127,6 +127,17 @@ def test_a_log_likelihood_of_nan_or_infinity_is_an_error_at_its_parameters(bad):
         posterior([OUTSIDE, [0.1, 0.2], INSIDE])
 
 
+def test_an_error_of_a_large_batch_lists_a_few_of_its_parameter_sets():
+    def broken(parameters):
+        raise ArithmeticError("singular")
+
+    posterior = LogPosterior(broken, TERM, PRIOR)
+    with pytest.raises(ArithmeticError) as caught:
+        posterior([INSIDE] * 256)
+    assert caught.value.__notes__[0].count("{'a': 0.05") == 8
+    assert "248 more" in caught.value.__notes__[0]
+
+
 def test_minus_infinity_of_a_term_rejects_one_row_and_keeps_its_frequencies():
     rows = LogPosterior(Linear(), [TERM, negative_a], PRIOR)([[0.15, 0.1], INSIDE])
     assert rows[0, 0] == rows[0, 3] == -INF and np.isfinite(rows[0, [1, 2, 4, 5]]).all()
