@@ -22,7 +22,6 @@ from .compatibility import check_names, check_parameters
 from .experiments import Experiment, check_joint, gather_experiments
 from .starting import check_inside, draw_start
 
-
 SHOWN = 8  # parameter sets of a batch in a message
 
 
