@@ -106,8 +106,10 @@ def read(response: Any, name: str) -> Any:
         value, has = response.get(name), list(response)
     else:
         value = getattr(response, name, None)
-        has = [] if value is not None else [k for k in dir(response) if k[0] != "_"]
+        has = []
     if value is None:
+        given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
+        has = has or [k for k, v in given.items() if isinstance(v, np.ndarray)]
         raise TypeError(
             f"model: its response ({type(response).__name__}) has no {name!r}; there "
             f"are {has}"

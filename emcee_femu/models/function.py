@@ -131,6 +131,8 @@ class FunctionModel:
 def _read_variables(
     result: Any, variables: Mapping[str, Variable]
 ) -> dict[str, Floats]:
+    if isinstance(result, ModalSolution):
+        result = {"frequency": result.frequencies, "shapes": result.shapes}
     if not isinstance(result, Mapping):
         if len(variables) > 1:
             raise TypeError(
@@ -138,7 +140,7 @@ def _read_variables(
                 f"{type(result).__name__}"
             )
         result = {next(iter(variables)): result}
-    missing = [name for name in variables if name not in result]
+    missing = [name for name in variables if result.get(name) is None]
     if missing:
         raise TypeError(f"function: expected {list(variables)}, got no {missing}")
     found = {}

@@ -41,7 +41,8 @@ class PairedModel:
     each other than half of ``min_gap`` therefore share one: the MAC is that of the
     measured shape with its projection on their span, and this projection is returned as
     the paired shape, so that a :class:`ShapeTerm` does not see the turning either. From
-    there to ``min_gap`` the sharing fades smoothly, so that no likelihood has a step.
+    there to ``min_gap`` the sharing fades smoothly, so that shapes and MAC have no
+    step. Where two modes change places, their frequencies still do.
 
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
@@ -185,14 +186,13 @@ class PairedModel:
     def _solve(self, parameters: Parameters) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of the candidates."""
         response = self.model(parameters)
-        if not hasattr(response, "shapes") or response.shapes is None:
+        try:
+            found = [read(response, name) for name in ("frequency", "shapes")]
+        except TypeError as error:
             raise ValueError(
-                "model: it returned no mode shapes, by which modes are paired; ask for "
-                "them (shapes=True)"
-            )
-        frequencies, shapes = (
-            _check_floats(read(response, name)) for name in ("frequency", "shapes")
-        )
+                f"{error}; modes are paired by their shapes: ask for them (shapes=True)"
+            ) from None
+        frequencies, shapes = map(_check_floats, found)
         if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
             raise ValueError(
                 "model: expected frequencies (n, n_modes) and shapes (n, n_dof, "

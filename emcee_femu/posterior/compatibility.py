@@ -3,10 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from .. import checks
 from ..interfaces import Prior, Variable, declared_variables
 
-RESERVED = {"chain", "draw", "ensemble", "walker", "parameter"}  # of ArviZ objects
+# Names that ArviZ objects have for other things.
+RESERVED = {"chain", "draw", "step", "ensemble", "walker", "parameter"}
+CONSTANTS = {"lower", "upper", "initial", "prior_mean", "prior_sd", "is_error"}
 
 
 def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
@@ -112,7 +116,22 @@ def declare(model: Any, terms: Sequence[Any]) -> dict[str, Variable]:
                 f"model: expected a Variable for {name!r} of its variables, got "
                 f"{variable!r}"
             )
+    for term in terms:
+        _check_observed(term, declared)
     return dict(declared)
+
+
+def _check_observed(term: Any, declared: Mapping[str, Variable]) -> None:
+    """Refuse measured values that no variable has room for."""
+    for name, values in getattr(term, "observed", {}).items():
+        variable = getattr(term, "reads", {}).get(name) or declared.get(name)
+        expected = None if variable is None else variable.shape
+        if np.shape(values) != expected:
+            raise ValueError(
+                f"terms: {getattr(term, 'name', term)!r} observed {name!r} of shape "
+                f"{np.shape(values)}, but it is read or returned with {expected}; "
+                f"there are {list(declared)}"
+            )
 
 
 def _check_read(
@@ -141,9 +160,12 @@ def _check_read(
             )
         if None in labels:  # known by their places only
             continue
-        # Labels counted from 0 or 1 say no more than where each one is.
-        numbered = there in (list(range(len(there))), list(range(1, len(there) + 1)))
-        if list(labels) != there and not (numbered and set(labels) <= set(there)):
+        # Terms read by place, the first of the modes for instance; only DOFs that are
+        # all there are picked by their numbers.
+        picked = dim == "dof" and there == list(range(len(there)))
+        if list(labels) != there[: len(labels)] and not (
+            picked and set(labels) <= set(there)
+        ):
             raise ValueError(
                 f"terms: {label} was measured at {dim} {list(labels)}, but the model "
                 f"returns {name!r} at {there}; give both the same, in the same order"
@@ -153,21 +175,30 @@ def _check_read(
 _REMEDIES = {"shapes": "; ask it for shapes (shapes=True, or the DOFs of the sensors)"}
 
 
-def check_names(prior: Any, variables: Mapping[str, Variable]) -> None:
+def check_names(
+    prior: Any, variables: Mapping[str, Variable], terms: Sequence[str]
+) -> None:
     """Refuse names that ArviZ objects need, and dimensions with two meanings."""
+    for what, names in (("prior", prior.names), ("model", variables), ("terms", terms)):
+        for name in names:
+            if name in RESERVED or "/" in name:
+                raise ValueError(
+                    f"{what}: ArviZ has no place for the name {name!r} (nor for any of "
+                    f"{sorted(RESERVED)}, or with a slash); rename it"
+                )
     known: dict[str, list[Any]] = {}
     for name, variable in variables.items():
         for dim, labels in variable.coords.items():
-            if dim in RESERVED:
+            if dim in RESERVED | CONSTANTS or "/" in dim or dim in variables:
                 raise ValueError(
-                    f"model: ArviZ needs the dimension {dim!r} of {name!r} itself; "
-                    "rename it"
+                    f"model: ArviZ needs the name of the dimension {dim!r} of {name!r} "
+                    "for something else; rename it"
                 )
             if known.setdefault(dim, list(labels)) != list(labels):
                 raise ValueError(
                     f"model: the dimension {dim!r} of {name!r} has other labels than "
                     "that of another variable; give it a name of its own"
                 )
-    reserved = sorted((RESERVED | set(known)) & set(prior.names))
-    if reserved:
-        raise ValueError(f"prior: ArviZ needs the names {reserved} itself; rename them")
+    taken = sorted(set(known) & set(prior.names))
+    if taken:
+        raise ValueError(f"prior: {taken} are names of dimensions; rename them")

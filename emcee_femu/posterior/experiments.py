@@ -28,6 +28,7 @@ class Experiment(NamedTuple):
         terms: Likelihood terms.
         term_names: Their labels.
         variables: The stored variables of the response, by their own names.
+        exact: Whether the model declared them, and must keep to their shapes.
     """
 
     name: str
@@ -35,22 +36,28 @@ class Experiment(NamedTuple):
     terms: tuple[LikelihoodTerm, ...]
     term_names: tuple[str, ...]
     variables: Mapping[str, Variable]
+    exact: bool
 
     def full_name(self, name: str) -> str:
         """Return a name with that of the experiment before it."""
         return f"{self.name}.{name}" if self.name else name
 
     def solve(
-        self, parameters: Parameters, n: int, describe: Callable[[], Any]
+        self,
+        own: Parameters,
+        parameters: Parameters,
+        n: int,
+        describe: Callable[[], Any],
     ) -> tuple[list[Floats], list[Floats]]:
         """Return each term's log-likelihoods ``(n,)``, and each variable ``(n, size)``.
 
         Args:
-            parameters: ``{name: (n,)}``.
+            own: ``{name: (n,)}``, for the model.
+            parameters: The same, for the terms.
             n: Number of parameter sets.
             describe: Returns them by name, for messages.
         """
-        response = self._respond(parameters, describe)
+        response = self._respond(own, describe)
         stored = [  # first, because it says best what is wrong with a response
             self._extract(response, name, (n, *variable.shape), describe)
             for name, variable in self.variables.items()
@@ -112,8 +119,9 @@ class Experiment(NamedTuple):
                 f"{name!r}, got {value!r} at {describe()}"
             )
         if value.shape != extent:
+            # Of what was not declared a term may read the first part only.
             larger = len(value.shape) == len(extent) and value.shape[0] == extent[0]
-            if not larger or (np.array(value.shape) < extent).any():
+            if self.exact or not larger or (np.array(value.shape) < extent).any():
                 raise SolveError(
                     "wrong shape",
                     f"{self.full_name('model')}: expected {name!r} of shape {extent}, "
@@ -137,7 +145,14 @@ def gather_experiments(
             key: variable for key, variable in declared.items() if variable.stored
         }
         experiments.append(
-            Experiment(name, model, sequence, name_terms(sequence), stored)
+            Experiment(
+                name,
+                model,
+                sequence,
+                name_terms(sequence),
+                stored,
+                exact=getattr(model, "variables", None) is not None,
+            )
         )
     return tuple(experiments)
 

@@ -126,7 +126,7 @@ class LogPosterior:
             for e in experiments
             for name, own in e.variables.items()
         }
-        check_names(prior, variables)
+        check_names(prior, variables, names)
         terms = [term for e in experiments for term in e.terms]
         check_parameters(tuple(e.model for e in experiments), terms, prior)
         ends = np.cumsum([2 + len(terms), *(v.size for v in variables.values())])
@@ -214,7 +214,7 @@ class LogPosterior:
 
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row or the rows of ``theta``, see the class."""
-        # Own copy, since a model may overwrite it; in rows, so that sums round alike.
+        # A copy in rows, so that sums round alike.
         if type(theta) is not np.ndarray or theta.dtype != np.float64:
             theta = checks.numeric_array("theta", theta)
         batch = np.array(theta, order="C")
@@ -257,8 +257,9 @@ class LogPosterior:
         column, first = 2, self.columns["densities"].stop
         end = first
         for experiment in self.experiments:
+            own = self.parameters(theta.copy())  # which a model may overwrite
             values, stored = experiment.solve(
-                parameters, len(theta), lambda: self._values(theta)
+                own, parameters, len(theta), lambda: self._values(theta)
             )
             for value in values:
                 rows[:, column] = value

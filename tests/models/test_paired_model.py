@@ -267,7 +267,7 @@ def test_a_model_without_shapes_or_with_too_few_modes_is_refused():
         def __call__(self, parameters):
             return self.solution
 
-    with pytest.raises(ValueError, match="returned no mode shapes"):
+    with pytest.raises(ValueError, match="paired by their shapes"):
         PairedModel(Bare(np.ones((1, 4))), GOOD)({})
     with pytest.raises(ValueError, match="expected at least 4 modes, got 2"):
         PairedModel(Bare(np.ones((1, 2)), np.ones((1, 3, 2))), GOOD)({})
@@ -356,9 +356,33 @@ def test_sensors_and_dofs_are_matched_in_any_order():
         PairedModel(model, test)
     prior = ef.IndependentPrior({"k": stats.uniform(5, 9)})
     model = ef.MatrixModel(full.K0, full.M0, K, n_modes=4, shapes=[1, 3])
+    for rows, dofs in ([1, 2, 3], [2, 1, 3]), ([1, 2, 3], [1, 3]):  # labels, not places
+        other = Measurements(frequencies[:2], shapes=shapes[dofs][:, :2], dofs=dofs)
+        model = ef.MatrixModel(full.K0, full.M0, K, n_modes=4, shapes=rows)
+        with pytest.raises(ValueError, match="was measured at dof"):
+            ef.LogPosterior(model, ShapeTerm(other, delta=0.1), prior)
+        paired = PairedModel(model, other)({"k": np.array([9.0])})
+        np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
+    model = ef.MatrixModel(full.K0, full.M0, K, n_modes=4, shapes=[1, 3])
     term = ShapeTerm(test, delta=0.1)
     with pytest.raises(ValueError, match=r"measured at dof \[3, 1\], .* at \[1, 3\]"):
         ef.LogPosterior(model, term, prior)
     paired = ef.LogPosterior(PairedModel(model, test), term, prior)
     best = -2 * np.log(2 * np.pi * 0.1**2) / 2  # of two modes at two sensors
     np.testing.assert_allclose(paired([9.0])[2], best, rtol=1e-12)
+
+
+@pytest.mark.parametrize("as_solution", [False, True])
+def test_a_function_may_return_frequencies_and_shapes_by_name(as_solution):
+    shapes = random_shapes(13, 4, 3)
+    test = Measurements([1.0, 2.0], shapes=shapes[[3, 1]][:, :2], dofs=[3, 1])
+
+    def solve(p):
+        frequencies = p["k"] * np.array([1.0, 2.0, 3.0])
+        if as_solution:
+            return ModalSolution(frequencies, shapes)
+        return {"frequency": frequencies, "shapes": shapes}
+
+    model = ef.FunctionModel(solve, variables=ef.modal_variables(3, range(4)))
+    paired = PairedModel(model, test, candidates=3)({"k": np.array([1.0])})
+    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)

@@ -88,6 +88,22 @@ def test_rows_are_those_written_by_hand_and_each_model_is_solved_once():
     assert JOINT.error_names == ("error",)
 
 
+def test_a_model_that_overwrites_its_parameters_changes_no_other():
+    def scaled(parameters):
+        k1 = parameters["k1"]
+        k1 *= 1e6
+        return {"k": np.sqrt(k1)}
+
+    def term(parameters, response):
+        return stats.norm.logpdf(response["k"], 1e3, parameters["k1"])
+
+    scaled.variables = {"k": ef.Variable({})}
+    prior = ef.IndependentPrior({"k1": ef.uniform_between(0.5, 2)})
+    both = ef.LogPosterior.joint({"a": (scaled, term), "b": (scaled, term)}, prior)
+    expected = stats.norm.logpdf(0, 0, 1.0)
+    np.testing.assert_allclose(both([1.0])[2:], [expected, expected, 1e3, 1e3])
+
+
 def test_what_a_model_reads_too_is_no_error():
     model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), K, n_modes=2)
     term = frequency_term(F_EMPTY, discrepancy="k2")

@@ -150,6 +150,64 @@ def test_a_function_that_returns_something_else_is_refused(returned, error, mess
         ef.LogPosterior(model, DeflectionTerm(), prior)([70.0])
 
 
+def posterior_of(names, dims, term="gauges", parameter="EI"):
+    variables = {name: ef.Variable(dict.fromkeys(dims, [1, 2])) for name in names}
+
+    def compare(parameters, response):
+        return np.zeros(len(parameters[parameter]))
+
+    compare.name = term
+    model = ef.FunctionModel(lambda p: np.ones(2), variables=variables)
+    bounded = ef.IndependentPrior({parameter: ef.uniform_between(1, 2)})
+    return ef.LogPosterior(model, compare, bounded)
+
+
+@pytest.mark.parametrize(
+    ("changed", "argument"),
+    [
+        ({"parameter": "step"}, "prior"),
+        ({"parameter": "E/rho"}, "prior"),
+        ({"parameter": "x"}, "prior"),
+        ({"names": ["chain"]}, "model"),
+        ({"names": ["a/b"]}, "model"),
+        ({"names": ["x"]}, "model"),
+        ({"dims": ["step"]}, "model"),
+        ({"dims": ["lower"]}, "model"),
+        ({"term": "draw"}, "terms"),
+    ],
+)
+def test_names_that_arviz_has_no_place_for_are_refused_before_the_run(
+    changed, argument
+):
+    assert posterior_of(["w"], ["x"])([1.5]).shape == (5,)
+    with pytest.raises(ValueError, match=f"^{argument}: .*rename"):
+        posterior_of(**{"names": ["w"], "dims": ["x"]} | changed)
+
+
+@pytest.mark.parametrize(
+    "observed", [{"gap": np.array(MEASURED)}, {"deflection": np.array(MEASURED[:2])}]
+)
+def test_measured_values_without_a_variable_are_refused_before_the_run(observed):
+    term = DeflectionTerm()
+    term.observed = observed
+    with pytest.raises(ValueError, match="^terms: 'gauges' observed"):
+        ef.LogPosterior(deflect, term, prior)
+
+
+def test_more_than_was_declared_is_refused_and_labels_count_from_one_or_not():
+    def more(parameters):
+        return {"w": np.ones((len(parameters["EI"]), 3))}
+
+    more.variables = {"w": ef.Variable({"x": [1, 2]})}
+    plain = ef.LogPosterior(more, lambda p, response: np.zeros(len(p["EI"])), prior)
+    with pytest.raises(ValueError, match=r"expected 'w' of shape \(1, 2\), got \(1, 3"):
+        plain([70.0])
+    from_zero = {"frequency": ef.Variable({"mode": range(4)}, "Hz")}
+    model = ef.FunctionModel(lambda p: np.ones(4), variables=from_zero)
+    with pytest.raises(ValueError, match="'frequency' was measured at mode"):
+        ef.LogPosterior(model, ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1), prior)
+
+
 def test_a_paired_solution_pickles_copies_and_keeps_its_pairing():
     pairing = Pairing(np.ones((1, 2)), np.array([[2, 1]]), np.zeros((1, 2), bool))
     solution = ef.PairedSolution(np.array([[1.0, 2.0]]), np.ones((1, 3, 2)), pairing)
