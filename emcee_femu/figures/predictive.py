@@ -85,7 +85,7 @@ def _compare(idata: Any, found: Measured, posterior: LogPosterior | None) -> Com
         for label, value in zip(found.labels, found.values, strict=True)
     ]
     below = f"measured {found.dims}, its {found.name}".replace(" , its", "")
-    experiment, dot, variable = found.name.rpartition(".")
+    experiment, dot, variable = found.variable.rpartition(".")
     mac = None
     if variable == "frequency":
         mac = there("response", f"{experiment}{dot}mac")
@@ -100,8 +100,8 @@ def _compare(idata: Any, found: Measured, posterior: LogPosterior | None) -> Com
         labels=labels,
         below=below,
         sd=unknown if posterior is None else measurement_sd(found, posterior),
-        initial=there("constant_data", f"initial_{found.name}")[0],
-        predicted=there("response", found.name),
+        initial=there("constant_data", f"initial_{found.variable}")[0],
+        predicted=there("response", found.variable),
         replicated=there("posterior_predictive", found.name),
         mac=mac,
     )

@@ -47,7 +47,7 @@ def running_tae(
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, points).round().astype(int))
-    frequencies = posterior(means[where - 1])[:, posterior.columns[measured.name]]
+    frequencies = posterior(means[where - 1])[:, posterior.columns[measured.variable]]
     group = dataset(idata, "posterior")
     steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
     return steps, total_average_error(measured.values, frequencies)

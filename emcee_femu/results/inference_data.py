@@ -14,12 +14,13 @@ import emcee
 import numpy as np
 
 from ..interfaces import Floats, Variable
-from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import summarize_prior
 from ..posterior.rejecting import GuardedPosterior
 from .arviz_objects import wrap
 from .chains import describe_runs, list_runs, stack_chains
+from .dimensions import name_apart
+from .terms import add_by_terms, gather_observed
 
 PRIOR_DRAWS = 1_000
 LONGEST_REPR = 200  # of a move, in the attributes
@@ -46,7 +47,8 @@ def to_inference_data(
     ``posterior_predictive``     a new measurement for each sample, noise included,
                                  where a term can draw one (``arviz.plot_ppc``)
     ``prior``                    1,000 draws of the prior
-    ``observed_data``            what was measured, by the name of the variable
+    ``observed_data``            what was measured, by the name of the variable; a
+                                 second measurement as ``frequency[term]``
     ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
                                  them; ``initial``, a Gaussian prior's own mean or else
                                  the prior mean; ``initial_<variable>``, the response
@@ -102,7 +104,7 @@ def to_inference_data(
         "posterior_predictive": {},
     }
     variables = {group: dict(posterior.variables) for group in values}
-    _add_by_terms(posterior, values, variables)
+    add_by_terms(posterior, values, variables)
     attributes = _attributes(discard, thin)
     datasets = {
         group: _to_dataset(own, variables[group], discard, thin, attributes)
@@ -111,50 +113,6 @@ def to_inference_data(
     }
     datasets["posterior"].attrs |= _run_attributes(runs, posterior)
     return wrap(datasets | _fixed_groups(posterior, attributes))
-
-
-def _add_by_terms(
-    posterior: LogPosterior,
-    values: dict[str, dict[str, Floats]],
-    variables: dict[str, dict[str, Variable]],
-) -> None:
-    """Add what the terms say of each datum, and new measurements."""
-    lead = values["sample_stats"]["lp"].shape
-    parameters = {name: v.reshape(-1) for name, v in values["posterior"].items()}
-    rng = np.random.default_rng(0)  # the same draws at each conversion
-    for experiment in posterior.experiments:
-        stored = {
-            name: values["response"][experiment.full_name(name)].reshape((-1, *v.shape))
-            for name, v in experiment.variables.items()
-        }
-        for term, own in zip(experiment.terms, experiment.term_names, strict=True):
-            if hasattr(term, "pointwise"):
-                for name, value in (term.pointwise(parameters, stored) or {}).items():
-                    label = experiment.full_name(own)
-                    variables["log_likelihood"][label] = _read_by(
-                        experiment, term, name
-                    )
-                    values["log_likelihood"][label] = value.reshape(
-                        *lead, *value.shape[1:]
-                    )
-            if hasattr(term, "replicate"):
-                for name, value in term.replicate(rng, parameters, stored).items():
-                    label = experiment.full_name(name)
-                    if label in values["posterior_predictive"]:  # as in observed_data
-                        label = f"{label}[{own}]"
-                    variables["posterior_predictive"][label] = _read_by(
-                        experiment, term, name
-                    )
-                    values["posterior_predictive"][label] = value.reshape(
-                        *lead, *value.shape[1:]
-                    )
-
-
-def _read_by(experiment: Experiment, term: Any, name: str) -> Variable:
-    """Return a variable where the term reads it, with the experiment's names."""
-    found = getattr(term, "reads", {}).get(name) or experiment.variables[name]
-    coords = {experiment.full_name(dim): list(v) for dim, v in found.coords.items()}
-    return Variable(coords, found.unit)
 
 
 def _to_dataset(
@@ -168,13 +126,14 @@ def _to_dataset(
     import xarray
 
     n_draws, n_ensembles, n_walkers = next(iter(values.values())).shape[:3]
+    apart = name_apart(
+        {name: declared[name].coords for name, v in values.items() if v.ndim > 3}
+    )
     variables = {}
     for name, value in values.items():
         chains = np.moveaxis(value, 0, 2)  # to (chain, draw, ...)
         chains = chains.reshape(n_ensembles * n_walkers, n_draws, *value.shape[3:])
-        coords = declared[name].coords if value.ndim > 3 else {}
-        labels = {dim: list(own) for dim, own in coords.items()}
-        variables[name] = xarray.DataArray(chains, labels, ("chain", "draw", *coords))
+        variables[name] = (("chain", "draw", *apart.get(name, {})), chains)
     coordinates: dict[Hashable, Any] = {
         "chain": np.arange(n_ensembles * n_walkers),
         "draw": np.arange(n_draws),
@@ -182,6 +141,7 @@ def _to_dataset(
         "ensemble": ("chain", np.repeat(np.arange(n_ensembles), n_walkers)),
         "walker": ("chain", np.tile(np.arange(n_walkers), n_ensembles)),
     }
+    coordinates |= {dim: v for own in apart.values() for dim, v in own.items()}
     return xarray.Dataset(
         variables, coordinates, {**attributes, "sample_dims": ["chain", "draw"]}
     )
@@ -227,28 +187,16 @@ def _fixed_groups(
         ),
         "constant_data": xarray.Dataset(constants, labels, attributes),
     }
-    observed = _observed(posterior)
+    observed, variables = gather_observed(posterior)
+    apart = name_apart({name: v.coords for name, v in variables.items()})
     if observed:
-        groups["observed_data"] = xarray.Dataset(observed, attrs=attributes)
+        measured = {
+            name: (tuple(apart[name]), value, {"unit": variables[name].unit})
+            for name, value in observed.items()
+        }
+        places = {dim: v for own in apart.values() for dim, v in own.items()}
+        groups["observed_data"] = xarray.Dataset(measured, places, attributes)
     return groups
-
-
-def _observed(posterior: LogPosterior) -> dict[str, Any]:
-    """Return what the terms measured, by variable; a second time by term too."""
-    import xarray
-
-    observed: dict[str, Any] = {}
-    for experiment in posterior.experiments:
-        for term, own in zip(experiment.terms, experiment.term_names, strict=True):
-            for name, value in getattr(term, "observed", {}).items():
-                variable = _read_by(experiment, term, name)
-                label = experiment.full_name(name)
-                if label in observed:
-                    label = f"{label}[{own}]"
-                observed[label] = xarray.DataArray(
-                    value, variable.coords, attrs={"unit": variable.unit}
-                )
-    return observed
 
 
 def _attributes(discard: int, thin: int) -> dict[str, Any]:

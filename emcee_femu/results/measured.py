@@ -7,13 +7,16 @@ import numpy as np
 
 from ..interfaces import Floats
 from .arviz_objects import dataset
+from .dimensions import original_name
 
 
 class Measured(NamedTuple):
     """A measured variable.
 
     Attributes:
-        name: Name of the variable, such as ``"frequency"`` or ``"empty.frequency"``.
+        name: Its name, such as ``"frequency"``, ``"empty.frequency"`` or, measured a
+            second time, ``"frequency[term]"``.
+        variable: Its name in the response, such as ``"frequency"``.
         unit: Its unit, or an empty string.
         dims: Its dimensions in words, such as ``"mode"``.
         labels: One label per place, such as ``"3"`` or ``"left, 3"``.
@@ -21,6 +24,7 @@ class Measured(NamedTuple):
     """
 
     name: str
+    variable: str
     unit: str
     dims: str
     labels: tuple[str, ...]
@@ -34,11 +38,8 @@ def measured_variables(idata: Any) -> list[Measured]:
         ValueError: If there are none.
     """
     response = dataset(idata, "response")
-    found = [
-        _measured(str(name), values)
-        for name, values in _observed(idata).items()
-        if name in response
-    ]
+    every = [_measured(idata, str(name)) for name in _observed(idata)]
+    found = [own for own in every if own.variable in response]
     if not found:
         raise ValueError(
             "idata: no likelihood term says what it measured of the response "
@@ -56,11 +57,13 @@ def measured_frequencies(idata: Any, experiment: str | None = None) -> Measured:
     name = "frequency" if experiment is None else f"{experiment}.frequency"
     observed = _observed(idata)
     if name not in observed:
+        joint = any("." in str(other) for other in observed)
         raise ValueError(
             f"idata: no likelihood term has measured {name!r}; measured are "
-            f"{list(observed)}. Name an experiment with experiment="
+            f"{list(observed)}"
+            + ("; name one of the experiments with experiment=" if joint else "")
         )
-    return _measured(name, observed[name])
+    return _measured(idata, name)
 
 
 def at_places(idata: Any, group: str, variable: str, like: Measured) -> Floats | None:
@@ -72,8 +75,9 @@ def at_places(idata: Any, group: str, variable: str, like: Measured) -> Floats |
         values = dataset(idata, group)[variable]
     except (KeyError, ValueError):
         return None
-    observed = _observed(idata)[like.name]
-    values = values.reindex_like(observed)
+    dims = _response_dims(idata, like.variable)
+    observed = _rename(_observed(idata)[like.name], dims)
+    values = _rename(values, dims).reindex_like(observed)
     if "chain" in values.dims:
         values = values.transpose("chain", "draw", *observed.dims)
     result: Floats = values.values.reshape(-1, observed.size)
@@ -87,10 +91,31 @@ def _observed(idata: Any) -> dict[str, Any]:
         return {}
 
 
-def _measured(name: str, values: Any) -> Measured:
+def _response(idata: Any) -> Any:
+    try:
+        return dataset(idata, "response")
+    except ValueError:
+        return {}
+
+
+def _response_dims(idata: Any, variable: str) -> list[str]:
+    response = _response(idata)
+    return list(map(str, response[variable].dims)) if variable in response else []
+
+
+def _rename(values: Any, dims: list[str]) -> Any:
+    """Return an array with the dimensions of the response."""
+    return values.rename({dim: original_name(str(dim), dims) for dim in values.dims})
+
+
+def _measured(idata: Any, name: str) -> Measured:
+    values = _observed(idata)[name]
+    variable = original_name(name, _response(idata))
+    values = _rename(values, _response_dims(idata, variable))
     places = product(*(values[dim].values.tolist() for dim in values.dims))
     return Measured(
         name=name,
+        variable=variable,
         unit=str(values.attrs.get("unit", "")),
         dims=", ".join(str(dim).rpartition(".")[2] for dim in values.dims),
         labels=tuple(", ".join(map(str, place)) for place in places),

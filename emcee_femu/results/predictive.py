@@ -73,7 +73,8 @@ def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table
 
 
 def _draws(idata: Any, group: str, found: Measured) -> Floats:
-    draws = at_places(idata, group, found.name, found)
+    name = found.variable if group == "response" else found.name
+    draws = at_places(idata, group, name, found)
     if draws is None:
         raise ValueError(
             f"posterior: no term draws new measurements of {found.name!r} (its "
@@ -95,7 +96,7 @@ def _rows(found: list[Measured]) -> tuple[str, list[str], str]:
 
 def _mac(idata: Any, found: Measured) -> Floats:
     """Return mean and 5 % quantile of the MAC of measured frequencies, ``(2, m)``."""
-    experiment, dot, variable = found.name.rpartition(".")
+    experiment, dot, variable = found.variable.rpartition(".")
     mac = None
     if variable == "frequency":
         mac = at_places(idata, "response", f"{experiment}{dot}mac", found)
@@ -107,10 +108,11 @@ def _mac(idata: Any, found: Measured) -> Floats:
 def measurement_sd(found: Measured, posterior: LogPosterior) -> Floats:
     """Return the standard deviations of measured frequencies, NaN where unknown."""
     for experiment in posterior.experiments:
-        for term in experiment.terms:
+        frequency = experiment.full_name("frequency")
+        for term, own in zip(experiment.terms, experiment.term_names, strict=True):
             if (
                 isinstance(term, FrequencyTerm)
-                and experiment.full_name("frequency") == found.name
+                and found.name in (frequency, f"{frequency}[{own}]")
                 and np.array_equal(term.measured, found.values)
             ):
                 known = term.relative_variances

@@ -100,8 +100,8 @@ def frequency_table(
     """
     found = measured_frequencies(idata, experiment)
     measured, m = found.values, len(found.values)
-    draws = at_places(idata, "response", found.name, found)
-    initial = at_places(idata, "constant_data", f"initial_{found.name}", found)
+    draws = at_places(idata, "response", found.variable, found)
+    initial = at_places(idata, "constant_data", f"initial_{found.variable}", found)
     if draws is None or initial is None:
         raise ValueError(f"idata: its response does not hold {found.name!r}")
     updated, what = draws.mean(axis=0), "mean of samples"
@@ -109,7 +109,7 @@ def frequency_table(
         names, chains = samples(idata)
         check_sampled(posterior, names)
         at_mean = posterior(chains.mean(axis=(0, 1)))
-        updated = at_mean[posterior.columns[found.name]][:m]
+        updated = at_mean[posterior.columns[found.variable]][:m]
         what = "at posterior mean"
 
     def pad(values: ArrayLike) -> Floats:

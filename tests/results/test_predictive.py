@@ -142,16 +142,24 @@ def test_known_standard_deviations_are_those_of_the_right_term(error, sd):
     assert_allclose(predictive_table(idata, both).column("sd Hz"), sd, rtol=1e-12)
 
 
-def test_two_terms_draw_measurements_of_their_own():
-    wide = ef.FrequencyTerm(MEASURED, relative_sd=0.1)
-    narrow = ef.FrequencyTerm(MEASURED[:2], relative_sd=0.01, name="again")
+def test_each_measurement_of_a_variable_has_its_rows_and_its_own_error():
+    errors = {"first": 0.1, "again": 0.01}
+    terms = [
+        ef.FrequencyTerm(MEASURED, relative_sd=sd, name=name)
+        for name, sd in errors.items()
+    ]
     usual = posterior(beta=1.0)
-    target = ef.LogPosterior(usual.model, [wide, narrow], usual.prior)
+    target = ef.LogPosterior(usual.model, terms, usual.prior)
     idata = ef.to_inference_data(ef.run(target, None, 8, 500, seed=1), target)
     table = predictive_table(idata, target)
-    assert table.column("mode") == ["1", "2", "3"]
+    names = ["frequency"] * 3 + ["frequency[again]"] * 3
+    rows = [f"{name}[{i}] Hz" for name, i in zip(names, [1, 2, 3] * 2, strict=True)]
+    assert table.column("quantity") == rows
+    sd = np.outer(list(errors.values()), MEASURED).ravel()
+    assert_allclose(table.column("sd"), sd, rtol=1e-12)
     width = np.subtract(table.column("97.5 %"), table.column("2.5 %"))
-    assert_allclose(width, 0.2 * stats.norm.ppf(0.975) * np.array(MEASURED), rtol=0.1)
+    assert_allclose(width, 2 * stats.norm.ppf(0.975) * sd, rtol=0.1)
+    assert predictive_table(idata).column("quantity") == rows
 
 
 class Deflection:
