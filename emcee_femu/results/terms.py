@@ -41,7 +41,8 @@ def add_by_terms(
         }
         for term, own in zip(experiment.terms, experiment.term_names, strict=True):
             n = (int(np.prod(lead)),)
-            said = _call(term, "pointwise", parameters, stored)
+            pointwise = getattr(term, "pointwise", None)
+            said = _call(pointwise, parameters, stored)
             data = list(_check(experiment, own, "pointwise", said, n))
             label = experiment.full_name(own)
             if len(data) > 1:
@@ -49,7 +50,8 @@ def add_by_terms(
             for name, variable, value in data:
                 several = f"{label}[{name}]" if len(data) > 1 else label
                 add("log_likelihood", several, variable, value)
-            said = _call(term, "replicate", rng, parameters, stored)
+            replicate = getattr(term, "replicate", None)
+            said = _call(replicate, rng, parameters, stored)
             for name, variable, value in _check(experiment, own, "replicate", said, n):
                 taken = values["posterior_predictive"]
                 label = _label_measured(experiment, own, name, taken)
@@ -75,9 +77,8 @@ def _observed(term: Any) -> Any:
     return getattr(term, "observed", None) or {}
 
 
-def _call(term: Any, method: str, *arguments: Any) -> Any:
+def _call(function: Any, *arguments: Any) -> Any:
     """Return what a term's method says; nothing where it has none or returns None."""
-    function = getattr(term, method, None)
     said = None if function is None else function(*arguments)
     return {} if said is None else said
 

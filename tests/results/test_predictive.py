@@ -169,19 +169,19 @@ class Deflection:
     observed = {"deflection": np.array([1.0, 2.2])}
 
     def __call__(self, parameters, response):
-        off = response["deflection"][:, [0, 2]] - self.observed["deflection"]
+        off = response["deflection"][:, :2] - self.observed["deflection"]
         return -0.5 * (off**2).sum(axis=1) / 0.1**2
 
     def replicate(self, rng, parameters, stored):
-        at_sensors = stored["deflection"][:, [0, 2]]
+        at_sensors = stored["deflection"][:, :2]
         return {"deflection": at_sensors + 0.1 * rng.standard_normal(at_sensors.shape)}
 
 
 class Beam:
-    variables = {"deflection": Variable({"point": [1, 2, 3]}, "mm")}
+    variables = {"deflection": Variable({"point": [1, 3, 2]}, "mm")}
 
     def __call__(self, parameters):
-        return {"deflection": parameters["a"][:, None] * [1.0, 1.5, 2.0]}
+        return {"deflection": parameters["a"][:, None] * [1.0, 2.0, 1.5]}
 
 
 def test_other_variables_are_tabulated_where_they_were_measured():
