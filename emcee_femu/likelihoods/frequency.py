@@ -72,6 +72,7 @@ class FrequencyTerm:
 
     measured: Floats
     beta: Floats  # precisions of r, or of r in its principal axes; infinite if exact
+    covariance: Floats | None = field(repr=False)  # in Hz^2, where it was given
     discrepancy: str | None
     name: str
     _axes: Floats | None = field(repr=False)
@@ -125,6 +126,7 @@ class FrequencyTerm:
             self,
             measured=frequencies,
             beta=precision,
+            covariance=None if axes is None else np.array(given["covariance"], float),
             discrepancy=discrepancy,
             name=name,
             _axes=axes,

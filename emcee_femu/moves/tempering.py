@@ -32,8 +32,8 @@ class TemperedMove(Move):
     posterior's, whatever the beta.
 
     Only the first block samples the posterior; conversion, tables and ``diagnose`` use
-    it alone. They know it from the sampler's moves: to read a chain from a file, make
-    a sampler with the same moves and that backend.
+    it alone. They know it from the sampler's moves, or from the file of a run; to read
+    a chain from another backend, make a sampler with the same moves and that backend.
 
     Args:
         inner: The move of the walkers of a block: one of this package, or an emcee

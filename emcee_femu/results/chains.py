@@ -33,8 +33,15 @@ def cold(run: Any) -> slice:
     Raises:
         ValueError: If the run's moves do not share their temperatures.
     """
+    rungs = _count_rungs(run)
+    return slice(0, run.nwalkers // rungs) if rungs > 1 else slice(None)
+
+
+def _count_rungs(run: Any) -> int:
+    """Return the number of temperatures, by the moves or by the run's own file."""
     tempered = find_ladder(getattr(run, "_moves", ()))
-    return slice(None) if tempered is None else tempered.cold(run.nwalkers)
+    own: Any = getattr(run, "backend", run) if tempered is None else tempered
+    return len(getattr(own, "betas", (1.0,)))
 
 
 def describe_runs(runs: list[Any]) -> dict[str, Any]:
@@ -49,7 +56,7 @@ def describe_runs(runs: list[Any]) -> dict[str, Any]:
         fractions += (backend.accepted / backend.iteration)[cold(run)].tolist()
     return {
         "acceptance": json.dumps(fractions),
-        "tempered": int(find_ladder(getattr(runs[0], "_moves", ())) is not None),
+        "tempered": int(_count_rungs(runs[0]) > 1),
         "starts_given": int(any(getattr(run, "starts_given", False) for run in runs)),
         "failures": json.dumps(
             dict(getattr(getattr(runs[0], "failures", None), "causes", {}))

@@ -10,6 +10,7 @@ import platform
 from collections.abc import Iterator, Mapping, Sequence, Set
 from importlib.metadata import version
 from inspect import signature
+from math import isclose
 from typing import Any
 from warnings import warn
 
@@ -20,8 +21,9 @@ from ..posterior.log_posterior import LogPosterior
 from .arguments import Settings
 
 PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
-SHOWN = 64  # numbers of an array; of a larger one the digest is kept
+SHOWN = 512  # numbers of an array; of a larger one the digest is kept
 ABSENT = "absent"
+OWN = __name__.partition(".")[0]
 
 
 def describe_run(settings: Settings) -> dict[str, Any]:
@@ -54,8 +56,11 @@ def describe_run(settings: Settings) -> dict[str, Any]:
 
 def _term(term: Any) -> Any:
     """Describe a term of this package by its settings, another by what it measured."""
-    if type(term).__module__.startswith(f"{__package__.split('.')[0]}."):
-        return term
+    if _package(type(term)) == OWN:
+        parts = _settings(term)
+        if parts.get("covariance") is not None:
+            parts.pop("beta", None)  # its eigenvalues: another CPU has other digits
+        return {"type": type(term).__name__, **parts}
     return {"type": type(term).__name__, "observed": getattr(term, "observed", None)}
 
 
@@ -93,18 +98,44 @@ def _readable(value: Any, depth: int = 0) -> Any:
 def _settings(value: Any) -> dict[str, Any]:
     """Return the arguments of an object, or, if it does not keep them, attributes.
 
-    What a move counts or keeps besides is then no part of it.
+    Attributes of a user's object that are no arguments may be counters.
     """
+    kind, package = type(value), _package(type(value))
     try:
-        given = signature(type(value)).parameters
+        signature(kind)
     except ValueError:  # of what is written in C
         text = repr(value)
         return {} if " at 0x" in text else {"value": text}
-    arguments = [name for name in given if name != "kwargs"]
-    if arguments and all(hasattr(value, name) for name in arguments):
-        return {name: getattr(value, name) for name in arguments}
+    users = package not in (OWN, "emcee", "scipy")
+    names = _arguments(kind, all_bases=users)
+    kept = {name: getattr(value, name) for name in names if hasattr(value, name)}
+    if users or (names and len(kept) == len(names)):
+        return kept
     attributes = getattr(value, "__dict__", {})
-    return {name: part for name, part in attributes.items() if name[0] != "_"}
+    hidden = package == "emcee"  # where a factor is kept as its logarithm only
+    return {name: v for name, v in attributes.items() if hidden or name[0] != "_"}
+
+
+def _arguments(kind: type, all_bases: bool) -> list[str]:
+    """Return the arguments of a class, and of its bases that take its ``**kwargs``."""
+    names: list[str] = []
+    for base in kind.__mro__[:-1]:
+        if "__init__" in vars(base):
+            try:
+                _, *given = signature(vars(base)["__init__"]).parameters.values()
+            except ValueError:  # of what is written in C
+                break
+            fixed = [
+                p.name for p in given if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)
+            ]
+            names += [name for name in fixed if name not in names]
+            if not all_bases and all(p.kind != p.VAR_KEYWORD for p in given):
+                break
+    return names
+
+
+def _package(kind: type) -> str:
+    return kind.__module__.partition(".")[0]
 
 
 def _digest(array: NDArray[Any]) -> dict[str, Any]:
@@ -144,6 +175,9 @@ def differences(stored: Any, now: Any, path: str = "") -> Iterator[str]:
     elif isinstance(stored, list) and isinstance(now, list) and len(stored) == len(now):
         for i, pair in enumerate(zip(stored, now, strict=True)):
             yield from differences(*pair, f"{path}[{i}]")
+    elif isinstance(stored, float) and isinstance(now, float) and stored == stored:
+        if not isclose(stored, now, rel_tol=1e-12, abs_tol=1e-300):  # of another CPU
+            yield f"{path}: was {_short(stored)}, is {_short(now)}"
     elif json.dumps(stored) != json.dumps(now):  # NaN is NaN
         yield f"{path}: was {_short(stored)}, is {_short(now)}"
 

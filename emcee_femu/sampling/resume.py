@@ -4,6 +4,8 @@ import os
 from typing import Any
 
 from ..moves import IndependenceMove
+from ..moves.tempering import find_ladder
+from .arguments import list_moves
 from .auto import Recipe, mixture, prepare
 from .manifest import check_same, describe_run
 from .probe import probe
@@ -32,7 +34,11 @@ def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
     else:
         check_new(path)
         recipe = _begin(evaluation, beside, manifest)
-        found = {"recipe": _recipe_as_lists(recipe)} if settings.moves is None else {}
+        found = {}
+        if settings.moves is None:
+            found["recipe"] = _recipe_as_lists(recipe)
+        elif ladder := find_ladder(list_moves(settings.moves)):
+            found["betas"] = ladder.betas.tolist()  # the file tells its cold walkers
         backends = RunFile.create(
             path, recipe.states, {**manifest, **found}, _counts(evaluation)
         )

@@ -13,6 +13,7 @@ from scipy import stats
 import emcee_femu as ef
 from emcee_femu.moves import MetropolisMove
 from emcee_femu.results.arviz_objects import dataset, effective_sizes, rhat, samples
+from emcee_femu.sampling.run_file import RunFile
 
 NAMES = ["stiff", "alpha", "mass"]  # not in alphabetical order
 BOUNDS = [(0.5, 1.6), (-1.0, 1.0), (0.6, 3.0)]
@@ -54,6 +55,30 @@ def runs():
 @pytest.fixture(scope="module")
 def idata(runs):
     return ef.to_inference_data(runs, POSTERIOR, discard=4)
+
+
+def test_a_tempered_run_read_from_its_file_has_its_cold_walkers_only(tmp_path):
+    path, betas = tmp_path / "run.chain", [1.0, 0.2, 0.0]
+    moves = [
+        (ef.TemperedMove(m, betas), 0.5) for m in (ef.DEMCMove(), MetropolisMove(sd=1))
+    ]
+    for move in (moves, moves[0][0]):
+        ran = ef.run(POSTERIOR, move, 30, 12, seed=1, ensembles=2, backend=path)
+        bare = [
+            emcee.EnsembleSampler(30, 3, POSTERIOR, backend=own)
+            for own in RunFile.open(path)
+        ]
+        expected = ef.to_inference_data(ran, POSTERIOR)
+        for runs in (RunFile.open(path), bare):
+            read = ef.to_inference_data(runs, POSTERIOR)
+            assert read.posterior.sizes["chain"] == 20
+            assert read.posterior.equals(expected.posterior)
+            for name in ("acceptance", "tempered"):
+                assert read.posterior.attrs[name] == expected.posterior.attrs[name]
+            one, other = ef.diagnose(runs), ef.diagnose(ran)
+            assert_array_equal(one.acceptance, other.acceptance)
+            assert_array_equal(one.ess_bulk, other.ess_bulk)
+        path.unlink()
 
 
 def assert_is_the_chain(idata, runs, discard=0, thin=1):

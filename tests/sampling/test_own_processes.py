@@ -89,6 +89,24 @@ def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.parametrize("raised", [ArithmeticError, KeyboardInterrupt, SystemExit])
+def test_an_error_before_many_tasks_leaves_no_trace_and_no_process(raised):
+    def solver(p):
+        if p["k"] == 1.0:
+            raise raised
+        time.sleep(0.2)  # while the others wait
+        return [1.0, 2.0]
+
+    points = np.ones((64, 2))
+    points[1:, 0] = 0.9
+    with (
+        pytest.raises((raised, RuntimeError)),
+        open_pool(None, 2, one_by_one=True) as pool,
+    ):
+        pool.map(posterior_of(solver), points)
+    assert not multiprocessing.active_children()
+
+
 def test_the_keyboard_is_the_business_of_the_run():
     with open_pool(None, 2, one_by_one=True) as pool:
         for pid in {*pool.map(pool_problems.where, np.full((4, 1), 0.1))}:

@@ -147,6 +147,18 @@ CHANGES = {
 }  # fmt: skip
 
 
+GAUSSIAN = {"mode": "random", "factor": 2.0}
+STOCK = emcee.moves
+for name, before, after, difference in [
+    ("splits", STOCK.StretchMove(), STOCK.StretchMove(nsplits=4), "nsplits: was 2"),
+    ("random splits", STOCK.DEMove(), STOCK.DEMove(randomize_split=False),
+     "randomize_split: was True"),
+    ("factor", STOCK.GaussianMove(0.1, **GAUSSIAN),
+     STOCK.GaussianMove(0.1, **GAUSSIAN | {"factor": 3.0}), "_log_factor: was 0.69"),
+]:  # fmt: skip
+    CHANGES[name] = {"moves": before}, {"moves": after}, rf"moves\..*{difference}"
+
+
 @pytest.mark.parametrize("what", CHANGES)
 def test_another_run_is_refused_by_every_entry_that_differs(path, what):
     before, after, difference = CHANGES[what]
@@ -274,31 +286,93 @@ def test_a_users_term_is_known_by_what_it_measured_and_counters_of_moves_by_none
         name = "mine"
 
         def __init__(self, measured):
-            self.observed = {"frequency": measured, "receptance": measured * 1j}
+            self.observed = {"frequency": measured}
             self.made = np.random.default_rng().random()
 
         def __call__(self, p, modes):
             return -0.5 * ((modes.frequencies[:, 0] - 10) ** 2)
 
-    class Counting(DEMCMove):
+    class Move(DEMCMove):
         count = 0
 
-        def __init__(self, kinds=frozenset({1, 2}), lock=None):
+        def __init__(self, kinds=frozenset({1, 2}), shift=1j, lock=None):
             super().__init__()
-            self.kinds, self.lock = kinds, threading.Lock()
+            self.kinds, self.shift, self.lock = kinds, shift, threading.Lock()
 
         def propose(self, model, state):
             self.count += 1
             return super().propose(model, state)
 
-    known, move = simple(), Counting()
+    known, move = simple(), Move()
     for nsteps in (2, 3):
-        term = Term(np.array([10.0]))
+        term = Term(np.array([10.0, 20.0, 30.0]))
         posterior = ef.LogPosterior(known.model, term, known.prior)
         sampled(posterior, moves=move, backend=path, resume=True, nsteps=nsteps)
-    posterior = ef.LogPosterior(known.model, Term(np.array([11.0])), known.prior)
+    posterior = ef.LogPosterior(
+        known.model, Term(np.array([11.0, 20.0, 30.0])), known.prior
+    )
     with pytest.raises(ValueError, match=r"mine\.observed\.frequency\[0\]: was 10"):
         sampled(posterior, moves=move, backend=path, resume=True)
+
+
+class Counting:
+    """A prior of a user that counts its calls, and the move of one."""
+
+    names, bounds, mean = PRIOR.names, PRIOR.bounds, PRIOR.mean
+
+    def __init__(self, width=1.0, unkept=None):
+        self.width, self.calls = width, 0
+
+    def logpdf(self, theta):
+        self.calls += 1
+        return PRIOR.logpdf(theta)
+
+    def sample(self, rng, n):
+        return PRIOR.sample(rng, n)
+
+    class Move(emcee.moves.StretchMove):
+        def __init__(self, a=2.0):
+            super().__init__(a)
+            self.count = 0
+
+        def propose(self, *arguments):
+            self.count += 1
+            return super().propose(*arguments)
+
+
+def test_objects_of_users_are_known_by_their_kept_arguments_and_may_count(path):
+    prior, move = Counting(), Counting.Move()
+    posterior = ef.LogPosterior(PROBLEM.model, PROBLEM.posterior.terms, prior)
+    for nsteps in (2, 3):  # as a cell of a notebook does that is run again
+        sampled(posterior, moves=move, backend=path, resume=True, nsteps=nsteps)
+    assert prior.calls and move.count
+    other = ef.LogPosterior(PROBLEM.model, PROBLEM.posterior.terms, Counting(2.0))
+    with pytest.raises(
+        ValueError, match=r"prior\.width: was 1.0, is 2.0\n.*\.a: was 2"
+    ):
+        sampled(other, moves=Counting.Move(3.0), backend=path, resume=True)
+
+
+def test_a_covariance_is_compared_as_it_was_given_and_not_by_its_eigenvectors(
+    path, monkeypatch
+):
+    def correlated(sign=1.0, scale=1.0):
+        covariance = scale * np.array([[0.2, sign * 0.1], [sign * 0.1, 0.3]])
+        term = ef.FrequencyTerm([10.0, 20.0], covariance=covariance)
+        known = simple()
+        return ef.LogPosterior(known.model, term, known.prior)
+
+    sampled(correlated(), backend=path, nsteps=2)
+    other = r"terms\.frequency\.covariance\[0\]\[1\]: was 0.1, is -0.1"
+    with pytest.raises(ValueError, match=other):
+        sampled(correlated(-1.0), backend=path, resume=True)
+    with pytest.raises(ValueError, match=r"covariance\[0\]\[0\]: was 0.2, is 0.2000"):
+        sampled(correlated(scale=1 + 1e-11), backend=path, resume=True)
+    eigh = np.linalg.eigh  # that of another processor:
+    monkeypatch.setattr(
+        np.linalg, "eigh", lambda C: (eigh(C)[0] * (1 + 1e-11), -eigh(C)[1])
+    )
+    sampled(correlated(scale=1 + 4e-16), backend=path, resume=True, nsteps=3)
 
 
 def test_a_file_is_never_run_over(path):

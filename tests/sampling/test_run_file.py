@@ -167,6 +167,27 @@ def test_a_flipped_byte_is_found_and_the_remedy_keeps_the_steps_before_it(writte
     assert_same(advance(RunFile.open(written)[0], 7), advance(Backend(), 10))
 
 
+@pytest.mark.parametrize("torn", [0, 100])
+def test_a_last_record_that_is_damaged_is_said_and_computed_again(written, torn):
+    flip(written, -500)
+    with open(written, "ab") as file:
+        file.write(b"x" * torn)
+    with pytest.warns(
+        UserWarning, match="record of .*, number 7, .* computes this one"
+    ):
+        (backend,) = RunFile.open(written)
+    assert backend.iteration == 5
+    assert_same(advance(backend, 5), advance(Backend(), 10))
+    assert_same(RunFile(written), advance(Backend(), 10))
+
+
+@pytest.mark.parametrize("kept", [0, 0.5, 1, 1.5])
+def test_a_file_that_ends_within_its_starts_is_refused(path, kept):
+    log = create(path, ensembles=2)._log
+    os.truncate(path, log._begin + int(kept * log._kind.itemsize))
+    refused(path, f"damaged: start {int(kept) + 1} of 2 is missing")
+
+
 @pytest.mark.parametrize(
     ("spoil", "match"),
     [

@@ -97,8 +97,9 @@ class EvaluationPool:
                 f"pool: {type(self._executor).__name__} could not do its work: a "
                 "worker died (out of memory, killed, a crash in the solver's own code) "
                 "or could not start (its output says why), or the pool was closed. "
-                "What was sampled so far is kept in the backend: make a new pool and "
-                f"resume. {type(error).__name__}: {error}"
+                "What was sampled so far is kept in the backend, if there is one, and "
+                "in error.samplers of what run raises; to go on make a new pool, or "
+                f"let run start new workers. {type(error).__name__}: {error}"
             ) from error
 
     def _cut(self, points: Any) -> list[Any]:

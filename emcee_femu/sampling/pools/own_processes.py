@@ -44,13 +44,25 @@ def open_pool(pool: Any, workers: Any, one_by_one: bool) -> Iterator[Any]:
     forks = context.get_start_method() == "fork"
     kind = ForkedPool if forks else EvaluationPool
     reader, writer = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(workers, context, begin, (reader, writer))
+    executor = OwnProcesses(workers, context, begin, (reader, writer))
     with reader, writer, executor:
         try:
             yield kind(executor, chunksize=1 if one_by_one else None)
         except BaseException:
             writer.send_bytes(b"end")
             raise
+
+
+class OwnProcesses(ProcessPoolExecutor):
+    """Processes whose tasks are never cancelled.
+
+    Python before 3.13 leaves processes behind if they end while tasks are cancelled.
+    """
+
+    def map(self, fn: Any, *iterables: Any, **options: Any) -> Iterator[Any]:
+        """Yield results in order; after an error the other tasks end with the run."""
+        futures = [self.submit(fn, *task) for task in zip(*iterables, strict=True)]
+        return (future.result() for future in futures)
 
 
 class ForkedPool(EvaluationPool):

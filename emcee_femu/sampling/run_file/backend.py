@@ -89,6 +89,12 @@ class RunFile(emcee.backends.Backend):
         return dict(self._log.header["manifest"])
 
     @property
+    def betas(self) -> Sequence[float]:
+        """Powers of the likelihood, one per block of walkers; (1,) if untempered."""
+        betas: Sequence[float] = self._log.header["manifest"].get("betas", (1.0,))
+        return betas
+
+    @property
     def counts(self) -> list[int]:
         """Evaluations and failures by cause, of all ensembles up to the last step."""
         return self._log.counts

@@ -14,6 +14,7 @@ import struct
 import zlib
 from collections.abc import Mapping
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +57,9 @@ class Log:
         with open(self.path, "rb") as file:
             file.seek(self._begin)
             for number in range(count):
-                if not self._take(file.read(size)) and number < count - 1:
+                if self._take(file.read(size)):
+                    continue
+                if number < count - 1:
                     raise ValueError(
                         f"backend: {self.path} is damaged: record {number + 1} of "
                         f"{count} is not what was written, or two runs wrote to it. "
@@ -64,6 +67,19 @@ class Log:
                         f"{self._end()}) keeps them for resume=True; or give another "
                         "file name"
                     )
+                warn(
+                    f"backend: the last record of {self.path}, number {count}, is not "
+                    "what was written, though none of it is missing: a power loss or a "
+                    "fault of the disk. The run goes on from the record before it, and "
+                    "computes this one again",
+                    stacklevel=5,
+                )
+        if self._known < self.header["starts"]:
+            raise ValueError(
+                f"backend: {self.path} is truncated or damaged: start "
+                f"{self._known + 1} of {self.header['starts']} is missing, and no step "
+                "is there; restore it from a copy, or give another file name"
+            )
 
     def _take(self, content: bytes) -> bool:
         """Take in a record, if it is whole and the next one of its ensemble."""
@@ -108,6 +124,7 @@ class Log:
                     f"of {self._size}: another run writes to it; stop one of the two "
                     "and go on by resume=True"
                 )
+            file.truncate(self._end())  # what is torn may be longer than a record
             file.seek(self._end())
             try:
                 write(file, content)
