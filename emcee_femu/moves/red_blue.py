@@ -68,7 +68,7 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
             raise ValueError(
                 f"nwalkers: {type(self).__name__} needs {self.guides} walkers at rest, "
                 f"but {nwalkers} in {self.nsplits} splits leave {at_rest}; use at "
-                f"least {max(2 * ndim + 2, enough)} walkers"
+                f"least {max(2 * ndim, enough)} walkers, better twice as many"
             )
         if nwalkers < 2 * ndim and not self.live_dangerously:
             raise RuntimeError(

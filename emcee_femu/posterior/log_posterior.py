@@ -297,7 +297,8 @@ class LogPosterior:
             "not finite",
             f"the log-posterior is {numbers[0]} at {values}: log-densities "
             f"{densities}, {stored}; a model must return finite numbers, a term finite "
-            "ones, or -inf to reject",
+            "ones, or -inf to reject. If the parameters make no sense, give the prior "
+            "bounds",
         )
 
     def start(

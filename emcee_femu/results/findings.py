@@ -6,6 +6,7 @@ import numpy as np
 
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 MOVED = 0.5  # prior sds; data that leave 0.9 of the sd move the mean by 0.4 or so
+WIDER = 1.1  # times as uncertain as before
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
 TOGETHER = 0.95  # |correlation| above which only a combination is known well
 MANY = 3  # uninformed parameters from which on the known combinations are named
@@ -53,9 +54,10 @@ def describe_findings(found: Any) -> list[str]:
 def _name_unknown(found: Any, i: Any, alone: bool) -> str:
     name, shift, ratio = found.names[i], found.shift[i], found.sd_ratio[i]
     if abs(shift) >= MOVED:  # never for NaN
+        how = "more uncertain than" if ratio > WIDER else "as uncertain as"
         return (
             f"The data move {name} by {shift:+.1f} prior standard deviations, but "
-            f"leave it as uncertain as before (sd ratio {ratio:.2f})."
+            f"leave it {how} before (sd ratio {ratio:.2f})."
         )
     reason = ""
     largest = np.abs(found.sensitivities[:, i]).max(initial=0.0)

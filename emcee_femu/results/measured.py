@@ -59,7 +59,7 @@ def measured_frequencies(idata: Any, experiment: str | None = None) -> Measured:
     if name not in observed:
         joint = any("." in str(other) for other in observed)
         raise ValueError(
-            f"idata: no likelihood term has measured {name!r}; measured are "
+            f"idata, experiment: no term has measured {name!r}; measured are "
             f"{list(observed)}"
             + ("; name one of the experiments with experiment=" if joint else "")
         )

@@ -143,10 +143,11 @@ def pairing_table(idata: Any, experiment: str | None = None) -> Table:
     response = dataset(idata, "response")
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
-        raise ValueError(
-            f"idata: it has no {names[0]!r}, since its model pairs no modes; wrap the "
-            "model in a PairedModel (of a joint posterior name one with experiment=)"
-        )
+        paired = [v[: -len(".mac")] for v in map(str, response) if v.endswith(".mac")]
+        remedy = "the model pairs no modes; wrap the model in a PairedModel"
+        if paired:
+            remedy = f"name one of {paired} with experiment="
+        raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
     mac, model_mode = (
         response[name].transpose("chain", "draw", ...).values for name in names
     )

@@ -236,7 +236,7 @@ def test_measured_data_are_needed_for_an_error(idata):
     bare = ef.LogPosterior(Square(), POSTERIOR.terms[0], POSTERIOR.prior)
     unmeasured = ef.to_inference_data(ef.run(bare, None, 8, 4, seed=1), bare)
     for call in (measured_frequencies, frequency_table):
-        with pytest.raises(ValueError, match=r"no likelihood term .* are \[\]$"):
+        with pytest.raises(ValueError, match=r"no term has measured .* are \[\]$"):
             call(unmeasured)
     named = {"empty": (Square(), POSTERIOR.terms[1])}
     joint = ef.LogPosterior.joint(named, POSTERIOR.prior)
