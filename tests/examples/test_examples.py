@@ -56,6 +56,7 @@ def test_h_structure(tmp_path, capsys):
     assert len(list(tmp_path.glob("*.png"))) == 10
 
 
+@pytest.mark.slow
 def test_benchmark(capsys):
     found = load("benchmark").main(steps=400, repeats=1, only="bim5")
     auto = found["bim5", "auto (ours)"]
@@ -64,11 +65,11 @@ def test_benchmark(capsys):
     assert "end to end" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_compare_moves(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(ef.sampling.auto, "FIRST", 64)
-    monkeypatch.setattr(
-        ef.sampling.auto, "ENOUGH_TAU", 3
-    )  # or its burn-in would take seconds
+    # Or its burn-in would take seconds.
+    monkeypatch.setattr(ef.sampling.auto, "ENOUGH_TAU", 3)
     results = load("compare_moves").main(60, 2, 1, str(tmp_path))
     shown = capsys.readouterr()
     for name, compared in results.items():
