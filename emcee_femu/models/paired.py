@@ -161,21 +161,21 @@ class PairedModel:
         mac, score = single, single
         if len(rows):
             coupling = couple_modes(frequencies[rows], self.min_gap)
-            shared_mac, shared = share_shapes(self._shapes, unit[rows], coupling)
-            alone = (coupling > 0).sum(axis=2) == 1  # (rows, candidates)
+            (which, modes), shared_mac, shared = share_shapes(
+                self._shapes, unit[rows], coupling
+            )
             mac, score = single.copy(), single.copy()
-            mac[rows] = np.where(alone[:, None], single[rows], shared_mac)
+            mac[rows[which], :, modes] = shared_mac
             score[rows] = mac[rows] + TIE_BREAK * single[rows]
         chosen = one_to_one(score)
         paired = np.take_along_axis(shapes, chosen[:, None, :], axis=2)
         if len(rows):
-            which = chosen[rows]
             # The projection of each measured shape on the space of its mode.
-            projected = np.take_along_axis(shared, which[:, :, None, None], axis=3)
-            free = np.take_along_axis(alone, which, axis=1)[:, None]
-            paired[rows] = np.where(
-                free, paired[rows], projected[..., 0].transpose(0, 2, 1)
-            )
+            number = np.full(frequencies.shape, -1)
+            number[rows[which], modes] = np.arange(len(which))
+            number = np.take_along_axis(number, chosen, axis=1)
+            at, measured = np.nonzero(number >= 0)
+            paired[at, :, measured] = shared[number[at, measured], :, measured]
         found = np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0]
         return PairedSolution(
             np.take_along_axis(frequencies, chosen, axis=1),

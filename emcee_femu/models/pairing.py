@@ -119,15 +119,16 @@ def couple_modes(frequencies: Floats, min_gap: float) -> Floats:
 
 def share_shapes(
     measured: Floats, shapes: Floats, coupling: Floats
-) -> tuple[Floats, Floats]:
-    r"""Return MAC and shape of each mode, widened by the modes that it is coupled to.
+) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], Floats, Floats]:
+    r"""Return MAC and shape of the coupled modes, widened by those they are coupled to.
 
     .. math:: v = \sum_k c_k q_k q_k^T \phi^m, \qquad
         MAC = \frac{(\sum_k c_k t_k^2)^2}{\sum_k c_k^2 t_k^2}, \quad
         t_k = q_k^T \phi^m
 
     with the orthonormal :math:`q_k` of the mode itself and its neighbours, in the order
-    of their coupling, so that one whose coupling fades takes nothing with it.
+    of their coupling, so that one whose coupling fades takes nothing with it. Sums run
+    term by term, so that a row rounds alike alone and among many.
 
     Args:
         measured: Unit shapes ``(n_sensors, p)``.
@@ -135,26 +136,34 @@ def share_shapes(
         coupling: ``(n, q, q)``.
 
     Returns:
-        MAC ``(n, p, q)`` and shapes ``(n, p, n_sensors, q)``.
+        The rows and the modes that are coupled, ``m`` of them, their MAC ``(m, p)`` and
+        shapes ``(m, n_sensors, p)``.
     """
-    q = shapes.shape[2]
-    order = np.argsort(-coupling, axis=2, kind="stable")  # (n, q, q), itself first
-    weights = np.take_along_axis(coupling, order, axis=2)
-    # The modes in the order of each one's coupling: (n, q, n_sensors, q)
-    basis = np.take_along_axis(shapes[:, None], order[:, :, None], axis=3)
-    for k in range(1, q):  # Gram-Schmidt for all at once, twice for accuracy
-        earlier, vector = basis[..., :k], basis[..., k, None]
-        for _ in range(2):
-            vector = vector - earlier @ (earlier.swapaxes(-1, -2) @ vector)
-        length = np.linalg.norm(vector, axis=-2, keepdims=True)
-        basis[..., k, None] = np.divide(
-            vector, length, out=np.zeros_like(vector), where=length > DEPENDENT
-        )
-    along = measured.T @ basis  # (n, q, p, q); one product each, so rows round alike
-    first = (weights[:, :, None] * along**2).sum(axis=3)
-    second = ((weights[:, :, None] * along) ** 2).sum(axis=3)
+    neighbours = (coupling > 0).sum(axis=2)
+    rows, modes = np.nonzero(neighbours > 1)
+    coupled = coupling[rows, modes]
+    most = int(neighbours.max())
+    order = np.argsort(-coupled, axis=1, kind="stable")[:, :most]  # itself first
+    weights = np.take_along_axis(coupled, order, axis=1)
+    basis = np.take_along_axis(shapes[rows], order[:, None], axis=2)
+    first = second = np.zeros((len(rows), measured.shape[1]))
+    shared = np.zeros((len(rows), *measured.shape))
+    for k in range(most):
+        vector = basis[:, :, k]
+        for _ in range(2 if k else 0):  # Gram-Schmidt, twice for accuracy
+            dots = (basis[:, :, :k] * vector[:, :, None]).sum(axis=1)
+            for j in range(k):
+                vector = vector - dots[:, j, None] * basis[:, :, j]
+        if k:
+            length = np.sqrt((vector.T**2).sum(axis=0))[:, None]
+            vector = np.divide(
+                vector, length, out=np.zeros_like(vector), where=length > DEPENDENT
+            )
+            basis[:, :, k] = vector
+        along = (vector[:, :, None] * measured).sum(axis=1)
+        weighted = weights[:, k, None] * along
+        first = first + weighted * along
+        second = second + weighted**2
+        shared += vector[:, :, None] * weighted[:, None]
     mac = np.divide(first**2, second, out=np.zeros_like(first), where=second > 0)
-    shared = basis @ (weights[:, :, None] * along).swapaxes(
-        2, 3
-    )  # (n, q, n_sensors, p)
-    return mac.swapaxes(1, 2), shared.transpose(0, 3, 2, 1)
+    return (rows, modes), mac, shared
