@@ -16,6 +16,9 @@ required   model         the parameters without which there is no model
 positive   model, term   the parameters that must stay above zero
 bounds     model         ``{parameter: (low, high)}`` within which it holds
 one_by_one model         True if a batch is solved one parameter set after another
+jacobian   model         ``jacobian(parameters)``: the response and its derivatives,
+                         ``{variable: {parameter: (n, *shape)}}``, from one solve; a
+                         parameter that is left out changes nothing
 n_modes    modal model   how many modes it returns; enough in place of variables
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, what it needs of the response
@@ -25,8 +28,17 @@ pointwise  term          ``pointwise(parameters, stored)``: the log-likelihood o
                          variable; None where it does not factorise
 replicate  term          ``replicate(rng, parameters, stored)``: a new measurement for
                          each sample, ``{variable: (n, ...)}``
+linearize  term          ``linearize(parameters, response, tangents)``: gradient
+                         ``(n, d)`` of the log-likelihood, and scores ``(n, m, d)``
+                         whose ``scores^T scores`` is its Fisher information, or None;
+                         ``tangents`` are the derivatives of each variable,
+                         ``(n, *shape, d)``, and of each parameter, ``(n, d)``
+deviations term          ``deviations(parameters, response)``: r and sd, each
+                         ``(n, m)``, if the log-likelihood is, but for a constant,
+                         the sum of those of N(r; 0, sd); for finite differences
 unpaired   response      where a mode has no pair, ``(n, n_modes)``
 mean       prior         the initial parameters of tables; else the mean of its draws
+gradient   prior         ``gradient(theta)``: that of the log-density, ``(n, d)``
 check      move          ``check(nwalkers, ndim)`` raises if they do not fit the move
 ========== ============= =============================================================
 
@@ -115,6 +127,21 @@ def read(response: Any, name: str) -> Any:
             f"are {has}"
         )
     return value
+
+
+class Linearization(NamedTuple):
+    """A log-posterior to second order, at ``n`` points.
+
+    Attributes:
+        rows: The rows of the posterior, ``(n, columns)``.
+        gradient: Of the log-posterior, ``(n, d)``; NaN where a row is -inf.
+        information: Fisher's of the likelihood minus the Hessian of the log-prior,
+            ``(n, d, d)``; None where a term does not tell.
+    """
+
+    rows: Floats
+    gradient: Floats
+    information: Floats | None
 
 
 class ModalSolution(NamedTuple):

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, Parameters, Variable, modal_variables, read
 from ..measurements import Measurements
+from .normal import linearize_normal
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -169,9 +170,7 @@ class FrequencyTerm:
 
     def __call__(self, parameters: Parameters, response: Any) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        residuals = self._residuals(response)
-        if self._axes is not None:  # one product per row: its sums round alike
-            residuals = (residuals[:, None] @ self._axes)[:, 0]
+        residuals = self._turn(self._residuals(response))
         with np.errstate(over="ignore"):  # so far off the likelihood is zero
             residuals *= residuals
         if self.discrepancy is None:
@@ -188,6 +187,38 @@ class FrequencyTerm:
             unpaired = unpaired[:, : self.n_modes]
             log_likelihood -= UNPAIRED * np.count_nonzero(unpaired, axis=1)
         return log_likelihood
+
+    def deviations(
+        self, parameters: Parameters, response: Any
+    ) -> tuple[Floats, Floats]:
+        """Return independent relative deviations and their standard deviations."""
+        residuals = self._turn(self._residuals(response))
+        variances = 1 / self.beta
+        if self.discrepancy is not None:
+            variances = variances + np.square(parameters[self.discrepancy])[:, None]
+        return residuals, np.broadcast_to(np.sqrt(variances), residuals.shape)
+
+    def linearize(
+        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
+    ) -> tuple[Floats, Floats]:
+        """Return the gradient of the log-likelihood, and its scores."""
+        residuals, sd = self.deviations(parameters, response)
+        slopes = tangents["frequency"][:, : self.n_modes] / self.measured[:, None]
+        if self._axes is not None:
+            slopes = self._axes.T @ slopes
+        if self.discrepancy is None:
+            return linearize_normal(residuals, sd, slopes)
+        sigma = parameters[self.discrepancy][:, None, None]
+        d_sd = sigma * tangents[self.discrepancy][:, None] / sd[:, :, None]
+        return linearize_normal(residuals, sd, slopes, d_sd)
+
+    def _turn(self, residuals: Floats) -> Floats:
+        """Return residuals along the axes in which they are independent."""
+        if self._axes is None:
+            return residuals
+        # One product per row: its sums round alike.
+        turned: Floats = (residuals[:, None] @ self._axes)[:, 0]
+        return turned
 
     def _residuals(self, response: Any) -> Floats:
         predicted = read(response, "frequency")[:, : self.n_modes]

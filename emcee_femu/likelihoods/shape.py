@@ -11,6 +11,7 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Variable, read
 from ..measurements import Measurements
 from ..models.pairing import at_sensors
+from .normal import linearize_normal
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -140,16 +141,7 @@ class ShapeTerm:
 
     def __call__(self, parameters: Parameters, response: Any) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        shapes = read(response, "shapes")
-        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
-            raise ValueError(
-                f"measured: the shapes of {self.n_modes} modes were measured, but the "
-                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
-            )
-        if not isinstance(response, PairedSolution):  # whose rows are the sensors
-            shapes = at_sensors(shapes, self._dofs, len(self.measured))
-        # Contiguous: sums must round alike for one row and for many.
-        shapes = np.ascontiguousarray(shapes[:, :, : self.n_modes])
+        shapes = self._at_sensors(response, read(response, "shapes"))
         # Residuals of the best fit: 1 - MAC would lose its digits near 1.
         weights = np.ones_like(self.measured) if self.sd is None else self.sd**-2.0
         weighted = weights * shapes
@@ -166,6 +158,83 @@ class ShapeTerm:
         squares /= np.square(self.measured).sum(axis=0)  # 1 - MAC
         result = -0.5 * self._by_mac(parameters, squares).sum(axis=1)
         return result
+
+    def _at_sensors(self, response: Any, shapes: Floats) -> Floats:
+        """Return the measured modes at the sensors, ``(n, n_sensors, n_modes)``."""
+        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
+            raise ValueError(
+                f"measured: the shapes of {self.n_modes} modes were measured, but the "
+                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
+            )
+        if not isinstance(response, PairedSolution):  # whose rows are the sensors
+            shapes = at_sensors(shapes, self._dofs, len(self.measured))
+        # Contiguous: sums must round alike for one row and for many.
+        return np.ascontiguousarray(shapes[:, :, : self.n_modes])
+
+    def deviations(
+        self, parameters: Parameters, response: Any
+    ) -> tuple[Floats, Floats]:
+        """Return what a unit shape has across the measured one, and its deviations.
+
+        There are ``n_sensors - 1`` such directions for each mode; with ``sd`` the
+        shapes are in units of the standard deviations.
+        """
+        shapes = self._at_sensors(response, read(response, "shapes"))
+        return self._deviations(parameters, self._unit(shapes)[0])
+
+    def linearize(
+        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
+    ) -> tuple[Floats, Floats]:
+        """Return the gradient of the log-likelihood, and its scores."""
+        shapes = self._at_sensors(response, read(response, "shapes"))
+        unit, weights = self._unit(shapes)
+        d = tangents["shapes"].shape[-1]
+        columns = [
+            weights * self._at_sensors(response, tangents["shapes"][..., j])
+            for j in range(d)
+        ]
+        slopes = [x - unit * (unit * x).sum(axis=1, keepdims=True) for x in columns]
+        across = [self._across(slope) for slope in slopes]
+        r, sd = self._deviations(parameters, unit)
+        if self.discrepancy is None:
+            return linearize_normal(r, sd, np.stack(across, axis=-1))
+        d_sd = np.broadcast_to(tangents[self.discrepancy][:, None], (*sd.shape, d))
+        return linearize_normal(r, sd, np.stack(across, axis=-1), d_sd)
+
+    def _unit(self, shapes: Floats) -> tuple[Floats, Floats]:
+        """Return unit shapes on the side of the measured, and what makes them so."""
+        weights = np.ones_like(self.measured) if self.sd is None else 1 / self.sd
+        product = (weights**2 * shapes * self.measured).sum(axis=1)
+        side = np.where(product < 0, -1.0, 1.0)
+        weighted = weights * shapes
+        length = np.sqrt((weighted**2).sum(axis=1))
+        scale = np.divide(side, length, out=np.zeros_like(length), where=length > 0)
+        return weighted * scale[:, None], weights * scale[:, None]
+
+    def _deviations(
+        self, parameters: Parameters, unit: Floats
+    ) -> tuple[Floats, Floats]:
+        deviations = self._across(unit)
+        if self.discrepancy is not None:
+            sd = parameters[self.discrepancy][:, None]
+        else:
+            each = np.ones(self.n_modes) if self.delta is None else self.delta
+            sd = np.tile(each, len(self.measured) - 1)
+        return deviations, np.broadcast_to(sd, deviations.shape)
+
+    def _across(self, shapes: Floats) -> Floats:
+        """Return the components across the measured shapes, mode by mode, in rows.
+
+        A Householder reflection takes each measured shape to the first axis.
+        """
+        weighted = self.measured if self.sd is None else self.measured / self.sd
+        length = np.linalg.norm(weighted, axis=0)
+        mirror = weighted / length
+        mirror[0] += np.copysign(1.0, mirror[0])
+        mirror /= np.linalg.norm(mirror, axis=0)
+        turned = shapes - 2 * mirror * (mirror * shapes).sum(axis=1, keepdims=True)
+        across = turned[:, 1:] * (1.0 if self.sd is None else length)
+        return np.ascontiguousarray(across).reshape(len(shapes), -1)
 
     def _by_mac(self, parameters: Parameters, lost: Floats) -> Floats:
         """Return -2 ln p of each mode ``(n, n_modes)`` for ``lost``, 1 - MAC."""

@@ -57,7 +57,13 @@ class Experiment(NamedTuple):
             n: Number of parameter sets.
             describe: Returns them by name, for messages.
         """
-        response = self._respond(own, describe)
+        response = self.respond(self.model, own, describe)
+        return self.compare(response, parameters, n, describe)
+
+    def compare(
+        self, response: Any, parameters: Parameters, n: int, describe: Callable[[], Any]
+    ) -> tuple[list[Floats], list[Floats]]:
+        """Return what :meth:`solve` does, of a response."""
         stored = [  # first, because it says best what is wrong with a response
             self._extract(response, name, (n, *variable.shape), describe)
             for name, variable in self.variables.items()
@@ -68,9 +74,12 @@ class Experiment(NamedTuple):
         ]
         return values, stored
 
-    def _respond(self, parameters: Parameters, describe: Callable[[], Any]) -> Any:
+    def respond(
+        self, model: Any, parameters: Parameters, describe: Callable[[], Any]
+    ) -> Any:
+        """Return what the model returns, or its ``jacobian``; errors say where."""
         try:
-            return self.model(parameters)
+            return model(parameters)
         except (StopIteration, SystemExit) as error:
             # The one would lose its notes in emcee's generator, the other end the
             # program without a word, and with exit code 0.

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import (
     Floats,
     LikelihoodTerm,
+    Linearization,
     Model,
     Parameters,
     Prior,
@@ -19,7 +21,9 @@ from ..interfaces import (
     Variable,
 )
 from .compatibility import check_names, check_parameters
+from .differences import prior_scale
 from .experiments import Experiment, check_joint, gather_experiments
+from .linearize import difference, extend, linearize, split, unstack
 from .starting import check_inside, draw_start
 
 SHOWN = 8  # parameter sets of a batch in a message
@@ -214,6 +218,13 @@ class LogPosterior:
 
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row or the rows of ``theta``, see the class."""
+        batch = self._batch(theta)
+        if batch.ndim == 1:
+            single: Floats = self._rows(batch[None])[0]
+            return single
+        return self._rows(batch)
+
+    def _batch(self, theta: ArrayLike) -> Floats:
         # A copy in rows, so that sums round alike.
         if type(theta) is not np.ndarray or theta.dtype != np.float64:
             theta = checks.numeric_array("theta", theta)
@@ -223,25 +234,90 @@ class LogPosterior:
                 f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
                 f"{self.names}, got {batch.shape}"
             )
-        if batch.ndim == 1:
-            single: Floats = self._rows(batch[None])[0]
-            return single
-        return self._rows(batch)
+        return batch
 
     def _rows(self, theta: Floats) -> Floats:
-        log_prior = self.prior.logpdf(theta)
-        supported = log_prior > -np.inf
+        log_prior, supported = self.support(theta)
         n_supported = np.count_nonzero(supported)
         if n_supported == len(theta) > 0:
-            return self._solve(theta, log_prior)
+            return self.solve(theta, log_prior)
         rows = np.tile(self.rejected(), (len(theta), 1))
-        if np.isnan(log_prior).any():
+        if n_supported:
+            rows[supported] = self.solve(theta[supported], log_prior[supported])
+        return rows
+
+    def support(self, theta: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the log-prior, and where there is one, each ``(n,)``."""
+        log_prior = self.prior.logpdf(theta)
+        supported: NDArray[np.bool_] = log_prior > -np.inf
+        if not supported.all() and np.isnan(log_prior).any():
             row = int(np.argmax(np.isnan(log_prior)))
             values = self._values(theta[row : row + 1])
             raise ValueError(f"prior: its log-density is NaN at {values}")
-        if n_supported:
-            rows[supported] = self._solve(theta[supported], log_prior[supported])
-        return rows
+        return log_prior, supported
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether every model has ``jacobian``, so that gradients take one solve."""
+        return all(
+            getattr(e.model, "jacobian", None) is not None for e in self.experiments
+        )
+
+    @cached_property
+    def scale(self) -> Floats:
+        """The scale of each parameter under the prior ``(d,)``."""
+        return prior_scale(self.prior)
+
+    def gradient(self, theta: ArrayLike) -> tuple[Floats, Floats]:
+        r"""Return the rows of ``theta (n, d)`` and the gradients ``(n, d)``.
+
+        .. math:: \partial \ln p(\theta | D) / \partial \theta_i
+
+        One solve per point where the models have ``jacobian``; else central
+        differences, whose ``2 d + 1`` points are solved in one batch, all inside the
+        prior's support. Terms and priors without derivatives of their own are
+        differenced without a solve. Where a row is -inf the gradient is NaN.
+
+        Args:
+            theta: Parameter sets ``(n, d)``; with ``(d,)`` one row and gradient.
+
+        Raises:
+            SolveError: If a gradient is not finite where the posterior is.
+        """
+        return split(self, self.stack_gradient(theta))
+
+    def linearize(self, theta: ArrayLike) -> Linearization:
+        r"""Return rows, gradients and information of ``theta (n, d)``.
+
+        The information is that of Fisher of the likelihood, minus the Hessian of the
+        log-prior: ``-information`` is near the Hessian of the log-posterior where the
+        model fits (Gauss-Newton). None if a term has neither ``linearize`` with scores
+        nor ``deviations``. See also :meth:`gradient`.
+        """
+        return unstack(self, self.stack_linearization(np.atleast_2d(theta)))
+
+    def stack_gradient(self, theta: ArrayLike) -> Floats:
+        """Return rows with the gradients behind them, which a pool can carry."""
+        return self._stack(theta, False)
+
+    def stack_linearization(self, theta: ArrayLike) -> Floats:
+        """Return rows with gradients and information behind them."""
+        return self._stack(theta, True)
+
+    def stack_deviations(self, theta: ArrayLike) -> Floats:
+        """Return rows with the terms' deviations behind them, to be differenced."""
+        batch = self._batch(theta)
+        result = extend(self, np.atleast_2d(batch))
+        return result[0] if batch.ndim == 1 else result
+
+    def _stack(self, theta: ArrayLike, information: bool) -> Floats:
+        batch = self._batch(theta)
+        points = np.atleast_2d(batch)
+        if self.differentiable:
+            result = linearize(self, points, information)
+        else:
+            result = difference(self, points, self.stack_deviations, information)
+        return result[0] if batch.ndim == 1 else result
 
     def rejected(self) -> Floats:
         """Return the row of a point that is not evaluated: -inf, then NaN."""
@@ -249,8 +325,16 @@ class LogPosterior:
         row[self.columns["densities"]] = -np.inf
         return row
 
-    def _solve(self, theta: Floats, log_prior: Floats) -> Floats:
-        """Return the rows of parameter sets inside the prior's support."""
+    def solve(
+        self, theta: Floats, log_prior: Floats, solve: Any = Experiment.solve
+    ) -> Floats:
+        """Return the rows of parameter sets inside the prior's support.
+
+        Args:
+            theta: Parameter sets ``(n, d)``.
+            log_prior: Their log-prior ``(n,)``.
+            solve: What :meth:`Experiment.solve` does, and perhaps more.
+        """
         rows = np.empty((len(theta), self._width))
         rows[:, 1] = total = log_prior
         parameters = self.parameters(theta)
@@ -258,8 +342,8 @@ class LogPosterior:
         end = first
         for experiment in self.experiments:
             own = self.parameters(theta.copy())  # which a model may overwrite
-            values, stored = experiment.solve(
-                own, parameters, len(theta), lambda: self._values(theta)
+            values, stored = solve(
+                experiment, own, parameters, len(theta), lambda: self._values(theta)
             )
             for value in values:
                 rows[:, column] = value

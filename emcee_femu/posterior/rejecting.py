@@ -8,6 +8,7 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from .failures import Failure, FailureLog, describe_failure
+from .linearize import split
 from .log_posterior import LogPosterior
 
 
@@ -30,18 +31,36 @@ class GuardedPosterior:
 
     def __call__(self, theta: Floats) -> Any:
         """Return a row or a failure, or a sequence of them for ``(n, d)``."""
+        return self._guard(self.posterior, theta)
+
+    def stack_gradient(self, theta: Floats) -> Any:
+        """Return the same with gradients (:meth:`LogPosterior.stack_gradient`).
+
+        If a finite difference fails, so does the point.
+        """
+        return self._guard(self.posterior.stack_gradient, theta)
+
+    def stack_linearization(self, theta: Floats) -> Any:
+        """Return the same with gradients and information."""
+        return self._guard(self.posterior.stack_linearization, theta)
+
+    def stack_deviations(self, theta: Floats) -> Any:
+        """Return the same with the terms' deviations."""
+        return self._guard(self.posterior.stack_deviations, theta)
+
+    def _guard(self, function: Any, theta: Floats) -> Any:
         if np.ndim(theta) == 1:
-            return self._evaluate(theta)
+            return self._evaluate(function, theta)
         if not self.posterior.one_by_one:
             try:
-                return self.posterior(theta)
+                return function(theta)
             except Exception:  # of any kind: it is the user's model that raised
                 pass  # found below
-        return [self._evaluate(point) for point in theta]
+        return [self._evaluate(function, point) for point in theta]
 
-    def _evaluate(self, point: Floats) -> Any:
+    def _evaluate(self, function: Any, point: Floats) -> Any:
         try:
-            return self.posterior(point)
+            return function(point)
         except Exception as error:
             values = np.asarray(point, dtype=float).tolist()
             return describe_failure(error, dict(zip(self.names, values, strict=True)))
@@ -64,8 +83,27 @@ class CountedPosterior:
 
     def __call__(self, theta: Floats) -> Floats:
         """Return the row or the rows of ``theta``."""
+        return self._count(self._guarded, theta)
+
+    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return rows and gradients, which are NaN where a solve failed."""
+        return split(self._guarded.posterior, self.stack_gradient(theta))
+
+    def stack_gradient(self, theta: Floats) -> Floats:
+        """Return rows with gradients behind them."""
+        return self._count(self._guarded.stack_gradient, theta)
+
+    def stack_linearization(self, theta: Floats) -> Floats:
+        """Return rows with gradients and information behind them."""
+        return self._count(self._guarded.stack_linearization, theta)
+
+    def stack_deviations(self, theta: Floats) -> Floats:
+        """Return rows with the terms' deviations behind them."""
+        return self._count(self._guarded.stack_deviations, theta)
+
+    def _count(self, function: Any, theta: Floats) -> Floats:
         single = np.ndim(theta) == 1
-        results = self._guarded(np.asarray(theta)[None] if single else theta)
+        results = function(np.asarray(theta)[None] if single else theta)
         rows = count_failures(results, self._log, self._guarded.posterior)
         return rows[0] if single else rows
 
@@ -96,6 +134,11 @@ def count_failures(results: Any, log: FailureLog, posterior: LogPosterior) -> Fl
     failures = [result for result in results if isinstance(result, Failure)]
     log.count(len(results), failures)
     rejected = posterior.rejected()
+    # What a row has behind its columns is not known of a failure.
+    lengths = [len(row) for row in results if not isinstance(row, Failure)]
+    length = max(lengths, default=0)
+    behind = np.full(max(0, length - len(rejected)), np.nan)
+    rejected = np.concatenate([rejected, behind])
     rows = [rejected if isinstance(row, Failure) else row for row in results]
     return np.array(rows)
 

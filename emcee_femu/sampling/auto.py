@@ -10,7 +10,7 @@ import numpy as np
 from ..interfaces import Backend, Floats, Move
 from ..moves import DEMCMove, IndependenceMove
 from .arguments import Moves
-from .starts import Evaluation
+from .evaluation import Evaluation
 
 FIRST, LONGEST = 512, 16_384  # generations of burn-in, doubled until it is long enough
 ENOUGH_TAU = 20  # autocorrelation times in its second half

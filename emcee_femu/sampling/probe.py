@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from .starts import Evaluation
+from .evaluation import Evaluation
 
 logger = logging.getLogger("emcee_femu")
 FLOOR = 1e-3  # of the largest value of a variable, to which the tolerance is relative

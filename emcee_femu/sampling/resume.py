@@ -7,11 +7,12 @@ from ..moves import IndependenceMove
 from ..moves.tempering import find_ladder
 from .arguments import list_moves
 from .auto import Recipe, mixture, prepare
+from .evaluation import Evaluation
 from .manifest import check_same, describe_run
 from .probe import probe
 from .run_file import RunFile
 from .run_file.log import COUNTS, check_new
-from .starts import Evaluation, draw_starts
+from .starts import draw_starts
 
 
 def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:

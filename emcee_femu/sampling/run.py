@@ -21,9 +21,10 @@ from .arguments import (
     check_walkers,
 )
 from .auto import prepare
+from .evaluation import Evaluation
 from .pools.own_processes import open_pool
 from .resume import begin_in_file
-from .starts import Evaluation, draw_starts
+from .starts import draw_starts
 
 
 def run(

@@ -1,62 +1,12 @@
 """The first state of every ensemble: starts, random streams, burn-in."""
 
-from dataclasses import dataclass, replace
-from typing import Any, Self
-
 import emcee
 import numpy as np
 
-from ..interfaces import Backend, Floats
-from ..posterior.failures import FailureLog
-from ..posterior.rejecting import guard
-from .arguments import Moves, Settings
+from ..interfaces import Floats
+from .evaluation import Evaluation
 
 MOST_DRAWS = 20  # of a starting point
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """What evaluates the posterior of a run, and what counts its failures.
-
-    Attributes:
-        settings: What was asked for.
-        failures: The log, None if failures stop the run.
-        function: What emcee calls.
-        pool: Where emcee calls it, or None.
-        bare: The same pool, which counts nothing.
-    """
-
-    settings: Settings
-    failures: FailureLog | None
-    function: Any
-    pool: Any
-    bare: Any
-
-    @classmethod
-    def begin(cls, settings: Settings, pool: Any) -> Self:
-        """Return the evaluation of the posterior on a pool, or None."""
-        kind, most = settings.on_failure, settings.max_failures
-        return cls(settings, *guard(settings.posterior, pool, kind, most), pool)
-
-    def uncounted(self) -> Self:
-        """Return the same with a log of its own that never stops."""
-        other = self.begin(replace(self.settings, max_failures=1.0), self.bare)
-        # Forked workers know the function itself.
-        return other if self.pool is None else replace(other, function=self.function)
-
-    def sampler(
-        self, moves: Moves | None = None, backend: Backend | None = None
-    ) -> emcee.EnsembleSampler:
-        """Return a sampler of the posterior."""
-        return emcee.EnsembleSampler(
-            self.settings.nwalkers,
-            self.settings.posterior.ndim,
-            self.function,
-            moves=moves,
-            backend=backend,
-            pool=self.pool,
-            vectorize=self.settings.vectorize,
-        )
 
 
 def draw_starts(evaluation: Evaluation) -> list[emcee.State]:

@@ -69,7 +69,7 @@ class EvaluationPool:
         """
         points = iterable if isinstance(iterable, np.ndarray) else list(iterable)
         parts = self._cut(points)
-        function = _unwrap(function)
+        function, method = _split(_unwrap(function))
         digest, payload = None, None
         if not isinstance(self._executor, THREADS):
             digest, payload = self._pickle(function)
@@ -77,7 +77,7 @@ class EvaluationPool:
         values: list[Sequence[Any]] = [()] * len(parts)
         waiting = list(range(len(parts)))
         while waiting:
-            tasks = [(digest, parts[i], sent, os.getpid()) for i in waiting]
+            tasks = [(digest, method, parts[i], sent, os.getpid()) for i in waiting]
             missing = []
             for number, outcome in zip(waiting, self._outcomes(tasks), strict=True):
                 if outcome.error is not None:
@@ -123,3 +123,14 @@ def _unwrap(function: Any) -> Any:
     if type(function).__name__ != "_FunctionWrapper":
         return function
     return function if function.args or function.kwargs else function.f
+
+
+def _split(function: Any) -> tuple[Any, str]:
+    """Return what is sent, and which of its methods is called.
+
+    A posterior that the workers have is not sent again for its gradient.
+    """
+    owner = getattr(function, "__self__", None)
+    if getattr(owner, "takes_batches", False):
+        return owner, function.__name__
+    return function, "__call__"

@@ -30,15 +30,16 @@ class Outcome(NamedTuple):
     note: str = ""  # where: parameters by name, and the worker's traceback
 
 
-def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
+def evaluate(task: tuple[str | None, str, Sequence[Any], Any, int]) -> Outcome:
     """Evaluate a function at every point.
 
     Args:
-        task: Digest of the function's pickle; points ``(n, d)``, or a list of whatever
-            emcee passes; that pickle for a worker that does not have the function, else
-            None; process id of the run. Threads get no digest, but the function itself.
+        task: Digest of the function's pickle; which of its methods is called; points
+            ``(n, d)``, or a list of whatever emcee passes; that pickle for a worker
+            that does not have the function, else None; process id of the run. Threads
+            get no digest, but the function itself.
     """
-    digest, points, payload, home = task
+    digest, method, points, payload, home = task
     _end_with_run(home)
     function = payload if digest is None else functions.get(digest)
     if function is None:
@@ -53,7 +54,10 @@ def evaluate(task: tuple[str | None, Sequence[Any], Any, int]) -> Outcome:
             functions.pop(old, None)  # another thread may have done so
     # One set at a time is as quick, and no row is solved again to find an error.
     one_by_one = getattr(function, "one_by_one", False)
-    if one_by_one or not getattr(function, "takes_batches", False):
+    takes_batches = getattr(function, "takes_batches", False)
+    if method != "__call__":
+        function = getattr(function, method)
+    if one_by_one or not takes_batches:
         return _evaluate_rows(function, points)
     try:
         return Outcome(function(np.asarray(points)))
@@ -102,6 +106,7 @@ def _evaluate_rows(function: Any, points: Sequence[Any]) -> Outcome:
 
 def _locate(function: Any, points: Sequence[Any]) -> str:
     # What emcee calls with ``args`` is wrapped once more.
+    function = getattr(function, "__self__", function)
     names = getattr(getattr(function, "f", function), "names", None)
     places = [point.tolist() if hasattr(point, "tolist") else point for point in points]
     if names is not None:

@@ -1,0 +1,266 @@
+r"""Gradient and Fisher information of a posterior, from one solve per point.
+
+Every function here returns its results side by side, one row per point: the row of the
+posterior, the gradient (d), and where it was asked for the information (d * d), so that
+a pool can carry them.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..interfaces import Floats, Linearization, Parameters, SolveError, read
+from ..likelihoods.normal import linearize_normal
+from .differences import (
+    difference_density,
+    difference_hessian,
+    difference_term,
+    place,
+    small_steps,
+)
+from .experiments import Experiment
+
+
+def linearize(posterior: Any, theta: Floats, information: bool) -> Floats:
+    """Return rows, gradients and information ``(n, width + d (+ d * d))``.
+
+    Rows that are -inf have NaN for the rest, without a solve where the prior is zero.
+    """
+    n, d = theta.shape
+    log_prior, supported = posterior.support(theta)
+    rows = np.tile(posterior.rejected(), (n, 1))
+    rest = np.full((n, d + (d * d if information else 0)), np.nan)
+    if supported.any():
+        inside = theta[supported]
+        rows[supported], rest[supported] = _linearize_supported(
+            posterior, inside, log_prior[supported], information
+        )
+    return np.hstack([rows, rest])
+
+
+def _linearize_supported(
+    posterior: Any, theta: Floats, log_prior: Floats, information: bool
+) -> tuple[Floats, Floats]:
+    found: list[tuple[Floats, Floats | None]] = []
+    steps = small_steps(posterior.prior, theta, posterior.scale)
+
+    def solve(
+        experiment: Experiment,
+        own: Parameters,
+        parameters: Parameters,
+        n: int,
+        describe: Callable[[], Any],
+    ) -> Any:
+        jacobian = experiment.model.jacobian  # type: ignore[attr-defined]
+        response, derivatives = experiment.respond(jacobian, own, describe)
+        compared = experiment.compare(response, parameters, n, describe)
+        tangents = _tangents(experiment, response, derivatives, posterior.names, n)
+        with np.errstate(over="ignore", invalid="ignore"):  # of rows that are -inf
+            found.extend(
+                term.linearize(parameters, response, tangents)
+                if hasattr(term, "linearize")
+                else difference_term(term, parameters, response, tangents, steps)
+                for term in experiment.terms
+            )
+        return compared
+
+    rows = posterior.solve(theta, log_prior, solve)
+    gradient = sum(part for part, _ in found) + prior_gradient(posterior, theta)
+    scores = [part for _, part in found]
+    return rows, combine(posterior, theta, rows, gradient, scores, information)
+
+
+def combine(
+    posterior: Any,
+    theta: Floats,
+    rows: Floats,
+    gradient: Floats,
+    scores: list[Floats | None],
+    information: bool,
+) -> Floats:
+    """Return gradient and information side by side; NaN where a row is -inf.
+
+    Raises:
+        SolveError: If the gradient is not finite where the posterior is.
+    """
+    n, d = theta.shape
+    rest = [gradient]
+    if information:
+        matrix = -difference_hessian(posterior.prior, theta, posterior.scale)
+        for part in scores:
+            matrix += np.nan if part is None else part.swapaxes(1, 2) @ part
+        rest.append(matrix.reshape(n, d * d))
+    result = np.hstack(rest)
+    rejected = rows[:, 0] == -np.inf
+    result[rejected] = np.nan
+    wrong = ~rejected & ~np.isfinite(gradient).all(axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        values = dict(zip(posterior.names, theta[row].tolist(), strict=True))
+        raise SolveError(
+            "not finite",
+            f"the gradient of the log-posterior is {gradient[row].tolist()} at "
+            f"{values}; a model's jacobian, a term's linearize and a prior's gradient "
+            "must return finite numbers",
+        )
+    return result
+
+
+def _tangents(
+    experiment: Experiment,
+    response: Any,
+    derivatives: Any,
+    names: tuple[str, ...],
+    n: int,
+) -> dict[str, Floats]:
+    """Return the derivatives of parameters and variables, ``(n, *shape, d)`` each."""
+    d = len(names)
+    unit = np.eye(d)
+    tangents = {name: np.broadcast_to(unit[j], (n, d)) for j, name in enumerate(names)}
+    label = f"{experiment.full_name('model')}: jacobian"
+    if not isinstance(derivatives, Mapping):
+        raise TypeError(
+            f"{label}: expected {{variable: {{parameter: array}}}}, got "
+            f"{type(derivatives).__name__}"
+        )
+    for variable, by_parameter in derivatives.items():
+        shape = np.shape(read(response, variable))
+        tangents[variable] = tangent = np.zeros((*shape, d))
+        unknown = [name for name in by_parameter if name not in names]
+        if unknown:
+            raise ValueError(
+                f"{label}: no parameter {unknown}; there are {list(names)}"
+            )
+        for name, value in by_parameter.items():
+            if np.shape(value) != shape:
+                raise SolveError(
+                    "wrong shape",
+                    f"{label}: expected the derivative of {variable!r} by {name!r} of "
+                    f"shape {shape}, got {np.shape(value)}",
+                )
+            tangent[..., names.index(name)] = value
+    return tangents
+
+
+def prior_gradient(posterior: Any, theta: Floats) -> Floats:
+    """Return the gradient of the log-prior ``(n, d)``, by differences if need be."""
+    prior = posterior.prior
+    if hasattr(prior, "gradient"):
+        gradient: Floats = prior.gradient(theta)
+        return gradient
+    return difference_density(prior, theta, posterior.scale)
+
+
+def extend(posterior: Any, theta: Floats) -> Floats:
+    """Return rows, then deviations and their standard deviations of all terms."""
+    parts: list[tuple[Floats, Floats]] = []
+
+    def solve(
+        experiment: Experiment,
+        own: Parameters,
+        parameters: Parameters,
+        n: int,
+        describe: Callable[[], Any],
+    ) -> Any:
+        response = experiment.respond(experiment.model, own, describe)
+        compared = experiment.compare(response, parameters, n, describe)
+        parts.extend(
+            term.deviations(parameters, response)
+            for term in experiment.terms
+            if hasattr(term, "deviations")
+        )
+        return compared
+
+    log_prior, supported = posterior.support(theta)
+    if not supported.any():
+        return np.tile(posterior.rejected(), (len(theta), 1))
+    rows = posterior.solve(theta[supported], log_prior[supported], solve)
+    columns = [rows, *(part for part, _ in parts), *(sd for _, sd in parts)]
+    inside = np.hstack(columns)
+    result = np.full((len(theta), inside.shape[1]), np.nan)
+    result[:, : rows.shape[1]] = posterior.rejected()
+    result[supported] = inside
+    return result
+
+
+def difference(
+    posterior: Any,
+    theta: Floats,
+    evaluate: Callable[[Floats], Floats],
+    information: bool,
+) -> Floats:
+    """Return what :func:`linearize` does, from ``2 d + 1`` solves per point.
+
+    All points are one batch, none of them outside the prior's support.
+
+    Args:
+        posterior: A posterior whose models need no ``jacobian``.
+        theta: Parameter sets ``(n, d)``.
+        evaluate: What :func:`extend` does, perhaps on a pool.
+        information: Whether it is wanted.
+    """
+    n, d = theta.shape
+    width = len(posterior.rejected())
+    _, supported = posterior.support(theta)
+    rows = np.tile(posterior.rejected(), (n, 1))
+    rest = np.full((n, d + (d * d if information else 0)), np.nan)
+    if not supported.any():
+        return np.hstack([rows, rest])
+    inside = theta[supported]
+    stencil = place(posterior.prior, inside, posterior.scale)
+    extended = evaluate(stencil.points).reshape(len(inside), 2 * d + 1, -1)
+    rows[supported] = extended[:, 0, :width]
+    derivatives = stencil.derive(extended)  # (n, columns, d)
+    gradient = prior_gradient(posterior, inside)
+    scores: list[Floats | None] = []
+    for column, term in enumerate(posterior.terms, 2):
+        if not hasattr(term, "deviations"):
+            gradient = gradient + derivatives[:, column]
+            scores.append(None)
+    if extended.shape[2] > width:
+        half = (extended.shape[2] - width) // 2
+        parts = slice(width, width + half), slice(width + half, None)
+        values = [extended[:, 0, part] for part in parts]
+        slopes = [derivatives[:, part] for part in parts]
+        own, score = linearize_normal(values[0], values[1], slopes[0], slopes[1])
+        gradient = gradient + own
+        scores.append(score)
+    # A solve that failed beside a point leaves it without a gradient.
+    known = np.isfinite(extended[:, :, 0]).all(axis=1) & ~np.isnan(stencil.steps).any(
+        axis=(1, 2)
+    )
+    found = np.full((len(inside), rest.shape[1]), np.nan)
+    chosen = [None if part is None else part[known] for part in scores]
+    found[known] = combine(
+        posterior,
+        inside[known],
+        rows[supported][known],
+        gradient[known],
+        chosen,
+        information,
+    )
+    rest[supported] = found
+    return np.hstack([rows, rest])
+
+
+def split(posterior: Any, stacked: Floats) -> tuple[Floats, Floats]:
+    """Return rows and gradients of what ``stack_gradient`` returned, one or many."""
+    width, d = len(posterior.rejected()), posterior.ndim
+    rows, gradient = stacked[..., :width], stacked[..., width : width + d]
+    if not gradient.shape[-1]:  # nothing but failures
+        gradient = np.full((*rows.shape[:-1], d), np.nan)
+    return rows, gradient
+
+
+def unstack(posterior: Any, stacked: Floats) -> Linearization:
+    """Return rows, gradient and information, None where a term's is not known."""
+    rows, gradient = split(posterior, stacked)
+    n, d = gradient.shape
+    information = stacked[:, rows.shape[1] + d :]
+    if not information.shape[1]:
+        return Linearization(rows, gradient, np.full((n, d, d), np.nan))
+    information = information.reshape(n, d, d)
+    solved = np.isfinite(gradient).all(axis=1)
+    unknown = bool(np.isnan(information[solved]).any())
+    return Linearization(rows, gradient, None if unknown else information)

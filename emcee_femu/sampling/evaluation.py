@@ -1,0 +1,108 @@
+"""What evaluates a posterior: serially or on a pool, with failures counted."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
+
+import emcee
+import numpy as np
+
+from ..interfaces import Backend, Floats, Linearization
+from ..posterior.failures import FailureLog
+from ..posterior.linearize import difference, unstack
+from ..posterior.log_posterior import LogPosterior
+from ..posterior.rejecting import guard
+from .arguments import Moves, Settings
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """What evaluates a posterior, and what counts its solves and failures.
+
+    Attributes:
+        posterior: The posterior.
+        failures: The log, None if failures are raised.
+        function: What emcee calls.
+        pool: Where emcee calls it, or None.
+        bare: The same pool, which counts nothing.
+        settings: The settings of :func:`run`, where this is for one.
+        solves: Model solves of :meth:`rows` and :meth:`linearize` so far.
+    """
+
+    posterior: LogPosterior
+    failures: FailureLog | None
+    function: Any
+    pool: Any
+    bare: Any
+    settings: Any = None
+    solves: int = field(default=0, init=False)
+
+    @classmethod
+    def of(
+        cls, posterior: LogPosterior, pool: Any, on_failure: Any, max_failures: Any
+    ) -> Self:
+        """Return the evaluation of a posterior on a pool of ``open_pool``, or None.
+
+        Raises:
+            ValueError: If on_failure is neither "raise" nor "reject", or max_failures
+                is not a fraction.
+        """
+        return cls(posterior, *guard(posterior, pool, on_failure, max_failures), pool)
+
+    @classmethod
+    def begin(cls, settings: Settings, pool: Any) -> Self:
+        """Return the evaluation for a run on a pool, or None."""
+        kind, most = settings.on_failure, settings.max_failures
+        return replace(cls.of(settings.posterior, pool, kind, most), settings=settings)
+
+    def uncounted(self) -> Self:
+        """Return the same with a log of its own that never stops."""
+        other = self.begin(replace(self.settings, max_failures=1.0), self.bare)
+        # Forked workers know the function itself.
+        return other if self.pool is None else replace(other, function=self.function)
+
+    def sampler(
+        self, moves: Moves | None = None, backend: Backend | None = None
+    ) -> emcee.EnsembleSampler:
+        """Return a sampler of the posterior."""
+        return emcee.EnsembleSampler(
+            self.settings.nwalkers,
+            self.posterior.ndim,
+            self.function,
+            moves=moves,
+            backend=backend,
+            pool=self.pool,
+            vectorize=self.settings.vectorize,
+        )
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows of the posterior at ``theta (n, d)``."""
+        self._count(theta)
+        return self._map(self.function, theta)
+
+    def linearize(self, theta: Floats) -> Linearization:
+        """Return what :meth:`LogPosterior.linearize` does, evaluated in the same way.
+
+        Where a solve failed the row is -inf and the gradient NaN. Of finite differences
+        all points go to the pool at once; one that failed beside a point leaves the
+        point its row, and NaN for the gradient.
+        """
+        if self.posterior.differentiable:
+            self._count(theta)
+            stacked = self._map(self.function.stack_linearization, theta)
+        else:
+            stacked = difference(self.posterior, theta, self._deviations, True)
+        return unstack(self.posterior, stacked)
+
+    def _deviations(self, theta: Floats) -> Floats:
+        self._count(theta)
+        return self._map(self.function.stack_deviations, theta)
+
+    def _count(self, theta: Floats) -> None:
+        """Count what is solved: all inside the prior's support."""
+        self.solves += int(np.count_nonzero(self.posterior.support(theta)[1]))
+
+    def _map(self, function: Any, theta: Floats) -> Floats:
+        if self.pool is None:
+            rows: Floats = function(theta)
+            return rows
+        return np.array(list(self.pool.map(function, theta)))
