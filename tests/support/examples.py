@@ -1,6 +1,7 @@
 """The examples as modules."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
@@ -12,5 +13,9 @@ def load(name):
     path = next(EXAMPLES.rglob(f"{name}.py"))
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    sys.path.insert(0, str(path.parent))  # as for a script, which sees its neighbours
+    try:
+        spec.loader.exec_module(module)
+    finally:
+        sys.path.remove(str(path.parent))
     return module

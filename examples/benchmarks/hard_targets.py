@@ -1,0 +1,166 @@
+"""Hard posteriors of known answer: is what is called converged also right?
+
+The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
+give its means, its 1 % and 99 % quantiles and the weights of its modes. Each run of
+"auto", four independent ensembles, is held to them in its own standard errors:
+z of a mean is its error over the run's standard deviation times
+sqrt(1 / ESS), z of a quantile that of the share of draws beyond the exact quantile;
+the exact draws' own error is added. ESS / 1000 is the bulk ESS of the worst parameter
+per 1000 evaluations, all that came before the chain included.
+
+The bar: of all runs called converged at most 1 % have a mean off by more than 5 of its
+standard errors, none a mode's weight by more than 0.05, and z scatters by 0.8 to 1.3.
+
+Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hard_targets.py --seeds 20
+"""
+
+import argparse
+import functools
+import warnings
+from collections import Counter
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+from hard_posteriors import TARGETS, Target, inside, posterior_of
+
+import emcee_femu as ef
+from emcee_femu.results.arviz_objects import mean_sizes
+from emcee_femu.table import Table
+
+Floats = np.ndarray
+MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
+MOST_TAILS = 10  # parameters whose quantiles are compared
+
+
+class Truth(NamedTuple):
+    """Expectations of :func:`features` and how many exact draws they come from."""
+
+    ends: Floats  # 1 % and 99 % quantiles (2, d')
+    tails: Floats  # parameters that they belong to (d')
+    n_modes: int
+    means: Floats
+    draws: int
+
+
+@functools.cache
+def truth_of(name: str) -> tuple[Target, Truth]:
+    """Return the target and what exact draws say of it."""
+    target, d = TARGETS[name](), len(TARGETS[name]().box)
+    x = inside(target, min(MOST_DRAWS, MOST_NUMBERS // d))
+    tails = np.unique(np.linspace(0, d - 1, MOST_TAILS).astype(int))
+    ends = np.quantile(x[:, tails], [0.01, 0.99], axis=0)
+    n_modes = 1 + int(target.label(x).max()) if target.label else 0
+    truth = Truth(ends, tails, n_modes, np.empty(0), len(x))
+    return target, truth._replace(means=features(target, truth, x).mean(axis=0))
+
+
+def features(target: Target, truth: Truth, x: Floats) -> Floats:
+    """Return parameters, whether they are below each quantile, and indicators."""
+    tails = [x[:, truth.tails] < end for end in truth.ends]
+    modes = np.empty((len(x), 0))
+    if target.label:
+        modes = target.label(x)[:, None] == np.arange(truth.n_modes)
+    return np.hstack([x, *tails, modes]).astype(float)
+
+
+class Run(NamedTuple):
+    """What one run says, and how wrong it is in its own standard errors."""
+
+    short: str
+    mean_z: Floats
+    tail_z: Floats
+    weight_z: Floats
+    weight_error: float
+    ess: float  # per 1000 evaluations
+
+
+def judge(name: str, seed: int, steps: int) -> Run:
+    """Run "auto" on a target and compare."""
+    target, truth = truth_of(name)
+    d, nsteps = len(target.box), max(8, round(target.steps * steps))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the verdict is what counts
+        runs = ef.run(
+            posterior_of(target), "auto", nwalkers=max(16, min(4 * d, 2 * d + 24)),
+            nsteps=nsteps, ensembles=4, seed=seed,
+        )  # fmt: skip
+        found = ef.diagnose(runs)
+    cost = sum(s.burn_in_evaluations + s.nwalkers * nsteps for s in runs)
+    chains = np.concatenate([s.get_chain().swapaxes(0, 1) for s in runs])
+    columns = features(target, truth, chains.reshape(-1, d))
+    sizes = mean_sizes(columns.reshape(*chains.shape[:2], -1))
+    shares = truth.means[d:]
+    sd = np.append(chains.std(axis=(0, 1)), np.sqrt(shares * (1 - shares)))
+    errors = columns.mean(axis=0) - truth.means
+    # An indicator that never changes claims no error of its own.
+    z = errors / (sd * np.sqrt(1 / np.nan_to_num(sizes, nan=len(columns))
+                               + 1 / truth.draws))  # fmt: skip
+    weights = slice(d + 2 * len(truth.tails), None)
+    worst = np.abs(errors[weights]).max(initial=0)
+    ess = 1000 * float(found.ess_bulk.min()) / cost
+    return Run(found.short, z[:d], z[d : weights.start], z[weights], worst, ess)
+
+
+def rms(values: Iterable[Floats]) -> float:
+    """Return the root mean square of all z."""
+    z = np.concatenate([*values, np.empty(0)])
+    return float(np.sqrt(np.mean(z**2))) if len(z) else np.nan
+
+
+def main(
+    seeds: int = 3, targets: str = "", steps: int = 2_000, processes: int = 1
+) -> dict[str, list[Run]]:
+    """Run, print the table and the totals, and return all runs by target."""
+    results: dict[str, list[Run]] = {}
+    for name in (n for n in TARGETS if targets in n):
+        truth_of(name)  # before processes are forked
+        jobs = [name] * seeds, range(seeds), [steps] * seeds
+        if processes > 1:
+            with ProcessPoolExecutor(processes) as pool:
+                results[name] = list(pool.map(judge, *jobs))
+        else:
+            results[name] = list(map(judge, *jobs))
+        said = Counter(run.short.split(":")[0] for run in results[name])
+        print(f"{name}: {dict(said)}", flush=True)
+    good = {n: [r for r in v if r.short == "converged"] for n, v in results.items()}
+    worst = {n: [np.abs(r.mean_z).max() for r in v] for n, v in good.items()}
+    table = Table.from_columns(
+        f"Hard targets: {seeds} seeds, {steps} steps; z and weights of converged runs",
+        [
+            ("target", "", list(results)),
+            ("converged", "", [len(v) for v in good.values()]),
+            ("worst z", ".1f", [max(v, default=np.nan) for v in worst.values()]),
+            ("rms z", ".2f", [rms(r.mean_z for r in v) for v in good.values()]),
+            ("rms z 1, 99 %", ".2f",
+             [rms(r.tail_z for r in v) for v in good.values()]),
+            ("weight error", ".3f",
+             [max((r.weight_error for r in v), default=np.nan)
+              for v in good.values()]),
+            ("ESS/1000", ".1f",
+             [np.median([r.ess for r in v]) for v in results.values()]),
+        ],
+    )  # fmt: skip
+    print(table)
+    called = [run for runs in good.values() for run in runs]
+    off = sum(z > 5 for runs in worst.values() for z in runs)
+    heavier = max((run.weight_error for run in called), default=0.0)
+    print(
+        f"{len(called)} of {sum(map(len, results.values()))} runs are called "
+        f"converged; {off} of these have a mean off by more than 5 standard errors "
+        f"(bar: 1 %), the worst weight is off by {heavier:.3f} (bar: 0.05), rms z is "
+        f"{rms(run.mean_z for run in called):.2f} for means, "
+        f"{rms(run.tail_z for run in called):.2f} for quantiles and "
+        f"{rms(run.weight_z for run in called):.2f} for weights (bar: 0.8 to 1.3)."
+    )
+    return results
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--targets", default="", help="part of their names")
+    parser.add_argument("--steps", type=int, default=2_000)
+    parser.add_argument("--processes", type=int, default=1)
+    main(**vars(parser.parse_args()))
