@@ -56,6 +56,7 @@ def _linearize_supported(
         response, derivatives = experiment.respond(jacobian, own, describe)
         compared = experiment.compare(response, parameters, n, describe)
         tangents = _tangents(experiment, response, derivatives, posterior.names, n)
+        _check_read(experiment, tangents)
         with np.errstate(over="ignore", invalid="ignore"):  # of rows that are -inf
             found.extend(
                 term.linearize(parameters, response, tangents)
@@ -141,6 +142,18 @@ def _tangents(
                 )
             tangent[..., names.index(name)] = value
     return tangents
+
+
+def _check_read(experiment: Experiment, tangents: Mapping[str, Floats]) -> None:
+    """Refuse a jacobian that says nothing of a variable which a term reads."""
+    for term, name in zip(experiment.terms, experiment.term_names, strict=True):
+        missing = [key for key in getattr(term, "reads", ()) if key not in tangents]
+        if missing:
+            raise ValueError(
+                f"{experiment.full_name('model')}: jacobian returned no derivatives of "
+                f"{missing}, which the term {name!r} reads; return "
+                "{variable: {parameter: array}}, {} for one that does not change"
+            )
 
 
 def prior_gradient(posterior: Any, theta: Floats) -> Floats:

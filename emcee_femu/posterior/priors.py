@@ -10,6 +10,8 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Prior
+from .differences import difference_density, prior_scale
+from .slopes import slope
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -79,6 +81,11 @@ class GaussianPrior:
         log_density += self._log_constant
         log_density[~inside(theta, self.bounds)] = -np.inf
         return log_density
+
+    def gradient(self, theta: Floats) -> Floats:
+        """Return the gradient ``(n, d)`` of the log density inside the bounds."""
+        gradient: Floats = (self.mean - theta) / self.sd**2
+        return gradient
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
@@ -153,6 +160,21 @@ class IndependentPrior:
             total += marginal.logpdf(column)
         return total
 
+    def gradient(self, theta: Floats) -> Floats:
+        """Return the gradient ``(n, d)`` of the log density inside the bounds.
+
+        In closed form for the usual distributions, by differences for others.
+        """
+        columns = []
+        for name, column in zip(self.names, theta.T, strict=True):
+            marginal = self.marginals[name]
+            own = slope(getattr(marginal, "marginal", marginal), column)
+            if own is None:
+                alone = IndependentPrior({name: marginal})
+                own = difference_density(alone, column[:, None], prior_scale(alone))
+            columns.append(own.reshape(-1))
+        return np.column_stack(columns)
+
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
         columns = [m.rvs(size=n, random_state=rng) for m in self.marginals.values()]
@@ -165,7 +187,7 @@ class _Cut:
     def __init__(self, name: str, marginal: Any, low: float, high: float) -> None:
         least, most = marginal.support()
         self.low, self.high = max(low, float(least)), min(high, float(most))
-        self._marginal = marginal
+        self.marginal = marginal
         # Far up, probabilities from below differ by less than rounding.
         upper = marginal.cdf(self.low) > 0.5
         self._quantile = marginal.isf if upper else marginal.ppf
@@ -180,7 +202,7 @@ class _Cut:
 
     def logpdf(self, x: Floats) -> Floats:
         inside = (x >= self.low) & (x <= self.high)
-        log_density: Floats = self._marginal.logpdf(x) - self._log_mass
+        log_density: Floats = self.marginal.logpdf(x) - self._log_mass
         return np.where(inside, log_density, -np.inf)
 
     def rvs(self, size: int, random_state: np.random.Generator) -> Floats:

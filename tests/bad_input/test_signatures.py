@@ -184,6 +184,10 @@ CALLS = {
     "FrameModel, n_modes": {"modes": OFF},
     "MatrixModel": {"shapes": ([0, 1], wholes.but("True"))},
     "FunctionModel": {"variables": OFF},
+    "FunctionModel, jacobian": {
+        "variables": OFF,
+        "jacobian": (abs, anything.but("None")),
+    },
     "FunctionModel, variables": {"n_modes": OFF, "variables": (VARIABLES, named)},
     "modal_variables": {"n_modes": (2, counted), "dofs": ([1], labels)},
     "PairedModel": {"model": (ef.FunctionModel(lambda p: MODES, n_modes=4), anything)},

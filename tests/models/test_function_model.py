@@ -3,7 +3,7 @@ import pickle
 import numpy as np
 import pytest
 
-from emcee_femu.interfaces import ModalSolution
+from emcee_femu.interfaces import ModalSolution, SolveError, Variable
 from emcee_femu.models.function import FunctionModel
 
 PARAMETERS = {"k": np.array([40.0, 90.0, 10.0]), "m": np.array([0.1, 0.4, 2.5])}
@@ -199,3 +199,67 @@ def test_what_cannot_be_called_is_refused(function):
 def test_a_wrong_n_modes_is_refused(n_modes, error):
     with pytest.raises(error, match=r"n_modes: expected"):
         FunctionModel(frequencies_of, n_modes)
+
+
+def derivatives_of(p):
+    omega = frequencies_of(p)[0]
+    d_k, d_m = omega / (2 * p["k"]), -omega / (2 * p["m"])
+    frequency = {"k": [d_k, 3 * d_k], "m": [d_m, 3 * d_m]}
+    shapes = {"k": np.eye(3, 2) * [1, 0]}  # m is left out
+    return ModalSolution(frequencies_of(p), shapes_of(p)), {
+        "frequency": frequency,
+        "shapes": shapes,
+    }
+
+
+def test_derivatives_are_stacked_as_the_response_is():
+    model = FunctionModel(frequencies_of, jacobian=derivatives_of)
+    response, derivatives = pickle.loads(pickle.dumps(model)).jacobian(PARAMETERS)
+    np.testing.assert_allclose(response.frequencies, EXPECTED, rtol=1e-15)
+    assert response.shapes.shape == derivatives["shapes"]["k"].shape == (3, 3, 2)
+    assert list(derivatives["shapes"]) == ["k"]
+    for name, step in ("k", 1e-3), ("m", 1e-6):
+        ahead, behind = (
+            model(PARAMETERS | {name: PARAMETERS[name] + side}).frequencies
+            for side in (step, -step)
+        )
+        numbers = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(
+            derivatives["frequency"][name], numbers, rtol=1e-6, atol=1e-6
+        )
+
+
+def test_without_a_jacobian_there_is_none():
+    assert not hasattr(FunctionModel(frequencies_of), "jacobian")
+
+
+def test_derivatives_of_other_variables():
+    model = FunctionModel(
+        lambda p: p["k"] ** 2,
+        variables={"tip": Variable({}, "m")},
+        jacobian=lambda p: (p["k"] ** 2, {"tip": {"k": 2 * p["k"]}}),
+    )
+    response, derivatives = model.jacobian({"k": np.array([1.0, 3.0])})
+    assert np.array_equal(response["tip"], [1, 9])
+    assert np.array_equal(derivatives["tip"]["k"], [2, 6])
+
+
+@pytest.mark.parametrize(
+    ("returned", "kind", "message"),
+    [
+        ([1.0], TypeError, "jacobian: expected what function returns"),
+        (([1.0], [2.0]), TypeError, "jacobian: expected what function returns"),
+        (
+            ([1.0], {"shapes": {}}),
+            ValueError,
+            "for each of .'frequency'., got 'shapes'",
+        ),
+        (([1.0], {"frequency": [1.0]}), ValueError, "parameter: array"),
+        (([1.0], {"frequency": {"k": 1.0}}), SolveError, r"d frequency / d k.*\(1,\)"),
+        (([1.0], {"frequency": {"k": ["x"]}}), TypeError, "d frequency / d k"),
+    ],
+)
+def test_wrong_derivatives_are_refused_with_the_parameters(returned, kind, message):
+    model = FunctionModel(lambda p: [1.0], jacobian=lambda p: returned)
+    with pytest.raises(kind, match=f"(?s){message}.*'k': 40.0"):
+        model.jacobian(PARAMETERS)

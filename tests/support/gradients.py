@@ -1,0 +1,57 @@
+"""Models whose response and derivatives are known, for tests of gradients."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from emcee_femu.interfaces import ModalSolution
+
+MEASURED = np.array([1.02, 1.43, 2.1])
+RNG = np.random.default_rng(7)
+SHAPES = RNG.standard_normal((4, 3))
+SLOPES = 0.2 * RNG.standard_normal((4, 3, 2))  # of the shapes, by a and b
+POWERS = np.array([[0.5, 0.0], [0.3, 0.2], [0.1, 0.6]])  # ln f = powers . ln(a, b)
+
+
+def modes(a, b):
+    """Return frequencies and shapes; a and b may be complex, ``(n,)``."""
+    logs = np.log(np.stack([a, b], axis=1))
+    shapes = SHAPES + np.einsum("smj,nj->nsm", SLOPES, np.stack([a - 1, b - 1], axis=1))
+    return MEASURED * np.exp(logs @ POWERS.T), shapes
+
+
+@dataclass
+class Solver:
+    """Modes of two parameters; ``solved`` has the size of every batch."""
+
+    solved: list = field(default_factory=list)
+    names = required = ("a", "b")
+    n_modes = 3
+
+    def __call__(self, parameters):
+        self.solved.append(len(parameters["a"]))
+        return ModalSolution(*modes(parameters["a"], parameters["b"]))
+
+
+class Derived(Solver):
+    """The same with derivatives."""
+
+    def jacobian(self, parameters):
+        solution = self(parameters)
+        by_name = {"frequency": {}, "shapes": {}}
+        for j, name in enumerate("ab"):
+            relative = POWERS[:, j] / parameters[name][:, None]
+            by_name["frequency"][name] = solution.frequencies * relative
+            by_name["shapes"][name] = np.broadcast_to(
+                SLOPES[:, :, j], solution.shapes.shape
+            )
+        return solution, by_name
+
+
+def numerical(function, theta, step=1e-5):
+    """Return central differences ``(n, d)`` of a function of ``(n, d)``."""
+    columns = []
+    for unit in np.eye(theta.shape[1]):
+        ahead, behind = function(theta + step * unit), function(theta - step * unit)
+        columns.append((ahead - behind) / (2 * step))
+    return np.stack(columns, axis=1)
