@@ -27,7 +27,8 @@ def wrong(target):
     def cheap(theta):
         x = theta / target.scale
         core = 0.6 * target(theta) if isinstance(target, Gaussian) else 0.0
-        return core + 0.7 * x[:, 0] - 0.4 * x[:, 1] * x[:, 2] - 0.1 * x[:, 2] ** 2
+        pair = x[:, 1] * x[:, 2] if x.shape[1] > 1 else 0.0
+        return core + 0.7 * x[:, 0] - 0.4 * pair - 0.1 * x[:, -1] ** 2
 
     return cheap
 
@@ -57,6 +58,13 @@ def test_a_wrong_cheap_posterior_leaves_the_target_exact(inner, target):
     move = DelayedAcceptanceMove(INNER[inner](law), wrong(law))
     assert exact_start(move, law, 12, ensembles=400, steps=6) < LIMIT
     assert 0 < move.accepted < move.full_solves < move.proposed
+
+
+@pytest.mark.parametrize("inner", ["demc", "metropolis", "independence"])
+def test_the_target_is_exact_in_one_dimension(inner):
+    law = Gaussian(ndim=1)
+    move = DelayedAcceptanceMove(INNER[inner](law), wrong(law))
+    assert exact_start(move, law, 12, ensembles=400, steps=6) < LIMIT
 
 
 class OneStage(DelayedAcceptanceMove):

@@ -23,6 +23,23 @@ def test_fit_recovers_a_t_law_at_scales_that_differ_by_1e19():
     np.testing.assert_allclose(found, shape, atol=0.05)
 
 
+def test_fit_recovers_a_mixture_in_one_dimension():
+    law = stats.t(8, loc=3.0, scale=2.0)
+    move = IndependenceMove.fit(law.rvs((60_000, 1), random_state=1))
+    np.testing.assert_allclose(
+        [move.means[0, 0], move.scale_matrices[0, 0, 0]], [3, 4], rtol=0.03
+    )
+    nine = np.repeat(1e3 * np.arange(9.0), 30) + np.random.default_rng(0).normal(
+        size=270
+    )
+    assert len(IndependenceMove.fit(nine[:, None], "auto").weights) == 7  # and a cover
+    one = IndependenceMove.fit(law.rvs((4_000, 1), random_state=2), "auto")
+    assert len(one.weights) == 1
+    with pytest.raises(ValueError, match="at least 10 draws"):
+        IndependenceMove.fit(nine[:9, None])
+    IndependenceMove.fit(nine[:10, None])
+
+
 def test_auto_finds_the_number_of_modes_and_their_weights():
     # Nearly Gaussian components, for a Gaussian is best met by several of df = 8.
     rng = np.random.default_rng(0)

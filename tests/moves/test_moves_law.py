@@ -71,6 +71,9 @@ CASES = [  # move, or what makes it for a target; walkers; dimension; scale
     (CrossoverMove(2, [0.1], 0.0), 12, 3, FAR),
     (CrossoverMove(3, [1.0], 0.1, nsplits=6), 12, 3, UNIT),
     (CrossoverMove(3, [0.5, 0.9], nsplits=4, randomize_split=False), 12, 3, UNIT),
+    # In one dimension, where constants and exponents have values of their own.
+    *[(move, 6, 1, UNIT) for move in (DEMCMove(), SnookerMove(), CrossoverMove(1))],
+    *[(make, 3, 1, UNIT) for make in (tuned, badly_fitted(1), badly_fitted(3))],
 ]
 
 FEWEST = [  # of each kind that guides walkers by walkers

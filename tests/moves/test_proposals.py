@@ -17,6 +17,7 @@ from emcee_femu.moves import (
     IndependenceMove,
     MetropolisMove,
     SnookerMove,
+    acceptance,
     crossover,
     demc,
 )
@@ -52,8 +53,12 @@ def pair_p_value(ndim):
     return choose(propose(DEMCMove(0.0), ndim, guides), candidates, 1 / 12)[1]
 
 
+@pytest.mark.parametrize("most_tabled", [demc.MOST_TABLED, 0])
 @pytest.mark.parametrize("ndim", [1, 2, 5])
-def test_demc_proposes_the_difference_of_two_distinct_guides_times_gamma(ndim):
+def test_demc_proposes_the_difference_of_two_distinct_guides_times_gamma(
+    ndim, most_tabled, monkeypatch
+):
+    monkeypatch.setattr(demc, "MOST_TABLED", most_tabled)
     assert pair_p_value(ndim) > 1e-4
 
 
@@ -87,11 +92,42 @@ def test_noise_is_gaussian_with_the_given_or_the_walkers_scale(
         assert stats.kstest(column, stats.norm(0, sd).cdf).pvalue > 1e-4
 
 
-def test_mode_jump_gives_gamma_one_with_its_probability():
-    move = DEMCMove(sigma=0.0, mode_jump=0.3)
-    proposed = propose(move, 1, np.array([[0.0], [1.0]]))
-    jumps = int((np.abs(proposed) == 1.0).sum())
-    assert stats.binomtest(jumps, N, 0.3).pvalue > 1e-4
+@pytest.mark.parametrize("ndim", [1, 3])
+def test_mode_jump_gives_gamma_one_with_its_probability(ndim):
+    guides = np.random.default_rng(2).normal(size=(2, ndim))
+    difference, gamma = guides[0] - guides[1], 2.38 / np.sqrt(2 * ndim)
+    candidates = np.outer([1.0, -1.0, gamma, -gamma], difference)
+    proposed = propose(DEMCMove(sigma=0.0, mode_jump=0.3), ndim, guides)
+    law = np.array([0.15, 0.15, 0.35, 0.35])
+    assert choose(proposed, candidates, law)[1] > 1e-4
+
+
+def test_the_defaults_are_those_of_the_docstrings():
+    assert SnookerMove().gamma == (1.2, 2.2)
+    assert CrossoverMove().crossover == (1 / 3, 2 / 3, 1.0)
+    assert (CrossoverMove().pairs, DEMCMove().mode_jump) == (3, 0.0)
+
+
+@pytest.mark.parametrize("beta", [None, 0.3])
+@pytest.mark.parametrize("ndim", [1, 3])
+def test_acceptance_is_the_metropolis_ratio(ndim, beta):
+    """Of the tempered densities and the asymmetry, whatever the dimension."""
+    rises = {"log-likelihood": -0.8, "log-prior": 0.5, "asymmetry": -0.6}
+    state = emcee.State(np.zeros((N, ndim)), np.full(N, -5.0), np.full((N, 2), -2.0))
+    row = -5.0 + rises["log-likelihood"] + rises["log-prior"], -2 + rises["log-prior"]
+
+    def solve(q):
+        return np.full(len(q), row[0]), np.full((len(q), 2), row[1])
+
+    model = Model(None, solve, map, RandomState(0))
+    everyone, factors = np.arange(N), np.full(N, rises["asymmetry"])
+    betas = None if beta is None else np.full(N, beta)
+    step = everyone, np.ones((N, ndim)), factors, betas
+    moved = acceptance.accept_or_reject(model, state, *step)
+    power = 1.0 if beta is None else beta
+    log_ratio = power * rises["log-likelihood"] + 0.5 - 0.6
+    p = min(1.0, np.exp(log_ratio))
+    assert stats.binomtest(len(moved), N, p).pvalue > 1e-4
 
 
 COVARIANCE = np.array([[4.0, 1.0], [1.0, 9.0]]) * np.outer([1e-9, 1e2], [1e-9, 1e2])
@@ -102,6 +138,7 @@ STEPS = {  # a move, and the covariance of its steps
     "variance": (MetropolisMove(cov=3.0), 3 * np.eye(1)),
     "variances": (MetropolisMove(cov=[3.0, 0.5]), np.diag([3.0, 0.5])),
     "covariance": (MetropolisMove(cov=COVARIANCE), COVARIANCE),
+    "covariance, d = 1": (MetropolisMove(cov=[[4.0]]), 4 * np.eye(1)),
     "tuned": (MetropolisMove.tuned(DRAWS), 2.38**2 / 3 * np.cov(DRAWS.T)),
     "tuned, d = 1": (
         MetropolisMove.tuned(DRAWS[:, 1:2]),
@@ -127,9 +164,10 @@ def test_cov_means_what_it_means_in_emcee(cov):
     assert_allclose(ours.var(axis=0), theirs[0].var(axis=0), rtol=10 / np.sqrt(N))
 
 
-def test_snooker_proposals_lie_on_the_line_of_each_guide_with_each_pair():
-    rng, scale = np.random.default_rng(3), np.array([1.0, 4.0, 0.3])
-    guides, theta = rng.normal(size=(5, 3)) * scale, rng.normal(size=3) * scale
+@pytest.mark.parametrize("ndim", [2, 3])
+def test_snooker_proposals_lie_on_the_line_of_each_guide_with_each_pair(ndim):
+    rng, scale = np.random.default_rng(3), np.array([1.0, 4.0, 0.3])[:ndim]
+    guides, theta = rng.normal(size=(5, ndim)) * scale, rng.normal(size=ndim) * scale
     move, current = SnookerMove((1.0, 1.0)), np.tile(theta, (12_000, 1))
     proposed, factors = move.get_proposal(current, [guides], RandomState(0))
     sd, candidates, expected = guides.std(axis=0), [], []
@@ -138,7 +176,7 @@ def test_snooker_proposals_lie_on_the_line_of_each_guide_with_each_pair():
         u = line / np.linalg.norm(line)
         candidates.append(theta + sd * u * (u @ ((z1 - z2) / sd)))
         new = np.linalg.norm((candidates[-1] - z) / sd)
-        expected.append(2 * np.log(new / np.linalg.norm(line)))
+        expected.append((ndim - 1) * np.log(new / np.linalg.norm(line)))
     found, p = choose(proposed, np.array(candidates), np.full(60, 1 / 60))
     assert p > 1e-4
     assert_allclose(factors, np.array(expected)[found], atol=1e-9)
@@ -175,7 +213,9 @@ def test_proposals_are_finite_where_walkers_at_rest_share_a_value(move):
         assert factors is None or np.isfinite(factors).all()
 
 
-@pytest.mark.parametrize(("pairs", "ndim"), [(1, 1), (2, 1), (1, 3), (2, 3), (3, 3)])
+@pytest.mark.parametrize(
+    ("pairs", "ndim"), [(1, 1), (2, 1), (3, 1), (1, 3), (2, 3), (3, 3)]
+)
 def test_crossover_adds_each_sum_of_distinct_pairs_with_its_gamma(pairs, ndim):
     guides = np.random.default_rng(4).normal(size=(7, ndim))
     candidates, probabilities = [], []
@@ -278,3 +318,7 @@ def test_independence_proposes_from_the_mixture(ndim):
     for direction in (*np.eye(ndim), np.ones(ndim), (-1.0) ** np.arange(ndim)):
         test = stats.ks_2samp(propose(move, ndim) @ direction, reference @ direction)
         assert test.pvalue > 1e-4
+    start = np.zeros((5, ndim))
+    ((_, proposed, factors),) = move.batches(start, RandomState(1))
+    expected = move.log_density(start) - move.log_density(proposed)
+    assert_allclose(factors, expected, rtol=1e-12)

@@ -111,8 +111,9 @@ def exchange_p_values(kind, betas=(1.0, 0.6, 0.2, 0.0), block=1_000):
     return found
 
 
-def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods():
-    assert min(exchange_p_values(TemperedMove)) > 1e-4
+@pytest.mark.parametrize("betas", [[1.0, 0.3], [1.0, 0.3, 0.0], [1.0, 0.6, 0.2, 0.0]])
+def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
+    assert min(exchange_p_values(TemperedMove, betas)) > 1e-4
 
 
 def blocks_guided_by_others(kind, betas=(1.0, 0.5, 0.0), block=4):
@@ -346,6 +347,7 @@ def test_the_default_walkers_suffice_for_every_temperature():
         n = MOVE.default_walkers(ndim)
         assert n == 3 * max(16, 4 * ndim)
         MOVE.check(n, ndim)
+    TemperedMove(emcee.moves.StretchMove(), BETAS).check(6, ndim=1)  # 2 * ndim each
 
 
 def cut(parameters, modes):

@@ -67,7 +67,8 @@ class BoundedTriangle:
     def statistics(self, theta):
         x = theta / self.scale
         outside = ((x <= 0) | (x >= 1)).any(axis=-1)
-        moments = [x - 2 / 3, x * x - 1 / 2, x * np.roll(x, 1, axis=-1) - 4 / 9]
+        product = 4 / 9 if self.ndim > 1 else 1 / 2
+        moments = [x - 2 / 3, x * x - 1 / 2, x * np.roll(x, 1, axis=-1) - product]
         return np.concatenate([*moments, outside[..., None]], axis=-1)
 
 
