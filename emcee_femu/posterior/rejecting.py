@@ -79,6 +79,7 @@ class CountedPosterior:
     def __init__(self, posterior: LogPosterior, log: FailureLog) -> None:
         self._guarded = GuardedPosterior(posterior)
         self._log = log
+        self.posterior = posterior
         self.names = posterior.names
 
     def __call__(self, theta: Floats) -> Floats:
@@ -87,7 +88,7 @@ class CountedPosterior:
 
     def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return rows and gradients, which are NaN where a solve failed."""
-        return split(self._guarded.posterior, self.stack_gradient(theta))
+        return split(self.posterior, self.stack_gradient(theta))
 
     def stack_gradient(self, theta: Floats) -> Floats:
         """Return rows with gradients behind them."""
@@ -104,7 +105,7 @@ class CountedPosterior:
     def _count(self, function: Any, theta: Floats) -> Floats:
         single = np.ndim(theta) == 1
         results = function(np.asarray(theta)[None] if single else theta)
-        rows = count_failures(results, self._log, self._guarded.posterior)
+        rows = count_failures(results, self._log, self.posterior)
         return rows[0] if single else rows
 
 
