@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from ..interfaces import (
 )
 from ..likelihoods.normal import linearize_normal
 
+Sides: TypeAlias = tuple[tuple[float, ...], ...]
+
 # Of the prior's scale: eigenvalues that are good to 1e-10 then give derivatives that
 # are good to 1e-5, those of dense solvers to 1e-9, and curvature costs about as much.
 STEP = 3e-5
@@ -24,28 +26,37 @@ WIDE = 1e-3  # of second derivatives of the prior, from first ones
 ALONG = 6e-6  # relative change of a response, where no solve adds noise
 DRAWS = 256
 # Central where both points are inside, else one-sided with the same order.
-SIDES = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
+SIDES: Sides = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
+ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves; good to about 1e-4
 
 
 class Stencil(NamedTuple):
     """Points about each parameter set at which its derivatives are taken.
 
     Attributes:
-        points: ``(n * (2 d + 1), d)``, the centre first.
-        steps: Two steps along each parameter, ``(n, 2, d)``; NaN where none is inside.
+        points: ``(n * (k d + 1), d)``, the centre first.
+        steps: k steps along each parameter, 1 or 2, ``(n, k, d)``; NaN where none is
+            inside.
     """
 
     points: Floats
     steps: Floats
 
+    @property
+    def size(self) -> int:
+        """How many points there are about each parameter set, and it."""
+        return 1 + int(np.prod(self.steps.shape[1:]))
+
     def derive(self, values: Floats) -> Floats:
-        """Return derivatives ``(n, m, d)`` of values ``(n, 2 d + 1, m)``."""
+        """Return derivatives ``(n, m, d)`` of values ``(n, k d + 1, m)``."""
         d = self.steps.shape[2]
         with np.errstate(invalid="ignore"):  # of solves that failed
             changes = values[:, 1:] - values[:, :1]
         first, second = changes[:, :d].swapaxes(1, 2), changes[:, d:].swapaxes(1, 2)
-        a, b = self.steps[:, None, 0], self.steps[:, None, 1]
-        derivatives: Floats = (first * (b / a) - second * (a / b)) / (b - a)
+        a, b = self.steps[:, None, 0], self.steps[:, None, -1]
+        derivatives: Floats = first / a
+        if self.steps.shape[1] == 2:
+            derivatives = (first * (b / a) - second * (a / b)) / (b - a)
         return derivatives
 
 
@@ -65,20 +76,26 @@ def small_steps(prior: Prior, theta: Floats, scale: Floats) -> Floats:
     return steps
 
 
-def place(prior: Prior, theta: Floats, scale: Floats, step: float = STEP) -> Stencil:
+def place(
+    prior: Prior,
+    theta: Floats,
+    scale: Floats,
+    step: float = STEP,
+    sides: Sides = SIDES,
+) -> Stencil:
     """Return the points about ``theta (n, d)``, none outside the prior's support."""
-    n, d = theta.shape
-    points = np.repeat(theta[:, None], 2 * d + 1, axis=1)
-    steps = np.full((n, 2, d), np.nan)
+    (n, d), k = theta.shape, len(sides[0])
+    points = np.repeat(theta[:, None], k * d + 1, axis=1)
+    steps = np.full((n, k, d), np.nan)
     diagonal = np.arange(d)
     left = np.ones((n, d), dtype=bool)
-    for sides in SIDES:
-        trial = np.repeat(theta[:, None], 2 * d, axis=1).reshape(n, 2, d, d)
-        for side, sign in enumerate(sides):
+    for signs in sides:
+        trial = np.repeat(theta[:, None], k * d, axis=1).reshape(n, k, d, d)
+        for side, sign in enumerate(signs):
             trial[:, side, diagonal, diagonal] += sign * step * scale
-        density = prior.logpdf(trial.reshape(-1, d)).reshape(n, 2, d)
+        density = prior.logpdf(trial.reshape(-1, d)).reshape(n, k, d)
         row, column = np.nonzero(left & np.isfinite(density).all(axis=1))
-        for side in range(2):
+        for side in range(k):
             moved = trial[row, side, column]
             points[row, 1 + side * d + column] = moved
             steps[row, side, column] = (

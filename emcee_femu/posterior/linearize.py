@@ -13,6 +13,8 @@ import numpy as np
 from ..interfaces import Floats, Linearization, Parameters, SolveError, read
 from ..likelihoods.normal import linearize_normal
 from .differences import (
+    SIDES,
+    Sides,
     difference_density,
     difference_hessian,
     difference_term,
@@ -202,6 +204,7 @@ def difference(
     theta: Floats,
     evaluate: Callable[[Floats], Floats],
     information: bool,
+    sides: Sides = SIDES,
 ) -> Floats:
     """Return what :func:`linearize` does, from ``2 d + 1`` solves per point.
 
@@ -212,6 +215,7 @@ def difference(
         theta: Parameter sets ``(n, d)``.
         evaluate: What :func:`extend` does, perhaps on a pool.
         information: Whether it is wanted.
+        sides: Where the points are; of one side, ``d + 1`` solves.
     """
     n, d = theta.shape
     width = len(posterior.rejected())
@@ -221,8 +225,8 @@ def difference(
     if not supported.any():
         return np.hstack([rows, rest])
     inside = theta[supported]
-    stencil = place(posterior.prior, inside, posterior.scale)
-    extended = evaluate(stencil.points).reshape(len(inside), 2 * d + 1, -1)
+    stencil = place(posterior.prior, inside, posterior.scale, sides=sides)
+    extended = evaluate(stencil.points).reshape(len(inside), stencil.size, -1)
     rows[supported] = extended[:, 0, :width]
     derivatives = stencil.derive(extended)  # (n, columns, d)
     gradient = prior_gradient(posterior, inside)
@@ -245,14 +249,15 @@ def difference(
     )
     found = np.full((len(inside), rest.shape[1]), np.nan)
     chosen = [None if part is None else part[known] for part in scores]
-    found[known] = combine(
-        posterior,
-        inside[known],
-        rows[supported][known],
-        gradient[known],
-        chosen,
-        information,
-    )
+    if known.any():
+        found[known] = combine(
+            posterior,
+            inside[known],
+            rows[supported][known],
+            gradient[known],
+            chosen,
+            information,
+        )
     rest[supported] = found
     return np.hstack([rows, rest])
 

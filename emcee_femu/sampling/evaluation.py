@@ -7,6 +7,7 @@ import emcee
 import numpy as np
 
 from ..interfaces import Backend, Floats, Linearization
+from ..posterior.differences import ONE_SIDE
 from ..posterior.failures import FailureLog
 from ..posterior.linearize import difference, unstack
 from ..posterior.log_posterior import LogPosterior
@@ -82,15 +83,17 @@ class Evaluation:
     def linearize(self, theta: Floats) -> Linearization:
         """Return what :meth:`LogPosterior.linearize` does, evaluated in the same way.
 
-        Where a solve failed the row is -inf and the gradient NaN. Of finite differences
-        all points go to the pool at once; one that failed beside a point leaves the
-        point its row, and NaN for the gradient.
+        Where a solve failed the row is -inf and the gradient NaN. Finite differences
+        are one-sided here, d + 1 solves a point, good to about 1e-4: enough to search
+        by. All points go to the pool at once; one that failed beside a point leaves
+        the point its row, and NaN for the gradient.
         """
         if self.posterior.differentiable:
             self._count(theta)
             stacked = self._map(self.function.stack_linearization, theta)
         else:
-            stacked = difference(self.posterior, theta, self._deviations, True)
+            points = self._deviations
+            stacked = difference(self.posterior, theta, points, True, ONE_SIDE)
         return unstack(self.posterior, stacked)
 
     def _deviations(self, theta: Floats) -> Floats:
