@@ -1,6 +1,6 @@
 """Lumped masses joined by springs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
+from .eigen.sensitivity import Derivatives, unit_slopes
 from .parameters import check_mapping, check_positive, choose_dofs
 
 Spring = tuple[int, int, float | str]
@@ -98,6 +99,27 @@ class MassSpringModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
+        return self._problem.solve(*self._coefficients(parameters))
+
+    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
+        """Return the response and its derivatives by the stiffnesses that are given.
+
+        ``{"frequency": {name: (n, n_masses)}, "shapes": {name: (n, n_dof, n_masses)}}``
+        in Hz per N/m and so on, from one solve.
+
+        Raises:
+            ValueError: As a call does, or if modes coincide that part as a parameter
+                changes; see :meth:`MatrixModel.jacobian`.
+        """
+        k, m, describe = self._coefficients(parameters)
+        every = unit_slopes(self.names, ())
+        slopes = {name: every[name] for name in self.names if name in parameters}
+        return self._problem.jacobian(k, m, slopes, describe)
+
+    def _coefficients(
+        self, parameters: Parameters
+    ) -> tuple[Floats, Floats, Callable[[int], str]]:
+        """Return the coefficients of K and M, and what names a parameter set."""
         parameters, n = checks.batch(parameters)
         k = np.empty((n, len(self.names)))
         k[:] = self._defaults
@@ -112,7 +134,7 @@ class MassSpringModel:
         def describe(row: int) -> str:
             return str(dict(zip(self.names, k[row].tolist(), strict=True)))
 
-        return self._problem.solve(k, np.empty((n, 0)), describe)
+        return k, np.empty((n, 0)), describe
 
 
 def _default_stiffnesses(springs: Mapping[str, Spring]) -> dict[str, float]:

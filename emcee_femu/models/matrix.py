@@ -1,6 +1,6 @@
 """Models of given stiffness and mass matrices, affine in the parameters."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import ModalSolution, Parameters, Variable, modal_variables
+from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from .eigen.dense import Eigenproblem, output_rows
+from .eigen.sensitivity import Derivatives, unit_slopes
 from .eigen.sparse import SparseEigenproblem, check_mass
 from .eigen.symmetric import sparse_symmetric, symmetric
 from .parameters import check_mapping, choose_dofs, columns, describe, read_batch
@@ -118,12 +119,28 @@ class MatrixModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
+        return self._problem.solve(*self._coefficients(parameters))
+
+    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
+        """Return the response and its derivatives by all parameters, from one solve.
+
+        ``{"frequency": {parameter: (n, n_modes)}, "shapes": {parameter: (n, n_dof,
+        n_modes)}}``, in Hz per unit of the parameter, of shapes that keep their signs.
+
+        Raises:
+            ValueError: As a call does, or if modes coincide that part as a parameter
+                changes: they have no derivatives there.
+        """
+        k, m, name_set = self._coefficients(parameters)
+        return self._problem.jacobian(k, m, unit_slopes(self.K, self.M), name_set)
+
+    def _coefficients(
+        self, parameters: Parameters
+    ) -> tuple[Floats, Floats, Callable[[int], str]]:
+        """Return the coefficients of K and M, and what names a parameter set."""
         values, n = read_batch(parameters, self.names)
-        return self._problem.solve(
-            columns(values, self.K, n),
-            columns(values, self.M, n),
-            partial(describe, values, self.names),
-        )
+        where = partial(describe, values, self.names)
+        return columns(values, self.K, n), columns(values, self.M, n), where
 
 
 def sparse_problem(model: MatrixModel) -> SparseEigenproblem:

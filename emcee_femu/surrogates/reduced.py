@@ -1,13 +1,14 @@
 """A model reduced to a few shapes, which knows its bounds and its certified error."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
-from ..interfaces import ModalSolution, Parameters, Variable, modal_variables
+from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from ..models.eigen.dense import Eigenproblem
+from ..models.eigen.sensitivity import Derivatives, unit_slopes
 from ..models.parameters import columns, describe, read_batch
 
 
@@ -89,6 +90,22 @@ class ReducedModel:
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
+        return self._problem.solve(*self._coefficients(parameters))
+
+    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
+        """Return the response and its derivatives, those of the reduced model.
+
+        Raises:
+            ValueError: As a call does, or if modes coincide that part as a parameter
+                changes; see :meth:`MatrixModel.jacobian`.
+        """
+        k, m, name_set = self._coefficients(parameters)
+        return self._problem.jacobian(k, m, unit_slopes(*self._columns), name_set)
+
+    def _coefficients(
+        self, parameters: Parameters
+    ) -> tuple[Floats, Floats, Callable[[int], str]]:
+        """Return the coefficients of K and M, and what names a parameter set."""
         values, n = read_batch(parameters, self.names)
         for name, (low, high) in self.bounds.items():
             value = values[name]
@@ -101,4 +118,4 @@ class ReducedModel:
                     "wider bounds, or give its prior these bounds"
                 )
         k, m = (columns(values, names, n) for names in self._columns)
-        return self._problem.solve(k, m, partial(describe, values, self.names))
+        return k, m, partial(describe, values, self.names)

@@ -9,8 +9,16 @@ import numpy as np
 
 from ... import checks
 from ...interfaces import Floats, ModalSolution
+from .sensitivity import (
+    EPS,
+    Blocks,
+    Derivatives,
+    Modes,
+    Slopes,
+    collect,
+    differentiate,
+)
 
-EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
 
 
@@ -40,16 +48,19 @@ class Eigenproblem:
     skip: int = 0
     shapes: bool = False
     output: Floats | None = field(default=None, repr=False)
+    _units: tuple[Blocks, Blocks] = field(init=False, repr=False)
+    _basis: Floats | None = field(init=False, repr=False)
     _to_dof: Floats | None = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Fold a constant mass matrix into the stiffness."""
-        if len(self.M) > 1:
-            checks.set_fields(self, _to_dof=None)
-            return
-        inverse = np.linalg.inv(np.linalg.cholesky(self.M[0]))
-        K = inverse @ self.K @ inverse.T
-        checks.set_fields(self, K=K, _to_dof=self._report(inverse.T))
+        units = collect(self.K[1:]), collect(self.M[1:])
+        checks.set_fields(self, _units=units, _basis=None, _to_dof=None)
+        if len(self.M) == 1:
+            inverse = np.linalg.inv(np.linalg.cholesky(self.M[0]))
+            K = inverse @ self.K @ inverse.T
+            to_dof = self._report(inverse.T)
+            checks.set_fields(self, K=K, _basis=inverse.T, _to_dof=to_dof)
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
@@ -58,23 +69,53 @@ class Eigenproblem:
 
         ``describe(i)`` names parameter set i in an error message.
         """
+        eigenvalues, y, basis = self._decompose(k, m, describe, self.shapes)
+        return self._read(eigenvalues, y if self.shapes else None, basis)
+
+    def jacobian(
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Callable[[int], str]
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Return what :meth:`solve` does, and its derivatives, from one solve.
+
+        ``slopes`` say how ``k`` and ``m`` change with each parameter.
+        """
+        eigenvalues, y, basis = self._decompose(k, m, describe, True)
+        shapes = basis @ y
+        reported = None if not self.shapes else self._report(shapes)
+        modes = Modes(eigenvalues, shapes, reported, self.selected, self.skip, describe)
+        solution = self._read(eigenvalues, y if self.shapes else None, basis)
+        return solution, differentiate(modes, *self._units, slopes)
+
+    def _decompose(
+        self, k: Floats, m: Floats, describe: Callable[[int], str], vectors: bool
+    ) -> tuple[Floats, Any, Floats]:
+        """Return eigenvalues, eigenvectors y of A, or None, and ``L^-T``."""
         A = _combine(self.K, k)
-        to_dof = self._to_dof
-        if to_dof is None:
+        basis = self._basis
+        if basis is None:
             inverse = self._inverse_factor(m, describe)
-            A = inverse @ A @ inverse.transpose(0, 2, 1)
-            to_dof = self._report(inverse.transpose(0, 2, 1))
+            basis = inverse.transpose(0, 2, 1)
+            A = inverse @ A @ basis
         try:
-            eigenvalues, y = (
-                np.linalg.eigh(A) if self.shapes else (np.linalg.eigvalsh(A), None)
+            found: tuple[Any, Any] = (
+                np.linalg.eigh(A) if vectors else (np.linalg.eigvalsh(A), None)
             )
         except np.linalg.LinAlgError:  # infinite or NaN entries
             bad = int(np.argmin(np.isfinite(A).all(axis=(1, 2))))
             raise ValueError(f"parameters: no eigenvalues at {describe(bad)}") from None
+        eigenvalues, y = found
         # What a zero eigenvalue may come out as; grows like a random walk.
         rounding = 10 * EPS * math.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1]
         check_elastic(eigenvalues, rounding, self.skip, describe)
-        shapes = None if y is None else to_dof @ y.take(self.selected, axis=2)
+        return eigenvalues, y, basis
+
+    def _read(
+        self, eigenvalues: Floats, y: Floats | None, basis: Floats
+    ) -> ModalSolution:
+        shapes = None
+        if y is not None:
+            to_dof = self._report(basis) if self._to_dof is None else self._to_dof
+            shapes = to_dof @ y.take(self.selected, axis=2)
         # Contiguous rows: a sum over modes must round alike for one row and for many.
         frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1))
         frequencies /= 2 * np.pi
@@ -140,7 +181,9 @@ def _combine(terms: Floats, coefficients: Floats) -> Floats:
         return np.broadcast_to(terms[0], (n, size, size))
     # One row at a time inside matmul: a (n, n_k) @ (n_k, N^2) product rounds
     # differently with n, and a pool must give the same bits as one vectorised call.
-    rows = coefficients[:, None, :] @ terms[1:].reshape(n_terms - 1, -1)
+    # Contiguous, or matmul sums rows of a batch by other means than a row alone.
+    rows = np.ascontiguousarray(coefficients)[:, None, :]
+    rows = rows @ terms[1:].reshape(n_terms - 1, -1)
     result: Floats = rows.reshape(n, size, size)
     result += terms[0]
     return result

@@ -12,7 +12,9 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from ... import checks
 from ...interfaces import Floats, ModalSolution
-from .dense import EPS, check_elastic
+from .dense import check_elastic
+from .nelson import Pairs, collect_sparse, differentiate_pairs
+from .sensitivity import EPS, Derivatives, Slopes, at_row, by_name
 from .sparse_sum import SparseSum
 
 TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
@@ -85,6 +87,40 @@ class SparseEigenproblem:
             frequencies[i] = np.sqrt(eigenvalues[self.skip :]) / (2 * np.pi)
             shapes[i] = vectors[dofs, self.skip :]
         return ModalSolution(frequencies, shapes if self.dofs else None)
+
+    def jacobian(
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Callable[[int], str]
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Return what :meth:`solve` does, and its derivatives, from one solve.
+
+        Frequencies cost next to nothing, shapes a factorisation for each mode.
+        ``slopes`` say how ``k`` and ``m`` change with each parameter.
+        """
+        count = self.skip + self.n_modes
+        units = collect_sparse(self.K[1:]), collect_sparse(self.M[1:])
+        dofs = np.array(self.dofs, dtype=np.intp)
+        frequencies = np.empty((len(k), self.n_modes))
+        shapes = np.empty((len(k), len(dofs), self.n_modes))
+        changes = np.empty((len(k), len(slopes), self.n_modes))
+        turns = np.empty((len(k), len(slopes), *shapes.shape[1:]))
+        for i, (own_k, own_m) in enumerate(zip(k, m, strict=True)):
+            eigenvalues, vectors = self.lowest(own_k, own_m, count, describe(i))
+            frequencies[i] = np.sqrt(eigenvalues[self.skip :]) / (2 * np.pi)
+            shapes[i] = vectors[dofs, self.skip :]
+            pairs = Pairs(
+                self.stiffness(own_k),
+                self.mass(own_m),
+                eigenvalues[self.skip :],
+                vectors[:, self.skip :],
+                describe(i),
+            )
+            own = {name: at_row(slope, i) for name, slope in slopes.items()}
+            changes[i], turns[i] = differentiate_pairs(pairs, units, own, dofs)
+        changes /= 8 * np.pi**2 * frequencies[:, None]
+        derivatives = {"frequency": by_name(slopes, changes)}
+        if self.dofs:
+            derivatives["shapes"] = by_name(slopes, turns)
+        return ModalSolution(frequencies, shapes if self.dofs else None), derivatives
 
     def lowest(
         self, k: Floats, m: Floats, count: int, where: str

@@ -1,6 +1,6 @@
 """3-D Euler-Bernoulli frames: assembly, supports and named parameters."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from ... import checks
 from ...interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from ..eigen.dense import Eigenproblem, output_rows
+from ..eigen.sensitivity import Derivatives, Weight
 from ..parameters import check_positive, choose_dofs, describe, read_batch
 from .assembly import DOFS, Element, Terms, assemble, check_elements, free_dofs, split
 from .section import Section
@@ -121,6 +122,33 @@ class FrameModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
+        _, k, m, name_set = self._read(parameters)
+        return self._problem.solve(k, m, name_set)
+
+    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
+        """Return the response and its derivatives by all parameters, from one solve.
+
+        Exact also where one parameter multiplies another, as E and A do, or is in
+        several sections: the matrices are affine in the products.
+
+        Raises:
+            ValueError: As a call does, or if modes coincide that part as a parameter
+                changes; see :meth:`MatrixModel.jacobian`.
+        """
+        values, k, m, name_set = self._read(parameters)
+        slopes: dict[str, tuple[dict[int, Weight], dict[int, Weight]]]
+        slopes = {name: ({}, {}) for name in self.names}
+        for which, terms in enumerate((self._stiffness, self._mass)):
+            for number, (section, kind) in enumerate(terms):
+                own = self.sections[section].slopes(kind, values)
+                for name, change in own.items():
+                    slopes[name][which][number] = change
+        return self._problem.jacobian(k, m, slopes, name_set)
+
+    def _read(
+        self, parameters: Parameters
+    ) -> tuple[Parameters, Floats, Floats, Callable[[int], str]]:
+        """Return the values, coefficients of K and M, and what names a set."""
         values, n = read_batch(parameters, self.names)
         check_positive(values, self.names, "section property")
 
@@ -128,11 +156,8 @@ class FrameModel:
             columns = [self.sections[s].coefficient(k, values) for s, k in terms]
             return np.array(columns).reshape(len(terms), n).T
 
-        return self._problem.solve(
-            coefficients(self._stiffness),
-            coefficients(self._mass),
-            partial(describe, values, self.names),
-        )
+        where = partial(describe, values, self.names)
+        return values, coefficients(self._stiffness), coefficients(self._mass), where
 
 
 def _choose_modes(

@@ -1,5 +1,6 @@
 """Sections of bars, whose properties are numbers or named parameters."""
 
+import math
 from dataclasses import dataclass, fields
 
 from ... import checks
@@ -74,14 +75,35 @@ class Section:
         Products of parameters are exact: the matrices are affine in these
         coefficients, whichever properties vary.
         """
-
-        def value(name: str) -> Floats | float:
-            given = getattr(self, name)
-            return parameters[given] if isinstance(given, str) else float(given)
-
         if kind == "rhoI":
-            return value("rho") * (value("Iy") + value("Iz"))
+            return self._value("rho", parameters) * (
+                self._value("Iy", parameters) + self._value("Iz", parameters)
+            )
         product: Floats | float = 1.0
         for name in KINDS[kind]:
-            product = product * value(name)
+            product = product * self._value(name, parameters)
         return product
+
+    def slopes(self, kind: str, parameters: Parameters) -> dict[str, Floats | float]:
+        """Return the derivative of a coefficient by each parameter that it depends on.
+
+        Each is ``(n,)`` or a number; a parameter that is the value of several
+        properties gets the sum over them.
+        """
+        values = {name: self._value(name, parameters) for name in KINDS[kind]}
+        total: dict[str, Floats | float] = {}
+        for name in values:
+            parameter = getattr(self, name)
+            if not isinstance(parameter, str):
+                continue
+            if kind == "rhoI":
+                change = values["Iy"] + values["Iz"] if name == "rho" else values["rho"]
+            else:
+                others = [value for other, value in values.items() if other != name]
+                change = math.prod(others, start=1.0)
+            total[parameter] = total.get(parameter, 0.0) + change
+        return total
+
+    def _value(self, name: str, parameters: Parameters) -> Floats | float:
+        given = getattr(self, name)
+        return parameters[given] if isinstance(given, str) else float(given)

@@ -1,0 +1,321 @@
+"""Derivatives of frequencies and shapes, of every modal model."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import sparse
+from support.derivatives import assert_jacobian, assert_jacobian_batch_is_a_loop
+from support.reduced_beam import BOUNDS, OPTIONS, beam, draws, reduce
+
+from emcee_femu import FrameModel, MassSpringModel, MatrixModel, Section
+
+SIZE = 9
+
+
+def spd(rng):
+    root = rng.normal(size=(SIZE, SIZE))
+    return root @ root.T + SIZE * np.eye(SIZE)
+
+
+def draw(names, n=4, seed=5):
+    rng = np.random.default_rng(seed)
+    return {name: rng.uniform(0.5, 2.0, n) for name in names}
+
+
+def chain(n, first=True):
+    """The unit matrices of the springs of a chain that stands on the ground."""
+    units = {}
+    for i in range(0 if first else 1, n):
+        b = np.zeros(n)
+        b[i] = 1.0
+        if i:
+            b[i - 1] = -1.0
+        units[f"k{i + 1}"] = np.outer(b, b)
+    return units
+
+
+def masses(n):
+    return {f"m{i + 1}": np.diag(np.eye(n)[i]) for i in range(n)}
+
+
+FREE = [*chain(7, first=False), *masses(7)]
+
+
+def mass_spring(shapes=(2, 0)):
+    springs = {
+        "k1": (0, 1, 1.0), "k2": (1, 2, 0.5), "k3": (2, 3, 0.7), "k4": (3, 4, 0.3),
+        "k5": (1, 4, "k2"),
+    }  # fmt: skip
+    return MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=shapes)
+
+
+def frame(supports, skip=0):
+    twist = 50.0 if skip else "GJ"
+    column = Section(
+        E="E", GJ=twist, rho="rho", A="A", Iy="I", Iz="I", orientation=(0, 1, 0.3)
+    )
+    beams = Section(
+        E="E", GJ=700.0, rho=2700.0, A="A2", Iy=2e-9, Iz="Iz", orientation=(1, 0, 0.3)
+    )
+    points = [(0, 0, 0), (0, 0, 0.2), (0.3, 0, 0.2), (0.3, 0.2, 0), (0.5, 0.1, 0.2)]
+    elements = [(0, 1, "column"), (1, 2, "beam"), (2, 3, "column"), (2, 4, "beam")]
+    return FrameModel(
+        points, elements, {"column": column, "beam": beams}, supports,
+        modes=[1, 2, 4, 5], skip=skip, shapes=["1:ux", "2:uy", "4:uz", "4:rx"],
+    )  # fmt: skip
+
+
+def frame_parameters(free=False, n=3):
+    middle = {"E": 7e10, "GJ": 50.0, "rho": 2700.0, "A": 3e-4, "I": 3e-9}
+    middle |= {"A2": 3e-4, "Iz": 3e-9}
+    if free:  # their lowest modes twist nothing
+        del middle["GJ"]
+    rng = np.random.default_rng(7)
+    return {name: v * rng.uniform(0.8, 1.2, n) for name, v in middle.items()}
+
+
+def dense(K_names, M_names, **options):
+    rng = np.random.default_rng(6)
+    K, M = ({name: spd(rng) for name in names} for names in (K_names, M_names))
+    return MatrixModel(
+        30 * spd(rng), spd(rng), K, M, **{"n_modes": 4, "shapes": [1, 5]} | options
+    )
+
+
+def free_chain(kind):
+    n = 7
+    K, M = chain(n, first=False), masses(n)
+    kinds = {name: kind(unit) for name, unit in K.items()}
+    M0 = 0.5 * np.eye(n)
+    M = {name: kind(unit) for name, unit in M.items()}
+    return MatrixModel(
+        kind(np.zeros((n, n))), kind(M0), kinds, M, n_modes=4, skip=1, shapes=True
+    )
+
+
+def loaded_beam(lumped, free=False):
+    K0, M0, K = beam(free, lumped)
+    load = sparse.csc_array(([1.0], ([100], [100])), shape=K0.shape)
+    return MatrixModel(K0, M0, K, {"load": load}, skip=2 * free, **OPTIONS)
+
+
+def beam_parameters(free):
+    own = {
+        name: pair for name, pair in BOUNDS.items() if not (free and name == "spring")
+    }
+    return draws(2, own | {"load": (0.05, 0.2)})
+
+
+CASES = {
+    "mass-spring": (mass_spring, lambda: draw(("k1", "k2", "k4"))),
+    "mass-spring, frequencies": (lambda: mass_spring(False), lambda: draw(("k3",))),
+    "dense K": (lambda: dense("ab", ""), lambda: draw("ab")),
+    "dense M": (lambda: dense("", "cd"), lambda: draw("cd")),
+    "dense K and M": (lambda: dense("abc", "bd"), lambda: draw("abcd")),
+    "dense, frequencies": (
+        lambda: dense("abc", "bd", shapes=False),
+        lambda: draw("abcd"),
+    ),
+    "dense, all modes": (
+        lambda: dense("ab", "bc", n_modes=SIZE, shapes=True),
+        lambda: draw("abc"),
+    ),
+    "dense, skip": (lambda: free_chain(np.asarray), lambda: draw(FREE)),
+    "sparse": (lambda: loaded_beam(False), lambda: beam_parameters(False)),
+    "sparse, massless": (lambda: loaded_beam(True), lambda: beam_parameters(False)),
+    "sparse, free": (lambda: loaded_beam(True, True), lambda: beam_parameters(True)),
+    "frame": (lambda: frame({0: "all", 3: "all"}), frame_parameters),
+    "free frame": (lambda: frame(None, 6), lambda: frame_parameters(True)),
+    "reduced": (lambda: reduced_beam(), lambda: draws(3)),
+}
+
+
+@cache
+def reduced_beam():
+    return reduce(MatrixModel(*beam(), **OPTIONS), BOUNDS)
+
+
+@pytest.mark.parametrize("case", list(CASES))
+def test_derivatives_are_those_of_differences(case):
+    model, parameters = (make() for make in CASES[case])
+    slender = isinstance(model, FrameModel) or "left" in parameters
+    step = 6e-3 if slender else 1e-3  # slender beams round more
+    assert_jacobian(model, parameters, step)
+
+
+@pytest.mark.parametrize("case", list(CASES))
+def test_a_batch_equals_a_loop_to_the_bit(case):
+    model, parameters = (make() for make in CASES[case])
+    assert_jacobian_batch_is_a_loop(model, parameters)
+
+
+# --- closed forms
+
+
+def test_two_masses_in_closed_form():
+    model = MassSpringModel(
+        [1.0, 1.0], {"k1": (0, 1, 1.0), "k2": (1, 2, 1.0)}, shapes=True
+    )
+    p = draw(("k1", "k2"))
+    k1, k2 = p["k1"], p["k2"]
+    response, derivatives = model.jacobian(p)
+    root = np.sqrt(k1**2 + 4 * k2**2)
+    slopes = {"k1": (1, k1 / root), "k2": (2, 4 * k2 / root)}
+    turn = {"k1": -k2 / root**2, "k2": k1 / root**2}  # of the shapes, in radians
+    for name, (mean, half) in slopes.items():
+        of_lambda = np.column_stack([mean - half, mean + half]) / 2
+        expected = of_lambda / (8 * np.pi**2 * response.frequency)
+        np.testing.assert_allclose(derivatives["frequency"][name], expected, rtol=1e-10)
+        turned = response.shapes[:, ::-1] * np.array([1.0, -1.0])[:, None]
+        expected = turned * turn[name][:, None, None]
+        np.testing.assert_allclose(derivatives["shapes"][name], expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_a_uniform_chain_in_closed_form(kind):
+    # Eigenvalues change by the square of a spring's stretch, and by -lambda phi^2 of a
+    # mass; all masses together scale the shapes.
+    n, modes = 25, 4
+    K = {name: kind(unit) for name, unit in chain(n).items()}
+    own = {name: kind(unit) for name, unit in masses(n).items()}
+    M = own | {"all": kind(np.eye(n))}
+    zero = kind(np.zeros((n, n)))
+    model = MatrixModel(zero, zero, K, M, n_modes=modes, shapes=True)
+    p = {name: np.array([100.0]) for name in K}
+    p |= {name: np.array([0.5]) for name in own} | {"all": np.array([1.5])}
+    number = (2 * np.arange(1, modes + 1) - 1) * np.pi / (2 * n + 1)
+    phi = np.sin(np.outer(np.arange(n + 1), number)) * 2 / np.sqrt(2 * (2 * n + 1))
+    eigenvalues = 200 * np.sin(number / 2) ** 2
+    response, derivatives = model.jacobian(p)
+    f = np.sqrt(eigenvalues) / (2 * np.pi)
+    np.testing.assert_allclose(response.frequency[0], f, rtol=1e-9)
+    for i in range(1, n + 1):
+        stretch = (phi[i] - phi[i - 1]) ** 2 / (8 * np.pi**2 * f)
+        got = derivatives["frequency"][f"k{i}"][0]
+        np.testing.assert_allclose(got, stretch, rtol=1e-7, atol=1e-9 * stretch.max())
+        inertia = -eigenvalues * phi[i] ** 2 / (8 * np.pi**2 * f)
+        got = derivatives["frequency"][f"m{i}"][0]
+        np.testing.assert_allclose(got, inertia, rtol=1e-7, atol=1e-14)
+    got = derivatives["shapes"]["all"]
+    np.testing.assert_allclose(got, -response.shapes / (2 * 2.0), atol=1e-9)
+
+
+def fixed_chain(kind):
+    K = {name: kind(unit) for name, unit in chain(30).items()}
+    load = kind(np.diag(np.eye(30)[20]))
+    zero, eye = kind(np.zeros((30, 30))), kind(np.eye(30))
+    return MatrixModel(zero, eye, K, {"load": load}, n_modes=4, shapes=[3, 29])
+
+
+@pytest.mark.parametrize(
+    ("make", "names"), [(fixed_chain, [*chain(30), "load"]), (free_chain, FREE)]
+)
+def test_sparse_and_dense_matrices_have_the_same_derivatives(make, names):
+    parameters = draw(names, 2)
+    results = [
+        make(kind).jacobian(parameters) for kind in (np.asarray, sparse.csc_array)
+    ]
+    shapes = [response.shapes for response, _ in results]
+    signs = np.sign((shapes[0] * shapes[1]).sum(axis=1, keepdims=True))
+    for name in names:
+        one, other = (derivatives["shapes"][name] for _, derivatives in results)
+        np.testing.assert_allclose(one, other * signs, atol=1e-7)
+        one, other = (derivatives["frequency"][name] for _, derivatives in results)
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+# --- what is differentiated, and what is not
+
+
+def test_springs_that_are_not_given_have_no_derivative():
+    model = mass_spring()
+    _, derivatives = model.jacobian({"k4": np.ones(2)})
+    assert {name: [*of] for name, of in derivatives.items()} == {
+        "frequency": ["k4"], "shapes": ["k4"],
+    }  # fmt: skip
+    assert "shapes" not in mass_spring(False).jacobian({"k4": np.ones(2)})[1]
+
+
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_a_model_without_parameters_has_none(kind):
+    K = sum(chain(30).values())
+    model = MatrixModel(kind(K), kind(np.eye(30)), {}, n_modes=2, shapes=[3])
+    response, derivatives = model.jacobian({})
+    assert derivatives == {"frequency": {}, "shapes": {}}
+    np.testing.assert_array_equal(response.frequency, model({}).frequency)
+
+
+def test_what_a_call_refuses_is_refused():
+    with pytest.raises(ValueError, match="stiffness 'k1' must be above zero"):
+        mass_spring().jacobian({"k1": np.array([-1.0])})
+    with pytest.raises(ValueError, match=r"no value for \['b'\]"):
+        dense("ab", "").jacobian({"a": np.ones(1)})
+    with pytest.raises(ValueError, match="not elastic"):
+        loaded_beam(True).jacobian(
+            beam_parameters(False) | {"left": np.array([-1.0, 1.0])}
+        )
+
+
+# --- modes that coincide
+
+
+def twins(kind, n_modes, tied, size=30):
+    """Two equal chains side by side: all their modes are double."""
+    one, zero = sum(chain(size).values()), np.zeros((size, size))
+    left, right = (
+        np.block([[a * one, zero], [zero, b * one]]) for a, b in ((1, 0), (0, 1))
+    )
+    K = {"k": kind(left + right)} if tied else {"a": kind(left), "b": kind(right)}
+    M0, M = kind(np.eye(2 * size)), {"m": kind(np.eye(2 * size))}
+    nothing = kind(np.zeros((2 * size, 2 * size)))
+    return MatrixModel(nothing, 0.5 * M0, K, M, n_modes=n_modes, shapes=True)
+
+
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_modes_that_coincide_and_stay_together_have_derivatives(kind):
+    model = twins(kind, 4, tied=True)
+    p = {"k": np.array([3.0, 5.0]), "m": np.array([0.5, 0.7])}
+    response, derivatives = model.jacobian(p)
+    f = response.frequency
+    np.testing.assert_allclose(f[:, ::2], f[:, 1::2], rtol=1e-9)
+    by_k, by_m = (derivatives["frequency"][name] for name in "km")
+    np.testing.assert_allclose(by_k, f / (2 * p["k"])[:, None], rtol=1e-7)
+    total = 0.5 + p["m"][:, None]
+    np.testing.assert_allclose(by_m, -f / (2 * total), rtol=1e-7)
+    # Nothing turns: stiffness leaves the shapes, mass scales them.
+    np.testing.assert_allclose(derivatives["shapes"]["k"], 0.0, atol=1e-7)
+    expected = -response.shapes / (2 * total[..., None])
+    np.testing.assert_allclose(derivatives["shapes"]["m"], expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("n_modes", [1, 2])
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_modes_that_coincide_and_part_are_named(kind, n_modes):
+    model = twins(kind, n_modes, tied=False)
+    p = {"a": np.array([3.0, 5.0]), "b": np.array([4.0, 5.0]), "m": np.ones(2)}
+    message = r"modes 1 and 2 coincide \(0.0\d+ Hz\) at \{'a': 5.0, .* as 'a' changes"
+    if n_modes == 1 and kind is not np.asarray:
+        message = r"mode 1 coincides with one above it.* at \{'a': 5.0.*n_modes=2"
+    with pytest.raises(ValueError, match=message):
+        model.jacobian(p)
+    near = p | {"b": p["b"] * (1 + 1e-6)}  # the remedy
+    derivatives = model.jacobian(near)[1]
+    np.testing.assert_allclose(derivatives["shapes"]["a"], 0.0, atol=1e-3)
+    first = model.jacobian(near)[0].frequency[1, 0] / (2 * 5.0)
+    np.testing.assert_allclose(derivatives["frequency"]["a"][1, 0], first, rtol=1e-6)
+
+
+def test_a_square_bar_whose_two_directions_are_tied():
+    def bar(Iy, Iz):
+        section = Section(E=7e10, GJ=700.0, rho=2700.0, A=3e-4, Iy=Iy, Iz=Iz)
+        points = [(x, 0, 0) for x in np.linspace(0, 1, 5)]
+        elements = [(i, i + 1, "bar") for i in range(4)]
+        return FrameModel(points, elements, {"bar": section}, {0: "all"}, n_modes=4)
+
+    I = np.array([2e-9, 3e-9])  # noqa: E741
+    response, derivatives = bar("I", "I").jacobian({"I": I})
+    expected = response.frequency / (2 * I[:, None])
+    np.testing.assert_allclose(derivatives["frequency"]["I"], expected, rtol=1e-6)
+    with pytest.raises(ValueError, match="modes 1 and 2 coincide .* as 'Iy' changes"):
+        bar("Iy", "Iz").jacobian({"Iy": I, "Iz": I})
