@@ -6,16 +6,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ..interfaces import Floats
-from .local_shape import (
-    Asking,
-    Differences,
-    Local,
-    Reply,
-    Request,
-    Scheme,
-    find_scheme,
-    read,
-)
+from .local_shape import Asking, Differences, Local, Reply, Request, Scheme
 from .quadratic import find_damping, make_positive, step_within, update_secant
 
 GAIN = 1e-3  # of log-posterior still to be had: 0.045 standard deviations from the top
@@ -33,7 +24,6 @@ class Summit(NamedTuple):
     """Where a climb ended, in standard deviations of the prior, and why."""
 
     local: Local
-    scheme: Scheme
     message: str
     converged: bool = False
 
@@ -41,22 +31,31 @@ class Summit(NamedTuple):
 Climb: TypeAlias = Generator[Request, Reply, Summit]
 
 
-def ascend(point: Floats, box: Floats, known: Summit | None) -> Climb:
+def ascend(
+    scheme: Scheme,
+    box: Floats,
+    point: Floats,
+    old: Local | None = None,
+    known: Summit | None = None,
+) -> Climb:
     """Climb from a point inside a box; ask for evaluations, return the summit.
 
     Args:
-        point: ``(d,)``.
+        scheme: How gradients and curvatures are had.
         box: Bounds ``(d, 2)``.
-        known: Where an earlier climb ended: it tells what a gradient costs, and its
-            curvature is the first guess of one that costs many solves.
+        point: ``(d,)``.
+        old: The point, if it was evaluated.
+        known: Where an earlier climb ended: its curvature is the first guess of one
+            that costs many solves.
     """
-    local, scheme = yield from _begin(point, box, known)
-    if not np.isfinite(local.value):
-        return Summit(
-            local, scheme, "the posterior is zero at the start, or its solve failed"
-        )
-    if not np.isfinite(local.gradient).all():
-        return Summit(local, scheme, "a solve beside the start failed")
+    local = old
+    if local is None or isinstance(scheme, Differences):
+        guess = old if known is None else known.local
+        local = yield from scheme.look(point, box, guess)
+    if not local.usable:
+        return refuse(local)
+    if local.curvature is None and known is not None:
+        local = local._replace(curvature=known.local.curvature)
     if local.curvature is None:
         local = yield from scheme.bend(local, box)
     radius = float("inf")
@@ -71,7 +70,7 @@ def ascend(point: Floats, box: Floats, known: Summit | None) -> Climb:
             continue
         uphill = local.gradient if gain >= GAIN else _leave_saddle(local, box)
         if uphill is None:
-            return Summit(local, scheme, "converged", converged=True)
+            return Summit(local, "converged", converged=True)
         damping = find_damping(uphill, curvature, radius)
         damped = curvature + damping * np.eye(len(point))
         step, _ = step_within(uphill, damped, *room)
@@ -88,25 +87,15 @@ def ascend(point: Floats, box: Floats, known: Summit | None) -> Climb:
         else:
             radius = SHORTER * length
         if predicted < GAIN and ratio < GOOD and damping and local.fresh:
-            return Summit(local, scheme, "no step gains", gain < NOISE)
-    return Summit(local, scheme, f"not converged after {MOST_STEPS} steps")
+            return Summit(local, "no step gains", gain < NOISE)
+    return Summit(local, f"not converged after {MOST_STEPS} steps")
 
 
-def _begin(
-    point: Floats, box: Floats, known: Summit | None
-) -> Generator[Request, Reply, tuple[Local, Scheme]]:
-    """Look at the start, and find what a gradient costs."""
-    if known is not None:
-        old = known.local
-        local = yield from known.scheme.look(point, box, old)
-        if local.curvature is None:
-            local = local._replace(curvature=old.curvature)
-        return local, known.scheme
-    reply = yield Request("linearize", point[None])
-    scheme = find_scheme(reply)
-    if isinstance(scheme, Differences):
-        return (yield from scheme.look(point, box, None)), scheme
-    return read(point, reply), scheme
+def refuse(local: Local) -> Summit:
+    """Return the end of a climb that did not begin."""
+    if np.isfinite(local.value):
+        return Summit(local, "a solve beside the start failed")
+    return Summit(local, "the posterior is zero at the start, or its solve failed")
 
 
 def _try(

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interfaces import Floats, Prior
-from .ascent import NOISE, Climb, Summit, ascend
+from .ascent import NOISE, Climb, Summit, ascend, refuse
 from .differences import prior_scale
 from .laplace import fit_covariance, log_integral
-from .local_shape import Reply, Request
+from .local_shape import Local, Reply, Request, find_scheme, read
 from .quadratic import make_positive
 
 SAME = 2.0  # standard deviations; two equal Gaussians so near have one top
@@ -85,17 +85,32 @@ def climb_each(evaluation: Any, starts: Floats, prior: Prior) -> list[Maximum]:
     """
     space = _Space(prior)
     points = np.asarray(starts, dtype=float) / space.sd
-    maxima: list[Maximum] = []
-    known = None
-    while len(maxima) < len(points):
-        done = len(maxima)
-        some = points[done : done + 1] if known is None else points[done:]
-        climbs = [ascend(point, space.box, known) for point in some]
-        ends = _advance(evaluation, climbs, space)
-        maxima += [space.maximum(summit, solves) for summit, solves in ends]
-        if np.isfinite(maxima[-1].log_evidence):
-            known = ends[0][0]
-    return maxima
+    ends: list[tuple[Summit, int]] = []
+    for point in points:  # the first that can be evaluated tells what a gradient costs
+        reply = space.evaluate(evaluation, "linearize", point[None])
+        first = read(point, reply)
+        if first.usable:
+            ends += _climb_all(evaluation, space, first, reply, points[len(ends) + 1 :])
+            break
+        ends.append((refuse(first), round(reply.cost)))
+    return [space.maximum(summit, solves) for summit, solves in ends]
+
+
+def _climb_all(
+    evaluation: Any, space: "_Space", first: Local, reply: Reply, others: Floats
+) -> list[tuple[Summit, int]]:
+    """Climb from a start that was evaluated, and from others, or then from others."""
+    scheme = find_scheme(reply)
+    begun = [ascend(scheme, space.box, first.point, old=first)]
+    if scheme.curvature_is_free:
+        begun += [ascend(scheme, space.box, point) for point in others]
+    ends = _advance(evaluation, begun, space)
+    summit, solves = ends[0]
+    ends[0] = summit, solves + round(reply.cost)
+    if not scheme.curvature_is_free:
+        rest = [ascend(scheme, space.box, p, known=summit) for p in others]
+        ends += _advance(evaluation, rest, space)
+    return ends
 
 
 def distinct(maxima: Sequence[Maximum]) -> list[list[int]]:
@@ -144,14 +159,12 @@ def _advance(
             some = {i: own.points for i, own in asked.items() if own.kind == kind}
             if not some:
                 continue
-            before = evaluation.solves
             answer = space.evaluate(evaluation, kind, np.concatenate([*some.values()]))
-            cost = (evaluation.solves - before) / len(answer.rows)
             stop = 0
             for number, points in some.items():
                 part, stop = slice(stop, stop + len(points)), stop + len(points)
-                solves[number] += cost * len(points)
-                send(number, answer.part(part, cost))
+                solves[number] += answer.cost * len(points)
+                send(number, answer.part(part))
     return [(ends[i], round(solves[i])) for i in range(len(climbs))]
 
 
@@ -170,20 +183,22 @@ class _Space:
 
     def evaluate(self, evaluation: Any, kind: str, points: Floats) -> Reply:
         """Return what an evaluation says of points, in these coordinates."""
+        before = evaluation.solves
+        found = getattr(evaluation, kind)(self.theta(points))
+        cost = (evaluation.solves - before) / len(points)
         if kind == "rows":
-            return Reply(evaluation.rows(self.theta(points)))
-        found = evaluation.linearize(self.theta(points))
+            return Reply(found, cost=cost)
         information = found.information
         if information is not None:
             information = information * np.outer(self.sd, self.sd)
-        return Reply(found.rows, found.gradient * self.sd, information)
+        return Reply(found.rows, found.gradient * self.sd, information, cost)
 
     def maximum(self, summit: Summit, solves: int) -> Maximum:
         """Return the maximum at a summit, with its Laplace approximation."""
         local = summit.local
         at_bound = (local.point[:, None] == self.box).any(axis=1)
         covariance, log_evidence = np.full((len(self.sd),) * 2, np.nan), -np.inf
-        if np.isfinite([local.value, *local.gradient]).all():
+        if local.usable:
             curvature = make_positive(local.curvature)
             gradient = local.gradient
             covariance = fit_covariance(gradient, curvature, at_bound)

@@ -31,13 +31,13 @@ class Reply(NamedTuple):
     information: Any = None
     cost: float = 0.0
 
-    def part(self, which: slice, cost: float) -> "Reply":
+    def part(self, which: slice) -> "Reply":
         """Return the reply to some of the points."""
         gradient, information = (
             None if array is None else array[which]
             for array in (self.gradient, self.information)
         )
-        return Reply(self.rows[which], gradient, information, cost)
+        return Reply(self.rows[which], gradient, information, self.cost)
 
 
 class Local(NamedTuple):
@@ -64,6 +64,11 @@ class Local(NamedTuple):
         """The log-posterior."""
         return float(self.row[0])
 
+    @property
+    def usable(self) -> bool:
+        """Whether nothing failed, here and beside."""
+        return bool(np.isfinite([self.value, *self.gradient]).all())
+
 
 Asking: TypeAlias = Generator[Request, Reply, Local]
 
@@ -72,6 +77,7 @@ class Scheme(Protocol):
     """How gradients and curvatures are had."""
 
     costly: bool  # whether a gradient costs more than a row
+    curvature_is_free: bool  # beside a gradient
 
     def look(self, point: Floats, box: Floats, old: Local | None) -> Asking:
         """Return row and gradient; old has the row already, or a curvature."""
@@ -89,6 +95,8 @@ def find_scheme(reply: Reply) -> Scheme:
 
 class Information:
     """The Fisher information comes with the gradient."""
+
+    curvature_is_free = True
 
     def __init__(self, costly: bool) -> None:
         self.costly = costly
@@ -108,6 +116,7 @@ class Gradients:
     """A gradient costs one solve, a curvature one for each parameter."""
 
     costly = False
+    curvature_is_free = False
 
     def look(self, point: Floats, box: Floats, old: Local | None) -> Asking:
         """Return the gradient."""
@@ -130,6 +139,7 @@ class Differences:
     """
 
     costly = True
+    curvature_is_free = False
 
     def look(self, point: Floats, box: Floats, old: Local | None) -> Asking:
         """Return gradient and diagonal of the curvature, by two points on each axis."""
