@@ -62,14 +62,14 @@ class IndependenceMove(ProposingMove):
         total = self.weights.sum()
         if abs(total - 1) > 1e-12:  # repr and pickle give these weights again
             self.weights /= total
-        self._factors = np.array(
+        self.factors = np.array(
             [factorize("scale_matrices", S) for S in self.scale_matrices]
         )
         # Rows scaled first: entries of one factor may differ by 1e22.
-        rows = np.abs(self._factors).max(axis=2)
-        self._inverses = np.linalg.inv(self._factors / rows[:, :, None])
-        self._inverses /= rows[:, None, :]
-        diagonals = np.diagonal(self._factors, axis1=1, axis2=2)
+        rows = np.abs(self.factors).max(axis=2)
+        self.inverses = np.linalg.inv(self.factors / rows[:, :, None])
+        self.inverses /= rows[:, None, :]
+        diagonals = np.diagonal(self.factors, axis1=1, axis2=2)
         self._log_constants = (
             np.log(self.weights)
             - np.log(diagonals).sum(axis=1)
@@ -118,14 +118,21 @@ class IndependenceMove(ProposingMove):
 
     def log_density(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of q at ``theta (n, ndim)``."""
-        ndim = theta.shape[1]
-        standard = (theta - self.means[:, None]) @ self._inverses.transpose(0, 2, 1)
-        distance = np.einsum("knd,knd->kn", standard, standard)
-        tails = np.log1p(distance / self.df)
-        log_parts = self._log_constants[:, None] - 0.5 * (self.df + ndim) * tails
+        log_parts = self.log_parts(theta)
         one = len(log_parts) == 1  # and logsumexp slow
         total: Floats = log_parts[0] if one else logsumexp(log_parts, axis=0)
         return total
+
+    def log_parts(self, theta: Floats) -> Floats:
+        """Return the log of each component's share of q at ``theta``, ``(k, n)``."""
+        ndim = theta.shape[1]
+        standard = (theta - self.means[:, None]) @ self.inverses.transpose(0, 2, 1)
+        distance = np.einsum("knd,knd->kn", standard, standard)
+        tails = np.log1p(distance / self.df)
+        log_parts: Floats = (
+            self._log_constants[:, None] - 0.5 * (self.df + ndim) * tails
+        )
+        return log_parts
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
         """Yield one draw of q for every walker."""
@@ -133,10 +140,10 @@ class IndependenceMove(ProposingMove):
         normal = random.standard_normal(coords.shape)
         normal *= np.sqrt(self.df / random.chisquare(self.df, n))[:, None]
         if len(self.weights) == 1:
-            proposed = normal @ self._factors[0].T + self.means[0]
+            proposed = normal @ self.factors[0].T + self.means[0]
         else:
             component = np.searchsorted(self._edges, random.random_sample(n))
-            proposed = np.einsum("nij,nj->ni", self._factors[component], normal)
+            proposed = np.einsum("nij,nj->ni", self.factors[component], normal)
             proposed += self.means[component]
         densities = self.log_density(np.concatenate([coords, proposed]))
         yield np.arange(n), proposed, densities[:n] - densities[n:]

@@ -13,6 +13,7 @@ from emcee_femu.moves import (
     SnookerMove,
 )
 from emcee_femu.moves.acceptance import ProposingMove
+from emcee_femu.moves.component_walk import ComponentWalk
 
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 UNIT, FAR = (1.0, 1.0, 1.0), (1e-8, 1.0, 1e8)  # areas beside stiffnesses
@@ -42,6 +43,15 @@ def badly_fitted(components):
     return make
 
 
+def walk(law, kind=ComponentWalk):
+    """Return a walk by a narrow and a wide component, beside each other."""
+    draws = law.sample(np.random.default_rng(1), (2_000,))
+    near = np.diag((0.25 * law.scale) ** 2)
+    means = draws.mean(axis=0) + np.outer([0.8, -0.8], law.scale)
+    mixture = IndependenceMove([0.5, 0.5], means, [near, 9.0 * near])
+    return kind(mixture, scale=0.8)
+
+
 CASES = [  # move, or what makes it for a target; walkers; dimension; scale
     *[(DEMCMove(**BOLD), n, 3, UNIT) for n in (4, 6, 32)],
     (DEMCMove(**BOLD), 10, 3, FAR),
@@ -55,7 +65,14 @@ CASES = [  # move, or what makes it for a target; walkers; dimension; scale
     (DEMCMove(randomize_split=False, **BOLD), 6, 3, UNIT),
     *[
         (make, n, 3, scale)
-        for make in (metropolis, correlated, tuned, badly_fitted(1), badly_fitted(3))
+        for make in (
+            metropolis,
+            correlated,
+            tuned,
+            badly_fitted(1),
+            badly_fitted(3),
+            walk,
+        )
         for n, scale in ((1, UNIT), (6, FAR))
     ],
     # The fewest legal walkers: in two splits, one after another; then many.
@@ -218,6 +235,14 @@ class OneTailForAll(IndependenceMove):
         return other.log_density(theta)
 
 
+class WalkWithoutFactor(ComponentWalk):
+    """Takes the step there for as likely as the step back."""
+
+    def batches(self, coords, random):
+        for walkers, proposed, _ in super().batches(coords, random):
+            yield walkers, proposed, None
+
+
 SHIFTED = Gaussian().sample(np.random.default_rng(1), (2_000,)) + 0.3
 MUTANTS = {  # move, target, walkers, dimension, ensembles
     "all from one generation": (Synchronous(**BOLD), "gaussian", 4, 3, 3_000),
@@ -233,6 +258,13 @@ MUTANTS = {  # move, target, walkers, dimension, ensembles
     "snooker of emcee 3.1.6": (Textbook(0.5, 0.5), "gaussian", 10, 5, 400),
     "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), "gaussian", 6, 3, 400),
     "another tail": (OneTailForAll.fit(SHIFTED, df=3.0), "gaussian", 6, 3, 400),
+    "walk without factor": (
+        walk(Gaussian(), WalkWithoutFactor),
+        "gaussian",
+        6,
+        3,
+        3_000,
+    ),
 }
 
 
