@@ -261,9 +261,9 @@ MUTANTS = {  # move, target, walkers, dimension, ensembles
     "walk without factor": (
         walk(Gaussian(), WalkWithoutFactor),
         "gaussian",
-        6,
+        99,
         3,
-        3_000,
+        200,
     ),
 }
 
