@@ -11,7 +11,8 @@ surrogates    a cheap stand-in for a model, with a certificate
 likelihoods   response -> log-likelihood
 posterior     models + terms + prior, for a batch of walkers; failed solves
 moves         proposals: plain emcee moves
-sampling      run emcee: starts, seeds, independent ensembles, files, pools
+sampling      run emcee: starts, seeds, independent ensembles, files, pools; anneal a
+              population (TMCMC)
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
 comparison    one posterior under several moves
 figures       one figure per file
@@ -59,6 +60,7 @@ from .results.predictive import pairing_table as pairing_table
 from .results.predictive import predictive_table as predictive_table
 from .results.tables import frequency_table as frequency_table
 from .results.tables import parameter_table as parameter_table
+from .sampling.anneal import anneal as anneal
 from .sampling.pools.evaluation_pool import EvaluationPool as EvaluationPool
 from .sampling.run import run as run
 from .surrogates.reduced import ReducedModel as ReducedModel

@@ -10,6 +10,7 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from ..moves.tempering import find_ladder
+from ..sampling.annealing import Annealed
 
 
 def list_runs(
@@ -20,6 +21,12 @@ def list_runs(
     if not runs:
         raise ValueError("samplers: expected at least one, got none")
     for run in runs:
+        if isinstance(run, Annealed):
+            raise TypeError(
+                "samplers: expected EnsembleSamplers, got a population of anneal, "
+                "which is no chain; print it for its evidence and effective sizes, or "
+                "give it to to_inference_data for tables and figures"
+            )
         if not hasattr(run, "get_chain"):
             raise TypeError(f"samplers: expected EnsembleSamplers, got {run!r}")
         if not run.iteration:
@@ -57,6 +64,7 @@ def describe_runs(runs: list[Any]) -> dict[str, Any]:
     return {
         "acceptance": json.dumps(fractions),
         "tempered": int(_count_rungs(runs[0]) > 1),
+        "population": int(getattr(runs[0], "population", False)),
         "starts_given": int(any(getattr(run, "starts_given", False) for run in runs)),
         "failures": json.dumps(
             dict(getattr(getattr(runs[0], "failures", None), "causes", {}))

@@ -17,9 +17,11 @@ from ..interfaces import Floats, Variable
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import summarize_prior
 from ..posterior.rejecting import GuardedPosterior
+from ..sampling.annealing import Annealed
 from .arviz_objects import wrap
 from .chains import describe_runs, list_runs, stack_chains
 from .dimensions import name_apart
+from .population import PopulationRun
 from .terms import add_by_terms, gather_observed
 
 PRIOR_DRAWS = 1_000
@@ -27,7 +29,7 @@ LONGEST_REPR = 200  # of a move, in the attributes
 
 
 def to_inference_data(
-    samplers: emcee.EnsembleSampler | Sequence[emcee.EnsembleSampler],
+    samplers: emcee.EnsembleSampler | Sequence[emcee.EnsembleSampler] | Annealed,
     posterior: LogPosterior,
     discard: int = 0,
     thin: int = 1,
@@ -62,7 +64,8 @@ def to_inference_data(
     conversion needs some four times the memory of the chains and blobs that are kept.
 
     Args:
-        samplers: What :func:`run` returned, or any EnsembleSampler of the posterior.
+        samplers: What :func:`run` returned, or any EnsembleSampler of the posterior; or
+            what :func:`anneal` returned, whose members are then one chain.
         posterior: The sampled posterior.
         discard: Stored steps to drop as burn-in.
         thin: Keep every ``thin``-th stored step.
@@ -80,7 +83,10 @@ def to_inference_data(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
             "another log-probability use arviz.from_emcee(sampler, var_names=...)"
         )
-    runs = list_runs(samplers)
+    if isinstance(samplers, Annealed):
+        runs: list[Any] = [PopulationRun(samplers, discard, thin)]
+    else:
+        runs = list_runs(samplers)
     chain = stack_chains(runs, "chain", discard, thin)  # (draws, ensembles, walkers, d)
     log_prob = stack_chains(runs, "log_prob", discard, thin)
     blobs = stack_chains(runs, "blobs", discard, thin)

@@ -19,6 +19,11 @@ def judged_chains(samplers: Any, discard: int) -> tuple[list[str], Floats, Any]:
         return _names(runs[0], draws.shape[-1]), draws, describe_runs(runs)
     names, chains = samples(samplers)
     posterior = dataset(samplers, "posterior")
+    if posterior.attrs.get("population"):
+        raise ValueError(
+            "samplers: expected chains, got an annealed population, which has no "
+            "convergence to judge; run it again with other seeds and compare"
+        )
     ensemble = posterior["ensemble"].values if "ensemble" in posterior.coords else []
     counts = np.unique(ensemble, return_counts=True)[1]
     if len(set(counts.tolist())) != 1:

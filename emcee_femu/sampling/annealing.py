@@ -42,6 +42,7 @@ class Annealed:
         log_evidence_error: Its Monte Carlo standard error.
         effective_size: As many independent draws would know the mean as well, ``(d,)``.
         solves: Model solves spent.
+        failed_solves: Of these, how many failed and were taken for impossible.
     """
 
     names: tuple[str, ...]
@@ -54,6 +55,7 @@ class Annealed:
     log_evidence_error: float
     effective_size: Floats
     solves: int
+    failed_solves: int = 0
 
     def table(self) -> Table:
         """Return mean, standard deviation and effective size of each parameter."""
@@ -67,13 +69,19 @@ class Annealed:
 
     def __str__(self) -> str:
         """Return the table, and a sentence on the evidence and what it cost."""
+        failed = ""
+        if self.failed_solves:
+            failed = (
+                f"\n{self.failed_solves} solves failed: the evidence takes the "
+                "likelihood for zero there"
+            )
         return (
             f"{self.table()}\n"
             f"log evidence (natural) {self.log_evidence:.3f} +- "
             f"{self.log_evidence_error:.3f}\n"
             f"{len(self.sweeps)} powers of the likelihood, {self.solves} solves, "
             f"{100 * self.acceptance.min():.0f} to {100 * self.acceptance.max():.0f} % "
-            "of the proposals accepted"
+            f"of the proposals accepted{failed}"
         )
 
 

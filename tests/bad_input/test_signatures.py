@@ -221,6 +221,8 @@ CALLS = {
     "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
     "run": {"workers": OFF},
     "run, workers": {**IDLE, "workers": (1, whole(1))},
+    "anneal": {"workers": OFF, "size": (40, whole(40))},
+    "anneal, workers": {**IDLE, "size": OFF, "seed": OFF, "workers": (1, whole(1))},
     "log_evidence": {"samplers": ([TEMPERED], anything)},
     "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
 }
