@@ -222,7 +222,7 @@ CALLS = {
     "run": {"workers": OFF},
     "run, workers": {**IDLE, "workers": (1, whole(1))},
     "anneal": {"workers": OFF, "size": (40, whole(40))},
-    "anneal, workers": {**IDLE, "size": OFF, "seed": OFF, "workers": (1, whole(1))},
+    "anneal, workers": {**IDLE, "size": OFF, "workers": (1, whole(1))},
     "log_evidence": {"samplers": ([TEMPERED], anything)},
     "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
 }
