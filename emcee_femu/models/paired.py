@@ -21,6 +21,7 @@ from ..interfaces import (
 )
 from ..measurements import Measurements
 from .pairing import at_sensors, couple_modes, one_to_one, share_shapes
+from .pairing_sensitivity import differentiate_pairing, read_slopes
 
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
@@ -142,13 +143,32 @@ class PairedModel:
 
     def __getattr__(self, attribute: str) -> Any:
         """Return what else the model says of itself (interfaces.py)."""
+        if attribute == "jacobian" and hasattr(self.model, "jacobian"):
+            return self._differentiate
         if attribute in ("required", "positive", "bounds", "one_by_one"):
             return getattr(self.model, attribute)
         raise AttributeError(attribute)
 
     def __call__(self, parameters: Parameters) -> PairedSolution:
         """Solve, and return the modes in the order of the measured ones."""
-        frequencies, shapes = self._solve(parameters)
+        return self._pair(*self._modes(self.model(parameters)))
+
+    def _differentiate(self, parameters: Parameters) -> tuple[PairedSolution, Any]:
+        """Return the paired modes and their derivatives, ``jacobian`` of a model.
+
+        Those of frequency, shapes and MAC; numbers of modes change in steps.
+        """
+        response, derivatives = self.model.jacobian(parameters)  # type: ignore[attr-defined]
+        modes = self._modes(response)
+        solution = self._pair(*modes)
+        names, slopes = read_slopes(response, derivatives, modes, self._at_sensors)
+        chosen = solution.model_mode - 1
+        found = differentiate_pairing(self._shapes, modes, slopes, chosen, self.min_gap)
+        named = [{name: part[:, i] for i, name in enumerate(names)} for part in found]
+        paired = dict(zip(("frequency", "shapes", "mac"), named, strict=True))
+        return solution, {**paired, "model_mode": {}, "unpaired": {}}
+
+    def _pair(self, frequencies: Floats, shapes: Floats) -> PairedSolution:
         norms = np.linalg.norm(shapes, axis=1)
         unit = np.divide(
             shapes, norms[:, None], out=np.zeros_like(shapes), where=norms[:, None] > 0
@@ -183,9 +203,8 @@ class PairedModel:
             Pairing(found, chosen + 1, found < self.min_mac),
         )
 
-    def _solve(self, parameters: Parameters) -> tuple[Floats, Floats]:
+    def _modes(self, response: Any) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of the candidates."""
-        response = self.model(parameters)
         try:
             found = [read(response, name) for name in ("frequency", "shapes")]
         except TypeError as error:
@@ -205,12 +224,13 @@ class PairedModel:
             raise ValueError(
                 f"model: expected at least {self.candidates} modes, got {n_modes}"
             )
-        if self._rows is not None:
-            shapes = np.ascontiguousarray(shapes[:, self._rows])
-        else:
-            shapes = at_sensors(shapes, self.measurements.dofs, len(self._shapes))
         wanted = slice(self.candidates)
-        return frequencies[:, wanted], shapes[:, :, wanted]
+        return frequencies[:, wanted], self._at_sensors(shapes)[:, :, wanted]
+
+    def _at_sensors(self, shapes: Floats) -> Floats:
+        if self._rows is None:
+            return at_sensors(shapes, self.measurements.dofs, len(self._shapes))
+        return np.ascontiguousarray(shapes[:, self._rows])
 
 
 def _match_rows(variables: Any, measurements: Measurements) -> NDArray[np.intp] | None:

@@ -1,0 +1,199 @@
+"""Derivatives of paired modes, alone and where close modes share their space."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.derivatives import (
+    aligned,
+    assert_jacobian,
+    assert_jacobian_batch_is_a_loop,
+)
+
+import emcee_femu as ef
+from emcee_femu import FunctionModel, MatrixModel, Measurements, PairedModel
+
+SIZE, SENSORS = 8, [6, 0, 3, 5, 2]
+GAPS = {"apart": 0.2, "fading": 0.016, "together": 0.004}
+
+
+def oscillators(gap, width):
+    """Nearly equal oscillators, ``width`` of them a ``gap`` apart, weakly coupled."""
+    rng = np.random.default_rng(3)
+    basis = np.linalg.qr(rng.normal(size=(SIZE, SIZE)))[0]
+    f = np.cumprod(np.r_[1.0, np.full(width - 1, 1 + gap), np.full(SIZE - width, 1.4)])
+    shapes = basis * f
+    K = {name: np.outer(shapes[:, i], shapes[:, i]) for i, name in enumerate("abcd")}
+    link = basis[:, 1] + basis[:, 2] - basis[:, 4] + 0.3 * basis[:, 5]
+    K["link"] = 2e-3 * np.outer(link, link)
+    M = {"m": 0.05 * np.diag(rng.uniform(0.9, 1.1, SIZE))}
+    K0 = shapes[:, 4:] @ shapes[:, 4:].T
+    return MatrixModel(K0, np.eye(SIZE), K, M, n_modes=6, shapes=range(SIZE))
+
+
+def twins():
+    """A structure that is there twice: all its modes are double."""
+    rng = np.random.default_rng(4)
+    K, M = (
+        {
+            name: np.kron(root @ root.T, np.eye(2))
+            for name, root in zip(names, rng.normal(size=(2, 4, 4)), strict=True)
+        }
+        for names in ("ab", "cd")
+    )
+    eye = np.eye(SIZE)
+    return MatrixModel(eye, 9 * eye, K, M, n_modes=6, shapes=range(SIZE))
+
+
+def paired(model, **options):
+    rng = np.random.default_rng(8)
+    start = {name: np.array([1 + 1e-3 * i]) for i, name in enumerate(model.names)}
+    shapes = model(start).shapes[0][SENSORS]
+    mixed = shapes[:, [2, 0, 1]] + 0.2 * rng.normal(size=(5, 3))
+    test = Measurements([1.0, 1.1, 1.3], shapes=-3.0 * mixed, dofs=SENSORS)
+    return PairedModel(model, test, candidates=6, **options)
+
+
+def near_one(model, n=4, spread=5e-4, seed=9):
+    rng = np.random.default_rng(seed)
+    return {name: 1 + spread * rng.uniform(-1, 1, n) for name in model.names}
+
+
+def coupled(model, parameters):
+    f = model.model(parameters).frequencies
+    return np.diff(f) / f[:, :-1] < model.min_gap
+
+
+@pytest.mark.parametrize("width", [2, 3])
+@pytest.mark.parametrize("gap", list(GAPS))
+def test_derivatives_are_those_of_differences(gap, width):
+    model = paired(oscillators(GAPS[gap], width))
+    parameters = near_one(model)
+    close = coupled(model, parameters)
+    assert (close.sum(axis=1) == (0 if gap == "apart" else width - 1)).all()
+    assert_jacobian(model, parameters, step=1e-5, alike=True)
+    assert_jacobian_batch_is_a_loop(model, parameters)
+
+
+def test_a_row_of_close_modes_beside_rows_that_are_not():
+    model = paired(oscillators(GAPS["fading"], 2))
+    parameters = near_one(model)
+    parameters["b"][2] = 1.3
+    assert coupled(model, parameters).any(axis=1).tolist() == [True, True, False, True]
+    assert_jacobian(model, parameters, step=1e-5, alike=True)
+
+
+def test_modes_that_always_coincide_share_a_space_that_has_a_derivative():
+    model = paired(twins())
+    parameters = near_one(model)
+    assert coupled(model, parameters)[:, ::2].all()
+    assert_jacobian(model, parameters, step=1e-3, alike=True)
+
+
+def test_no_gap_shares_nothing():
+    model = paired(oscillators(GAPS["together"], 2), min_gap=0.0)
+    assert_jacobian(model, near_one(model), step=1e-5, alike=True)
+
+
+def test_the_frequencies_of_crossed_modes_are_in_the_order_of_the_measured_ones():
+    K = {"a": np.diag([1.0, 0.0]), "b": np.diag([0.0, 1.0])}
+    model = MatrixModel(np.zeros((2, 2)), np.eye(2), K, n_modes=2, shapes=True)
+    test = Measurements([1.0, 2.0], shapes=np.eye(2))
+    model = PairedModel(model, test, candidates=2)
+    p = {"a": np.array([1.0, 9.0]), "b": np.array([4.0, 4.0])}
+    response, derivatives = model.jacobian(p)
+    assert response.model_mode.tolist() == [[1, 2], [2, 1]]
+    f = response.frequency
+    expected = {"a": f * [1, 0] / (2 * p["a"][:, None])}
+    expected["b"] = f * [0, 1] / (2 * p["b"][:, None])
+    for name in "ab":
+        np.testing.assert_allclose(
+            derivatives["frequency"][name], expected[name], rtol=1e-12
+        )
+        np.testing.assert_allclose(derivatives["mac"][name], 0.0, atol=1e-12)
+
+
+def test_a_posterior_of_paired_modes_has_a_gradient():
+    model = paired(oscillators(GAPS["fading"], 2))
+    terms = [
+        ef.FrequencyTerm(model.measurements, relative_sd=0.02),
+        ef.ShapeTerm(model.measurements, delta=0.1),
+    ]
+    prior = ef.IndependentPrior(dict.fromkeys(model.names, stats.norm(1.0, 0.1)))
+    posterior = ef.LogPosterior(model, terms, prior)
+    theta = np.column_stack([*near_one(model, 3).values()])
+    rows, gradient = posterior.gradient(theta)
+    np.testing.assert_allclose(rows, posterior(theta), rtol=1e-10)
+    for j, unit in enumerate(np.eye(theta.shape[1])):
+        ahead, behind = (posterior(theta + s * 1e-6 * unit)[:, 0] for s in (1, -1))
+        error = np.abs(gradient[:, j] - (ahead - behind) / 2e-6)
+        assert (error < 1e-6 * np.abs(gradient).max(axis=1)).all()
+
+
+def test_only_a_model_with_derivatives_passes_them_on():
+    with_them = paired(oscillators(GAPS["apart"], 2))
+    assert hasattr(with_them, "jacobian")
+    copy = pickle.loads(pickle.dumps(with_them))
+    one, other = (m.jacobian(near_one(m))[1]["mac"]["a"] for m in (with_them, copy))
+    np.testing.assert_array_equal(one, other)
+    inner = with_them.model
+    function = FunctionModel(
+        lambda p: inner({name: np.array([value]) for name, value in p.items()}),
+        variables=inner.variables,
+    )
+    assert not hasattr(PairedModel(function, with_them.measurements), "jacobian")
+
+
+class Derived:
+    """A model whose jacobian is what a test gives."""
+
+    n_modes = 2
+
+    def __init__(self, derivatives):
+        self.derivatives = derivatives
+
+    def __call__(self, parameters):
+        return ef.ModalSolution(np.array([[1.0, 2.0]]), np.eye(3)[None, :, :2])
+
+    def jacobian(self, parameters):
+        return self(parameters), self.derivatives
+
+
+@pytest.mark.parametrize(
+    ("derivatives", "message"),
+    [
+        (
+            {"frequency": {}},
+            r"^model: its jacobian returned no derivatives of 'shapes'",
+        ),
+        (
+            {"frequency": {"k": np.ones(2)}, "shapes": {}},
+            r"derivative of 'frequency' by 'k' of shape \(1, 2\), got \(2,\)",
+        ),
+    ],
+)
+def test_wrong_derivatives_are_named(derivatives, message):
+    test = Measurements([1.0], shapes=np.eye(3)[:, :1])
+    model = PairedModel(Derived(derivatives), test, candidates=2)
+    with pytest.raises(ValueError, match=message):
+        model.jacobian({"k": np.ones(1)})
+
+
+def test_a_parameter_may_change_only_one_of_them():
+    slope = np.ones((1, 3, 2))
+    given = {"frequency": {"k": np.array([[3.0, 4.0]])}, "shapes": {"s": slope}}
+    test = Measurements([1.0], shapes=np.eye(3)[:, 1:2])
+    model = PairedModel(Derived(given), test, candidates=2)
+    derivatives = model.jacobian({})[1]
+    np.testing.assert_array_equal(derivatives["frequency"]["k"], [[4.0]])
+    np.testing.assert_array_equal(derivatives["frequency"]["s"], [[0.0]])
+    np.testing.assert_array_equal(derivatives["shapes"]["s"], slope[:, :, :1])
+    np.testing.assert_array_equal(derivatives["shapes"]["k"], 0 * slope[:, :, :1])
+
+
+def test_signs_are_those_of_the_response():
+    model = paired(oscillators(GAPS["apart"], 2))
+    parameters = near_one(model)
+    shapes = model.jacobian(parameters)[0].shapes
+    assert np.array_equal(aligned(model(parameters).shapes, shapes, "shapes"), shapes)
