@@ -59,7 +59,7 @@ def _linearize_supported(
         compared = experiment.compare(response, parameters, n, describe)
         tangents = _tangents(experiment, response, derivatives, posterior.names, n)
         _check_read(experiment, tangents)
-        with np.errstate(over="ignore", invalid="ignore"):  # of rows that are -inf
+        with np.errstate(all="ignore"):  # of rows that are -inf
             found.extend(
                 term.linearize(parameters, response, tangents)
                 if hasattr(term, "linearize")

@@ -7,6 +7,13 @@ import numpy as np
 
 from ..interfaces import Floats
 
+
+def _over(number: float, z: Floats) -> Floats:
+    """Return their ratio, which a power of zero leaves at zero on the bound too."""
+    ratio: Floats = number / z if number else 0.0 * z
+    return ratio
+
+
 # d ln p / dz at loc = 0 and scale = 1, by the shape parameters; scipy has none.
 STANDARD: dict[str, Callable[..., Any]] = {
     "norm": lambda z: -z,
@@ -16,9 +23,9 @@ STANDARD: dict[str, Callable[..., Any]] = {
     "expon": lambda z: 0.0 * z - 1.0,
     "lognorm": lambda z, s: -(1.0 + np.log(z) / s**2) / z,
     "t": lambda z, df: -(df + 1.0) * z / (df + z**2),
-    "gamma": lambda z, a: (a - 1.0) / z - 1.0,
+    "gamma": lambda z, a: _over(a - 1.0, z) - 1.0,
     "invgamma": lambda z, a: (1.0 / z - a - 1.0) / z,
-    "beta": lambda z, a, b: (a - 1.0) / z - (b - 1.0) / (1.0 - z),
+    "beta": lambda z, a, b: _over(a - 1.0, z) - _over(b - 1.0, 1.0 - z),
 }
 
 

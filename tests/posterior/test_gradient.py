@@ -282,6 +282,15 @@ def test_gradients_of_marginals_with_and_without_a_closed_form(marginal, cut):
     assert_allclose(found, scaled, rtol=1e-6, atol=1e-8 / (high - low))
 
 
+@pytest.mark.parametrize(
+    ("marginal", "expected"),
+    [(stats.gamma(1, scale=2), -0.5), (stats.beta(1, 3), -2.0), (stats.expon(), -1.0)],
+)
+def test_a_marginal_has_a_gradient_on_its_bound(marginal, expected):
+    gradient = ef.IndependentPrior({"x": marginal}).gradient(np.array([[0.0]]))
+    assert_array_equal(gradient, [[expected]])
+
+
 def test_wrong_derivatives_are_refused_by_name():
     def refuses(kind, message, change):
         class Wrong(Derived):
