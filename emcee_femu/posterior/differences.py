@@ -69,10 +69,10 @@ def prior_scale(prior: Prior) -> Floats:
 
 
 def small_steps(prior: Prior, theta: Floats, scale: Floats) -> Floats:
-    """Return steps ``(n, d)`` that reach at most half-way to a bound."""
+    """Return steps ``(n, d)`` that are small beside the way to the next bound."""
     low, high = prior.bounds.T
-    room = np.minimum(theta - low, high - theta) / 2
-    steps: Floats = np.clip(room, 1e-4 * STEP * scale, STEP * scale)
+    room = np.minimum(theta - low, high - theta)
+    steps: Floats = np.clip(1e-3 * room, 1e-4 * STEP * scale, STEP * scale)
     return steps
 
 

@@ -17,16 +17,15 @@ from ..interfaces import (
     Model,
     Parameters,
     Prior,
-    SolveError,
     Variable,
 )
 from .compatibility import check_names, check_parameters
 from .differences import prior_scale
 from .experiments import Experiment, check_joint, gather_experiments
-from .linearize import difference, extend, linearize, split, unstack
+from .linearize import linearize, split, unstack
+from .messages import name_sets, not_finite
+from .numerical import difference, extend
 from .starting import check_inside, draw_start
-
-SHOWN = 8  # parameter sets of a batch in a message
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -252,7 +251,7 @@ class LogPosterior:
         supported: NDArray[np.bool_] = log_prior > -np.inf
         if not supported.all() and np.isnan(log_prior).any():
             row = int(np.argmax(np.isnan(log_prior)))
-            values = self._values(theta[row : row + 1])
+            values = name_sets(self.names, theta[row : row + 1])
             raise ValueError(f"prior: its log-density is NaN at {values}")
         return log_prior, supported
 
@@ -343,7 +342,11 @@ class LogPosterior:
         for experiment in self.experiments:
             own = self.parameters(theta.copy())  # which a model may overwrite
             values, stored = solve(
-                experiment, own, parameters, len(theta), lambda: self._values(theta)
+                experiment,
+                own,
+                parameters,
+                len(theta),
+                lambda: name_sets(self.names, theta),
             )
             for value in values:
                 rows[:, column] = value
@@ -357,33 +360,8 @@ class LogPosterior:
         if not np.isfinite(np.add.reduce(rows[:, first:], axis=None)) or not (
             np.maximum.reduce(total) < np.inf
         ):
-            raise self._not_finite(rows, theta)
+            raise not_finite(self, rows, theta)
         return rows
-
-    def _values(self, theta: Floats) -> Any:
-        """Return parameter sets by name, for a message, and not all of many."""
-        some = theta[:SHOWN].tolist()
-        sets = [dict(zip(self.names, row, strict=True)) for row in some]
-        rest = [f"{len(theta) - SHOWN} more"] if len(theta) > SHOWN else []
-        return sets[0] if len(theta) == 1 else [*sets, *rest]
-
-    def _not_finite(self, rows: Floats, theta: Floats) -> SolveError:
-        first = self.columns["densities"].stop
-        wrong = ~(rows[:, 0] < np.inf) | ~np.isfinite(rows[:, first:]).all(axis=1)
-        row = int(np.argmax(wrong))
-        values = self._values(theta[row : row + 1])
-        numbers = rows[row].tolist()
-        densities = dict(
-            zip(("prior", *self.term_names), numbers[1:first], strict=True)
-        )
-        stored = {name: numbers[self.columns[name]] for name in self.variables}
-        return SolveError(
-            "not finite",
-            f"the log-posterior is {numbers[0]} at {values}: log-densities "
-            f"{densities}, {stored}; a model must return finite numbers, a term finite "
-            "ones, or -inf to reject. If the parameters make no sense, give the prior "
-            "bounds",
-        )
 
     def start(
         self, nwalkers: int, seed: Any, around: ArrayLike | None = None

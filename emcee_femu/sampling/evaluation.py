@@ -9,8 +9,9 @@ import numpy as np
 from ..interfaces import Backend, Floats, Linearization
 from ..posterior.differences import ONE_SIDE
 from ..posterior.failures import FailureLog
-from ..posterior.linearize import difference, unstack
+from ..posterior.linearize import unstack
 from ..posterior.log_posterior import LogPosterior
+from ..posterior.numerical import difference
 from ..posterior.rejecting import guard
 from .arguments import Moves, Settings
 

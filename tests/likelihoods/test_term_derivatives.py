@@ -27,6 +27,7 @@ TERMS = {
     "inferred delta": ef.ShapeTerm(SHAPES, discrepancy="s"),
     "sensors": ef.ShapeTerm(SHAPES, sd=SENSORS),
     "fewer shapes": ef.ShapeTerm(SHAPES[:, :2], sd=SENSORS[:, :2]),
+    "one sensor moves": ef.ShapeTerm([[-1.0], [0.0], [0.0], [0.0]], delta=0.5),
     "some sensors": ef.ShapeTerm(
         ef.Measurements(MEASURED, shapes=SHAPES[[2, 0]], dofs=[2, 0]), delta=0.1
     ),

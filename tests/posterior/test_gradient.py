@@ -82,6 +82,26 @@ def test_information_is_the_same_with_and_without_a_jacobian(terms):
     assert_allclose(analytic.information, by_differences.information, rtol=1e-6)
 
 
+def test_signs_and_lengths_of_shapes_may_differ_from_solve_to_solve():
+    """As those of any eigensolver do."""
+    rng = np.random.default_rng(0)
+
+    class Arbitrary(Solver):
+        def __call__(self, parameters):
+            frequencies, shapes = super().__call__(parameters)
+            factors = rng.uniform(0.5, 2, (len(shapes), 1, 3))
+            return ef.ModalSolution(
+                frequencies, shapes * rng.choice([-1.0, 1.0], factors.shape) * factors
+            )
+
+    for term in SHAPE, ef.ShapeTerm(SHAPES, sd=0.2):
+        expected = ef.LogPosterior(Derived(), [FREQUENCY, term], PRIOR).linearize(THETA)
+        found = ef.LogPosterior(Arbitrary(), [FREQUENCY, term], PRIOR).linearize(THETA)
+        assert_allclose(found.gradient, expected.gradient, rtol=1e-6, atol=1e-6)
+        information = expected.information
+        assert_allclose(found.information, information, rtol=1e-6, atol=1e-6)
+
+
 def test_one_solve_per_point_or_one_batch_of_differences():
     derived, black_box = both([FREQUENCY, SHAPE])
     derived.gradient(THETA), derived.linearize(THETA)
@@ -247,6 +267,30 @@ def test_functions_are_differenced_on_any_response(convert):
 
     numbers = numerical(density, THETA, 1e-6)
     assert_allclose(gradient, numbers, rtol=1e-6, atol=1e-6 * np.abs(numbers).max())
+
+
+def test_a_function_near_a_bound_and_of_a_steep_response_is_differenced():
+    """As log(s) near zero, and with a response that is doubled by a tiny step."""
+
+    class Steep(Derived):
+        def __call__(self, parameters):
+            self.solved.append(len(parameters["a"]))
+            return ef.ModalSolution(np.exp(1e6 * (parameters["a"][:, None] - 1)))
+
+        def jacobian(self, parameters):
+            response = self(parameters)
+            return response, {"frequency": {"a": 1e6 * response.frequencies}}
+
+    def term(parameters, response):
+        return np.log(parameters["s"]) - np.log1p(response.frequencies[:, 0] ** 2)
+
+    model, names = Steep(), ["a", "b", "s"]
+    model.names, model.n_modes, term.names = ("a", "b"), 1, ("s",)
+    prior = ef.IndependentPrior({name: stats.uniform(0, 2) for name in names})
+    posterior = ef.LogPosterior(model, term, prior)
+    found = posterior.gradient(np.array([[1 + 1e-7, 1.0, 1e-6]]))[1][0]
+    square = np.exp(0.2)
+    assert_allclose(found, [-2e6 * square / (1 + square), 0, 1e6], rtol=1e-6)
 
 
 class Response:
