@@ -72,7 +72,7 @@ def small_steps(prior: Prior, theta: Floats, scale: Floats) -> Floats:
     """Return steps ``(n, d)`` that are small beside the way to the next bound."""
     low, high = prior.bounds.T
     room = np.minimum(theta - low, high - theta)
-    steps: Floats = np.clip(1e-3 * room, 1e-4 * STEP * scale, STEP * scale)
+    steps: Floats = np.clip(1e-3 * room, 1e-6 * STEP * scale, STEP * scale)
     return steps
 
 

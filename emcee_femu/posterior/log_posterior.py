@@ -281,7 +281,7 @@ class LogPosterior:
             theta: Parameter sets ``(n, d)``; with ``(d,)`` one row and gradient.
 
         Raises:
-            SolveError: If a gradient is not finite where the posterior is.
+            ValueError: If a gradient is not finite where the posterior is.
         """
         return split(self, self.stack_gradient(theta))
 

@@ -51,7 +51,7 @@ def difference(
     information: bool,
     sides: Sides = SIDES,
 ) -> Floats:
-    """Return what :func:`linearize` does, from ``2 d + 1`` solves per point.
+    """Return what ``linearize`` does, from ``2 d + 1`` solves per point.
 
     All points are one batch, none of them outside the prior's support.
 
