@@ -40,26 +40,53 @@ def log_integral(
 def log_probability(
     mean: Floats, covariance: Floats, low: Floats, high: Floats
 ) -> float:
-    """Return the log-probability of a box under a Gaussian, by Monte Carlo.
+    """Return the log-probability of a box under a Gaussian, by Monte Carlo."""
+    if _is_inside(mean, covariance, low, high):
+        return 0.0
+    log_weights = _draw_inside(mean, covariance, low, high)[1]
+    return float(special.logsumexp(log_weights) - np.log(DRAWS))
+
+
+def moments_inside(
+    mean: Floats, covariance: Floats, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """Return mean and covariance of a Gaussian cut at bounds, by Monte Carlo."""
+    if _is_inside(mean, covariance, low, high):
+        return mean, covariance
+    draws, log_weights = _draw_inside(mean, covariance, low, high)
+    weights = special.softmax(log_weights)
+    centre = weights @ draws
+    return centre, (draws - centre).T * weights @ (draws - centre)
+
+
+def _is_inside(mean: Floats, covariance: Floats, low: Floats, high: Floats) -> bool:
+    """Return whether the bounds are too far to matter."""
+    room = np.minimum(mean - low, high - mean)
+    return bool((room > FAR * np.sqrt(np.diag(covariance))).all())
+
+
+def _draw_inside(
+    mean: Floats, covariance: Floats, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """Return draws of a Gaussian inside a box and the logs of their weights.
 
     Source: the simulator of Geweke, Hajivassiliou and Keane; Börsch-Supan and
     Hajivassiliou (1993), doi:10.1016/0304-4076(93)90098-C.
     """
-    sd = np.sqrt(np.diag(covariance))
-    room = np.minimum(mean - low, high - mean) / sd
-    if (room > FAR).all():
-        return 0.0
+    room = np.minimum(mean - low, high - mean) / np.sqrt(np.diag(covariance))
     order = np.argsort(room)  # the tightest first, for least scatter
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
     uniform = np.random.default_rng(0).random((DRAWS, len(mean)))
     white = np.zeros_like(uniform)
+    draws = np.empty_like(uniform)
     log_weights = np.zeros(DRAWS)
     for i, j in enumerate(order):
-        centre = mean[j] + white[:, :i] @ root[i, :i]
-        ends = (low[j] - centre) / root[i, i], (high[j] - centre) / root[i, i]
+        centre, spread = mean[j] + white[:, :i] @ root[i, :i], root[i, i]
+        ends = (low[j] - centre) / spread, (high[j] - centre) / spread
         log_mass, white[:, i] = _cut_normal(*ends, uniform[:, i])
+        draws[:, j] = centre + spread * white[:, i]
         log_weights += log_mass
-    return float(special.logsumexp(log_weights) - np.log(DRAWS))
+    return draws, log_weights
 
 
 def _cut_normal(low: Floats, high: Floats, uniform: Floats) -> tuple[Floats, Floats]:

@@ -220,6 +220,17 @@ CALLS = {
     "MetropolisMove, sd": {"cov": OFF, "sd": (SD, steps)},
     "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
     "run": {"workers": OFF},
+    "find_map": {"workers": OFF, "starts": (2, whole(1)), "check": (30, whole())},
+    "find_map, starts": {
+        **dict.fromkeys(("check", "workers", "pool", "on_failure"), OFF),
+        "max_failures": OFF,
+        "starts": (START[0], array().but("one less", outside=99.0 * START[0])),
+    },
+    "find_map, workers": {
+        **dict.fromkeys(("check", "pool", "on_failure", "max_failures"), OFF),
+        "starts": (2, whole(1)),
+        "workers": (1, whole(1)),
+    },
     "run, workers": {**IDLE, "workers": (1, whole(1))},
     "anneal": {"workers": OFF, "size": (40, whole(40))},
     "anneal, workers": {**IDLE, "size": OFF, "workers": (1, whole(1))},

@@ -1,0 +1,123 @@
+"""What a search for maxima found, as tables and sentences."""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..interfaces import Floats
+from ..posterior.climbing import Maximum
+from ..posterior.laplace import moments_inside
+from ..posterior.log_posterior import LogPosterior
+from ..posterior.priors import summarize_prior
+from ..table import Table, as_html
+from .importance import GOOD_K
+
+SHOWN = 4  # maxima in the tables
+EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMap:
+    """What :func:`find_map` found; ``print`` it for tables and what to think of them.
+
+    Attributes:
+        posterior: The posterior.
+        maxima: Its distinct maxima, that of the largest weight first
+            (:class:`posterior.climbing.Maximum`): ``theta``, ``covariance``,
+            ``log_evidence``, ``at_bound``, ...
+        weights: Their shares of the posterior by Laplace's evidence, ``(k,)``.
+        climbs: How many climbs ended in each, ``(k,)``.
+        lost: Why other starts led nowhere, one sentence each.
+        solves: Model solves spent, those of the check included.
+        draws: Draws of the check, 0 without one.
+        pareto_k: Of their importance weights; NaN without a check.
+        efficiency: Their effective share (Kish); NaN without a check.
+    """
+
+    posterior: LogPosterior
+    maxima: tuple[Maximum, ...]
+    weights: Floats
+    climbs: NDArray[np.int_]
+    lost: tuple[str, ...]
+    solves: int
+    draws: int = 0
+    pareto_k: float = np.nan
+    efficiency: float = np.nan
+
+    @property
+    def table(self) -> Table:
+        """One row per parameter: the prior, then maxima and sds inside the bounds."""
+        mean, sd = summarize_prior(self.posterior.prior)
+        bounds = self.posterior.prior.bounds.T
+        columns: list[tuple[str, str, Any]] = [
+            ("parameter", "", list(self.posterior.names)),
+            ("prior mean", ".5g", getattr(self.posterior.prior, "mean", mean)),
+            ("prior sd", ".3g", sd),
+        ]
+        for number, own in enumerate(self.maxima[:SHOWN], 1):
+            columns.append((f"maximum {number}", ".5g", own.theta))
+            inside = moments_inside(own.theta, own.covariance, *bounds)[1]
+            columns.append((f"sd {number}", ".3g", np.sqrt(np.diag(inside))))
+        return Table.from_columns("Maxima of the posterior", columns)
+
+    @property
+    def maxima_table(self) -> Table:
+        """One row per maximum: weight, height, evidence, climbs that ended there."""
+        shown = self.maxima[:SHOWN]
+        names = np.array(self.posterior.names)
+        columns: list[tuple[str, str, Any]] = [
+            ("maximum", "d", [*range(1, len(shown) + 1)]),
+            ("weight", ".3f", self.weights[:SHOWN]),
+            ("log-posterior", ".2f", [own.log_posterior for own in shown]),
+            ("log evidence", ".2f", [own.log_evidence for own in shown]),
+            ("climbs", "d", self.climbs[:SHOWN]),
+            ("at a bound", "", [" ".join(names[own.at_bound]) for own in shown]),
+            ("converged", "", ["yes" if own.converged else "no" for own in shown]),
+        ]
+        return Table.from_columns("Gaussians about them (Laplace)", columns)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What to think of it, in sentences."""
+        k, n = len(self.maxima), int(self.climbs.sum()) + len(self.lost)
+        sentences = [
+            f"A start and a quick look: {k} maxim{'a' if k > 1 else 'um'} from {n} "
+            f"climb{'s' if n > 1 else ''} and {self.solves} solves."
+        ]
+        if k > SHOWN:
+            sentences.append(f"{k - SHOWN} of smaller weight are not shown.")
+        for reason, count in Counter(self.lost).items():
+            sentences.append(f"{count} of {n} starts led nowhere: {reason}.")
+        stopped = [own.message for own in self.maxima if not own.converged]
+        for reason, count in Counter(stopped).items():
+            sentences.append(f"{count} of {k} are perhaps no maxima: {reason}.")
+        return (*sentences, self._judge())
+
+    def _judge(self) -> str:
+        if not self.draws:
+            return (
+                "Whether the posterior is Gaussian about them was not checked: "
+                "check=100 does, by as many solves. Standard deviations and weights "
+                "are those of Gaussians; sample the posterior before you report any."
+            )
+        found = (
+            f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "
+            f"of {self.draws} draws"
+        )
+        if not (self.pareto_k < GOOD_K and self.efficiency > EFFECTIVE):
+            return (
+                f"The posterior is not Gaussian about them ({found}): take neither "
+                "standard deviations nor weights from here; sample it."
+            )
+        return f"The posterior is nearly Gaussian about them ({found})."
+
+    def __str__(self) -> str:
+        """Return the tables and the findings."""
+        return "\n".join([str(self.table), str(self.maxima_table), *self.findings])
+
+    def _repr_html_(self) -> str:
+        """Return the tables and the findings as notebooks show them."""
+        return as_html(self.table, self.maxima_table, *self.findings)
