@@ -67,11 +67,11 @@ def find_map(
         RuntimeError: If no start led to a maximum, or too many solves failed.
 
     Example:
-        >>> import emcee_femu as ef
-        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
-        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
-        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> found = ef.find_map(ef.LogPosterior(model, term, prior), 4, seed=1)
+        >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
+        >>> model = FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> term = FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> found = find_map(LogPosterior(model, term, prior), 4, seed=1)
         >>> (best,) = found.maxima
         >>> best.theta.round(2).tolist(), (best.covariance**0.5).round(2).tolist()
         ([8.99], [[0.18]])
@@ -119,9 +119,11 @@ def find_map(
 
 def _choose_starts(posterior: LogPosterior, starts: Any, seed: Any) -> Floats:
     """Return starts ``(n, d)``, drawn from the prior or given."""
-    if np.ndim(starts) == 0:
+    if isinstance(starts, str) or not hasattr(starts, "__len__"):
         return posterior.start(checks.whole_number("starts", starts, 1), seed)
     points = np.atleast_2d(checks.real_array("starts", starts))
+    if not points.size:
+        raise ValueError("starts: expected at least one, got none")
     posterior.check_inside("starts", points)
     return points
 
