@@ -205,6 +205,8 @@ CALLS = {
     "ShapeTerm, delta": {**SIZE, "measured": (SHAPES, many), "delta": (SD, relative)},
     "ShapeTerm, discrepancy": {"measured": (SHAPES, many), "sd": OFF, "delta": OFF},
     "LogPosterior called": {"theta": (POINT, array().but("infinite", "with NaN"))},
+    "LogPosterior.gradient": {"theta": (POINT, array().but("infinite", "with NaN"))},
+    "LogPosterior.linearize": {"theta": (POINT, array().but("infinite", "with NaN"))},
     "LogPosterior.start": {"seed": (1, anything.but("None", "True", "[]"))},
     "compare_moves": {
         "moves": (MOVES, records.but("one less")),
@@ -242,6 +244,8 @@ STAND_INS = {
     "Measurements.to_csv": MEASURED.to_csv,
     "MassSpringModel called": MODEL,
     "LogPosterior called": POSTERIOR,
+    "LogPosterior.gradient": POSTERIOR.gradient,
+    "LogPosterior.linearize": POSTERIOR.linearize,
     "LogPosterior.start": POSTERIOR.start,
     "reduce_model": reduce_model,
     "paper.h_frame": lambda **given: paper.h_frame(**given).modes,
