@@ -44,6 +44,7 @@ from .models.paired import PairedModel as PairedModel
 from .moves import CrossoverMove as CrossoverMove
 from .moves import DelayedAcceptanceMove as DelayedAcceptanceMove
 from .moves import DEMCMove as DEMCMove
+from .moves import HamiltonianMove as HamiltonianMove
 from .moves import IndependenceMove as IndependenceMove
 from .moves import MetropolisMove as MetropolisMove
 from .moves import SnookerMove as SnookerMove

@@ -19,6 +19,7 @@ from ..sampling.arguments import (
     check_moves,
     check_progress,
     check_walkers,
+    count_cost,
     list_moves,
 )
 from ..sampling.run import run
@@ -113,8 +114,9 @@ def compare_moves(
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
     check_progress(progress)
-    nwalkers = _check_moves(moves, nwalkers, posterior.ndim)
-    nsteps = _steps(nsteps, max_evaluations, nwalkers * ensembles)
+    nwalkers = _check_moves(moves, nwalkers, posterior)
+    most = max(count_cost(move) for move in moves.values())
+    nsteps = _steps(nsteps, max_evaluations, round(nwalkers * ensembles * most))
     dropped = _count_dropped(discard, nsteps)
     known = known_moments(reference, posterior.names)
     # The same walkers and seed: all moves start from the same draws of the prior.
@@ -153,6 +155,17 @@ class _CountedModel:
         self.solves += len(next(iter(parameters.values())))
         return response
 
+    @property
+    def jacobian(self) -> Any:
+        """That of the model, counted; AttributeError where it has none."""
+        jacobian = self.model.jacobian  # type: ignore[attr-defined]
+
+        def counted(parameters: Parameters) -> Any:
+            self.solves += len(next(iter(parameters.values())))
+            return jacobian(parameters)
+
+        return counted
+
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_") or name == "model":  # as pickle asks for
             raise AttributeError(name)
@@ -172,13 +185,14 @@ def _sample(
     samplers = run(counted, move, **settings)
     cpu = time.process_time() - clock
     alone = [diagnose(own, dropped).ess_bulk.min() for own in samplers]
-    per_step = settings["ensembles"] * settings["nwalkers"]
+    used = [*zip(samplers[0]._moves, samplers[0]._weights, strict=True)]
+    per_step = settings["ensembles"] * settings["nwalkers"] * count_cost(used)
     return Entry(
         label=label,
         diagnosis=diagnose(samplers, dropped),
         ess=np.array(alone),
-        kept=per_step * (settings["nsteps"] - dropped),
-        chain=per_step * settings["nsteps"],
+        kept=round(per_step * (settings["nsteps"] - dropped)),
+        chain=round(per_step * settings["nsteps"]),
         before=sum(int(getattr(own, "burn_in_evaluations", 0)) for own in samplers),
         solves=sum(e.model.solves for e in counted.experiments),  # type: ignore[attr-defined]
         cpu=cpu,
@@ -214,7 +228,7 @@ def _count_dropped(discard: int | None, nsteps: int) -> int:
     return dropped
 
 
-def _check_moves(moves: Any, nwalkers: int | None, ndim: int) -> int:
+def _check_moves(moves: Any, nwalkers: int | None, posterior: LogPosterior) -> int:
     """Return the walkers per ensemble; refuse what is not a move or does not fit.
 
     Warns:
@@ -231,13 +245,13 @@ def _check_moves(moves: Any, nwalkers: int | None, ndim: int) -> int:
             raise TypeError(f"moves: expected labels that are text, got {label!r}")
         if not (isinstance(move, str) and move == "auto"):
             check_moves(f"moves[{label!r}]", move)
-            found = (find_stock_fault(own, ndim) for own in list_moves(move))
+            found = (find_stock_fault(own, posterior.ndim) for own in list_moves(move))
             faults += [f"{label}: {fault}" for fault in found if fault]
     given = [[] if isinstance(move, str) else move for move in moves.values()]
     if nwalkers is None:
-        nwalkers = max(check_walkers(None, move, ndim) for move in given)
+        nwalkers = max(check_walkers(None, move, posterior) for move in given)
     for move in given:
-        nwalkers = check_walkers(nwalkers, move, ndim)
+        nwalkers = check_walkers(nwalkers, move, posterior)
     if faults:
         warn("; ".join(dict.fromkeys(faults)), UserWarning, stacklevel=3)
     return nwalkers

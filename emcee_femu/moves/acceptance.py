@@ -96,16 +96,24 @@ def accept_or_reject(
         threshold -= log_factors
     better = (target > threshold).nonzero()[0]
     moved: NDArray[np.intp] = walkers.take(better)
-    state.coords[moved] = proposed.take(better, axis=0)
-    state.log_prob[moved] = log_prob.take(better)
+    new = proposed.take(better, axis=0), log_prob.take(better)
+    overwrite(state, moved, *new, None if blobs is None else blobs[better])
+    return moved
+
+
+def overwrite(
+    state: Any, moved: NDArray[np.intp], coords: Floats, log_prob: Floats, blobs: Any
+) -> None:
+    """Write where the walkers ``moved`` are now into the state."""
+    state.coords[moved] = coords
+    state.log_prob[moved] = log_prob
     if blobs is not None:
         if state.blobs is None:
             raise ValueError(
                 "initial_state: it has log_prob but no blobs, and the log-probability "
                 "returns blobs; pass State(coords, log_prob, blobs), or coords alone"
             )
-        state.blobs[moved] = blobs[better]
-    return moved
+        state.blobs[moved] = blobs
 
 
 def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:

@@ -26,8 +26,8 @@ def only_propose(inner: Any) -> ProposingMove:
     if isinstance(inner, MHMove) and propose is MHMove.propose:
         return MetropolisProposal(inner)
     raise TypeError(
-        "inner: expected an untempered move of this package, or an emcee RedBlueMove "
-        f"or MHMove with emcee's own propose, got {inner!r}"
+        "inner: expected an untempered move of this package that needs no gradient, or "
+        f"an emcee RedBlueMove or MHMove with emcee's own propose, got {inner!r}"
     )
 
 

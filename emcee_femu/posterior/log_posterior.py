@@ -282,15 +282,6 @@ class LogPosterior:
 
         Raises:
             ValueError: If a gradient is not finite where the posterior is.
-
-        Example:
-            >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
-            >>> model = FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
-            >>> prior = GaussianPrior(["k"], [9.0], [1.0], [(1.0, 20.0)])
-            >>> term = FrequencyTerm([3.0], relative_sd=0.01)
-            >>> rows, gradient = LogPosterior(model, term, prior).gradient([[8.9]])
-            >>> gradient.round(2).tolist()
-            [[3.21]]
         """
         return split(self, self.stack_gradient(theta))
 
@@ -302,7 +293,7 @@ class LogPosterior:
         model fits (Gauss-Newton). None if a term has neither ``linearize`` with scores
         nor ``deviations``. See also :meth:`gradient`.
         """
-        return unstack(self, np.atleast_2d(self.stack_linearization(theta)))
+        return unstack(self, self.stack_linearization(np.atleast_2d(theta)))
 
     def stack_gradient(self, theta: ArrayLike) -> Floats:
         """Return rows with the gradients behind them, which a pool can carry."""

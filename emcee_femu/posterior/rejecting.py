@@ -77,6 +77,7 @@ class CountedPosterior:
     takes_batches = True
 
     def __init__(self, posterior: LogPosterior, log: FailureLog) -> None:
+        self.posterior = posterior
         self._guarded = GuardedPosterior(posterior)
         self._log = log
         self.posterior = posterior

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import emcee
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
@@ -80,8 +81,21 @@ def list_moves(moves: Any) -> list[Any]:
     ]
 
 
-def check_walkers(nwalkers: Any, moves: Any, ndim: int) -> int:
+def count_cost(moves: Any) -> float:
+    """Return the evaluations per walker and generation; of "auto" they are not known.
+
+    A walker that another move has moved costs a Hamiltonian one another evaluation.
+    """
+    if isinstance(moves, str):
+        return 1.0
+    costs = [float(getattr(move, "cost", 1)) for move in list_moves(moves)]
+    pairs = [i for i in moves if isinstance(i, Sequence)] if len(costs) > 1 else []
+    return float(np.average(costs, weights=[pair[1] for pair in pairs] or None))
+
+
+def check_walkers(nwalkers: Any, moves: Any, posterior: LogPosterior) -> int:
     """Return the walkers per ensemble, by default what is usual for the moves."""
+    ndim = posterior.ndim
     given = list_moves(moves)
     tempered = find_ladder(given)  # refuses temperatures that differ
     if nwalkers is None:
@@ -92,6 +106,8 @@ def check_walkers(nwalkers: Any, moves: Any, ndim: int) -> int:
         refuse_sequential("moves", move)
         if hasattr(move, "check"):
             move.check(number, ndim)
+        if hasattr(move, "check_with"):
+            move.check_with(posterior)
     return number
 
 

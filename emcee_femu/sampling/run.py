@@ -121,7 +121,7 @@ def run(
         raise ValueError(f"moves: expected emcee moves or 'auto', got {moves!r}")
     given = DEMCMove() if moves is None or isinstance(moves, str) else moves
     check_moves("moves", given)
-    nwalkers = check_walkers(nwalkers, given, posterior.ndim)
+    nwalkers = check_walkers(nwalkers, given, posterior)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     serial = workers is None and pool is None
     vectorize = checks.flag("vectorize", serial if vectorize is None else vectorize)

@@ -85,7 +85,7 @@ def exact_start(move, target, nwalkers, ensembles=1_000, steps=10, seed=0, rows=
         values = target(theta)
         return (values[:, 0], values[:, 1:]) if values.ndim > 1 else (values, None)
 
-    model = Model(None, solve, map, random)
+    model = Model(target, solve, map, random)
     averages = []
     for start in target.sample(rng, (ensembles, nwalkers)):
         state = emcee.State(start, *solve(start))
