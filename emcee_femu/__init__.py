@@ -14,7 +14,7 @@ moves         proposals: plain emcee moves
 sampling      run emcee: starts, seeds, independent ensembles, files, pools; anneal a
               population (TMCMC)
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
-comparison    one posterior under several moves
+comparison    one posterior under several moves; model classes by their evidence
 figures       one figure per file
 paper         the two structures of the paper, and its published numbers
 """
@@ -22,9 +22,11 @@ paper         the two structures of the paper, and its published numbers
 from importlib.metadata import version as _version
 
 from . import paper as paper
+from .comparison.classes import compare_models as compare_models
 from .comparison.compare import compare_moves as compare_moves
 from .figures import plot_comparison as plot_comparison
 from .figures import plot_correlation as plot_correlation
+from .figures import plot_model_comparison as plot_model_comparison
 from .figures import plot_predictive as plot_predictive
 from .figures import plot_scatter as plot_scatter
 from .figures import plot_tae as plot_tae

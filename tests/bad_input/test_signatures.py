@@ -33,6 +33,7 @@ from support.universal_file import LABELS, read_universal
 import emcee_femu as ef
 from emcee_femu import paper
 from emcee_femu.comparison.compare import Comparison
+from emcee_femu.results.evidence import Evidence
 
 HERTZ, SD = np.array([3.0, 9.0]), np.array([0.1, 0.2])
 SHAPES = np.array([[1.0, 1.5], [1.6, -0.6], [0.3, 0.8]])
@@ -57,6 +58,7 @@ POSTERIOR = ef.LogPosterior(MODEL, TERM, PRIOR)
 POINT, START = np.array([9.0, 6.0]), POSTERIOR.start(16, 1).reshape(2, 8, 2)
 (SAMPLER,) = ef.run(POSTERIOR, nwalkers=8, nsteps=16, seed=1)
 LADDER = ef.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
+CLASSES = {"a": Evidence(-2.0, 0.1, "known"), "b": Evidence(-4.0, 0.2, "known")}
 (TEMPERED,) = ef.run(POSTERIOR, LADDER, nwalkers=24, nsteps=16, seed=1)
 IDATA = ef.to_inference_data(SAMPLER, POSTERIOR)
 VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
@@ -237,6 +239,12 @@ CALLS = {
     "anneal": {"workers": OFF, "size": (40, whole(40))},
     "anneal, workers": {**IDLE, "size": OFF, "workers": (1, whole(1))},
     "log_evidence": {"samplers": ([TEMPERED], anything)},
+    "compare_models": {
+        "models": (CLASSES, records),
+        "prior": ({"a": 1.0, "b": 2.0}, by_name(number(above=0.0), every=True)),
+        "discard": (0, whole()),
+    },
+    "plot_model_comparison": {"comparison": (ef.compare_models(CLASSES), anything)},
     "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
 }
 STAND_INS = {

@@ -93,28 +93,3 @@ class _OneMode:
 
     def __call__(self, parameters):
         return ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))
-
-
-def misfit(parameters, modes):
-    ratio = modes.frequencies**2 / np.array([3.13, 9.83]) ** 2
-    return -((ratio - 1) ** 2).sum(axis=1) / (2 * 0.5**8)
-
-
-def beck_au():
-    """Return the posterior of Beck and Au's shear frame, which has two modes.
-
-    By quadrature: evidence 1.50950e-3, E[x1] 1.11700, P[x1 < 1] 0.53079.
-    """
-    prior = ef.IndependentPrior(
-        {
-            "x1": stats.lognorm(0.497868, scale=np.exp(0.510237)),
-            "x2": stats.lognorm(0.626675, scale=np.exp(0.169578)),
-        }
-    )
-    K = {
-        "x1": 29.7e6 * np.array([[1.0, 0.0], [0.0, 0.0]]),
-        "x2": 29.7e6 * np.array([[1.0, -1.0], [-1.0, 1.0]]),
-    }
-    masses = np.diag([16.5e3, 16.1e3])
-    model = ef.MatrixModel(np.zeros((2, 2)), masses, K, n_modes=2)
-    return ef.LogPosterior(model, misfit, prior)

@@ -1,0 +1,198 @@
+"""Model classes compared by their evidence, for the same data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats
+from ..results.evidence import Evidence, log_evidence
+from ..table import Table, as_html
+
+LEAD = 2.0  # combined standard errors by which a class must be ahead
+WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
+
+
+@dataclass(frozen=True, eq=False)
+class ModelComparison:
+    """What :func:`compare_models` found; ``print`` it for the table and the conclusion.
+
+    Attributes:
+        table: One row per model class, the largest evidence first: log evidence and its
+            standard error; ln of the Bayes factor of the first class against this one
+            and its standard error; probability; verdict.
+        evidences: By label, as :func:`log_evidence` returns them.
+        probabilities: Of the classes given the data, by label.
+        winner: Label of the class that is ahead of all others beyond the errors; None
+            if none is.
+        conclusion: The outcome in words, one sentence per line.
+    """
+
+    table: Table
+    evidences: dict[str, Evidence]
+    probabilities: dict[str, float]
+    winner: str | None
+    conclusion: str
+
+    def __str__(self) -> str:
+        """Return the table and the conclusion."""
+        return f"{self.table}\n{self.conclusion}"
+
+    def _repr_html_(self) -> str:
+        """Return the table and the conclusion as notebooks show them."""
+        return as_html(self.table, *self.conclusion.splitlines())
+
+
+def compare_models(
+    models: Mapping[str, Any],
+    *,
+    prior: Mapping[str, float] | None = None,
+    discard: int = 0,
+) -> ModelComparison:
+    r"""Compare model classes by their evidence, for the same data.
+
+    .. math:: B_{ij} = \frac{Z_i}{Z_j}, \qquad
+        P(M_i | D) = \frac{\pi_i Z_i}{\sum_j \pi_j Z_j}
+
+    The evidence rewards fit and charges for each parameter that the data narrow down
+    from its prior: widening a prior tenfold without need costs ln 10. The classes must
+    be given the same measurements, with normalised likelihoods and proper priors.
+
+    The verdict on a class is "undecided" where its log evidence is within two combined
+    standard errors of the first one's; otherwise it is behind by evidence that Kass
+    and Raftery call weak (ln B below 1), positive (3), strong (5) or very strong.
+
+    Args:
+        models: By label, what :func:`log_evidence` takes or has returned, or what
+            ``anneal`` has: at least two.
+        prior: Probabilities of the classes before the data, by label, above zero; they
+            are normalised. The default is that all are equal.
+        discard: Stored steps to drop as burn-in where samplers are given.
+
+    Raises:
+        TypeError: If models or prior are no mappings with labels that are text.
+        ValueError: If there are fewer than two classes, prior does not name them all,
+            or a log evidence is not finite; what log_evidence refuses, with the label.
+
+    Source: Kass and Raftery (1995), doi:10.1080/01621459.1995.10476572.
+
+    Example:
+        >>> from emcee_femu.results.evidence import Evidence
+        >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
+        >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
+        Ahead: four factors; the evidence against one factor is strong.
+    """
+    evidences = _evidences(models, discard)
+    labels = list(evidences)
+    weights = _prior_weights(prior, labels)
+    values = np.array([found.log_evidence for found in evidences.values()])
+    errors = np.array([found.log_evidence_error for found in evidences.values()])
+    order = np.argsort(-values, kind="stable")
+    labels, values, errors = [labels[i] for i in order], values[order], errors[order]
+    posterior = values + np.log(weights[order])
+    probabilities = np.exp(posterior - np.logaddexp.reduce(posterior))
+
+    lead = values[0] - values
+    lead_errors = np.where(np.arange(len(lead)) > 0, np.hypot(errors[0], errors), 0.0)
+    decided = lead > LEAD * lead_errors
+    verdicts = ["first"] + [
+        _judge(ahead) if clear else "undecided"
+        for ahead, clear in zip(lead[1:], decided[1:], strict=True)
+    ]
+    columns: list[tuple[str, str, Any]] = [
+        ("model class", "", labels),
+        ("log evidence", ".2f", values),
+        ("+-", ".2g", errors),
+        ("ln Bayes factor", ".2f", lead),
+        ("its +-", ".2g", lead_errors),
+        ("probability", ".3g", probabilities),
+        ("verdict", "", verdicts),
+    ]
+    title = (
+        "Model classes compared: ln Bayes factor of the first against each; "
+        + ("equal" if prior is None else "given")
+        + " prior probabilities"
+    )
+    winner = labels[0] if decided[1:].all() else None
+    return ModelComparison(
+        table=Table.from_columns(title, columns),
+        evidences={label: evidences[label] for label in labels},
+        probabilities=dict(zip(labels, probabilities.tolist(), strict=True)),
+        winner=winner,
+        conclusion=_conclude(labels, verdicts, evidences),
+    )
+
+
+def _evidences(models: Any, discard: int) -> dict[str, Evidence]:
+    """Return the evidences by label."""
+    if not isinstance(models, Mapping):
+        raise TypeError(
+            "models: expected samplers or evidences by label, such as {'one factor': "
+            f"a, 'four factors': b}}, got {models!r}"
+        )
+    if len(models) < 2:
+        raise ValueError(f"models: expected at least two classes, got {list(models)}")
+    discard = checks.whole_number("discard", discard)
+    found = {}
+    for label, given in models.items():
+        if not isinstance(label, str) or not label:
+            raise TypeError(f"models: expected labels that are text, got {label!r}")
+        try:
+            own = given if isinstance(given, Evidence) else log_evidence(given, discard)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"models[{label!r}]: {error}") from error
+        if not np.isfinite(own.log_evidence) or np.isnan(own.log_evidence_error):
+            raise ValueError(
+                f"models[{label!r}]: expected a finite log evidence and an error, got "
+                f"{own.log_evidence} +- {own.log_evidence_error}"
+            )
+        found[label] = own
+    return found
+
+
+def _prior_weights(prior: Any, labels: list[str]) -> Floats:
+    """Return the prior probabilities in the order of the labels."""
+    if prior is None:
+        return np.full(len(labels), 1 / len(labels))
+    if not isinstance(prior, Mapping):
+        raise TypeError(f"prior: expected {{label: probability}}, got {prior!r}")
+    if set(prior) != set(labels):
+        raise ValueError(
+            f"prior: expected one probability for each of {labels}, got {list(prior)}"
+        )
+    weights = [checks.positive_array(f"prior[{x!r}]", prior[x], 0) for x in labels]
+    result: Floats = np.array(weights) / np.sum(weights)
+    return result
+
+
+def _judge(lead: float) -> str:
+    """Return what Kass and Raftery call a log Bayes factor."""
+    word = next(word for least, word in WORDS if lead >= least)
+    return f"behind, {word}"
+
+
+def _conclude(
+    labels: list[str], verdicts: list[str], evidences: Mapping[str, Evidence]
+) -> str:
+    pairs = list(zip(labels[1:], verdicts[1:], strict=True))
+    close = [label for label, verdict in pairs if verdict == "undecided"]
+    words = [
+        f"the evidence against {label} is {verdict.rpartition(', ')[2]}"
+        for label, verdict in pairs
+        if verdict.startswith("behind")
+    ]
+    if close:
+        lines = [
+            f"Undecided between {', '.join([labels[0], *close[:-1]])} and {close[-1]}: "
+            "the log evidences differ by less than two standard errors; run longer."
+        ]
+        if words:
+            lines.append(f"Of the others, {', '.join(words)}.")
+    else:
+        lines = [f"Ahead: {labels[0]}; {', '.join(words)}."]
+    for label in labels:
+        for problem in evidences[label].problems:
+            lines.append(f"{label}: no error can be claimed, for {problem}.")
+    return "\n".join(lines)
