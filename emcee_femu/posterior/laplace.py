@@ -41,9 +41,9 @@ def log_probability(
     mean: Floats, covariance: Floats, low: Floats, high: Floats
 ) -> float:
     """Return the log-probability of a box under a Gaussian, by Monte Carlo."""
-    if _is_inside(mean, covariance, low, high):
+    if is_inside(mean, covariance, low, high):
         return 0.0
-    log_weights = _draw_inside(mean, covariance, low, high)[1]
+    log_weights = draw_inside(mean, covariance, low, high)[1]
     return float(special.logsumexp(log_weights) - np.log(DRAWS))
 
 
@@ -51,21 +51,21 @@ def moments_inside(
     mean: Floats, covariance: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, Floats]:
     """Return mean and covariance of a Gaussian cut at bounds, by Monte Carlo."""
-    if _is_inside(mean, covariance, low, high):
+    if is_inside(mean, covariance, low, high):
         return mean, covariance
-    draws, log_weights = _draw_inside(mean, covariance, low, high)
+    draws, log_weights = draw_inside(mean, covariance, low, high)
     weights = special.softmax(log_weights)
     centre = weights @ draws
     return centre, (draws - centre).T * weights @ (draws - centre)
 
 
-def _is_inside(mean: Floats, covariance: Floats, low: Floats, high: Floats) -> bool:
+def is_inside(mean: Floats, covariance: Floats, low: Floats, high: Floats) -> bool:
     """Return whether the bounds are too far to matter."""
     room = np.minimum(mean - low, high - mean)
     return bool((room > FAR * np.sqrt(np.diag(covariance))).all())
 
 
-def _draw_inside(
+def draw_inside(
     mean: Floats, covariance: Floats, low: Floats, high: Floats
 ) -> tuple[Floats, Floats]:
     """Return draws of a Gaussian inside a box and the logs of their weights.

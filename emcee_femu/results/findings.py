@@ -43,7 +43,7 @@ def describe_findings(found: Any) -> list[str]:
         f"quadratic over the samples (R^2 {found.r_squared[i]:.2f})."
         for i in np.flatnonzero(found.r_squared < GOOD_FIT)
     ]
-    if found.modes and np.isnan(found.sensitivities).all():
+    if found.modes and not found.local and np.isnan(found.sensitivities).all():
         sentences.append(
             "There are no sensitivities: the samples do not span all directions of "
             "the parameters. Run longer, or with more walkers."
@@ -124,12 +124,13 @@ def _sign(value: float, spec: str = ".3g") -> str:
 def _at_bound(found: Any, i: int, side: int) -> str:
     name, share = found.names[i], 100 * found.at_bound[i, side]
     bound = f"{('lower', 'upper')[side]} bound {found.bounds[i, side]:.5g}"
+    what = "the Gaussian's draws" if found.local else "the samples"
     if found.is_error[i] and side == 0:
         return (
-            f"{name} may well be as small as its {bound}, where {share:.0f} % of the "
-            "samples lie: the data do not need so large an error as the prior admits."
+            f"{name} may well be as small as its {bound}, where {share:.0f} % of "
+            f"{what} lie: the data do not need so large an error as the prior admits."
         )
     return (
-        f"{name} is pressed against its {bound}: {share:.0f} % of the samples lie "
-        "within 1 % of the range from it. Widen the bounds, or doubt the model."
+        f"{name} is pressed against its {bound}: {share:.0f} % of {what} lie within "
+        "1 % of the range from it. Widen the bounds, or doubt the model."
     )

@@ -1,4 +1,4 @@
-"""What the data say about each parameter, read off the samples."""
+"""What the data say about each parameter, read off samples, or near a maximum."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -7,15 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interfaces import Floats
+from ..sampling.found_map import FoundMap
 from ..table import Table, as_html
-from .arviz_objects import dataset, samples
 from .findings import describe_findings
-
-NEAR = 0.01  # of the range; a uniform density has a share of 0.01 so near a bound
-FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
-COLLINEAR = 1e-6  # relative singular value of samples that do not span all directions
-PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
-ENOUGH = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
+from .local_sensitivities import describe_locally
+from .sampled_sensitivities import describe_samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +36,8 @@ class Identifiability:
             and for the parameters of errors.
         r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
             mode that no parameter changes.
+        local: Where the numbers are from, if not from samples but from a maximum of the
+            posterior.
         findings: Plain sentences.
     """
 
@@ -54,6 +52,7 @@ class Identifiability:
     modes: tuple[str, ...]
     sensitivities: Floats
     r_squared: Floats
+    local: str = ""
     findings: tuple[str, ...] = ()
 
     @property
@@ -81,14 +80,16 @@ class Identifiability:
 
     @property
     def sensitivity_table(self) -> Table:
-        """One row per parameter, one column per mode, in percent; last row: R^2."""
+        """One row per parameter, one column per mode, in percent; R^2 of fits."""
         shown = [i for i, error in enumerate(self.is_error) if not error]
         percent = 100 * self.sensitivities[:, shown]
-        columns: list[tuple[str, str, Any]] = [
-            ("parameter", "", [*(self.names[i] for i in shown), "R^2"])
+        labels = [self.names[i] for i in shown]
+        if not self.local:  # then nothing was fitted
+            labels, percent = [*labels, "R^2"], np.c_[percent, self.r_squared]
+        columns: list[tuple[str, str, Any]] = [("parameter", "", labels)]
+        columns += [
+            (mode, ".3g", row) for mode, row in zip(self.modes, percent, strict=True)
         ]
-        for mode, row, r in zip(self.modes, percent, self.r_squared, strict=True):
-            columns.append((mode, ".3g", np.append(row, r)))
         title = "Sensitivity of the eigenvalues: % per prior standard deviation"
         return Table.from_columns(title, columns)
 
@@ -107,7 +108,12 @@ class Identifiability:
 def identifiability(idata: Any) -> Identifiability:
     r"""Say which parameters the data inform, from the samples, without an FE solve.
 
-    The sensitivities are gradients at the posterior mean,
+    Before any sampling what :func:`find_map` found will do: the numbers are then those
+    of the Gaussian about its heaviest maximum, cut at the bounds, and said to be local;
+    the sensitivities are derivatives there, by one solve if the models have
+    ``jacobian``, by ``2 d + 1`` otherwise.
+
+    The sensitivities of samples are gradients at the posterior mean,
 
     .. math:: S_{ij} = \mathrm{sd}_{prior,j}
         \frac{\partial \ln \lambda_i}{\partial \theta_j}, \qquad
@@ -128,103 +134,19 @@ def identifiability(idata: Any) -> Identifiability:
     independent.
 
     Args:
-        idata: What :func:`to_inference_data` returns, without burn-in.
+        idata: What :func:`to_inference_data` returns, without burn-in, or what
+            :func:`find_map` returns.
 
     Raises:
-        TypeError: If idata is not what :func:`to_inference_data` returns.
+        TypeError: If idata is neither.
         ValueError: If a parameter took fewer different values than three for each of
             the (d + 1)(d + 2) / 2 coefficients of the quadratic.
 
     Source: Fox and Kapoor (1968), doi:10.2514/3.5008, derive the same gradients from
     the mode shapes.
     """
-    names, chains = samples(idata)
-    draws = chains.reshape(-1, len(names))
-    constants = dataset(idata, "constant_data")
-    is_error = constants["is_error"].values.astype(bool)
-    structural = np.flatnonzero(~is_error)
-    _check_enough([names[i] for i in structural], draws[:, structural])
-    prior_sd = constants["prior_sd"].values
-    mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
-    modes, frequencies = _frequencies(idata, len(draws))
-    sensitivities = np.full((len(modes), len(names)), np.nan)
-    fitted = np.linspace(0, len(draws) - 1, min(len(draws), ENOUGH)).astype(int)
-    gradients, r_squared = _gradients(
-        (draws / sd)[np.ix_(fitted, structural)], frequencies[fitted]
-    )
-    sensitivities[:, structural] = gradients * (prior_sd / sd)[structural]
-    bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
-    found = Identifiability(
-        names=tuple(names),
-        is_error=is_error,
-        prior_sd=prior_sd,
-        bounds=bounds,
-        sd_ratio=sd / prior_sd,
-        shift=(mean - constants["prior_mean"].values) / prior_sd,
-        correlation=np.corrcoef(draws, rowvar=False).reshape(len(names), -1),
-        at_bound=_shares_at_bounds(draws, bounds, prior_sd),
-        modes=modes,
-        sensitivities=sensitivities,
-        r_squared=r_squared,
-    )
-    return replace(found, findings=tuple(describe_findings(found)))
-
-
-def _frequencies(idata: Any, n: int) -> tuple[tuple[str, ...], Floats]:
-    """Return the modes of all experiments, in words, and their frequencies (n, m)."""
-    labels: list[str] = []
-    columns = [np.empty((n, 0))]
-    for name, values in dataset(idata, "response").data_vars.items():
-        experiment, _, variable = str(name).rpartition(".")
-        if variable == "frequency":
-            array = values.transpose("chain", "draw", ...).values.reshape(n, -1)
-            columns.append(array)
-            numbers = range(1, array.shape[1] + 1)
-            labels += [f"{experiment} mode {i}".strip() for i in numbers]
-    return tuple(labels), np.concatenate(columns, axis=1)
-
-
-def _check_enough(names: list[str], draws: Floats) -> None:
-    d = len(names)
-    needed = PER_COEFFICIENT * (d + 1) * (d + 2) // 2
-    for name, column in zip(names, draws.T, strict=True):
-        different = len(np.unique(column))
-        if different < needed:
-            raise ValueError(
-                f"idata: {name!r} took {different} different value(s), but at least "
-                f"{needed} are needed for {d} parameter(s); run longer"
-            )
-
-
-def _gradients(draws: Floats, frequencies: Floats) -> tuple[Floats, Floats]:
-    """Return gradients ``(m, d)`` of ln(lambda) at the mean of the draws, and R^2."""
-    (n, d), m = draws.shape, frequencies.shape[1]
-    gradients, r_squared = np.full((m, d), np.nan), np.full(m, np.nan)
-    # Whitened, because the squares of correlated draws are nearly collinear.
-    U, S, Vt = np.linalg.svd(draws - draws.mean(axis=0), full_matrices=False)
-    if not d or not S[-1] > COLLINEAR * S[0]:
-        return gradients, r_squared
-    white = np.sqrt(n) * U
-    i, j = np.triu_indices(d)
-    design = np.column_stack([white, white[:, i] * white[:, j], np.ones(n)])
-    usable = (frequencies > 0).all(axis=0)  # rigid-body modes have no logarithm
-    log_eigenvalues = 2 * np.log(frequencies[:, usable])
-    log_eigenvalues -= log_eigenvalues.mean(axis=0)
-    coefficients = np.linalg.lstsq(design, log_eigenvalues)[0]
-    rest = log_eigenvalues - design @ coefficients
-    variance = (rest**2).sum(axis=0) / (n - design.shape[1])
-    total = log_eigenvalues.var(axis=0, ddof=1)
-    varies = total > FLAT**2
-    slopes = np.sqrt(n) * (coefficients[:d].T / S) @ Vt
-    gradients[usable] = np.where(varies[:, None], slopes, 0.0)
-    r_squared[usable] = np.where(
-        varies, 1 - variance / np.maximum(total, FLAT**2), np.nan
-    )
-    return gradients, r_squared
-
-
-def _shares_at_bounds(draws: Floats, bounds: Floats, prior_sd: Floats) -> Floats:
-    low, high = bounds.T
-    width = np.where(np.isfinite(high - low), high - low, 4 * prior_sd)
-    near = [draws <= low + NEAR * width, draws >= high - NEAR * width]
-    return np.stack([share.mean(axis=0) for share in near], axis=1)
+    local = isinstance(idata, FoundMap)
+    fields = describe_locally(idata) if local else describe_samples(idata)
+    found = Identifiability(**fields)
+    findings = [*([found.local] if found.local else []), *describe_findings(found)]
+    return replace(found, findings=tuple(findings))

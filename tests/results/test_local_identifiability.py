@@ -1,0 +1,115 @@
+"""What is said before any sampling is exact where the posterior is Gaussian."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+
+import emcee_femu as ef
+from tests.support.tempered_laws import beck_au
+
+DESIGN = np.array([[3.0, 1.0, 0.0], [1.0, -2.0, 0.0]])  # Hz per unit of the parameters
+SD, MEASURED, RELATIVE = np.array([1.0, 0.5, 2.0]), np.array([21.0, 49.0]), 0.02
+
+
+def frequencies(p):
+    return [20 + 3 * p["a"] + p["b"], 50 + p["a"] - 2 * p["b"]]
+
+
+def linear_posterior(bounds=None):
+    prior = ef.GaussianPrior(["a", "b", "c"], np.zeros(3), SD, bounds)
+    model = ef.FunctionModel(frequencies, n_modes=2)
+    term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
+    return ef.LogPosterior(model, term, prior)
+
+
+@pytest.fixture
+def found():
+    return ef.identifiability(ef.find_map(linear_posterior(), 3, seed=1))
+
+
+def test_a_linear_gaussian_problem_has_its_exact_answer(found):
+    noise = np.diag((RELATIVE * MEASURED) ** -2.0)
+    covariance = np.linalg.inv(DESIGN.T @ noise @ DESIGN + np.diag(SD**-2.0))
+    mean = covariance @ DESIGN.T @ noise @ (MEASURED - [20, 50])
+    sd = np.sqrt(np.diag(covariance))
+    # The prior's own are those of its draws, good to 1 %.
+    assert_allclose(found.sd_ratio, sd / SD, rtol=0.02)
+    assert_allclose(found.shift, mean / SD, atol=0.03)
+    assert_allclose(found.correlation, covariance / np.outer(sd, sd), atol=1e-4)
+    predicted = [20, 50] + DESIGN @ mean
+    expected = 2 * DESIGN * found.prior_sd / predicted[:, None]
+    assert_allclose(found.sensitivities, expected, atol=1e-6)
+    assert np.isnan(found.r_squared).all() and (found.at_bound == 0).all()
+
+
+def test_it_is_said_to_be_local(found):
+    assert found.findings[0].startswith("Local: of the Gaussian about the maximum, not")
+    assert found.findings[1].startswith("The data say nothing about c: ")
+    assert len(found.findings) == 2
+    assert "R^2" not in str(found) and "Local: " in str(found)
+    assert found.sensitivity_table.column("parameter") == ["a", "b", "c"]
+
+
+def test_one_of_two_maxima_is_named_with_its_weight():
+    found = ef.identifiability(ef.find_map(beck_au(), seed=1))
+    assert "about the maximum of weight 0.53, one of 2, not of" in found.findings[0]
+
+
+def test_derivatives_of_the_model_and_differences_agree():
+    problem = ef.paper.mass_spring()
+    posterior = problem.posterior
+
+    def solve(p):
+        return problem.model({k: np.array([v]) for k, v in p.items()}).frequencies[0]
+
+    plain = ef.FunctionModel(solve, n_modes=5)
+    other = ef.LogPosterior(plain, posterior.terms, posterior.prior)
+    assert posterior.differentiable and not other.differentiable
+    start = [4000.0, 2200.0, 2120.0, 2600.0, 2400.0]
+    both = [ef.find_map(one, start, seed=1) for one in (posterior, other)]
+    one, two = map(ef.identifiability, both)
+    assert_allclose(one.sensitivities, two.sensitivities, rtol=1e-3)
+    # All springs together would have d ln(lambda) / d ln(k) = 1; some are fixed.
+    theta = both[0].maxima[0].theta
+    elastic = (one.sensitivities / one.prior_sd) @ theta
+    assert ((elastic > 0) & (elastic < 1)).all()
+    assert one.modes == tuple(f"mode {i}" for i in range(1, 6))
+
+
+def test_an_inferred_error_has_no_sensitivity_and_a_bound_is_named():
+    prior = ef.IndependentPrior(
+        {
+            "a": stats.norm(0, 1),
+            "b": stats.uniform(1.0, 2.0),
+            "scatter": stats.halfnorm(0, 0.05),
+        }
+    )
+    term = ef.FrequencyTerm([20.0, 50.0], relative_sd=0.01, discrepancy="scatter")
+    model = ef.FunctionModel(frequencies, n_modes=2)
+    posterior = ef.LogPosterior(model, term, prior)
+    found = ef.identifiability(ef.find_map(posterior, 4, seed=1))
+    assert found.is_error.tolist() == [False, False, True]
+    assert np.isnan(found.sensitivities[:, 2]).all()
+    assert found.at_bound[1, 0] > 0.02
+    assert found.sd_ratio[1] < 1
+
+
+def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
+    posterior = linear_posterior(bounds=[(0.8, 3.0), (-4, 4), (-9, 9)])
+    found = ef.identifiability(ef.find_map(posterior, 3, seed=1))
+    (sentence,) = [text for text in found.findings if "pressed" in text]
+    assert sentence.startswith("a is pressed against its lower bound 0.8")
+    assert "of the Gaussian's draws lie" in sentence
+
+
+def test_experiments_of_a_joint_posterior_are_named():
+    model = ef.FunctionModel(frequencies, n_modes=2)
+    term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
+    prior = ef.GaussianPrior(["a", "b"], [0, 0], SD[:2])
+    posterior = ef.LogPosterior.joint(
+        {"empty": (model, term), "loaded": (model, term)}, prior
+    )
+    found = ef.identifiability(ef.find_map(posterior, 2, seed=1))
+    assert found.modes[::2] == ("empty mode 1", "loaded mode 1")
+    assert_allclose(found.sensitivities[:2], found.sensitivities[2:])
