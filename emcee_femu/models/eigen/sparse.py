@@ -94,7 +94,8 @@ class SparseEigenproblem:
         """Return what :meth:`solve` does, and its derivatives, from one solve.
 
         Frequencies cost next to nothing, shapes a factorisation for each mode.
-        ``slopes`` say how ``k`` and ``m`` change with each parameter.
+        ``slopes`` say how ``k`` and ``m`` change with each parameter. Whether the last
+        mode coincides with one above it is seen only where shapes are wanted.
         """
         count = self.skip + self.n_modes
         units = collect_sparse(self.K[1:]), collect_sparse(self.M[1:])
