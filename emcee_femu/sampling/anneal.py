@@ -7,9 +7,10 @@ import numpy as np
 
 from .. import checks
 from ..posterior.log_posterior import LogPosterior
-from .annealing import Annealed, anneal_population, fewest_members
+from .annealing import Annealed, anneal_population
 from .evaluation import Evaluation
 from .pools.own_processes import open_pool
+from .renewing import fewest_members
 
 
 def anneal(
@@ -25,15 +26,16 @@ def anneal(
     r"""Carry a population from the prior to the posterior: TMCMC.
 
     .. math:: p_j(\theta) \propto p(\theta) L(\theta)^{\beta_j}, \quad 0 = \beta_0 <
-        \dots < \beta_m = 1, \qquad
-        \ln Z = \sum_j \ln \left\langle L^{\beta_{j+1} - \beta_j} \right\rangle_j
+        \dots < \beta_m = 1
 
     Each power is chosen so that the weights :math:`L^{\beta_{j+1} - \beta_j}` have a
     coefficient of variation of 1. Members are drawn by their weights, then moved by
     proposals from Student-t mixtures and by random walks until four fifths of them
     are renewed, at most 20 times. Two halves of the population fit the proposals for
     each other. All members are evaluated at once, so as many workers as members are of
-    use.
+    use. The evidence is a product of ratios, each bridged from the members at two
+    neighbouring powers; its error counts the descendants of one draw of the prior as
+    one.
 
     It gives a population of equal weights, not a chain: R-hat and autocorrelation times
     have no meaning for it. :func:`to_inference_data` takes it, for tables and figures.
@@ -57,8 +59,9 @@ def anneal(
         RuntimeError: If too many solves failed.
 
     Source: Ching and Chen (2007),
-    doi:10.1061/(ASCE)0733-9399(2007)133:7(816); the standard error by the lineages of
-    Lee and Whiteley (2018), doi:10.1093/biomet/asy028.
+    doi:10.1061/(ASCE)0733-9399(2007)133:7(816); Bennett (1976),
+    doi:10.1016/0021-9991(76)90078-4 (the ratios); Lee and Whiteley (2018),
+    doi:10.1093/biomet/asy028 (lineages).
 
     Example:
         >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior

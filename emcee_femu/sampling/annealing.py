@@ -6,25 +6,19 @@ accidents, which made the evidence 1.3 too large in ten dimensions.
 """
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.random import RandomState
 from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from ..interfaces import Floats, Prior
-from ..moves import IndependenceMove
-from ..moves.acceptance import accept_or_reject
-from ..moves.component_walk import ComponentWalk
 from ..table import Table
+from .bridging import bridge
+from .renewing import fewest_members as fewest_members
+from .renewing import renew
 
 MOST_DRAWS = 20  # times the size, for a population of finite likelihood
-RENEWED = 0.8  # of the members are to be independent of their ancestors
-MOST_SWEEPS = 20  # at one power
-MOST_COMPONENTS = 6
-PER_COMPONENT = 10  # members of a half for each parameter and component
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,36 +97,31 @@ def anneal_population(
     before = evaluation.solves
     random = RandomState(rng.bit_generator)
     theta, rows, share, draws = _draw(evaluation, prior, rng, size)
-    ends = (0, size // 2, size)
-    halves = [np.arange(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-    log_z = np.full(2, np.log(share))
-    ancestors, variation = np.arange(size), (1 - share) / (share * draws)
-    powers, moved = [0.0], []
+    halves = [np.arange(size // 2), np.arange(size // 2, size)]
+    ancestors, influence = np.arange(size), np.zeros(size)
+    log_evidence, powers, moved = float(np.log(share)), [0.0], []
     while powers[-1] < 1:
-        log_likelihood = rows[:, 0] - rows[:, 1]
-        step = _next_step(log_likelihood, 1 - powers[-1])
+        low = rows[:, 0] - rows[:, 1]
+        step = _next_step(low, 1 - powers[-1])
         if powers[-1] + step == powers[-1]:
             raise RuntimeError(
-                f"posterior: the likelihood still varies by {np.ptp(log_likelihood):g} "
-                f"at its power {powers[-1]:g}, and no larger one can be reached; is it "
-                "a function of the parameters alone?"
+                f"posterior: the likelihood still varies by {np.ptp(low):g} at its "
+                f"power {powers[-1]:g}, and no larger one can be reached; is it a "
+                "function of the parameters alone?"
             )
-        last = step == 1 - powers[-1]
-        powers.append(1.0 if last else powers[-1] + step)
-        log_weights = step * log_likelihood
-        log_all = log_weights + np.repeat(log_z, [len(half) for half in halves])
-        log_z = np.array([_log_mean(log_all[half]) for half in halves])
-        weights = np.exp(log_weights - log_weights.max())
-        variation += weights.var() / weights.mean() ** 2 / size
-        if last:  # the halves meet: the evidence knows no later bias
-            weights = np.exp(log_all - log_all.max())
-            lineage = _lineage_error(weights, ancestors)
-            kept = _resample(weights, rng)
-        else:
-            kept = np.concatenate([h[_resample(weights[h], rng)] for h in halves])
-        theta, rows, ancestors = theta[kept], rows[kept], ancestors[kept]
-        moved.append(_move(evaluation, theta, rows, halves, powers[-1], random))
+        powers.append(1.0 if step == 1 - powers[-1] else powers[-1] + step)
+        weights = np.exp(step * (low - low.max()))
+        kept = np.concatenate([half[_resample(weights[half], rng)] for half in halves])
+        parents, ancestors = ancestors, ancestors[kept]
+        theta, rows = theta[kept], rows[kept]
+        moved.append(renew(evaluation, theta, rows, halves, powers[-1], random))
+        high = rows[:, 0] - rows[:, 1]
+        ratio, by_low, by_high = bridge(step * low, step * high)
+        log_evidence += ratio
+        np.add.at(influence, parents, by_low)
+        np.add.at(influence, ancestors, by_high)
     acceptance, sweeps = zip(*moved, strict=True)
+    variance = (influence**2).sum() + (1 - share) / (share * draws)
     return Annealed(
         names=tuple(prior.names),
         theta=theta,
@@ -140,10 +129,8 @@ def anneal_population(
         powers=np.array(powers),
         acceptance=np.array(acceptance),
         sweeps=np.array(sweeps),
-        log_evidence=_log_mean(log_z),
-        # Lineages see what moves leave correlated, and scatter: never below the sum of
-        # the stages, which is the error of a perfect mixture.
-        log_evidence_error=float(np.sqrt(max(lineage, variation))),
+        log_evidence=log_evidence,
+        log_evidence_error=float(np.sqrt(variance)),
         effective_size=_effective_size(theta, ancestors),
         solves=evaluation.solves - before,
     )
@@ -188,10 +175,6 @@ def _next_step(log_likelihood: Floats, most: float) -> float:
     return low
 
 
-def _log_mean(logs: Floats) -> float:
-    return float(logsumexp(logs) - np.log(len(logs)))
-
-
 def _resample(weights: Floats, rng: np.random.Generator) -> NDArray[np.intp]:
     """Return members as often as their weights say, to one (systematic)."""
     n = len(weights)
@@ -199,18 +182,6 @@ def _resample(weights: Floats, rng: np.random.Generator) -> NDArray[np.intp]:
     places = (np.arange(n) + rng.random()) / n * edges[-1]
     kept: NDArray[np.intp] = np.searchsorted(edges, places, side="right")
     return np.minimum(kept, n - 1)
-
-
-def _lineage_error(weights: Floats, ancestors: NDArray[np.intp]) -> float:
-    """Return the squared relative error of the evidence.
-
-    Descendants of one draw of the prior are one draw as long as they have not moved
-    far: what counts is how unequal the shares of the lineages are.
-
-    Source: Lee and Whiteley (2018), doi:10.1093/biomet/asy028.
-    """
-    shares = np.bincount(ancestors, weights / weights.sum())
-    return float((shares**2).sum() - 1 / len(weights))
 
 
 def _effective_size(theta: Floats, ancestors: NDArray[np.intp]) -> Floats:
@@ -221,78 +192,3 @@ def _effective_size(theta: Floats, ancestors: NDArray[np.intp]) -> Floats:
     np.add.at(sums, ancestors, centred)
     size: Floats = n * (centred**2).sum(axis=0) / (sums**2).sum(axis=0)
     return np.minimum(size, n)
-
-
-def fewest_members(ndim: int) -> int:
-    """Return the smallest population that a mixture can be fitted to, in halves."""
-    return 2 * PER_COMPONENT * ndim
-
-
-def _fit(draws: Floats, others: Floats) -> IndependenceMove:
-    """Return a mixture with as many components as make the others more likely."""
-    most = min(MOST_COMPONENTS, len(draws) // (PER_COMPONENT * draws.shape[1]))
-    best = IndependenceMove.fit(draws)
-    score = best.log_density(others).mean()
-    for components in range(2, most + 1):
-        try:
-            fitted = IndependenceMove.fit(draws, components)
-        except ValueError:  # a component died
-            break
-        if (new := fitted.log_density(others).mean()) <= score:
-            break
-        best, score = fitted, new
-    return best
-
-
-def _move(
-    evaluation: Any,
-    theta: Floats,
-    rows: Floats,
-    halves: list[NDArray[np.intp]],
-    power: float,
-    random: RandomState,
-) -> tuple[float, int]:
-    """Move all members, in place, until they are far from where they were.
-
-    Sweeps of independence proposals alternate with a random walk, whichever renews
-    more members having three quarters of them.
-
-    Returns:
-        The share of accepted proposals, and the number of sweeps.
-    """
-    n, ndim = theta.shape
-    one, other = (theta[half] for half in halves)
-    fits = [_fit(other, one), _fit(one, other)]
-    walks = [ComponentWalk(fit) for fit in fits]
-
-    def compute(proposed: Floats) -> tuple[Floats, Floats]:
-        new = evaluation.rows(proposed)
-        return new[:, 0], new[:, 1:]
-
-    model = SimpleNamespace(compute_log_prob_fn=compute, random=random)
-    state = SimpleNamespace(coords=theta, log_prob=rows[:, 0], blobs=rows[:, 1:])
-    renewed, betas, accepted = np.zeros(n), np.full(n, power), []
-    # An accepted step of the walk is worth 2.38**2 / (2 ndim) independent draws.
-    worth = min(1.0, 2.8 / ndim)
-    rates = [1.0, 0.25 * worth]
-    for sweep in range(MOST_SWEEPS):
-        better = rates[1] > rates[0]
-        walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
-        moves: Any = walks if walking else fits
-        batches = [
-            next(move.batches(theta[half], random))
-            for move, half in zip(moves, halves, strict=True)
-        ]
-        proposed, factors = (
-            np.concatenate(parts) for parts in list(zip(*batches, strict=True))[1:]
-        )
-        moved = accept_or_reject(model, state, np.arange(n), proposed, factors, betas)
-        accepted.append(len(moved) / n)
-        rates[walking] = accepted[-1] * (worth if walking else 1.0)
-        renewed[moved] += worth if walking else 1.0
-        if walking:
-            for walk in walks:
-                walk.scale *= np.exp(accepted[-1] - 0.25)
-        if np.minimum(renewed, 1).mean() > RENEWED:
-            break
-    return float(np.mean(accepted)), len(accepted)
