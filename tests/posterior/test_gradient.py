@@ -177,6 +177,24 @@ def test_nothing_is_solved_out_of_bounds_and_differences_stay_inside():
     assert inside.model.solved == [3 * 5]
 
 
+@pytest.mark.parametrize("model", [Derived, Solver])
+def test_where_a_term_rejects_there_is_no_gradient(model):
+    class Rejecting:
+        def __call__(self, parameters, response):
+            return np.where(parameters["a"] > 1, -np.inf, 0.0)
+
+        def linearize(self, parameters, response, tangents):
+            return np.zeros((len(parameters["a"]), 3)), None
+
+    terms = [FREQUENCY, Rejecting()]
+    rows, gradient = ef.LogPosterior(model(), terms, PRIOR).gradient(THETA)
+    rejected = THETA[:, 0] > 1
+    assert 0 < rejected.sum() < len(THETA)
+    assert_array_equal(rows[:, 0] == -np.inf, rejected)
+    assert_array_equal(np.isnan(gradient).all(axis=1), rejected)
+    assert_array_equal(np.isnan(gradient).any(axis=1), rejected)
+
+
 class Ring:
     """A prior without gradient whose support is a thin disc about (1, 1)."""
 
@@ -253,6 +271,8 @@ def test_functions_are_differenced_on_any_response(convert):
     def term(parameters, response):
         mapping = convert == "mapping"
         frequency = response["frequency"] if mapping else response.frequency
+        if convert == "paired":
+            frequency = np.where(response.unpaired, 1.0, frequency)
         return -((frequency - 1) ** 2).sum(axis=1) * np.exp(parameters["s"])
 
     term.names = ("s",)
