@@ -235,13 +235,17 @@ def test_without_a_jacobian_there_is_none():
 
 def test_derivatives_of_other_variables():
     model = FunctionModel(
-        lambda p: p["k"] ** 2,
-        variables={"tip": Variable({}, "m")},
-        jacobian=lambda p: (p["k"] ** 2, {"tip": {"k": 2 * p["k"]}}),
+        lambda p: {"tip": p["k"] ** 2, "base": 0.0},
+        variables={"tip": Variable({}, "m"), "base": Variable({}, "m")},
+        jacobian=lambda p: (
+            {"tip": p["k"] ** 2, "base": 0.0},
+            {"tip": {"k": 2 * p["k"]}, "base": {}},
+        ),
     )
     response, derivatives = model.jacobian({"k": np.array([1.0, 3.0])})
     assert np.array_equal(response["tip"], [1, 9])
     assert np.array_equal(derivatives["tip"]["k"], [2, 6])
+    assert derivatives["base"] == {}
 
 
 @pytest.mark.parametrize(
