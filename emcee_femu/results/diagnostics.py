@@ -12,16 +12,15 @@ from scipy import stats
 from ..interfaces import Floats
 from ..table import Table, as_html
 from . import arviz_objects
+from .agreement import FEWEST_ENSEMBLES, excess_scatter, tau_by_ensemble
+from .agreement import autocorrelation_time as autocorrelation_time
+from .groups import Groups, weigh_groups
 from .judged_chains import acceptance, judged_chains
+from .verdict import CONVERGED as CONVERGED
+from .verdict import judge
 
-ENOUGH_TAU = 50  # steps per autocorrelation time below which tau itself is unreliable
-GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
-# R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
-# walkers that stay apart, which tau cannot see: it centres each walker on its own mean.
-WALKERS_APART = 1.05
 FEWEST_STEPS = 8  # that can be judged
 TAILS = (0.05, 0.95)
-CONVERGED = "converged"
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,13 @@ class Diagnosis:
             NaN for a single walker.
         rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
             test for a missed mode; NaN for a single ensemble.
+        sd_error: Relative standard error of the standard deviation, by the ESS of
+            squared deviations, ``(d,)``.
+        scatter: By how much the ensembles' means and variances scatter more than tau
+            allows (above 1), the worse of both, ``(d,)``; NaN for less than three.
         failures: Number of rejected solves by cause (``run(on_failure="reject")``).
+        groups: Separated groups of the posterior and the frozen proposal, if "auto"
+            ran; printed where there are several.
         short: The verdict in a few words.
         verdict: The verdict in one sentence.
     """
@@ -61,7 +66,10 @@ class Diagnosis:
     stuck: tuple[tuple[int, int], ...]
     rhat_within: Floats
     rhat_between: Floats
+    sd_error: Floats
+    scatter: Floats
     failures: Mapping[str, int]
+    groups: Groups | None = None
     short: str = ""
     verdict: str = ""
 
@@ -99,13 +107,19 @@ class Diagnosis:
             lines.append(f"Failed solves, taken for impossible: {dict(self.failures)}.")
         return [*lines, self.verdict]
 
+    def _parts(self) -> list[Table | str]:
+        """Return what is printed: groups where there are several."""
+        groups = self.groups
+        several = [] if groups is None or len(groups.importance) < 2 else [groups.table]
+        return [self.table, *several, *self._sentences()]
+
     def __str__(self) -> str:
         """Return the table and the verdict."""
-        return "\n".join([str(self.table), *self._sentences()])
+        return "\n".join(map(str, self._parts()))
 
     def _repr_html_(self) -> str:
         """Return the table and the verdict as notebooks show them."""
-        return as_html(self.table, *self._sentences())
+        return as_html(*self._parts())
 
 
 def diagnose(
@@ -141,17 +155,23 @@ def diagnose(
         )
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
-    tau = np.full((n_ensembles, ndim), np.nan)
-    for ensemble in np.flatnonzero(moved.any(axis=1)):
-        series = draws[:, ensemble, moved[ensemble]]
-        if known.get("tempered"):
-            series = draws[:, ensemble].mean(axis=1, keepdims=True)
-        tau[ensemble] = autocorrelation_time(series)
+    squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
+    scatter = np.full(ndim, np.nan)
     if known.get("tempered"):
+        tau = tau_by_ensemble(
+            draws.mean(axis=2, keepdims=True), moved.any(axis=1, keepdims=True)
+        )
         bulk, tail = _sizes_by_means(draws)
+        of_squares = _size_by_means(squares)
     else:
-        everything = by_ensemble.reshape(-1, steps, ndim)
-        bulk, tail = arviz_objects.effective_sizes(everything)
+        tau = tau_by_ensemble(draws, moved)
+        bulk, tail = arviz_objects.effective_sizes(_as_chains(draws))
+        of_squares = arviz_objects.mean_sizes(_as_chains(squares))
+        if n_ensembles >= FEWEST_ENSEMBLES:
+            means = excess_scatter(draws, tau)
+            scatter = np.fmax(
+                means, excess_scatter(squares, tau_by_ensemble(squares, moved))
+            )
     within = [np.full(ndim, np.nan)]  # one walker alone has nothing to compare with
     if n_walkers > 1:
         within = [arviz_objects.rhat(walkers) for walkers in by_ensemble]
@@ -159,8 +179,10 @@ def diagnose(
     if n_ensembles > 1:
         pooled = by_ensemble.reshape(n_ensembles, -1, ndim)  # walker after walker
         between = arviz_objects.rhat(pooled)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
+        of_variance = np.sqrt(squares.var(axis=(0, 1, 2)) / of_squares)
+        sd_error = 0.5 * of_variance / squares.mean(axis=(0, 1, 2))
     found = Diagnosis(
         names=tuple(names),
         steps=steps,
@@ -172,17 +194,21 @@ def diagnose(
         stuck=tuple((int(e), int(w)) for e, w in np.argwhere(~moved)),
         rhat_within=np.max(within, axis=0),
         rhat_between=between,
+        sd_error=sd_error,
+        scatter=scatter,
+        groups=weigh_groups(samplers, discard, draws),
         failures=json.loads(known.get("failures", "{}")),
     )
-    short, verdict = _judge(found, bool(known.get("starts_given")))
+    short, verdict = judge(found, bool(known.get("starts_given")))
     return replace(found, short=short, verdict=verdict)
 
 
-def autocorrelation_time(chain: Floats) -> Floats:
-    """Return emcee's tau of ``chain (steps, walkers, d)``, ``(d,)``, however short."""
-    # tol=0 because diagnose reports steps / tau itself.
-    tau: Floats = emcee.autocorr.integrated_time(chain, tol=0)
-    return tau
+def _as_chains(values: Floats) -> Floats:
+    """Return values with every walker as a chain, ``(chains, steps, d)``."""
+    chains: Floats = values.transpose(1, 2, 0, 3).reshape(
+        -1, len(values), values.shape[3]
+    )
+    return chains
 
 
 def _sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
@@ -203,50 +229,3 @@ def _size_by_means(values: Floats) -> Floats:
         gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))
     result: Floats = gain * arviz_objects.mean_sizes(series.swapaxes(0, 1))
     return result
-
-
-def _judge(found: Diagnosis, starts_given: bool) -> tuple[str, str]:
-    """Return the verdict in a few words and in a sentence."""
-    if found.stuck:
-        return f"{len(found.stuck)} walkers stuck", (
-            f"Not converged: {len(found.stuck)} walkers never moved "
-            f"(ensemble, walker): {list(found.stuck[:5])}."
-        )
-    worst = int(np.argmin(found.steps_per_tau))
-    per_tau = found.steps_per_tau[worst]
-    if per_tau < ENOUGH_TAU:
-        return f"too short: {int(per_tau)} tau", (
-            f"Not converged: the chain is {per_tau:.0f} autocorrelation times "
-            f"long for {found.names[worst]} ({ENOUGH_TAU} are needed); run longer."
-        )
-    worst = int(np.argmax(found.rhat_within))
-    rhat = found.rhat_within[worst]
-    if rhat > WALKERS_APART:
-        return "walkers stay apart", (
-            "Not converged: the walkers of one ensemble stay apart in "
-            f"{found.names[worst]} (R-hat {rhat:.3f} over walkers), as they do "
-            "between several modes; try DEMCMove(mode_jump=0.1)."
-        )
-    length = (
-        f"{per_tau:.0f} autocorrelation times, ESS at least {found.ess_bulk.min():.0f}"
-    )
-    if len(found.tau) == 1:
-        return "one ensemble", (
-            "Well mixed, but one ensemble cannot show a missed mode: "
-            f"{length}; run ensembles=4 to be sure."
-        )
-    worst = int(np.argmax(found.rhat_between))
-    rhat = found.rhat_between[worst]
-    if rhat > GOOD_RHAT:
-        return "ensembles disagree", (
-            f"Not converged: the ensembles disagree about {found.names[worst]} (R-hat "
-            f"{rhat:.3f}, at most {GOOD_RHAT} is good); run longer, or "
-            "try DEMCMove(mode_jump=0.1) if there are several modes."
-        )
-    agreement = f"{len(found.tau)} ensembles agree (R-hat at most {rhat:.3f}), {length}"
-    if starts_given:
-        return "starts given", (
-            f"Well mixed from the given starts: {agreement}; starts from the prior "
-            "would show modes that none of these was near."
-        )
-    return CONVERGED, f"Converged by every check: {agreement}."

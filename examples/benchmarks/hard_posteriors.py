@@ -110,7 +110,7 @@ def needle(d: int, apart: float, weight: float, width: float) -> Target:
     """Return a unit Gaussian at 0 and a narrow one ``apart`` along the diagonal."""
     mean = np.full(d, apart / np.sqrt(d))
     factors = [np.eye(d), width * np.eye(d)]
-    limits = box(d, -8, 8 + mean[0])
+    limits = box(d, -6, 6 + mean[0])
     return gaussians([1 - weight, weight], [np.zeros(d), mean], factors, limits)
 
 
