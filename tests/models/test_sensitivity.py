@@ -9,6 +9,7 @@ from support.derivatives import assert_jacobian, assert_jacobian_batch_is_a_loop
 from support.reduced_beam import BOUNDS, OPTIONS, beam, draws, reduce
 
 from emcee_femu import FrameModel, MassSpringModel, MatrixModel, Section
+from emcee_femu.models.eigen import sensitivity
 
 SIZE = 9
 
@@ -148,6 +149,18 @@ def test_derivatives_are_those_of_differences(case):
 def test_a_batch_equals_a_loop_to_the_bit(case):
     model, parameters = (make() for make in CASES[case])
     assert_jacobian_batch_is_a_loop(model, parameters)
+
+
+def test_rows_one_at_a_time_are_those_of_a_batch(monkeypatch):
+    model, parameters = dense("abc", "bd"), draw("abcd")
+    whole = model.jacobian(parameters)[1]
+    monkeypatch.setattr(sensitivity, "AT_ONCE", 1)
+    for variable, by_name in model.jacobian(parameters)[1].items():
+        for name, derivative in by_name.items():
+            np.testing.assert_array_equal(derivative, whole[variable][name])
+    p = {"a": np.array([3.0, 5.0]), "b": np.array([4.0, 5.0]), "m": np.ones(2)}
+    with pytest.raises(ValueError, match=r"coincide .* at \{'a': 5.0"):
+        twins(np.asarray, 2, tied=False).jacobian(p)
 
 
 # --- closed forms

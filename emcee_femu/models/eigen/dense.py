@@ -9,15 +9,8 @@ import numpy as np
 
 from ... import checks
 from ...interfaces import Floats, ModalSolution
-from .sensitivity import (
-    EPS,
-    Blocks,
-    Derivatives,
-    Modes,
-    Slopes,
-    collect,
-    differentiate,
-)
+from .blocks import Blocks, collect
+from .sensitivity import EPS, Derivatives, Modes, Slopes, differentiate
 
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
 

@@ -20,7 +20,8 @@ from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import splu
 
 from ...interfaces import Floats
-from .sensitivity import EPS, PARTING, REPEATED, Slope, Weight, parting_error
+from .blocks import Weight
+from .sensitivity import EPS, PARTING, REPEATED, Slope, parting_error
 
 # Rows of a unit matrix that are not zero, and what is in them, (s, N).
 Unit: TypeAlias = tuple[NDArray[np.intp], csr_array]

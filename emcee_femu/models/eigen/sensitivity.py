@@ -18,36 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...interfaces import Floats
+from .blocks import ONE, Blocks, Weight, absolute, combine
 
 EPS = float(np.finfo(float).eps)
-ONE = 1.0  # the weight of a parameter that is a coefficient
+AT_ONCE = 2**16  # numbers of an array; larger ones cost more to allocate than to fill
 REPEATED = 1e-10  # relative gap of eigenvalues below which modes coincide
 PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 
-Weight: TypeAlias = Floats | float  # (n,), or the same for all
 # How the coefficients of K, and those of M, change with a parameter, by number.
 Slope: TypeAlias = tuple[Mapping[int, Weight], Mapping[int, Weight]]
 Slopes: TypeAlias = Mapping[str, Slope]
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
-
-
-class Block(NamedTuple):
-    """Matrices of coefficients without their rows of zeros, those of one size together.
-
-    The matrix of a spring, storey or member has few rows that are not zero.
-
-    Attributes:
-        numbers: Which matrices, ``g`` of them.
-        rows: Their rows that are not zero, ``(g, s)``.
-        entries: What is in these rows and columns, ``(g, s, s)``.
-    """
-
-    numbers: tuple[int, ...]
-    rows: NDArray[np.intp]
-    entries: Floats
-
-
-Blocks: TypeAlias = tuple[Block, ...]
 
 
 class Modes(NamedTuple):
@@ -70,34 +51,20 @@ class Modes(NamedTuple):
     skip: int
     describe: Callable[[int], str]
 
+    def take(self, rows: slice) -> "Modes":
+        """Return those of some parameter sets."""
+        return self._replace(
+            eigenvalues=self.eigenvalues[rows],
+            shapes=self.shapes[rows],
+            reported=None if self.reported is None else self.reported[rows],
+            describe=lambda row: self.describe(rows.start + row),
+        )
+
 
 def unit_slopes(K: Iterable[str], M: Iterable[str]) -> dict[str, Slope]:
     """Return the slopes of parameters that are the coefficients of K and of M."""
     in_K, in_M = ({name: {i: ONE} for i, name in enumerate(of)} for of in (K, M))
     return {name: (in_K.get(name, {}), in_M.get(name, {})) for name in in_K | in_M}
-
-
-def collect(matrices: Floats) -> Blocks:
-    """Return matrices ``(n, N, N)`` by the number of their rows that are not zero."""
-    N = matrices.shape[1]
-    rows = [np.flatnonzero(matrix.any(axis=1)) for matrix in matrices]
-    by_size: dict[int, list[int]] = {}
-    for number, own in enumerate(rows):
-        size = min(N, max(4, 1 << (len(own) - 1).bit_length()))  # few sizes: 4, 8, 16
-        rows[number] = np.append(
-            own, np.setdiff1d(np.arange(N), own)[: size - len(own)]
-        )
-        by_size.setdefault(size, []).append(number)
-    blocks = []
-    for size, numbers in by_size.items():
-        # A block gathers g s rows of all shapes: at most four times their number.
-        most = 4 * N // size
-        for start in range(0, len(numbers), most):
-            part = numbers[start : start + most]
-            entries = [matrices[j][np.ix_(rows[j], rows[j])] for j in part]
-            places = np.array([rows[j] for j in part])
-            blocks.append(Block(tuple(part), places, np.array(entries)))
-    return tuple(blocks)
 
 
 def differentiate(modes: Modes, K: Blocks, M: Blocks, slopes: Slopes) -> Derivatives:
@@ -112,6 +79,26 @@ def differentiate(modes: Modes, K: Blocks, M: Blocks, slopes: Slopes) -> Derivat
         ValueError: If modes coincide that part as a parameter changes: which of them
             is the lower one changes there, and no derivative exists.
     """
+    n, N = modes.eigenvalues.shape
+    shape = len(slopes), len(modes.selected)
+    frequency = np.empty((n, *shape))
+    shapes = None
+    if modes.reported is not None:
+        shapes = np.empty((n, shape[0], modes.reported.shape[1], shape[1]))
+    step = max(1, AT_ONCE // max(1, N * shape[0] * shape[1]))
+    for start in range(0, n, step):
+        rows = slice(start, start + step)
+        frequency[rows], turns = _differentiate_rows(modes.take(rows), K, M, slopes)
+        if shapes is not None:
+            shapes[rows] = turns
+    result = {"frequency": by_name(slopes, frequency)}
+    return result if shapes is None else result | {"shapes": by_name(slopes, shapes)}
+
+
+def _differentiate_rows(
+    modes: Modes, K: Blocks, M: Blocks, slopes: Slopes
+) -> tuple[Floats, Floats | None]:
+    """Return derivatives ``(n, d, m)`` and ``(n, d, n_out, m)`` of some rows."""
     n_modes, own = len(modes.selected), list(modes.selected)
     near = _find_repeated(modes, own)
     if repeated := bool(near.any()):  # with partners that nobody asked for
@@ -121,18 +108,18 @@ def differentiate(modes: Modes, K: Blocks, M: Blocks, slopes: Slopes) -> Derivat
     full = repeated or modes.reported is not None
     left = modes.shapes if full else None
     in_K, in_M = ([slope[i] for slope in slopes.values()] for i in (0, 1))
-    H = _combine(K, in_K, left, wanted)  # (n, d, [N,] m)
-    T = _combine(M, in_M, left, wanted) if any(in_M) else None
+    H = combine(K, in_K, left, wanted)  # (n, d, [N,] m)
+    T = combine(M, in_M, left, wanted) if any(in_M) else None
     if T is not None:
         H -= (eigenvalues[:, None, None] if full else eigenvalues[:, None]) * T
     changes = H[:, :, own, columns] if full else H  # of the eigenvalues, (n, d, m)
     if repeated:
-        sizes = _combine(_absolute(K), in_K, None, np.abs(wanted))
-        masses = _combine(_absolute(M), in_M, None, np.abs(wanted))
+        sizes = combine(absolute(K), in_K, None, np.abs(wanted))
+        masses = combine(absolute(M), in_M, None, np.abs(wanted))
         sizes += eigenvalues[:, None] * masses
         _refuse_parting(modes, near, own, H, changes, sizes, list(slopes))
     frequency = changes / (4 * np.pi * np.sqrt(eigenvalues[:, None]))
-    result = {"frequency": by_name(slopes, frequency[:, :, :n_modes])}
+    turns = None
     if modes.reported is not None:
         near[:, own[:n_modes], columns[:n_modes]] = True
         gaps = eigenvalues[:, None, :n_modes] - modes.eigenvalues[:, :, None]
@@ -140,8 +127,8 @@ def differentiate(modes: Modes, K: Blocks, M: Blocks, slopes: Slopes) -> Derivat
         H *= np.where(near, 0.0, 1.0 / np.where(near, 1.0, gaps))[:, None]
         if T is not None:
             H -= np.where(near[:, None], 0.5 * T[..., :n_modes], 0.0)
-        result["shapes"] = by_name(slopes, modes.reported[:, None] @ H)
-    return result
+        turns = modes.reported[:, None] @ H
+    return frequency[:, :, :n_modes], turns
 
 
 def _find_repeated(modes: Modes, own: Sequence[int]) -> NDArray[np.bool_]:
@@ -154,60 +141,6 @@ def _find_repeated(modes: Modes, own: Sequence[int]) -> NDArray[np.bool_]:
     near: NDArray[np.bool_] = cluster[:, :, None] == cluster[:, None, own]
     near[:, own, np.arange(len(own))] = False
     return near
-
-
-def _combine(
-    blocks: Blocks,
-    slopes: Sequence[Mapping[int, Weight]],
-    left: Floats | None,
-    right: Floats,
-) -> Floats:
-    """Return ``left^T A' right`` for each parameter, where ``A' = sum w_j A_j``.
-
-    Args:
-        blocks: The A_j.
-        slopes: The w_j of each parameter, ``d`` of them.
-        left: ``(n, N, p)``; None for the diagonal of ``right^T A' right`` alone.
-        right: ``(n, N, m)``.
-
-    Returns:
-        ``(n, d, p, m)``, or ``(n, d, m)`` for the diagonal.
-    """
-    users: dict[int, list[tuple[int, Weight]]] = {}
-    for place, weights in enumerate(slopes):
-        for number, weight in weights.items():
-            users.setdefault(number, []).append((place, weight))
-    used = [b for b in blocks if not users.keys().isdisjoint(b.numbers)]
-    n, _, m = right.shape
-    total: Floats | None = None
-    for block in used:
-        gathered = right[:, block.rows]  # (n, g, s, m)
-        forces = block.entries @ gathered
-        forms: Floats = (
-            (gathered * forces).sum(axis=2)
-            if left is None
-            else left[:, block.rows].swapaxes(2, 3) @ forces
-        )
-        own = [users.get(number, []) for number in block.numbers]
-        places = [place for pairs in own for place, _ in pairs]
-        plain = all(len(pairs) == 1 and pairs[0][1] is ONE for pairs in own)
-        if plain and len(used) == 1 and places == list(range(len(slopes))):
-            return forms  # as it is, which saves half of the time
-        if total is None:
-            total = np.zeros((n, len(slopes), *forms.shape[2:]))
-        if plain and len(set(places)) == len(places):
-            total[:, places] += forms
-            continue
-        for i, pairs in enumerate(own):
-            for place, weight in pairs:
-                total[:, place] += (forms[:, i].T * weight).T
-    if total is None:
-        total = np.zeros((n, len(slopes), *(() if left is None else left.shape[2:]), m))
-    return total
-
-
-def _absolute(blocks: Blocks) -> Blocks:
-    return tuple(block._replace(entries=np.abs(block.entries)) for block in blocks)
 
 
 def _refuse_parting(

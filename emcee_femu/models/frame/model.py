@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike
 
 from ... import checks
 from ...interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
+from ..eigen.blocks import Weight
 from ..eigen.dense import Eigenproblem, output_rows
-from ..eigen.sensitivity import Derivatives, Weight
+from ..eigen.sensitivity import Derivatives
 from ..parameters import check_positive, choose_dofs, describe, read_batch
 from .assembly import DOFS, Element, Terms, assemble, check_elements, free_dofs, split
 from .section import Section
