@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.tempered_laws import GaussianLaw, beck_au
 
 import emcee_femu as ef
 from emcee_femu.posterior.climbing import Maximum, climb, climb_each, distinct
 from emcee_femu.posterior.laplace import log_probability
 from emcee_femu.sampling.evaluation import Evaluation
+from tests.support.examples import load
+from tests.support.tempered_laws import GaussianLaw
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ def test_the_probability_of_a_box_far_in_the_tail():
 
 
 def test_both_modes_of_beck_and_au_are_found():
-    maxima = climb_from_draws(beck_au(), 12)
+    maxima = climb_from_draws(load("evidence").beck_au().posterior, 12)
     first, second = (maxima[group[0]] for group in distinct(maxima))
     assert sorted([round(m.theta[0], 1) for m in (first, second)]) == [0.5, 1.8]
     assert all(m.converged for m in maxima)

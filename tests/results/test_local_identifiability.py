@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 import emcee_femu as ef
-from tests.support.tempered_laws import beck_au
+from tests.support.examples import load
 
 DESIGN = np.array([[3.0, 1.0, 0.0], [1.0, -2.0, 0.0]])  # Hz per unit of the parameters
 SD, MEASURED, RELATIVE = np.array([1.0, 0.5, 2.0]), np.array([21.0, 49.0]), 0.02
@@ -52,7 +52,9 @@ def test_it_is_said_to_be_local(found):
 
 
 def test_one_of_two_maxima_is_named_with_its_weight():
-    found = ef.identifiability(ef.find_map(beck_au(), seed=1))
+    found = ef.identifiability(
+        ef.find_map(load("evidence").beck_au().posterior, seed=1)
+    )
     assert "about the maximum of weight 0.53, one of 2, not of" in found.findings[0]
 
 

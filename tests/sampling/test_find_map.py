@@ -7,8 +7,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import emcee_femu as ef
+from tests.support.examples import load
 from tests.support.pool_problems import forks
-from tests.support.tempered_laws import GaussianLaw, beck_au
+from tests.support.tempered_laws import GaussianLaw
 
 
 class Counting:
@@ -55,7 +56,7 @@ def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
 
 
 def test_two_modes_have_the_weights_of_quadrature():
-    found = ef.find_map(beck_au(), seed=1)
+    found = ef.find_map(load("evidence").beck_au().posterior, seed=1)
     assert len(found.maxima) == 2 and found.climbs.sum() == 16
     left = [m.theta[0] < 1 for m in found.maxima].index(True)
     assert_allclose(found.weights[left], 0.53079, atol=0.02)
