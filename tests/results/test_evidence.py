@@ -232,9 +232,10 @@ BENCHMARK = load("evidence")
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("method", ["tempered", "anneal"])
 @pytest.mark.parametrize("problem", BENCHMARK.PROBLEMS)
-def test_twenty_seeds_meet_the_bar(problem):
-    found = BENCHMARK.measure([problem], 20)[problem]
+def test_twenty_seeds_meet_the_bar(problem, method):
+    found = BENCHMARK.measure(problem, method, 20)
     assert found["|z| > 3"] <= 1
     assert found["no claim"] <= 5
     assert 1 / 1.5 < found["claimed"] / found["spread"] < 1.5
