@@ -6,7 +6,8 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..moves.tempering import find_ladder
-from .evidence_bridge import ENOUGH_OVERLAP, bridge, standard_error
+from ..sampling.bridging import bridge
+from .evidence_bridge import ENOUGH_OVERLAP, standard_error
 
 STEP = 1.2  # between neighbouring betas, in standard deviations of their log ratio
 

@@ -116,10 +116,10 @@ def anneal_population(
         theta, rows = theta[kept], rows[kept]
         moved.append(renew(evaluation, theta, rows, halves, powers[-1], random))
         high = rows[:, 0] - rows[:, 1]
-        ratio, by_low, by_high = bridge(step * low, step * high)
-        log_evidence += ratio
-        np.add.at(influence, parents, by_low)
-        np.add.at(influence, ancestors, by_high)
+        found = bridge(step * high, step * low)
+        log_evidence += found.log_ratio
+        np.add.at(influence, parents, found.from_g / len(low))
+        np.add.at(influence, ancestors, found.from_f / len(high))
     acceptance, sweeps = zip(*moved, strict=True)
     variance = (influence**2).sum() + (1 - share) / (share * draws)
     return Annealed(

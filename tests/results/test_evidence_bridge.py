@@ -10,7 +10,8 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.moves import IndependenceMove
-from emcee_femu.results.evidence_bridge import bridge, bridge_evidence
+from emcee_femu.results.evidence_bridge import bridge_evidence
+from emcee_femu.sampling.bridging import bridge
 
 D, LOG_Z, KEPT = 4, -7.0, 0.9  # KEPT: a step's correlation with the one before
 Q = IndependenceMove([1.0], np.full((1, D), 0.2), [1.3 * np.eye(D)], df=5.0)
