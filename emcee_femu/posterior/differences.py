@@ -22,12 +22,13 @@ Sides: TypeAlias = tuple[tuple[float, ...], ...]
 # Of the prior's scale: eigenvalues that are good to 1e-10 then give derivatives that
 # are good to 1e-5, those of dense solvers to 1e-9, and curvature costs about as much.
 STEP = 3e-5
+COARSE = 3e-3  # for a search: frequencies that are good to six digits will do
 WIDE = 1e-3  # of second derivatives of the prior, from first ones
 ALONG = 6e-6  # relative change of a response, where no solve adds noise
 DRAWS = 256
 # Central where both points are inside, else one-sided with the same order.
 SIDES: Sides = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
-ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves; good to about 1e-4
+ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
 
 
 class Stencil(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..interfaces import Floats, Parameters
 from ..likelihoods.normal import linearize_normal
-from .differences import SIDES, Sides, place
+from .differences import COARSE, ONE_SIDE, SIDES, STEP, place
 from .experiments import Experiment
 from .linearize import combine, prior_gradient
 
@@ -49,7 +49,7 @@ def difference(
     theta: Floats,
     evaluate: Callable[[Floats], Floats],
     information: bool,
-    sides: Sides = SIDES,
+    searching: bool = False,
 ) -> Floats:
     """Return what ``linearize`` does, from ``2 d + 1`` solves per point.
 
@@ -60,7 +60,8 @@ def difference(
         theta: Parameter sets ``(n, d)``.
         evaluate: What :func:`extend` does, perhaps on a pool.
         information: Whether it is wanted.
-        sides: Where the points are; of one side, ``d + 1`` solves.
+        searching: Whether one side will do, ``d + 1`` solves, and wider steps, for
+            solvers that round.
     """
     n, d = theta.shape
     width = len(posterior.rejected())
@@ -70,7 +71,8 @@ def difference(
     if not supported.any():
         return np.hstack([rows, rest])
     inside = theta[supported]
-    stencil = place(posterior.prior, inside, posterior.scale, sides=sides)
+    how = (COARSE, ONE_SIDE) if searching else (STEP, SIDES)
+    stencil = place(posterior.prior, inside, posterior.scale, *how)
     extended = evaluate(stencil.points).reshape(len(inside), stencil.size, -1)
     rows[supported] = extended[:, 0, :width]
     derivatives = stencil.derive(extended)  # (n, columns, d)

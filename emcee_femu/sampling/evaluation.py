@@ -7,7 +7,6 @@ import emcee
 import numpy as np
 
 from ..interfaces import Backend, Floats, Linearization
-from ..posterior.differences import ONE_SIDE
 from ..posterior.failures import FailureLog
 from ..posterior.linearize import unstack
 from ..posterior.log_posterior import LogPosterior
@@ -85,7 +84,7 @@ class Evaluation:
         """Return what :meth:`LogPosterior.linearize` does, evaluated in the same way.
 
         Where a solve failed the row is -inf and the gradient NaN. Finite differences
-        are one-sided here, d + 1 solves a point, good to about 1e-4: enough to search
+        are one-sided here, d + 1 solves a point, good to about 1 %: enough to search
         by. All points go to the pool at once; one that failed beside a point leaves
         the point its row, and NaN for the gradient.
         """
@@ -94,7 +93,7 @@ class Evaluation:
             stacked = self._map(self.function.stack_linearization, theta)
         else:
             points = self._deviations
-            stacked = difference(self.posterior, theta, points, True, ONE_SIDE)
+            stacked = difference(self.posterior, theta, points, True, True)
         return unstack(self.posterior, stacked)
 
     def _deviations(self, theta: Floats) -> Floats:

@@ -82,6 +82,23 @@ def test_the_problems_of_the_paper_take_few_solves(problem):
         assert_array_equal(again.maxima[0].theta, best.theta)
 
 
+def test_a_solver_that_prints_six_digits_is_climbed_too():
+    problem = ef.paper.mass_spring()
+
+    def solve(p):
+        found = problem.model({k: np.array([v]) for k, v in p.items()}).frequencies[0]
+        return [float(f"{frequency:.6g}") for frequency in found]
+
+    prior, terms = problem.posterior.prior, problem.posterior.terms
+    rounded = ef.LogPosterior(ef.FunctionModel(solve, n_modes=5), terms, prior)
+    exact = ef.find_map(problem.posterior, 6, seed=1).maxima[0]
+    found = ef.find_map(rounded, 6, seed=1)
+    step = found.maxima[0].theta - exact.theta
+
+    assert step @ np.linalg.solve(exact.covariance, step) < 0.5**2
+    assert found.solves < 6 * 60
+
+
 def test_solves_are_those_of_the_model():
     posterior = paper_posterior(ef.paper.mass_spring(), Counting)
     found = ef.find_map(posterior, 3, seed=1, check=40)
@@ -144,7 +161,8 @@ def test_a_maximum_at_a_bound_is_named():
     term = ef.FrequencyTerm([3.0], relative_sd=0.01)
     posterior = ef.LogPosterior(ef.FunctionModel(curved, n_modes=1), term, prior)
     found = ef.find_map(posterior, 3, seed=1)
-    assert found.maxima_table.column("at a bound") == ["a"]
+    (named,) = found.maxima_table.column("at a bound")
+    assert named.startswith("a")
     assert_allclose(found.table.column("maximum 1"), [4.0, 0.0], atol=0.01)
 
 
