@@ -40,11 +40,11 @@ def cold(run: Any) -> slice:
     Raises:
         ValueError: If the run's moves do not share their temperatures.
     """
-    rungs = count_rungs(run)
+    rungs = _count_rungs(run)
     return slice(0, run.nwalkers // rungs) if rungs > 1 else slice(None)
 
 
-def count_rungs(run: Any) -> int:
+def _count_rungs(run: Any) -> int:
     """Return the number of temperatures, by the moves or by the run's own file."""
     tempered = find_ladder(getattr(run, "_moves", ()))
     own: Any = getattr(run, "backend", run) if tempered is None else tempered
@@ -63,7 +63,7 @@ def describe_runs(runs: list[Any]) -> dict[str, Any]:
         fractions += (backend.accepted / backend.iteration)[cold(run)].tolist()
     return {
         "acceptance": json.dumps(fractions),
-        "tempered": int(count_rungs(runs[0]) > 1),
+        "tempered": int(_count_rungs(runs[0]) > 1),
         "population": int(getattr(runs[0], "population", False)),
         "starts_given": int(any(getattr(run, "starts_given", False) for run in runs)),
         "failures": json.dumps(

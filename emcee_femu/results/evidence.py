@@ -8,7 +8,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..moves import IndependenceMove
-from .chains import count_rungs, list_runs, stack_chains
+from .chains import list_runs, stack_chains
 from .evidence_bridge import bridge_evidence
 from .evidence_ladder import check_betas, tempered_evidence
 
@@ -138,11 +138,11 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
 
 def _record(run: Any) -> dict[str, Any] | None:
     """Return what "auto" recorded of its proposal, None if it did not run."""
-    record = getattr(getattr(run, "recipe", None), "record", None)
-    if record is None or count_rungs(run) > 1:
-        return None
-    found: dict[str, Any] = record
-    return found
+    manifest = getattr(getattr(run, "backend", run), "manifest", {})  # of a run's file
+    stored = manifest.get("recipe", {}).get("record")
+    record: dict[str, Any] | None
+    record = getattr(getattr(run, "recipe", None), "record", stored)
+    return record
 
 
 def _finite_log_prob(runs: Sequence[Any], discard: int) -> Floats:

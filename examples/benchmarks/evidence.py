@@ -41,7 +41,11 @@ class Problem(NamedTuple):
 def in_box(log_density: Callable[[Floats], Floats], half: Any, inside: float) -> Any:
     """Return a density, ``inside`` of whose mass lies in a centred box, and steps."""
     box = np.outer(half, [-1.0, 1.0])
-    target = Target(log_density, draw=None, box=box)  # type: ignore[arg-type]
+
+    def many(x: Floats) -> Floats:  # scipy drops the axis of a single point
+        return np.atleast_1d(log_density(x))
+
+    target = Target(many, draw=None, box=box)  # type: ignore[arg-type]
     return posterior_of(target), np.log(inside) - np.log(np.diff(box)).sum()
 
 

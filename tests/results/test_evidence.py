@@ -232,7 +232,7 @@ BENCHMARK = load("evidence")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["tempered", "anneal"])
+@pytest.mark.parametrize("method", BENCHMARK.METHODS)
 @pytest.mark.parametrize("problem", BENCHMARK.PROBLEMS)
 def test_twenty_seeds_meet_the_bar(problem, method):
     found = BENCHMARK.measure(problem, method, 20)

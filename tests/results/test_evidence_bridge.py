@@ -93,7 +93,7 @@ def test_no_overlap_claims_no_error(shift):
 class Auto(emcee.backends.Backend):
     """A stored chain with the record of "auto", as log_evidence sees one."""
 
-    def __init__(self, seed):
+    def __init__(self, seed, in_file=False):
         super().__init__()
         x = correlated(np.random.default_rng(seed), 600, 1, 8)[:, 0]
         y = from_q(500, seed)
@@ -103,15 +103,19 @@ class Auto(emcee.backends.Backend):
             "proposal": [np.asarray(part).tolist() for part in proposal],
             "log_weights": weights,
         }
-        self.recipe = SimpleNamespace(record=record)
+        if in_file:
+            self.manifest = {"recipe": {"record": record}}
+        else:
+            self.recipe = SimpleNamespace(record=record)
         self.reset(8, D)
         self.grow(len(x), None)
         for own in x:
             self.save_step(emcee.State(own, log_prob=log_p(own)), np.ones(8, bool))
 
 
-def test_samplers_of_auto_give_the_evidence_from_their_proposal():
-    found = ef.log_evidence([Auto(1), Auto(2)], discard=10)
+@pytest.mark.parametrize("in_file", [False, True])
+def test_samplers_of_auto_give_the_evidence_from_their_proposal(in_file):
+    found = ef.log_evidence([Auto(1, in_file), Auto(2, in_file)], discard=10)
     assert "frozen proposal" in str(found)
     assert 0 < found.log_evidence_error < 0.05
     assert abs(found.log_evidence - LOG_Z) < 3 * found.log_evidence_error
