@@ -15,6 +15,9 @@ from .leapfrog import Evaluate, Points, energies, leap
 from .metropolis import factorize
 
 JITTER = 0.2  # of the step size, against trajectories that come back to their start
+# Share of trajectories with steps down to a thirtieth: far from the posterior, in
+# valleys that are narrower than it, no other would be accepted.
+CAREFUL, LEAST = 0.1, 1 / 30
 
 
 class HamiltonianMove(Move):
@@ -26,16 +29,20 @@ class HamiltonianMove(Move):
 
     One step is ``u += h/2 L^T g``, ``theta += h L u``, ``u += h/2 L^T g``, with the
     gradient g, ``L L^T = metric`` and h within 20 % of ``step_size``, drawn anew for
-    each trajectory, so that none of its periods can be a walker's own. For a
-    :class:`LogPosterior` whose models have ``jacobian``: a gradient then costs one
-    solve, and a proposal ``steps`` of them. All walkers move at once, each on its own;
-    one is enough. A trajectory that leaves the bounds, or comes where a solve fails, is
-    rejected there and costs no more.
+    each trajectory, so that none comes back to its start again and again; a tenth of
+    them have smaller steps, down to a thirtieth, without which a walker in the far
+    tails might never move.
+
+    For a :class:`LogPosterior` whose models have ``jacobian``: a gradient then costs
+    one solve, and a proposal ``steps`` of them. All walkers move at once, each on its
+    own; one is enough. A trajectory that leaves the bounds, or comes where a solve
+    fails, is rejected there and costs no more.
 
     From ten parameters on, nothing else is as efficient if the metric is near the
     posterior's covariance. Take it from a Laplace approximation or earlier draws,
     ``numpy.cov(draws, rowvar=False)``, and choose the other two by :meth:`tuned`. It
-    does not cross between modes: mix it with a move that does.
+    does not cross between modes: mix it with a move that does; and start it where a
+    burn-in or a maximum is, since from draws of the prior it is slow.
 
     Args:
         metric: Covariance of the posterior ``(ndim, ndim)``, or variances ``(ndim,)``:
@@ -164,7 +171,7 @@ class HamiltonianMove(Move):
         posterior, evaluate = self._evaluation(model)
         factor = posterior.scale if self._factor is None else self._factor
         momenta = model.random.standard_normal((n, ndim))
-        jitter = model.random.uniform(1 - JITTER, 1 + JITTER, n)
+        sizes = self.step_size * draw_factors(model.random, n)
         # log U = -Exp(1)
         threshold = energies(state.log_prob, momenta)
         threshold -= model.random.standard_exponential(n)
@@ -173,7 +180,7 @@ class HamiltonianMove(Move):
         here = Points(np.arange(n), state.coords, momenta, rows, gradient)
         here = here.finite()  # no walker moves from where the posterior is zero
         for _ in range(self.steps):
-            here = leap(evaluate, here, self.step_size * jitter, factor)
+            here = leap(evaluate, here, sizes, factor)
         energy = energies(here.rows[:, 0], here.momenta)
         new = here.take(energy > threshold[here.walkers])
         accepted = np.zeros(n, dtype=bool)
@@ -214,3 +221,11 @@ class HamiltonianMove(Move):
         if changed.any():
             gradient[changed] = evaluate(coords[changed])[1]
         return gradient
+
+
+def draw_factors(random: Any, n: int) -> Floats:
+    """Return by what the step sizes of ``n`` trajectories differ, ``(n,)``."""
+    usual = random.uniform(1 - JITTER, 1 + JITTER, n)
+    careful = LEAST ** random.uniform(0, 1, n)
+    result: Floats = np.where(random.uniform(0, 1, n) < CAREFUL, careful, usual)
+    return result

@@ -180,6 +180,7 @@ def test_tuning_finds_an_acceptance_of_80_percent_and_long_enough_trajectories()
         HamiltonianMove.tuned(law, samples[:5], seed=1)
 
 
+@pytest.mark.slow
 def test_comparisons_count_every_gradient():
     slow = HamiltonianMove(COVARIANCE, 4, 1e-6)
     moves = {"one": HamiltonianMove(COVARIANCE, 1, 1e-6), "four": slow}
