@@ -1,5 +1,6 @@
 """The Hamiltonian move in runs: bits, solves, failures, refusals, tuning."""
 
+import os
 import pickle
 
 import emcee
@@ -36,6 +37,19 @@ class Failing(Derived):
         return super().__call__(parameters)
 
 
+class AtWork(Derived):
+    """Solves in other processes only."""
+
+    def __init__(self):
+        super().__init__()
+        self.home = os.getpid()
+
+    def __call__(self, parameters):
+        if os.getpid() == self.home:
+            raise AssertionError("solved by the process of the run")
+        return super().__call__(parameters)
+
+
 class Forgetful(HamiltonianMove):
     """Finds every gradient anew."""
 
@@ -57,6 +71,12 @@ def test_the_chain_is_the_same_to_the_bit_however_it_is_evaluated(moves):
 @forks
 def test_processes_give_the_same_chain():
     assert chain(moves=MIXED) == chain(moves=MIXED, workers=2)
+    posterior = make_posterior(AtWork())
+    start = np.full((12, 2), [1.0, 0.95]) + 1e-3 * np.arange(12)[:, None]
+    (sampler,) = ef.run(
+        posterior, HamiltonianMove([0.01] * 2), 12, 3, seed=1, initial=start, workers=1
+    )
+    assert sampler.acceptance_fraction.mean() > 0.3
 
 
 @pytest.mark.parametrize("kind", ["plain", "rejecting"])

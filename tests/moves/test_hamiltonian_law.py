@@ -180,3 +180,23 @@ class NeverDrawnAgain(HamiltonianMove):
 def test_the_check_catches_momenta_of_another_law(broken):
     law = make_law("gaussian", UNIT, 3)
     assert z_of(make_move(CASES[0], law, broken), law) > LIMIT
+
+
+def test_a_walker_in_a_valley_too_narrow_for_the_steps_gets_out():
+    class Valley(SmoothGaussian):  # a fifth as wide on the left of zero
+        def sd(self, theta):
+            return np.where(theta[:, :1] < 0, 0.1, 1.0)
+
+        def __call__(self, theta):
+            return -0.5 * (((theta - 5.0) / self.sd(theta)) ** 2).sum(axis=1)
+
+        def slope(self, theta):
+            return -(theta - 5.0) / self.sd(theta) ** 2
+
+    law = Valley()
+    start = np.full((20, 3), -1.0)
+    state = emcee.State(start, log_prob=law(start))
+    model = Model(law, None, map, np.random.RandomState(4))
+    for _ in range(150):
+        state, _ = HamiltonianMove(np.ones(3), 4, 0.5).propose(model, state)
+    assert (state.coords[:, 0] > 0).all()
