@@ -5,6 +5,7 @@ import pytest
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
+from emcee_femu.sampling import annealing
 from emcee_femu.sampling.annealing import anneal_population
 
 LIMIT = 5.0
@@ -141,3 +142,25 @@ def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
     z = (found.theta.mean(axis=0) - centre) / sd
     assert np.abs(z).max() < 0.3
     assert (np.diff(found.powers) > 0).all()
+
+
+def test_members_that_never_move_are_as_few_draws_as_their_ancestors(monkeypatch):
+    # Then it is importance sampling from the prior, of known relative error.
+    monkeypatch.setattr(annealing, "renew", lambda *_: (0.0, 1))
+    prior, size = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0), 2_000
+    precision = 39.0
+
+    def narrow(theta):
+        return -0.5 * precision * (theta**2).sum(axis=1)
+
+    evaluation = Counted(prior, narrow)
+    found = anneal_population(evaluation, prior, np.random.default_rng(1), size)
+    assert len(found.sweeps) > 2
+    # E[L] = 1 / (1 + 39) and E[L^2] = 1 / (1 + 78).
+    variance = (1 / 79 / (1 / 40) ** 2 - 1) / size
+    assert found.log_evidence_error == pytest.approx(np.sqrt(variance), rel=0.2)
+    assert abs(found.log_evidence + np.log(40.0)) < 3 * np.sqrt(variance)
+    # And of the mean, as weighted draws know it: E[L^2 theta^2] = 1 / 79^2 per axis.
+    exact = (1 / 40) / (40**2 / 79**2 / size)
+    assert found.effective_size == pytest.approx([exact, exact], rel=0.3)
+    assert evaluation.solves == size
