@@ -17,6 +17,7 @@ USABLE = 0.5  # relative error of a prediction by a curvature that is kept
 EXACT = 1e-2  # the same of one that holds everywhere
 SHORTER, LONGER = 0.25, 3.0
 SADDLE = -0.1  # least curvature of a maximum, in prior sds; rounding gives some
+TOUCHING = 1e-9  # prior sds from a bound at which a point is on it
 TWIN = 0.1  # standard deviations from a maximum that is known
 
 
@@ -75,7 +76,7 @@ def ascend(
         damped = curvature + damping * np.eye(len(point))
         step, _ = step_within(uphill, damped, *room)
         predicted = uphill @ step - 0.5 * step @ curvature @ step
-        target = np.clip(local.point + step, *box.T)
+        target = _put(local.point, step, box)
         length = float(np.linalg.norm(step))
         trial = yield from _try(scheme, local, target, box, damping > 0)
         ratio = float((trial.value - local.value) / predicted)
@@ -136,6 +137,15 @@ def _still_holds(
     bound = EXACT * np.abs(np.diag(curvature))
     small = np.linalg.norm(rest) < EXACT * np.linalg.norm(change)
     return bool(small and (np.abs(diagonal - np.diag(curvature)) < bound).all())
+
+
+def _put(point: Floats, step: Floats, box: Floats) -> Floats:
+    """Return the end of a step, exactly on the bounds that it reaches."""
+    low, high = box.T
+    end = point + step
+    put: Floats = np.where(end > high - TOUCHING, high, end)
+    put = np.where(end < low + TOUCHING, low, put)
+    return put
 
 
 def _change_radius(radius: float, length: float, ratio: float) -> float:

@@ -157,6 +157,17 @@ def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
         assert_allclose(found.log_evidence, expected, atol=1e-3)
 
 
+def test_rounding_leaves_no_maximum_an_ulp_out_of_bounds():
+    rng = np.random.default_rng(4)
+    bounds = np.sort(rng.normal(size=(30, 2)) * 10.0 ** rng.integers(-9, 9, (30, 1)))
+    width = np.ptp(bounds, axis=1)
+    slopes = np.where(rng.random(30) < 0.5, -9, 9) / width
+    posterior = density_posterior(lambda x: x @ slopes, 3 * width, bounds)
+    (found,) = climb_from_draws(posterior, 1)
+    assert found.converged and found.at_bound.all()
+    assert_allclose(found.theta, np.where(slopes > 0, bounds[:, 1], bounds[:, 0]), 0, 0)
+
+
 def test_a_gaussian_beyond_its_bounds_is_climbed_to_the_face_that_is_nearest():
     covariance = turned(4, 30)
     law = stats.multivariate_normal([-1.0, 0.3, 0.5, -0.2], covariance, seed=1)

@@ -55,6 +55,25 @@ def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
     assert_allclose(found.table.column("sd 1"), np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
+def test_the_draws_of_a_check_are_those_of_the_gaussian():
+    law, points = GaussianLaw(), []
+
+    class Recording:
+        n_modes = 4
+
+        def __call__(self, parameters):
+            points.append(np.column_stack([*parameters.values()]))
+            return law.solve(parameters)
+
+    posterior = ef.LogPosterior(Recording(), law.posterior.terms, law.posterior.prior)
+    ef.find_map(posterior, 1, seed=1, check=4_000)
+    mean, covariance = law.moments(1.0)
+    root = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(root, (np.concatenate(points)[-4_000:] - mean).T)
+    assert_allclose(white.mean(axis=1), 0, atol=4 / 4_000**0.5)
+    assert_allclose(np.cov(white), np.eye(3), atol=4 * (2 / 4_000) ** 0.5)
+
+
 def test_two_modes_have_the_weights_of_quadrature():
     found = ef.find_map(load("evidence").beck_au().posterior, seed=1)
     assert len(found.maxima) == 2 and found.climbs.sum() == 16
@@ -67,6 +86,26 @@ def test_two_modes_have_the_weights_of_quadrature():
     assert "was not checked" in found.findings[-1]
     assert "0.53" in str(found.maxima_table)
     assert found._repr_html_().count("<table>") == 2
+
+
+def test_the_heaviest_maximum_is_first_not_the_highest():
+    """A needle of a tenth of the mass, 100 times as narrow in area."""
+    prior = ef.GaussianPrior(["a", "b"], [0, 0], [9, 9])
+
+    def term(p, response):
+        theta = np.stack([p["a"], p["b"]], axis=1)
+        broad = np.log(0.9) - 0.5 * (theta**2).sum(axis=1)
+        needle = np.log(0.1 * 100) - 50 * ((theta - 4) ** 2).sum(axis=1)
+        return np.logaddexp(broad, needle) - prior.logpdf(theta)
+
+    model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
+    posterior = ef.LogPosterior(model, term, prior)
+    found = ef.find_map(posterior, [[4.01, 3.99], [0.5, 0.5]], seed=1, check=100)
+    first, second = found.maxima
+    assert_allclose(first.theta, 0, atol=0.05)
+    assert second.log_posterior > first.log_posterior + 2
+    assert_allclose(found.weights, [0.9, 0.1], atol=0.01)
+    assert found.efficiency > 0.99
 
 
 @pytest.mark.parametrize("problem", [ef.paper.mass_spring(), ef.paper.h_structure()])
@@ -163,6 +202,8 @@ def test_a_maximum_at_a_bound_is_named():
     found = ef.find_map(posterior, 3, seed=1)
     (named,) = found.maxima_table.column("at a bound")
     assert named.startswith("a")
+    # All draws of a check are inside, and solved.
+    assert ef.find_map(posterior, 3, seed=1, check=60).solves == found.solves + 60
     assert_allclose(found.table.column("maximum 1"), [4.0, 0.0], atol=0.01)
 
 
