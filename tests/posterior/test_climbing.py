@@ -256,6 +256,45 @@ def test_a_start_that_fails_is_dropped_and_the_others_go_on():
         climb(evaluate(posterior), starts[0], posterior.prior)
 
 
+@dataclass(frozen=True)
+class Pothole:
+    """Cannot be solved on both sides at once of a point."""
+
+    at: np.ndarray
+    variables = {"x": ef.Variable({})}
+
+    def __call__(self, parameters):
+        theta = np.column_stack([*parameters.values()])
+        if ((theta > self.at) & (theta < self.at + 0.3)).all(axis=1).any():
+            raise ArithmeticError("no equilibrium")
+        return {"x": np.zeros(len(theta))}
+
+
+class SlopingPothole(Pothole):
+    def jacobian(self, parameters):
+        response = self(parameters)
+        return response, {"x": {}}
+
+
+def test_a_curvature_does_without_a_solve_that_failed():
+    law = stats.multivariate_normal([1.0, -1.0], [[1.0, 0.3], [0.3, 2.0]])
+    names, start = ("x0", "x1"), np.array([-1.0, -3.0])
+    prior = ef.GaussianPrior(names, [0, 0], [4, 4])
+
+    def term(parameters, response):
+        theta = np.column_stack([parameters[name] for name in names])
+        return law.logpdf(theta) - prior.logpdf(theta)
+
+    for model in (Pothole(start), SlopingPothole(start - [0.1, -1e-9])):
+        posterior = ef.LogPosterior(model, term, prior)
+        evaluation = evaluate(posterior, "reject")
+        found = climb(evaluation, start, prior)
+        assert evaluation.failures.causes["exception"] > 0
+        assert found.converged
+        assert_allclose(found.theta, law.mean, atol=0.1)
+        assert_allclose(found.covariance, law.cov, rtol=0.01)
+
+
 def maximum(theta, height, covariance):
     return Maximum(
         np.array(theta), np.array([height, 0.0]), covariance, 0.0, None, True, 1, ""
