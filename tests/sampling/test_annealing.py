@@ -164,3 +164,30 @@ def test_members_that_never_move_are_as_few_draws_as_their_ancestors(monkeypatch
     exact = (1 / 40) / (40**2 / 79**2 / size)
     assert found.effective_size == pytest.approx([exact, exact], rel=0.3)
     assert evaluation.solves == size
+
+
+def gaussian_in_a_box(theta):
+    d = theta.shape[1]
+    return -0.5 * (theta**2).sum(axis=1) - 0.5 * d * np.log(2 * np.pi)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "d", "size"),
+    [
+        (two_modes, 2, 1_000),
+        (gaussian_in_a_box, 2, 500),
+        (gaussian_in_a_box, 10, 1_000),
+    ],
+)
+def test_the_claimed_error_of_the_evidence_is_its_spread(law, d, size):
+    prior, off, claimed = box(d, 10.0), [], []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        found = anneal_population(Counted(prior, law), prior, rng, size)
+        off.append(found.log_evidence + d * np.log(20.0))
+        claimed.append(found.log_evidence_error)
+    z = np.array(off) / claimed
+    assert (np.abs(z) < 3).sum() >= 19
+    assert 1 / 1.5 < np.mean(claimed) / np.std(off, ddof=1) < 1.5
+    assert abs(np.mean(off)) < LIMIT * np.std(off, ddof=1) / np.sqrt(20)
