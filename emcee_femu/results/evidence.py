@@ -84,8 +84,8 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
     autocorrelation time includes what exchanges carry between them. With several
     ensembles their spread is taken where it is larger: it sees a mode that one missed.
     None is claimed where neighbouring betas hardly overlap (less than 0.1: temper by
-    ``better_betas``), where the series is shorter than 20 of its autocorrelation times,
-    or where its halves disagree by four standard errors.
+    ``better_betas``), or where the series is shorter than 20 of its autocorrelation
+    times, as it also is where it still drifts.
 
     Args:
         samplers: What :func:`run` returned for a ``TemperedMove`` with betas to 0 or
