@@ -24,7 +24,6 @@ from .chains import list_runs, stack_chains
 
 MOST_DRAWS = 20_000  # at which the proposal's density is judged
 CHUNK = 20_000
-SLOWEST = 0.001  # share of draws
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +39,8 @@ class Groups:
         importance_errors: Their standard errors, ``(g,)``.
         acceptance: Expected acceptance of frozen proposals from there, ``(g,)``; NaN
             where the chain has no draw.
-        slowest: Acceptance below which it is from one draw of the chain in a thousand.
+        slowest: The least acceptance from a draw of the chain: how long the worst
+            walker waits.
         found: Whether a search ended or a walker started there, ``(g,)``.
         pareto_k: Of the importance weights of the proposal, at its refinement.
         chain_k: The same by the draws of the chain.
@@ -122,7 +122,7 @@ def weigh_groups(samplers: Any, discard: int, draws: Floats) -> Groups | None:
         importance=_floats(record["weights"]),
         importance_errors=_floats(record["errors"]),
         acceptance=np.array(acceptance),
-        slowest=float(np.quantile(accepted, SLOWEST)),
+        slowest=float(accepted.min()),
         found=np.add(
             np.sum(record["found_by"], axis=0), np.sum(record["start"], axis=0)
         )

@@ -180,7 +180,7 @@ def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
     if groups.share > 0.5 and rare < ENOUGH_VISITS:
         yield (
             "walkers wait too long",
-            "from one draw in a thousand a frozen proposal is accepted only "
-            f"{rare:.1f} times in {steps} steps, as in tails that it lacks; run "
-            "longer, or with DEMCMove()",
+            "from where a walker was a frozen proposal is accepted only "
+            f"{rare:.1f} times in {steps} steps, fewer than {ENOUGH_VISITS}, as at the "
+            "end of a tail that it lacks; run longer, or with DEMCMove()",
         )

@@ -177,22 +177,34 @@ def test_a_proposal_that_lacks_what_the_chain_has_is_not_converged():
     assert ef.diagnose(runs(narrow | {"share": 0.0})).converged  # it is not used
 
 
-@pytest.mark.parametrize(("variance", "k"), [(0.3, 0.7), (0.15, 0.85), (0.7, 0.3)])
-def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
-    """p is N(0, 1), q is N(0, v): of draws of q k is 1 - v."""
+def held_to_a_gaussian(chains, variance):
+    """Return runs of N(0, 1) with the frozen proposal N(0, variance)."""
     record = {"proposal": [[1.0], [[0.0] * 2], [variance * np.eye(2)], 1e6]}
     record |= {"group_of": [0], "weights": [1.0], "errors": [0.0], "pareto_k": 0.1}
     record |= {"found_by": [[3]] * 4, "start": [[1.0]] * 4}
-    chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
     samplers = [backend(c, log_prob=stats.norm.logpdf(c).sum(-1)) for c in chains]
     for run in samplers:
         run.recipe = SimpleNamespace(record=record)
-    found = ef.diagnose(samplers)
+    return samplers
+
+
+@pytest.mark.parametrize(("variance", "k"), [(0.3, 0.7), (0.15, 0.85), (0.7, 0.3)])
+def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
+    """p is N(0, 1), q is N(0, v): of draws of q k is 1 - v."""
+    chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
+    found = ef.diagnose(held_to_a_gaussian(chains, variance))
     assert_allclose(found.groups.chain_k, k, atol=0.07)
-    short = "converged" if k < 0.5 else "walkers wait too long"
-    assert found.short == (
-        "proposal too narrow" if found.groups.chain_k > 0.7 else short
-    )
+    too_narrow = found.groups.chain_k > 0.7
+    assert (found.short == "proposal too narrow") == too_narrow
+    assert too_narrow or found.converged == (k < 0.5)
+
+
+def test_a_walker_that_came_to_the_end_of_a_tail_is_seen():
+    chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
+    chains[2][500:505, 3] = 5.0, 0.0
+    found = ef.diagnose(held_to_a_gaussian(chains, 0.7))
+    assert found.groups.slowest < 0.02 and found.short == "walkers wait too long"
+    assert ef.diagnose(held_to_a_gaussian(chains, 0.95)).converged
 
 
 def test_the_expected_acceptance_is_that_of_proposals():
