@@ -68,7 +68,7 @@ def test_importing_the_package_loads_no_plotting_and_no_arviz():
 @pytest.mark.parametrize(
     ("library", "modules"),
     [
-        ("arviz", {"results"}),
+        ("arviz", {"results", "sampling"}),  # there Pareto k
         ("xarray", {"results"}),
         ("matplotlib", {"figures"}),
         ("corner", {"figures"}),

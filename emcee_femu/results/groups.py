@@ -44,6 +44,7 @@ class Groups:
         found: Whether a search ended or a walker started there, ``(g,)``.
         pareto_k: Of the importance weights of the proposal, at its refinement.
         chain_k: The same by the draws of the chain.
+        efficiency: Effective share of its draws.
         share: Share of the steps that propose from it.
     """
 
@@ -57,6 +58,7 @@ class Groups:
     found: NDArray[np.bool_]
     pareto_k: float
     chain_k: float
+    efficiency: float
     share: float
 
     @property
@@ -129,6 +131,7 @@ def weigh_groups(samplers: Any, discard: int, draws: Floats) -> Groups | None:
         > 0,
         pareto_k=float(record["pareto_k"]),
         chain_k=k / (1 + k) if 0 < k < np.inf else min(k, 1.0),
+        efficiency=float(record.get("efficiency", np.nan)),
         share=float(record.get("share", 1.0)),
     )
 

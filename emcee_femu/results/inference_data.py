@@ -6,6 +6,7 @@ of ArviZ see the same groups and numbers. What the variables are is read only
 from the posterior's declarations.
 """
 
+import json
 from collections.abc import Hashable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -229,6 +230,7 @@ def _run_attributes(runs: list[Any], posterior: LogPosterior) -> dict[str, Any]:
         **describe_runs(runs),
         "moves": "; ".join(described) or "unknown (read from a backend)",
         "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
-        "recipe": str(getattr(runs[0], "recipe", "")),
+        "burn_in": str(getattr(runs[0], "recipe", "")),
+        "recipe": json.dumps(getattr(getattr(runs[0], "recipe", None), "record", None)),
         "sampled": list(posterior.names),
     }

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..sampling.importance import GOOD_K
+from ..sampling.importance import FAIR_SHARE, GOOD_K
 from .groups import Groups
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a group
+ENOUGH_WAITS = 5  # the same from the worst draw in a thousand
 CONVERGED = "converged"
 
 Complaint: TypeAlias = tuple[str, str]
@@ -167,8 +168,10 @@ def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
             f"{accepted[worst]:.1f} times in {steps} steps; run longer, or with a "
             "TemperedMove",
         )
+    # Weights that are nearly equal have a tail too, but not one that matters.
+    narrow = not groups.efficiency > FAIR_SHARE
     for k, where in ((groups.pareto_k, "its own"), (groups.chain_k, "the chain's")):
-        if k > GOOD_K and (groups.share or several):
+        if k > GOOD_K and narrow and (groups.share or several):
             yield (
                 "proposal too narrow",
                 f"the frozen proposal lacks part of the posterior (Pareto k {k:.2f} of "
@@ -177,7 +180,7 @@ def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
                 "fits it anew, or with DEMCMove()",
             )
     rare = groups.slowest * groups.share * steps
-    if groups.share > 0.5 and rare < ENOUGH_VISITS:
+    if groups.share > 0.5 and rare < ENOUGH_WAITS:
         yield (
             "walkers wait too long",
             "from where a walker was a frozen proposal is accepted only "

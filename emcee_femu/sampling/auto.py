@@ -1,157 +1,164 @@
-"""The recipe behind ``run(..., moves="auto")``: burn in, check, fit, freeze."""
+"""The recipe behind ``run(..., moves="auto")``: search, refine, freeze."""
 
-from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
-from warnings import warn
+from typing import Any
 
 import emcee
 import numpy as np
+from numpy.typing import NDArray
 
-from ..interfaces import Backend, Floats, Move
-from ..moves import DEMCMove, IndependenceMove
-from .arguments import Moves
-from .evaluation import Evaluation
+from ..interfaces import Floats
+from ..moves import HamiltonianMove
+from ..moves.mixture_em import Mixture, draw
+from ..moves.mixture_fit import fit_mixture
+from .annealing import anneal_population, fewest_members
+from .arguments import Settings
+from .groups import count_shares, label
+from .journal import Journal
+from .recipe import BESIDE, Recipe, describe, make_moves, write_sentence
+from .refine import refine, uncover
+from .search import Search
+from .trial import Trial, try_out
 
-FIRST, LONGEST = 512, 16_384  # generations of burn-in, doubled until it is long enough
-ENOUGH_TAU = 20  # autocorrelation times in its second half
-TRIAL = 20  # generations of independence proposals that tell how good the fit is
-# Share of independence proposals by their acceptance in the trial.
-SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
-
-
-Backends: TypeAlias = Sequence[Backend | None]
-
-
-class Recipe(NamedTuple):
-    """How a chain begins.
-
-    Attributes:
-        moves: The moves for sampling.
-        states: Where the ensembles are, with their random streams.
-        evaluations: Log-posterior evaluations spent per ensemble.
-        sentence: What was done, in words; empty if the moves were given.
-    """
-
-    moves: Moves
-    states: list[emcee.State]
-    evaluations: int
-    sentence: str
+SEARCHED = 0.2  # of the evaluations of the chain
+FEWEST = 1_000  # points of a search
+ROUND = 500  # draws of a round of the refinement, at least
+POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
+POOR = 0.2  # acceptance below which gradients do better
+TUNED = 24  # draws from which Hamiltonian moves are tuned
+MISSED = 1.0  # log evidence by which one proposal finds more than another
 
 
-def mixture(fitted: IndependenceMove, share: float) -> list[tuple[Move, float]]:
-    """Return independence proposals and DE-MC, whose tenth steps jump between modes."""
-    return [(fitted, share), (DEMCMove(mode_jump=0.1), 1.0 - share)]
+def count_search(settings: Settings) -> int:
+    """Return how many points are searched."""
+    chain = settings.nsteps * settings.thin_by * settings.nwalkers * settings.ensembles
+    return max(FEWEST, round(SEARCHED * chain))
 
 
-def prepare(
-    evaluation: Evaluation, states: list[emcee.State], backends: Backends
-) -> Recipe:
-    """Return how the chain begins, with given moves or found ones."""
-    moves = evaluation.settings.moves
-    if moves is None:
-        return burn_in_and_fit(evaluation, states, backends)
-    return Recipe(moves, states, len(states[0].coords), "")
+def find_recipe(journal: Journal, settings: Settings, searched: int) -> Recipe:
+    """Search for the modes, refine a proposal, and draw the starts from it.
 
-
-def burn_in_and_fit(
-    evaluation: Evaluation, states: list[emcee.State], backends: Backends
-) -> Recipe:
-    """Burn in with DE-MC, fit an independence proposal to it, and return the mixture.
-
-    DE-MC with gamma = 1 in every tenth step runs until the second half of the burn-in
-    is 20 autocorrelation times long in every ensemble. A mixture of Student-t laws is
-    fitted to that half of all ensembles; with it and DE-MC as many generations again
-    are run, the fit is repeated on these, then frozen, and tried for 20 generations.
-    The better its proposals are accepted, the larger their share.
+    The modes that any ensemble found are components of one proposal, from which each
+    ensemble draws with its own stream. Its walkers start from its own draws, by their
+    importance weights, in those groups that it found itself: it is the chain that has
+    to bring the ensembles to agree. Where no proposal is good, annealed populations
+    are a second way to one, and each ensemble starts from its own.
 
     Args:
-        evaluation: Evaluates the posterior.
-        states: Evaluated starts of the ensembles.
-        backends: For the burn-in of each ensemble, then for its second fit; what
-            they hold already is not run again.
+        journal: Evaluates.
+        settings: What was asked for.
+        searched: Points of the search.
     """
-    progress, ensembles = evaluation.settings.progress, len(states)
-    local = DEMCMove(mode_jump=0.1)
-    samplers = [evaluation.sampler(local, own) for own in backends[:ensembles]]
-    generations, per_tau = 0, 0.0
-    while per_tau < ENOUGH_TAU and generations < LONGEST:
-        generations = max(FIRST, 2 * generations)
-        ends = _advance(samplers, states, generations, progress, "burn-in")
-        # Backends may hold more: this may be the repetition of a run that was stopped.
-        halves = [s.get_chain()[generations // 2 : generations] for s in samplers]
-        # A walker that never moved has no tau, NaN: then the burn-in is too short.
-        with np.errstate(invalid="ignore"):
-            taus = [emcee.autocorr.integrated_time(half, tol=0) for half in halves]
-        per_tau = float(np.nan_to_num(len(halves[0]) / np.max(taus)))
-    if per_tau < ENOUGH_TAU:
-        warn(
-            f"moves='auto': the burn-in of {generations} generations is only "
-            f"{per_tau:.0f} autocorrelation times long in its second half, "
-            f"{ENOUGH_TAU} are wanted; the chain is exact, but its proposal may fit "
-            "badly. Use more walkers, or tighter bounds",
-            stacklevel=3,
-        )
-    fitted = _fit(halves)
-    # DE-MC alone leaves few independent draws in the tails; with a first fit there are
-    # many more, and the second fit covers them.
-    moves = mixture(fitted, 0.7)
-    mixed = [evaluation.sampler(moves, own) for own in backends[ensembles:]]
-    second = len(halves[0])
-    ends = _advance(mixed, ends, second, progress, "second fit")
-    fitted = _fit([sampler.get_chain() for sampler in mixed])
+    ndim, nwalkers = settings.posterior.ndim, settings.nwalkers
+    seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles)
+    streams = [np.random.default_rng(seed.spawn(1)[0]) for seed in seeds]
+    search = Search(journal, settings.posterior.prior, streams)
+    search.run(searched, settings.initial)
 
-    trials = [evaluation.sampler(fitted) for _ in ends]
-    ends = _advance(trials, ends, TRIAL, False, "")
-    acceptance = float(np.mean([trial.acceptance_fraction for trial in trials]))
-    share = next(share for least, share in SHARES if acceptance >= least)
-    k = len(fitted.weights)
+    def propose(law: Mixture, number: int) -> tuple[Floats, Floats]:
+        each = -(-number // len(streams))
+        theta = np.concatenate([draw(rng, law, each) for rng in streams])
+        return theta, journal.rows(theta)
+
+    size = max(ROUND, 10 * ndim)
+    final = max(2 * size, 4 * nwalkers * len(streams))
+
+    def attempt(law: Mixture) -> Trial:
+        return try_out(refine(search.draws, law, size, propose), final, propose)
+
+    trial = attempt(search.law())
+    populations = None
+    gradients = settings.posterior.differentiable and trial.acceptance < POOR
+    if trial.narrow and not gradients:
+        if trial.acceptance < POOR:  # the shapes of the modes say too little
+            populations = anneal_each(journal, search)
+            law = fit_population(np.concatenate([theta for theta, _ in populations]))
+        else:
+            law = uncover(trial.law)
+        other = attempt(law)
+        trial = other if is_better(other, trial) else trial
+    record = describe(search, trial)
+    group_of, count = np.array(record["group_of"]), len(record["weights"])
+    record["start"], states = [], []
+    for number, (rng, seed) in enumerate(zip(streams, seeds, strict=True)):
+        if trial.narrow and populations is not None:
+            theta, rows = populations[number]
+            chosen = rng.choice(len(theta), nwalkers, replace=nwalkers > len(theta))
+        else:
+            theta, rows = trial.theta, trial.rows
+            found = np.array(record["found_by"][number]) > 0
+            chosen = choose_starts(
+                rng, trial, number, len(streams), group_of, found, nwalkers
+            )
+        coords, rows = theta[chosen], rows[chosen]
+        record["start"].append(count_shares(label(coords, trial.law, group_of), count))
+        random = np.random.RandomState(np.random.MT19937(seed)).get_state()
+        states.append(emcee.State(coords, rows[:, 0], rows[:, 1:], random))
+    if gradients:
+        record["hamiltonian"] = tune_hamiltonian(journal, trial.law, states)
+        record["share"] = BESIDE if count > 1 else 0.0  # for jumps between groups
+    solves = journal.solves
     return Recipe(
-        moves=mixture(fitted, share),
-        states=ends,
-        evaluations=len(ends[0].coords) * (1 + generations + second + TRIAL),
-        sentence=(
-            f"burn-in of {generations} generations of DE-MC, {2 * per_tau:.0f} "
-            f"autocorrelation times, and {second} of DE-MC with a first fit; {k} "
-            f"Student-t component{'s' if k > 1 else ''} fitted to the latter; "
-            f"{100 * acceptance:.0f} % of their proposals accepted in a trial; then "
-            f"{100 * share:.0f} % independence, {100 - 100 * share:.0f} % DE-MC steps"
-        ),
+        make_moves(record),
+        states,
+        -(-solves // len(streams)),
+        write_sentence(record, populations is not None, solves),
+        record,
     )
 
 
-def _fit(chains: list[Floats]) -> IndependenceMove:
-    """Return the fit to all ensembles' chains ``(steps, walkers, d)``."""
-    draws = np.concatenate([chain.reshape(-1, chain.shape[2]) for chain in chains])
-    return IndependenceMove.fit(draws, components="auto")
+def tune_hamiltonian(
+    journal: Journal, law: Mixture, states: list[emcee.State]
+) -> list[Any]:
+    """Return metric, number of steps and step size of Hamiltonian moves."""
+    own = uncover(law)
+    metric = np.einsum("k,kij->ij", own.weights, own.matrices)
+    draws = np.concatenate([state.coords for state in states])
+    some = draws[:: -(-len(draws) // TUNED)]
+    move = HamiltonianMove.tuned(journal, some, metric, seed=0)
+    return [metric.tolist(), move.steps, move.step_size]
 
 
-def _advance(
-    samplers: list[emcee.EnsembleSampler],
-    starts: list[emcee.State],
-    generations: int,
-    progress: bool | str,
-    label: str,
-) -> list[emcee.State]:
-    """Run every ensemble up to ``generations``, and return copies of the last states.
+def is_better(other: Trial, trial: Trial) -> bool:
+    """Return whether a proposal finds more of the posterior, or fits it better."""
+    gain = other.log_evidence - trial.log_evidence
+    return gain > MISSED or (gain > -MISSED and other.share > trial.share)
 
-    Raises:
-        BaseException: Whatever sampling raises, with the samplers as ``samplers``.
+
+def anneal_each(journal: Journal, search: Search) -> list[tuple[Floats, Floats]]:
+    """Return an annealed population, and its rows, of each ensemble."""
+    fewest = fewest_members(len(search.prior.names))
+    size = max(fewest, POPULATION // len(search.streams))
+    found = [
+        anneal_population(journal, search.prior, rng, size) for rng in search.streams
+    ]
+    return [(one.theta, one.rows) for one in found]
+
+
+def fit_population(theta: Floats) -> Mixture:
+    """Return a mixture fitted to draws of equal weight."""
+    return Mixture(*fit_mixture(theta, "auto", POPULATION_DF), POPULATION_DF)
+
+
+def choose_starts(
+    rng: np.random.Generator,
+    trial: Trial,
+    number: int,
+    ensembles: int,
+    group_of: NDArray[np.intp],
+    found: NDArray[np.bool_],
+    nwalkers: int,
+) -> NDArray[np.intp]:
+    """Return which draws an ensemble's walkers start from, by importance weights.
+
+    They are its own, in the groups that it found, as far as there are any.
     """
-    ends = []
-    for number, (sampler, start) in enumerate(zip(samplers, starts, strict=True), 1):
-        done = sampler.iteration
-        state = sampler.get_last_sample() if done else start
-        if done < generations:
-            try:
-                state = sampler.run_mcmc(
-                    state,
-                    generations - done,
-                    progress=progress,
-                    progress_kwargs={"desc": f"{label} {number}"},
-                    skip_initial_state_check=True,
-                )
-            except BaseException as error:
-                error.samplers = samplers  # type: ignore[attr-defined]
-                raise
-        ends.append(emcee.State(state, copy=True))
-    return ends
+    own = np.array_split(np.arange(len(trial.theta)), ensembles)[number]
+    log_weights = trial.log_weights[own]
+    inside = found[label(trial.theta[own], trial.law, group_of)]
+    if np.isfinite(log_weights[inside]).any():
+        log_weights = np.where(inside, log_weights, -np.inf)
+    weights = np.exp(log_weights - log_weights.max())
+    edges = np.cumsum(weights) / weights.sum()
+    places = (np.arange(nwalkers) + rng.random(nwalkers)) / nwalkers  # stratified
+    chosen = np.minimum(np.searchsorted(edges, places, side="right"), len(own) - 1)
+    return rng.permutation(own[chosen])

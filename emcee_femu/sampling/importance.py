@@ -8,6 +8,7 @@ import numpy as np
 from ..interfaces import Floats
 
 GOOD_K = 0.7  # below it the error of an importance estimate can be believed
+FAIR_SHARE = 0.5  # effective share above which a heavy tail of weights matters little
 
 
 def pareto_k(log_weights: Floats) -> float:

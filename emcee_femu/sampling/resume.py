@@ -3,13 +3,14 @@
 import os
 from typing import Any
 
-from ..moves import IndependenceMove
 from ..moves.tempering import find_ladder
 from .arguments import list_moves
-from .auto import Recipe, mixture, prepare
+from .auto import count_search, find_recipe
 from .evaluation import Evaluation
+from .journal import Journal
 from .manifest import check_same, describe_run
 from .probe import probe
+from .recipe import Recipe, make_moves
 from .run_file import RunFile
 from .run_file.log import COUNTS, check_new
 from .starts import draw_starts
@@ -18,56 +19,73 @@ from .starts import draw_starts
 def begin_in_file(evaluation: Evaluation) -> tuple[list[RunFile], Recipe]:
     """Go on with the file of a run, or make it.
 
-    Starts, moves and burn-in of "auto" are stored, so that they are not found again: a
-    burn-in can cost as much as the chain. During it there is another file beside the
-    file, ``.burn-in``.
+    Starts and what "auto" found are stored, so that they are not sought again: a search
+    can cost as much as the chain. During it there is another file beside the file,
+    ``.burn-in``, a :class:`Journal`.
     """
     settings = evaluation.settings
     path = str(settings.path)
-    beside = f"{path}.burn-in"
     manifest = describe_run(settings)
-    if not settings.resume:
-        check_new(beside)
+    if not settings.resume and settings.moves is None:
+        check_new(_beside(path))
     if settings.resume and os.path.isfile(path):
         backends = _open(path, evaluation, manifest)
         recipe = _stored_recipe(evaluation, backends)
-        _go_on(path, evaluation, backends, recipe.states)
+        _go_on(path, evaluation, backends[0].counts, recipe.states)
     else:
         check_new(path)
-        recipe = _begin(evaluation, beside, manifest)
         found = {}
         if settings.moves is None:
-            found["recipe"] = _recipe_as_lists(recipe)
-        elif ladder := find_ladder(list_moves(settings.moves)):
-            found["betas"] = ladder.betas.tolist()  # the file tells its cold walkers
+            recipe = _search(_beside(path), evaluation, manifest)
+            found["recipe"] = {
+                "record": recipe.record,
+                "evaluations": recipe.evaluations,
+                "sentence": recipe.sentence,
+            }
+        else:
+            recipe = start_given(evaluation)
+            if ladder := find_ladder(list_moves(settings.moves)):
+                found["betas"] = ladder.betas.tolist()  # the file tells its cold ones
         backends = RunFile.create(
             path, recipe.states, {**manifest, **found}, _counts(evaluation)
         )
-    if settings.moves is None and os.path.lexists(beside):
-        _open(beside, evaluation, manifest)  # refuses the file of another run
-        os.remove(beside)
+    if settings.moves is None and os.path.lexists(_beside(path)):
+        # Killed between making one file and removing the other; not that of another.
+        _open_journal(_beside(path), evaluation, manifest)
+        os.remove(_beside(path))
     for own in backends:
         own.failures = evaluation.failures
     return backends, recipe
 
 
-def _begin(evaluation: Evaluation, beside: str, manifest: dict[str, Any]) -> Recipe:
-    """Return how a run begins that has no file yet, but may have that of a burn-in."""
-    ensembles = evaluation.settings.ensembles
-    if evaluation.settings.moves is not None:
-        return prepare(evaluation, draw_starts(evaluation), [])
-    if os.path.lexists(beside):
-        stages = _open(beside, evaluation, manifest)
-        states = [own.get_last_sample() for own in stages[:ensembles]]
-        pairs = zip(states, stages[ensembles:], strict=True)
-        latest = [s.get_last_sample() if s.iteration else state for state, s in pairs]
-        _go_on(beside, evaluation, stages, latest)
-    else:
-        states = draw_starts(evaluation)
-        stages = RunFile.create(beside, states, manifest, _counts(evaluation), 2)
-    for own in stages:
-        own.failures = evaluation.failures
-    return prepare(evaluation, states, stages)
+def start_given(evaluation: Evaluation) -> Recipe:
+    """Return how a chain of given moves begins."""
+    settings = evaluation.settings
+    states = draw_starts(evaluation)
+    return Recipe(settings.moves, states, settings.nwalkers)
+
+
+def _beside(path: str) -> str:
+    return f"{path}.burn-in"
+
+
+def _search(beside: str, evaluation: Evaluation, manifest: dict[str, Any]) -> Recipe:
+    """Run the search, or go on with the one that the file beside holds."""
+    settings = evaluation.settings
+    journal = _open_journal(beside, evaluation, manifest)
+    first = journal.first_state()
+    if first is not None:
+        probe(evaluation, [first], beside)
+    return find_recipe(journal, settings, journal.header["size"])
+
+
+def _open_journal(
+    beside: str, evaluation: Evaluation, manifest: dict[str, Any]
+) -> Journal:
+    size = count_search(evaluation.settings)
+    journal = Journal(evaluation, beside, {"manifest": manifest, "size": size})
+    check_same(beside, journal.header["manifest"], manifest)
+    return journal
 
 
 def _open(path: str, evaluation: Evaluation, manifest: dict[str, Any]) -> list[RunFile]:
@@ -84,12 +102,12 @@ def _open(path: str, evaluation: Evaluation, manifest: dict[str, Any]) -> list[R
 
 
 def _go_on(
-    path: str, evaluation: Evaluation, backends: list[RunFile], states: list[Any]
+    path: str, evaluation: Evaluation, counts: list[int], states: list[Any]
 ) -> None:
     """Probe the posterior, then count failures from where the file ends."""
     probe(evaluation, states, path)
     if evaluation.failures is not None:
-        evaluation.failures.restore(backends[0].counts)
+        evaluation.failures.restore(counts)
 
 
 def _counts(evaluation: Evaluation) -> list[int]:
@@ -97,23 +115,17 @@ def _counts(evaluation: Evaluation) -> list[int]:
     return [0] * COUNTS if log is None else log.counts
 
 
-def _recipe_as_lists(recipe: Recipe) -> dict[str, Any]:
-    moves: Any = recipe.moves
-    (fitted, share), _ = moves
-    laws = fitted.weights, fitted.means, fitted.scale_matrices
-    return {
-        "fitted": [*(law.tolist() for law in laws), fitted.df],
-        "share": share,
-        "evaluations": recipe.evaluations,
-        "sentence": recipe.sentence,
-    }
-
-
 def _stored_recipe(evaluation: Evaluation, backends: list[RunFile]) -> Recipe:
     """Return where the ensembles are, and the moves to the bit."""
     states = [own.get_last_sample() for own in backends]
-    if evaluation.settings.moves is not None:
-        return prepare(evaluation, states, [])
+    settings = evaluation.settings
+    if settings.moves is not None:
+        return Recipe(settings.moves, states, settings.nwalkers)
     stored = backends[0].manifest["recipe"]
-    moves = mixture(IndependenceMove(*stored["fitted"]), stored["share"])
-    return Recipe(moves, states, stored["evaluations"], stored["sentence"])
+    return Recipe(
+        make_moves(stored["record"]),
+        states,
+        stored["evaluations"],
+        stored["sentence"],
+        stored["record"],
+    )

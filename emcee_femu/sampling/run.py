@@ -20,11 +20,11 @@ from .arguments import (
     check_starts,
     check_walkers,
 )
-from .auto import prepare
+from .auto import count_search, find_recipe
 from .evaluation import Evaluation
+from .journal import Journal
 from .pools.own_processes import open_pool
-from .resume import begin_in_file
-from .starts import draw_starts
+from .resume import begin_in_file, start_given
 
 
 def run(
@@ -166,13 +166,15 @@ def begin(
     backends: Sequence[Backend | None] = settings.backends
     if settings.path is not None:
         backends, recipe = begin_in_file(evaluation)
+    elif settings.moves is None:
+        journal = Journal(evaluation, None, {})
+        recipe = find_recipe(journal, settings, count_search(settings))
     else:
-        stages = [None] * 2 * settings.ensembles
-        recipe = prepare(evaluation, draw_starts(evaluation), stages)
+        recipe = start_given(evaluation)
     samplers = [evaluation.sampler(recipe.moves, own) for own in backends]
     for sampler in samplers:  # kept for to_inference_data, diagnose and compare_moves
         sampler.seed = settings.seed
-        sampler.recipe = recipe.sentence
+        sampler.recipe = recipe
         sampler.burn_in_evaluations = recipe.evaluations
         sampler.failures = evaluation.failures
         sampler.starts_given = settings.initial is not None

@@ -43,7 +43,7 @@ def record(**changes):
         "found_by": [[2, 1]] * 4,
         "start": [[0.75, 0.25]] * 4,
         "pareto_k": 0.1,
-        "efficiency": 0.8,
+        "efficiency": 0.4,
         "searched": [500, 8],
         "share": 0.9,
     }

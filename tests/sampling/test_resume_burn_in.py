@@ -1,4 +1,4 @@
-"""The burn-in of "auto" in files: a stop at any time costs a generation or a trial."""
+"""The search of "auto" in files: a stop at any time costs one batch."""
 
 import os
 
@@ -12,11 +12,11 @@ OPTIONS = {"nwalkers": 12, "nsteps": 40, "ensembles": 2, "seed": 1}
 
 
 @pytest.fixture(autouse=True, scope="module")
-def short_burn_in():
-    """A burn-in that is doubled once or twice, and takes no seconds."""
+def small_search():
+    """A search that takes no seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ef.sampling.auto, "FIRST", 32)
-        patch.setattr(ef.sampling.auto, "ENOUGH_TAU", 6)
+        patch.setattr(ef.sampling.auto, "FEWEST", 100)
+        patch.setattr(ef.sampling.auto, "ROUND", 200)
         yield
 
 
@@ -58,33 +58,54 @@ def files(path):
     return sorted(file.name for file in path.parent.iterdir())
 
 
-def test_a_stop_at_any_time_costs_a_generation_or_a_trial(whole, tmp_path):
+def test_a_stop_at_any_time_costs_a_batch(whole, tmp_path):
     calls, samplers = whole
     path = tmp_path / "run.chain"
-    spent, held = 0, set()
-    for share in (0.01, 0.2, 0.25, 0.3, 0.2):  # of all calls, then to the end
-        part, stopped = sampled(int(share * calls), backend=path, resume=True)
+    held = set()
+    stops = [int(share * calls) for share in (0.02, 0.1, 0.2, 0.3, 0.2)]
+    for stop in stops:  # counted anew each time
+        _, stopped = sampled(stop, backend=path, resume=True)
         assert isinstance(stopped, KeyboardInterrupt)
-        assert len(stopped.samplers) == 2
-        spent += part
         held.update(files(path))
     part, found = sampled(backend=path, resume=True)
     assert held == {"run.chain.burn-in", "run.chain"}
     assert files(path) == ["run.chain"]
-    # Each stop: a probe of two ensembles, and the two calls of a generation.
-    # The last one may have stopped the trial of the fit, which is not stored.
-    trial = 2 * ef.sampling.auto.TRIAL
-    assert calls < spent + part <= calls + 5 * (2 + 2) + trial < 1.2 * calls
+    # Each stop: a probe of each ensemble, and what was lost with the batch.
+    assert sum(stops) + part <= calls + len(stops) * (2 + 2) < 1.2 * calls
     for one, other in zip(samplers, found, strict=True):
         np.testing.assert_array_equal(one.get_chain(), other.get_chain())
         np.testing.assert_array_equal(one.get_blobs(), other.get_blobs())
-        assert one.recipe == other.recipe
+        assert str(one.recipe) == str(other.recipe)
+        assert one.recipe.record == other.recipe.record
         assert one.burn_in_evaluations == other.burn_in_evaluations
+
+
+def test_a_torn_batch_is_evaluated_again(whole, tmp_path):
+    path, beside = tmp_path / "run.chain", tmp_path / "run.chain.burn-in"
+    sampled(10, backend=path)
+    content = beside.read_bytes()
+    for cut in (1, 5, 200):
+        beside.write_bytes(content[:-cut])
+        assert isinstance(sampled(4, backend=path, resume=True)[1], KeyboardInterrupt)
+    _, found = sampled(backend=path, resume=True)
+    np.testing.assert_array_equal(found[0].get_chain(), whole[1][0].get_chain())
+
+
+def test_a_search_that_takes_another_way_is_refused(tmp_path, monkeypatch):
+    path = tmp_path / "run.chain"
+    sampled(8, backend=path)
+    monkeypatch.setattr(ef.sampling.search, "WIDER", 3.0)
+    monkeypatch.setattr(ef.sampling.search, "FIRST_DF", 4.0)
+    monkeypatch.setattr(
+        ef.GaussianPrior, "sample", lambda self, rng, n: self.mean + np.zeros((n, 5))
+    )
+    with pytest.raises(ValueError, match=r"search does not take the way .*burn-in"):
+        sampled(backend=path, resume=True)
 
 
 def test_a_burn_in_that_was_stopped_is_not_run_over_and_not_mixed(tmp_path):
     path = tmp_path / "run.chain"
-    sampled(200, backend=path)
+    sampled(8, backend=path)
     before = (tmp_path / "run.chain.burn-in").read_bytes()
     with pytest.raises(ValueError, match=r"run.chain.burn-in exists; go on .* resume"):
         sampled(backend=path)
@@ -104,7 +125,7 @@ def test_a_foreign_file_in_its_place_is_left_as_it_is(tmp_path):
 
 def test_files_of_a_burn_in_that_a_kill_left_are_removed(tmp_path):
     path, beside = tmp_path / "run.chain", tmp_path / "run.chain.burn-in"
-    sampled(200, backend=path)
+    sampled(8, backend=path)
     left = beside.read_bytes()
     sampled(backend=path, resume=True)
     beside.write_bytes(left)  # killed between making one and removing the other
@@ -114,9 +135,3 @@ def test_files_of_a_burn_in_that_a_kill_left_are_removed(tmp_path):
     with pytest.raises(ValueError, match="expected the file of a run.*burn-in"):
         sampled(backend=path, resume=True)
     assert beside.read_text() == "mine"
-
-
-def test_without_a_file_the_burn_in_so_far_is_kept():
-    _, stopped = sampled(60)
-    chains = [sampler.get_chain() for sampler in stopped.samplers if sampler.iteration]
-    assert len(chains) == 1 and 10 < len(chains[0]) <= 32

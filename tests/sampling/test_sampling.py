@@ -42,9 +42,7 @@ class Still(ef.DEMCMove):
 
 
 @pytest.mark.parametrize("moves", [None, "auto"])
-def test_ensembles_have_independent_starts_and_streams(moves, monkeypatch):
-    monkeypatch.setattr(ef.sampling.auto, "FIRST", 16)
-    monkeypatch.setattr(ef.sampling.auto, "ENOUGH_TAU", 0.01)
+def test_ensembles_have_independent_starts_and_streams(moves):
     starts = np.array(chains(moves=Still(), ensembles=4, nsteps=1))
     assert len(np.unique(starts.reshape(-1, 5), axis=0)) == 4 * 12
     # Equal starts, so that only the streams can differ.

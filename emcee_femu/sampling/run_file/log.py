@@ -184,11 +184,21 @@ def pack(
 def create(path: str, header: Mapping[str, Any], starts: Any, counts: Any) -> None:
     """Make a file with the starts of the ensembles; it appears whole, or not at all."""
     check_new(path)
-    text = json.dumps(header).encode()
-    text += b" " * (-(LEAD.size + len(text)) % 64)  # so that the records are aligned
-    content = LEAD.pack(MAGIC, len(text), zlib.crc32(text)) + text
+    content = pack_header(MAGIC, header)
     for stream, state in enumerate(starts):
         content += pack(record_type(header), stream, 0, state, 0, counts)
+    publish(path, content)
+
+
+def pack_header(magic: bytes, header: Mapping[str, Any]) -> bytes:
+    """Return the beginning of a file."""
+    text = json.dumps(header).encode()
+    text += b" " * (-(LEAD.size + len(text)) % 64)  # so that the records are aligned
+    return LEAD.pack(magic, len(text), zlib.crc32(text)) + text
+
+
+def publish(path: str, content: bytes) -> None:
+    """Make a file that appears with this content, or not at all."""
     temporary = f"{path}.new"
     try:
         with open(temporary, "wb", buffering=0) as file:
@@ -224,17 +234,17 @@ def check_new(path: str) -> None:
         )
 
 
-def read_header(path: str) -> tuple[dict[str, Any], int]:
+def read_header(path: str, expected: bytes = MAGIC) -> tuple[dict[str, Any], int]:
     """Return the header of a run, checked, and where the records begin."""
     if not os.path.exists(path):
         raise ValueError(f"backend: expected the file of a run, but there is no {path}")
     with open(path, "rb") as file:
         lead = file.read(LEAD.size).ljust(LEAD.size, b"\0")
         magic, length, checksum = LEAD.unpack(lead)
-        text = file.read(length) if magic == MAGIC else b""
-    if magic[:-1] != MAGIC[:-1]:
+        text = file.read(length) if magic == expected else b""
+    if magic[:-1] != expected[:-1]:
         fault = "this is another file, or its beginning is damaged"
-    elif magic != MAGIC:
+    elif magic != expected:
         fault = "another version of emcee_femu wrote it: go on with that"
     elif zlib.crc32(text) != checksum:
         fault = "its header is truncated or damaged: restore it from a copy"

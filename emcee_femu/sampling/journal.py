@@ -1,0 +1,155 @@
+"""Evaluations of a search in a file, so that a search that was killed can go on.
+
+A search is a function of its random stream and of what it evaluates. So nothing of its
+state is stored: resumed, it runs again from the beginning, and what was evaluated
+before comes from the file. A kill can only cut the last batch short.
+"""
+
+import os
+import struct
+import zlib
+from typing import Any
+
+import emcee
+import numpy as np
+
+from ..interfaces import Floats, Linearization
+from ..posterior.linearize import unstack
+from .evaluation import Evaluation
+from .run_file import log
+
+MAGIC = b"emcee_femu pts 1"  # its last character is the version of the format
+LEAD = struct.Struct("<qqqq")  # length of theta, of the result, rows, solves
+KINDS = ("rows", "linearize")
+
+
+class Journal:
+    """An evaluation that stores each batch, or finds it in the file.
+
+    It serves a search in place of the :class:`Evaluation` that it wraps.
+
+    Args:
+        evaluation: What evaluates a batch that is not stored.
+        path: The file; None to store nothing.
+        header: What is searched, for JSON; of a file that is there it is read, and
+            whoever opens it refuses the file of another search.
+
+    Raises:
+        ValueError: If the file is damaged, or from a batch if the search takes another
+            way than the stored one: another version of a library computes otherwise.
+    """
+
+    def __init__(
+        self, evaluation: Evaluation, path: str | None, header: dict[str, Any]
+    ) -> None:
+        self.evaluation, self.posterior = evaluation, evaluation.posterior
+        self._path, self._place, self._end = path, 0, 0
+        self.header = header
+        if path is None:
+            return
+        if not os.path.lexists(path):
+            log.check_new(path)
+            log.publish(path, log.pack_header(MAGIC, header))
+        self.header, self._place = log.read_header(path, MAGIC)
+        self._end = os.path.getsize(path)
+
+    @property
+    def solves(self) -> int:
+        """Model solves so far, those of the file included."""
+        return self.evaluation.solves
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows of the posterior at ``theta (n, d)``."""
+        stored = self._stored(0, theta)
+        if stored is None:
+            stored = self.evaluation.rows(theta)
+            self._append(0, theta, stored)
+        return stored
+
+    def linearize(self, theta: Floats) -> Linearization:
+        """Return rows, gradients and information."""
+        stored = self._stored(1, theta)
+        if stored is not None:
+            return unstack(self.posterior, stored)
+        found = self.evaluation.linearize(theta)
+        n, d = theta.shape
+        matrices = found.information
+        if matrices is None:
+            matrices = np.full((n, d, d), np.nan)
+        parts = [found.rows, found.gradient, matrices.reshape(n, -1)]
+        self._append(1, theta, np.hstack(parts))
+        return found
+
+    def first_state(self) -> emcee.State | None:
+        """Return the first stored batch, for a probe of the posterior."""
+        if self._path is None or self._place == self._end:
+            return None
+        record = self._read(self._place)
+        if record is None:
+            return None
+        _, theta, rows, _, _ = record
+        width = len(self.posterior.rejected())
+        n = min(len(theta), 16)
+        return emcee.State(theta[:n], rows[:n, 0], rows[:n, 1:width])
+
+    def _stored(self, kind: int, theta: Floats) -> Floats | None:
+        """Return the result of the next batch of the file, None at its end."""
+        if self._path is None or self._place >= self._end:
+            return None
+        record = self._read(self._place)
+        if record is None:  # torn: written over
+            self._end = self._place
+            return None
+        own, points, result, counts, size = record
+        if own != kind or not np.array_equal(points, theta):
+            raise ValueError(
+                f"resume: the search does not take the way that {self._path} holds, "
+                "though it is of the same posterior: another version of a library, or "
+                "another machine, computes other digits. Go on where it began, or "
+                "give another file name"
+            )
+        self._place += size
+        self.evaluation.solves = int(counts[0])
+        if self.evaluation.failures is not None:
+            self.evaluation.failures.restore(counts[1:].tolist())
+        return result
+
+    def _read(self, place: int) -> tuple[int, Floats, Floats, Any, int] | None:
+        with open(str(self._path), "rb") as file:
+            file.seek(place)
+            lead = file.read(LEAD.size)
+            if len(lead) < LEAD.size:
+                return None
+            kind, n, width, _ = LEAD.unpack(lead)
+            d = self.posterior.ndim
+            size = 8 * (n * (d + width) + 1 + log.COUNTS)
+            if not (0 <= kind < len(KINDS) and 0 <= n and 0 <= width):
+                return None
+            if place + LEAD.size + size + 4 > self._end:
+                return None
+            body = file.read(size)
+            checksum = int.from_bytes(file.read(4), "little")
+        if zlib.crc32(lead + body) != checksum:
+            return None
+        numbers = np.frombuffer(body, "<f8", n * (d + width))
+        counts = np.frombuffer(body, "<i8", offset=8 * n * (d + width))
+        theta = numbers[: n * d].reshape(n, d)
+        result = numbers[n * d :].reshape(n, width).copy()
+        return kind, theta, result, counts, LEAD.size + size + 4
+
+    def _append(self, kind: int, theta: Floats, result: Floats) -> None:
+        if self._path is None:
+            return
+        failures = self.evaluation.failures
+        counts = [0] * log.COUNTS if failures is None else failures.counts
+        content = LEAD.pack(kind, len(theta), result.shape[1], 0)
+        content += np.ascontiguousarray(theta, "<f8").tobytes()
+        content += np.ascontiguousarray(result, "<f8").tobytes()
+        content += np.array([self.solves, *counts], "<i8").tobytes()
+        content += zlib.crc32(content).to_bytes(4, "little")
+        with open(self._path, "r+b", buffering=0) as file:
+            file.truncate(self._place)  # what is torn
+            file.seek(self._place)
+            log.write(file, content)
+        self._place += len(content)
+        self._end = self._place
