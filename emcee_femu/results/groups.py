@@ -22,7 +22,7 @@ from . import arviz_objects
 from .agreement import excess_scatter, tau_by_ensemble
 from .chains import list_runs, stack_chains
 
-MOST_DRAWS = 20_000  # at which the proposal's density is judged
+MOST_DRAWS = 20_000  # whose Pareto k is found
 CHUNK = 20_000
 
 
@@ -97,18 +97,17 @@ def weigh_groups(samplers: Any, discard: int, draws: Floats) -> Groups | None:
     if n_groups > 1:
         labels = label(draws, law, np.array(record["group_of"]))
     indicators = 1.0 * (labels[..., None] == np.arange(n_groups))
-    steps = len(draws)
-    thin = -(-labels.size // MOST_DRAWS)
-    some = draws.reshape(-1, draws.shape[-1])[::thin]
-    log_prob = _log_prob(samplers, discard).reshape(-1)[::thin]
-    log_weights = log_prob - law.log_density(some)
-    accepted, kept = expected_acceptance(log_weights), labels.reshape(-1)[::thin]
+    steps, flat = len(draws), draws.reshape(-1, draws.shape[-1])
+    parts = [law.log_density(x) for x in np.array_split(flat, -(-len(flat) // CHUNK))]
+    log_weights = _log_prob(samplers, discard).reshape(-1) - np.concatenate(parts)
+    accepted, own = expected_acceptance(log_weights), labels.reshape(-1)
     acceptance = [
-        accepted[kept == g].mean() if (kept == g).any() else np.nan
+        accepted[own == g].mean() if (own == g).any() else np.nan
         for g in range(n_groups)
     ]
     # Draws of p, not of q, have the tail index k / (1 - k).
-    k = pareto_k(log_weights)
+    some = np.linspace(0, len(flat) - 1, min(len(flat), MOST_DRAWS)).astype(int)
+    k = pareto_k(log_weights[some])
     sizes = arviz_objects.mean_sizes(
         indicators.transpose(1, 2, 0, 3).reshape(-1, steps, n_groups)
     )

@@ -188,7 +188,7 @@ def held_to_a_gaussian(chains, variance):
     return samplers
 
 
-@pytest.mark.parametrize(("variance", "k"), [(0.3, 0.7), (0.15, 0.85), (0.7, 0.3)])
+@pytest.mark.parametrize(("variance", "k"), [(0.3, 0.7), (0.15, 0.85), (0.8, 0.2)])
 def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
     """p is N(0, 1), q is N(0, v): of draws of q k is 1 - v."""
     chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
@@ -201,10 +201,10 @@ def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
 
 def test_a_walker_that_came_to_the_end_of_a_tail_is_seen():
     chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
-    chains[2][500:505, 3] = 5.0, 0.0
-    found = ef.diagnose(held_to_a_gaussian(chains, 0.7))
+    assert ef.diagnose(held_to_a_gaussian(chains, 0.8)).converged
+    chains[2][500:505, 3] = 6.0, 0.0
+    found = ef.diagnose(held_to_a_gaussian(chains, 0.8))
     assert found.groups.slowest < 0.02 and found.short == "walkers wait too long"
-    assert ef.diagnose(held_to_a_gaussian(chains, 0.95)).converged
 
 
 def test_the_expected_acceptance_is_that_of_proposals():
