@@ -109,28 +109,16 @@ def rms(values: Iterable[Floats]) -> float:
     return float(np.sqrt(np.mean(z**2))) if len(z) else np.nan
 
 
-def main(
-    seeds: int = 3, targets: str = "", steps: int = 2_000, processes: int = 1
-) -> dict[str, list[Run]]:
-    """Run, print the table and the totals, and return all runs by target."""
-    results: dict[str, list[Run]] = {}
-    for name in (n for n in TARGETS if targets in n):
-        truth_of(name)  # before processes are forked
-        jobs = [name] * seeds, range(seeds), [steps] * seeds
-        if processes > 1:
-            with ProcessPoolExecutor(processes) as pool:
-                results[name] = list(pool.map(judge, *jobs))
-        else:
-            results[name] = list(map(judge, *jobs))
-        said = Counter(run.short.split(":")[0] for run in results[name])
-        print(f"{name}: {dict(said)}", flush=True)
+def report(results: dict[str, list[Run]]) -> None:
+    """Print the table and the totals."""
     good = {n: [r for r in v if r.short == "converged"] for n, v in results.items()}
     worst = {n: [np.abs(r.mean_z).max() for r in v] for n, v in good.items()}
     table = Table.from_columns(
-        f"Hard targets: {seeds} seeds, {steps} steps; z and weights of converged runs",
+        "Hard targets; z and weights of the runs called converged",
         [
             ("target", "", list(results)),
-            ("converged", "", [len(v) for v in good.values()]),
+            ("runs", "", list(map(len, results.values()))),
+            ("converged", "", list(map(len, good.values()))),
             ("worst z", ".1f", [max(v, default=np.nan) for v in worst.values()]),
             ("rms z", ".2f", [rms(r.mean_z for r in v) for v in good.values()]),
             ("rms z 1, 99 %", ".2f",
@@ -154,6 +142,24 @@ def main(
         f"{rms(run.tail_z for run in called):.2f} for quantiles and "
         f"{rms(run.weight_z for run in called):.2f} for weights (bar: 0.8 to 1.3)."
     )
+
+
+def main(
+    seeds: int = 3, targets: str = "", steps: int = 2_000, processes: int = 1
+) -> dict[str, list[Run]]:
+    """Run, print the table and the totals, and return all runs by target."""
+    results: dict[str, list[Run]] = {}
+    for name in (n for n in TARGETS if targets in n):
+        truth_of(name)  # before processes are forked
+        jobs = [name] * seeds, range(seeds), [steps] * seeds
+        if processes > 1:
+            with ProcessPoolExecutor(processes) as pool:
+                results[name] = list(pool.map(judge, *jobs))
+        else:
+            results[name] = list(map(judge, *jobs))
+        said = Counter(run.short.split(":")[0] for run in results[name])
+        print(f"{name}: {dict(said)}", flush=True)
+    report(results)
     return results
 
 

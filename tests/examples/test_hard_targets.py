@@ -36,12 +36,14 @@ def test_benchmark_posteriors_print(capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ridge .9999, d=4"])
+@pytest.mark.parametrize("name", ["needle, d=4, 5 sd", "needle, d=5, 20 sd", "banana"])
 def test_hard_targets(name, capsys):
     """What is called converged is right, and z says how far off it is."""
-    runs = HARD.main(seeds=2, targets=name, steps=600)[name]
+    (runs,) = HARD.main(seeds=3, targets=name, steps=1_000).values()
     assert "called converged" in capsys.readouterr().out
     for run in runs:
         assert run.short != "converged" or np.abs(run.mean_z).max() < 5
         assert run.short != "converged" or run.weight_error < 0.05
-    assert HARD.rms(run.mean_z for run in runs) < 2
+    good = [run.mean_z for run in runs if run.short == "converged"]
+    assert not good or HARD.rms(good) < 2
+    assert len(good) > 1 or name == "banana"
