@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from ..moves import IndependenceMove
+from ..moves.mixture_em import Mixture, log_density
+from ..sampling.groups import label
 from ..sampling.importance import pareto_k
 from ..table import Table
 from . import arviz_objects
@@ -91,16 +92,17 @@ def weigh_groups(samplers: Any, discard: int, draws: Floats) -> Groups | None:
     record = find_record(samplers)
     if record is None or draws.shape[-1] != np.shape(record["proposal"][1])[1]:
         return None
-    law = IndependenceMove(*record["proposal"])
-    n_groups = len(record["weights"])
-    labels = np.zeros(draws.shape[:3], dtype=int)
-    if n_groups > 1:
-        labels = label(draws, law, np.array(record["group_of"]))
+    weights, means, matrices, df = record["proposal"]
+    law = Mixture(np.array(weights), np.array(means), np.array(matrices), df)
+    group_of, n_groups = np.array(record["group_of"]), len(record["weights"])
+    flat = draws.reshape(-1, draws.shape[-1])
+    pieces = np.array_split(flat, -(-len(flat) // CHUNK))
+    log_weights = _log_prob(samplers, discard).reshape(-1)
+    log_weights = log_weights - np.concatenate([log_density(x, law) for x in pieces])
+    own = np.concatenate([label(x, law, group_of) for x in pieces])
+    labels = own.reshape(draws.shape[:3])
     indicators = 1.0 * (labels[..., None] == np.arange(n_groups))
-    steps, flat = len(draws), draws.reshape(-1, draws.shape[-1])
-    parts = [law.log_density(x) for x in np.array_split(flat, -(-len(flat) // CHUNK))]
-    log_weights = _log_prob(samplers, discard).reshape(-1) - np.concatenate(parts)
-    accepted, own = expected_acceptance(log_weights), labels.reshape(-1)
+    accepted = expected_acceptance(log_weights)
     acceptance = [
         accepted[own == g].mean() if (own == g).any() else np.nan
         for g in range(n_groups)
@@ -109,15 +111,15 @@ def weigh_groups(samplers: Any, discard: int, draws: Floats) -> Groups | None:
     some = np.linspace(0, len(flat) - 1, min(len(flat), MOST_DRAWS)).astype(int)
     k = pareto_k(log_weights[some])
     sizes = arviz_objects.mean_sizes(
-        indicators.transpose(1, 2, 0, 3).reshape(-1, steps, n_groups)
+        indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_groups)
     )
-    weights = indicators.mean(axis=(0, 2))
-    total = weights.mean(axis=0)
+    by_ensemble = indicators.mean(axis=(0, 2))
+    total = by_ensemble.mean(axis=0)
     sizes = np.where(np.isfinite(sizes), sizes, labels.size)
     # Of a group without draws, or with nothing else, as if there were one other draw.
     variance = np.maximum(total * (1 - total), 1 / sizes)
     return Groups(
-        weights=weights,
+        weights=by_ensemble,
         errors=np.sqrt(variance / sizes) * (n_groups > 1),
         scatter=_scatter(indicators),
         importance=_floats(record["weights"]),
@@ -167,28 +169,6 @@ def _log_prob(samplers: Any, discard: int) -> Floats:
 
 def _floats(values: Any) -> Floats:
     return np.array([np.nan if v is None else v for v in values], dtype=float)
-
-
-def label(
-    draws: Floats, law: IndependenceMove, group_of: NDArray[np.intp]
-) -> NDArray[np.intp]:
-    """Return the group ``(...)`` of each draw ``(..., d)``: of its likeliest component.
-
-    Components of group -1 cover the others and belong to none.
-    """
-    own = np.flatnonzero(group_of >= 0)
-    parts = [
-        IndependenceMove(
-            [1.0], law.means[[i]], law.scale_matrices[[i]], law.df
-        ).log_density
-        for i in own
-    ]
-    flat = draws.reshape(-1, draws.shape[-1])
-    found = []
-    for some in np.array_split(flat, -(-len(flat) // CHUNK)):
-        densities = [part(some) for part in parts] + np.log(law.weights[own])[:, None]
-        found.append(group_of[own][np.argmax(densities, axis=0)])
-    return np.concatenate(found).reshape(draws.shape[:-1])
 
 
 def expected_acceptance(log_weights: Floats) -> Floats:

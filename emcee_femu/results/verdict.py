@@ -21,7 +21,7 @@ ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a group
-ENOUGH_WAITS = 5  # the same from the worst draw in a thousand
+ENOUGH_WAITS = 10  # the same from the worst place that a walker reached
 CONVERGED = "converged"
 
 Complaint: TypeAlias = tuple[str, str]
@@ -184,6 +184,6 @@ def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
         yield (
             "walkers wait too long",
             "from where a walker was a frozen proposal is accepted only "
-            f"{rare:.1f} times in {steps} steps, fewer than {ENOUGH_VISITS}, as at the "
+            f"{rare:.1f} times in {steps} steps, fewer than {ENOUGH_WAITS}, as at the "
             "end of a tail that it lacks; run longer, or with DEMCMove()",
         )

@@ -172,7 +172,7 @@ def test_a_proposal_that_lacks_what_the_chain_has_is_not_converged():
     narrow |= {"start": [[1.0]] * 4, "pareto_k": 0.1}
     narrow["proposal"] = [[1.0], [[0.0, 0.0]], [np.eye(2).tolist()], 8.0]
     found = ef.diagnose(runs(narrow))
-    assert found.groups.slowest * 0.9 * STEPS < 20 and found.groups.chain_k < 0.7
+    assert found.groups.slowest * 0.9 * STEPS < 10 and found.groups.chain_k < 0.7
     assert found.short == "walkers wait too long" and "in 600 steps" in found.verdict
     assert ef.diagnose(runs(narrow | {"share": 0.0})).converged  # it is not used
 
@@ -202,9 +202,9 @@ def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
 def test_a_walker_that_came_to_the_end_of_a_tail_is_seen():
     chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
     assert ef.diagnose(held_to_a_gaussian(chains, 0.8)).converged
-    chains[2][500:505, 3] = 6.0, 0.0
+    chains[2][500:505, 3] = 6.5, 0.0
     found = ef.diagnose(held_to_a_gaussian(chains, 0.8))
-    assert found.groups.slowest < 0.02 and found.short == "walkers wait too long"
+    assert found.groups.slowest < 0.01 and found.short == "walkers wait too long"
 
 
 def test_the_expected_acceptance_is_that_of_proposals():
