@@ -1,6 +1,7 @@
 """TMCMC for its users: a population of the posterior and the evidence, in one call."""
 
 from dataclasses import replace
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,13 @@ import numpy as np
 from .. import checks
 from ..posterior.log_posterior import LogPosterior
 from .annealing import Annealed, anneal_population
+from .arguments import check_file
 from .evaluation import Evaluation
+from .journal import Journal
+from .manifest import describe
 from .pools.own_processes import open_pool
 from .renewing import fewest_members
+from .run_file.log import check_new
 
 
 def anneal(
@@ -22,6 +27,9 @@ def anneal(
     pool: Any = None,
     on_failure: str = "raise",
     max_failures: float = 0.1,
+    backend: str | PathLike[str] | None = None,
+    resume: bool = False,
+    probe_tolerance: float = 1e-6,
 ) -> Annealed:
     r"""Carry a population from the prior to the posterior: TMCMC.
 
@@ -51,11 +59,17 @@ def anneal(
         on_failure: What a failed solve does, as in :func:`run`; with "reject" its
             likelihood is zero.
         max_failures: Fraction of failed solves above which "reject" stops.
+        backend: Name of a file that keeps all evaluations, such as "run.annealing";
+            None for none.
+        resume: Whether to go on with that file, if it is there; the population is that
+            of an annealing that was never stopped, to the bit. A finished one costs
+            the 16 solves that tell a changed model.
+        probe_tolerance: Relative difference above which those count as another.
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count not a whole number.
-        ValueError: If size is too small, or too few draws of the prior have a finite
-            likelihood.
+        ValueError: If size is too small, too few draws of the prior have a finite
+            likelihood, or a file is there already or of another annealing.
         RuntimeError: If too many solves failed.
 
     Source: Ching and Chen (2007),
@@ -83,9 +97,17 @@ def anneal(
             f"size: expected at least {fewest}, 20 for each of {posterior.ndim} "
             f"parameters, got {size}"
         )
-    rng = np.random.default_rng(checks.whole_number("seed", seed))
+    seed = checks.whole_number("seed", seed)
+    path = check_file(backend, checks.flag("resume", resume))
+    if path is not None and not resume:
+        check_new(path)
+    tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
     with open_pool(pool, workers, posterior.one_by_one) as evaluators:
         evaluation = Evaluation.of(posterior, evaluators, on_failure, max_failures)
-        found = anneal_population(evaluation, posterior.prior, rng, size)
+        manifest = describe(posterior, moves="anneal", size=size, seed=seed)
+        journal = Journal(evaluation, path, {"manifest": manifest})
+        journal.probe(tolerance)
+        rng = np.random.default_rng(seed)
+        found = anneal_population(journal, posterior.prior, rng, size)
     log = evaluation.failures
     return replace(found, failed_solves=0 if log is None else log.causes.total())

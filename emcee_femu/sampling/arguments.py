@@ -145,18 +145,25 @@ def check_starts(
     return starts
 
 
+def check_file(backend: Any, resume: bool) -> str | None:
+    """Return the path of a file, or None."""
+    if backend is None and not resume:
+        return None
+    if not isinstance(backend, str | os.PathLike) and resume:
+        raise TypeError(
+            f"resume: expected backend to be the name of a file, got {backend!r}"
+        )
+    name = os.fspath(checks.file_name("backend", backend))
+    # Absolute, since a solver may change the directory.
+    return os.path.abspath(name) if os.path.basename(name) else name
+
+
 def check_backends(
     backend: Any, ensembles: int, resume: bool
 ) -> tuple[list[Backend | None], str | None]:
     """Return one empty backend per ensemble, or the name of a file."""
-    if isinstance(backend, str | os.PathLike):
-        name = os.fspath(checks.file_name("backend", backend))
-        # Absolute, since a solver may change the directory.
-        return [], os.path.abspath(name) if os.path.basename(name) else name
-    if resume:
-        raise TypeError(
-            f"resume: expected backend to be the name of a file, got {backend!r}"
-        )
+    if resume or isinstance(backend, str | os.PathLike):
+        return [], check_file(backend, resume)
     if backend is None:
         return [None] * ensembles, None
     backends = list(backend) if isinstance(backend, Sequence) else [backend]

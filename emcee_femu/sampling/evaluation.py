@@ -57,7 +57,8 @@ class Evaluation:
 
     def uncounted(self) -> Self:
         """Return the same with a log of its own that never stops."""
-        other = self.begin(replace(self.settings, max_failures=1.0), self.bare)
+        kind = "raise" if self.failures is None else "reject"
+        other = self.of(self.posterior, self.bare, kind, 1.0)
         # Forked workers know the function itself.
         return other if self.pool is None else replace(other, function=self.function)
 

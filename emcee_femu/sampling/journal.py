@@ -16,11 +16,14 @@ import numpy as np
 from ..interfaces import Floats, Linearization
 from ..posterior.linearize import unstack
 from .evaluation import Evaluation
+from .manifest import check_same
+from .probe import probe
 from .run_file import log
 
 MAGIC = b"emcee_femu pts 1"  # its last character is the version of the format
 LEAD = struct.Struct("<qqqq")  # length of theta, of the result, rows, solves
 KINDS = ("rows", "linearize")
+PROBED = 16  # points
 
 
 class Journal:
@@ -31,12 +34,13 @@ class Journal:
     Args:
         evaluation: What evaluates a batch that is not stored.
         path: The file; None to store nothing.
-        header: What is searched, for JSON; of a file that is there it is read, and
-            whoever opens it refuses the file of another search.
+        header: What is searched, its "manifest", and more for JSON; of a file that is
+            there it is read.
 
     Raises:
-        ValueError: If the file is damaged, or from a batch if the search takes another
-            way than the stored one: another version of a library computes otherwise.
+        ValueError: If the file is damaged or of another search, or from a batch if the
+            search takes another way than the stored one: another version of a library
+            computes otherwise.
     """
 
     def __init__(
@@ -52,6 +56,7 @@ class Journal:
             log.publish(path, log.pack_header(MAGIC, header))
         self.header, self._place = log.read_header(path, MAGIC)
         self._end = os.path.getsize(path)
+        check_same(path, self.header["manifest"], header["manifest"])
 
     @property
     def solves(self) -> int:
@@ -80,17 +85,15 @@ class Journal:
         self._append(1, theta, np.hstack(parts))
         return found
 
-    def first_state(self) -> emcee.State | None:
-        """Return the first stored batch, for a probe of the posterior."""
-        if self._path is None or self._place == self._end:
-            return None
-        record = self._read(self._place)
+    def probe(self, tolerance: float) -> None:
+        """Refuse to go on if the first stored points have other rows by now."""
+        record = None if self._path is None else self._read(self._place)
         if record is None:
-            return None
+            return
         _, theta, rows, _, _ = record
         width = len(self.posterior.rejected())
-        n = min(len(theta), 16)
-        return emcee.State(theta[:n], rows[:n, 0], rows[:n, 1:width])
+        state = emcee.State(theta[:PROBED], rows[:PROBED, 0], rows[:PROBED, 1:width])
+        probe(self.evaluation, [state], str(self._path), tolerance)
 
     def _stored(self, kind: int, theta: Floats) -> Floats | None:
         """Return the result of the next batch of the file, None at its end."""

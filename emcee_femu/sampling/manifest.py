@@ -28,7 +28,19 @@ OWN = __name__.partition(".")[0]
 
 def describe_run(settings: Settings) -> dict[str, Any]:
     """Return what is sampled and how, as JSON has it."""
-    posterior = settings.posterior
+    return describe(
+        settings.posterior,
+        moves="auto" if settings.moves is None else settings.moves,
+        nwalkers=settings.nwalkers,
+        ensembles=settings.ensembles,
+        thin_by=settings.thin_by,
+        seed=settings.seed,
+        initial=None if settings.initial is None else _digest(settings.initial),
+    )
+
+
+def describe(posterior: LogPosterior, **settings: Any) -> dict[str, Any]:
+    """Return a posterior, and the settings of what samples it, as JSON has it."""
     variables = posterior.variables.items()
     terms = zip(posterior.term_names, posterior.terms, strict=True)
     entries = {
@@ -39,12 +51,7 @@ def describe_run(settings: Settings) -> dict[str, Any]:
         "stored": {
             name: dict(zip(v.dims, v.shape, strict=True)) for name, v in variables
         },
-        "moves": "auto" if settings.moves is None else settings.moves,
-        "nwalkers": settings.nwalkers,
-        "ensembles": settings.ensembles,
-        "thin_by": settings.thin_by,
-        "seed": settings.seed,
-        "initial": None if settings.initial is None else _digest(settings.initial),
+        **settings,
         "versions": {
             "python": platform.python_version(),
             **{name: version(name) for name in PACKAGES},

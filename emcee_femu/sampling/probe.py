@@ -19,26 +19,27 @@ logger = logging.getLogger("emcee_femu")
 FLOOR = 1e-3  # of the largest value of a variable, to which the tolerance is relative
 
 
-def probe(evaluation: Evaluation, states: list[emcee.State], path: str) -> None:
+def probe(
+    evaluation: Evaluation, states: list[emcee.State], path: str, tolerance: float
+) -> None:
     """Refuse to go on if ``states`` are evaluated to other columns than were stored.
 
     A solver that is not deterministic is told apart by a second evaluation.
     """
-    posterior = evaluation.settings.posterior
-    tolerance = evaluation.settings.probe_tolerance
+    posterior = evaluation.posterior
     logger.info(
         "resume: %d evaluations tell whether %s is of the same posterior",
         sum(len(state.coords) for state in states),
         path,
     )
-    sampler = evaluation.uncounted().sampler()
+    evaluation = evaluation.uncounted()
     for number, state in enumerate(states, 1):
         stored = np.column_stack([state.log_prob, state.blobs])
-        now = np.column_stack(sampler.compute_log_prob(state.coords))
+        now = evaluation.rows(state.coords)
         apart = _apart(stored, now, posterior, tolerance)
         if not apart.any():
             continue
-        again = np.column_stack(sampler.compute_log_prob(state.coords))
+        again = evaluation.rows(state.coords)
         changing = _apart(now, again, posterior, tolerance)
         if changing.any():
             where = _first(changing, now, again, state.coords, posterior)

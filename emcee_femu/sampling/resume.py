@@ -73,9 +73,7 @@ def _search(beside: str, evaluation: Evaluation, manifest: dict[str, Any]) -> Re
     """Run the search, or go on with the one that the file beside holds."""
     settings = evaluation.settings
     journal = _open_journal(beside, evaluation, manifest)
-    first = journal.first_state()
-    if first is not None:
-        probe(evaluation, [first], beside)
+    journal.probe(settings.probe_tolerance)
     return find_recipe(journal, settings, journal.header["size"])
 
 
@@ -83,9 +81,7 @@ def _open_journal(
     beside: str, evaluation: Evaluation, manifest: dict[str, Any]
 ) -> Journal:
     size = count_search(evaluation.settings)
-    journal = Journal(evaluation, beside, {"manifest": manifest, "size": size})
-    check_same(beside, journal.header["manifest"], manifest)
-    return journal
+    return Journal(evaluation, beside, {"manifest": manifest, "size": size})
 
 
 def _open(path: str, evaluation: Evaluation, manifest: dict[str, Any]) -> list[RunFile]:
@@ -105,7 +101,7 @@ def _go_on(
     path: str, evaluation: Evaluation, counts: list[int], states: list[Any]
 ) -> None:
     """Probe the posterior, then count failures from where the file ends."""
-    probe(evaluation, states, path)
+    probe(evaluation, states, path, evaluation.settings.probe_tolerance)
     if evaluation.failures is not None:
         evaluation.failures.restore(counts)
 
