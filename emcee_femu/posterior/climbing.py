@@ -185,7 +185,7 @@ class _Space:
         """Return what an evaluation says of points, in these coordinates."""
         before = evaluation.solves
         found = getattr(evaluation, kind)(self.theta(points))
-        cost = (evaluation.solves - before) / len(points)
+        cost = (evaluation.solves - before) / max(1, len(points))  # none in d = 1
         if kind == "rows":
             return Reply(found, cost=cost)
         information = found.information

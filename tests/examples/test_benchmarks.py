@@ -1,0 +1,21 @@
+"""The benchmarks of evidence and of Hamiltonian moves, in their smallest sizes."""
+
+import sys
+
+import pytest
+from support.examples import load
+
+
+@pytest.mark.slow
+def test_evidence(monkeypatch, capsys):
+    options = ["--seeds", "2", "--processes", "1", "--problem", "Gaussian, d=2"]
+    monkeypatch.setattr(sys, "argv", ["evidence.py", *options, "--method", "auto"])
+    load("evidence").main()
+    shown = capsys.readouterr().out
+    assert "Gaussian, d=2" in shown and "2 seeds each" in shown
+
+
+@pytest.mark.slow
+def test_hamiltonian():
+    found = load("hamiltonian").main(storeys=(20,), solves=4_000, repeats=1)
+    assert found[20, "HMC"].bulk > 5 * found[20, "DE-MC"].bulk
