@@ -90,7 +90,7 @@ def compare_moves(
             most that any of the moves has.
         nsteps: Stored generations per ensemble. Give either this or max_evaluations.
         max_evaluations: Log-posterior evaluations that each move may spend on the
-            stored chains of all ensembles; those of the starts and of the burn-in of
+            stored chains of all ensembles; those of the starts and of the search of
             "auto" come on top and are reported.
         ensembles: Independent ensembles, at least 2, started by draws from the prior.
         seed: A whole number, the same for every move.

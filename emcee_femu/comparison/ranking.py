@@ -96,7 +96,7 @@ def table(
     """Tabulate the moves, one row each, with numbers of the worst parameter.
 
     FE solves are those of the whole run; "before chain" are evaluations for the starts
-    and the burn-in of "auto"; ESS per 1000 counts evaluations of the kept steps, +- is
+    and the search of "auto"; ESS per 1000 counts evaluations of the kept steps, +- is
     its standard error over the ensembles; "end to end" counts all evaluations. Errors
     are the largest against a reference, in its standard deviations.
     """

@@ -52,9 +52,11 @@ def run(
     Args:
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; None for
-            ``DEMCMove()``; "auto" to burn in with DE-MC until that is long enough,
-            fit an :class:`IndependenceMove` to it and sample with both (the stored
-            chain starts after the burn-in; ``sampler.recipe`` says what was done).
+            ``DEMCMove()``; "auto" to search for the modes, refine an
+            :class:`IndependenceMove` by importance weights, and sample with it and
+            DE-MC, or with a :class:`HamiltonianMove` where that pays (the stored chain
+            starts after the search; ``str(sampler.recipe)`` says what was done, and
+            ``sampler.recipe.record`` what was found).
         nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, and as
             many for each temperature of a :class:`TemperedMove`.
         nsteps: Stored steps; ``nsteps * thin_by`` generations are run.
@@ -85,7 +87,7 @@ def run(
             knows data, prior, moves and settings; and its last generation is evaluated
             again, ``nwalkers`` solves per ensemble, which tells a changed model. Where
             there is no file a new run begins, so a script may always say
-            ``resume=True``. The burn-in of "auto" goes on too.
+            ``resume=True``. The search of "auto" goes on too.
         on_failure: What an exception, a time-out, NaN or a wrong number of modes of a
             solve does: "raise" to stop with the parameters by name, "reject" to take
             the posterior for zero there, count the cause and log it (logger

@@ -1,4 +1,4 @@
-"""The first state of every ensemble: starts, random streams, burn-in."""
+"""The first state of every ensemble: starts and random streams."""
 
 import emcee
 import numpy as np

@@ -8,7 +8,7 @@ Every sampler gets the same vectorised log-density, the same over-dispersed star
 the same number of walkers, on one thread, and they take turns, so that a drift of the
 machine's speed hits all alike. The effective sample size is ArviZ's bulk ESS of the
 worst parameter, walkers as chains. "/1000" and "/CPU-s" count what comes after the
-burn-in; "end to end" counts all evaluations, those of the burn-in and of the fit of
+burn-in; "end to end" counts all evaluations, those of the burn-in and of the search of
 "auto" included. Peers that are not installed are left out:
 
     pip install dime-sampler bumps zeus-mcmc
@@ -165,21 +165,27 @@ def with_emcee(move: Any, target: Target, start: Floats, steps: int) -> Result:
     return Result(chain, kept, end - middle, nwalkers * (1 + steps), end - begin)
 
 
+class Clock(emcee.backends.Backend):
+    """Keep the time at which a chain begins."""
+
+    def grow(self, *args: Any) -> None:
+        """Make room for the chain."""
+        self.began = time.process_time()
+        super().grow(*args)
+
+
 def automatic(target: Target, start: Floats, steps: int, seed: int) -> Result:
-    """Run ``moves="auto"``; its burn-in is extra and counts end to end."""
-    begin = time.process_time()
+    """Run ``moves="auto"``; its search is extra and counts end to end."""
+    begin, clock = time.process_time(), Clock()
     nwalkers, kept = len(start), steps - steps // 4
-    (first,) = ef.run(target.posterior, "auto", nwalkers, 1, seed=seed, initial=start)
-    moves = list(zip(first._moves, first._weights, strict=True))
-    last = first.get_chain()[-1]
-    middle = time.process_time()
     (sampler,) = ef.run(
-        target.posterior, moves, nwalkers, kept, seed=seed, initial=last
-    )
+        target.posterior, "auto", nwalkers, kept, seed=seed, initial=start,
+        backend=clock,
+    )  # fmt: skip
     end = time.process_time()
-    evaluations = first.burn_in_evaluations + nwalkers * (1 + kept)
-    chain = sampler.get_chain()
-    return Result(chain, nwalkers * kept, end - middle, evaluations, end - begin)
+    evaluations = sampler.burn_in_evaluations + nwalkers * kept
+    chain, seconds = sampler.get_chain(), end - clock.began
+    return Result(chain, nwalkers * kept, seconds, evaluations, end - begin)
 
 
 def with_zeus(target: Target, start: Floats, steps: int) -> Result:

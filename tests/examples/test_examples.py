@@ -67,15 +67,13 @@ def test_benchmark(capsys):
 
 @pytest.mark.slow
 def test_compare_moves(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(ef.sampling.auto, "FIRST", 64)
-    # Or its burn-in would take seconds.
-    monkeypatch.setattr(ef.sampling.auto, "ENOUGH_TAU", 3)
+    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 200)  # or it would take seconds
     results = load("compare_moves").main(60, 2, 1, str(tmp_path))
     shown = capsys.readouterr()
     for name, compared in results.items():
         assert len(compared.idata) == 7 and "auto" in compared.idata
         assert str(compared) in shown.out and f"===== {name} =====" in shown.out
-        assert compared.table.column("before chain")[-1] > 1_500  # its burn-in
+        assert compared.table.column("before chain")[-1] > 1_500  # its search
         for suffix in ("csv", "png"):
             assert (tmp_path / f"{name}.{suffix}").exists()
     assert shown.out.count("M-H was tuned to a DE-MC run of") == 2
