@@ -11,7 +11,7 @@ from ..interfaces import Floats
 from ..posterior.linearize import split
 from .acceptance import ProposingMove, check_floats, overwrite
 from .hamiltonian_tuning import tune_steps
-from .leapfrog import Evaluate, Points, energies, leap
+from .leapfrog import Evaluate, Points, energies_of, leap
 from .metropolis import factorize
 
 JITTER = 0.2  # of the step size, against trajectories that come back to their start
@@ -52,18 +52,23 @@ class HamiltonianMove(Move):
             metric that fits.
         step_size: Mean step size h, in standard deviations of the metric. Accepting 80
             % of the proposals is good; steps of more than 2 diverge.
+        reciprocal_about: A value of each parameter ``(ndim,)``, such as the maximum of
+            the posterior, about which its reciprocal moves: trajectories are then those
+            of flexibilities, in which posteriors of stiffnesses are less curved. Zero
+            for what moves as it is, such as masses and standard deviations; None for
+            all of them. The metric remains a covariance of the parameters themselves.
 
     Raises:
         TypeError: If an argument does not hold numbers; when it proposes: if the
             log-probability is no LogPosterior with gradients.
         ValueError: If the metric is not positive definite, steps or step_size not above
-            zero, or (when it proposes) the shape does not fit ndim.
+            zero, or (when it proposes) a shape does not fit ndim.
 
     Source: Neal (2011), doi:10.1201/b10905-6.
 
     Example:
-        >>> HamiltonianMove([4.0, 9.0], steps=3)
-        HamiltonianMove(metric=[4.0, 9.0], steps=3, step_size=0.25)
+        >>> HamiltonianMove([4.0], steps=3)
+        HamiltonianMove(metric=[4.0], steps=3, step_size=0.25, reciprocal_about=None)
     """
 
     __repr__ = ProposingMove.__repr__
@@ -73,6 +78,7 @@ class HamiltonianMove(Move):
         metric: ArrayLike | None = None,
         steps: int = 8,
         step_size: float = 0.25,
+        reciprocal_about: ArrayLike | None = None,
     ) -> None:
         self.metric = None if metric is None else checks.real_array("metric", metric)
         self.steps = checks.whole_number("steps", steps, 1)
@@ -84,6 +90,11 @@ class HamiltonianMove(Move):
             self._factor = np.sqrt(checks.positive_array("metric", self.metric))
         elif self.metric is not None:
             self._factor = factorize("metric", self.metric)
+        self.reciprocal_about = (
+            None
+            if reciprocal_about is None
+            else checks.real_array("reciprocal_about", reciprocal_about, 1)
+        )
         self._known: tuple[Floats, Floats] | None = None
 
     @classmethod
@@ -94,6 +105,7 @@ class HamiltonianMove(Move):
         metric: ArrayLike | None = None,
         *,
         seed: int,
+        reciprocal_about: ArrayLike | None = None,
     ) -> "HamiltonianMove":
         """Return the move with steps that were tried out on a posterior, then frozen.
 
@@ -107,6 +119,7 @@ class HamiltonianMove(Move):
                 burn-in that is not used for estimates.
             metric: See the class.
             seed: A whole number.
+            reciprocal_about: See the class.
 
         Raises:
             TypeError: If an argument does not hold numbers, or there are no gradients.
@@ -114,7 +127,7 @@ class HamiltonianMove(Move):
                 zero; see also the class.
         """
         draws = checks.real_array("samples", samples, 2)
-        move = cls(metric)
+        move = cls(metric, reciprocal_about=reciprocal_about)
         move.check(*draws.shape)
         bare = getattr(posterior, "posterior", posterior)
         move.check_with(bare)
@@ -128,8 +141,9 @@ class HamiltonianMove(Move):
             return rows, gradient
 
         rng = np.random.default_rng(checks.whole_number("seed", seed))
-        steps, step_size = tune_steps(evaluate, draws, factor, JITTER, rng)
-        return cls(metric, steps, step_size)
+        about = move.reciprocal_about
+        steps, step_size = tune_steps(evaluate, draws, factor, JITTER, rng, about)
+        return cls(metric, steps, step_size, about)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the known gradients, which are found again."""
@@ -141,12 +155,14 @@ class HamiltonianMove(Move):
         return self.steps
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the metric does not have."""
-        if self._factor is not None and len(self._factor) != ndim:
-            raise ValueError(
-                f"metric: expected that of {ndim} parameters, got shape "
-                f"{self._factor.shape}"
-            )
+        """Refuse a dimension that the metric or the centre does not have."""
+        parts = {"metric": self._factor, "reciprocal_about": self.reciprocal_about}
+        for argument, part in parts.items():
+            if part is not None and len(part) != ndim:
+                raise ValueError(
+                    f"{argument}: expected that of {ndim} parameters, got shape "
+                    f"{part.shape}"
+                )
 
     def check_with(self, posterior: Any) -> None:
         """Refuse a log-probability function without gradients."""
@@ -172,16 +188,15 @@ class HamiltonianMove(Move):
         factor = posterior.scale if self._factor is None else self._factor
         momenta = model.random.standard_normal((n, ndim))
         sizes = self.step_size * draw_factors(model.random, n)
-        # log U = -Exp(1)
-        threshold = energies(state.log_prob, momenta)
-        threshold -= model.random.standard_exponential(n)
         gradient = self._gradient_at(state.coords, evaluate)
-        rows = state.log_prob[:, None]
+        rows, about = state.log_prob[:, None], self.reciprocal_about
         here = Points(np.arange(n), state.coords, momenta, rows, gradient)
+        # log U = -Exp(1)
+        threshold = energies_of(here, about) - model.random.standard_exponential(n)
         here = here.finite()  # no walker moves from where the posterior is zero
         for _ in range(self.steps):
-            here = leap(evaluate, here, sizes, factor)
-        energy = energies(here.rows[:, 0], here.momenta)
+            here = leap(evaluate, here, sizes, factor, about)
+        energy = energies_of(here, about)
         new = here.take(energy > threshold[here.walkers])
         accepted = np.zeros(n, dtype=bool)
         accepted[new.walkers] = True

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from ..interfaces import Floats
-from .leapfrog import Evaluate, Points, energies, leap
+from .leapfrog import Evaluate, Points, energies_of, leap
 
 FEWEST = 8  # samples
 ACCEPTED = 0.8  # share of proposals at which the step size is best, or nearly so
@@ -23,6 +23,7 @@ def tune_steps(
     factor: Floats,
     jitter: float,
     rng: np.random.Generator,
+    about: Floats | None = None,
 ) -> tuple[int, float]:
     r"""Return the number of steps and the step size, by some 70 gradients per walker.
 
@@ -42,6 +43,7 @@ def tune_steps(
         factor: L, with ``L L^T`` the metric.
         jitter: Share by which step sizes differ from the mean.
         rng: The random stream.
+        about: Where reciprocals are the coordinates, see reciprocals.py.
 
     Source: Beskos et al. (2013), doi:10.3150/12-BEJ414, for the accepted share.
     """
@@ -58,7 +60,7 @@ def tune_steps(
         own = size * rng.uniform(1 - jitter, 1 + jitter, n)
         here = here._replace(momenta=rng.standard_normal(here.coords.shape))
         steps = _steps(LONGEST / 2, size)
-        *_, (end, chance) = _travel(evaluate, here, steps, own, factor)
+        *_, (end, chance) = _travel(evaluate, here, steps, own, factor, about)
         # Those that left the bounds say nothing of h, unless most of them did.
         left = len(end.walkers) < n / 2
         accepted = chance.sum() / (n if left else max(1, len(end.walkers)))
@@ -72,7 +74,8 @@ def tune_steps(
     for _ in range(RECORDED):
         own = size * rng.uniform(1 - jitter, 1 + jitter, n)
         here = here._replace(momenta=rng.standard_normal(here.coords.shape))
-        path = list(_travel(evaluate, here, _steps(LONGEST, size), own, factor))
+        steps = _steps(LONGEST, size)
+        path = list(_travel(evaluate, here, steps, own, factor, about))
         starts.append(here.coords)
         squares.append([_mean_square(here, *point) for point in path])
         end, chance = path[len(path) // 2]
@@ -87,14 +90,19 @@ def _steps(length: float, size: float) -> int:
 
 
 def _travel(
-    evaluate: Evaluate, start: Points, steps: int, sizes: Floats, factor: Floats
+    evaluate: Evaluate,
+    start: Points,
+    steps: int,
+    sizes: Floats,
+    factor: Floats,
+    about: Floats | None,
 ) -> Iterator[tuple[Points, Floats]]:
     """Yield the points of trajectories, and how likely each would be accepted."""
-    before = energies(start.rows[:, 0], start.momenta)
+    before = energies_of(start, about)
     here = start
     for _ in range(steps):
-        here = leap(evaluate, here, sizes, factor)
-        gain = energies(here.rows[:, 0], here.momenta) - before[here.walkers]
+        here = leap(evaluate, here, sizes, factor, about)
+        gain = energies_of(here, about) - before[here.walkers]
         yield here, np.exp(np.minimum(gain, 0))
 
 

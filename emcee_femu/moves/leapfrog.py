@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..interfaces import Floats
+from .reciprocals import log_volume, shift, slope
 
 # Points (k, d) to the posterior's rows (k, columns) and gradients (k, d).
 Evaluate: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
@@ -42,7 +43,13 @@ class Points(NamedTuple):
         return self.take(np.logical_and.reduce(known, axis=1))
 
 
-def leap(evaluate: Evaluate, start: Points, sizes: Floats, factor: Floats) -> Points:
+def leap(
+    evaluate: Evaluate,
+    start: Points,
+    sizes: Floats,
+    factor: Floats,
+    about: Floats | None = None,
+) -> Points:
     r"""Take one leapfrog step of every trajectory.
 
     .. math:: u \mathrel{+}= \tfrac h2 L^T \nabla \ln p(\theta), \qquad
@@ -58,21 +65,24 @@ def leap(evaluate: Evaluate, start: Points, sizes: Floats, factor: Floats) -> Po
         start: Where the trajectories are.
         sizes: Step sizes h of all walkers, also of those that ended, ``(n,)``.
         factor: L, a triangular matrix ``(d, d)`` or its diagonal ``(d,)``.
+        about: Where reciprocals are the coordinates, not theta, see reciprocals.py.
 
     Returns:
         Where they are now, without those that ended.
     """
     h = sizes[start.walkers, None]
     with np.errstate(over="ignore", invalid="ignore"):  # such a trajectory ends
-        momenta = start.momenta + 0.5 * h * _multiply(start.gradient, factor)
-        coords = start.coords + h * _multiply(momenta, factor.T)
+        force = _multiply(slope(start.coords, start.gradient, about), factor)
+        momenta = start.momenta + 0.5 * h * force
+        coords = shift(start.coords, h * _multiply(momenta, factor.T), about)
     moved = start._replace(coords=coords, momenta=momenta)
     moved = moved.finite()
     if not len(moved.walkers):
         return moved
     rows, gradient = evaluate(moved.coords)
     here = moved._replace(rows=rows, gradient=gradient).finite()
-    kick = 0.5 * sizes[here.walkers, None] * _multiply(here.gradient, factor)
+    force = _multiply(slope(here.coords, here.gradient, about), factor)
+    kick = 0.5 * sizes[here.walkers, None] * force
     return here._replace(momenta=here.momenta + kick)
 
 
@@ -85,3 +95,9 @@ def energies(log_prob: Floats, momenta: Floats) -> Floats:
     """Return minus the energy of each walker, ``(k,)``: log density with momenta."""
     kinetic: Floats = log_prob - 0.5 * np.einsum("nd,nd->n", momenta, momenta)
     return kinetic
+
+
+def energies_of(points: Points, about: Floats | None) -> Floats:
+    """Return minus the energy of points in their coordinates, ``(k,)``."""
+    volume = log_volume(points.coords, about)
+    return energies(points.rows[:, 0] + volume, points.momenta)

@@ -221,8 +221,15 @@ CALLS = {
     },
     "MetropolisMove, sd": {"cov": OFF, "sd": (SD, steps)},
     "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
-    "HamiltonianMove": {"steps": (2, whole(1)), "step_size": (0.2, above_zero)},
-    "HamiltonianMove.tuned": {"samples": (POSTERIOR.start(16, 1), many)},
+    "HamiltonianMove": {
+        "steps": (2, whole(1)),
+        "step_size": (0.2, above_zero),
+        "reciprocal_about": (SD, array(shaped=False).but("[]", "empty")),
+    },
+    "HamiltonianMove.tuned": {
+        "samples": (POSTERIOR.start(16, 1), many),
+        "reciprocal_about": (SD, array()),
+    },
     "run": {"workers": OFF},
     "find_map": {"workers": OFF, "starts": (2, whole(1)), "check": (30, whole())},
     "find_map, starts": {

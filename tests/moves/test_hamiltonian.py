@@ -9,7 +9,7 @@ import pytest
 from support.gradients import Derived, Solver
 from support.pool_problems import chain, forks, open_executor
 from support.run_files import assert_same
-from support.smooth_laws import SmoothGaussian
+from support.smooth_laws import ReciprocalGaussian, SmoothGaussian
 
 import emcee_femu as ef
 from emcee_femu import DEMCMove, HamiltonianMove
@@ -19,6 +19,7 @@ POSTERIOR = ef.paper.mass_spring().posterior
 CENTRE = np.array([4010.0, 2210.0, 2130.0, 2595.0, 2398.0])
 COVARIANCE = np.linalg.inv(POSTERIOR.linearize(CENTRE).information[0]).round(3)
 MOVE = HamiltonianMove(COVARIANCE, steps=3, step_size=0.3)
+KEPT = ("metric", "steps", "step_size", "reciprocal_about")
 MIXED = [(MOVE, 0.6), (DEMCMove(), 0.4)]
 PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
 
@@ -84,7 +85,8 @@ def test_a_run_that_was_stopped_goes_on_to_the_bit(kind, tmp_path):
     posterior, options = POSTERIOR, {"moves": MIXED}
     if kind == "rejecting":
         posterior = make_posterior(Failing())
-        options = {"moves": HamiltonianMove([0.01, 0.01]), "on_failure": "reject"}
+        move = HamiltonianMove([0.01, 0.01], reciprocal_about=[1.0, 0.0])
+        options = {"moves": move, "on_failure": "reject"}
         options["max_failures"] = 1.0
     options |= {"seed": 3, "ensembles": 2, "nwalkers": 12}
     whole = ef.run(posterior, nsteps=20, **options)
@@ -164,6 +166,9 @@ def test_what_has_no_gradients_is_refused_before_it_is_evaluated():
     assert model.solved == []
     with pytest.raises(ValueError, match="metric: .* 2 parameters"):
         ef.run(make_posterior(model), HamiltonianMove([1.0]), 8, 5, seed=1)
+    with pytest.raises(ValueError, match="reciprocal_about: .* 2 parameters"):
+        move = HamiltonianMove(reciprocal_about=[1.0])
+        ef.run(make_posterior(model), move, 8, 5, seed=1)
     for wrap in (
         lambda: ef.TemperedMove(HamiltonianMove(), [1.0, 0.5]),
         lambda: ef.DelayedAcceptanceMove(HamiltonianMove(), len),
@@ -174,13 +179,13 @@ def test_what_has_no_gradients_is_refused_before_it_is_evaluated():
 
 @pytest.mark.parametrize("metric", [None, [1e4] * 5, COVARIANCE], ids=["", "1", "2"])
 def test_it_prints_as_the_call_that_makes_it_and_survives_pickling(metric):
-    move = HamiltonianMove(metric, 2, 0.3)
+    move = HamiltonianMove(metric, 2, 0.3, None if metric is None else CENTRE)
     reference = chain(moves=move)
     for again in (pickle.loads(pickle.dumps(move)), eval(repr(move))):
         assert repr(again) == repr(move)
         assert chain(moves=again) == reference
     described = manifest._readable(move)
-    assert {*described} == {"type", "metric", "steps", "step_size"}
+    assert {*described} == {"type", *KEPT}
 
 
 def test_tuning_finds_an_acceptance_of_80_percent_and_long_enough_trajectories():
@@ -198,6 +203,17 @@ def test_tuning_finds_an_acceptance_of_80_percent_and_long_enough_trajectories()
     assert 0.5 < sampler.acceptance_fraction.mean() < 0.95
     with pytest.raises(ValueError, match="samples: expected at least 8"):
         HamiltonianMove.tuned(law, samples[:5], seed=1)
+
+
+def test_in_reciprocals_a_law_whose_reciprocals_are_gaussian_is_tuned_as_a_gaussian():
+    law, plain = ReciprocalGaussian(), SmoothGaussian()
+    samples = plain.sample(np.random.default_rng(1), (24,))
+    reference = HamiltonianMove.tuned(plain, samples, [1.0] * 3, seed=1)
+    move = HamiltonianMove.tuned(
+        law, law.invert(samples), [1.0] * 3, seed=1, reciprocal_about=law.mean
+    )
+    np.testing.assert_allclose(move.step_size, reference.step_size, rtol=1e-6)
+    np.testing.assert_array_equal(move.reciprocal_about, law.mean)
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ from emcee.model import Model
 from support.checks import LIMIT, exact_start
 from support.smooth_laws import CutGaussian, SmoothGaussian, SmoothTriangle
 
-from emcee_femu.moves import HamiltonianMove, hamiltonian
-from emcee_femu.moves.leapfrog import Points, energies, leap
+from emcee_femu.moves import HamiltonianMove, hamiltonian, leapfrog
+from emcee_femu.moves.leapfrog import Points, energies, energies_of, leap
 
 TARGETS = {
     "gaussian": SmoothGaussian,
@@ -26,6 +26,14 @@ CASES = [  # metric, steps, step size, walkers, dimension, scale
     ("variances", 1, 0.7, 3, 5, UNIT),
     (None, 2, 1.2, 1, 1, UNIT),
     ("covariance", 3, 1.5, 2, 1, FAR),
+]
+
+
+# One target for each case, and all of them in the slow tests.
+EACH = [
+    pytest.param(case, target, marks=[pytest.mark.slow] * ((i + j) % 3 > 0))
+    for i, case in enumerate(CASES)
+    for j, target in enumerate(TARGETS)
 ]
 
 
@@ -64,37 +72,47 @@ def z_of(move, law, walkers=10_000, steps=6):
     return float(np.abs(mean[moved] / error[moved]).max())
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("case", "target"), EACH)
 def test_the_move_keeps_the_target(case, target):
     law = make_law(target, case[-1], case[-2])
     assert z_of(make_move(case, law), law) < LIMIT
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("case", [CASES[0], CASES[4]])
+@pytest.mark.parametrize(("case", "target"), EACH[:3] + EACH[-6:-3])
 def test_a_few_walkers_keep_the_target(case, target):
     law = make_law(target, case[-1], case[-2])
     move = make_move(case, law)
     assert exact_start(move, law, case[3], ensembles=200, steps=4) < LIMIT
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_moves_in_reciprocals_keep_the_target(target):
+    law = make_law(target, FAR, 3)
+    about = law.scale * [2.5, -3.0, 0.0]  # the last one moves as it is
+    move = HamiltonianMove(make_metric("covariance", law), 3, 0.8, about)
+    assert z_of(move, law) < LIMIT
+    assert exact_start(move, law, 2, ensembles=50, steps=3) < LIMIT
+
+
+@pytest.mark.parametrize("reciprocal", [False, True])
 @pytest.mark.parametrize("ndim", [1, 4])
-def test_the_energy_error_falls_with_the_square_of_the_step(ndim):
+def test_the_energy_error_falls_with_the_square_of_the_step(ndim, reciprocal):
     # A wrong factor on one side would still be reversible: only slow.
     law = make_law("gaussian", FAR, ndim)
     rng = np.random.default_rng(2)
     factor = law.scale[:, None] * np.linalg.cholesky(np.linalg.inv(law.precision))
     factor = factor @ np.diag(np.linspace(0.5, 1.0, ndim))
     coords, momenta = law.sample(rng, (50,)), rng.standard_normal((50, ndim))
+    about = law.mean * (np.arange(ndim) != 1) if reciprocal else None
+    coords = np.maximum(coords, 2.0 * law.scale)  # where reciprocals are smooth
 
     def error(steps):
         rows, gradient = law.gradient(coords)
         here = Points(np.arange(50), coords, momenta, rows, gradient)
-        before = energies(rows[:, 0], momenta)
+        before = energies_of(here, about)
         for _ in range(steps):
-            here = leap(law.gradient, here, np.full(50, 1.4 / steps), factor)
-        after = energies(here.rows[:, 0], here.momenta)
+            here = leap(law.gradient, here, np.full(50, 1.4 / steps), factor, about)
+        after = energies_of(here, about)
         return np.sqrt(np.mean((after - before) ** 2))
 
     assert error(8) < 0.05
@@ -104,20 +122,20 @@ def test_the_energy_error_falls_with_the_square_of_the_step(ndim):
 # Mutants: each breaks the move in one way, and the exact start must see it.
 
 
-def without_last_kick(evaluate, start, sizes, factor):
+def without_last_kick(evaluate, start, sizes, factor, about=None):
     end = leap(evaluate, start, sizes, factor)
     kick = 0.5 * sizes[end.walkers, None] * (end.gradient @ factor)
     return end._replace(momenta=end.momenta - kick)
 
 
-def steps_by_place(evaluate, start, sizes, factor):
+def steps_by_place(evaluate, start, sizes, factor, about=None):
     place = (np.arctan(start.coords[:, 0] - 3.0) + 2.0) / 2.0
     own = sizes.copy()
     own[start.walkers] *= place
     return leap(evaluate, start, own, factor)
 
 
-def clipped(evaluate, start, sizes, factor):
+def clipped(evaluate, start, sizes, factor, about=None):
     def inside(theta):
         theta[:] = np.clip(theta, 2.5001, 3.9999)
         return evaluate(theta)
@@ -146,8 +164,16 @@ MUTANTS = {  # what is replaced, by what, target
 def test_the_check_catches_a_broken_move(mutant):
     name, broken, target = MUTANTS[mutant]
     law = make_law(target, UNIT, 3)
-    with mock.patch.object(hamiltonian, name, broken):
+    module = hamiltonian if name == "leap" else leapfrog
+    with mock.patch.object(module, name, broken):
         assert z_of(make_move(CASES[0], law), law) > LIMIT
+
+
+def test_the_check_catches_a_density_that_stays_that_of_the_parameters():
+    law = make_law("gaussian", UNIT, 3)
+    move = HamiltonianMove(make_metric("covariance", law), 3, 0.8, law.mean)
+    with mock.patch.object(leapfrog, "log_volume", lambda theta, about: 0.0):
+        assert z_of(move, law) > LIMIT
 
 
 class Stream:

@@ -39,6 +39,21 @@ class SmoothGaussian(Differentiable, Gaussian):
         return -(x @ self.precision) / self.scale
 
 
+class ReciprocalGaussian(SmoothGaussian):
+    """That of theta, where ``q = mean (2 - mean / theta)`` is the Gaussian."""
+
+    def invert(self, q):
+        return self.mean / (2 - q / self.mean)
+
+    def __call__(self, theta):
+        q = self.mean * (2 - self.mean / theta)
+        return super().__call__(q) - 2 * np.log(np.abs(theta / self.mean)).sum(axis=1)
+
+    def slope(self, theta):
+        q = self.mean * (2 - self.mean / theta)
+        return super().slope(q) * (self.mean / theta) ** 2 - 2 / theta
+
+
 class SmoothTriangle(Differentiable, BoundedTriangle):
     """The density that rises to an edge of its box."""
 
