@@ -11,7 +11,7 @@ draws of the Laplace approximation and drop a fifth as burn-in.
 The effective sample size is ArviZ's bulk ESS of the worst parameter, walkers as chains;
 "tail" is that of its 5 and 95 % quantiles. A gradient counts as one solve, and every
 solve after the burn-in counts, out of bounds or not; "before" are the solves of
-maximum, tuning and burn-in. Pareto k is that of the Laplace approximation as a proposal.
+maximum, tuning and burn-in. Pareto k is that of the Laplace approximation.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hamiltonian.py
 """
