@@ -47,6 +47,7 @@ class Groups:
         chain_k: The same by the draws of the chain.
         efficiency: Effective share of its draws.
         share: Share of the steps that propose from it.
+        searched: Points of the search for modes.
     """
 
     weights: Floats
@@ -61,6 +62,7 @@ class Groups:
     chain_k: float
     efficiency: float
     share: float
+    searched: int = 0
 
     @property
     def table(self) -> Table:
@@ -134,6 +136,7 @@ def weigh_groups(samplers: Any, discard: int, draws: Floats) -> Groups | None:
         chain_k=k / (1 + k) if 0 < k < np.inf else min(k, 1.0),
         efficiency=float(record.get("efficiency", np.nan)),
         share=float(record.get("share", 1.0)),
+        searched=int(np.ravel(record.get("searched", 0))[0]),
     )
 
 

@@ -21,7 +21,9 @@ ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a group
+HITS = 3  # expected, of which none comes once in twenty times
 ENOUGH_WAITS = 10  # the same from the worst place that a walker reached
+HIGH_SHARE = 0.75  # effective share of a proposal for which no walker waits long
 CONVERGED = "converged"
 
 Complaint: TypeAlias = tuple[str, str]
@@ -47,7 +49,13 @@ def judge(found: "Diagnosis", starts_given: bool) -> Complaint:
             f"Well mixed from the given starts: {agreement}; starts from the prior "
             "would show modes that none of these was near."
         )
-    return CONVERGED, f"Converged by every check: {agreement}."
+    limit = ""
+    if found.groups is not None and found.groups.searched:
+        limit = (
+            f" The search had {found.groups.searched} points: a mode that fewer than "
+            f"one in {found.groups.searched // HITS} would hit may be missing."
+        )
+    return CONVERGED, f"Converged by every check: {agreement}.{limit}"
 
 
 def _complaints(found: "Diagnosis") -> Iterator[Complaint]:
@@ -180,7 +188,8 @@ def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
                 "fits it anew, or with DEMCMove()",
             )
     rare = groups.slowest * groups.share * steps
-    if groups.share > 0.5 and rare < ENOUGH_WAITS:
+    uneven = not groups.efficiency > HIGH_SHARE
+    if uneven and groups.share > 0.5 and rare < ENOUGH_WAITS:
         yield (
             "walkers wait too long",
             "from where a walker was a frozen proposal is accepted only "

@@ -101,7 +101,7 @@ def find_map(
         maxima = [reached[group[0]] for group in groups]
         log_evidence = np.array([own.log_evidence for own in maxima])
         weights = special.softmax(log_evidence)
-        found = np.nan, np.nan
+        found = 0, np.nan, np.nan
         if check:
             found = _check(evaluation, maxima, weights, check, for_check)
     return FoundMap(
@@ -111,9 +111,9 @@ def find_map(
         climbs=np.array([len(group) for group in groups]),
         lost=tuple(lost),
         solves=evaluation.solves,
-        draws=check,
-        pareto_k=found[0],
-        efficiency=found[1],
+        draws=found[0],
+        pareto_k=found[1],
+        efficiency=found[2],
     )
 
 
@@ -130,8 +130,11 @@ def _choose_starts(posterior: LogPosterior, starts: Any, seed: Any) -> Floats:
 
 def _check(
     evaluation: Evaluation, maxima: list[Maximum], weights: Floats, n: int, seed: Any
-) -> tuple[float, float]:
-    """Return Pareto k and effective share of draws from the Gaussians."""
+) -> tuple[int, float, float]:
+    """Return how many draws from the Gaussians, their Pareto k and effective share.
+
+    There are fewer than n where most of a Gaussian is out of bounds.
+    """
     rng = np.random.default_rng(seed)
     laws = [_Gaussian(own) for own in maxima]
     chosen = rng.choice(len(laws), size=TRIALS * n, p=weights)
@@ -144,7 +147,7 @@ def _check(
     densities = np.stack([law.log_density(draws) for law in laws])
     proposed = special.logsumexp(densities, axis=0, b=weights[:, None])
     log_weights = evaluation.rows(draws)[:, 0] - proposed
-    return pareto_k(log_weights), kish_share(log_weights)
+    return len(draws), pareto_k(log_weights), kish_share(log_weights)
 
 
 class _Gaussian:

@@ -57,7 +57,7 @@ def kish_share(log_weights: Floats) -> float:
 
     Source: Kish (1965), Survey Sampling.
     """
-    top = log_weights.max()
+    top = log_weights.max(initial=-np.inf)
     if not np.isfinite(top):
         return 0.0
     weights = np.exp(log_weights - top)

@@ -22,6 +22,7 @@ from .run_file import log
 
 MAGIC = b"emcee_femu pts 1"  # its last character is the version of the format
 LEAD = struct.Struct("<qqqq")  # length of theta, of the result, rows, solves
+MOST = 256  # points that a kill may lose
 KINDS = ("rows", "linearize")
 PROBED = 16  # points
 
@@ -64,7 +65,13 @@ class Journal:
         return self.evaluation.solves
 
     def rows(self, theta: Floats) -> Floats:
-        """Return the rows of the posterior at ``theta (n, d)``."""
+        """Return the rows of the posterior at ``theta (n, d)``, part by part."""
+        if self._path is None or len(theta) <= MOST:
+            return self._rows(theta)
+        parts = [theta[i : i + MOST] for i in range(0, len(theta), MOST)]
+        return np.concatenate([self._rows(part) for part in parts])
+
+    def _rows(self, theta: Floats) -> Floats:
         stored = self._stored(0, theta)
         if stored is None:
             stored = self.evaluation.rows(theta)

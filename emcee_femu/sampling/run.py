@@ -52,11 +52,13 @@ def run(
     Args:
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; None for
-            ``DEMCMove()``; "auto" to search for the modes, refine an
-            :class:`IndependenceMove` by importance weights, and sample with it and
-            DE-MC, or with a :class:`HamiltonianMove` where that pays (the stored chain
-            starts after the search; ``str(sampler.recipe)`` says what was done, and
-            ``sampler.recipe.record`` what was found).
+            ``DEMCMove()``; "auto" to search for the modes, with a fifth as many
+            evaluations as the chain takes but at least 1,000, refine an
+            :class:`IndependenceMove` by importance weights, in 500 to some 20,000
+            evaluations more, and sample with it and DE-MC, or with a
+            :class:`HamiltonianMove` where that pays. The stored chain starts after
+            that; ``str(sampler.recipe)`` says what was done, and
+            ``sampler.recipe.record`` what was found.
         nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, and as
             many for each temperature of a :class:`TemperedMove`.
         nsteps: Stored steps; ``nsteps * thin_by`` generations are run.
@@ -80,7 +82,8 @@ def run(
         thin_by: Store every ``thin_by``-th generation.
         progress: Whether to show a progress bar per ensemble (needs tqdm).
         initial: Starting positions ``(nwalkers, ndim)``, or ``(ensembles, nwalkers,
-            ndim)``; None for draws from the prior.
+            ndim)``; None for draws from the prior. "auto" takes them for points of its
+            search, and starts from draws of its proposal.
         resume: Whether to go on with the file ``backend``, if there is one, until every
             ensemble has ``nsteps`` steps; the chain is that of a run that was never
             stopped, to the bit. What else was asked for must be as it was: the file
@@ -150,8 +153,9 @@ def run(
         probe_tolerance=checks.real_number("probe_tolerance", probe_tolerance, 0),
     )
     with open_pool(pool, workers, posterior.one_by_one) as evaluators:
-        samplers, states = begin(Evaluation.begin(settings, evaluators))
+        samplers: list[emcee.EnsembleSampler] = []
         try:
+            samplers, states = begin(Evaluation.begin(settings, evaluators))
             for number, state in enumerate(states, 1):
                 advance(settings, samplers[number - 1], state, number)
         except BaseException as error:  # also of the keyboard: nothing is lost
@@ -179,7 +183,9 @@ def begin(
         sampler.recipe = recipe
         sampler.burn_in_evaluations = recipe.evaluations
         sampler.failures = evaluation.failures
-        sampler.starts_given = settings.initial is not None
+        # "auto" only searches from them too.
+        own = settings.initial is not None and settings.moves is not None
+        sampler.starts_given = own
     return samplers, recipe.states
 
 
