@@ -9,6 +9,8 @@ from ..comparison.classes import LEAD, ModelComparison
 from .colours import BLUE, GREY, RED
 
 LABEL_WIDTH = 28  # characters per line
+LEAST = 0.001  # probability that is written as a number
+FAR = 25.0  # log evidence behind the first beyond which a class is only named
 
 
 def plot_model_comparison(comparison: ModelComparison) -> Any:
@@ -49,6 +51,10 @@ def plot_model_comparison(comparison: ModelComparison) -> Any:
     )
     left.axvline(0.0, color=GREY, lw=0.8)
     for row, verdict in enumerate(verdicts):
+        if behind[row] < -FAR:  # it would hide how the others differ
+            place = {"xycoords": left.get_yaxis_transform(), "va": "center"}
+            left.annotate(f"{behind[row]:.0f}, far left", (0.02, row), **place)
+            continue
         colour = RED if row == 0 else BLUE
         known = np.isfinite(errors[row])
         left.errorbar(
@@ -73,7 +79,8 @@ def plot_model_comparison(comparison: ModelComparison) -> Any:
         height=0.55,
         color=[RED if row == 0 else BLUE for row in rows],
     )
-    right.bar_label(bars, fmt="{:.3g}", padding=4, fontsize=9)
+    shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in column("probability")]
+    right.bar_label(bars, shares, padding=4, fontsize=9)
     right.set_xlim(0, 1.2)
     right.set_xticks([0, 0.5, 1])
     right.set_xlabel("probability given the data")

@@ -39,3 +39,10 @@ def test_what_has_no_error_has_no_bar_and_says_so():
 def test_other_things_are_refused():
     with pytest.raises(TypeError, match="comparison: expected what compare_models ret"):
         ef.plot_model_comparison({})
+
+
+def test_a_hopeless_class_is_named_and_does_not_hide_the_others():
+    left, right = drawn(a=(-10.0, 0.1), b=(-10.5, 0.1), c=(-900.0, 0.1)).axes
+    assert left.get_xlim()[0] > -3
+    assert [text.get_text() for text in left.texts] == ["-890, far left"]
+    assert [text.get_text() for text in right.texts] == ["0.622", "0.378", "< 0.001"]
