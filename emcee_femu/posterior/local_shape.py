@@ -168,6 +168,8 @@ class Differences:
 
     def bend(self, local: Local, box: Floats) -> Asking:
         """Return the curvature, by one point for each pair of axes."""
+        if len(local.point) == 1:
+            return local._replace(curvature=np.diag(local.diagonal), fresh=True)
         i, j = np.triu_indices(len(local.point), 1)
         steps = np.diag(local.offsets)
         reply = yield Request("rows", local.point + steps[i] + steps[j])

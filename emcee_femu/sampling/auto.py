@@ -68,7 +68,7 @@ def find_recipe(journal: Journal, settings: Settings, searched: int) -> Recipe:
     trial = attempt(search.law())
     populations = None
     gradients = settings.posterior.differentiable and trial.acceptance < POOR
-    if trial.narrow and not gradients:
+    if trial.narrow and not (gradients and trial.share):
         if trial.acceptance < POOR:  # the shapes of the modes say too little
             populations = anneal_each(journal, search)
             law = fit_population(np.concatenate([theta for theta, _ in populations]))
@@ -120,6 +120,8 @@ def tune_hamiltonian(
 
 def is_better(other: Trial, trial: Trial) -> bool:
     """Return whether a proposal finds more of the posterior, or fits it better."""
+    if not (trial.share and other.share):  # one never met the posterior
+        return other.share > trial.share
     gain = other.log_evidence - trial.log_evidence
     return gain > MISSED or (gain > -MISSED and other.share > trial.share)
 
@@ -153,6 +155,8 @@ def choose_starts(
     They are its own, in the groups that it found, as far as there are any.
     """
     own = np.array_split(np.arange(len(trial.theta)), ensembles)[number]
+    if not np.isfinite(trial.log_weights[own]).any():
+        own = np.arange(len(trial.theta))
     log_weights = trial.log_weights[own]
     inside = found[label(trial.theta[own], trial.law, group_of)]
     if np.isfinite(log_weights[inside]).any():

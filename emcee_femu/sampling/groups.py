@@ -39,8 +39,13 @@ def label(theta: Floats, law: Mixture, group_of: Labels) -> Labels:
 
 def weigh(
     labels: Labels, log_weights: Floats, count: int
-) -> tuple[list[float], list[float]]:
-    """Return the weight of each group by importance sampling, and standard errors."""
+) -> tuple[list[float | None], list[float | None]]:
+    """Return the weight of each group by importance sampling, and standard errors.
+
+    None of them is known where all weights are zero.
+    """
+    if not np.isfinite(log_weights).any():
+        return [None] * count, [None] * count
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     inside = labels[:, None] == np.arange(count)

@@ -37,7 +37,8 @@ def pareto_k(log_weights: Floats) -> float:
         return np.inf
     floor = finite.min() - 1.0
     filled = np.where(np.isfinite(log_weights), log_weights, floor)
-    if np.ptp(finite) < 1e-9:  # all equal: no tail, to which no law can be fitted
+    largest = np.sort(filled)[-round(min(len(filled) / 5, 3 * len(filled) ** 0.5)) :]
+    if np.ptp(largest) < 1e-9:  # equal: no tail, to which no law can be fitted
         return -np.inf
     with warnings.catch_warnings():  # ArviZ 0.23 announces version 1, and warns of k
         warnings.simplefilter("ignore")

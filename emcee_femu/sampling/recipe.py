@@ -16,6 +16,7 @@ from .trial import Trial
 
 JUMPS = 0.1  # of the DE-MC steps have gamma = 1
 KEPT = 500  # importance weights in the record
+MOST_K = 10.0  # weights of k above 1 have no mean
 # Share of independence proposals by their expected acceptance.
 SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
 HAMILTONIAN, BESIDE = 0.8, 0.1  # shares where gradients do better, and of independence
@@ -84,7 +85,7 @@ def describe(search: Search, trial: Trial) -> dict[str, Any]:
         "weights": weights,
         "errors": errors,
         "found_by": found.tolist(),
-        "pareto_k": trial.k,
+        "pareto_k": float(np.clip(trial.k, -MOST_K, MOST_K)),  # JSON has no inf
         "efficiency": trial.share,
         "log_weights": [w if np.isfinite(w) else None for w in kept.tolist()],
         "searched": [sum(len(points) for points, _ in search.own), search.climbs],

@@ -176,7 +176,8 @@ def refit(draws: Draws, law: Mixture) -> Mixture:
     chosen = min(found, key=lambda pair: pair[0])[1]
     # By the effective share, which regions of large weights spoil most: EM on weights
     # that stress them brings the mixture nearer to its largest effective share.
-    stressed = shares * np.exp(0.5 * (draws.log_p[use] - log_density(x, chosen)))
+    excess = draws.log_p[use] - log_density(x, chosen)
+    stressed = shares * np.exp(0.5 * (excess - excess.max()))
     again = improve(x, stressed / stressed.sum(), chosen, STRESSED)[0]
     laws = [law._replace(df=df) for law in (chosen, again) for df in DFS]
     return max(laws, key=lambda one: draws.effective_share(cover(one)))

@@ -43,6 +43,8 @@ class Trial:
     @property
     def acceptance(self) -> float:
         """The acceptance of independence proposals in equilibrium."""
+        if not self.share:
+            return 0.0
         some = self.log_weights[:: -(-len(self.log_weights) // PAIRED)]
         weights = np.exp(some - some.max())
         # Walkers are where the weights are: w_i min(1, w_j / w_i).

@@ -1,0 +1,38 @@
+"""A posterior of any density: the FE model does nothing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+import emcee_femu as ef
+
+
+@dataclass(frozen=True)
+class FreeModel:
+    """No FE model, for any parameters."""
+
+    n_modes: int = 1
+
+    def __call__(self, parameters):
+        """Return one frequency that nobody reads."""
+        return ef.ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))
+
+
+def box(low, high, d):
+    """Return a uniform prior of x1 ... xd."""
+    laws = {f"x{i}": stats.uniform(low, high - low) for i in range(1, d + 1)}
+    return ef.IndependentPrior(laws)
+
+
+def density_term(log_density, names):
+    """Return the likelihood term of a function of ``(n, d)``."""
+    return lambda parameters, _: log_density(
+        np.column_stack([parameters[name] for name in names])
+    )
+
+
+def free_posterior(log_density, prior, model=None):
+    """Return the posterior of a likelihood that is a function of ``(n, d)``."""
+    term = density_term(log_density, prior.names)
+    return ef.LogPosterior(model or FreeModel(), term, prior)
