@@ -12,7 +12,7 @@ differences of other walkers, which lie along the ellipsoid by themselves; so do
 Metropolis-Hastings, once it is tuned to the covariance of an earlier run. The H at
 beta = 10 is nearly the prior, cut by its bounds: wide, without correlation, and most
 proposals end outside, where they cost no solve. An independence proposal ("auto")
-escapes the ceiling of random walks: it is fitted to a burn-in and jumps to anywhere.
+escapes the ceiling of random walks: it is fitted to a search and jumps to anywhere.
 
 All moves start from the same draws of the prior, in independent ensembles, and their
 ESS is judged by its spread over these ensembles. A chain of fewer than 50
