@@ -20,8 +20,8 @@ autocorrelation times does not know its own tau, and cannot win.
 
 What to look for: "auto" is four times as good on the H, and stays ahead when its search
 is counted ("end to end"). On the springs its ensembles differ: in some, a walker stays
-long in the lobe at k4 < 1980 N/m, where the fitted proposal is thin. The DE-MC variants (the paper's sweep, two halves in turn, emcee's
-DEMove) and tuned M-H are of one kind.
+long in the lobe at k4 < 1980 N/m, where the fitted proposal is thin. The DE-MC variants
+(the paper's sweep, two halves in turn, emcee's DEMove) and tuned M-H are of one kind.
 
 Run it:  python examples/compare_moves.py
 """
