@@ -78,6 +78,23 @@ def test_a_narrow_mode_beside_a_wide_one_is_found_by_each_ensemble(d):
     assert len(search.own[0][0]) == len(search.own[1][0])
 
 
+def test_scans_about_the_wide_mode_hit_a_needle_that_the_prior_does_not():
+    posterior = two_modes(0.015, 2)
+    evaluation = Evaluation.of(posterior, None, "raise", 0.1)
+    streams = [np.random.default_rng(seed) for seed in (0, 9)]
+    search = Search(evaluation, posterior.prior, streams)
+    search.run(8_000, None)
+    tops = np.array([maximum.theta for maximum in search.maxima])
+    needle = int(np.argmin(np.linalg.norm(tops - NARROW[:2], axis=1)))
+    np.testing.assert_allclose(tops[needle], NARROW[:2], atol=0.01)
+    assert search.found_by[needle] == [1, 0]  # the other one knew it by then
+
+
+def test_one_parameter_is_climbed_to():
+    samplers = ef.run(gaussian(0.3, 0.01), "auto", nsteps=20, ensembles=1, seed=1)
+    assert samplers[0].recipe.record["efficiency"] > 0.8
+
+
 def test_what_one_ensemble_was_given_it_alone_starts_from():
     """A needle that no scan can hit is in the proposal of all, and weighed exactly."""
     posterior = two_modes(1e-3, 2)
