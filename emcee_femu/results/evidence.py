@@ -82,7 +82,8 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
     The standard errors come from one series per ensemble: the estimate, to first order,
     is a mean over generations of a sum over all walkers and betas, so that its
     autocorrelation time includes what exchanges carry between them. With several
-    ensembles their spread is taken where it is larger: it sees a mode that one missed.
+    ensembles their spread is taken where chance does not explain that it is larger: it
+    sees a mode that one missed.
     None is claimed where neighbouring betas hardly overlap (less than 0.1: temper by
     ``better_betas``), or where the series is shorter than 20 of its autocorrelation
     times, as it also is where it still drifts.
@@ -108,6 +109,7 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
             float(samplers.log_evidence),
             float(samplers.log_evidence_error),
             method="as it was given",
+            problems=tuple(getattr(samplers, "problems", ())),
         )
     runs = list_runs(samplers)
     # The ensembles of one run share a log of failures.

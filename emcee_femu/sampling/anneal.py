@@ -48,7 +48,10 @@ def anneal(
     It gives a population of equal weights, not a chain: R-hat and autocorrelation times
     have no meaning for it. :func:`to_inference_data` takes it, for tables and figures.
     A narrow mode of which no early member came near is not found; a larger size sees
-    smaller ones.
+    smaller ones. No error of the evidence is claimed, with the reason in ``problems``,
+    where proposals fitted to the population at its last two powers have weights of a
+    heavy tail (Pareto k above 0.7): they come upon something that it lacks, such as the
+    neck of a funnel. A mode far from all members stays unseen.
 
     Args:
         posterior: What to sample.

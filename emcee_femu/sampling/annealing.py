@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from ..interfaces import Floats, Prior
 from ..table import Table
 from .bridging import bridge
+from .importance import FAIR_SHARE, GOOD_K, kish_share, pareto_k
 from .renewing import fewest_members as fewest_members
 from .renewing import renew
 
 MOST_DRAWS = 20  # times the size, for a population of finite likelihood
+LAST = 2  # powers whose proposals tell of what is missing; early ones may fit badly
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +35,12 @@ class Annealed:
         acceptance: Share of the proposals that were accepted after each, ``(stages,)``.
         sweeps: How often all members were moved, ``(stages,)``.
         log_evidence: Natural logarithm of the evidence.
-        log_evidence_error: Its Monte Carlo standard error.
+        log_evidence_error: Its Monte Carlo standard error; infinite where none can be
+            claimed.
         effective_size: As many independent draws would know the mean as well, ``(d,)``.
         solves: Model solves spent.
         failed_solves: Of these, how many failed and were taken for impossible.
+        problems: Why no standard error can be claimed; usually none.
     """
 
     names: tuple[str, ...]
@@ -50,6 +54,7 @@ class Annealed:
     effective_size: Floats
     solves: int
     failed_solves: int = 0
+    problems: tuple[str, ...] = ()
 
     def table(self) -> Table:
         """Return mean, standard deviation and effective size of each parameter."""
@@ -69,10 +74,13 @@ class Annealed:
                 f"\n{self.failed_solves} solves failed: the evidence takes the "
                 "likelihood for zero there"
             )
+        error = f"+- {self.log_evidence_error:.3f}"
+        if self.problems:
+            sentences = (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
+            error = "\n".join(["(no standard error can be claimed)", *sentences])
         return (
             f"{self.table()}\n"
-            f"log evidence (natural) {self.log_evidence:.3f} +- "
-            f"{self.log_evidence_error:.3f}\n"
+            f"log evidence (natural) {self.log_evidence:.3f} {error}\n"
             f"{len(self.sweeps)} powers of the likelihood, {self.solves} solves, "
             f"{100 * self.acceptance.min():.0f} to {100 * self.acceptance.max():.0f} % "
             f"of the proposals accepted{failed}"
@@ -99,7 +107,8 @@ def anneal_population(
     theta, rows, share, draws = _draw(evaluation, prior, rng, size)
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
     ancestors, influence = np.arange(size), np.zeros(size)
-    log_evidence, powers, moved = float(np.log(share)), [0.0], []
+    log_evidence, powers = float(np.log(share)), [0.0]
+    moved, tried = [], []
     while powers[-1] < 1:
         low = rows[:, 0] - rows[:, 1]
         step = _next_step(low, 1 - powers[-1])
@@ -114,7 +123,9 @@ def anneal_population(
         kept = np.concatenate([half[_resample(weights[half], rng)] for half in halves])
         parents, ancestors = ancestors, ancestors[kept]
         theta, rows = theta[kept], rows[kept]
-        moved.append(renew(evaluation, theta, rows, halves, powers[-1], random))
+        *how, log_weights = renew(evaluation, theta, rows, halves, powers[-1], random)
+        moved.append(how)
+        tried.append(log_weights)
         high = rows[:, 0] - rows[:, 1]
         found = bridge(step * high, step * low)
         log_evidence += found.log_ratio
@@ -122,6 +133,7 @@ def anneal_population(
         np.add.at(influence, ancestors, found.from_f / len(high))
     acceptance, sweeps = zip(*moved, strict=True)
     variance = (influence**2).sum() + (1 - share) / (share * draws)
+    problems = _find_problems(tried[-LAST:])
     return Annealed(
         names=tuple(prior.names),
         theta=theta,
@@ -130,9 +142,26 @@ def anneal_population(
         acceptance=np.array(acceptance),
         sweeps=np.array(sweeps),
         log_evidence=log_evidence,
-        log_evidence_error=float(np.sqrt(variance)),
+        log_evidence_error=np.inf if problems else float(np.sqrt(variance)),
         effective_size=_effective_size(theta, ancestors),
         solves=evaluation.solves - before,
+        problems=problems,
+    )
+
+
+def _find_problems(tried: list[Floats]) -> tuple[str, ...]:
+    """Return what the weights of independence proposals at some powers forbid.
+
+    A region that the population missed is in none of the fits to it, and the few
+    proposals that come upon it have weights far above all others.
+    """
+    k = max((pareto_k(w) for w in tried if kish_share(w) < FAIR_SHARE), default=0.0)
+    if k <= GOOD_K:
+        return ()
+    return (
+        "a region of the posterior may be missing, for the weights of proposals fitted "
+        f"to the population have a heavy tail (Pareto k {k:.2f}, {GOOD_K} is the "
+        'limit); a larger size may find it, and "auto" does in some cases',
     )
 
 

@@ -15,7 +15,7 @@ from .search import Search
 from .trial import Trial
 
 JUMPS = 0.1  # of the DE-MC steps have gamma = 1
-KEPT = 500  # importance weights in the record
+KEPT = 2_000  # importance weights in the record
 MOST_K = 10.0  # weights of k above 1 have no mean
 # Share of independence proposals by their expected acceptance.
 SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))

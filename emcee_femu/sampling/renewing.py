@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from ..moves import IndependenceMove
-from ..moves.acceptance import accept_or_reject
+from ..moves.acceptance import accept_or_reject, subtract_log_prior
 from ..moves.component_walk import ComponentWalk
 
 RENEWED = 0.8  # of the members are to be independent of their ancestors
@@ -46,22 +46,27 @@ def renew(
     halves: list[NDArray[np.intp]],
     power: float,
     random: RandomState,
-) -> tuple[float, int]:
+) -> tuple[float, int, Floats]:
     """Move all members, in place, until they are far from where they were.
 
     Sweeps of independence proposals alternate with a random walk, whichever renews
     more members having three quarters of them.
 
     Returns:
-        The share of accepted proposals, and the number of sweeps.
+        The share of accepted proposals, the number of sweeps, and ln(p / q) of all
+        independence proposals.
     """
     n, ndim = theta.shape
     one, other = (theta[half] for half in halves)
     fits = [_fit(other, one), _fit(one, other)]
     walks = [ComponentWalk(fit) for fit in fits]
+    moves: Any = fits
+    log_weights: list[Floats] = []
 
     def compute(proposed: Floats) -> tuple[Floats, Floats]:
         new = evaluation.rows(proposed)
+        if moves is fits:
+            log_weights.append(_weigh(proposed, new, power, fits, halves))
         return new[:, 0], new[:, 1:]
 
     model = SimpleNamespace(compute_log_prob_fn=compute, random=random)
@@ -73,7 +78,7 @@ def renew(
     for sweep in range(MOST_SWEEPS):
         better = rates[1] > rates[0]
         walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
-        moves: Any = walks if walking else fits
+        moves = walks if walking else fits
         batches = [
             next(move.batches(theta[half], random))
             for move, half in zip(moves, halves, strict=True)
@@ -90,4 +95,24 @@ def renew(
                 walk.scale *= np.exp(accepted[-1] - 0.25)
         if np.minimum(renewed, 1).mean() > RENEWED:
             break
-    return float(np.mean(accepted)), len(accepted)
+    return float(np.mean(accepted)), len(accepted), np.concatenate(log_weights)
+
+
+def _weigh(
+    proposed: Floats,
+    rows: Floats,
+    power: float,
+    fits: list[IndependenceMove],
+    halves: list[NDArray[np.intp]],
+) -> Floats:
+    """Return ln(p / q) of proposals for both halves, p with a power of the likelihood.
+
+    It is -inf where the posterior is zero.
+    """
+    tempered = rows[:, 1] + power * subtract_log_prior(rows[:, 0], rows[:, 1])
+    log_p = np.where(rows[:, 0] > -np.inf, tempered, -np.inf)
+    log_q = [
+        fit.log_density(proposed[half]) for fit, half in zip(fits, halves, strict=True)
+    ]
+    result: Floats = log_p - np.concatenate(log_q)
+    return result

@@ -10,7 +10,7 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.moves import IndependenceMove
-from emcee_femu.results.evidence_bridge import bridge_evidence
+from emcee_femu.results.evidence_bridge import bridge_evidence, standard_error
 from emcee_femu.sampling.bridging import bridge
 
 D, LOG_Z, KEPT = 4, -7.0, 0.9  # KEPT: a step's correlation with the one before
@@ -52,6 +52,22 @@ def test_the_evidence_is_exact_and_its_error_the_spread():
     assert (np.abs(z) < 3).mean() >= 0.95
     assert abs(z.mean()) < 4 / np.sqrt(len(z))
     assert 1 / 1.5 < values.std(ddof=1) / np.sqrt((errors**2).mean()) < 1.5
+
+
+@pytest.mark.parametrize("ensembles", [1, 2, 4])
+def test_the_spread_of_few_ensembles_does_not_make_the_error_too_large(ensembles):
+    rng, steps = np.random.default_rng(1), 400
+    errors = [
+        standard_error(rng.normal(size=(steps, ensembles)))[0] for _ in range(400)
+    ]
+    claimed = np.sqrt(np.mean(np.square(errors)) * steps * ensembles)
+    assert 0.97 < claimed < 1.15  # the larger of both is 1.25 with two ensembles
+
+
+def test_ensembles_that_disagree_have_the_error_of_their_spread():
+    series = np.random.default_rng(1).normal(size=(400, 3)) + [0.0, 1.0, 2.0]
+    error = standard_error(series)[0]
+    assert_allclose(error, series.mean(axis=0).std(ddof=1) / np.sqrt(3), rtol=1e-12)
 
 
 def test_ratio_and_error_are_those_of_the_published_formulas():

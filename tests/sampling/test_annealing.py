@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
+from support.examples import load
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
 from emcee_femu.sampling import annealing
 from emcee_femu.sampling.annealing import anneal_population
+from emcee_femu.sampling.renewing import renew
 
 LIMIT = 5.0
 
@@ -127,6 +130,36 @@ def test_a_likelihood_that_says_nothing_takes_one_step():
     assert found.log_evidence_error == pytest.approx(0.0, abs=1e-6)
 
 
+def test_the_neck_of_a_funnel_is_missed_and_no_error_is_claimed():
+    problem = load("evidence").funnel()
+    found = ef.anneal(problem.posterior, seed=1)
+    assert found.log_evidence < problem.exact - 1
+    assert found.log_evidence_error == np.inf
+    (problem_found,) = found.problems
+    assert "heavy tail (Pareto k " in problem_found
+    text = str(found)
+    assert "(no standard error can be claimed)\nA region of the posterior" in text
+    assert ef.log_evidence(found).problems == found.problems
+
+
+@pytest.mark.parametrize("power", [0.3, 1.0])
+def test_weights_of_independence_proposals_have_the_tempered_evidence_as_mean(power):
+    prior, n = box(2, 10.0), 2_000
+    scale = 1 / np.sqrt(power)  # of exp(-x^2 power / 2)
+    rng = np.random.default_rng(1)
+    theta = rng.normal(size=(n, 2)) * scale
+    evaluation = Counted(prior, lambda x: -0.5 * (x**2).sum(axis=1))
+    halves = [np.arange(n // 2), np.arange(n // 2, n)]
+    rows = evaluation.rows(theta)
+    random = np.random.RandomState(1)
+    log_weights = renew(evaluation, theta, rows, halves, power, random)[2]
+    exact = np.log(2 * np.pi * scale**2 / 400)
+    size = len(log_weights)
+    error = np.exp(log_weights - exact).std() / np.sqrt(size)
+    assert error < 0.02
+    assert abs(logsumexp(log_weights) - np.log(size) - exact) < LIMIT * error
+
+
 def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
     prior, sd = box(3, 1.0), 1e-4
     centre = np.array([0.3, -0.2, 0.7])
@@ -146,7 +179,7 @@ def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
 
 def test_members_that_never_move_are_as_few_draws_as_their_ancestors(monkeypatch):
     # Then it is importance sampling from the prior, of known relative error.
-    monkeypatch.setattr(annealing, "renew", lambda *_: (0.0, 1))
+    monkeypatch.setattr(annealing, "renew", lambda *_: (0.0, 1, np.zeros(9)))
     prior, size = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0), 2_000
     precision = 39.0
 
