@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ..interfaces import Floats
 from ..moves.mixture_em import Mixture, improve, invert_factors, log_density, log_parts
@@ -19,6 +20,7 @@ MOST_COMPONENTS = 30
 NEW_COMPONENTS = 1  # tried in each round
 NEW_WEIGHT = 0.2
 STRESSED = 10  # iterations
+LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
 COVERS = ((0.05, 1.5), (0.05, 3.0))  # weights and widths of those that fill gaps
 RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
 
@@ -87,15 +89,21 @@ class Draws:
         result: Floats = weights / weights.sum()
         return result
 
+    def lack(self, law: Mixture) -> float:
+        """Return the largest ln(p / q) of draws that carry mass, p normalised."""
+        excess = self.log_p - self._log_evidence() - log_density(self.x, law)
+        return float(excess[self.shares > CARRIES].max())
+
+    def _log_evidence(self) -> float:
+        return float(logsumexp(self.log_weights))  # the crowd counts the draws
+
     def effective_share(self, law: Mixture) -> float:
         """Return what the effective share of draws of ``law`` would be."""
         excess = self.log_p - log_density(self.x, law)
         top = excess.max()
         ratio = np.exp(excess - top)
         # E_q[w]^2 / E_q[w^2] = Z / E_p[p / q]
-        log_z = np.log(np.sum(np.exp(self.log_weights - self.log_weights.max())))
-        log_z += self.log_weights.max()
-        return float(np.exp(log_z - top) / (self.shares @ ratio))
+        return float(np.exp(self._log_evidence() - top) / (self.shares @ ratio))
 
 
 def refine(draws: Draws, law: Mixture, size: int, propose: Propose) -> Mixture:
@@ -120,7 +128,9 @@ def refine(draws: Draws, law: Mixture, size: int, propose: Propose) -> Mixture:
         settled = number > 2 and max(shares[-2:]) < 1.05 * max(shares[:-2])
         light = shares[-1] > FAIR_SHARE and pareto_k(log_weights) < FAIR_K
         enough = settled and (light or shares[-1] > HIGH_SHARE)
-        if not len(draws.x) or shares[-1] > GOOD_SHARE or enough:
+        if not len(draws.x):
+            break
+        if (shares[-1] > GOOD_SHARE or enough) and draws.lack(wide) < LACK:
             break
         law = refit(draws, law)
     # The fits of early rounds know too little to be compared.

@@ -82,6 +82,11 @@ class Search:
                 "solves that fail, on_failure='raise' tells why)"
             )
         self._climb([self._best(number) for number in range(len(self.own))])
+        if not self.maxima:
+            raise ValueError(
+                "moves: 'auto' could not climb to any maximum: solves fail, or their "
+                "derivatives do, wherever it began; mend them, or use DEMCMove()"
+            )
         self._follow(size)
         scans = self._wider_laws()
         for law in scans:

@@ -17,7 +17,7 @@ whatever f is, so that its constant does not depend on the parameters: fm = f / 
 drawn from this density, cut at 8 standard deviations from 1. f (1 + noise) resembles it
 to first order only.
 
-Of a discrepancy the constant depends on it: by the factor 1 + sigma^2, 0.1 % at most,
+Of a discrepancy the constant depends on it: by the factor 1 + sigma^2, 0.25 % at most,
 which no 200 data sets can show. A measured shape errs by the angle a from the true one,
 with a density proportional to exp(-sin^2 a / 2 delta^2) on the sphere.
 
