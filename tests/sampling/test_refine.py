@@ -62,6 +62,28 @@ def test_the_effective_share_of_a_law_that_was_not_drawn_from():
     log_p = 7.0 + stats.norm.logpdf(x[:, 0])  # its evidence does not matter
     draws.add(x, np.column_stack([log_p, log_p]), wide)
     assert draws.effective_share(other) == pytest.approx(exact, rel=0.02)
+    # Where the law lacks most of what carries mass; the farthest draws carry none.
+    carry = x[draws.shares > 1e-5]
+    thin = one([0.0], [[0.3]], 50.0)
+    excess = stats.norm.logpdf(carry[:, 0]) - log_density(carry, thin)
+    assert draws.lack(thin) == pytest.approx(excess.max(), abs=0.02)
+    assert draws.lack(one([-3.0], [[0.1]])) > 5 > 1 > draws.lack(wide)
+
+
+def test_refinement_goes_on_while_draws_that_carry_mass_are_lacked(monkeypatch):
+    sizes = []
+
+    def propose(law, size):
+        sizes.append(size)
+        x = draw(rng, law, size)
+        return x, np.column_stack([log_density(x, law) - 3.0, log_density(x, law)])
+
+    for lack in (np.inf, -np.inf):
+        rng = np.random.default_rng(2)
+        monkeypatch.setattr("emcee_femu.sampling.refine.LACK", lack)
+        draws = Draws(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), 0)
+        refine(draws, one([0.0, 0.0], np.eye(2)), 100, propose)
+    assert sizes[:2] == [100, 100] and len(sizes) > 4
 
 
 @pytest.mark.parametrize("height", [1e5, -1e5])
