@@ -153,9 +153,8 @@ def run(
         probe_tolerance=checks.real_number("probe_tolerance", probe_tolerance, 0),
     )
     with open_pool(pool, workers, posterior.one_by_one) as evaluators:
-        samplers: list[emcee.EnsembleSampler] = []
+        samplers, states = begin(Evaluation.begin(settings, evaluators))
         try:
-            samplers, states = begin(Evaluation.begin(settings, evaluators))
             for number, state in enumerate(states, 1):
                 advance(settings, samplers[number - 1], state, number)
         except BaseException as error:  # also of the keyboard: nothing is lost

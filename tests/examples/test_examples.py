@@ -46,6 +46,7 @@ def test_mass_spring(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_h_structure(tmp_path, capsys):
     tables = load("h_structure").main(120, 2, 1, str(tmp_path))
     assert [table.column("move") for table in tables.values()] == [
@@ -91,6 +92,7 @@ def test_stock_moves():
         assert (np.abs(ratio - 1) < 0.15).all()
 
 
+@pytest.mark.slow
 def test_overhead(capsys):
     load("overhead").main(blocks=2, n=20)
     assert capsys.readouterr().out.count("x faster") == 18

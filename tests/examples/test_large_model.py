@@ -1,9 +1,11 @@
 """The example of a large model, on a small one."""
 
 import numpy as np
+import pytest
 from support.examples import load
 
 
+@pytest.mark.slow
 def test_large_model(capsys):
     result = load("large_model").main(storeys=3, segments=1, rounds=2, nsteps=150)
     reduced = result["reduced"]
