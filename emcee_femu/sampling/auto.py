@@ -1,6 +1,6 @@
 """The recipe behind ``run(..., moves="auto")``: search, refine, freeze."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import emcee
 import numpy as np
@@ -21,20 +21,35 @@ from .trial import Trial, try_out
 
 SEARCHED = 0.2  # of the evaluations of the chain
 FEWEST = 1_000  # points of a search
-ROUND = 500  # draws of a round of the refinement, at least
+ROUND = 300  # draws of a round of the refinement, at least
+TRIED = 800  # draws by which a proposal is judged, at least
+REFINED = 1_500  # draws for a refinement, or half as many as the chain has
 POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR = 0.2  # acceptance below which gradients do better
 TUNED = 24  # draws from which Hamiltonian moves are tuned
 MISSED = 1.0  # log evidence by which one proposal finds more than another
 
 
-def count_search(settings: Settings) -> int:
-    """Return how many points are searched."""
-    chain = settings.nsteps * settings.thin_by * settings.nwalkers * settings.ensembles
-    return max(FEWEST, round(SEARCHED * chain))
+class Budget(NamedTuple):
+    """What a search may spend.
+
+    Attributes:
+        points: Points that are searched for modes.
+        draws: Draws after which no round of the refinement begins.
+    """
+
+    points: int
+    draws: int
 
 
-def find_recipe(journal: Journal, settings: Settings, searched: int) -> Recipe:
+def plan(settings: Settings) -> Budget:
+    """Return the budget of a search, by the evaluations of the chain."""
+    generations = settings.nsteps * settings.thin_by
+    chain = generations * settings.nwalkers * settings.ensembles
+    return Budget(max(FEWEST, round(SEARCHED * chain)), max(REFINED, chain // 2))
+
+
+def find_recipe(journal: Journal, settings: Settings, budget: Budget) -> Recipe:
     """Search for the modes, refine a proposal, and draw the starts from it.
 
     The modes that any ensemble found are components of one proposal, from which each
@@ -46,13 +61,13 @@ def find_recipe(journal: Journal, settings: Settings, searched: int) -> Recipe:
     Args:
         journal: Evaluates.
         settings: What was asked for.
-        searched: Points of the search.
+        budget: What the search may spend.
     """
     ndim, nwalkers = settings.posterior.ndim, settings.nwalkers
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles)
     streams = [np.random.default_rng(seed.spawn(1)[0]) for seed in seeds]
     search = Search(journal, settings.posterior.prior, streams)
-    search.run(searched, settings.initial)
+    search.run(budget.points, settings.initial)
 
     def propose(law: Mixture, number: int) -> tuple[Floats, Floats]:
         each = -(-number // len(streams))
@@ -60,10 +75,11 @@ def find_recipe(journal: Journal, settings: Settings, searched: int) -> Recipe:
         return theta, journal.rows(theta)
 
     size = max(ROUND, 10 * ndim)
-    final = max(2 * size, 4 * nwalkers * len(streams))
+    final = max(TRIED, 2 * size, 4 * nwalkers * len(streams))
 
     def attempt(law: Mixture) -> Trial:
-        return try_out(refine(search.draws, law, size, propose), final, propose)
+        refined = refine(search.draws, law, size, budget.draws, propose)
+        return try_out(refined, final, propose)
 
     trial = attempt(search.law())
     populations = None

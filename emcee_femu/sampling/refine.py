@@ -106,17 +106,21 @@ class Draws:
         return float(np.exp(self._log_evidence() - top) / (self.shares @ ratio))
 
 
-def refine(draws: Draws, law: Mixture, size: int, propose: Propose) -> Mixture:
+def refine(
+    draws: Draws, law: Mixture, size: int, most: int, propose: Propose
+) -> Mixture:
     """Return the mixture after rounds of drawing from it, weighting and fitting.
 
     Args:
         draws: All draws until now; those of each round are added.
         law: Where to start.
         size: Draws per round; later rounds have more.
+        most: Draws after which no round begins.
         propose: ``propose(law, size) -> (x, rows)`` draws and evaluates.
     """
     laws: list[Mixture] = []
     shares: list[float] = []
+    spent = 0
     for number in range(ROUNDS):
         wide = cover(law)
         x, rows = propose(wide, size * max(2, number) // 2)
@@ -128,7 +132,8 @@ def refine(draws: Draws, law: Mixture, size: int, propose: Propose) -> Mixture:
         settled = number > 2 and max(shares[-2:]) < 1.05 * max(shares[:-2])
         light = shares[-1] > FAIR_SHARE and pareto_k(log_weights) < FAIR_K
         enough = settled and (light or shares[-1] > HIGH_SHARE)
-        if not len(draws.x):
+        spent += len(x)
+        if not len(draws.x) or spent >= most:
             break
         if (shares[-1] > GOOD_SHARE or enough) and draws.lack(wide) < LACK:
             break

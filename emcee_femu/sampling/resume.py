@@ -5,7 +5,7 @@ from typing import Any
 
 from ..moves.tempering import find_ladder
 from .arguments import list_moves
-from .auto import count_search, find_recipe
+from .auto import Budget, find_recipe, plan
 from .evaluation import Evaluation
 from .journal import Journal
 from .manifest import check_same, describe_run
@@ -74,14 +74,14 @@ def _search(beside: str, evaluation: Evaluation, manifest: dict[str, Any]) -> Re
     settings = evaluation.settings
     journal = _open_journal(beside, evaluation, manifest)
     journal.probe(settings.probe_tolerance)
-    return find_recipe(journal, settings, journal.header["size"])
+    return find_recipe(journal, settings, Budget(*journal.header["budget"]))
 
 
 def _open_journal(
     beside: str, evaluation: Evaluation, manifest: dict[str, Any]
 ) -> Journal:
-    size = count_search(evaluation.settings)
-    return Journal(evaluation, beside, {"manifest": manifest, "size": size})
+    budget = plan(evaluation.settings)
+    return Journal(evaluation, beside, {"manifest": manifest, "budget": budget})
 
 
 def _open(path: str, evaluation: Evaluation, manifest: dict[str, Any]) -> list[RunFile]:

@@ -20,7 +20,7 @@ from .arguments import (
     check_starts,
     check_walkers,
 )
-from .auto import count_search, find_recipe
+from .auto import find_recipe, plan
 from .evaluation import Evaluation
 from .journal import Journal
 from .pools.own_processes import open_pool
@@ -54,7 +54,7 @@ def run(
         moves: An emcee move, or a list of ``(move, weight)``; None for
             ``DEMCMove()``; "auto" to search for the modes, with a fifth as many
             evaluations as the chain takes but at least 1,000, refine an
-            :class:`IndependenceMove` by importance weights, in 500 to some 20,000
+            :class:`IndependenceMove` by importance weights, with 1,500 to some 10,000
             evaluations more, and sample with it and DE-MC, or with a
             :class:`HamiltonianMove` where that pays. The stored chain starts after
             that; ``str(sampler.recipe)`` says what was done, and
@@ -173,7 +173,7 @@ def begin(
         backends, recipe = begin_in_file(evaluation)
     elif settings.moves is None:
         journal = Journal(evaluation, None, {})
-        recipe = find_recipe(journal, settings, count_search(settings))
+        recipe = find_recipe(journal, settings, plan(settings))
     else:
         recipe = start_given(evaluation)
     samplers = [evaluation.sampler(recipe.moves, own) for own in backends]

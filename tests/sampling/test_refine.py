@@ -82,8 +82,11 @@ def test_refinement_goes_on_while_draws_that_carry_mass_are_lacked(monkeypatch):
         rng = np.random.default_rng(2)
         monkeypatch.setattr("emcee_femu.sampling.refine.LACK", lack)
         draws = Draws(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), 0)
-        refine(draws, one([0.0, 0.0], np.eye(2)), 100, propose)
+        refine(draws, one([0.0, 0.0], np.eye(2)), 100, 10_000, propose)
     assert sizes[:2] == [100, 100] and len(sizes) > 4
+    sizes.clear()
+    refine(draws, one([0.0, 0.0], np.eye(2)), 100, 300, propose)
+    assert sum(sizes) == 300  # the budget
 
 
 @pytest.mark.parametrize("height", [1e5, -1e5])
@@ -108,7 +111,7 @@ def test_a_poor_start_becomes_a_good_proposal(height):
     start = one([1.5, 1.5, 1.5], 4 * np.eye(3))
     x, found = propose(start, 500)
     draws = Draws(x[:0], found[:0, 0], found[:0, 0], found[:0, 0], 0)
-    law = refine(draws, start, 500, propose)
+    law = refine(draws, start, 500, 10_000, propose)
     assert share(start) < 0.2 and share(law) > 0.8
     assert len(law.weights) > len(COVERS) + 1
 
