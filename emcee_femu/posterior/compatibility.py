@@ -32,9 +32,13 @@ def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
 
 def name_terms(terms: tuple[Any, ...]) -> tuple[str, ...]:
     """Return the distinct labels of terms: their name, or that of the function."""
+    given = [
+        str(getattr(term, "name", None) or getattr(term, "__name__", ""))
+        for term in terms
+    ]
+    # Of a lambda it would be one that netCDF does not take.
     names = tuple(
-        str(getattr(term, "name", None) or getattr(term, "__name__", f"term{i}"))
-        for i, term in enumerate(terms)
+        f"term{i}" if name in ("", "<lambda>") else name for i, name in enumerate(given)
     )
     return checks.parameter_names("terms (their names)", names)
 

@@ -282,3 +282,10 @@ def test_a_prior_wider_than_the_models_own_bounds_is_refused(low, high):
         return
     with pytest.raises(ValueError, match=r"'k' has bounds .* holds within \(1, 2\)"):
         LogPosterior(Bounded(), term, prior)
+
+
+def test_a_lambda_has_a_name_that_files_take():
+    prior = GaussianPrior(["k"], [1.0], [0.1])
+    model = FunctionModel(lambda p: [p["k"]], n_modes=1)
+    terms = [lambda p, modes: -(p["k"] ** 2), lambda p, modes: -p["k"]]
+    assert LogPosterior(model, terms, prior).term_names == ("term0", "term1")
