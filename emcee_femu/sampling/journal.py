@@ -21,7 +21,7 @@ from .probe import probe
 from .run_file import log
 
 MAGIC = b"emcee_femu pts 1"  # its last character is the version of the format
-LEAD = struct.Struct("<qqqq")  # length of theta, of the result, rows, solves
+LEAD = struct.Struct("<qqq")  # kind, points, columns of the result
 MOST = 256  # points that a kill may lose
 KINDS = ("rows", "linearize")
 PROBED = 16  # points
@@ -125,22 +125,26 @@ class Journal:
         return result
 
     def _read(self, place: int) -> tuple[int, Floats, Floats, Any, int] | None:
+        """Return the record that begins there, None if the last one is torn."""
         with open(str(self._path), "rb") as file:
             file.seek(place)
             lead = file.read(LEAD.size)
             if len(lead) < LEAD.size:
                 return None
-            kind, n, width, _ = LEAD.unpack(lead)
+            kind, n, width = LEAD.unpack(lead)
             d = self.posterior.ndim
             size = 8 * (n * (d + width) + 1 + log.COUNTS)
-            if not (0 <= kind < len(KINDS) and 0 <= n and 0 <= width):
+            whole = kind in range(len(KINDS)) and min(n, width) >= 0
+            if whole and place + LEAD.size + size + 4 > self._end:
                 return None
-            if place + LEAD.size + size + 4 > self._end:
-                return None
-            body = file.read(size)
+            body = file.read(size) if whole else b""
             checksum = int.from_bytes(file.read(4), "little")
-        if zlib.crc32(lead + body) != checksum:
-            return None
+        if not whole or zlib.crc32(lead + body) != checksum:
+            raise ValueError(
+                f"resume: {self._path} is damaged at byte {place}: it is not what was "
+                f"written. os.truncate({self._path!r}, {place}) keeps what is before "
+                "it; or give another file name"
+            )
         numbers = np.frombuffer(body, "<f8", n * (d + width))
         counts = np.frombuffer(body, "<i8", offset=8 * n * (d + width))
         theta = numbers[: n * d].reshape(n, d)
@@ -152,7 +156,7 @@ class Journal:
             return
         failures = self.evaluation.failures
         counts = [0] * log.COUNTS if failures is None else failures.counts
-        content = LEAD.pack(kind, len(theta), result.shape[1], 0)
+        content = LEAD.pack(kind, len(theta), result.shape[1])
         content += np.ascontiguousarray(theta, "<f8").tobytes()
         content += np.ascontiguousarray(result, "<f8").tobytes()
         content += np.array([self.solves, *counts], "<i8").tobytes()

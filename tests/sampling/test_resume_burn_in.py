@@ -1,6 +1,7 @@
 """The search of "auto" in files: a stop at any time costs one batch."""
 
 import os
+import re
 
 import numpy as np
 import pytest
@@ -87,6 +88,21 @@ def test_a_torn_batch_is_evaluated_again(whole, tmp_path):
     for cut in (1, 5, 200):
         beside.write_bytes(content[:-cut])
         assert isinstance(sampled(4, backend=path, resume=True)[1], KeyboardInterrupt)
+    _, found = sampled(backend=path, resume=True)
+    np.testing.assert_array_equal(found[0].get_chain(), whole[1][0].get_chain())
+
+
+@pytest.mark.parametrize("byte", [-100, -2_000])
+def test_a_damaged_batch_is_named_and_nothing_is_cut(byte, whole, tmp_path):
+    path, beside = tmp_path / "run.chain", tmp_path / "run.chain.burn-in"
+    sampled(10, backend=path)
+    content = bytearray(beside.read_bytes())
+    content[byte] ^= 1
+    beside.write_bytes(content)
+    with pytest.raises(ValueError, match=r"burn-in is damaged at byte (\d+)") as error:
+        sampled(backend=path, resume=True)
+    assert beside.read_bytes() == content
+    os.truncate(beside, int(re.search(r"byte (\d+)", str(error.value))[1]))
     _, found = sampled(backend=path, resume=True)
     np.testing.assert_array_equal(found[0].get_chain(), whole[1][0].get_chain())
 
