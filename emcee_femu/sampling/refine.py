@@ -17,7 +17,6 @@ HIGH_SHARE = 0.8  # where a heavy tail counts little
 FAIR_SHARE, FAIR_K = 0.2, 0.4  # beyond which it may end without
 DFS = (3.0, 5.0, 8.0, 16.0, 50.0)
 MOST_COMPONENTS = 30
-NEW_COMPONENTS = 1  # tried in each round
 NEW_WEIGHT = 0.2
 STRESSED = 10  # iterations
 LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
@@ -40,15 +39,13 @@ class Draws:
     Attributes:
         x: Draws of finite log-posterior, ``(n, d)``.
         log_p: Their log-posteriors.
-        log_prior: Their log-priors; the first law is the prior.
-        crowd: ln of the sum over the laws of n_t q_t.
+        crowd: ln of the sum over the laws of n_t q_t; the first law is the prior.
         laws: Number of draws and mixture, by round.
         from_prior: Number of draws of the prior.
     """
 
     x: Floats
     log_p: Floats
-    log_prior: Floats
     crowd: Floats
     from_prior: int
     laws: list[tuple[int, Mixture]] = field(default_factory=list)
@@ -58,7 +55,7 @@ class Draws:
         """Return the draws of the prior, with their rows."""
         here = np.isfinite(rows[:, 0])
         log_p, log_prior = rows[here, 0], rows[here, 1]
-        return cls(x[here], log_p, log_prior, np.log(len(x)) + log_prior, len(x))
+        return cls(x[here], log_p, np.log(len(x)) + log_prior, len(x))
 
     def add(self, x: Floats, rows: Floats, law: Mixture) -> None:
         """Add draws of another law."""
@@ -74,7 +71,6 @@ class Draws:
                 crowd = np.logaddexp(crowd, np.log(count) + log_density(x, other))
         self.x = np.vstack([self.x, x])
         self.log_p = np.append(self.log_p, log_p)
-        self.log_prior = np.append(self.log_prior, log_prior)
         self.crowd = np.append(self.crowd, crowd)
 
     @property
@@ -184,7 +180,7 @@ def refit(draws: Draws, law: Mixture) -> Mixture:
     for df in DFS:
         other = law._replace(df=df)
         found.append((-2 * size * float(shares @ log_density(x, other)), other))
-    for fitted, gained in _fits(x, shares, draws.log_p[use], law):
+    for fitted, gained in _fit_both(x, shares, draws.log_p[use], law):
         parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
         if size > parameters / len(fitted.weights):
             found.append((2 * parameters - 2 * size * gained, fitted))
@@ -198,35 +194,31 @@ def refit(draws: Draws, law: Mixture) -> Mixture:
     return max(laws, key=lambda one: draws.effective_share(cover(one)))
 
 
-def _fits(
+def _fit_both(
     x: Floats, shares: Floats, log_p: Floats, law: Mixture
 ) -> Iterator[tuple[Mixture, float]]:
-    """Yield fits, with components added one by one where the law lacks mass most."""
+    """Yield the fit, and one with a component more where the law lacks most mass."""
     fitted, gained = improve(x, shares, law)
     yield fitted, gained
-    d = x.shape[1]
+    if len(fitted.weights) >= MOST_COMPONENTS:
+        return
     relevant = np.log(shares / shares.max()) > -RELEVANT
-    for _ in range(NEW_COMPONENTS):
-        if len(fitted.weights) >= MOST_COMPONENTS:
-            return
-        excess = np.where(relevant, log_p - log_density(x, fitted), -np.inf)
-        place = x[np.argmax(excess)]
-        near = _nearest_matrix(place, fitted)
-        inverse = invert_factors(np.linalg.cholesky(near[None]))[0]
-        order = np.argsort((((x - place) @ inverse.T) ** 2).sum(axis=1))
-        enough = np.searchsorted(np.cumsum(shares[order]), 0.1)
-        some = order[: max(int(enough), 3 * d)]
-        share = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
-        centred = x[some] - place
-        matrix = (share * centred.T) @ centred + 0.01 * near
-        law = Mixture(
-            np.append((1 - NEW_WEIGHT) * fitted.weights, NEW_WEIGHT),
-            np.vstack([fitted.means, place]),
-            np.concatenate([fitted.matrices, matrix[None]]),
-            fitted.df,
-        )
-        fitted, gained = improve(x, shares, law)
-        yield fitted, gained
+    place = x[np.argmax(np.where(relevant, log_p - log_density(x, fitted), -np.inf))]
+    near = _nearest_matrix(place, fitted)
+    inverse = invert_factors(np.linalg.cholesky(near[None]))[0]
+    order = np.argsort((((x - place) @ inverse.T) ** 2).sum(axis=1))
+    enough = np.searchsorted(np.cumsum(shares[order]), 0.1)
+    some = order[: max(int(enough), 3 * x.shape[1])]
+    share = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
+    centred = x[some] - place
+    matrix = (share * centred.T) @ centred + 0.01 * near
+    larger = Mixture(
+        np.append((1 - NEW_WEIGHT) * fitted.weights, NEW_WEIGHT),
+        np.vstack([fitted.means, place]),
+        np.concatenate([fitted.matrices, matrix[None]]),
+        fitted.df,
+    )
+    yield improve(x, shares, larger)
 
 
 def _nearest_matrix(place: Floats, law: Mixture) -> Floats:

@@ -146,7 +146,7 @@ class Search:
         fruitless = 0
         tested = [np.zeros(len(theta), dtype=bool) for theta, _ in self.own]
         waiting: list[tuple[int, Floats, float]] = []
-        while self.maxima and fruitless < FRUITLESS and self.climbs < MOST_CLIMBS:
+        while fruitless < FRUITLESS and self.climbs < MOST_CLIMBS:
             waiting = [
                 (number, theta, height)
                 for number, theta, height in waiting
@@ -228,8 +228,6 @@ class Search:
 
     def _wider_laws(self) -> list[Mixture]:
         """Return the law of the modes at widths up to that of the prior."""
-        if not self.maxima:
-            return []
         law = self.law()
         spread = summarize_prior(self.prior)[1]
         widths = np.sqrt(np.diagonal(law.matrices, axis1=1, axis2=2))

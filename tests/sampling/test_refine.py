@@ -58,7 +58,7 @@ def test_the_effective_share_of_a_law_that_was_not_drawn_from():
     exact = 1 / np.trapezoid(p**2 / np.exp(log_density(grid, other)), grid[:, 0])
     wide = one([0.0], [[4.0]], 5.0)
     x = draw(np.random.default_rng(1), wide, 40_000)
-    draws = Draws(np.empty((0, 1)), np.empty(0), np.empty(0), np.empty(0), 0)
+    draws = Draws(np.empty((0, 1)), np.empty(0), np.empty(0), 0)
     log_p = 7.0 + stats.norm.logpdf(x[:, 0])  # its evidence does not matter
     draws.add(x, np.column_stack([log_p, log_p]), wide)
     assert draws.effective_share(other) == pytest.approx(exact, rel=0.02)
@@ -81,7 +81,7 @@ def test_refinement_goes_on_while_draws_that_carry_mass_are_lacked(monkeypatch):
     for lack in (np.inf, -np.inf):
         rng = np.random.default_rng(2)
         monkeypatch.setattr("emcee_femu.sampling.refine.LACK", lack)
-        draws = Draws(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), 0)
+        draws = Draws(np.empty((0, 2)), np.empty(0), np.empty(0), 0)
         refine(draws, one([0.0, 0.0], np.eye(2)), 100, 10_000, propose)
     assert sizes[:2] == [100, 100] and len(sizes) > 4
     sizes.clear()
@@ -110,7 +110,7 @@ def test_a_poor_start_becomes_a_good_proposal(height):
     rng = np.random.default_rng(2)
     start = one([1.5, 1.5, 1.5], 4 * np.eye(3))
     x, found = propose(start, 500)
-    draws = Draws(x[:0], found[:0, 0], found[:0, 0], found[:0, 0], 0)
+    draws = Draws(x[:0], found[:0, 0], found[:0, 0], 0)
     law = refine(draws, start, 500, 10_000, propose)
     assert share(start) < 0.2 and share(law) > 0.8
     assert len(law.weights) > len(COVERS) + 1
