@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from emcee_femu import GaussianPrior, LogPosterior, Variable
 from emcee_femu.interfaces import ModalSolution
 
 MEASURED = np.array([1.02, 1.43, 2.1])
@@ -55,3 +56,42 @@ def numerical(function, theta, step=1e-5):
         ahead, behind = function(theta + step * unit), function(theta - step * unit)
         columns.append((ahead - behind) / (2 * step))
     return np.stack(columns, axis=1)
+
+
+LINEAR = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, -0.7], [0.4, 0.0, 1.0], [1.0, 1.0, 1.0]])
+DATA = np.array([0.3, -0.2, 0.5, 0.1])
+
+
+class LinearModel:
+    """A response y that is linear in three parameters."""
+
+    names = required = ("a", "b", "c")
+    variables = {"y": Variable({"point": range(4)})}
+
+    def __call__(self, parameters):
+        return {"y": np.stack([parameters[n] for n in self.names], axis=1) @ LINEAR.T}
+
+
+class LinearDerived(LinearModel):
+    """The same with derivatives."""
+
+    def jacobian(self, parameters):
+        response = self(parameters)
+        slopes = {
+            name: np.broadcast_to(LINEAR[:, j], response["y"].shape)
+            for j, name in enumerate(self.names)
+        }
+        return response, {"y": slopes}
+
+
+def linear_posterior(jacobian=True):
+    """Return a Gaussian posterior, its mean and its covariance."""
+    prior = GaussianPrior(LinearModel.names, np.zeros(3), np.ones(3))
+
+    def misfit(parameters, response):
+        return -0.5 * ((response["y"] - DATA) ** 2).sum(axis=1) / 0.2**2
+
+    model = LinearDerived() if jacobian else LinearModel()
+    covariance = np.linalg.inv(LINEAR.T @ LINEAR / 0.2**2 + np.eye(3))
+    mean = covariance @ LINEAR.T @ DATA / 0.2**2
+    return LogPosterior(model, misfit, prior), mean, covariance
