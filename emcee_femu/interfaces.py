@@ -19,6 +19,10 @@ one_by_one model         True if a batch is solved one parameter set after anoth
 jacobian   model         ``jacobian(parameters)``: the response and its derivatives,
                          ``{variable: {parameter: (n, *shape)}}``, from one solve; a
                          parameter that is left out changes nothing
+spread     model         ``spread(parameters)``: the response, and how far it moves by
+                         one standard deviation along each direction in which it is
+                         uncertain, ``{variable: {direction: (n, *shape)}}``; the
+                         likelihood is then averaged over them
 n_modes    modal model   how many modes it returns; enough in place of variables
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, what it needs of the response

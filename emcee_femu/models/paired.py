@@ -1,6 +1,8 @@
 """A model whose modes are in the order of the measured ones."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -143,8 +145,8 @@ class PairedModel:
 
     def __getattr__(self, attribute: str) -> Any:
         """Return what else the model says of itself (interfaces.py)."""
-        if attribute == "jacobian" and hasattr(self.model, "jacobian"):
-            return self._differentiate
+        if attribute in ("jacobian", "spread"):
+            return partial(self._differentiate, getattr(self.model, attribute))
         if attribute in ("required", "positive", "bounds", "one_by_one"):
             return getattr(self.model, attribute)
         raise AttributeError(attribute)
@@ -153,12 +155,14 @@ class PairedModel:
         """Solve, and return the modes in the order of the measured ones."""
         return self._pair(*self._modes(self.model(parameters)))
 
-    def _differentiate(self, parameters: Parameters) -> tuple[PairedSolution, Any]:
-        """Return the paired modes and their derivatives, ``jacobian`` of a model.
+    def _differentiate(
+        self, differentiate: Callable[[Parameters], Any], parameters: Parameters
+    ) -> tuple[PairedSolution, Any]:
+        """Return the paired modes and what the model's jacobian or spread gives.
 
-        Those of frequency, shapes and MAC; numbers of modes change in steps.
+        Of frequency, shapes and MAC; numbers of modes change in steps.
         """
-        response, derivatives = self.model.jacobian(parameters)  # type: ignore[attr-defined]
+        response, derivatives = differentiate(parameters)
         modes = self._modes(response)
         solution = self._pair(*modes)
         names, slopes = read_slopes(response, derivatives, modes, self._at_sensors)

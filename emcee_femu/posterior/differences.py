@@ -1,6 +1,6 @@
 """Derivatives by finite differences, at points inside the prior's support."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,6 +13,7 @@ from ..interfaces import (
     Pairing,
     Parameters,
     Prior,
+    SolveError,
     read,
 )
 from ..likelihoods.normal import linearize_normal
@@ -154,19 +155,7 @@ def difference_term(
         far = np.full((n, d), np.inf)
         relative = np.divide(largest, slope, out=far, where=slope > 0)
         step = np.minimum(step, ALONG * relative)
-    sides = np.concatenate([step, -step], axis=1)  # (n, 2 d)
-
-    def shift(value: Any, tangent: Any) -> Floats:
-        wide = np.concatenate([tangent, tangent], axis=-1)
-        wide = np.moveaxis(wide, -1, 1)  # (n, 2 d, *shape)
-        moved = wide * sides.reshape(*sides.shape, *[1] * (wide.ndim - 2))
-        moved += np.asarray(value)[:, None]
-        shifted: Floats = moved.reshape(-1, *wide.shape[2:])
-        return shifted
-
-    shifted = {name: shift(values[name], variables[name]) for name in variables}
-    there = {name: shift(parameters[name], tangents[name]) for name in parameters}
-    moved = _replace(response, shifted, n, 2 * d)
+    there, moved = move_along(parameters, response, tangents, step)
 
     def slopes(numbers: Any) -> Floats:
         sided = np.asarray(numbers).reshape(n, 2, d, -1)
@@ -179,6 +168,36 @@ def difference_term(
         d_deviations, d_sd = map(slopes, term.deviations(there, moved))
         return linearize_normal(here[0], here[1], d_deviations, d_sd)
     return slopes(term(there, moved))[:, 0], None
+
+
+def move_along(
+    parameters: Parameters,
+    response: Any,
+    tangents: Mapping[str, Floats],
+    step: Floats,
+) -> tuple[dict[str, Floats], Any]:
+    """Return parameters and response, ``n * 2 d`` of each, moved along the tangents.
+
+    Each of the n by ``step (n, d)``, ahead along all tangents and then behind.
+    """
+    n, d = step.shape
+    sides = np.concatenate([step, -step], axis=1)  # (n, 2 d)
+
+    def shift(value: Any, tangent: Any) -> Floats:
+        wide = np.concatenate([tangent, tangent], axis=-1)
+        wide = np.moveaxis(wide, -1, 1)  # (n, 2 d, *shape)
+        moved = wide * sides.reshape(*sides.shape, *[1] * (wide.ndim - 2))
+        moved += np.asarray(value)[:, None]
+        shifted: Floats = moved.reshape(-1, *wide.shape[2:])
+        return shifted
+
+    variables = {
+        name: shift(read(response, name), tangent)
+        for name, tangent in tangents.items()
+        if name not in parameters
+    }
+    there = {name: shift(parameters[name], tangents[name]) for name in parameters}
+    return there, _replace(response, variables, n, 2 * d)
 
 
 def _replace(response: Any, shifted: Mapping[str, Floats], n: int, times: int) -> Any:
@@ -209,3 +228,44 @@ def _replace(response: Any, shifted: Mapping[str, Floats], n: int, times: int) -
             "give the term linearize"
         ) from None
     return other
+
+
+def gather_tangents(
+    label: str, response: Any, derivatives: Any, names: Sequence[str]
+) -> dict[str, Floats]:
+    """Return the derivatives of each variable, ``(n, *shape, d)``.
+
+    Args:
+        label: What returned them.
+        response: The model's.
+        derivatives: ``{variable: {name: (n, *shape)}}``; zero where one is left out.
+        names: The d names that there are.
+
+    Raises:
+        TypeError: If derivatives is no mapping.
+        ValueError: If it has another name.
+        SolveError: If a derivative is not as large as its variable.
+    """
+    if not isinstance(derivatives, Mapping):
+        raise TypeError(
+            f"{label}: expected {{variable: {{parameter: array}}}}, got "
+            f"{type(derivatives).__name__}"
+        )
+    tangents = {}
+    for variable, by_name in derivatives.items():
+        shape = np.shape(read(response, variable))
+        tangents[variable] = tangent = np.zeros((*shape, len(names)))
+        unknown = [name for name in by_name if name not in names]
+        if unknown:
+            raise ValueError(
+                f"{label}: no parameter {unknown}; there are {list(names)}"
+            )
+        for name, value in by_name.items():
+            if np.shape(value) != shape:
+                raise SolveError(
+                    "wrong shape",
+                    f"{label}: expected the derivative of {variable!r} by {name!r} of "
+                    f"shape {shape}, got {np.shape(value)}",
+                )
+            tangent[..., names.index(name)] = value
+    return tangents

@@ -17,6 +17,8 @@ from ..interfaces import (
     read,
 )
 from .compatibility import check_types, declare, name_terms
+from .differences import gather_tangents
+from .marginal import marginalize
 
 
 class Experiment(NamedTuple):
@@ -57,13 +59,26 @@ class Experiment(NamedTuple):
             n: Number of parameter sets.
             describe: Returns them by name, for messages.
         """
-        response = self.respond(self.model, own, describe)
-        return self.compare(response, parameters, n, describe)
+        spread = getattr(self.model, "spread", None)
+        if spread is None:
+            response = self.respond(self.model, own, describe)
+            return self.compare(response, parameters, n, describe)
+        response, directions = self.respond(spread, own, describe)
+        return self.compare(response, parameters, n, describe, directions)
 
     def compare(
-        self, response: Any, parameters: Parameters, n: int, describe: Callable[[], Any]
+        self,
+        response: Any,
+        parameters: Parameters,
+        n: int,
+        describe: Callable[[], Any],
+        directions: Any = None,
     ) -> tuple[list[Floats], list[Floats]]:
-        """Return what :meth:`solve` does, of a response."""
+        """Return what :meth:`solve` does, of a response and its ``spread``."""
+        spread = getattr(self.model, "spread", None)
+        if spread is not None and directions is None:
+            own = {name: value.copy() for name, value in parameters.items()}
+            response, directions = self.respond(spread, own, describe)
         stored = [  # first, because it says best what is wrong with a response
             self._extract(response, name, (n, *variable.shape), describe)
             for name, variable in self.variables.items()
@@ -72,6 +87,14 @@ class Experiment(NamedTuple):
             self._evaluate(term, name, parameters, response, n)
             for term, name in zip(self.terms, self.term_names, strict=True)
         ]
+        if directions is not None:
+            labels = dict.fromkeys(d for found in directions.values() for d in found)
+            label = f"{self.full_name('model')}: spread"
+            tangents = gather_tangents(label, response, directions, [*labels])
+            still = dict.fromkeys(parameters, np.zeros((n, len(labels))))
+            values = marginalize(
+                self.terms, parameters, response, tangents | still, values
+            )
         return values, stored
 
     def respond(

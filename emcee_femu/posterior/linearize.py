@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..interfaces import Floats, Linearization, Parameters, SolveError, read
+from ..interfaces import Floats, Linearization, Parameters, SolveError
 from .differences import (
     difference_density,
     difference_hessian,
     difference_term,
+    gather_tangents,
     small_steps,
 )
 from .experiments import Experiment
@@ -42,6 +43,10 @@ def _linearize_supported(
 ) -> tuple[Floats, Floats]:
     found: list[tuple[Floats, Floats | None]] = []
     steps = small_steps(posterior.prior, theta, posterior.scale)
+    along = {
+        name: np.broadcast_to(unit, theta.shape)
+        for name, unit in zip(posterior.names, np.eye(posterior.ndim), strict=True)
+    }
 
     def solve(
         experiment: Experiment,
@@ -53,8 +58,10 @@ def _linearize_supported(
         jacobian = experiment.model.jacobian  # type: ignore[attr-defined]
         response, derivatives = experiment.respond(jacobian, own, describe)
         compared = experiment.compare(response, parameters, n, describe)
-        tangents = _tangents(experiment, response, derivatives, posterior.names, n)
+        label = f"{experiment.full_name('model')}: jacobian"
+        tangents = gather_tangents(label, response, derivatives, posterior.names)
         _check_read(experiment, tangents)
+        tangents |= along
         with np.errstate(all="ignore"):  # of rows that are -inf
             found.extend(
                 term.linearize(parameters, response, tangents)
@@ -104,42 +111,6 @@ def combine(
             "must return finite numbers",
         )
     return result
-
-
-def _tangents(
-    experiment: Experiment,
-    response: Any,
-    derivatives: Any,
-    names: tuple[str, ...],
-    n: int,
-) -> dict[str, Floats]:
-    """Return the derivatives of parameters and variables, ``(n, *shape, d)`` each."""
-    d = len(names)
-    unit = np.eye(d)
-    tangents = {name: np.broadcast_to(unit[j], (n, d)) for j, name in enumerate(names)}
-    label = f"{experiment.full_name('model')}: jacobian"
-    if not isinstance(derivatives, Mapping):
-        raise TypeError(
-            f"{label}: expected {{variable: {{parameter: array}}}}, got "
-            f"{type(derivatives).__name__}"
-        )
-    for variable, by_parameter in derivatives.items():
-        shape = np.shape(read(response, variable))
-        tangents[variable] = tangent = np.zeros((*shape, d))
-        unknown = [name for name in by_parameter if name not in names]
-        if unknown:
-            raise ValueError(
-                f"{label}: no parameter {unknown}; there are {list(names)}"
-            )
-        for name, value in by_parameter.items():
-            if np.shape(value) != shape:
-                raise SolveError(
-                    "wrong shape",
-                    f"{label}: expected the derivative of {variable!r} by {name!r} of "
-                    f"shape {shape}, got {np.shape(value)}",
-                )
-            tangent[..., names.index(name)] = value
-    return tangents
 
 
 def _check_read(experiment: Experiment, tangents: Mapping[str, Floats]) -> None:
