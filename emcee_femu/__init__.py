@@ -67,6 +67,7 @@ from .sampling.anneal import anneal as anneal
 from .sampling.find_map import find_map as find_map
 from .sampling.pools.evaluation_pool import EvaluationPool as EvaluationPool
 from .sampling.run import run as run
+from .surrogates.emulated import EmulatedModel as EmulatedModel
 from .surrogates.reduced import ReducedModel as ReducedModel
 from .surrogates.ritz_greedy import reduce_model as reduce_model
 

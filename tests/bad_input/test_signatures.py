@@ -288,7 +288,8 @@ PROBES = {  # what is compared, by the type of the result; otherwise its text
     list: lambda samplers: samplers[0].get_chain(),
 }
 # The package makes them, and users read them.
-RECORDS = "ModalSolution", "PairedSolution", "ReducedModel", "Published", "Problem"
+RECORDS = "ModalSolution", "PairedSolution", "ReducedModel", "EmulatedModel"
+RECORDS += "Published", "Problem"
 
 
 def find_public():

@@ -1,0 +1,146 @@
+"""Gaussian processes: the conditional law by another route, leaving out in earnest."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from emcee_femu.surrogates import gaussian_process as gp
+
+RNG = np.random.default_rng(7)
+POINTS = RNG.standard_normal((14, 3))
+FRESH = RNG.standard_normal((5, 3))
+
+
+def answers(x):
+    return np.stack(
+        [30.0 * np.sin(x[:, 0]) + x @ [5.0, 1.0, 2.0], 20.0 * np.exp(0.4 * x[:, 1])],
+        axis=1,
+    )
+
+
+VALUES = answers(POINTS)
+FITTED = gp.fit_processes(POINTS, VALUES)
+
+
+def kernel(a, b):
+    gaps = (a[:, None] - b[None]) / FITTED.lengths
+    return np.exp(-0.5 * (gaps**2).sum(axis=2))
+
+
+def condition(points, values, at):
+    """Return means and factors of the variance, with a trend of a vague prior."""
+    # A prior of variance 1e6 on the trend makes it an ordinary conditional Gaussian.
+    every = np.vstack([points, at])
+    trend = np.hstack([np.ones((len(every), 1)), every])
+    joint = kernel(every, every) + 1e6 * trend @ trend.T
+    n = len(points)
+    own = joint[:n, :n] + gp.NUGGET * np.eye(n)
+    gain = np.linalg.solve(own, joint[:n, n:]).T
+    return gain @ values, (joint[n:, n:] - gain @ joint[:n, n:]).diagonal()
+
+
+def test_prediction_is_the_conditional_gaussian():
+    mean, sd = FITTED.predict(FRESH)
+    expected, factor = condition(POINTS, VALUES, FRESH)
+    np.testing.assert_allclose(mean, expected, atol=1e-3)
+    np.testing.assert_allclose(
+        sd, np.sqrt(factor)[:, None] * FITTED.amplitudes, rtol=1e-2
+    )
+
+
+def test_leaving_one_out_is_what_the_others_predict():
+    residual, sd = FITTED.leave_one_out()
+    for i in range(len(POINTS)):
+        rest = np.arange(len(POINTS)) != i
+        mean, factor = condition(POINTS[rest], VALUES[rest], POINTS[i : i + 1])
+        np.testing.assert_allclose(residual[i], VALUES[i] - mean[0], atol=2e-3)
+        expected = np.sqrt(factor + gp.NUGGET) * FITTED.amplitudes
+        np.testing.assert_allclose(sd[i], expected, rtol=1e-2)
+
+
+def test_variance_after_further_solves_needs_no_values():
+    extra = RNG.standard_normal((3, 3))
+    known = np.vstack([POINTS, extra])
+    _, factor = condition(known, answers(known), FRESH)
+    after = FITTED.variance_after(FRESH, extra)
+    np.testing.assert_allclose(
+        after, factor[:, None] * FITTED.amplitudes**2, rtol=0.02, atol=1e-6
+    )
+    before = FITTED.variance_after(FRESH, extra[:0])
+    np.testing.assert_allclose(before, FITTED.predict(FRESH)[1] ** 2)
+
+
+def test_slopes_are_those_of_the_mean():
+    slopes, step = FITTED.slopes(FRESH), 1e-4
+    for j in range(3):
+        move = step * np.eye(3)[j]
+        ahead, behind = (FITTED.predict(FRESH + s * move)[0] for s in (1.0, -1.0))
+        np.testing.assert_allclose(
+            slopes[:, :, j], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6
+        )
+
+
+def test_the_lengths_maximise_the_restricted_likelihood():
+    # Second route: the density of contrasts that no linear trend moves.
+    trend = np.hstack([np.ones((len(POINTS), 1)), POINTS])
+    contrasts = np.linalg.svd(trend)[0][:, 4:].T
+
+    def cost(logs):
+        gaps = (POINTS[:, None] - POINTS[None]) / np.exp(logs)
+        R = np.exp(-0.5 * (gaps**2).sum(axis=2)) + gp.NUGGET * np.eye(len(POINTS))
+        C = contrasts @ R @ contrasts.T
+        total = 0.0
+        for y in (contrasts @ VALUES).T:
+            variance = y @ np.linalg.solve(C, y) / len(y)
+            total -= stats.multivariate_normal(cov=variance * C).logpdf(y)
+        return total
+
+    def restricted(logs):
+        return gp._restricted(POINTS, VALUES, trend, np.exp(logs), np.ones(2))
+
+    best = np.log(FITTED.lengths)
+    ours, _ = restricted(best)
+    moved = best + np.array([0.2, -0.1, 0.3])
+    there, slopes = restricted(moved)
+    np.testing.assert_allclose(there - ours, cost(moved) - cost(best), rtol=1e-4)
+    for j, step in enumerate(1e-5 * np.eye(3)):
+        ahead, behind = restricted(moved + step)[0], restricted(moved - step)[0]
+        np.testing.assert_allclose(slopes[j], (ahead - behind) / 2e-5, rtol=1e-4)
+    widest = np.log(gp.WIDEST * POINTS.std(axis=0))
+    for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]):
+        assert restricted(np.minimum(best + step, widest))[0] >= ours - 1e-4
+
+
+def test_errors_are_about_as_large_as_predicted():
+    ratios = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        x, fresh = rng.standard_normal((25, 3)), rng.standard_normal((50, 3))
+        mean, sd = gp.fit_processes(x, answers(x)).predict(fresh)
+        ratios.append(np.sqrt((((mean - answers(fresh)) / sd) ** 2).mean()))
+    assert 0.2 < np.median(ratios) < 2.0
+
+
+def test_few_points_have_a_constant_trend_and_too_few_are_refused():
+    mean, sd = gp.fit_processes(POINTS[:4], VALUES[:4]).predict(POINTS[:4])
+    np.testing.assert_allclose(mean, VALUES[:4], atol=0.1)
+    assert np.isfinite(sd).all()
+    with pytest.raises(ValueError, match="at least three points"):
+        gp.fit_processes(POINTS[:2], VALUES[:2])
+
+
+def test_a_straight_output_changes_nothing_for_the_others():
+    straight = [POINTS @ [1.0, 2.0, -3.0], np.full(len(POINTS), 3.0)]
+    fitted = gp.fit_processes(POINTS, np.column_stack([VALUES, *straight]))
+    mean, sd = fitted.predict(FRESH)
+    np.testing.assert_allclose(mean[:, 2], FRESH @ [1.0, 2.0, -3.0], atol=1e-6)
+    np.testing.assert_allclose(mean[:, 3], 3.0, atol=1e-6)
+    assert (sd[:, 2:] < 1e-6).all()
+    np.testing.assert_allclose(mean[:, :2], FITTED.predict(FRESH)[0], atol=0.01)
+
+
+def test_processes_can_be_pickled():
+    again = pickle.loads(pickle.dumps(FITTED))
+    np.testing.assert_array_equal(again.predict(FRESH)[0], FITTED.predict(FRESH)[0])
