@@ -1,6 +1,7 @@
 """Beck and Au's shear frame: two modes, and the known answer by quadrature."""
 
 import numpy as np
+import pytest
 from support.examples import load
 
 import emcee_femu as ef
@@ -19,6 +20,7 @@ def test_without_tempering_the_start_decides_which_mode_is_seen():
     assert (run.get_chain()[..., 0] < 1).mean() < 0.05  # the truth is 0.531
 
 
+@pytest.mark.slow
 def test_tempered_walkers_cross_to_the_mode_they_did_not_start_in():
     block, betas = 250, np.linspace(1, 0, 7) ** 4
     move = TemperedMove(DEMCMove(), betas)

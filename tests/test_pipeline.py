@@ -40,7 +40,7 @@ def linear_posterior():
     ("move", "nwalkers"),
     [
         (ef.DEMCMove(), 10),
-        (ef.DEMCMove(nsplits=10), 10),
+        pytest.param(ef.DEMCMove(nsplits=10), 10, marks=pytest.mark.slow),
         ([(ef.DEMCMove(), 0.8), (ef.DEMCMove(gamma0=1.0), 0.2)], 32),
         (ef.MetropolisMove.tuned(np.random.default_rng(0).multivariate_normal(
             np.zeros(3), conjugate()[1], size=500)), 10),

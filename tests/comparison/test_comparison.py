@@ -198,6 +198,7 @@ def test_a_far_better_move_wins_and_a_crawling_one_is_not_converged():
 
 
 @pytest.mark.parametrize("second", [ef.DEMCMove, OtherStream])
+@pytest.mark.slow
 def test_equal_moves_under_two_labels_have_no_winner(second):
     moves = {"one": ef.DEMCMove(), "two": second()}
     found = ef.compare_moves(linear(), moves, 10, 1_500, seed=3)

@@ -29,6 +29,7 @@ def pyoma2(example):
     logger.setLevel(level)
 
 
+@pytest.mark.slow
 def test_ambient_vibration(example, pyoma2, capsys):
     measured, parameters, diagnosis = example.main(900, 2, 4)
     z = (measured.frequencies - EXACT) / measured.sd

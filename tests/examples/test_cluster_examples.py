@@ -53,6 +53,7 @@ def test_cluster_mpi():
 
 
 @forks
+@pytest.mark.slow
 def test_cluster_scaling(capsys, monkeypatch):
     monkeypatch.syspath_prepend(
         EXAMPLES / "benchmarks"

@@ -32,6 +32,7 @@ def test_the_evidence_is_the_exact_one(law):
     assert abs(found.log_evidence - exact) < 3 * found.log_evidence_error
 
 
+@pytest.mark.slow
 def test_the_standard_error_is_the_spread_of_independent_runs():
     repeated = tempered(LAWS["gaussian"], block=20, nsteps=500, ensembles=10, seed=2)
     found = [log_evidence(run, discard=60) for run in repeated]

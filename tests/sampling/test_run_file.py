@@ -45,7 +45,10 @@ def kill(task, kind, nsteps, path, *arguments):
 
 
 @posix
-@pytest.mark.parametrize(("kind", "nsteps"), [("tempered", 300), ("reject", 60)])
+@pytest.mark.parametrize(
+    ("kind", "nsteps"),
+    [pytest.param("tempered", 300, marks=pytest.mark.slow), ("reject", 60)],
+)
 def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind, nsteps):
     assert kill("random_kills", kind, nsteps, path, 6) >= 3
 
@@ -64,6 +67,7 @@ def test_a_death_in_the_middle_of_any_write_is_harmless(path, share):
 
 
 @posix
+@pytest.mark.slow
 def test_a_death_in_the_writes_of_a_burn_in_is_harmless(path):
     assert kill("deaths_in_writes", "auto", 2, path, 0.5, 5) >= 3
 
