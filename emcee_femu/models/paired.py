@@ -153,7 +153,11 @@ class PairedModel:
 
     def __call__(self, parameters: Parameters) -> PairedSolution:
         """Solve, and return the modes in the order of the measured ones."""
-        return self._pair(*self._modes(self.model(parameters)))
+        return self.pair(self.model(parameters))
+
+    def pair(self, response: Any) -> PairedSolution:
+        """Return the modes that the model inside returned, in that order."""
+        return self._pair(*self._modes(response))
 
     def _differentiate(
         self, differentiate: Callable[[Parameters], Any], parameters: Parameters

@@ -46,7 +46,7 @@ def marginalize(
     for term, value in zip(terms, values, strict=True):
         found = value > -np.inf
         with np.errstate(all="ignore"):  # of rows that are -inf
-            slope, curvature = _expand(term, parameters, response, tangents, value)
+            slope, curvature = expand(term, parameters, response, tangents, value)
         gradient += np.where(found[:, None], slope, 0.0)
         information += np.where(found[:, None, None], curvature, 0.0)
         factor = np.linalg.cholesky(information)
@@ -58,7 +58,7 @@ def marginalize(
     return marginal
 
 
-def _expand(
+def expand(
     term: Any,
     parameters: Parameters,
     response: Any,
