@@ -5,7 +5,7 @@ than a cheap proposal. Moves that only propose also serve delayed acceptance, an
 temperatures at once.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from inspect import signature
 from typing import Any, TypeAlias
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..interfaces import Floats
 
 Batch: TypeAlias = tuple[NDArray[np.intp], Floats, Floats | None]
+Propose: TypeAlias = Callable[[Floats], tuple[Floats, Floats | None]]
 
 
 class ProposingMove(Move):
@@ -45,6 +46,21 @@ class ProposingMove(Move):
         place, before the next one is asked for.
         """
         raise NotImplementedError
+
+    def parts(
+        self, coords: Floats, random: RandomState
+    ) -> Iterator[tuple[NDArray[np.intp], Propose]]:
+        """Yield walkers that move together, and what proposes for them.
+
+        That takes where they are, ``(k, ndim)``, and may be asked any number of times:
+        all other walkers stand still. Here they are all walkers, each on its own.
+        """
+
+        def propose(theta: Floats) -> tuple[Floats, Floats | None]:
+            ((_, proposed, log_factors),) = self.batches(theta, random)
+            return proposed, log_factors
+
+        yield np.arange(len(coords)), propose
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Move every walker once; return the state and who was accepted."""

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 from numpy.random import RandomState
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import Batch, ProposingMove
+from .acceptance import Batch, Propose, ProposingMove
+from .stock_faults import refuse_sequential
 from .stock_proposals import only_propose
 
 
@@ -26,6 +27,11 @@ class DelayedAcceptanceMove(ProposingMove):
     :class:`ReducedModel` gives a good one. If the error of its frequencies is below a
     tenth of their standard deviation, sample c itself: no correction is needed.
 
+    With ``steps`` the first factor is applied that many times, one cheap step after the
+    other, and only where the walker is then is solved in full: the longer the subchain,
+    the less the solves depend on each other. The walkers that guide it stand still
+    until that solve has decided.
+
     Attributes:
         proposed: Number of proposals so far.
         full_solves: How many of them the full posterior evaluated.
@@ -38,22 +44,40 @@ class DelayedAcceptanceMove(ProposingMove):
         cheap: Log-probability of c, called with ``(n, ndim)``: returns ``(n,)``, or
             rows that begin with it, as a :class:`LogPosterior` does. It must be finite
             wherever the posterior is, or that region is never sampled.
+        steps: Cheap steps of a walker between its full solves, at least 1; or
+            ``(low, high)``, both included, for a length drawn anew for each part of the
+            ensemble.
 
     Raises:
-        TypeError: If inner is another kind of move, or cheap is not callable.
-        ValueError: When it proposes: if cheap is not finite at a walker, NaN or +inf at
-            a proposal, or of another length.
+        TypeError: If inner is another kind of move, cheap is not callable, or steps are
+            not whole numbers.
+        ValueError: If steps are below 1 or not in order, or inner counts its own steps
+            where several are made. When it proposes: if cheap is not finite at a
+            walker, NaN or +inf at a proposal, or of another length; or if several steps
+            are made and inner reads other walkers than those at rest.
 
-    Source: Christen and Fox (2005), doi:10.1198/106186005X76983.
+    Source: Christen and Fox (2005), doi:10.1198/106186005X76983; for steps, Lykkegaard
+    et al. (2023), doi:10.1137/22M1476770.
     """
 
-    def __init__(self, inner: Any, cheap: Callable[[Floats], ArrayLike]) -> None:
+    def __init__(
+        self,
+        inner: Any,
+        cheap: Callable[[Floats], ArrayLike],
+        steps: int | tuple[int, int] = 1,
+    ) -> None:
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
         if isinstance(inner, DelayedAcceptanceMove):
             raise TypeError(f"inner: expected no delayed acceptance in it, got {inner}")
         self.inner = inner
         self.cheap = cheap
+        self._lengths = convert_steps(steps)
+        low, high = self._lengths
+        self.steps = low if low == high else (low, high)
+        self._trusted = high == 1  # one step is inner's own affair
+        if not self._trusted:
+            refuse_sequential("inner", inner)
         self.proposed = self.full_solves = self.accepted = 0
         self._proposing = only_propose(inner)
         self._known: tuple[Floats, Floats] | None = None
@@ -74,22 +98,49 @@ class DelayedAcceptanceMove(ProposingMove):
         self._proposing.check(nwalkers, ndim)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield what passes the screen, with the ratio that makes amends for it."""
+        """Yield where subchains ended, with the ratio that makes amends for them."""
         cheap = self._cheap_at_walkers(coords)
-        for walkers, proposed, log_factors in self._proposing.batches(coords, random):
-            old, new = cheap[walkers], self._evaluate(proposed)
-            threshold = old - random.standard_exponential(len(walkers))
-            if log_factors is not None:
-                threshold -= log_factors
-            passed = (new > threshold).nonzero()[0]
-            walkers, proposed = walkers[passed], proposed[passed]
-            self.proposed += len(threshold)
-            self.full_solves += len(passed)
-            yield walkers, proposed, (old - new)[passed]
-            moved = (coords[walkers] == proposed).all(axis=1)
-            cheap[walkers[moved]] = new[passed[moved]]
+        for walkers, propose in self._proposing.parts(coords, random):
+            ends, new = coords.take(walkers, axis=0), cheap[walkers]
+            if not self._trusted and len(walkers) > 1:
+                refuse_coupled(propose, ends, random)
+                self._trusted = True
+            passed = self._walk(propose, ends, new, random)
+            walkers, ends, new = walkers[passed], ends[passed], new[passed]
+            self.full_solves += len(walkers)
+            yield walkers, ends, cheap[walkers] - new
+            moved = (coords[walkers] == ends).all(axis=1)
+            cheap[walkers[moved]] = new[moved]
             self.accepted += int(moved.sum())
         self._known = coords.copy(), cheap
+
+    def _walk(
+        self, propose: Propose, theta: Floats, values: Floats, random: RandomState
+    ) -> NDArray[np.bool_]:
+        """Walk in place by the values of c ``(k,)`` at theta; return who ever moved.
+
+        The number of steps must not depend on where the walkers are.
+        """
+        low, high = self._lengths
+        length = random.randint(low, high + 1) if low < high else low
+        moved = np.zeros(len(theta), dtype=bool)
+        for _ in range(length):
+            moved |= self._step(propose, theta, values, random)
+        return moved
+
+    def _step(
+        self, propose: Propose, theta: Floats, values: Floats, random: RandomState
+    ) -> NDArray[np.bool_]:
+        """Do one cheap step in place; return who moved."""
+        proposed, log_factors = propose(theta)
+        new = self._evaluate(proposed)
+        threshold = values - random.standard_exponential(len(values))
+        if log_factors is not None:
+            threshold -= log_factors
+        passed: NDArray[np.bool_] = new > threshold
+        theta[passed], values[passed] = proposed[passed], new[passed]
+        self.proposed += len(theta)
+        return passed
 
     def _cheap_at_walkers(self, coords: Floats) -> Floats:
         """Return c of the walkers; only those that another move changed cost a call."""
@@ -121,3 +172,38 @@ class DelayedAcceptanceMove(ProposingMove):
             row = int(np.argmin(log_prob < np.inf))
             raise ValueError(f"cheap: {log_prob[row]} at {theta[row].tolist()}")
         return log_prob
+
+
+def convert_steps(steps: Any) -> tuple[int, int]:
+    """Return the least and the largest length that ``steps`` of a move allow."""
+    if not isinstance(steps, tuple | list | np.ndarray):
+        length = checks.whole_number("steps", steps, 1)
+        return length, length
+    ends = [checks.whole_number("steps", end, 1) for end in steps]
+    if len(ends) != 2 or ends[0] > ends[1]:
+        raise ValueError(
+            "steps: expected a whole number, or an interval (low, high) of them with "
+            f"low <= high, got {steps!r}"
+        )
+    return ends[0], ends[1]
+
+
+def refuse_coupled(propose: Propose, theta: Floats, random: RandomState) -> None:
+    """Refuse proposals for walkers that read the others of ``theta (k, ndim)``.
+
+    These move too, and the way back would be another one than the way there. The first
+    walker is moved: the same random numbers must give all others the same proposals.
+    """
+    stream, other = random.get_state(), theta.copy()
+    other[0] = theta[-1]
+    proposed = []
+    for walkers in (theta, other):
+        random.set_state(stream)
+        proposed.append(propose(walkers.copy())[0][1:])
+    random.set_state(stream)
+    if not np.array_equal(proposed[0], proposed[1]):
+        raise ValueError(
+            "inner: expected proposals from a walker's own place, the walkers at rest "
+            "and the given random numbers, but they change when another walker of the "
+            "part that moves does; use DEMCMove()"
+        )

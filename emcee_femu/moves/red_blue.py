@@ -6,14 +6,16 @@ once is biased (a variance of 0.87 of the truth for 4 walkers in 3 dimensions).
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from emcee.moves import RedBlueMove
 from numpy.random import RandomState
+from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import Batch, ProposingMove
+from .acceptance import Batch, Propose, ProposingMove
 
 
 class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
@@ -83,6 +85,13 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
         """Yield the walkers of each part, with their proposals and log-factors."""
+        for moving, propose in self.parts(coords, random):
+            yield moving, *propose(coords.take(moving, axis=0))
+
+    def parts(
+        self, coords: Floats, random: RandomState
+    ) -> Iterator[tuple[NDArray[np.intp], Propose]]:
+        """Yield the walkers of each part, and what proposes by the guides at rest."""
         nwalkers = len(coords)
         if self.randomize_split:
             order = random.permutation(nwalkers)
@@ -97,7 +106,5 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
                 at_rest = order[end:] if split == 0 else order[:start]
             else:
                 at_rest = np.concatenate((order[:start], order[end:]))
-            proposed, log_factors = self.get_proposal(
-                coords.take(moving, axis=0), [coords.take(at_rest, axis=0)], random
-            )
-            yield moving, proposed, log_factors
+            guides = [coords.take(at_rest, axis=0)]
+            yield moving, partial(self.get_proposal, c=guides, random=random)

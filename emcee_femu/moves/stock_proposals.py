@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 from emcee.moves import MHMove, RedBlueMove
 from numpy.random import RandomState
+from numpy.typing import NDArray
 
 from ..interfaces import Floats
-from .acceptance import Batch, ProposingMove
+from .acceptance import Batch, Propose, ProposingMove
 from .red_blue import VectorizedRedBlueMove
 
 
@@ -51,10 +52,12 @@ class RedBlueProposal(VectorizedRedBlueMove):
         proposed, log_factors = self.move.get_proposal(s, c, random)
         return proposed, np.asarray(log_factors, dtype=float)
 
-    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield the walkers of each part, with their proposals and log-factors."""
+    def parts(
+        self, coords: Floats, random: RandomState
+    ) -> Iterator[tuple[NDArray[np.intp], Propose]]:
+        """Yield the walkers of each part, and what proposes by the guides at rest."""
         self.move.setup(coords)
-        return super().batches(coords, random)
+        return super().parts(coords, random)
 
 
 class MetropolisProposal(ProposingMove):

@@ -221,6 +221,7 @@ CALLS = {
     },
     "MetropolisMove, sd": {"cov": OFF, "sd": (SD, steps)},
     "MetropolisMove, cov": {"sd": OFF, "cov": (COV, covariance.but("[]"))},
+    "DelayedAcceptanceMove": {"steps": (2, whole(1))},
     "HamiltonianMove": {
         "steps": (2, whole(1)),
         "step_size": (0.2, above_zero),

@@ -5,50 +5,17 @@ import numpy as np
 import pytest
 from emcee.model import Model
 from scipy.stats import uniform
+from support.cheap_laws import INNER, wrong
 from support.checks import LIMIT, BoundedTriangle, Gaussian, exact_start
 
 import emcee_femu as ef
 from emcee_femu import DelayedAcceptanceMove, ModalSolution
 from emcee_femu.moves import (
-    CrossoverMove,
     DEMCMove,
-    IndependenceMove,
-    MetropolisMove,
-    SnookerMove,
     TemperedMove,
 )
 
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
-
-
-def wrong(target):
-    """Return a cheap log-density that is shifted, too wide and skew."""
-
-    def cheap(theta):
-        x = theta / target.scale
-        core = 0.6 * target(theta) if isinstance(target, Gaussian) else 0.0
-        pair = x[:, 1] * x[:, 2] if x.shape[1] > 1 else 0.0
-        return core + 0.7 * x[:, 0] - 0.4 * pair - 0.1 * x[:, -1] ** 2
-
-    return cheap
-
-
-def independence(target):
-    draws = target.sample(np.random.default_rng(5), (400,))
-    return IndependenceMove.fit(draws)
-
-
-INNER = {
-    "demc": lambda target: DEMCMove(),
-    "demc, four splits": lambda target: DEMCMove(nsplits=4),
-    "metropolis": lambda target: MetropolisMove(sd=0.5 * target.scale),
-    "independence": independence,
-    "snooker": lambda target: SnookerMove(),
-    "crossover": lambda target: CrossoverMove(),
-    "emcee StretchMove": lambda target: emcee.moves.StretchMove(),
-    "emcee DEMove": lambda target: emcee.moves.DEMove(),
-    "emcee GaussianMove": lambda target: emcee.moves.GaussianMove(0.2),
-}
 
 
 @pytest.mark.parametrize("target", TARGETS)
