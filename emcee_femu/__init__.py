@@ -37,6 +37,8 @@ from .interfaces import modal_variables as modal_variables
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements
+from .models.exports.read import read_matrices as read_matrices
+from .models.exports.record import Matrices as Matrices
 from .models.frame.model import FrameModel as FrameModel
 from .models.frame.section import Section as Section
 from .models.function import FunctionModel as FunctionModel

@@ -22,7 +22,7 @@ ROOTS += ["numpy.random", "pandas", "scipy.sparse", "scipy.stats", "subprocess"]
 OTHERS = {name: importlib.import_module(name) for name in (*ROOTS, "xarray")}
 # Names of people, programs, formats and journals, and of optional dependencies.
 WORDS = {"ArviZ", "LaTeX", "McLachlan", "NaN", "NumPy", "PhysRevLett", "PyDREAM"}
-WORDS |= {"EnsembleSamplers", "RdBu_r", "SuperLU", "SymmetricMode"}
+WORDS |= {"CalculiX", "EnsembleSamplers", "RdBu_r", "SuperLU", "SymmetricMode"}
 WORDS |= {"InferenceData", "arviz.InferenceData", "DataTree", "xarray.DataTree"}
 OPTIONAL = ("dask.", "distributed.", "loky.", "mpi4py.", "ray.", "schwimmbad.")
 CAMEL = r"(?<![\w.])(?:[a-z]\w*\.)*[A-Z]\w*[a-z]\w*[A-Z]\w*"

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +11,16 @@ from scipy.sparse import csc_array, issparse
 
 from .. import checks
 from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
+from .differences import affine_parts
 from .eigen.dense import Eigenproblem, output_rows
 from .eigen.sensitivity import Derivatives, unit_slopes
 from .eigen.sparse import SparseEigenproblem, check_mass
 from .eigen.symmetric import sparse_symmetric, symmetric
 from .parameters import check_mapping, choose_dofs, columns, describe, read_batch
+
+Shapes: TypeAlias = (
+    bool | Sequence[int] | NDArray[np.integer] | Mapping[str, int | np.integer]
+)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -42,7 +47,8 @@ class MatrixModel:
         n_modes: How many elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
         shapes: Whether to return mass-normalised mode shapes too, ``(n, N, n_modes)``;
-            or the DOFs (0 to N - 1) at which to return them, in the order given.
+            or the DOFs (0 to N - 1) at which to return them, in the order given; or
+            ``{label: DOF}``, labels as :class:`Measurements` have them as ``dofs``.
 
     Raises:
         TypeError: If K0 is dense and another matrix is sparse.
@@ -79,7 +85,7 @@ class MatrixModel:
         *,
         n_modes: int,
         skip: int = 0,
-        shapes: bool | Sequence[int] | NDArray[np.integer] = False,
+        shapes: Shapes = False,
     ) -> None:
         read = sparse_symmetric if issparse(K0) else symmetric
         stiffness = read("K0", K0)
@@ -100,7 +106,11 @@ class MatrixModel:
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
-        dofs = choose_dofs(shapes, range(size))
+        labels = dofs = choose_dofs(
+            [*shapes.values()] if isinstance(shapes, Mapping) else shapes, range(size)
+        )
+        if isinstance(shapes, Mapping):
+            labels = checks.parameter_names("shapes", shapes)
         checks.set_fields(
             self,
             K0=stiffness,
@@ -110,12 +120,59 @@ class MatrixModel:
             n_modes=n_modes,
             skip=skip,
             shape_dofs=dofs,
-            variables=modal_variables(n_modes, dofs),
+            variables=modal_variables(n_modes, labels),
             names=names,
             required=names,
         )
         build = sparse_problem if issparse(K0) else _dense_problem
         checks.set_fields(self, _problem=build(self))
+
+    @classmethod
+    def from_differences(
+        cls,
+        base: Any,
+        changes: Mapping[str, Mapping[float, Any]],
+        *,
+        at: Mapping[str, float] | None = None,
+        n_modes: int,
+        skip: int = 0,
+        shapes: Shapes = False,
+    ) -> Self:
+        r"""Return the model of matrices that a program exports at several values.
+
+        .. math:: K_j = \frac{K(\theta_j = b) - K(\theta_j = a)}{b - a}, \qquad
+            K_0 = K - \sum_j a_j K_j
+
+        and M alike; a is the value at the base. One export for each parameter is
+        enough; each further one is compared with the line through the base and the
+        one that is farthest. Two exports are on a line whatever they are: give three
+        unless the parameter is known to be a factor of K or of M. Parameters that
+        multiply each other, E and I of one member, are not affine together.
+
+        Args:
+            base: :class:`Matrices`, or ``(K0, M0)``, at the values ``at``.
+            changes: ``{parameter: {value: export}}``, only this parameter changed;
+                an export is Matrices, ``(K, M)``, or K alone where M is the same.
+            at: The parameters' values at the base; 1 where it does not say.
+            n_modes: As above.
+            skip: As above.
+            shapes: As above.
+
+        Raises:
+            TypeError: If an argument is not of the form described.
+            ValueError: If a parameter changes nothing, K or M is not affine in it, or
+                an export has other DOFs, or is not finite and symmetric.
+
+        Example:
+            >>> K, M = np.array([[3.0, -1.0], [-1.0, 1.0]]), np.eye(2)
+            >>> softer = np.array([[2.0, -1.0], [-1.0, 1.0]])  # k1 = 1, not 2
+            >>> model = MatrixModel.from_differences(
+            ...     (K, M), {"k1": {1.0: softer}}, at={"k1": 2.0}, n_modes=1)
+            >>> model.K["k1"].tolist(), model.K0.tolist()
+            ([[1.0, 0.0], [0.0, 0.0]], [[1.0, -1.0], [-1.0, 1.0]])
+        """
+        constants, units = affine_parts(base, changes, {} if at is None else at)
+        return cls(*constants, *units, n_modes=n_modes, skip=skip, shapes=shapes)
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""

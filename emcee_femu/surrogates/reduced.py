@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ class ReducedModel:
 
     bounds: Mapping[str, tuple[float, float]]
     n_modes: int
-    shape_dofs: tuple[int, ...] = field(repr=False)
+    shape_dofs: tuple[Any, ...] = field(repr=False)
     tolerance: float
     max_error: float
     shape_error: float

@@ -160,10 +160,11 @@ def _finish(
 ) -> ReducedModel:
     model, size = full.model, projection.matrices[0].shape[1]
     dofs = list(model.shape_dofs)
+    labels = model.variables["shapes"].coords["dof"] if dofs else ()
     reduced = ReducedModel(
         bounds=full.bounds,
         n_modes=model.n_modes,
-        shape_dofs=model.shape_dofs,
+        shape_dofs=tuple(labels),
         tolerance=tolerance,
         max_error=float(errors.max()),
         shape_error=shape_error,

@@ -7,6 +7,7 @@ valid value and its kind there, or to CALLS where the same word means another th
 import inspect
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
 
@@ -47,6 +48,7 @@ MODES = ef.ModalSolution(HERTZ[None] * 1.02, (SHAPES + 0.05)[None])
 MEASURED = ef.Measurements(HERTZ, shapes=SHAPES, sd=SD)
 K0, M0 = np.diag([9.0, 4.0]), np.array([[2.0, 0.5], [0.5, 1.0]])
 K2 = np.array([[1.0, -1.0], [-1.0, 1.0]])
+BLOCK = Path(__file__).parents[1] / "data/block.sti"
 NODES = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.1], [1.0, 0.0, 0.0]])
 BARS, UP = [(0, 1, "bar"), (1, 2, "bar")], np.array([0.0, 0.0, 1.0])
 BAR = {"E": 7e10, "GJ": 700.0, "rho": 2700.0, "A": 3e-4, "Iy": 2e-9, "Iz": 3e-9}
@@ -185,6 +187,13 @@ CALLS = {
     "FrameModel": {"n_modes": OFF},
     "FrameModel, n_modes": {"modes": OFF},
     "MatrixModel": {"shapes": ([0, 1], wholes.but("True"))},
+    "MatrixModel.from_differences": {
+        "base": ((K0, M0), anything),
+        "changes": ({"k2": {2.0: K0 + K2, 3.0: K0 + 2 * K2}}, named),
+        "at": ({"k2": 1.0}, by_name(number())),
+        "shapes": ([0, 1], wholes.but("True")),
+    },
+    "read_matrices": {"path": (BLOCK, file)},
     "FunctionModel": {"variables": OFF},
     "FunctionModel, jacobian": {
         "variables": OFF,
@@ -290,7 +299,7 @@ PROBES = {  # what is compared, by the type of the result; otherwise its text
 }
 # The package makes them, and users read them.
 RECORDS = "ModalSolution", "PairedSolution", "ReducedModel", "EmulatedModel"
-RECORDS += "Published", "Problem"
+RECORDS += "Matrices", "Published", "Problem"
 
 
 def find_public():

@@ -200,7 +200,11 @@ SKEWED = np.array([[1.0, 0.5], [0.0, 1.0]])
         ({"M": {"b": I3}}, ValueError, r"M\['b'\]: expected the shape of K0"),
         ({"M0": np.diag([1.0, -1.0])}, ValueError, r"M0.* positive definite"),
         ({"M0": [[1.0, 2.0], [2.0, 1.0]]}, ValueError, r"M0.* positive definite"),
-        ({"M0": np.ones((2, 2))}, ValueError, r"M0.* positive definite.*massless"),
+        (
+            {"M0": [[1.0, 1.1], [1.1, 1.0]]},
+            ValueError,
+            r"M0.* positive definite.*massless",
+        ),
         ({"M0": 0 * I2}, ValueError, r"M0.* positive definite.*massless"),
         ({"K0": np.diag([1.0, np.nan])}, ValueError, r"K0: .*finite.*\(1, 1\)"),
         ({"K": {"": I2}}, TypeError, r"K, M: expected non-empty strings"),

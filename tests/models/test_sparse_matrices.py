@@ -125,6 +125,28 @@ def test_a_beam_may_keep_its_massless_rotations(mass):
     np.testing.assert_allclose(frequencies, expected, rtol=1e-5)
 
 
+@pytest.mark.parametrize("n", [8, 60])  # 8: solved dense
+@pytest.mark.parametrize("free", [False, True])
+def test_a_mass_of_reduced_integration_may_be_singular(n, free):
+    # Two-node bars with all mass at their middle: M = B^T B has fewer rows than DOFs.
+    K, M = chain(n + 1, free), sparse.csc_array((n + 1, n + 1))
+    B = 0.5 * sparse.eye_array(n, n + 1) + 0.5 * sparse.eye_array(n, n + 1, k=1)
+    M = sparse.csc_array(B.T @ B)
+    assert np.linalg.matrix_rank(M.toarray()) == n
+    found = MatrixModel(K, M, {}, n_modes=3, skip=int(free))({}).frequencies[0]
+    flexibility = np.linalg.inv(K.toarray() + (1e-3 * M.toarray() if free else 0))
+    inverse = np.linalg.eigvalsh((B @ flexibility) @ B.T)[::-1]
+    eigenvalues = 1 / inverse[int(free) : 3 + int(free)] - (1e-3 if free else 0)
+    expected = np.sqrt(eigenvalues) / (2 * np.pi)
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
+
+
+def test_a_mass_that_is_negative_somewhere_is_refused():
+    K, M = chain(30), sparse.eye_array(30) - 1.02 * sparse.eye_array(30, k=1)
+    with pytest.raises(ValueError, match=r"M0 is not positive definite"):
+        MatrixModel(K, 0.5 * (M + M.T), {}, n_modes=3)
+
+
 @pytest.mark.parametrize("n", [15, 60])
 def test_modes_of_equal_frequency_are_all_found(n):
     K1, both = chain(n), sparse.eye_array(2)

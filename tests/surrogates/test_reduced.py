@@ -100,6 +100,14 @@ def test_massless_DOFs_stay():
     assert error(model, full, draws(30)) <= 1e-4
 
 
+def test_a_singular_mass_stays():
+    K0, _, K = beam()
+    B = sparse.eye_array(199, 200) + sparse.eye_array(199, 200, k=1)
+    full = MatrixModel(K0, sparse.csc_array(B.T @ B), K, n_modes=3)
+    model = reduce(full, BOUNDS, 1e-4, test_points=10)
+    assert error(model, full, draws(30)) <= 1e-4
+
+
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
 def test_the_mass_of_massless_DOFs_hides_no_mode(tolerance):
     # Soft end springs far from their centre: the added mass lowers the first modes by

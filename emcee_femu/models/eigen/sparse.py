@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
 from ... import checks
@@ -17,6 +17,7 @@ from .nelson import Pairs, collect_sparse, differentiate_pairs
 from .sensitivity import EPS, Derivatives, Slopes, at_row, by_name
 from .sparse_sum import SparseSum
 
+SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
 # Newer versions of scipy draw from the system when Lanczos restarts, unless seeded.
 SEEDED = "rng" in inspect.signature(eigsh).parameters
@@ -207,7 +208,12 @@ def _solve_condensed(
     """Return pairs from the flexibility at few DOFs with mass: dense, and exact."""
     load = np.zeros((M.shape[0], len(massive)))
     load[massive, np.arange(len(massive))] = 1.0
-    L = np.linalg.cholesky(M[massive][:, massive].toarray())
+    mass = M[massive][:, massive].toarray()
+    try:
+        L = np.linalg.cholesky(mass)
+    except np.linalg.LinAlgError:  # semidefinite
+        squares, axes = np.linalg.eigh(mass)
+        L = axes * np.sqrt(np.maximum(squares, 0.0))
     X = factor.solve(load) @ L
     inverse, y = np.linalg.eigh(L.T @ X[massive])
     inverse, y = inverse[: -count - 1 : -1], y[:, : -count - 1 : -1]
@@ -225,21 +231,30 @@ def symmetric_factor(A: csc_array) -> Any:
 
 
 def check_mass(M: csc_array, label: str) -> None:
-    """Raise ValueError unless M is positive definite apart from rows of zeros."""
-    massive = np.flatnonzero(M.diagonal())
-    positive = len(massive) > 0 and bool((M.diagonal() >= 0).all())
+    """Raise ValueError unless M is positive (semi)definite, and some of it is mass.
+
+    Reduced integration leaves the mass of FE programs singular; what rounding makes of
+    its zero eigenvalues is allowed for by a share of the diagonal.
+    """
+    diagonal = M.diagonal()
+    massive = np.flatnonzero(diagonal)
+    positive = len(massive) > 0 and bool((diagonal >= 0).all())
     entries = M.count_nonzero()
     if positive and entries > len(massive):  # not lumped
         block = M[massive][:, massive].tocsc()
         positive = entries == block.count_nonzero()
-        try:
-            positive = positive and bool(
-                (symmetric_factor(block).U.diagonal() > 0).all()
-            )
-        except RuntimeError:  # exactly singular
-            positive = False
+        positive = positive and is_positive(block, SEMIDEFINITE)
     if not positive:
         raise ValueError(
             f"{label} is not positive definite: expected a positive definite matrix, "
-            "apart from massless DOFs, whose rows are zero"
+            "or a semidefinite one, such as with massless DOFs, whose rows are zero"
         )
+
+
+def is_positive(M: csc_array, share: float) -> bool:
+    """Return whether M with a share of its diagonal added is positive definite."""
+    shifted = M + diags_array(share * M.diagonal())
+    try:
+        return bool((symmetric_factor(csc_array(shifted)).U.diagonal() > 0).all())
+    except RuntimeError:  # exactly singular
+        return False

@@ -1,0 +1,134 @@
+"""Matrices of any FE program from the files that it writes."""
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from ... import checks
+from .formats import read_file
+from .labels import write_name
+from .part import Part
+from .record import Matrices
+from .triplets import read_labels
+
+FilePath = str | PathLike[str]
+LABELS = "dofs"  # what names the file of labels among those of matrices
+
+
+def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
+    """Read stiffness and mass that an FE program exported, and what their rows are.
+
+    The format is told by the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
+    ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4, ANSYS
+    ``.full``. Rows keep the order of the program; a mass that it wrote without the DOFs
+    that have none gets rows of zeros there.
+
+    Args:
+        path: One file: of CalculiX and Abaqus the others of the job are found beside
+            it. Or ``{"K": path, "M": path}`` where each file holds one matrix and does
+            not say which; ``"dofs"`` among them is a file of labels, with a line such
+            as ``12.3`` (node.direction, 1 to 6) for each row.
+
+    Returns:
+        K, M and others that the files hold, sparse, and the names of the DOFs.
+
+    Raises:
+        TypeError: If path is neither a file name nor ``{name: file name}``.
+        FileNotFoundError: If there is no such file.
+        ValueError: If a file is damaged, in another format, or not of this model; the
+            message names the file, the line and what to do.
+        ImportError: If the format needs a package that is not installed.
+    """
+    if isinstance(path, Mapping):
+        files = {
+            name: Path(checks.file_name(f"path[{name!r}]", file))
+            for name, file in path.items()
+        }
+        labels = files.pop(LABELS, None)
+        if not files or not all(isinstance(name, str) and name for name in files):
+            raise ValueError(
+                "path: expected files by the names of their matrices, such as "
+                f"{{'K': path, 'M': path}}, got {path!r}"
+            )
+        parts = [_take(name, file) for name, file in files.items()]
+        if labels is not None:
+            parts = _label(parts, labels)
+        source = ", ".join(file.name for file in files.values())
+    else:
+        file = Path(checks.file_name("path", path))
+        parts, source = read_file(file), file.name
+        if "" in (part.name for part in parts):
+            raise ValueError(
+                f"{file}: this format does not say which matrix it holds; write "
+                "read_matrices({'K': path, 'M': path})"
+            )
+    return _join(parts, source)
+
+
+def _take(name: str, path: Path) -> Part:
+    """Return the matrix of a file that is meant by a name."""
+    parts = read_file(path)
+    own = [part for part in parts if len(parts) == 1 or part.name == name]
+    if len(own) != 1:
+        raise ValueError(
+            f"{path}: expected one matrix, or one named {name}, got "
+            f"{[part.name for part in parts]}"
+        )
+    return own[0]._replace(name=name)
+
+
+def _label(parts: list[Part], path: Path) -> list[Part]:
+    """Return the parts with the labels of a file."""
+    dofs = read_labels(path)
+    for part in parts:
+        if part.dofs is not None and not np.array_equal(part.dofs, dofs):
+            raise ValueError(
+                f"path['{LABELS}']: {part.path} says itself what its rows are, and "
+                f"{path} says otherwise; leave it out"
+            )
+    return [part._replace(dofs=dofs) for part in parts]
+
+
+def _join(parts: list[Part], source: str) -> Matrices:
+    """Return matrices of the same rows: those of K, or of the largest."""
+    for part in parts:
+        if part.dofs is not None and len(part.dofs) != part.matrix.shape[0]:
+            raise ValueError(
+                f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
+                f"{len(part.dofs)} labels; are they of the same job?"
+            )
+    first = max(parts, key=lambda part: (part.name == "K", part.matrix.shape[0]))
+    matrices = {part.name: _at_rows(part, first) for part in parts}
+    return Matrices(matrices, first.dofs, source)
+
+
+def _at_rows(part: Part, first: Part) -> csc_array:
+    """Return a matrix with the rows of another, zero for those that it has not.
+
+    Programs leave out DOFs without mass.
+    """
+    size = first.matrix.shape[0]
+    if part.dofs is None or first.dofs is None:
+        if part.matrix.shape[0] != size:
+            raise ValueError(
+                f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
+                f"{first.path} has {size}; are they of the same job?"
+            )
+        return part.matrix
+    if np.array_equal(part.dofs, first.dofs):
+        return part.matrix
+    place = {tuple(dof): i for i, dof in enumerate(first.dofs.tolist())}
+    own = [tuple(dof) for dof in part.dofs.tolist()]
+    unknown = [write_name(*dof) for dof in own if dof not in place]
+    if unknown:
+        raise ValueError(
+            f"{part.path}: {len(unknown)} DOFs, {unknown[0]} the first, which "
+            f"{first.name} of {first.path} has not; are they of the same job?"
+        )
+    rows = [place[dof] for dof in own]
+    there = (np.ones(len(own)), (rows, range(len(own))))
+    selection = csc_array(there, shape=(size, len(own)))
+    return csc_array(selection @ part.matrix @ selection.T)
