@@ -1,0 +1,275 @@
+"""The driver of CalculiX, by programs of one line of shell; and the program itself.
+
+What needs CalculiX is skipped where there is none, and says so.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from support.examples import load
+
+import emcee_femu as ef
+
+DAT = """
+     E I G E N V A L U E   O U T P U T
+
+ MODE NO    EIGENVALUE                       FREQUENCY
+                                     REAL PART            IMAGINARY PART
+                           (RAD/TIME)      (CYCLES/TIME     (RAD/TIME)
+
+      1   0.1831938E+04   0.4280114E+02   0.6812013E+01   0.0000000E+00
+      2   0.5680402E+04   0.7536844E+02   0.1199526E+02   0.0000000E+00
+      3   0.8131771E+05   0.2851626E+03   0.4538504E+02   0.0000000E+00
+
+     P A R T I C I P A T I O N   F A C T O R S
+
+MODE NO.   X-COMPONENT     Y-COMPONENT     Z-COMPONENT     X-ROTATION
+
+      1   0.4810757E-13   0.1081082E+02   0.1619135E-08   0.5405412E+00
+      2   0.1073550E-06   0.1585033E-08   0.1093997E+02   0.4375988E+00
+      3   0.4810757E-13   0.1081082E+02   0.1619135E-08   0.5405412E+00
+"""
+HIGH = "0.9387354E+06   0.9688836E+03   0.1542026E+03"  # a sound row, out of order
+
+
+@pytest.fixture
+def driver(monkeypatch):
+    program = load("calculix_program")
+    monkeypatch.setitem(sys.modules, "calculix_program", program)  # as for a script
+    monkeypatch.setattr(program, "PAUSE", 0.01)
+    return program
+
+
+@pytest.fixture
+def calculix(driver):
+    try:
+        return driver.find_command()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+
+
+def shell(script):
+    """Return the command of a program that is a script: a stand-in for CalculiX."""
+    return ["sh", "-c", script]
+
+
+def test_the_table_of_a_dat_file_is_read(driver):
+    expected = [6.812013, 11.99526, 45.38504]
+    np.testing.assert_allclose(driver.read_frequencies(DAT, 3), expected, rtol=1e-6)
+    # Seven digits of the eigenvalue are more than those of a frequency that begins
+    # with a 1.
+    assert driver.read_frequencies(DAT, 1) == pytest.approx(
+        np.sqrt(1831.938) / 2 / np.pi
+    )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (DAT, "", "one table of eigenvalues, got 0"),
+        (DAT, DAT + DAT, "one table of eigenvalues, got 2"),
+        (DAT[DAT.index("      3 ") :], "", r"modes 1 to 3, got \[1, 2\]"),
+        (DAT[DAT.index("2851626E+03") :], "28", r"modes 1 to 3, got \[1, 2\]"),
+        ("0.8131771E+05", "*************", r"modes 1 to 3, got \[1, 2\]"),
+        ("0.8131771E+05", "          NaN", r"modes 1 to 3, got \[1, 2\]"),
+        ("      2   0.56", "     12   0.56", r"modes 1 to 3, got \[1, 12, 3\]"),
+        ("0.8131771E+05", "0.8131771E+06", "do not fit"),
+        ("0.4538504E+02", "0.4538704E+02", "do not fit"),
+        ("0.7536844E+02", "0.7536944E+02", "do not fit"),
+        ("0.1831938E+04", "-.1831938E+04", "modes 1 to 3, got"),
+        ("0.1831938E+04   0.4280114E+02   0.6812013E+01", HIGH, "do not fit"),
+        (" 0.1831938E+04", "-0.1831938E+04", "positive eigenvalues"),
+        ("0.1199526E+02   0.0000000", "0.1199526E+02   0.3000000", "positive"),
+    ],
+)
+def test_a_damaged_dat_file_is_refused(driver, old, new, message):
+    assert old in DAT
+    with pytest.raises(ValueError, match=message):
+        driver.read_frequencies(DAT.replace(old, new, 1), 3)
+
+
+def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "8")
+    here, script = {"scratch": tmp_path}, "cat job.inp > job.dat; echo $OMP_NUM_THREADS"
+    with driver.finished_job("DECK", shell(script), **here) as first:
+        assert (first / "printed.txt").read_text() == "1\n"
+        assert first.parent == tmp_path and f"worker-{os.getpid()}-" in first.name
+        assert (first / "job.dat").read_text() == "DECK"
+        with driver.finished_job("DECK", shell("true"), **here) as second:
+            assert second != first and not (second / "job.dat").exists()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("script", "error", "message"),
+    [
+        ("echo no convergence; exit 3", RuntimeError, "status 3: no convergence"),
+        ("echo to stderr >&2; exit 201", RuntimeError, "status 201: to stderr"),
+        ("kill -SEGV $$", RuntimeError, "status -11"),
+        (r"printf '\377 diverged'; exit 2", RuntimeError, "status 2: . diverged"),
+        ("true", FileNotFoundError, "job.dat"),
+        ("printf half > job.dat", ValueError, "one table"),
+        ("sleep 60", subprocess.TimeoutExpired, "0.3 s"),
+    ],
+)
+def test_a_solve_that_fails_says_why_and_leaves_nothing(
+    driver, tmp_path, script, error, message
+):
+    begin = time.monotonic()
+    with pytest.raises(error, match=message):  # noqa: SIM117
+        with driver.finished_job("", shell(script), 0.3, scratch=tmp_path) as folder:
+            driver.read_frequencies((folder / "job.dat").read_text(), 1)
+    assert not list(tmp_path.iterdir())
+    assert time.monotonic() - begin < 20
+
+
+def test_a_time_limit_ends_what_the_program_started_too(driver, tmp_path):
+    fifo = tmp_path / "alive"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    child = f"exec 3> {shlex.quote(str(fifo))}; echo begun >&3; sleep 60"
+    with pytest.raises(subprocess.TimeoutExpired):  # noqa: SIM117
+        with driver.finished_job("", shell(f"({child}) & wait"), 1.0):
+            pass
+    assert os.read(reader, 100) == b"begun\n"
+    end = time.monotonic() + 10
+    while time.monotonic() < end:  # the end of file comes when nobody can write
+        try:
+            assert os.read(reader, 100) == b""
+            break
+        except BlockingIOError:
+            time.sleep(0.01)
+    else:
+        pytest.fail("the child of the program is alive")
+    os.close(reader)
+
+
+def test_a_missing_licence_is_waited_for(driver, tmp_path):
+    tries = tmp_path / "tries"
+    script = f"""echo >> {shlex.quote(str(tries))}
+        [ $(wc -l < {shlex.quote(str(tries))}) -ge 3 ] && exit 0
+        echo 'No licence: all are in use'; exit 1"""
+    with driver.finished_job("", shell(script)):
+        pass
+    assert tries.read_text().count("\n") == 3
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "message"),
+    [
+        (shell("echo License is not available; exit 1"), {}, "no licence in 0.1 s"),
+        (["no-such-program"], {}, "no-such-program did not run"),
+        (shell("true"), {"scratch": "/no/such/disk"}, "no scratch folder"),
+    ],
+)
+@pytest.mark.parametrize("workers", [None, 2])
+def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
+    driver, command, options, message, workers
+):
+    def solve(p):
+        with driver.finished_job("", command, patience=0.1, **options):
+            raise AssertionError("it was solved")
+
+    posterior = posterior_of(solve)
+    with pytest.raises(driver.Unavailable, match=message):
+        ef.run(posterior, None, 8, 2, seed=1, workers=workers, on_failure="reject")
+
+
+def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
+    solves, free = tmp_path / "solves", tmp_path / "free"
+    script = f"""echo >> {shlex.quote(str(solves))}
+        [ $(wc -l < {shlex.quote(str(solves))}) -lt 20 ] && exit 0
+        [ -e {shlex.quote(str(free))} ] || {{ echo No license; exit 1; }}"""
+
+    def solve(p):
+        with driver.finished_job("", shell(script), patience=0.0):
+            return [6.8 * np.sqrt(p["k"])]
+
+    def chain(function, backend=None):
+        options = {"resume": backend is not None, "on_failure": "reject"}
+        posterior = posterior_of(function)
+        (sampler,) = ef.run(posterior, None, 8, 4, seed=1, backend=backend, **options)
+        assert not sampler.failures.causes
+        return sampler.get_chain()
+
+    with pytest.raises(driver.Unavailable, match="no licence"):
+        chain(solve, tmp_path / "run.chain")
+    free.touch()
+    expected = chain(lambda p: [6.8 * np.sqrt(p["k"])])
+    np.testing.assert_array_equal(chain(solve, tmp_path / "run.chain"), expected)
+    # Starts and a generation were kept; 8 solves check that the model is the same.
+    assert solves.read_text().count("\n") < 20 + 8 + 3 * 8
+
+
+def posterior_of(solve):
+    prior = ef.GaussianPrior(["k"], [1.0], [0.3], [(0.1, 2.0)])
+    term = ef.FrequencyTerm([6.8], sd=[0.1])
+    return ef.LogPosterior(ef.FunctionModel(solve, n_modes=1), term, prior)
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
+    driver, tmp_path, workers
+):
+    (tmp_path / "good.dat").write_text(DAT)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    script = f"""pwd >> {shlex.quote(str(tmp_path / "folders"))}
+        grep -q wrong job.inp && exit 1
+        cp {shlex.quote(str(tmp_path / "good.dat"))} job.dat"""
+
+    def solve(p):
+        deck = "wrong" if abs(p["k"] - 1.1) > 0.3 else "good"
+        with driver.finished_job(deck, shell(script), scratch=scratch) as folder:
+            return driver.read_frequencies((folder / "job.dat").read_text(), 1)
+
+    (sampler,) = ef.run(
+        posterior_of(solve),
+        nwalkers=4,
+        nsteps=4,
+        seed=1,
+        workers=workers,
+        initial=[[0.9], [1.0], [1.1], [1.4]],
+        on_failure="reject",
+        max_failures=1.0,
+    )
+    causes = sampler.failures.causes
+    assert causes["exception"] == causes.total() > 0
+    assert (np.abs(sampler.get_chain() - 1.1) <= 0.3).all()
+    folders = (tmp_path / "folders").read_text().split()
+    assert len(set(folders)) == len(folders) > causes.total()
+    processes = {re.search(r"worker-(\d+)-", folder)[1] for folder in folders}
+    if workers is None:
+        assert processes == {str(os.getpid())}
+    else:
+        assert len(processes) == 2 and str(os.getpid()) not in processes
+    assert not list(scratch.iterdir())
+
+
+def test_calculix_is_found_by_either_name_or_asked_for(driver, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(FileNotFoundError, match="apt install calculix-ccx"):
+        driver.find_command()
+    for name in ("ccx_2.21", "ccx"):
+        (tmp_path / name).write_text("#!/bin/sh\n")
+        (tmp_path / name).chmod(0o755)
+        assert driver.find_command() == (str(tmp_path / name), "-i", "job")
+
+
+def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
+    """The command of the page, with a program of that name in front of the others."""
+    fake = tmp_path / "ccx"
+    fake.write_text('#!/bin/sh\n[ "$*" = "-i job" ] && cp job.inp job.dat\n')
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    (tmp_path / "own.inp").write_text(DAT)
+    found = driver.main(str(tmp_path / "own.inp"), modes=2)
+    np.testing.assert_allclose(found, [6.812013, 11.99526], rtol=1e-6)
+    printed = r"\[ *6\.81\d* +11\.99\d*\] Hz in \d+\.\d\d s"
+    assert re.match(printed, capsys.readouterr().out)
