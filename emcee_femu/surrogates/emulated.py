@@ -108,7 +108,7 @@ class EmulatedModel:
         points = self._coordinates(parameters)
         mean = self.processes.predict(points)[0]
         moves = self.processes.doubt(points)[:, None, None] * self._directions
-        response, slopes = self.outputs.decode_slopes(mean, moves)
+        response, slopes = self.outputs.decode_slopes(mean, moves, finite=True)
         directions = range(self._directions.shape[1])
         return self._respond(response), {
             name: {k: slope[..., k] for k in directions}
@@ -208,12 +208,9 @@ def fit_emulated(
     factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
     turn = np.linalg.inv(factor)
     coordinates = (points - mean) @ turn.T
-    outputs = choose_outputs(coordinates, response, units)
-    processes = fit_processes(
-        coordinates,
-        outputs.encode(response),
-        None if start is None else start.processes.lengths,
-    )
+    lengths = None if start is None else start.processes.lengths
+    outputs = choose_outputs(coordinates, response, units, lengths)
+    processes = fit_processes(coordinates, outputs.encode(response), lengths)
     if variables is None:
         variables = _declare(response, units)
     return EmulatedModel(

@@ -82,9 +82,14 @@ class Processes:
 
         Source: Dubrule (1983), doi:10.1007/BF01033232.
         """
+        sd = self.amplitudes / np.sqrt(self._projector().diagonal()[:, None])
+        return self.leave_out(self.values), sd
+
+    def leave_out(self, values: Floats) -> Floats:
+        """Return such residuals of any values ``(N, r)`` at these points."""
         projector = self._projector()
-        precision = projector.diagonal()[:, None]
-        return projector @ self.values / precision, self.amplitudes / np.sqrt(precision)
+        result: Floats = projector @ values / projector.diagonal()[:, None]
+        return result
 
     def variance_after(self, points: Floats, extra: Floats) -> Floats:
         """Return the variances ``(n, q)``, once ``extra (m, d)`` were solved too."""

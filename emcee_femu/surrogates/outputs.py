@@ -7,7 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..interfaces import Floats, read
-from .outputs_plain import Eigenvalues, Numbers, SignedShapes
+from .choose_modes import choose_modes
+from .outputs_modes import read_modes
+from .outputs_plain import Numbers, SignedShapes
 
 Named = dict[str, Floats]
 
@@ -25,10 +27,14 @@ class Part(Protocol):
     def decode(self, values: Floats) -> Named:
         """Return the variables, ``{variable: (n, *shape)}``."""
 
-    def decode_slopes(self, values: Floats, directions: Floats) -> tuple[Named, Named]:
+    def decode_slopes(
+        self, values: Floats, directions: Floats, finite: bool = False
+    ) -> tuple[Named, Named]:
         """Return them, and their slopes ``{variable: (n, *shape, k)}``.
 
-        ``directions (n, size, k)`` are those along which the numbers move.
+        ``directions (n, size, k)`` are those along which the numbers move: as far as
+        they are long if ``finite``, so that what has a root stays finite; otherwise
+        slopes are derivatives.
         """
 
 
@@ -54,15 +60,20 @@ class Outputs:
             found |= part.decode(values[:, own])
         return found
 
-    def decode_slopes(self, values: Floats, directions: Floats) -> tuple[Named, Named]:
+    def decode_slopes(
+        self, values: Floats, directions: Floats, finite: bool = False
+    ) -> tuple[Named, Named]:
         """Return the response, and how it moves along directions ``(n, size, k)``.
 
-        The slopes are ``{variable: (n, *shape, k)}``.
+        The slopes are ``{variable: (n, *shape, k)}``: derivatives, or if ``finite`` the
+        moves as far as the directions are long.
         """
         response: Named = {}
         slopes: Named = {}
         for part, own in zip(self.parts, self._split(), strict=True):
-            found, turned = part.decode_slopes(values[:, own], directions[:, own])
+            found, turned = part.decode_slopes(
+                values[:, own], directions[:, own], finite
+            )
             response |= found
             slopes |= turned
         return response, slopes
@@ -73,32 +84,42 @@ class Outputs:
 
 
 def choose_outputs(
-    points: Floats, response: Any, units: Mapping[str, Floats]
+    points: Floats,
+    response: Any,
+    units: Mapping[str, Floats],
+    start: Floats | None = None,
 ) -> Outputs:
     """Return what to emulate of a response that was solved for at some points.
 
-    Frequencies become eigenvalues, shapes get one sign, all else stays as it is.
+    Frequencies become eigenvalues, those of modes that cross one block of numbers that
+    stay smooth (:func:`choose_modes`); all else stays as it is.
 
     Args:
         points: ``(N, d)`` coordinates of about unit spread.
         response: Its variables, each ``(N, *shape)``.
         units: Standard deviations of the measurement error, ``{variable: (*shape)}``,
-            of every variable that is wanted; of frequencies in Hz.
+            of every variable that is wanted; of frequencies in Hz. Shapes that are not
+            wanted still tell which mode is which.
+        start: Lengths to begin with.
 
     Raises:
         TypeError: If a variable is missing or is not made of real numbers.
         ValueError: If a variable is not finite, or its units have another shape.
     """
     parts: list[Part] = []
+    scales = {}
     for name, unit in units.items():
         values = _check_values(name, read(response, name), len(points))
-        scale = _check_unit(name, unit, values.shape[1:])
-        if name == "frequency" and values.ndim == 2:
-            parts.append(Eigenvalues.of(values, scale))
-        elif name == "shapes" and values.ndim == 3:
-            parts.append(SignedShapes.of(values, scale))
+        scales[name] = _check_unit(name, unit, values.shape[1:])
+    if "frequency" in scales and scales["frequency"].ndim == 1:
+        modes = read_modes(response)
+        units_of_modes = scales.pop("frequency"), scales.pop("shapes", None)
+        parts.append(choose_modes(points, modes, units_of_modes, start))
+    for name, unit in scales.items():
+        if name == "shapes" and unit.ndim == 2:
+            parts.append(SignedShapes.of(np.asarray(read(response, name)), unit))
         else:
-            parts.append(Numbers(name, scale))
+            parts.append(Numbers(name, unit))
     return Outputs(tuple(parts))
 
 
