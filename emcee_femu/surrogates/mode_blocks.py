@@ -101,7 +101,8 @@ class Aligned:
         eigenvalues = modes.eigenvalues[:, own]
         upper = np.triu_indices(self.count)
         if self.inverse is None or modes.shapes is None:
-            return eigenvalues / self.unit
+            scaled: Floats = eigenvalues / self.unit
+            return scaled
         shapes = modes.shapes[:, :, own]
         left, _, right = np.linalg.svd(self.inverse @ shapes)
         turn = (left @ right).swapaxes(1, 2)
