@@ -107,7 +107,7 @@ class Aligned:
         left, _, right = np.linalg.svd(self.inverse @ shapes)
         turn = (left @ right).swapaxes(1, 2)
         A = turn.swapaxes(1, 2) @ (eigenvalues[:, :, None] * turn)
-        entries = (A / self._scale)[:, *upper]
+        entries: Floats = (A / self._scale)[:, *upper]
         if self.shape_unit is None:
             return entries
         aligned = (shapes @ turn) / self.shape_unit
