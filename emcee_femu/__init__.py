@@ -34,6 +34,7 @@ from .interfaces import ModalSolution as ModalSolution
 from .interfaces import PairedSolution as PairedSolution
 from .interfaces import Variable as Variable
 from .interfaces import modal_variables as modal_variables
+from .likelihoods.displacement import DisplacementTerm as DisplacementTerm
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements
@@ -45,6 +46,7 @@ from .models.function import FunctionModel as FunctionModel
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel
 from .models.paired import PairedModel as PairedModel
+from .models.static import StaticModel as StaticModel
 from .moves import CrossoverMove as CrossoverMove
 from .moves import DelayedAcceptanceMove as DelayedAcceptanceMove
 from .moves import DEMCMove as DEMCMove

@@ -61,6 +61,8 @@ def draw_deviations(axes: Any, item: Compared) -> None:
     axes.set_title(f"{item.what.name}: mean error {title}", fontsize=10)
     label = f"deviation from the\nmeasured {item.what.name}"
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
+    # A power of ten above the axis would stand in the title.
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.6g}")
     axes.grid(True, axis="y", alpha=0.25)
 
 

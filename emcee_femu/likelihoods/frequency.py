@@ -151,12 +151,12 @@ class FrequencyTerm:
         return len(self.measured)
 
     @property
-    def relative_variances(self) -> Floats:
-        """Variances of the relative measurement errors, ``(n_modes,)``."""
-        if self._axes is None:
-            return 1 / self.beta
-        variances: Floats = self._axes**2 @ (1 / self.beta)
-        return variances
+    def error_sd(self) -> Mapping[str, Floats]:
+        """Standard deviations of the measured frequencies in Hz; 0 if exact."""
+        variances = 1 / self.beta
+        if self._axes is not None:
+            variances = self._axes**2 @ variances
+        return {"frequency": self.measured * np.sqrt(variances)}
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from ..interfaces import Floats
-from ..likelihoods.frequency import FrequencyTerm
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
 from .arviz_objects import dataset, samples
@@ -106,18 +105,16 @@ def _mac(idata: Any, found: Measured) -> Floats:
 
 
 def measurement_sd(found: Measured, posterior: LogPosterior) -> Floats:
-    """Return the standard deviations of measured frequencies, NaN where unknown."""
+    """Return the standard deviations of what was measured, NaN where unknown."""
     for experiment in posterior.experiments:
-        frequency = experiment.full_name("frequency")
         for term, own in zip(experiment.terms, experiment.term_names, strict=True):
-            if (
-                isinstance(term, FrequencyTerm)
-                and found.name in (frequency, f"{frequency}[{own}]")
-                and np.array_equal(term.measured, found.values)
-            ):
-                known = term.relative_variances
-                sd = found.values * np.sqrt(np.where(known > 0, known, np.nan))
-                return np.asarray(sd)
+            observed = getattr(term, "observed", {})
+            for variable, sd in getattr(term, "error_sd", {}).items():
+                name = experiment.full_name(variable)
+                if found.name in (name, f"{name}[{own}]") and np.array_equal(
+                    np.ravel(observed[variable]), found.values
+                ):
+                    return np.where(sd > 0, sd, np.nan).ravel()
     return np.full(len(found.values), np.nan)
 
 

@@ -1,6 +1,6 @@
 """What likelihood terms say of each datum: its density, what it was, and a new one."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -113,14 +113,18 @@ def _check(
     term = experiment.terms[experiment.term_names.index(own)]
     reads = getattr(term, "reads", {})
     for name, value in said.items():
-        variable = reads.get(name) or experiment.variables.get(name)
+        returned = experiment.variables.get(name)
+        variable = reads.get(name) or returned
         if variable is None:
             raise ValueError(
                 f"{what}: expected variables among "
                 f"{sorted({*reads, *experiment.variables})}, got {name!r}"
             )
         array = np.asarray(value)
-        coords = {dim: list(labels) for dim, labels in variable.coords.items()}
+        coords = {
+            dim: _fill_in(labels, returned.coords.get(dim, ()) if returned else ())
+            for dim, labels in variable.coords.items()
+        }
         sizes = array.shape[len(lead) :]
         if name not in reads and len(sizes) == len(coords):
             pairs = zip(coords.items(), sizes, strict=True)
@@ -131,4 +135,11 @@ def _check(
                 f"{what}: expected {name!r} of shape {expected}, got {array.shape}"
             )
         coords = {experiment.full_name(dim): v for dim, v in coords.items()}
-        yield name, Variable(coords, variable.unit), array
+        unit = variable.unit or (returned.unit if returned else "")
+        yield name, Variable(coords, unit), array
+
+
+def _fill_in(labels: Sequence[Any], known: Sequence[Any]) -> list[Any]:
+    """Return labels, of the response where a term knows but the places."""
+    places = None in labels and len(known) >= len(labels)
+    return list(known if places else labels)[: len(labels)]

@@ -194,6 +194,26 @@ CALLS = {
         "shapes": ([0, 1], wholes.but("True")),
     },
     "read_matrices": {"path": (BLOCK, file)},
+    "StaticModel": {
+        "loads": ({"pull": np.array([1.0, 0.5])}, by_name(array(), known=False)),
+        "points": ([1, 0], wholes),
+    },
+    **{
+        f"DisplacementTerm, {which}": {
+            **dict.fromkeys(["sd", "relative_sd"], OFF),
+            which: (SQUARES.T, array(positive=True, shaped=False)),
+            "measured": (SHAPES.T, many),
+            "cases": (
+                ["pull", "push"],
+                chosen.but("one twice", "one empty", "numbers"),
+            ),
+            "points": (
+                ["a", "b", "c"],
+                chosen.but("one twice", "one empty", "numbers"),
+            ),
+        }
+        for which in ("sd", "relative_sd")
+    },
     "FunctionModel": {"variables": OFF},
     "FunctionModel, jacobian": {
         "variables": OFF,
@@ -278,9 +298,11 @@ PROBES = {  # what is compared, by the type of the result; otherwise its text
     ef.MassSpringModel: lambda model: model({}).frequencies,
     ef.MatrixModel: lambda model: model({"k2": HERTZ, "m": SD}).frequencies,
     ef.FrameModel: lambda model: model({}).frequencies,
+    ef.StaticModel: lambda model: model({"k2": SD})["displacement"],
     ef.Section: lambda section: np.array([getattr(section, key) for key in BAR]),
     ef.FrequencyTerm: lambda term: term(ANY, MODES),
     ef.ShapeTerm: lambda term: term(ANY, MODES),
+    ef.DisplacementTerm: lambda term: term(ANY, {"displacement": SHAPES.T[None]}),
     ef.IndependentPrior: lambda prior: prior.bounds,
     type(stats.norm()): lambda law: law.args,
     ef.GaussianPrior: lambda prior: prior.logpdf(POINT[None]),
