@@ -87,15 +87,44 @@ class Evaluation:
         Where a solve failed the row is -inf and the gradient NaN. Finite differences
         are one-sided here, d + 1 solves a point, good to about 1 %: enough to search
         by. All points go to the pool at once; one that failed beside a point leaves
-        the point its row, and NaN for the gradient.
+        the point its row, and NaN for the gradient. Where failures are rejected, but
+        a ``jacobian`` fails, there are differences, too.
         """
-        if self.posterior.differentiable:
+        if not self.posterior.differentiable:
+            stacked = self._differences(theta)
+        elif self.failures is None:
             self._count(theta)
             stacked = self._map(self.function.stack_linearization, theta)
         else:
-            points = self._deviations
-            stacked = difference(self.posterior, theta, points, True, True)
+            stacked = self._linearize_or_difference(theta, self.failures)
         return unstack(self.posterior, stacked)
+
+    def _linearize_or_difference(self, theta: Floats, log: FailureLog) -> Floats:
+        """Return rows, gradients and information.
+
+        What fails is solved again without derivatives: a solve that fails is rejected
+        and counted, a jacobian that fails is done without.
+        """
+        self._count(theta)
+        alone = self.uncounted()
+        stacked = alone._map(alone.function.stack_linearization, theta)
+        failed = np.zeros(len(theta), dtype=bool)
+        if alone.failures and alone.failures.causes.total():
+            failed = self.posterior.support(theta)[1] & (stacked[:, 0] == -np.inf)
+        log.count(len(theta) - int(failed.sum()), [])
+        if not failed.any():
+            return stacked
+        rows, d = self.rows(theta[failed]), theta.shape[1]
+        found = np.full((len(theta), rows.shape[1] + d + d * d), np.nan)
+        found[:, : stacked.shape[1]] = stacked  # which has rows alone if all failed
+        found[failed, : rows.shape[1]] = rows
+        failed[failed] = rows[:, 0] > -np.inf
+        if failed.any():
+            found[failed] = self._differences(theta[failed])
+        return found
+
+    def _differences(self, theta: Floats) -> Floats:
+        return difference(self.posterior, theta, self._deviations, True, True)
 
     def _deviations(self, theta: Floats) -> Floats:
         self._count(theta)

@@ -60,7 +60,7 @@ def test_what_failed_has_no_row_and_no_gradient_and_is_counted(model):
     points = len(THETA) - np.count_nonzero(OUTSIDE)
     if posterior.differentiable:
         assert_array_equal(no_gradient, FAILING | OUTSIDE)
-        assert evaluation.solves == 2 * points
+        assert evaluation.solves == 2 * points + failed  # these again without jacobian
         assert evaluation.failures.causes == {"exception": 2 * failed}
     else:  # each with both of its differences, and one of the third point's
         beside = np.arange(len(THETA)) == 2
@@ -68,6 +68,59 @@ def test_what_failed_has_no_row_and_no_gradient_and_is_counted(model):
         assert evaluation.solves == 4 * points
         assert evaluation.failures.causes == {"exception": 4 * failed + 1}
     assert_array_equal(np.isnan(found.information).all(axis=(1, 2)), no_gradient)
+
+
+class WithoutDerivatives(Derived):
+    """Its jacobian fails where a is large; its solves do not."""
+
+    def __init__(self, limit, raises):
+        super().__init__()
+        self.limit, self.raises = limit, raises
+
+    def jacobian(self, parameters):
+        response, derivatives = super().jacobian(parameters)
+        wrong = parameters["a"] > self.limit
+        if self.raises and wrong.any():
+            raise np.linalg.LinAlgError("singular")
+        derivatives["frequency"]["a"][wrong] = np.nan
+        return response, derivatives
+
+
+@pytest.mark.parametrize("raises", [True, False])
+@pytest.mark.parametrize("limit", [LIMIT, 0.0])
+def test_a_jacobian_that_fails_is_done_without(limit, raises):
+    posterior = ef.LogPosterior(WithoutDerivatives(limit, raises), TERMS, PRIOR)
+    evaluation, rows, found = evaluate(posterior)
+    exact = ef.LogPosterior(Derived(), TERMS, PRIOR).linearize(THETA)
+    assert_array_equal(found.rows, rows)
+    assert not evaluation.failures.causes and (rows[~OUTSIDE, 0] > -np.inf).all()
+    by_differences = (THETA[:, 0] > limit) & ~OUTSIDE
+    scale = np.abs(exact.gradient[~OUTSIDE]).max()
+    for part, expected, size in (
+        (found.gradient, exact.gradient, scale),
+        (found.information, exact.information, np.nanmax(exact.information)),
+    ):
+        same = ~by_differences & ~OUTSIDE
+        assert_array_equal(part[same], expected[same])
+        off = np.abs(part[by_differences] - expected[by_differences])
+        assert off.max() < 0.05 * size
+    n = np.count_nonzero(by_differences)
+    assert evaluation.solves == 2 * np.count_nonzero(~OUTSIDE) + n + 3 * n
+
+
+@pytest.mark.parametrize("search", ["auto", "find_map"])
+def test_a_search_goes_on_without_a_jacobian_that_fails(search):
+    model = WithoutDerivatives(0.0, raises=True)
+    posterior = ef.LogPosterior(model, TERMS, PRIOR)
+    if search == "find_map":
+        found = ef.find_map(posterior, 4, seed=1, on_failure="reject")
+        assert found.lost == () and found.maxima[0].converged
+    else:
+        settings = {"nwalkers": 8, "nsteps": 20, "seed": 1, "on_failure": "reject"}
+        (sampler,) = ef.run(posterior, "auto", **settings)
+        assert not sampler.failures.causes
+    with pytest.raises(np.linalg.LinAlgError, match="singular"):
+        ef.find_map(posterior, 4, seed=1)
 
 
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
