@@ -13,7 +13,8 @@ posterior     models + terms + prior, for a batch of walkers; failed solves
 moves         proposals: plain emcee moves
 sampling      run emcee: starts, seeds, independent ensembles, files, pools; anneal a
               population (TMCMC)
-results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
+results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say;
+              certify an emulated posterior by full solves
 comparison    one posterior under several moves; model classes by their evidence
 figures       one figure per file
 paper         the two structures of the paper, and its published numbers
@@ -59,6 +60,7 @@ from .posterior.log_posterior import LogPosterior as LogPosterior
 from .posterior.priors import GaussianPrior as GaussianPrior
 from .posterior.priors import IndependentPrior as IndependentPrior
 from .posterior.priors import uniform_between as uniform_between
+from .results.certify import certify as certify
 from .results.diagnostics import diagnose as diagnose
 from .results.evidence import log_evidence as log_evidence
 from .results.identifiability import identifiability as identifiability

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .draws import changing_draws
+from .draws import changing_draws, say_certified
 
 
 def plot_correlation(idata: Any, *, var_names: Sequence[str] | None = None) -> Any:
@@ -35,5 +35,6 @@ def plot_correlation(idata: Any, *, var_names: Sequence[str] | None = None) -> A
     axes.set_xticks(range(d), names)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
+    say_certified(figure, idata)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
     return figure

@@ -1,4 +1,4 @@
-"""The samples that a figure of parameters shows."""
+"""The samples that a figure of parameters shows, and what certified them."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..interfaces import Floats
-from ..results.arviz_objects import samples
+from ..results.arviz_objects import describe_certificate, samples
 
 
 def changing_draws(
@@ -19,3 +19,10 @@ def changing_draws(
         if np.ptp(column) == 0:
             raise ValueError(f"idata: every sample of {name!r} is {column[0]:g}")
     return names, draws
+
+
+def say_certified(figure: Any, idata: Any) -> None:
+    """Write above a figure what :func:`certify` said of its samples, if it did."""
+    text = describe_certificate(idata).strip(" ()")
+    if text:
+        figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)

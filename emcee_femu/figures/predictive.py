@@ -11,6 +11,7 @@ from ..results.frequencies import check_sampled
 from ..results.measured import Measured, at_places, measured_variables
 from ..results.predictive import measurement_sd
 from .deviations import Compared, draw_deviations, draw_mac
+from .draws import say_certified
 
 MOST_LABELS = 24  # below a panel
 
@@ -69,6 +70,7 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
         step = ceil(len(item.labels) / MOST_LABELS)
         axes.set_xticks(range(0, len(item.labels), step), item.labels[::step])
         axes.set_xlabel(item.below)
+    say_certified(figure, idata)
     where = {"loc": "outside lower center", "ncols": 2, "frameon": False}
     figure.legend(handles.values(), handles.keys(), **where)
     return figure

@@ -10,7 +10,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..results.arviz_objects import dataset
 from .colours import BLUE, GREY, RED
-from .draws import changing_draws
+from .draws import changing_draws, say_certified
 from .ellipses import covariance_ellipse
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
@@ -74,6 +74,7 @@ def plot_scatter(
     )
     _draw_ellipses(figure, draws / scale, probability)
     _add_legend(figure, probability, bool(np.isfinite(marks).any()))
+    say_certified(figure, idata)
     return figure
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.frequencies import running_tae
+from .draws import say_certified
 
 
 def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None) -> Any:
@@ -42,6 +43,8 @@ def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None)
     scale_error_axes(axes, [tae for _, tae in curves.values()])
     axes.set_xlabel("generation")
     axes.legend(frameon=False)
+    for item in given.values():
+        say_certified(figure, item)
     return figure
 
 

@@ -9,9 +9,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
+
+# Groups whose draws may have weights.
+SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response"}
+SAMPLED |= {"posterior_predictive"}
+FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
 def load_arviz() -> Any:
@@ -36,6 +42,9 @@ def wrap(datasets: Mapping[str, Any]) -> Any:
 def dataset(idata: Any, group: str) -> Any:
     """Return a group as an xarray Dataset, whatever ArviZ made of it.
 
+    Weighted draws, which :func:`certify` makes, are repeated as their weights say:
+    what reads a group here shows the corrected posterior.
+
     Raises:
         TypeError: If idata is not what :func:`to_inference_data` returns.
         ValueError: If it lacks the group.
@@ -46,10 +55,49 @@ def dataset(idata: Any, group: str) -> Any:
             f"{type(idata).__name__}"
         )
     try:
-        found = idata[group]
+        found = _group(idata, group)
     except KeyError:
         raise ValueError(f"idata: it has no group {group!r}") from None
+    if group in SAMPLED and is_weighted(idata):
+        weights = _group(idata, "sample_stats")["weight"].values.ravel()
+        found = found.isel(draw=_resample(weights))
+    return found
+
+
+def groups(idata: Any) -> dict[str, Any]:
+    """Return all groups as xarray Datasets."""
+    tree = hasattr(idata, "children")
+    names = list(idata.children) if tree else [*idata.groups()]
+    return {name: _group(idata, name) for name in names}
+
+
+def describe_certificate(idata: Any) -> str:
+    """Return what :func:`certify` said, as a title has it; an empty string without."""
+    text = dataset(idata, "posterior").attrs.get("certificate", "")
+    return f" ({text})" if text else ""
+
+
+def _group(idata: Any, group: str) -> Any:
+    found = idata[group]
     return found.to_dataset() if hasattr(found, "to_dataset") else found
+
+
+def is_weighted(idata: Any) -> bool:
+    """Return whether the draws have weights, as :func:`certify` gives them."""
+    try:
+        return "weight" in _group(idata, "sample_stats")
+    except KeyError:  # of draws from elsewhere
+        return False
+
+
+def _resample(weights: Floats) -> NDArray[np.intp]:
+    """Return draws as often as their weights say, so often that rounding is none."""
+    n = len(weights)
+    size = max(FEWEST_RESAMPLED, COPIES * n)
+    edges = np.cumsum(weights)
+    places = (np.arange(size) + 0.5) / size * edges[-1]
+    kept: NDArray[np.intp] = np.searchsorted(edges, places, side="right")
+    return np.minimum(kept, n - 1)
 
 
 def samples(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..interfaces import Floats
 from ..sampling.found_map import FoundMap
 from ..table import Table, as_html
+from .arviz_objects import describe_certificate
 from .findings import describe_findings
 from .local_sensitivities import describe_locally
 from .sampled_sensitivities import describe_samples
@@ -148,5 +149,6 @@ def identifiability(idata: Any) -> Identifiability:
     local = isinstance(idata, FoundMap)
     fields = describe_locally(idata) if local else describe_samples(idata)
     found = Identifiability(**fields)
-    findings = [*([found.local] if found.local else []), *describe_findings(found)]
+    said = found.local or ("" if local else describe_certificate(idata).strip(" ()"))
+    findings = [*([said] if said else []), *describe_findings(found)]
     return replace(found, findings=tuple(findings))

@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
-from .arviz_objects import dataset, samples
+from .arviz_objects import dataset, is_weighted, samples
 from .chains import describe_runs, list_runs, stack_chains
 
 
@@ -19,6 +19,11 @@ def judged_chains(samplers: Any, discard: int) -> tuple[list[str], Floats, Any]:
         return _names(runs[0], draws.shape[-1]), draws, describe_runs(runs)
     names, chains = samples(samplers)
     posterior = dataset(samplers, "posterior")
+    if is_weighted(samplers):
+        raise ValueError(
+            "samplers: expected chains, got the weighted draws of a certificate; print "
+            "the certificate, and diagnose the chain of the emulated posterior"
+        )
     if posterior.attrs.get("population"):
         raise ValueError(
             "samplers: expected chains, got an annealed population, which has no "

@@ -7,7 +7,7 @@ import numpy as np
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
-from .arviz_objects import dataset, samples
+from .arviz_objects import dataset, describe_certificate, samples
 from .frequencies import check_sampled
 from .measured import Measured, at_places, measured_variables
 from .tables import INTERVAL
@@ -68,6 +68,7 @@ def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table
     if any(np.isfinite(own).any() for own in mac):
         mean, lowest = np.concatenate(mac, axis=1)
         columns += [("MAC", ".3f", mean), ("MAC 5 %", ".3f", lowest)]
+    what += describe_certificate(idata)
     return Table.from_columns(f"Predictions, 95 % intervals of {what}", columns)
 
 
@@ -170,6 +171,6 @@ def pairing_table(idata: Any, experiment: str | None = None) -> Table:
     ]
     title = (
         "Pairing with the model's modes: their order changed in "
-        f"{100 * changed.mean():.3g} % of {n} samples"
+        f"{100 * changed.mean():.3g} % of {n} samples{describe_certificate(idata)}"
     )
     return Table.from_columns(title, columns)

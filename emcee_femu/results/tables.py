@@ -10,7 +10,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Table
-from .arviz_objects import dataset, samples
+from .arviz_objects import dataset, describe_certificate, samples
 from .frequencies import check_sampled, total_average_error
 from .measured import at_places, measured_frequencies
 
@@ -69,7 +69,8 @@ def parameter_table(
     ]
     for title, values in _columns(published):
         columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
-    return Table.from_columns("Updating parameters", columns)
+    title = f"Updating parameters{describe_certificate(idata)}"
+    return Table.from_columns(title, columns)
 
 
 def frequency_table(
@@ -137,6 +138,7 @@ def frequency_table(
             )
         columns.append((title, ".4g", given if len(given) > m else pad(given)))
     words = f" of {experiment!r}" if experiment else ""
+    words += describe_certificate(idata)
     return Table.from_columns(f"Natural frequencies{words}", columns)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from ..interfaces import Floats
 
 GOOD_K = 0.7  # below it the error of an importance estimate can be believed
+FEWEST_WEIGHTS = 25  # from which k can be said
 FAIR_SHARE = 0.5  # effective share above which a heavy tail of weights matters little
 
 
@@ -31,15 +32,32 @@ def pareto_k(log_weights: Floats) -> float:
         >>> pareto_k(-0.1 * rng.normal(size=2_000) ** 2) < GOOD_K
         True
     """
+    return smooth_tail(log_weights)[1]
+
+
+def smooth_tail(log_weights: Floats) -> tuple[Floats, float]:
+    """Return log-weights whose largest are smoothed by a Pareto law, and its shape k.
+
+    The largest weights are replaced by the expected order statistics of the law that
+    fits them, which lowers the variance of means over them at a small bias.
+
+    Args:
+        log_weights: ln(p / q) at draws of q, ``(n,)``; -inf where p is zero.
+
+    Returns:
+        Smoothed log-weights up to a constant, and k; the weights as they are, and an
+        infinite k, if fewer than 25 are above zero.
+    """
     # Weights of zero are no part of the tail; ArviZ would make NaN of -inf.
-    finite = log_weights[np.isfinite(log_weights)]
-    if len(finite) < 25:
-        return np.inf
+    above_zero = np.isfinite(log_weights)
+    finite = log_weights[above_zero]
+    if len(finite) < FEWEST_WEIGHTS:
+        return log_weights, np.inf
     floor = finite.min() - 1.0
-    filled = np.where(np.isfinite(log_weights), log_weights, floor)
+    filled = np.where(above_zero, log_weights, floor)
     largest = np.sort(filled)[-round(min(len(filled) / 5, 3 * len(filled) ** 0.5)) :]
     if np.ptp(largest) < 1e-9:  # equal: no tail, to which no law can be fitted
-        return -np.inf
+        return log_weights, -np.inf
     with warnings.catch_warnings():  # ArviZ 0.23 announces version 1, and warns of k
         warnings.simplefilter("ignore")
         try:
@@ -47,10 +65,11 @@ def pareto_k(log_weights: Floats) -> float:
         except ImportError:
             import arviz
 
-            k = arviz.psislw(filled)[1]
+            smoothed, k = arviz.psislw(filled)
         else:
-            k = stats.psislw(-filled)[1]  # since version 1 it takes log-likelihoods
-    return float(k)
+            # Since version 1 it takes log-likelihoods.
+            smoothed, k = stats.psislw(-filled)[:2]
+    return np.where(above_zero, smoothed, -np.inf), float(k)
 
 
 def kish_share(log_weights: Floats) -> float:

@@ -275,6 +275,8 @@ CALLS = {
     "run, workers": {**IDLE, "workers": (1, whole(1))},
     "anneal": {"workers": OFF, "size": (40, whole(40))},
     "anneal, workers": {**IDLE, "size": OFF, "workers": (1, whole(1))},
+    "certify": {"workers": OFF, "solves": (10, whole(10))},
+    "certify, workers": {**IDLE, "solves": OFF, "workers": (1, whole(1))},
     "log_evidence": {"samplers": ([TEMPERED], anything)},
     "compare_models": {
         "models": (CLASSES, records),

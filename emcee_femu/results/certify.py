@@ -1,0 +1,206 @@
+"""Hold an emulated posterior to full solves at its own draws."""
+
+from dataclasses import replace
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats
+from ..posterior.log_posterior import LogPosterior
+from ..sampling.arguments import check_file
+from ..sampling.evaluation import Evaluation
+from ..sampling.importance import GOOD_K, kish_share, smooth_tail
+from ..sampling.journal import Journal
+from ..sampling.manifest import describe
+from ..sampling.pools.own_processes import open_pool
+from ..sampling.run_file.log import check_new
+from .arviz_objects import samples
+from .certificate import EQUAL, Certificate, judge
+from .certified_idata import with_certificate
+from .corrected_moments import Moments, correct_moments, spread_factor
+from .frequencies import check_sampled
+from .outside import MOST, SHARE, Search, compare_bounds, find_missed, look_elsewhere
+from .solved_draws import ChosenDraws, EmulatedChain, choose_draws, read_chain
+
+FEWEST_SOLVES = 10
+BATCH = 32  # solves that a kill may lose where a pool evaluates them
+
+
+def certify(
+    idata: Any,
+    posterior: LogPosterior,
+    solves: int = 100,
+    *,
+    seed: int,
+    workers: int | None = None,
+    pool: Any = None,
+    on_failure: str = "raise",
+    max_failures: float = 0.1,
+    backend: str | PathLike[str] | None = None,
+    resume: bool = False,
+    probe_tolerance: float = 1e-6,
+) -> Certificate:
+    r"""Hold the posterior of an emulator to full solves at independent draws of it.
+
+    .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
+        \hat f = \sum_i w_i f(\theta_i) \Big/ \sum_i w_i
+
+    with the true posterior over the emulated one, :math:`\tilde p`, which idata holds.
+    Draws are taken from the chain at equal distances, none twice. The effective share
+    of the weights and their Pareto k tell how good the emulated posterior is; corrected
+    means and standard deviations use the whole chain beside the weights. The verdict is
+
+    - *certified*: efficiency at least .9, and means and standard deviations within a
+      tenth of a standard deviation;
+    - *corrected*: the weights repair what is wrong;
+    - *refused*: k above .7, weights worth fewer than 40 independent draws, a tail too
+      heavy for so few weights (k above ``1 - 1 / log10(n)``), or something missing.
+
+    Weights that are nearly equal (efficiency above .9) are believed whatever their k,
+    which fewer than 100 of them do not tell well. Where k is at most .7 unequal weights
+    are smoothed (PSIS).
+
+    Weights at draws of the emulated posterior cannot see what it excludes. So bounds
+    that leave out more than 1 % of the prior are refused, and draws that press against
+    a bound which the prior does not have; and a quarter of the solves, at most 30, are
+    spent on climbs of the true posterior from draws of the prior that lie away from the
+    chain, where these are enough for three steps. What neither comes upon stays unseen:
+    a narrow mode of which no climb came near.
+
+    Args:
+        idata: What :func:`to_inference_data` made of a run on the emulated posterior,
+            without burn-in.
+        posterior: The true posterior, of the same parameters.
+        solves: Full solves to spend, all included; at least 10.
+        seed: A whole number; the same seed gives the same certificate.
+        workers: Number of processes to start, as in :func:`run`.
+        pool: Where to evaluate instead, as in :func:`run`.
+        on_failure: What a failed solve does, as in :func:`run`; with "reject" the draw
+            has no weight.
+        max_failures: Fraction of failed solves above which "reject" stops.
+        backend: Name of a file that keeps all solves, such as "beam.certificate"; None
+            for none.
+        resume: Whether to go on with that file, if it is there.
+        probe_tolerance: Relative difference at solves of the file above which the model
+            counts as another.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior, or a number not a whole one.
+        ValueError: If idata lacks what is needed or is of other parameters, solves is
+            below 10, or a file is there already or of another posterior.
+        RuntimeError: If too many solves failed.
+
+    Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
+    sampling", JMLR 25(72); Kish (1965), Survey Sampling (efficiency).
+
+    Example:
+        >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
+        >>> from emcee_femu import run, to_inference_data
+        >>> term = FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> true = LogPosterior(
+        ...     FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1), term, prior
+        ... )
+        >>> near = FunctionModel(lambda p: [3 + (p["k"] - 9) / 6], n_modes=1)
+        >>> emulated = LogPosterior(near, term, prior)
+        >>> sampler = run(emulated, nwalkers=20, nsteps=400, seed=1)
+        >>> idata = to_inference_data(sampler, emulated, discard=100)
+        >>> certificate = certify(idata, true, 60, seed=2)
+        >>> certificate.short, certificate.solves <= 60
+        ('certified', True)
+    """
+    check_sampled(posterior, samples(idata)[0])
+    solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
+    seed = checks.whole_number("seed", seed)
+    path = check_file(backend, checks.flag("resume", resume))
+    if path is not None and not resume:
+        check_new(path)
+    tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
+    rng = np.random.default_rng(seed)
+    chain = read_chain(idata, rng)
+    with open_pool(pool, workers, posterior.one_by_one) as evaluators:
+        evaluation = Evaluation.of(posterior, evaluators, on_failure, max_failures)
+        manifest = describe(posterior, moves="certify", solves=solves, seed=seed)
+        journal = Journal(evaluation, path, {"manifest": manifest})
+        journal.probe(tolerance)
+        search = look_elsewhere(chain, journal, min(solves // SHARE, MOST), rng)
+        chosen = choose_draws(chain, solves - search.solves, rng)
+        batch = 1 if evaluators is None and posterior.one_by_one else BATCH
+        parts = np.split(chosen.theta, range(batch, len(chosen.theta), batch))
+        rows = np.concatenate([journal.rows(part) for part in parts])
+    log = evaluation.failures
+    found = _weigh(
+        chain, chosen, rows, journal.solves, 0 if log is None else log.causes.total()
+    )
+    bounds = compare_bounds(chain, posterior.prior, rng)
+    shares = found.weights / len(found.weights)
+    missed = find_missed(chain, search, found.log_posterior, shares)
+    short, verdict, also = judge(found, bounds, missed)
+    findings = (*also, *_find(chain, chosen, search))
+    found = replace(found, short=short, verdict=verdict, findings=findings)
+    made = with_certificate(idata, posterior, found, rows, chosen.log_posterior)
+    return replace(found, idata=made)
+
+
+def _weigh(
+    chain: EmulatedChain, chosen: ChosenDraws, rows: Floats, solves: int, failed: int
+) -> Certificate:
+    """Return a certificate without a verdict."""
+    n, d = chosen.theta.shape
+    mean, sd = chain.draws.mean(axis=0), chain.draws.std(axis=0, ddof=1)
+    log_weights = rows[:, 0] - chosen.log_posterior
+    counted = log_weights + np.log(chosen.counts)
+    efficiency = kish_share(counted)
+    smoothed, k = smooth_tail(counted)
+    if efficiency < EQUAL and k <= GOOD_K:
+        counted = smoothed
+    top = counted.max()
+    weights, moments = np.zeros(n), Moments(*np.full((4, d), np.nan))
+    if top > -np.inf:
+        weights = np.exp(counted - top)
+        weights /= weights.sum()
+        plain = chosen.counts / chosen.counts.sum()
+        moments = correct_moments(chain, chosen.theta, plain, weights)
+    return Certificate(
+        names=chain.names,
+        short="",
+        verdict="",
+        solves=solves,
+        failed_solves=failed,
+        efficiency=efficiency,
+        effective=n * efficiency / spread_factor(chain.size, n),
+        pareto_k=k,
+        largest=float(n * weights.max()) if top > -np.inf else np.inf,
+        **moments._asdict(),
+        emulated_mean=mean,
+        emulated_sd=sd,
+        theta=chosen.theta,
+        weights=n * weights,
+        log_posterior=rows[:, 0],
+    )
+
+
+def _find(chain: EmulatedChain, chosen: ChosenDraws, search: Search) -> tuple[str, ...]:
+    """Return what else to know, in sentences."""
+    n = len(chosen.theta)
+    sentences = []
+    if chain.size < 2 * n:
+        sentences.append(
+            f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
+            f"{n} solves: run it longer; the errors allow for it."
+        )
+    if search.solves:
+        ends = len(search.maxima)
+        sentences.append(
+            f"{search.solves} solves went into climbs from elsewhere, of which {ends} "
+            "came to an end; what neither they nor the draws came upon stays unseen."
+        )
+    else:
+        sentences.append(
+            "No climb from elsewhere was made, for which the solves were too few: a "
+            "part of the posterior far from all draws would not be seen; find_map "
+            "looks for one."
+        )
+    return tuple(sentences)

@@ -1,0 +1,282 @@
+"""Certificates of emulated posteriors, against Gaussians of which all is known."""
+
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.chains import ar1
+from support.emulated_gaussians import (
+    COVARIANCE,
+    NEAR,
+    SHIFTED,
+    TRUE,
+    LogGaussian,
+    chains,
+    draws,
+    posterior,
+    sampled,
+)
+from support.free_posterior import box, free_posterior
+
+import emcee_femu as ef
+from emcee_femu.results.certificate import judge
+from emcee_femu.results.certify import _weigh
+from emcee_femu.results.solved_draws import EmulatedChain, choose_draws, read_chain
+
+ANY = np.random.default_rng(0)
+
+
+def certificates(emulated, n, phi, repeats=100, size=1_500):
+    """Return certificates of TRUE without verdicts, of independent chains."""
+    found = []
+    for seed, own in enumerate(chains(emulated, size, repeats, phi)):
+        chosen = choose_draws(own, n, np.random.default_rng(seed))
+        lp = TRUE(chosen.theta)
+        found.append(_weigh(own, chosen, np.column_stack([lp, lp]), n, 0))
+    return found
+
+
+def scores(found):
+    """Return z-scores of means and standard deviations, ``(repeats, 2 d)``."""
+    return np.array(
+        [
+            np.concatenate(
+                [(c.mean - TRUE.mean) / c.mean_error, (c.sd - 1) / c.sd_error]
+            )
+            for c in found
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("emulated", "phi"), [(NEAR, 0.0), (NEAR, 0.8), (SHIFTED, 0.0), (SHIFTED, 0.8)]
+)
+def test_means_and_standard_deviations_are_the_exact_ones_and_errors_are_honest(
+    emulated, phi
+):
+    z = scores(certificates(emulated, 150, phi))
+    assert (np.abs(z.mean(axis=0)) < 4.5 / np.sqrt(len(z))).all()
+    assert (np.abs(z.std(axis=0) - 1.05) < 0.3).all()
+    # All six together, far sharper: the mean square of a z-score is 1.
+    assert 0.8 < (z**2).mean() < 1.45
+
+
+def test_the_efficiency_is_that_of_the_law():
+    moved = LogGaussian(np.array([0.5, 0.0, 0.0]), np.eye(3))
+    (own,) = chains(moved, 8_000, 1)
+    chosen = choose_draws(own, 8_000, ANY)
+    lp = LogGaussian(np.zeros(3), np.eye(3), 40.0)(chosen.theta)
+    found = _weigh(own, chosen, np.column_stack([lp, lp]), 8_000, 0)
+    assert found.efficiency == pytest.approx(np.exp(-(0.5**2)), abs=0.02)
+    assert found.weights.mean() == pytest.approx(1.0)
+    expected = np.exp(lp - moved(chosen.theta))
+    expected /= expected.mean()
+    bulk = found.weights < np.quantile(found.weights, 0.9)  # the tail is smoothed
+    np.testing.assert_allclose(found.weights[bulk], expected[bulk], rtol=1e-3)
+
+
+def test_draws_are_spread_over_the_chain_and_none_is_there_twice():
+    still = np.repeat(np.arange(40.0), 50)[:, None]  # stands still for 50 steps
+    bounds = np.array([[-1.0, 50.0]])
+    own = EmulatedChain(("x",), still, -still[:, 0], bounds, 40.0, np.ones((2, 1)))
+    chosen = choose_draws(own, 30, np.random.default_rng(2))
+    assert len(np.unique(chosen.theta)) == len(chosen.theta) == 30
+    assert (chosen.log_posterior == -chosen.theta[:, 0]).all()
+    few = choose_draws(own, 60, np.random.default_rng(2))
+    assert len(few.theta) == 40 and (few.counts == 50).all()
+
+
+def test_a_draw_that_is_met_again_counts_as_often():
+    law = np.array([0.7, 0.2, 0.1])
+    where = np.random.default_rng(5).choice(3, 3_000, p=law)
+    own = EmulatedChain(
+        ("x",), where[:, None] * 1.0, np.zeros(3_000), np.array([[0, 2.0]]), 3e3, ANY
+    )
+    counts = choose_draws(own, 4, ANY).counts  # of three, which all are taken for
+    assert np.abs(counts / counts.sum() - law).max() < 0.04
+
+
+def certify(emulated, true=TRUE, n=4_000, seed=3, solves=100, **options):
+    """Return the certificate of an emulated Gaussian."""
+    idata = sampled(posterior(emulated), draws(emulated, n, seed))
+    true = posterior(true) if isinstance(true, LogGaussian) else true
+    return ef.certify(idata, true, solves, seed=seed, **options)
+
+
+def test_a_good_one_is_certified_and_its_errors_are_small():
+    found = certify(NEAR)
+    assert found.short == "certified" and found.verdict.startswith("Certified")
+    assert found.solves <= 100 and found.efficiency > 0.97
+    # Draws alone would know a mean to 0.12 only.
+    assert found.mean_error.max() < 0.03
+    assert np.abs(found.mean).max() < 0.1 and np.abs(found.sd - 1).max() < 0.08
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.short = "refused"
+
+
+def test_a_shifted_one_is_corrected_by_its_weights():
+    found = certify(SHIFTED, solves=200)
+    assert found.short == "corrected" and "weights repair" in found.verdict
+    z = (found.mean - TRUE.mean) / found.mean_error
+    assert np.abs(z).max() < 4
+    weighted = found.weights @ found.theta / len(found.weights)
+    assert np.abs(weighted).max() < np.abs(SHIFTED.mean).max()
+
+
+FAR = LogGaussian(np.array([1.6, 0.0, 0.0]), COVARIANCE)
+NARROW = LogGaussian(np.zeros(3), 0.15 * COVARIANCE)
+
+
+@pytest.mark.parametrize("emulated", [FAR, NARROW], ids=["far", "narrow"])
+def test_a_poor_one_is_refused_with_a_remedy(emulated):
+    found = certify(emulated)
+    assert found.short == "refused"
+    assert "emulate" in found.verdict and "Pareto k" in found.verdict
+
+
+def two_modes(share):
+    """Return a law in the box with two modes, far from each other."""
+
+    def log_density(theta):
+        parts = [
+            np.log(w) + LogGaussian(np.full(3, at), 0.25 * np.eye(3))(theta)
+            for w, at in ((share, 6.0), (1 - share, -6.0))
+        ]
+        return np.logaddexp(*parts)
+
+    return log_density
+
+
+def test_a_mode_that_the_emulator_lacks_is_found_by_climbing():
+    one = LogGaussian(np.full(3, -6.0), 0.25 * np.eye(3))
+    true = free_posterior(two_modes(0.5), box(-12.0, 12.0, 3))
+    idata = sampled(posterior(one), draws(one, 4_000, 1))
+    found = [ef.certify(idata, true, 120, seed=seed) for seed in range(6)]
+    assert all(c.efficiency > 0.99 for c in found)  # which weights cannot see
+    missed = [c for c in found if c.short == "refused"]
+    assert len(missed) >= 4
+    assert all("x1 = 6" in c.verdict or "x1 = 5.9" in c.verdict for c in missed)
+    alone = free_posterior(two_modes(1e-4), box(-12.0, 12.0, 3))
+    assert ef.certify(idata, alone, 120, seed=1).short == "certified"
+
+
+def test_bounds_that_leave_out_half_of_the_prior_are_refused():
+    half = posterior(TRUE, low=0.0)
+    theta = np.abs(draws(LogGaussian(np.zeros(3), np.eye(3)), 2_000, 1))
+    found = ef.certify(sampled(half, theta), posterior(TRUE), seed=1)
+    assert found.short == "refused" and "leave out 8" in found.verdict
+    assert any("press against x1 = 0" in finding for finding in found.findings)
+
+
+def test_draws_that_press_against_a_bound_of_the_emulator_are_refused():
+    wide = ef.GaussianPrior(["x1"], [0.0], [1.0], [(-9.0, 9.0)])
+    cut = ef.GaussianPrior(["x1"], [0.0], [1.0], [(-9.0, 2.5)])  # all but 0.6 %
+
+    def climbing(theta):
+        return -0.5 * ((theta[:, 0] - 6.0) / 0.8) ** 2
+
+    true, emulated = free_posterior(climbing, wide), free_posterior(climbing, cut)
+    mean, sd = 6 / (1 + 0.64), np.sqrt(0.64 / 1.64)
+    law = stats.truncnorm(-np.inf, (2.5 - mean) / sd, mean, sd)
+    theta = law.rvs((2_000, 1), random_state=1)
+    found = ef.certify(sampled(emulated, theta), true, seed=1)
+    assert found.efficiency == pytest.approx(1.0)
+    assert found.short == "refused" and "press against x1 = 2.5" in found.verdict
+    # A bound that the prior has, too, is no matter.
+    assert ef.certify(sampled(emulated, theta), emulated, seed=1).short == "certified"
+
+
+def test_a_short_chain_is_said_and_widens_the_errors():
+    phi = 0.98
+    few, enough = (
+        sampled(
+            posterior(TRUE),
+            ar1([phi] * 3, n, 1, 5)[:, 0] @ np.linalg.cholesky(COVARIANCE).T,
+        )
+        for n in (3_000, 60_000)
+    )
+    short, long = (ef.certify(i, posterior(TRUE), 80, seed=1) for i in (few, enough))
+    assert "independent draws only" in str(short)
+    assert "independent draws only" not in str(long)
+    assert (short.mean_error > 2 * long.mean_error).all()
+    assert short.effective < 60 * short.efficiency < 1.2 * long.effective
+
+
+def test_too_few_solves_are_refused_and_said():
+    found = certify(NEAR, solves=20)
+    assert found.short == "refused" and "too few solves" in found.verdict
+    assert found.pareto_k == np.inf
+
+
+def test_no_weight_at_all():
+    nowhere = free_posterior(lambda theta: np.full(len(theta), -1e9), box(-12, 12, 3))
+    far = free_posterior(TRUE, box(5.0, 12.0, 3))
+    assert certify(NEAR, nowhere).short in ("refused", "corrected")
+    found = certify(NEAR, far)
+    assert found.short == "refused" and "zero at all draws" in found.verdict
+    assert "nan" not in str(found)
+
+
+class Breaking:
+    """A law whose solve fails at one point of ten."""
+
+    def __call__(self, theta):
+        if (np.abs(theta[:, 0] * 1e3 % 1) < 0.1).any():
+            raise RuntimeError("no convergence")
+        return TRUE(theta)
+
+
+def test_failed_solves_have_no_weight_where_they_are_rejected():
+    true = free_posterior(Breaking(), box(-12.0, 12.0, 3))
+    with pytest.raises(RuntimeError, match="no convergence"):
+        certify(NEAR, true)
+    found = certify(SHIFTED, true, solves=300, on_failure="reject", max_failures=0.5)
+    assert found.failed_solves > 5
+    assert (found.weights == 0).sum() > 5
+    kept = found.idata["posterior"]["x1"].values
+    assert np.isfinite(kept).all()
+    assert kept.size == (found.weights > 0).sum()
+
+
+def test_pools_and_files_give_the_same_certificate(tmp_path):
+    alone = certify(NEAR)
+    with ThreadPoolExecutor(2) as pool:
+        assert str(certify(NEAR, pool=pool)) == str(alone)
+    path = tmp_path / "near.certificate"
+    assert str(certify(NEAR, backend=path)) == str(alone)
+    resumed = certify(NEAR, backend=path, resume=True)
+    assert str(resumed) == str(alone)
+    with pytest.raises(ValueError, match="near.certificate"):
+        certify(NEAR, backend=path)
+
+
+def test_what_is_no_chain_of_this_posterior_is_refused():
+    found = certify(SHIFTED, solves=200)
+    with pytest.raises(ValueError, match="idata: expected draws of the emulated"):
+        ef.certify(found.idata, posterior(TRUE), seed=1)
+    with pytest.raises(ValueError, match="posterior: expected the sampled one"):
+        ef.certify(found.idata, free_posterior(len, box(0.0, 1.0, 2)), seed=1)
+    theta = draws(NEAR, 100, 1)
+    theta[:, 1] = 2.0
+    with pytest.raises(ValueError, match="every draw of 'x2' is 2"):
+        ef.certify(sampled(posterior(NEAR), theta), posterior(TRUE), seed=1)
+
+
+def test_the_order_of_parameters_is_that_of_the_posterior():
+    idata = sampled(posterior(NEAR), draws(NEAR, 100, 1))
+    own = read_chain(idata, ANY)
+    assert own.names == ("x1", "x2", "x3")
+    level = own.log_posterior - NEAR(own.draws)
+    assert np.ptp(level) < 1e-9  # the prior is uniform
+
+
+def test_weights_that_are_nearly_equal_are_believed_whatever_their_k():
+    found = certify(NEAR)
+    for k in (-np.inf, 0.9, 5.0):
+        assert judge(dataclasses.replace(found, pareto_k=k), [], [])[0] == "certified"
+    unequal = dataclasses.replace(found, efficiency=0.6, pareto_k=0.9)
+    assert judge(unequal, [], [])[0] == "refused"
+    weak = dataclasses.replace(unequal, pareto_k=0.6)  # of 75 weights
+    assert "too few solves for so heavy a tail" in judge(weak, [], [])[1]
