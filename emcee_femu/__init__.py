@@ -70,6 +70,7 @@ from .results.predictive import predictive_table as predictive_table
 from .results.tables import frequency_table as frequency_table
 from .results.tables import parameter_table as parameter_table
 from .sampling.anneal import anneal as anneal
+from .sampling.emulate import emulate as emulate
 from .sampling.find_map import find_map as find_map
 from .sampling.pools.evaluation_pool import EvaluationPool as EvaluationPool
 from .sampling.run import run as run

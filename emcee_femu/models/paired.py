@@ -151,13 +151,23 @@ class PairedModel:
             return getattr(self.model, attribute)
         raise AttributeError(attribute)
 
+    def around(self, model: Model) -> "PairedModel":
+        """Return the same pairing of another model's modes."""
+        return PairedModel(
+            model,
+            self.measurements,
+            candidates=self.candidates,
+            min_mac=self.min_mac,
+            min_gap=self.min_gap,
+        )
+
     def __call__(self, parameters: Parameters) -> PairedSolution:
         """Solve, and return the modes in the order of the measured ones."""
         return self.pair(self.model(parameters))
 
     def pair(self, response: Any) -> PairedSolution:
         """Return the modes that the model inside returned, in that order."""
-        return self._pair(*self._modes(response))
+        return self._pair(*self.read_candidates(response))
 
     def _differentiate(
         self, differentiate: Callable[[Parameters], Any], parameters: Parameters
@@ -167,7 +177,7 @@ class PairedModel:
         Of frequency, shapes and MAC; numbers of modes change in steps.
         """
         response, derivatives = differentiate(parameters)
-        modes = self._modes(response)
+        modes = self.read_candidates(response)
         solution = self._pair(*modes)
         names, slopes = read_slopes(response, derivatives, modes, self._at_sensors)
         chosen = solution.model_mode - 1
@@ -211,8 +221,8 @@ class PairedModel:
             Pairing(found, chosen + 1, found < self.min_mac),
         )
 
-    def _modes(self, response: Any) -> tuple[Floats, Floats]:
-        """Return frequencies and shapes at the sensors of the candidates."""
+    def read_candidates(self, response: Any) -> tuple[Floats, Floats]:
+        """Return frequencies and shapes at the sensors of a response's candidates."""
         try:
             found = [read(response, name) for name in ("frequency", "shapes")]
         except TypeError as error:

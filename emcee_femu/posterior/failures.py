@@ -70,8 +70,16 @@ class FailureLog:
                 "rejected: %s at %s", failed.message, dict(failed.parameters)
             )
         self.kept += failures[: max(0, KEPT - len(self.kept))]
+        self.check(FEWEST)
+
+    def check(self, fewest: int) -> None:
+        """Stop if too many failed of at least ``fewest`` evaluations.
+
+        Raises:
+            RuntimeError: If more than max_failures of them did.
+        """
         total = self.causes.total()
-        if self.evaluations < FEWEST or total <= self.max_failures * self.evaluations:
+        if self.evaluations < fewest or total <= self.max_failures * self.evaluations:
             return
         example = ""
         if self.kept:  # those before a resume were logged, and are not kept

@@ -80,5 +80,10 @@ def expand(
     # One standard deviation to both sides of each direction.
     moved = move_along(parameters, response, tangents, np.ones((n, q)))
     ahead, behind = term(*moved).reshape(n, 2, q).swapaxes(0, 1)
-    bent = np.maximum(2 * value[:, None] - ahead - behind, 0.0)
-    return (ahead - behind) / 2, bent[:, :, None] * np.eye(q)
+    slope = (ahead - behind) / 2
+    bent = 2 * value[:, None] - ahead - behind
+    # What bends the other way has no maximum: it gains what was seen, no more.
+    seen = np.maximum(np.maximum(ahead, behind) - value[:, None], 0.5)
+    least = np.maximum(slope**2 / (2 * seen) - 1.0, 0.0)
+    bent = np.where(bent > 0, bent, least)
+    return slope, bent[:, :, None] * np.eye(q)

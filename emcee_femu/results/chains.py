@@ -28,8 +28,7 @@ def list_runs(
                 "give it to to_inference_data for tables and figures"
             )
         if not hasattr(run, "get_chain"):
-            got = type(run).__name__
-            raise TypeError(f"samplers: expected EnsembleSamplers, got {got}")
+            raise TypeError(f"samplers: expected EnsembleSamplers, got {run!r}")
         if not run.iteration:
             raise ValueError("samplers: one has no stored steps; run it first")
     return runs

@@ -1,5 +1,6 @@
 """What evaluates a posterior: serially or on a pool, with failures counted."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -11,7 +12,7 @@ from ..posterior.failures import FailureLog
 from ..posterior.linearize import unstack
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.numerical import difference
-from ..posterior.rejecting import guard
+from ..posterior.rejecting import count_failures, guard
 from .arguments import Moves, Settings
 
 
@@ -80,6 +81,18 @@ class Evaluation:
         """Return the rows of the posterior at ``theta (n, d)``."""
         self._count(theta)
         return self._map(self.function, theta)
+
+    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
+        """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
+        if self.pool is None:
+            for number in range(len(theta)):
+                yield number, self.rows(theta[number : number + 1])[0]
+            return
+        for number, result in self.bare.each(self.function, theta):
+            self._count(theta[number : number + 1])
+            if self.failures is not None:
+                result = count_failures([result], self.failures, self.posterior)[0]
+            yield number, result
 
     def linearize(self, theta: Floats) -> Linearization:
         """Return what :meth:`LogPosterior.linearize` does, evaluated in the same way.

@@ -8,7 +8,8 @@ before comes from the file. A kill can only cut the last batch short.
 import os
 import struct
 import zlib
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TypeAlias
 
 import emcee
 import numpy as np
@@ -25,6 +26,9 @@ LEAD = struct.Struct("<qqq")  # kind, points, columns of the result
 MOST = 256  # points that a kill may lose
 KINDS = ("rows", "linearize")
 PROBED = 16  # points
+
+# Kind, points, result, what was spent, bytes.
+Record: TypeAlias = tuple[int, Floats, Floats, Any, int]
 
 
 class Journal:
@@ -78,6 +82,26 @@ class Journal:
             self._append(0, theta, stored)
         return stored
 
+    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
+        """Yield number and row of each point, in the order in which they came.
+
+        Each is stored as it comes, so that a kill loses none; and points may be added
+        to a batch of which a part is stored.
+        """
+        waiting = list(range(len(theta)))
+        while waiting and (record := self._next()) is not None:
+            kind, points, result, counts, size = record
+            found = [i for i in waiting if np.array_equal(theta[i : i + 1], points)]
+            if kind or not found:
+                raise self._other_way()
+            self._go_on(counts, size)
+            waiting.remove(found[0])
+            yield found[0], result[0]
+        for number, row in self.evaluation.each(theta[waiting]):
+            place = waiting[number]
+            self._append(0, theta[place : place + 1], row[None])
+            yield place, row
+
     def linearize(self, theta: Floats) -> Linearization:
         """Return rows, gradients and information."""
         stored = self._stored(1, theta)
@@ -104,27 +128,40 @@ class Journal:
 
     def _stored(self, kind: int, theta: Floats) -> Floats | None:
         """Return the result of the next batch of the file, None at its end."""
+        record = self._next()
+        if record is None:
+            return None
+        own, points, result, counts, size = record
+        if own != kind or not np.array_equal(points, theta):
+            raise self._other_way()
+        self._go_on(counts, size)
+        return result
+
+    def _next(self) -> Record | None:
+        """Return the next record of the file, None at its end."""
         if self._path is None or self._place >= self._end:
             return None
         record = self._read(self._place)
         if record is None:  # torn: written over
             self._end = self._place
-            return None
-        own, points, result, counts, size = record
-        if own != kind or not np.array_equal(points, theta):
-            raise ValueError(
-                f"resume: the search does not take the way that {self._path} holds, "
-                "though it is of the same posterior: another version of a library, or "
-                "another machine, computes other digits. Go on where it began, or "
-                "give another file name"
-            )
+        return record
+
+    def _go_on(self, counts: Any, size: int) -> None:
+        """Count what a record has spent, and pass it."""
         self._place += size
         self.evaluation.solves = int(counts[0])
         if self.evaluation.failures is not None:
             self.evaluation.failures.restore(counts[1:].tolist())
-        return result
 
-    def _read(self, place: int) -> tuple[int, Floats, Floats, Any, int] | None:
+    def _other_way(self) -> ValueError:
+        return ValueError(
+            f"resume: the search does not take the way that {self._path} holds, "
+            "though it is of the same posterior: another version of a library, or "
+            "another machine, computes other digits. Go on where it began, or "
+            "give another file name"
+        )
+
+    def _read(self, place: int) -> Record | None:
         """Return the record that begins there, None if the last one is torn."""
         with open(str(self._path), "rb") as file:
             file.seek(place)

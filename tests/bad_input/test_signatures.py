@@ -277,6 +277,17 @@ CALLS = {
     "anneal, workers": {**IDLE, "size": OFF, "workers": (1, whole(1))},
     "certify": {"workers": OFF, "solves": (10, whole(10))},
     "certify, workers": {**IDLE, "solves": OFF, "workers": (1, whole(1))},
+    "emulate": {
+        "workers": OFF,
+        "solves": (10, whole(10)),
+        "tolerance": (0.1, number(low=0.0)),
+        "initial": (START[0], array().but("one less", outside=99.0 * START[0])),
+    },
+    "emulate, workers": {
+        **IDLE,
+        **dict.fromkeys(("tolerance", "solves"), OFF),
+        "workers": (1, whole(1)),
+    },
     "log_evidence": {"samplers": ([TEMPERED], anything)},
     "compare_models": {
         "models": (CLASSES, records),

@@ -3,6 +3,8 @@
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import as_completed
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -89,9 +91,52 @@ class EvaluationPool:
             waiting, sent = missing, payload
         return [value for part_values in values for value in part_values]
 
+    def each(self, function: Any, points: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield number and result of each point as soon as a worker has it.
+
+        A task holds one point. Where the executor has only a ``map`` they come in
+        order.
+        """
+        function, method = _split(_unwrap(function))
+        digest, payload = None, None
+        if not isinstance(self._executor, THREADS):
+            digest, payload = self._pickle(function)
+        sent = function if digest is None else None
+        waiting = list(range(len(points)))
+        while waiting:
+            home = os.getpid()
+            tasks = [(digest, method, points[i : i + 1], sent, home) for i in waiting]
+            missing = []
+            for place, outcome in self._completed(tasks):
+                if outcome.error is not None:
+                    outcome.error.add_note(outcome.note)
+                    raise outcome.error
+                if outcome.missing:
+                    missing.append(waiting[place])
+                else:
+                    yield waiting[place], outcome.values[0]
+            waiting, sent = sorted(missing), payload
+
+    def _completed(self, tasks: list[Any]) -> Iterator[tuple[int, Outcome]]:
+        """Yield number and outcome of each task as it ends."""
+        if not hasattr(self._executor, "submit"):
+            yield from enumerate(self._outcomes(tasks))
+            return
+        with self._name_failure():
+            futures = [self._executor.submit(evaluate, task) for task in tasks]
+            places = {future: place for place, future in enumerate(futures)}
+            for future in as_completed(places):
+                yield places[future], future.result()
+
     def _outcomes(self, tasks: list[Any]) -> Iterator[Outcome]:
-        try:
+        with self._name_failure():
             yield from self._executor.map(evaluate, tasks)
+
+    @contextmanager
+    def _name_failure(self) -> Iterator[None]:
+        """Say what it means if the executor itself fails."""
+        try:
+            yield
         except Exception as error:  # of the executor: an outcome carries the function's
             raise RuntimeError(
                 f"pool: {type(self._executor).__name__} could not do its work: a "
