@@ -130,7 +130,7 @@ def _evidences(models: Any, discard: int) -> dict[str, Evidence]:
     if not isinstance(models, Mapping):
         raise TypeError(
             "models: expected samplers or evidences by label, such as {'one factor': "
-            f"a, 'four factors': b}}, got {models!r}"
+            f"a, 'four factors': b}}, got {type(models).__name__}"
         )
     if len(models) < 2:
         raise ValueError(f"models: expected at least two classes, got {list(models)}")
@@ -157,7 +157,8 @@ def _prior_weights(prior: Any, labels: list[str]) -> Floats:
     if prior is None:
         return np.full(len(labels), 1 / len(labels))
     if not isinstance(prior, Mapping):
-        raise TypeError(f"prior: expected {{label: probability}}, got {prior!r}")
+        got = type(prior).__name__
+        raise TypeError(f"prior: expected {{label: probability}}, got {got}")
     if set(prior) != set(labels):
         raise ValueError(
             f"prior: expected one probability for each of {labels}, got {list(prior)}"

@@ -91,7 +91,9 @@ def compare_moves(
         nsteps: Stored generations per ensemble. Give either this or max_evaluations.
         max_evaluations: Log-posterior evaluations that each move may spend on the
             stored chains of all ensembles; those of the starts and of the search of
-            "auto" come on top and are reported.
+            "auto" come on top and are reported. Where "auto" turns to Hamiltonian
+            moves, whose trajectories cost several each, it spends more, and the
+            conclusion says how many.
         ensembles: Independent ensembles, at least 2, started by draws from the prior.
         seed: A whole number, the same for every move.
         discard: Stored steps to drop as burn-in; None for a quarter of them.
@@ -128,6 +130,12 @@ def compare_moves(
         settings = {**size, "seed": seed, "progress": progress}
         entries.append(_sample(posterior, label, move, dropped, settings))
     winner, words = conclusion(entries)
+    if max_evaluations is not None:
+        for entry in (own for own in entries if own.chain > max_evaluations):
+            words += (
+                f"\n{entry.label}: {entry.chain} evaluations of the chain, more than "
+                f"max_evaluations, as it turned to Hamiltonian moves."
+            )
     title = (
         f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
         f"{dropped} of {nsteps} steps dropped; ESS per 1000 log-posterior evaluations"
@@ -237,7 +245,7 @@ def _check_moves(moves: Any, nwalkers: int | None, posterior: LogPosterior) -> i
     if not isinstance(moves, Mapping) or not moves:
         raise TypeError(
             "moves: expected moves by label, such as {'DE-MC': DEMCMove()}, got "
-            f"{moves!r}"
+            f"{type(moves).__name__}"
         )
     faults = []
     for label, move in moves.items():

@@ -11,6 +11,7 @@ from .. import checks
 from ..interfaces import Floats
 from .acceptance import Batch, ProposingMove
 from .metropolis import factorize
+from .mixture_em import invert_factors
 from .mixture_fit import fit_mixture
 
 
@@ -65,10 +66,7 @@ class IndependenceMove(ProposingMove):
         self.factors = np.array(
             [factorize("scale_matrices", S) for S in self.scale_matrices]
         )
-        # Rows scaled first: entries of one factor may differ by 1e22.
-        rows = np.abs(self.factors).max(axis=2)
-        self.inverses = np.linalg.inv(self.factors / rows[:, :, None])
-        self.inverses /= rows[:, None, :]
+        self.inverses = invert_factors(self.factors)
         diagonals = np.diagonal(self.factors, axis1=1, axis2=2)
         self._log_constants = (
             np.log(self.weights)

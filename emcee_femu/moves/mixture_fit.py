@@ -2,10 +2,11 @@
 
 import numpy as np
 from scipy.cluster.vq import kmeans2
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from ..interfaces import Floats
 from .metropolis import factorize
+from .mixture_em import log_constant
 
 MOST_COMPONENTS = 6
 MOST_DRAWS = 20_000  # more draws do not make the fit better, only slower
@@ -105,7 +106,6 @@ def _run_em(
         if mean_log - previous < TOLERANCE:
             break
         previous = mean_log
-    constant = gammaln((df + d) / 2) - gammaln(df / 2) - 0.5 * d * np.log(df * np.pi)
     n_parameters = components * (1 + d + d * (d + 1) / 2) - 1
-    bic = -2 * n * (mean_log + float(constant)) + n_parameters * np.log(n)
+    bic = -2 * n * (mean_log + log_constant(df, d)) + n_parameters * np.log(n)
     return bic, counts / n, means, matrices

@@ -28,7 +28,8 @@ def list_runs(
                 "give it to to_inference_data for tables and figures"
             )
         if not hasattr(run, "get_chain"):
-            raise TypeError(f"samplers: expected EnsembleSamplers, got {run!r}")
+            got = type(run).__name__
+            raise TypeError(f"samplers: expected EnsembleSamplers, got {got}")
         if not run.iteration:
             raise ValueError("samplers: one has no stored steps; run it first")
     return runs

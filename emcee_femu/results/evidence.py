@@ -11,6 +11,7 @@ from ..moves import IndependenceMove
 from .chains import list_runs, stack_chains
 from .evidence_bridge import bridge_evidence
 from .evidence_ladder import check_betas, tempered_evidence
+from .stored_runs import read_runs
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +92,14 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
     Args:
         samplers: What :func:`run` returned for a ``TemperedMove`` with betas to 0 or
             for "auto", one of them, or their files as opened again; also what
-            ``anneal`` returns, whose own estimate is handed on.
+            ``anneal`` returns, whose own estimate is handed on, and for "auto" the
+            ArviZ object of the run, perhaps from a netCDF file.
         discard: Stored steps to drop as burn-in.
 
     Raises:
         TypeError: If discard is not a whole number.
-        ValueError: If a sampler is neither tempered nor of "auto", betas differ or do
+        ValueError: If a sampler is neither tempered nor of "auto", or an ArviZ object
+            not of "auto" (it has no hot walkers), betas differ or do
             not end at 0, fewer than 8 steps are left, or the log-likelihoods are not
             finite or constant.
 
@@ -111,7 +114,8 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
             method="as it was given",
             problems=tuple(getattr(samplers, "problems", ())),
         )
-    runs = list_runs(samplers)
+    stored = hasattr(samplers, "children") or hasattr(samplers, "groups")
+    runs = read_runs(samplers) if stored else list_runs(samplers)
     # The ensembles of one run share a log of failures.
     logs = {id(log): log for run in runs if (log := getattr(run, "failures", None))}
     failed = sum(log.causes.total() for log in logs.values())

@@ -5,20 +5,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special, stats
+from scipy import special
 
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.climbing import Maximum, climb_each, distinct
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import inside
 from .evaluation import Evaluation
-from .found_map import FoundMap
+from .found_map import FoundMap, draw_inside
 from .importance import kish_share, pareto_k
 from .pools.own_processes import open_pool
 
 FEWEST = 25  # draws of a check; from fewer there is no Pareto k
-TRIALS = 100  # draws for each that is to lie inside the bounds
 
 
 def find_map(
@@ -135,34 +133,7 @@ def _check(
 
     There are fewer than n where most of a Gaussian is out of bounds.
     """
-    rng = np.random.default_rng(seed)
-    laws = [_Gaussian(own) for own in maxima]
-    chosen = rng.choice(len(laws), size=TRIALS * n, p=weights)
-    draws = np.stack([law.mean for law in laws])[chosen]
-    for number, law in enumerate(laws):
-        own = chosen == number
-        draws[own] += law.scatter(rng, int(own.sum()))
-    # Cut at the bounds the law is the same but for a constant.
-    draws = draws[inside(draws, evaluation.posterior.prior.bounds)][:n]
-    densities = np.stack([law.log_density(draws) for law in laws])
-    proposed = special.logsumexp(densities, axis=0, b=weights[:, None])
-    log_weights = evaluation.rows(draws)[:, 0] - proposed
+    rng, bounds = np.random.default_rng(seed), evaluation.posterior.prior.bounds
+    draws, log_density = draw_inside(maxima, weights, bounds, n, rng)
+    log_weights = evaluation.rows(draws)[:, 0] - log_density
     return len(draws), pareto_k(log_weights), kish_share(log_weights)
-
-
-class _Gaussian:
-    """The Gaussian about a maximum."""
-
-    def __init__(self, maximum: Maximum) -> None:
-        self.mean = maximum.theta
-        self.root = np.linalg.cholesky(maximum.covariance)
-
-    def scatter(self, rng: np.random.Generator, n: int) -> Floats:
-        about: Floats = rng.standard_normal((n, len(self.mean))) @ self.root.T
-        return about
-
-    def log_density(self, theta: Floats) -> Floats:
-        white = np.linalg.solve(self.root, (theta - self.mean).T)
-        log_scale = np.log(np.diag(self.root)).sum()
-        density: Floats = stats.norm.logpdf(white).sum(axis=0) - log_scale
-        return density

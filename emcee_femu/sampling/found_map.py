@@ -1,21 +1,25 @@
 """What a search for maxima found, as tables and sentences."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special, stats
 
+from .. import checks
 from ..interfaces import Floats
 from ..posterior.climbing import Maximum
 from ..posterior.laplace import moments_inside
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import summarize_prior
+from ..posterior.priors import inside, summarize_prior
 from ..table import Table, as_html
 from .importance import GOOD_K
 
 SHOWN = 4  # maxima in the tables
+TRIALS = 100  # draws for each that is to lie inside the bounds
 EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
 
 
@@ -46,6 +50,31 @@ class FoundMap:
     draws: int = 0
     pareto_k: float = np.nan
     efficiency: float = np.nan
+
+    def draw(self, n: int, seed: int) -> Floats:
+        """Return draws ``(n, d)`` of the Gaussians, by weight, inside the bounds.
+
+        As starts of a chain: ``run(..., initial=found.draw(nwalkers, seed))``. They
+        are no draws of the posterior; where it is wider, give them more time.
+
+        Args:
+            n: How many.
+            seed: A whole number.
+
+        Raises:
+            TypeError: If an argument is not a whole number.
+            ValueError: If n is below 1, or hardly any draw is inside the bounds.
+        """
+        n = checks.whole_number("n", n, 1)
+        rng = np.random.default_rng(checks.whole_number("seed", seed))
+        bounds = self.posterior.prior.bounds
+        draws, _ = draw_inside(self.maxima, self.weights, bounds, n, rng)
+        if len(draws) < n:
+            raise ValueError(
+                f"n: of {TRIALS * n} draws of the Gaussians only {len(draws)} are "
+                f"inside the bounds, fewer than {n}; start from the prior"
+            )
+        return draws
 
     @property
     def table(self) -> Table:
@@ -121,3 +150,46 @@ class FoundMap:
     def _repr_html_(self) -> str:
         """Return the tables and the findings as notebooks show them."""
         return as_html(self.table, self.maxima_table, *self.findings)
+
+
+def draw_inside(
+    maxima: Sequence[Maximum],
+    weights: Floats,
+    bounds: Floats,
+    n: int,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats]:
+    """Draw from the Gaussians about maxima, inside the bounds.
+
+    Returns:
+        Draws, fewer than n where most of a Gaussian is out of bounds, and the log of
+        their density but for a constant: cut at the bounds the law is the same.
+    """
+    laws = [_Gaussian(own) for own in maxima]
+    chosen = rng.choice(len(laws), size=TRIALS * n, p=weights)
+    draws = np.stack([law.mean for law in laws])[chosen]
+    for number, law in enumerate(laws):
+        own = chosen == number
+        draws[own] += law.scatter(rng, int(own.sum()))
+    draws = draws[inside(draws, bounds)][:n]
+    densities = np.stack([law.log_density(draws) for law in laws])
+    log_density: Floats = special.logsumexp(densities, axis=0, b=weights[:, None])
+    return draws, log_density
+
+
+class _Gaussian:
+    """The Gaussian about a maximum."""
+
+    def __init__(self, maximum: Maximum) -> None:
+        self.mean = maximum.theta
+        self.root = np.linalg.cholesky(maximum.covariance)
+
+    def scatter(self, rng: np.random.Generator, n: int) -> Floats:
+        about: Floats = rng.standard_normal((n, len(self.mean))) @ self.root.T
+        return about
+
+    def log_density(self, theta: Floats) -> Floats:
+        white = np.linalg.solve(self.root, (theta - self.mean).T)
+        log_scale = np.log(np.diag(self.root)).sum()
+        density: Floats = stats.norm.logpdf(white).sum(axis=0) - log_scale
+        return density

@@ -12,7 +12,7 @@ from .outputs_modes import LEAST, ModalOutputs
 FAR = 3.0  # squared distance per dimension beyond which a point counts less
 WORST = 100.0  # squared error beyond which it is only known to be large
 GAIN = 0.8  # several modes together must lower the squared error to this share
-ROUNDS = 2  # of blocks, then of lengths for them
+ROUNDS = 3  # of lengths, then of blocks with them
 
 Key = tuple[int, int]  # the first mode, and the one behind the last
 
@@ -41,9 +41,8 @@ def choose_modes(
     m = len(usual)
     unit = 8 * np.pi**2 * usual * units[0]
     choice = _Choice(points, modes, unit, units[1])
-    best = [(j, j + 1) for j in range(m)]
-    if ascending:
-        best = choice.part(best, start)
+    single = [(j, j + 1) for j in range(m)]
+    best = choice.part(start) if ascending else single
     return ModalOutputs(
         tuple(choice.make(*key) for key in best),
         LEAST * (2 * np.pi * usual) ** 2,
@@ -73,26 +72,32 @@ class _Choice:
         reference = None if shapes is None else shapes[centre][:, own]
         return Aligned.of(first, self.unit[own], wanted, reference)
 
-    def part(self, chosen: list[Key], lengths: Floats | None) -> list[Key]:
-        """Return the best parting into neighbours."""
+    def part(self, start: Floats | None) -> list[Key]:
+        """Return the best parting into neighbours.
+
+        Lengths depend on what is emulated, so that parting and fitting take turns,
+        once from single modes and once from blocks that are as large as they may be.
+        """
         m, shapes = len(self.unit), self.modes.shapes
         largest = 3 if shapes is None else min(m, shapes.shape[1])
         keys = [(i, j) for i in range(m) for j in range(i + 1, min(i + largest, m) + 1)]
         blocks = {key: self.make(*key) for key in keys}
         codes = {key: block.encode(self.modes) for key, block in blocks.items()}
-        found: list[tuple[float, list[Key]]] = []
-        for _ in range(ROUNDS + 1):
-            together = np.hstack([codes[key] for key in chosen])
-            processes = fit_processes(self.points, together, lengths)
-            costs = {
-                key: self._cost(blocks[key], codes[key], processes) for key in keys
-            }
-            found.append((sum(costs[key] for key in chosen), chosen))
-            following = _cheapest(costs, m)
-            if following == chosen:
-                break
-            chosen, lengths = following, processes.lengths
-        return min(found)[1]
+        found: dict[tuple[Key, ...], float] = {}
+        for size in (1, largest):
+            chosen = tuple((i, min(i + size, m)) for i in range(0, m, size))
+            lengths = start
+            for _ in range(ROUNDS):
+                if chosen in found:
+                    break
+                together = np.hstack([codes[key] for key in chosen])
+                processes = fit_processes(self.points, together, lengths)
+                costs = {
+                    key: self._cost(blocks[key], codes[key], processes) for key in keys
+                }
+                found[chosen] = sum(costs[key] for key in chosen)
+                chosen, lengths = _cheapest(costs, m), processes.lengths
+        return [*min(found, key=lambda keys: found[keys])]
 
     def _cost(self, block: Block, codes: Floats, processes: Processes) -> float:
         """Return the squared error of a block's modes, each point left out in turn."""
@@ -110,12 +115,12 @@ class _Choice:
         return mean if block.count == 1 else mean / GAIN
 
 
-def _cheapest(costs: dict[Key, float], m: int) -> list[Key]:
+def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:
     """Return the parting of m modes into neighbours that costs least."""
-    best: list[tuple[float, list[Key]]] = [(0.0, [])]
+    best: list[tuple[float, tuple[Key, ...]]] = [(0.0, ())]
     for j in range(1, m + 1):
         ends = [
-            (best[i][0] + costs[i, j], [*best[i][1], (i, j)])
+            (best[i][0] + costs[i, j], (*best[i][1], (i, j)))
             for i in range(j)
             if (i, j) in costs
         ]

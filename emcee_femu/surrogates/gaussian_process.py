@@ -255,7 +255,9 @@ def _condition(
     slopes = unknown.T @ (unknown @ (own.T @ white))
     residual = white - own @ slopes
     weights = np.vstack([whitener.T @ residual, slopes])
-    covariance = residual.T @ residual / (len(points) - trend.shape[1])
+    # The variance of Student's t, which values of unknown amplitude have.
+    free = max(len(points) - trend.shape[1] - 2, 1)
+    covariance = residual.T @ residual / free
     known = Processes(points, values, lengths, covariance, whitener, unknown, weights)
     errors, sd = known.leave_one_out()
     usual = np.maximum(sd, np.sqrt(TINY))

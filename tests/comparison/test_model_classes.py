@@ -110,3 +110,20 @@ def test_wrong_arguments_are_refused(case):
     given, error, match = REFUSED[case]
     with pytest.raises(error, match=match):
         ef.compare_models(**{"models": PAIR, **given})
+
+
+def test_a_refusal_does_not_print_the_objects():
+    law = GaussianLaw()
+    samplers = ef.run(law.posterior, nwalkers=16, nsteps=2, seed=1)
+    idata = ef.to_inference_data(samplers, law.posterior)
+    for models in (
+        idata,
+        {"x": known(-1.0), "y": object},
+        {"x": known(0.0), "y": [[]]},
+    ):
+        with pytest.raises((TypeError, ValueError)) as error:
+            ef.compare_models(models)
+        assert len(str(error.value)) < 150
+    with pytest.raises(TypeError) as error:
+        ef.compare_models(PAIR, prior=[idata])
+    assert len(str(error.value)) < 80

@@ -11,6 +11,7 @@ from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
 from emcee_femu import DEMCMove, TemperedMove, log_evidence
+from emcee_femu.results.arviz_objects import load_arviz
 from emcee_femu.results.evidence import Evidence
 from emcee_femu.results.evidence_ladder import space_betas
 from emcee_femu.sampling.run_file import RunFile
@@ -254,3 +255,31 @@ def test_twenty_seeds_meet_the_bar(problem, method):
     assert found["|z| > 3"] <= 1
     assert found["no claim"] <= 5
     assert 1 / 1.5 < found["claimed"] / found["spread"] < 1.5
+
+
+@pytest.mark.parametrize("kept", ["in memory", "netCDF"])
+def test_the_arviz_object_of_auto_has_the_same_evidence(kept, tmp_path):
+    law = GaussianLaw()
+    runs = ef.run(law.posterior, "auto", 16, 200, ensembles=2, seed=1)
+    idata = ef.to_inference_data(runs, law.posterior, discard=20)
+    if kept == "netCDF":
+        idata.to_netcdf(tmp_path / "run.nc")
+        idata = load_arviz().from_netcdf(tmp_path / "run.nc")
+    found, direct = log_evidence(idata), log_evidence(runs, 20)
+    assert found.log_evidence == direct.log_evidence
+    assert found.log_evidence_error == direct.log_evidence_error
+    assert log_evidence(idata, 30).log_evidence == log_evidence(runs, 50).log_evidence
+    error = 4 * found.log_evidence_error + 1e-6
+    assert abs(found.log_evidence - law.log_evidence) < error
+    assert ef.compare_models({"a": idata, "b": runs}).winner is None
+
+
+def test_an_arviz_object_without_what_is_needed_is_refused_by_name():
+    law = GaussianLaw()
+    for samplers, expected in (
+        (tempered(law, 20, 10), "cold walkers of a tempered run, .* its samplers or"),
+        (ef.run(law.posterior, nsteps=10, seed=1), "other moves than 'auto'"),
+        (ef.anneal(law.posterior, 80, seed=1), "population, .* the population itself"),
+    ):
+        with pytest.raises(ValueError, match=f"samplers: .*{expected}"):
+            log_evidence(ef.to_inference_data(samplers, law.posterior))

@@ -55,3 +55,16 @@ def test_a_resumed_run_moves_in_the_same_way(tmp_path):
     assert (
         parts[0].recipe.record["hamiltonian"] == whole[0].recipe.record["hamiltonian"]
     )
+
+
+def test_a_comparison_says_where_the_budget_was_not_enough_for_them(monkeypatch):
+    posterior, _, covariance = linear_posterior()
+    tuned = [covariance.tolist(), 3, 0.5]
+    monkeypatch.setattr(auto, "tune_hamiltonian", lambda *_: tuned)
+    budget = {"nwalkers": 8, "max_evaluations": 640, "ensembles": 2}
+    found = ef.compare_moves(posterior, {"auto": "auto"}, **budget, seed=1)
+    per_step = found.diagnoses["auto"].acceptance.size * (0.8 * 3 + 0.2)
+    assert found.conclusion.splitlines()[-1] == (
+        f"auto: {round(40 * per_step)} evaluations of the chain, more than "
+        "max_evaluations, as it turned to Hamiltonian moves."
+    )

@@ -1,6 +1,7 @@
 """Maxima with their weights, in how many solves, and what is said of them."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -217,3 +218,38 @@ def test_what_is_refused():
         ef.find_map(posterior, 2.5, seed=1)
     with pytest.raises(TypeError, match="posterior: expected a LogPosterior"):
         ef.find_map(len, seed=1)
+
+
+def test_chains_start_from_draws_of_the_gaussians():
+    law = GaussianLaw()
+    found = ef.find_map(law.posterior, 3, seed=1)
+    draws = found.draw(4_000, seed=2)
+    mean, covariance = law.moments(1.0)
+    sd = np.sqrt(np.diag(covariance))
+    assert (np.abs(draws.mean(axis=0) - mean) < 5 * sd / np.sqrt(4_000)).all()
+    off = np.cov(draws.T) - covariance
+    assert np.abs(off / np.outer(sd, sd)).max() < 0.12
+    assert_array_equal(found.draw(4_000, 2), draws)
+    start = found.draw(16, 3)
+    (sampler,) = ef.run(law.posterior, nwalkers=16, nsteps=2, seed=1, initial=start)
+    assert np.isfinite(sampler.get_log_prob()).all()
+
+
+def test_draws_share_out_the_maxima_and_stay_inside_the_bounds():
+    term = ef.FrequencyTerm([3.0, 4.0], sd=0.1)
+    model = ef.FunctionModel(lambda p: [p["a"], p["b"]], n_modes=2)
+    prior = ef.GaussianPrior(["a", "b"], [3, 4], [1, 1], [(0.0, 9.0)] * 2)
+    best = ef.find_map(ef.LogPosterior(model, term, prior), 3, seed=1)
+    (one,) = best.maxima
+    corner = replace(one, theta=np.zeros(2))
+    two = replace(best, maxima=(one, corner), weights=np.array([0.6, 0.4]))
+    draws = two.draw(3_000, 5)
+    assert ((draws >= 0.0) & (draws <= 9.0)).all() and len(draws) == 3_000
+    # A quarter of the other is inside.
+    assert abs((draws[:, 0] < 1.5).mean() - 0.1 / 0.7) < 5 * 0.35 / np.sqrt(3_000)
+    lost = replace(one, theta=np.full(2, 99.0))
+    with pytest.raises(ValueError, match="n: of 200 draws .* only 0 are inside"):
+        replace(best, maxima=(lost,)).draw(2, 1)
+    for wrong in ({"n": 0, "seed": 1}, {"n": 1.5, "seed": 1}, {"n": 2, "seed": None}):
+        with pytest.raises((TypeError, ValueError), match="n:|seed:"):
+            best.draw(**wrong)
