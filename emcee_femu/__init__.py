@@ -37,12 +37,15 @@ from .interfaces import Variable as Variable
 from .interfaces import modal_variables as modal_variables
 from .likelihoods.displacement import DisplacementTerm as DisplacementTerm
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
+from .likelihoods.frf import FRFTerm as FRFTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements
+from .measurements.frf import FRFMeasurements as FRFMeasurements
 from .models.exports.read import read_matrices as read_matrices
 from .models.exports.record import Matrices as Matrices
 from .models.frame.model import FrameModel as FrameModel
 from .models.frame.section import Section as Section
+from .models.frf import FRFModel as FRFModel
 from .models.function import FunctionModel as FunctionModel
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel

@@ -87,8 +87,8 @@ def _sort_modes(found: dict[str, Any]) -> dict[str, Any]:
     return {k: v[..., order] for k, v in found.items()} if fit else found
 
 
-def _read_modes(path: Path) -> dict[int, Mapping[str, Any]]:
-    """Return the data sets 55 that are modes, by their number in the file."""
+def read_sets(path: Path, number: int) -> dict[int, Mapping[str, Any]]:
+    """Return the data sets of a number, such as 55, by their place in the file."""
     checks.file_name("path", path)
     try:
         import pyuff
@@ -100,10 +100,15 @@ def _read_modes(path: Path) -> dict[int, Mapping[str, Any]]:
         pass
     try:
         file = pyuff.UFF(str(path))
-        numbers = [i for i, kind in enumerate(file.get_set_types()) if kind == 55]
-        sets = {i + 1: file.read_sets(i) for i in numbers}
+        places = [i for i, kind in enumerate(file.get_set_types()) if kind == number]
+        return {i + 1: file.read_sets(i) for i in places}
     except Exception as error:  # the class that pyuff raises for whatever goes wrong
         raise ValueError(f"{path}: pyuff cannot read it ({error})") from error
+
+
+def _read_modes(path: Path) -> dict[int, Mapping[str, Any]]:
+    """Return the data sets 55 that are modes, by their place in the file."""
+    sets = read_sets(path, 55)
     modes = {i: data for i, data in sets.items() if data["analysis_type"] in MODES}
     if not modes:
         raise ValueError(

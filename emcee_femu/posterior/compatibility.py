@@ -155,6 +155,12 @@ def _check_read(
             f"terms: {label} reads {name!r} with the dimensions {needed.dims}, but the "
             f"model returns {given.dims}"
         )
+    if given.unit != needed.unit and given.unit and needed.unit:
+        raise ValueError(
+            f"terms: {label} measured {name!r} in {needed.unit}, but the model returns "
+            f"it in {given.unit}; convert what was measured, or say unit= where both "
+            "are the same"
+        )
     for dim, labels in needed.coords.items():
         there = list(given.coords[dim])
         if len(labels) > len(there):
@@ -170,13 +176,23 @@ def _check_read(
         if list(labels) != there[: len(labels)] and not (
             picked and set(labels) <= set(there)
         ):
+            measured, returned = list(labels), there
+            if len(measured) > MOST_SHOWN:  # the first that differ
+                pairs = zip(measured, there, strict=False)
+                at = [one != other for one, other in pairs].index(True)
+                measured, returned = measured[at : at + 3], there[at : at + 3]
             raise ValueError(
-                f"terms: {label} was measured at {dim} {list(labels)}, but the model "
-                f"returns {name!r} at {there}; give both the same, in the same order"
+                f"terms: {label} was measured at {dim} {measured}, but the model "
+                f"returns {name!r} at {returned}; give both the same, in the same order"
             )
 
 
+MOST_SHOWN = 20
 _REMEDIES = {"shapes": "; ask it for shapes (shapes=True, or the DOFs of the sensors)"}
+_REMEDIES |= dict.fromkeys(
+    ("receptance", "mobility", "accelerance"),
+    "; kind= of FRFModel must be that of the measurements",
+)
 
 
 def check_names(

@@ -1,0 +1,147 @@
+"""Measured frequency response functions."""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..interfaces import Floats
+from .frf_files import read_uff58
+from .frf_kinds import Channel, read_channels, read_kind, read_lines
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class FRFMeasurements:
+    r"""Frequency response functions of several channels at the same lines.
+
+    .. math:: s_{cl} = |H_{cl}| \sqrt{\frac{1 - \gamma_{cl}^2}{2 n_d \gamma_{cl}^2}}
+
+    is the standard deviation of the real and of the imaginary part of an H1 estimate of
+    ordinary coherence :math:`\gamma^2` from :math:`n_d` independent averages, and
+    s over abs(H) that of the amplitude's logarithm and of the phase in radians.
+    Overlapping averages are not independent: with a Hann window and 50 % overlap about
+    0.95 times as many segments count.
+
+    Args:
+        lines: Frequencies in Hz, ascending, ``(n_lines,)``.
+        values: Complex FRFs ``(n_channels, n_lines)``.
+        channels: Pairs ``(response DOF, excitation DOF)``, labels as in the model.
+        kind: "receptance", "mobility" or "accelerance".
+        coherence: Ordinary coherence, above 0 and below 1, as large as values; None if
+            it is not known.
+        averages: Number of independent averages; needed with coherence.
+        unit: Of the values, where it is not that of SI.
+
+    Raises:
+        TypeError: If values are not numbers, or channels no pairs.
+        ValueError: If sizes disagree, a number is not finite, lines do not ascend, kind
+            is none, a coherence is out of range, or only one of coherence and averages
+            is given.
+
+    Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
+    """
+
+    lines: Floats = field(repr=False)
+    values: NDArray[np.complex128] = field(repr=False)
+    channels: tuple[Channel, ...]
+    kind: str
+    coherence: Floats | None = field(repr=False)
+    averages: int | None
+    unit: str | None
+
+    def __init__(
+        self,
+        lines: ArrayLike,
+        values: ArrayLike,
+        channels: Sequence[tuple[Hashable, Hashable]],
+        *,
+        kind: str,
+        coherence: ArrayLike | None = None,
+        averages: int | None = None,
+        unit: str | None = None,
+    ) -> None:
+        pairs, numbers = read_channels(channels), read_lines(lines)
+        shape = (len(pairs), len(numbers))
+        H = np.asarray(checks.complex_array("values", values), dtype=np.complex128)
+        if H.shape != shape or not np.isfinite(H).all() or not H.all():
+            raise ValueError(
+                f"values: expected finite numbers other than 0 of shape {shape}, one "
+                f"for each channel and line, got shape {H.shape}"
+            )
+        if (coherence is None) != (averages is None):
+            raise ValueError("coherence, averages: expected both or none of them")
+        if coherence is not None:
+            coherence = checks.positive_array("coherence", coherence, 2)
+            if coherence.shape != shape or (coherence >= 1).any():
+                raise ValueError(
+                    f"coherence: expected numbers below 1 of shape {shape}, got shape "
+                    f"{coherence.shape}, up to {coherence.max(initial=0):g}; one that "
+                    "is rounded to 1 says nothing of the error"
+                )
+            averages = checks.whole_number("averages", averages, 2)
+        if unit is not None and (not isinstance(unit, str) or not unit):
+            raise TypeError(f"unit: expected text, got {unit!r}")
+        checks.set_fields(
+            self,
+            lines=numbers,
+            values=H,
+            channels=pairs,
+            kind=read_kind(kind),
+            coherence=coherence,
+            averages=averages,
+            unit=unit,
+        )
+
+    @classmethod
+    def from_uff(
+        cls, path: str | PathLike[str], *, averages: int | None = None
+    ) -> Self:
+        """Read FRFs, and coherences where there are any, from data sets 58 of a file.
+
+        DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"``; a direction
+        against the axis turns the sign. The kind follows from the ordinate: its
+        displacement, velocity or acceleration over force. Needs the extra ``uff``.
+
+        Args:
+            path: The universal file.
+            averages: Number of independent averages, which a file does not hold;
+                without it coherences are not read.
+
+        Raises:
+            ImportError: If pyuff is not installed.
+            ValueError: If there are no FRFs, or they differ in lines or kind.
+        """
+        return cls(**read_uff58(path, averages))
+
+    @property
+    def sd(self) -> Floats | None:
+        """Standard deviation of real and imaginary part, ``(n_channels, n_lines)``."""
+        if self.coherence is None or self.averages is None:
+            return None
+        relative = np.sqrt((1 / self.coherence - 1) / (2 * self.averages))
+        result: Floats = np.abs(self.values) * relative
+        return result
+
+    def between(self, low: float, high: float) -> "FRFMeasurements":
+        """Return the lines from ``low`` to ``high`` Hz, both included."""
+        low, high = checks.real_number("low", low), checks.real_number("high", high)
+        kept = (self.lines >= low) & (self.lines <= high)
+        if not kept.any():
+            raise ValueError(
+                f"low, high: no line between {low:g} and {high:g} Hz; they are "
+                f"{self.lines[0]:g} to {self.lines[-1]:g}"
+            )
+        coherence: Any = self.coherence
+        return FRFMeasurements(
+            self.lines[kept],
+            self.values[:, kept],
+            self.channels,
+            kind=self.kind,
+            coherence=None if coherence is None else coherence[:, kept],
+            averages=self.averages,
+            unit=self.unit,
+        )

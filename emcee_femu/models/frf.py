@@ -1,0 +1,295 @@
+"""Frequency response functions by modal superposition, with their derivatives."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..interfaces import (
+    Floats,
+    Parameters,
+    Variable,
+    declared_variables,
+    modal_variables,
+    read,
+)
+from ..measurements.frf_kinds import (
+    KINDS,
+    Channel,
+    frf_variable,
+    read_channels,
+    read_kind,
+    read_lines,
+)
+from .damping import Damping
+from .eigen.sensitivity import Derivatives
+from .matrix import MatrixModel
+from .static import StaticModel
+
+AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class FRFModel:
+    r"""Frequency response functions of a modal model with damping.
+
+    .. math:: H_{rs}(\omega) = (i \omega)^p \Big[ \sum_m
+        \frac{\phi_{rm} \phi_{sm}}{\omega_m^2 - \omega^2 + 2 i \zeta_m \omega_m \omega}
+        + R_{rs} \Big], \qquad
+        R_{rs} = (K^{-1})_{rs} - \sum_m \frac{\phi_{rm} \phi_{sm}}{\omega_m^2}
+
+    with p = 0, 1, 2 for receptance (displacement over force), mobility (velocity) and
+    accelerance (acceleration). The residual R is what the modes that were left out add
+    well below their frequencies. The response is a mapping: the FRF under the name of
+    its kind, ``(n, channels, lines, 2)`` with real and imaginary part, and the natural
+    frequencies and damping ratios of the modes.
+
+    Args:
+        model: A model with mass-normalised shapes at the DOFs of all channels, such as
+            ``MatrixModel(..., shapes=True)`` or its reduction.
+        lines: The lines in Hz, ``(n_lines,)``, above zero.
+        channels: Pairs ``(response DOF, excitation DOF)``.
+        damping: Ratios: one number, or the name of a parameter, for all modes; a
+            sequence of these, one per mode; or ``{"mass": a, "stiffness": b}`` for
+            proportional damping, :math:`\zeta = a / 2 \omega + b \omega / 2`, numbers
+            or names.
+        kind: "receptance", "mobility" or "accelerance".
+        residual: Whether to add R; model is then a :class:`MatrixModel` without
+            rigid-body modes.
+        unit: Of the FRF, where it is not that of SI.
+        stored: Whether FRFs are stored with each sample, 16 bytes per channel and
+            line; :func:`plot_frf` computes what it shows anew.
+
+    Raises:
+        TypeError: If damping, channels or model are none, or there are no shapes.
+        ValueError: If a number is out of range, a DOF unknown, or kind is none.
+
+    Source: Ewins, Modal Testing: Theory, Practice and Application, 2nd ed. (2000).
+
+    Example:
+        >>> one = MatrixModel(np.zeros((1, 1)), np.eye(1), {"k": np.eye(1)}, n_modes=1,
+        ...                   shapes=True)
+        >>> frf = FRFModel(one, [1 / np.pi], [(0, 0)], damping=0.05)
+        >>> frf({"k": np.array([4.0])})["receptance"].round(4).tolist()
+        [[[[0.0, -2.5]]]]
+    """
+
+    model: Any
+    lines: Floats = field(repr=False)
+    channels: tuple[Channel, ...]
+    damping: Damping
+    kind: str
+    variables: Mapping[str, Variable] = field(repr=False)
+    _rows: tuple[list[int], list[int]] = field(repr=False)
+    _static: tuple[StaticModel, list[int], list[int]] | None = field(repr=False)
+
+    def __init__(
+        self,
+        model: Any,
+        lines: ArrayLike,
+        channels: Sequence[tuple[Hashable, Hashable]],
+        *,
+        damping: Any,
+        kind: str = "receptance",
+        residual: bool = False,
+        unit: str | None = None,
+        stored: bool = False,
+    ) -> None:
+        if not callable(model):
+            raise TypeError(f"model: expected a callable, got {model!r}")
+        kind = read_kind(kind)
+        pairs = read_channels(channels)
+        numbers = read_lines(lines)
+        dofs = _find_dofs(model)
+        rows = [_find(dofs, c.response) for c in pairs]
+        columns = [_find(dofs, c.excitation) for c in pairs]
+        n_modes: int = model.n_modes
+        law = Damping.of(damping, n_modes)
+        modal = modal_variables(n_modes)
+        static = None
+        if checks.flag("residual", residual):
+            static = _static_model(model, dofs, pairs)
+        checks.set_fields(
+            self,
+            model=model,
+            lines=numbers,
+            channels=pairs,
+            damping=law,
+            kind=kind,
+            variables={
+                "frequency": modal["frequency"],
+                "damping_ratio": Variable(modal["frequency"].coords),
+                kind: frf_variable(pairs, numbers, kind, unit, stored),
+            },
+            _rows=(rows, columns),
+            _static=static,
+        )
+
+    @property
+    def n_modes(self) -> int:
+        """The number of superposed modes."""
+        count: int = self.model.n_modes
+        return count
+
+    @property
+    def names(self) -> tuple[str, ...] | None:
+        """The parameters that are read, None if the modal model does not say."""
+        known = getattr(self.model, "names", None)
+        if known is None:
+            return None
+        return tuple(dict.fromkeys([*known, *self.damping.names]))
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """The parameters without which there is no response."""
+        own = getattr(self.model, "required", ())
+        return tuple(dict.fromkeys([*own, *self.damping.names]))
+
+    @property
+    def positive(self) -> tuple[str, ...]:
+        """The parameters that must stay above zero."""
+        own = getattr(self.model, "positive", ())
+        return tuple(dict.fromkeys([*own, *self.damping.names]))
+
+    def __getattr__(self, attribute: str) -> Any:
+        """Return what else the modal model says of itself (interfaces.py)."""
+        if attribute == "jacobian" and hasattr(self.model, "jacobian"):
+            return self._differentiate
+        if attribute in ("bounds", "one_by_one"):
+            return getattr(self.model, attribute)
+        raise AttributeError(attribute)
+
+    def __call__(self, parameters: Parameters) -> dict[str, Floats]:
+        """Return FRFs ``(n, channels, lines, 2)``, frequencies and damping ratios."""
+        modes = self.model(parameters)
+        f, left, right = self._read(modes)
+        zeta = self.damping(parameters, f)
+        rest = None
+        if self._static is not None:
+            rest = self._static_part(self._static[0](parameters)["displacement"])
+        H = np.empty((len(f), len(self.channels), len(self.lines), 2))
+        for part in self._parts(len(f)):
+            residues = left[part] * right[part]
+            own = residues @ (1 / self._denominators(f[part], zeta[part]))
+            if rest is not None:
+                own += _residual(rest[part], residues, f[part])[:, :, None]
+            H[part] = self._split(own)
+        return {"frequency": f, "damping_ratio": zeta, self.kind: H}
+
+    def _differentiate(
+        self, parameters: Parameters
+    ) -> tuple[dict[str, Floats], Derivatives]:
+        """Return the response and its derivatives, ``jacobian`` of a model."""
+        modes, by_model = self.model.jacobian(parameters)
+        f, left, right = self._read(modes)
+        zeta = self.damping(parameters, f)
+        response = self(parameters)
+        names = [*dict.fromkeys([*(n for of in by_model.values() for n in of)])]
+        found: Derivatives = {key: {} for key in self.variables}
+        statics: Mapping[str, Floats] = {}
+        if self._static is not None:
+            statics = self._static[0].jacobian(parameters)[1]["displacement"]
+        W = 2 * np.pi * self.lines
+        for name in dict.fromkeys([*names, *self.damping.names]):
+            df = by_model["frequency"].get(name, np.zeros_like(f))
+            shapes = by_model["shapes"].get(name)
+            d_residues = np.zeros_like(left)
+            if shapes is not None:
+                turned = [shapes[:, rows] for rows in self._rows]
+                d_residues = turned[0] * right + left * turned[1]
+            d_zeta = self.damping.slope(parameters, name, f, df)
+            w, dw = 2 * np.pi * f, 2 * np.pi * df
+            dH = np.empty_like(response[self.kind])
+            for part in self._parts(len(f)):
+                inverse = 1 / self._denominators(f[part], zeta[part])
+                residues = left[part] * right[part]
+                stiff = residues * (2 * w * dw)[part, None]
+                lossy = residues * (2j * (d_zeta * w + zeta * dw))[part, None]
+                own = d_residues[part] @ inverse
+                inverse *= inverse
+                own -= stiff @ inverse + (lossy @ inverse) * W
+                if self._static is not None:
+                    rest = d_residues[part] - 2 * residues * (dw / w)[part, None]
+                    static = statics.get(name)
+                    moved = 0.0 if static is None else self._static_part(static[part])
+                    less = (rest / w[part, None] ** 2).sum(axis=2)
+                    own += (moved - less)[:, :, None]
+                dH[part] = self._split(own)
+            found["frequency"][name] = df
+            found["damping_ratio"][name] = d_zeta
+            found[self.kind][name] = dH
+        return response, found
+
+    def _read(self, modes: Any) -> tuple[Floats, Floats, Floats]:
+        """Return frequencies, and shapes of both ends ``(n, channels, modes)``."""
+        shapes = read(modes, "shapes")
+        rows, columns = self._rows
+        return read(modes, "frequency"), shapes[:, rows], shapes[:, columns]
+
+    def _denominators(self, f: Floats, zeta: Floats) -> Any:
+        """Return them, complex, ``(n, modes, lines)``."""
+        W, w = 2 * np.pi * self.lines, 2 * np.pi * f[:, :, None]
+        return (w * w - W * W) + (2j * zeta[:, :, None] * w) * W
+
+    def _split(self, H: Any) -> Floats:
+        """Return real and imaginary part of what a receptance is turned into."""
+        order = KINDS[self.kind][0]
+        turned = H * (2j * np.pi * self.lines) ** order
+        return np.stack([turned.real, turned.imag], axis=-1)
+
+    def _static_part(self, displacement: Floats) -> Floats:
+        """Return the flexibility of each channel, ``(n, channels)``."""
+        if self._static is None:
+            raise RuntimeError("no residual was asked for")
+        _, cases, points = self._static
+        return displacement[:, cases, points]
+
+    def _parts(self, n: int) -> list[slice]:
+        """Return slices of the walkers whose arrays are not too large."""
+        size = max(1, AT_ONCE // (self.n_modes * len(self.lines)))
+        return [slice(start, start + size) for start in range(0, n, size)]
+
+
+def _find_dofs(model: Any) -> list[Any]:
+    """Return the DOFs at which a model has shapes."""
+    variables = declared_variables(model) or {}
+    dofs = [*variables["shapes"].coords.get("dof", ())] if "shapes" in variables else []
+    if not dofs:
+        raise TypeError(
+            "model: expected mode shapes at named DOFs; ask it for shapes (shapes=True)"
+        )
+    return dofs
+
+
+def _find(dofs: list[Any], dof: Hashable) -> int:
+    if dof not in dofs:
+        raise ValueError(f"channels: no shapes at the DOF {dof!r}; there are {dofs}")
+    return dofs.index(dof)
+
+
+def _static_model(
+    model: Any, dofs: list[Any], channels: Sequence[Channel]
+) -> tuple[StaticModel, list[int], list[int]]:
+    """Return a model of the flexibility, and each channel's load case and point."""
+    if not isinstance(model, MatrixModel) or model.skip:
+        raise TypeError(
+            "residual: expected a MatrixModel without rigid-body modes, whose "
+            f"stiffness gives the flexibility, got {type(model).__name__}; take more "
+            "modes instead"
+        )
+    places = dict(zip(dofs, model.shape_dofs, strict=True))
+    loads = {str(c.excitation): {places[c.excitation]: 1.0} for c in channels}
+    points = [*dict.fromkeys(places[c.response] for c in channels)]
+    static = StaticModel(model.K0, loads, model.K, points=points)
+    cases = [static.cases.index(str(c.excitation)) for c in channels]
+    return static, cases, [points.index(places[c.response]) for c in channels]
+
+
+def _residual(flexibility: Floats, residues: Floats, f: Floats) -> Floats:
+    """Return what the modes leave of the flexibility, ``(n, channels)``."""
+    modal = residues / (2 * np.pi * f[:, None]) ** 2
+    result: Floats = flexibility - modal.sum(axis=2)
+    return result

@@ -1,0 +1,167 @@
+"""The likelihood of FRFs, against scipy and calibration."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from support import calibration
+from support.calibration import auto_ranks, p_values
+from support.gradients import numerical
+
+import emcee_femu as ef
+
+RNG = np.random.default_rng(6)
+LINES, CHANNELS = np.array([1.0, 2.0, 3.0]), [(0, 1), (1, 1)]
+VALUES = RNG.normal(size=(2, 3)) + 1j * RNG.normal(size=(2, 3))
+MEASURED = ef.FRFMeasurements(
+    LINES,
+    VALUES,
+    CHANNELS,
+    kind="receptance",
+    coherence=RNG.uniform(0.8, 0.99, (2, 3)),
+    averages=20,
+)
+H = VALUES + 0.2 * (RNG.normal(size=(5, 2, 3)) + 1j * RNG.normal(size=(5, 2, 3)))
+RESPONSE = {"receptance": np.stack([H.real, H.imag], axis=-1)}
+SIGMA = RNG.uniform(0.05, 0.3, 5)
+
+
+@pytest.mark.parametrize("discrepancy", [None, "sigma"])
+@pytest.mark.parametrize("amplitude", [True, False])
+def test_values_are_those_of_scipy(amplitude, discrepancy):
+    term = ef.FRFTerm(MEASURED, amplitude=amplitude, discrepancy=discrepancy)
+    own = SIGMA[:, None, None] if discrepancy else 0.0
+    if amplitude:
+        sd = np.sqrt((MEASURED.sd / np.abs(VALUES)) ** 2 + own**2)
+        parts = [stats.norm.logpdf(np.log(np.abs(H / VALUES)), 0, sd)]
+    else:
+        sd = np.sqrt(MEASURED.sd**2 + (own * np.abs(VALUES)) ** 2)
+        r = H - VALUES
+        parts = [stats.norm.logpdf(part, 0, sd) for part in (r.real, r.imag)]
+    found = term({"sigma": SIGMA}, RESPONSE)
+    np.testing.assert_allclose(found, np.sum(parts, axis=0).sum(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("amplitude", [True, False])
+def test_the_gradient_and_its_scores(amplitude):
+    """Of H = H0 + theta dH and sigma; information by expected second derivatives."""
+    term = ef.FRFTerm(MEASURED, amplitude=amplitude, discrepancy="sigma")
+    slope = RNG.normal(size=(2, 3, 2))
+    theta = np.column_stack([0.1 * RNG.normal(size=5), SIGMA])
+    start = RESPONSE["receptance"][0]
+
+    def response(at):
+        return {"receptance": start + at[:, 0, None, None, None] * slope}
+
+    def value(at):
+        return term({"sigma": at[:, 1]}, response(at))
+
+    tangents = {
+        "receptance": np.stack([slope, 0 * slope], axis=-1)[None].repeat(5, 0),
+        "sigma": np.tile([0.0, 1.0], (5, 1)),
+    }
+    gradient, scores = term.linearize({"sigma": theta[:, 1]}, response(theta), tangents)
+    np.testing.assert_allclose(gradient, numerical(value, theta), rtol=2e-5)
+
+    def standard(at):
+        r, sd = term.deviations({"sigma": at[:, 1]}, response(at))
+        return r, sd
+
+    unit = np.array([1e-6, 0.0])
+    r1, r0 = standard(theta + unit)[0], standard(theta - unit)[0]
+    d_r = (r1 - r0) / 2e-6 / standard(theta)[1]
+    np.testing.assert_allclose(
+        (scores[:, :, 0] ** 2).sum(axis=1), (d_r**2).sum(axis=1), rtol=1e-5
+    )
+    unit = np.array([0.0, 1e-6])
+    s1, s0 = standard(theta + unit)[1], standard(theta - unit)[1]
+    d_s = (s1 - s0) / 2e-6 / standard(theta)[1]
+    np.testing.assert_allclose(
+        (scores[:, :, 1] ** 2).sum(axis=1), 2 * (d_s**2).sum(axis=1), rtol=1e-5
+    )
+
+
+def test_errors_that_are_given():
+    known = ef.FRFTerm(MEASURED, sd=MEASURED.sd)
+    np.testing.assert_allclose(known({}, RESPONSE), ef.FRFTerm(MEASURED)({}, RESPONSE))
+    per_channel = ef.FRFTerm(MEASURED, sd=[[0.1], [0.2]])
+    np.testing.assert_array_equal(per_channel.sd, [[0.1] * 3, [0.2] * 3])
+
+
+def chain():
+    ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
+    K = {f"k{i}": np.outer(e, e) for i, e in enumerate(ends, 1)}
+    M = np.diag([2.0, 1.5, 1.0])
+    return ef.MatrixModel(np.zeros((3, 3)), M, K, n_modes=3, shapes=True)
+
+
+GRID = np.linspace(0.8, 8.0, 60)
+PAIRS = [(0, 2), (2, 2)]
+PRIOR = ef.GaussianPrior(
+    ["k1", "k2", "k3", "zeta"],
+    [600.0, 600.0, 600.0, 0.03],
+    [120.0, 120.0, 120.0, 0.01],
+    [(200.0, 1_000.0), (200.0, 1_000.0), (200.0, 1_000.0), (0.002, 0.08)],
+)
+MODEL = ef.FRFModel(chain(), GRID, PAIRS, damping="zeta")
+SD = 0.002  # m/N, of each part; peaks are ten times that
+
+
+def simulated(rng, stated=1.0):
+    """Return the posterior of a simulated data set, and the truth ``(1, 4)``."""
+    truth = PRIOR.sample(rng, 1)
+    true = MODEL(dict(zip(PRIOR.names, truth.T, strict=True)))["receptance"][0]
+    noisy = true + SD * rng.standard_normal(true.shape)
+    measured = ef.FRFMeasurements(
+        GRID, noisy[..., 0] + 1j * noisy[..., 1], PAIRS, kind="receptance"
+    )
+    term = ef.FRFTerm(measured, sd=stated * SD)
+    return ef.LogPosterior(MODEL, term, PRIOR), truth
+
+
+LEVEL = 0.001 / 5
+
+
+@pytest.mark.slow
+def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
+    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 400)
+    assert p_values(auto_ranks(simulated, 200, seed=31)).min() > LEVEL
+
+
+@pytest.mark.slow
+def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
+    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 400)
+    found = auto_ranks(lambda rng: simulated(rng, 0.5), 60, seed=32)
+    assert p_values(found).min() < LEVEL
+    assert calibration.BINS == 8
+
+
+def test_another_kind_or_unit_is_refused_by_name():
+    _, truth = simulated(np.random.default_rng(1))
+    values = np.ones((2, 60)) + 0j
+    other = ef.FRFMeasurements(GRID, values, PAIRS, kind="accelerance")
+    with pytest.raises(ValueError, match=r"reads 'accelerance', which the model does"):
+        ef.LogPosterior(MODEL, ef.FRFTerm(other, sd=1.0), PRIOR)
+    gauges = ef.FRFMeasurements(GRID, values, PAIRS, kind="receptance", unit="mm/N")
+    with pytest.raises(ValueError, match=r"in mm/N, but the model returns it in m/N"):
+        ef.LogPosterior(MODEL, ef.FRFTerm(gauges, sd=1.0), PRIOR)
+    lines = ef.FRFMeasurements(GRID + 0.01, values, PAIRS, kind="receptance")
+    with pytest.raises(ValueError, match=r"measured at line \[0.81, .* at \[0.8, "):
+        ef.LogPosterior(MODEL, ef.FRFTerm(lines, sd=1.0), PRIOR)
+    assert truth.shape == (1, 4)
+
+
+WRONG = {
+    "measured: expected FRFMeasurements": {"measured": VALUES},
+    "sd: expected one number, .2, 1. or .2, 3.": {"sd": [0.1, 0.2]},
+    "sd: expected numbers above zero": {"sd": -1.0},
+    "sd: the measurements have no coherence": {
+        "measured": ef.FRFMeasurements(LINES, VALUES, CHANNELS, kind="mobility")
+    },
+    "amplitude: expected True or False": {"amplitude": "yes"},
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_mistakes_are_named(message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        ef.FRFTerm(**({"measured": MEASURED} | WRONG[message]))

@@ -1,0 +1,119 @@
+"""Measured FRFs: their errors, and universal files."""
+
+import numpy as np
+import pytest
+
+import emcee_femu as ef
+
+LINES = np.array([1.0, 2.0, 3.0])
+CHANNELS = [("4:x", "7:z"), ("12:y", "7:z")]
+RNG = np.random.default_rng(4)
+H = RNG.normal(size=(2, 3)) + 1j * RNG.normal(size=(2, 3))
+COHERENCE = RNG.uniform(0.7, 0.99, (2, 3))
+
+
+def measured(**changes):
+    good = {"kind": "accelerance", "coherence": COHERENCE, "averages": 50}
+    return ef.FRFMeasurements(LINES, H, CHANNELS, **(good | changes))
+
+
+def test_the_error_of_an_h1_estimate_is_that_of_simulated_averages():
+    """Noise at the output of a line: the spread of H1 against the formula."""
+    averages, repeats, true = 40, 4_000, 0.7 - 0.2j
+
+    def normal():
+        shape = (repeats, averages)
+        return RNG.normal(size=shape) + 1j * RNG.normal(size=shape)
+
+    force = normal()
+    output = true * force + 0.3 * normal()
+    cross, auto = (output * force.conj()).mean(1), (np.abs(force) ** 2).mean(1)
+    estimates = cross / auto
+    coherence = abs(true) ** 2 / (abs(true) ** 2 + 0.3**2)
+    found = ef.FRFMeasurements(
+        [1.0], [[true]], [(0, 0)], kind="receptance", coherence=[[coherence]],
+        averages=averages,
+    ).sd[0, 0]  # fmt: skip
+    for part in (estimates.real, estimates.imag):
+        assert part.std() == pytest.approx(found, rel=0.05)
+
+
+def test_lines_between():
+    part = measured().between(1.5, 3.0)
+    np.testing.assert_array_equal(part.lines, [2.0, 3.0])
+    np.testing.assert_array_equal(part.values, H[:, 1:])
+    np.testing.assert_array_equal(part.coherence, COHERENCE[:, 1:])
+    assert (part.kind, part.averages) == ("accelerance", 50)
+    assert measured(coherence=None, averages=None).between(1, 2).sd is None
+    with pytest.raises(ValueError, match="no line between 5 and 6 Hz"):
+        measured().between(5.0, 6.0)
+
+
+def write(path, *, signs=(1, 1), **changes):
+    pyuff = pytest.importorskip("pyuff", reason='pip install "emcee_femu[uff]"')
+    sets = []
+    for i, (node, axis) in enumerate([(4, 1), (12, 2)]):
+        for function, data in ((4, H[i]), (6, COHERENCE[i])):
+            given = {
+                "binary": 0,
+                "func_type": function,
+                "rsp_node": node,
+                "rsp_dir": signs[i] * axis,
+                "ref_node": 7,
+                "ref_dir": 3,
+                "x": LINES,
+                "data": signs[i] * data if function == 4 else data,
+                "abscissa_spacing": 1,
+                "ordinate_spec_data_type": 12,
+                "orddenom_spec_data_type": 13,
+            }
+            own = pyuff.prepare_58(**(given | changes))
+            sets.append(own)
+    pyuff.UFF(str(path)).write_sets(sets, "overwrite")
+    return path
+
+
+@pytest.mark.parametrize("signs", [(1, 1), (-1, 1)])
+def test_universal_files(tmp_path, signs):
+    path = write(tmp_path / "frf.uff", signs=signs)
+    found = ef.FRFMeasurements.from_uff(path, averages=50)
+    assert found.channels == tuple(map(tuple, CHANNELS))
+    assert (found.kind, found.averages) == ("accelerance", 50)
+    np.testing.assert_allclose(found.lines, LINES)
+    np.testing.assert_allclose(found.values, H, rtol=1e-4)
+    np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
+    assert ef.FRFMeasurements.from_uff(path).coherence is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"func_type": 1}, "expected data sets 58 of type 4 .FRF.*of types .1."),
+        ({"func_type": 4, "rsp_node": 4, "rsp_dir": 1}, "4:x/7:z appears twice"),
+        ({"ordinate_spec_data_type": 9}, "got type 9 over 13"),
+    ],
+)
+def test_other_universal_files_are_refused(tmp_path, changes, message):
+    path = write(tmp_path / "frf.uff", **changes)
+    with pytest.raises(ValueError, match=message):
+        ef.FRFMeasurements.from_uff(path)
+
+
+WRONG = {
+    "values: expected finite numbers other than 0": {"values": 0 * H},
+    "values: .* shape .2, 3., .* got shape .2, 2.": {"values": H[:, :2]},
+    "coherence, averages: expected both": {"averages": None},
+    "coherence: expected numbers below 1": {"coherence": np.ones((2, 3))},
+    "coherence: .* shape .2, 3., got shape .1, 3.": {"coherence": COHERENCE[:1]},
+    "averages: expected at least 2": {"averages": 1},
+    "kind: expected one of": {"kind": "inertance"},
+    "unit: expected text": {"unit": 3},
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_mistakes_are_named(message):
+    good = {"values": H, "kind": "mobility", "coherence": COHERENCE, "averages": 9}
+    given = good | WRONG[message]
+    with pytest.raises((TypeError, ValueError), match=message):
+        ef.FRFMeasurements(LINES, given.pop("values"), CHANNELS, **given)

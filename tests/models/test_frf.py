@@ -1,0 +1,200 @@
+"""FRFs of modal models, against closed forms and direct solutions."""
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_array
+
+import emcee_femu as ef
+
+LINES = np.linspace(0.4, 12.0, 40)
+W = 2 * np.pi * LINES
+CHANNELS = [(0, 2), (2, 2), (1, 2)]
+KINDS = {"receptance": 0, "mobility": 1, "accelerance": 2}
+RNG = np.random.default_rng(5)
+
+
+def one_mass(**options):
+    model = ef.MatrixModel(
+        np.zeros((1, 1)), 2 * np.eye(1), {"k": np.eye(1)}, n_modes=1, shapes=True
+    )
+    return ef.FRFModel(model, LINES, [(0, 0)], damping="zeta", **options)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_degree_of_freedom(kind):
+    k, zeta = np.array([800.0, 1500.0]), np.array([0.01, 0.2])
+    found = one_mass(kind=kind)({"k": k, "zeta": zeta})[kind]
+    c = 2 * zeta * np.sqrt(2 * k)
+    exact = (1j * W) ** KINDS[kind] / (k[:, None] - 2 * W**2 + 1j * c[:, None] * W)
+    np.testing.assert_allclose(found[:, 0, :, 0], exact.real, rtol=1e-9)
+    np.testing.assert_allclose(found[:, 0, :, 1], exact.imag, rtol=1e-9)
+
+
+def chain(kind=np.array, n_modes=3, skip=0):
+    """Return three masses on a chain of springs k1, k2, k3."""
+    ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
+    K = {f"k{i}": kind(np.outer(e, e)) for i, e in enumerate(ends, 1)}
+    M = kind(np.diag([2.0, 1.5, 1.0]))
+    return ef.MatrixModel(kind(np.zeros((3, 3))), M, K, n_modes=n_modes, shapes=True)
+
+
+THETA = RNG.uniform(300, 900, (4, 3))
+RAYLEIGH = {"mass": 0.8, "stiffness": 4e-4}
+
+
+def named(theta):
+    return {f"k{i}": column for i, column in enumerate(theta.T[:3], 1)}
+
+
+def direct(theta, a, b):
+    """Return the receptances ``(n, channels, lines)``, each line solved."""
+    model, found = chain(), []
+    for row in theta:
+        K = sum(k * unit for k, unit in zip(row, model.K.values(), strict=True))
+        C = a * model.M0 + b * K
+        H = [np.linalg.inv(K - w * w * model.M0 + 1j * w * C) for w in W]
+        found.append([[h[r, s] for h in H] for r, s in CHANNELS])
+    return np.array(found)
+
+
+def parts(H):
+    return np.stack([H.real, H.imag], axis=-1)
+
+
+@pytest.mark.parametrize("kind", [np.array, csc_array])
+def test_proportional_damping_against_direct_solutions(kind):
+    model = ef.FRFModel(chain(kind), LINES, CHANNELS, damping=RAYLEIGH)
+    found = model(named(THETA))["receptance"]
+    exact = parts(direct(THETA, 0.8, 4e-4))
+    np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-9)
+
+
+def test_the_residual_of_modes_that_were_left_out():
+    low = LINES < 2.5  # well below the third mode
+    exact = parts(direct(THETA, 0.0, 0.0))[:, :, low]
+    errors = {}
+    for residual in (True, False):
+        model = ef.FRFModel(
+            chain(n_modes=2), LINES[low], CHANNELS, damping=0.0, residual=residual
+        )
+        error = model(named(THETA))["receptance"] - exact
+        errors[residual] = np.abs(error).max()
+    w3 = 2 * np.pi * chain()(named(THETA)).frequencies[:, 2].min()
+    # The dynamic part of the rest: (w / w3)^2 of what it is statically.
+    bound = 1.5 * (2 * np.pi * 2.5 / w3) ** 2 / (1 - (2 * np.pi * 2.5 / w3) ** 2)
+    assert errors[True] < bound * errors[False]
+
+
+DAMPINGS = {
+    "one": ("zeta", ("zeta",)),
+    "each": (["z1", 0.02, "z3"], ("z1", "z3")),
+    "proportional": ({"mass": "a", "stiffness": "b"}, ("a", "b")),
+}
+
+
+@pytest.mark.parametrize("residual", [True, False])
+@pytest.mark.parametrize("damping", DAMPINGS)
+def test_derivatives(damping, residual):
+    given, names = DAMPINGS[damping]
+    given = given[:2] if damping == "each" else given
+    names = names[:1] if damping == "each" else names
+    model = ef.FRFModel(
+        chain(n_modes=2),
+        LINES,
+        CHANNELS,
+        damping=given,
+        kind="accelerance",
+        residual=residual,
+    )
+    own = np.tile([0.7, 5e-4] if damping == "proportional" else [0.02, 0.03], (4, 1))
+    theta = np.hstack([THETA, own[:, : len(names)]])
+    every = ("k1", "k2", "k3", *names)
+
+    def solve(at, key):
+        return model(dict(zip(every, at.T, strict=True)))[key]
+
+    response, slopes = model.jacobian(dict(zip(every, theta.T, strict=True)))
+    for key, value in response.items():
+        np.testing.assert_array_equal(value, solve(theta, key))
+        steps = [1e-3] * 3 + [1e-6] * len(names)
+        for j, (name, step) in enumerate(zip(every, steps, strict=True)):
+            unit = np.eye(len(every))[j] * step
+            difference = (solve(theta + unit, key) - solve(theta - unit, key)) / (
+                2 * step
+            )
+            scale = np.abs(difference).max() + 1e-12
+            found = slopes[key].get(name, np.zeros_like(value))
+            np.testing.assert_allclose(found / scale, difference / scale, atol=1e-6)
+
+
+def test_parts_of_the_walkers_are_put_together(monkeypatch):
+    model = ef.FRFModel(chain(), LINES, CHANNELS, damping=0.01)
+    whole = model(named(THETA))["receptance"]
+    monkeypatch.setattr("emcee_femu.models.frf.AT_ONCE", 130)
+    np.testing.assert_allclose(model(named(THETA))["receptance"], whole, rtol=1e-12)
+
+
+def test_what_it_declares():
+    model = one_mass(kind="mobility", stored=True)
+    assert model.names == model.required == ("k", "zeta")
+    assert "zeta" in model.positive
+    variable = model.variables["mobility"]
+    assert variable.shape == (1, 40, 2) and variable.stored
+    assert variable.unit == "m/(N s)" and variable.coords["channel"] == ["0/0"]
+    assert not one_mass().variables["receptance"].stored
+
+
+def test_labels_of_sensors():
+    model = ef.MatrixModel(
+        np.diag([400.0, 300.0]),
+        np.eye(2),
+        {"k": np.array([[1.0, -1.0], [-1.0, 1.0]])},
+        n_modes=2,
+        shapes={"roof": 1, "floor": 0},
+    )
+    frf = ef.FRFModel(model, LINES, [("roof", "floor")], damping=0.01, residual=True)
+    H = frf({"k": np.array([200.0])})["receptance"][0, 0]
+    K = np.array([[600.0, -200.0], [-200.0, 500.0]])
+    static = np.linalg.inv(K - (2 * np.pi * LINES[0]) ** 2 * np.eye(2))[1, 0]
+    assert H[0, 0] == pytest.approx(static, rel=1e-3)
+
+
+FREE = ef.MatrixModel(
+    np.array([[1.0, -1.0], [-1.0, 1.0]]),
+    np.eye(2),
+    {"m": np.eye(2)},
+    n_modes=1,
+    skip=1,
+    shapes=True,
+)
+WRONG = {
+    "kind: expected one of": {"kind": "acceleration"},
+    "lines: expected frequencies in ascending order": {"lines": [2.0, 1.0]},
+    "lines: expected numbers above zero": {"lines": [0.0, 1.0]},
+    "channels: no shapes at the DOF 7": {"channels": [(7, 0)]},
+    "channels: expected pairs": {"channels": [0, 1]},
+    "channels: expected each pair once": {"channels": [(0, 0), (0, 0)]},
+    "damping: expected one number or name": {"damping": [0.1, 0.1]},
+    "damping: expected at least 0": {"damping": -0.1},
+    "damping: expected .'mass', 'stiffness'.": {"damping": {"viscous": 1.0}},
+    "model: expected mode shapes": {
+        "model": ef.MatrixModel(np.eye(1), np.eye(1), {"k": np.eye(1)}, n_modes=1)
+    },
+    "residual: expected a MatrixModel without": {
+        "residual": True,
+        "model": FREE,
+        "channels": [(0, 0)],
+    },
+}
+
+
+@pytest.mark.parametrize("message", WRONG)
+def test_mistakes_are_named(message):
+    good = {
+        "model": chain(),
+        "lines": LINES,
+        "channels": CHANNELS,
+        "damping": 0.01,
+    }
+    with pytest.raises((TypeError, ValueError), match=message):
+        ef.FRFModel(**(good | WRONG[message]))
