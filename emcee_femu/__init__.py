@@ -27,6 +27,7 @@ from .comparison.classes import compare_models as compare_models
 from .comparison.compare import compare_moves as compare_moves
 from .figures import plot_comparison as plot_comparison
 from .figures import plot_correlation as plot_correlation
+from .figures import plot_frf as plot_frf
 from .figures import plot_model_comparison as plot_model_comparison
 from .figures import plot_predictive as plot_predictive
 from .figures import plot_scatter as plot_scatter

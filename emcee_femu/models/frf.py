@@ -106,7 +106,8 @@ class FRFModel:
         dofs = _find_dofs(model)
         rows = [_find(dofs, c.response) for c in pairs]
         columns = [_find(dofs, c.excitation) for c in pairs]
-        n_modes: int = model.n_modes
+        n_modes = _count_modes(model)
+        stored = checks.flag("stored", stored)
         law = Damping.of(damping, n_modes)
         modal = modal_variables(n_modes)
         static = None
@@ -131,8 +132,7 @@ class FRFModel:
     @property
     def n_modes(self) -> int:
         """The number of superposed modes."""
-        count: int = self.model.n_modes
-        return count
+        return _count_modes(self.model)
 
     @property
     def names(self) -> tuple[str, ...] | None:
@@ -251,6 +251,10 @@ class FRFModel:
         """Return slices of the walkers whose arrays are not too large."""
         size = max(1, AT_ONCE // (self.n_modes * len(self.lines)))
         return [slice(start, start + size) for start in range(0, n, size)]
+
+
+def _count_modes(model: Any) -> int:
+    return (declared_variables(model) or {})["frequency"].size
 
 
 def _find_dofs(model: Any) -> list[Any]:

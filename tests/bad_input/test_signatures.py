@@ -49,6 +49,7 @@ MEASURED = ef.Measurements(HERTZ, shapes=SHAPES, sd=SD)
 K0, M0 = np.diag([9.0, 4.0]), np.array([[2.0, 0.5], [0.5, 1.0]])
 K2 = np.array([[1.0, -1.0], [-1.0, 1.0]])
 BLOCK = Path(__file__).parents[1] / "data/block.sti"
+FRF_FILE = BLOCK.parent / "frf.uff"  # two channels at three lines
 NODES = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.1], [1.0, 0.0, 0.0]])
 BARS, UP = [(0, 1, "bar"), (1, 2, "bar")], np.array([0.0, 0.0, 1.0])
 BAR = {"E": 7e10, "GJ": 700.0, "rho": 2700.0, "A": 3e-4, "Iy": 2e-9, "Iz": 3e-9}
@@ -63,6 +64,14 @@ LADDER = ef.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
 CLASSES = {"a": Evidence(-2.0, 0.1, "known"), "b": Evidence(-4.0, 0.2, "known")}
 (TEMPERED,) = ef.run(POSTERIOR, LADDER, nwalkers=24, nsteps=16, seed=1)
 IDATA = ef.to_inference_data(SAMPLER, POSTERIOR)
+PAIRS, FRF = [(0, 1), (1, 1)], np.array([[1.0 + 2.0j, 0.5], [0.3, 1.0j]])
+SHAKER = ef.MatrixModel(K0, M0, {"k2": K2}, n_modes=2, shapes=True)
+SHAKEN = ef.LogPosterior(
+    ef.FRFModel(SHAKER, HERTZ, PAIRS, damping=0.05, kind="mobility"),
+    ef.FRFTerm(ef.FRFMeasurements(HERTZ, FRF, PAIRS, kind="mobility"), sd=0.5),
+    ef.GaussianPrior(["k2"], [5.0], 1.0, [(1.0, 9.0)]),
+)
+SHAKEN_IDATA = ef.to_inference_data(ef.run(SHAKEN, nsteps=16, seed=1), SHAKEN)
 VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
 MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
 RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
@@ -214,6 +223,34 @@ CALLS = {
         }
         for which in ("sd", "relative_sd")
     },
+    "FRFMeasurements": {
+        "values": (FRF, array().but("complex", "0")),
+        "coherence": (0.1 * SQUARES[:2], per_mode.but("one number")),
+        "averages": (9, whole(2)),
+        "channels": (PAIRS, labels.but("a word", "one less")),
+        "lines": (HERTZ, positive.but("one less", falling=[9.0, 3.0])),
+        "kind": ("mobility", anything),
+        "unit": ("m/N", anything.but("a word")),
+    },
+    "FRFMeasurements.from_uff": {
+        "path": (FRF_FILE, file),
+        "averages": (9, whole(2)),
+    },
+    "FRFTerm": {
+        "measured": (SHAKEN.terms[0].measured, anything),
+        "sd": (SQUARES[:2], array(positive=True, shaped=False)),
+        "amplitude": (False, flag),
+    },
+    "FRFModel": {
+        "model": (SHAKEN.model.model, anything),
+        "lines": (HERTZ, positive.but("one less", falling=[9.0, 3.0])),
+        "channels": (PAIRS, labels.but("a word")),
+        "damping": (0.01, anything.but("a word", "1.5")),
+        "kind": ("mobility", anything),
+        "residual": (False, flag),
+        "stored": (False, flag),
+    },
+    "plot_frf": {"posterior": (SHAKEN, anything), "idata": (SHAKEN_IDATA, anything)},
     "FunctionModel": {"variables": OFF},
     "FunctionModel, jacobian": {
         "variables": OFF,

@@ -19,6 +19,12 @@ def test_evidence(monkeypatch, capsys):
 
 
 @pytest.mark.slow
+def test_frf(capsys):
+    ratios = load("benchmarks/frf").main(repeats=1)
+    assert ratios["direct, line by line"] > 5  # 80 on a quiet machine
+    assert capsys.readouterr().out.count("times faster") == 2
+
+
 def test_hamiltonian():
     found = load("hamiltonian").main(storeys=(20,), solves=4_000, buildings=1)
     assert found[20, "HMC 1/k"] > 5 * found[20, "DE-MC"]
