@@ -4,16 +4,33 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from .abaqus import read_abaqus
+from .ansys import read_full
+from .dmig import read_dmig
+from .matrix_market import read_matrix_market
+from .op4 import HEADER, read_op4
 from .part import Part
-from .triplets import CALCULIX, read_calculix, read_triplets
+from .scipy_npz import read_npz
+from .triplets import CALCULIX, read_calculix
 
-NUMBER = r"[-+]?\d*\.?\d+(?:[eEdD][-+]?\d+)?"
+Read = Callable[[Path], list[Part]]
 HEAD = 4096  # bytes that are looked at
-# A line at the beginning of a text file, and who reads it.
-LINES: dict[str, Callable[[Path], list[Part]]] = {
-    rf"\s*\d+\s+\d+\s+{NUMBER}\s*": read_triplets,
+INTEGER, NUMBER = r"\s*-?\d+\s*", r"\s*[-+]?[\d.]+(?:[ED][-+]?\d+)?\s*"
+TRIPLET = rf"\s*\d+ +\d+ {NUMBER}"
+# How the first line of a text file begins that is no comment, and who reads it.
+TEXTS: dict[str, Read] = {
+    r"%%MatrixMarket\b.*": read_matrix_market,
+    HEADER.pattern: read_op4,
+    TRIPLET: read_abaqus,
+    rf"{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
+    rf"{INTEGER},{INTEGER},{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
+    rf"\s*-?\d+ +\d+ +-?\d+ +\d+ {NUMBER}": read_abaqus,
 }
-LABEL = r"\s*\d+\.\d\s*"  # of a .dof file
+BINARIES: dict[bytes, Read] = {  # the first bytes
+    rb"PK\x03\x04.*": read_npz,
+    rb".{8}\x04\0\0\0.*": read_full,
+}
+LABEL = r"\s*\d+\.\d+\s*"  # of a .dof file
 KNOWN = (
     "Matrix Market, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, CalculiX "
     ".sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
@@ -31,12 +48,21 @@ def read_file(path: Path) -> list[Part]:
         head = file.read(HEAD)
     if not head:
         raise ValueError(f"{path}: the file is empty; did the program stop early?")
-    first = next((x for x in head.decode("latin-1").splitlines() if x.strip()), "")
-    if path.suffix in {*CALCULIX.values(), ".dof"}:
-        if re.fullmatch(LABEL, first) or re.fullmatch([*LINES][0], first):
+    if b"\0" in head:
+        for start, read in BINARIES.items():
+            if re.fullmatch(start, head, re.S):
+                return read(path)
+    lines = head.decode("latin-1").splitlines()
+    told = (x for x in lines if x.strip() and x[0] not in "$*")
+    first = next(told, lines[0])
+    if path.suffix.lower() in {*CALCULIX.values(), ".dof"}:
+        if re.fullmatch(f"{LABEL}|{TRIPLET}", first, re.I):
             return read_calculix(path)
-    for form, read in LINES.items():
-        if re.fullmatch(form, first):
+    for form, read in TEXTS.items():
+        if re.fullmatch(form, first, re.I):
             return read(path)
-    what = "binary content" if b"\0" in head else f"line 1: {first[:60]!r}"
-    raise ValueError(f"{path}: expected matrices in one of {KNOWN}, got {what}")
+    if re.search(rb"^DMIG[*, ]", path.read_bytes(), re.M | re.I):
+        return read_dmig(path)  # grid points and others may come first
+    what = "binary content" if b"\0" in head else f"line {lines.index(first) + 1}: "
+    what += "" if b"\0" in head else repr(first[:60])
+    raise ValueError(f"{path}: expected matrices in one of {KNOWN}; got {what}")

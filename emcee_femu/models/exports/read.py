@@ -15,6 +15,7 @@ from .record import Matrices
 from .triplets import read_labels
 
 FilePath = str | PathLike[str]
+HELD = 1e35  # Abaqus puts 1e36 on the diagonal of DOFs that a boundary holds
 LABELS = "dofs"  # what names the file of labels among those of matrices
 
 
@@ -102,7 +103,17 @@ def _join(parts: list[Part], source: str) -> Matrices:
             )
     first = max(parts, key=lambda part: (part.name == "K", part.matrix.shape[0]))
     matrices = {part.name: _at_rows(part, first) for part in parts}
-    return Matrices(matrices, first.dofs, source)
+    free = np.flatnonzero(first.matrix.diagonal() < HELD)
+    if len(free) == first.matrix.shape[0]:
+        return Matrices(matrices, first.dofs, source)
+    if first.dofs is None:
+        raise ValueError(
+            f"{first.path}: {first.matrix.shape[0] - len(free)} rows are held by a "
+            f"stiffness above {HELD:g}; export with labels (FORMAT=MATRIX INPUT), so "
+            "that they can be left out"
+        )
+    kept = {name: csc_array(matrix[free][:, free]) for name, matrix in matrices.items()}
+    return Matrices(kept, first.dofs[free], source)
 
 
 def _at_rows(part: Part, first: Part) -> csc_array:

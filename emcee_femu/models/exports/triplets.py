@@ -12,21 +12,24 @@ from .part import Part, build_matrix
 CALCULIX = {"K": ".sti", "M": ".mas"}
 
 
-def read_triplets(path: Path, size: int | None = None) -> list[Part]:
+def read_triplets(
+    path: Path, delimiter: str | None = None, size: int | None = None
+) -> Part:
     """Return the matrix of a file, the lower or upper triangle of it or both.
 
     Raises:
         ValueError: If the matrix is not of ``size``, or the last of its entries is not
             in the last row and column, where CalculiX always ends.
     """
-    places, values = read_columns(path, "row column value", 2)
+    form = "row column value".replace(" ", delimiter or " ")
+    places, values = read_columns(path, form, 2, delimiter)
     if size is not None and places[-1].tolist() != [size, size]:
         raise ValueError(
             f"{path}: expected the last line to be row {size}, column {size}, as there "
             f"are {size} labels in the .dof file, got {places[-1].tolist()}; {AGAIN}"
         )
     rows, columns = places.T - 1
-    return [Part("", path, build_matrix(path, rows, columns, values[:, 0]))]
+    return Part("", path, build_matrix(path, rows, columns, values[:, 0]))
 
 
 def read_labels(path: Path) -> Dofs:
@@ -68,7 +71,6 @@ def read_calculix(path: Path) -> list[Part]:
             )
     dofs = read_labels(labels)
     return [
-        part._replace(name=name, dofs=dofs)
+        read_triplets(file, size=len(dofs))._replace(name=name, dofs=dofs)
         for name, file in files.items()
-        for part in read_triplets(file, len(dofs))
     ]

@@ -127,7 +127,7 @@ def damage(text, line, new):
             lambda t: damage(t, 7, "1 1 1.0\n"),
             r"row 1, column 1 is .*twice",
         ),
-        ("sti", lambda t: damage(t, 7, "4 2 1.0\n"), r"sti: .*symmetric matrix"),
+        ("sti", lambda t: damage(t, 7, "3 1 1.0\n"), r"sti: .*symmetric matrix"),
         ("sti", lambda t: damage(t, 7, "2 \0\n"), r"beam\.sti, line 7: binary bytes"),
         (
             "dof",
