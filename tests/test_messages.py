@@ -22,7 +22,15 @@ ROOTS += ["numpy.random", "pandas", "scipy.sparse", "scipy.stats", "subprocess"]
 OTHERS = {name: importlib.import_module(name) for name in (*ROOTS, "xarray")}
 # Names of people, programs, formats and journals, and of optional dependencies.
 WORDS = {"ArviZ", "LaTeX", "McLachlan", "NaN", "NumPy", "PhysRevLett", "PyDREAM"}
-WORDS |= {"CalculiX", "EnsembleSamplers", "RdBu_r", "SuperLU", "SymmetricMode"}
+WORDS |= {
+    "CalculiX",
+    "MatrixMarket",
+    "PyMAPDL",
+    "EnsembleSamplers",
+    "RdBu_r",
+    "SuperLU",
+    "SymmetricMode",
+}
 WORDS |= {"InferenceData", "arviz.InferenceData", "DataTree", "xarray.DataTree"}
 OPTIONAL = ("dask.", "distributed.", "loky.", "mpi4py.", "ray.", "schwimmbad.")
 CAMEL = r"(?<![\w.])(?:[a-z]\w*\.)*[A-Z]\w*[a-z]\w*[A-Z]\w*"
