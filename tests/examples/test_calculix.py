@@ -47,6 +47,11 @@ def driver(monkeypatch):
 
 
 @pytest.fixture
+def beam(driver):
+    return load("calculix_beam")
+
+
+@pytest.fixture
 def calculix(driver):
     try:
         return driver.find_command()
@@ -207,6 +212,31 @@ def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
     assert solves.read_text().count("\n") < 20 + 8 + 3 * 8
 
 
+def test_an_emulation_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
+    free, started = tmp_path / "free", []
+    script = f"[ -e {shlex.quote(str(free))} ] || {{ echo No license; exit 1; }}"
+
+    def solve(p):
+        started.append(p)
+        command = shell("true" if len(started) < 4 else script)
+        with driver.finished_job("", command, patience=0.0):
+            return [6.8 * np.sqrt(p["k"])]
+
+    def emulate(function, backend=None):
+        options = {"backend": backend, "on_failure": "reject", "tolerance": 0.0}
+        return ef.emulate(posterior_of(function), 6, seed=1, **options)
+
+    with pytest.raises(driver.Unavailable, match="no licence"):
+        emulate(solve, tmp_path / "run.solves")
+    free.touch()
+    before = len(started)
+    resumed = emulate(solve, tmp_path / "run.solves")
+    assert resumed.solves == 6 and len(started) - before <= 6 - 3 + 1  # one probe
+    theta = {"k": np.array([0.7, 1.2])}
+    expected = emulate(lambda p: [6.8 * np.sqrt(p["k"])])(theta)
+    np.testing.assert_array_equal(resumed(theta).frequencies, expected.frequencies)
+
+
 def posterior_of(solve):
     prior = ef.GaussianPrior(["k"], [1.0], [0.3], [(0.1, 2.0)])
     term = ef.FrequencyTerm([6.8], sd=[0.1])
@@ -273,3 +303,80 @@ def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
     np.testing.assert_allclose(found, [6.812013, 11.99526], rtol=1e-6)
     printed = r"\[ *6\.81\d* +11\.99\d*\] Hz in \d+\.\d\d s"
     assert re.match(printed, capsys.readouterr().out)
+
+
+def keyword(lines, name):
+    """Return the data lines of a keyword, one list of words for each."""
+    begin = lines.index(name) + 1
+    ends = (i for i in range(begin, len(lines)) if lines[i].startswith("*"))
+    return [line.rstrip(",").split(",") for line in lines[begin : next(ends)]]
+
+
+def test_the_deck_of_the_beam_is_the_beam(beam):
+    lines = beam.deck({**beam.TRUTH, "tip": 0.9, "bearing": 0.5}).splitlines()
+    nodes = {int(n): np.array(x, float) for n, *x in keyword(lines, "*NODE")}
+    # CalculiX: 9 to 12 lie between 1 2, 2 3, 3 4, 4 1; 13 to 16 between 5 6, ..., 8 5;
+    # 17 to 20 between 1 5, ..., 4 8.
+    low, volume, elements = np.arange(4), 0.0, 0
+    first = np.concatenate([low, 4 + low, low])
+    second = np.concatenate([np.roll(low, -1), 4 + np.roll(low, -1), 4 + low])
+    for number, part in enumerate(beam.PARTS):
+        words = sum(keyword(lines, f"*ELEMENT,TYPE=C3D20R,ELSET={part}"), [])
+        for element in np.reshape(np.array(words, int), (-1, 21)):
+            at = np.array([nodes[n] for n in element[1:]])
+            np.testing.assert_allclose(at[8:], (at[first] + at[second]) / 2, atol=1e-9)
+            volume += np.linalg.det(at[[1, 3, 4]] - at[0])  # positive: right-handed
+            assert number <= at[:, 0].mean() < number + 1  # parts are 1 m long
+            elements += 1
+    assert elements == 48 and volume == pytest.approx(3.0 * 0.08 * 0.10)
+    fixed = {int(n) for n, *_ in keyword(lines, "*BOUNDARY")}
+    assert fixed == {n for n, x in nodes.items() if x[0] == 0}
+    springs = keyword(lines, "*ELEMENT,TYPE=SPRING1,ELSET=bearing")
+    resting = np.array([nodes[int(node)] for _, node in springs])
+    assert (resting[:, 0] == 3).all() and (resting[:, 2] == 0).all()
+    (direction,), (stiffness,) = keyword(lines, "*SPRING,ELSET=bearing")
+    assert direction == "3" and "." in stiffness  # or CalculiX would not see it
+    assert float(stiffness) * len(springs) == pytest.approx(0.5 * beam.BEARING)
+    moduli = [float(words[0]) for words in lines_after(lines, "*ELASTIC")]
+    np.testing.assert_allclose(moduli, np.multiply([0.8, 1.05, 0.9], beam.E))
+
+
+def lines_after(lines, name):
+    return [lines[i + 1].split(",") for i, x in enumerate(lines) if x == name]
+
+
+def test_frequencies_of_calculix_are_those_of_beam_theory(beam, calculix, tmp_path):
+    ones = dict.fromkeys(beam.TRUTH, 1.0)
+    length, width, height = beam.SIZE
+    speed = np.sqrt(beam.E / beam.RHO) / (2 * np.pi * length**2 * np.sqrt(12))
+    for bearing, roots in ((1e-6, (1.8751, 4.6941)), (1e4, (3.9266,))):
+        f = beam.solve({**ones, "bearing": bearing}, calculix, tmp_path)
+        vertical = np.square(roots) * speed * height
+        lateral = np.square([1.8751, 4.6941]) * speed * width
+        for expected in (*vertical, *lateral):  # solids are softer: shear
+            assert np.abs(f / expected - 1).min() < 0.005
+    assert not list(tmp_path.iterdir())
+
+
+def test_exported_matrices_have_the_frequencies_that_calculix_prints(
+    beam, calculix, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(beam, "ELEMENTS", (6, 2, 2))
+    model = beam.by_matrices(calculix, tmp_path)
+    found = model({name: np.array([x]) for name, x in beam.TRUTH.items()}).frequencies
+    printed = beam.solve(beam.TRUTH, calculix, tmp_path)
+    np.testing.assert_allclose(found[0], printed, rtol=2e-6)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_calculix_beam(beam, calculix, tmp_path, capsys):
+    found = beam.main(40, 60, 300, output=str(tmp_path))
+    assert found["certificate"].short == "certified"
+    black_box, exports = found["solves"]
+    assert black_box <= 100 and exports == 5
+    for z in ("z", "z of sd"):
+        assert np.abs(found["table"].column(z)).max() < 4
+    shown = capsys.readouterr().out
+    assert f"black box: {black_box} solves" in shown and "matrices: 5 solves" in shown
+    assert (tmp_path / "calculix.png").stat().st_size > 10_000
