@@ -134,9 +134,9 @@ def fit_processes(
     .. math:: -2 \ln L = (N - p) \sum_k \ln \sigma_k^2
         + q \ln |R| + q \ln |F^T R^{-1} F|
 
-    by L-BFGS from ``start``, or from each of a few common lengths. Outputs that are as
-    good as straight have no say in it. Where leaving one out shows larger errors than
-    the likelihood expects, these set the amplitude.
+    by L-BFGS from ``start`` and from a common length, or from several such. Outputs
+    that are as good as straight have no say in it. Where leaving one out shows larger
+    errors than the likelihood expects, these set the amplitude.
 
     Args:
         points: ``(N, d)`` coordinates, best of about unit spread.
@@ -170,7 +170,9 @@ def fit_processes(
         return _restricted(points, bent, trend, np.exp(logs), say)
 
     bounds = np.log(np.outer(spread, [0.1, WIDEST]))
-    starts = [scale * spread for scale in SCALES] if start is None else [start]
+    starts = [scale * spread for scale in SCALES]
+    if start is not None:  # and the best common one, lest a valley holds the last ones
+        starts = [start, min(starts, key=lambda lengths: cost(np.log(lengths))[0])]
     climbs = [
         minimize(
             cost,
