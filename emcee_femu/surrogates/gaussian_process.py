@@ -1,8 +1,7 @@
 r"""Gaussian processes of many outputs, with a linear trend and shared length scales.
 
 .. math:: y(x) = B^T f(x) + z(x), \qquad f = (1, x_1, \dots, x_d), \qquad
-    \mathrm{cov}(z(x), z(x')) = \Sigma \, \exp\!\Big[-\tfrac12 \sum_j
-    \Big(\frac{x_j - x_j'}{\ell_j}\Big)^2\Big]
+    \mathrm{cov}(z(x), z(x')) = \Sigma \, k(x, x')
 
 One kernel for all outputs means one Cholesky factor, and predictions that are matrix
 products. The trend is integrated out under a flat prior.
@@ -15,6 +14,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from ..interfaces import Floats
+from .kernel import Kernel
 
 NUGGET = 1e-7  # of the amplitude squared: keeps the factor of close points definite
 STRAIGHT = 0.01  # an output that leaves its trend by less has no say in the lengths
@@ -30,17 +30,22 @@ class Processes:
     Attributes:
         points: Where the values are known, ``(N, d)``.
         values: ``(N, q)``.
-        lengths: Length scales, ``(d,)``, of all outputs.
+        kernel: The correlation of all outputs.
         covariance: Of the outputs' amplitudes, ``(q, q)``.
     """
 
     points: Floats
     values: Floats
-    lengths: Floats
+    kernel: Kernel
     covariance: Floats
     _whitener: Floats = field(repr=False)  # inverse of the kernel's Cholesky factor
     _trend: Floats = field(repr=False)  # the same of the trend's information
     _weights: Floats = field(repr=False)  # of kernel and trend, (N + p, q)
+
+    @property
+    def lengths(self) -> Floats:
+        """The length scales ``(d,)``."""
+        return self.kernel.lengths
 
     @property
     def amplitudes(self) -> Floats:
@@ -64,12 +69,12 @@ class Processes:
     def slopes(self, points: Floats) -> Floats:
         """Return the derivatives of the means by the coordinates, ``(n, q, d)``."""
         n, d = points.shape
-        kernel, _ = self._basis(points)
+        steep = self.kernel.steepen(points, self.points)
         size, q = self.values.shape
         weights = self._weights[:size]
         moved = weights[:, :, None] * self.points[:, None]
-        pulled = (kernel @ moved.reshape(size, q * d)).reshape(n, q, d)
-        slopes = pulled - (kernel @ weights)[:, :, None] * points[:, None]
+        pulled = (steep @ moved.reshape(size, q * d)).reshape(n, q, d)
+        slopes = pulled - (steep @ weights)[:, :, None] * points[:, None]
         slopes /= self.lengths**2
         if len(self._weights) > size + 1:
             slopes += self._weights[size + 1 :].T
@@ -97,9 +102,9 @@ class Processes:
         at, free = self._parts(extra)
         square = 1.0 - (known**2).sum(axis=1) + (unknown**2).sum(axis=1)
         if len(extra):
-            between = _correlate(extra, points, self.lengths)
+            between = self.kernel.correlate(extra, points)
             between += free @ unknown.T - at @ known.T
-            own = _correlate(extra, extra, self.lengths) + free @ free.T - at @ at.T
+            own = self.kernel.correlate(extra, extra) + free @ free.T - at @ at.T
             own[np.diag_indices(len(extra))] += NUGGET
             factor = np.linalg.cholesky(own)
             square -= (solve_triangular(factor, between, lower=True) ** 2).sum(axis=0)
@@ -109,7 +114,7 @@ class Processes:
     def _basis(self, points: Floats) -> tuple[Floats, Floats]:
         """Return the kernel to the known points ``(n, N)`` and the trend ``(n, p)``."""
         size = len(self._weights) - len(self.values)
-        return _correlate(points, self.points, self.lengths), _trend(points, size)
+        return self.kernel.correlate(points, self.points), _trend(points, size)
 
     def _parts(self, points: Floats) -> tuple[Floats, Floats]:
         """Return what the values tell ``(n, N)`` and the trend hides ``(n, p)``."""
@@ -129,14 +134,15 @@ class Processes:
 def fit_processes(
     points: Floats, values: Floats, start: Floats | None = None
 ) -> Processes:
-    r"""Return the processes whose lengths have the largest restricted likelihood.
+    r"""Return the processes whose kernel has the largest restricted likelihood.
 
     .. math:: -2 \ln L = (N - p) \sum_k \ln \sigma_k^2
         + q \ln |R| + q \ln |F^T R^{-1} F|
 
-    by L-BFGS from ``start`` and from a common length, or from several such. Outputs
-    that are as good as straight have no say in it. Where leaving one out shows larger
-    errors than the likelihood expects, these set the amplitude.
+    of a smooth and a rough kernel, by L-BFGS over the lengths from ``start`` and from a
+    common length, or from several such. Outputs that are as good as straight have no
+    say in it. Where leaving one out shows larger errors than the likelihood expects,
+    these set the amplitude.
 
     Args:
         points: ``(N, d)`` coordinates, best of about unit spread.
@@ -166,26 +172,29 @@ def fit_processes(
     square = (bent**2).mean(axis=0)
     say = square / (square + STRAIGHT**2)
 
-    def cost(logs: Floats) -> tuple[float, Floats]:
-        return _restricted(points, bent, trend, np.exp(logs), say)
+    def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
+        return _restricted(points, bent, trend, Kernel(np.exp(logs), rough), say)
 
     bounds = np.log(np.outer(spread, [0.1, WIDEST]))
-    starts = [scale * spread for scale in SCALES]
-    if start is not None:  # and the best common one, lest a valley holds the last ones
-        starts = [start, min(starts, key=lambda lengths: cost(np.log(lengths))[0])]
-    climbs = [
-        minimize(
-            cost,
-            np.clip(np.log(first), *bounds.T),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds,
-            options={"maxiter": 100},
-        )
-        for first in starts
-    ]
-    found = min(climbs, key=lambda climb: climb.fun)
-    return _condition(points, values, trend, np.exp(found.x))
+    common = [np.log(scale * spread) for scale in SCALES]
+    best, kernel = np.inf, Kernel(spread, False)
+    for rough in (False, True):
+        starts = common
+        if start is not None:  # and a common one, lest a valley holds the last ones
+            starts = [np.log(start), min(common, key=lambda x: cost(x, rough)[0])]
+        for first in starts:
+            climb = minimize(
+                cost,
+                np.clip(first, *bounds.T),
+                (rough,),
+                jac=True,
+                method="L-BFGS-B",
+                bounds=bounds,
+                options={"maxiter": 100},
+            )
+            if climb.fun < best:
+                best, kernel = climb.fun, Kernel(np.exp(climb.x), rough)
+    return _condition(points, values, trend, kernel)
 
 
 def _trend_size(points: Floats) -> int:
@@ -198,16 +207,6 @@ def _trend(points: Floats, size: int) -> Floats:
     return np.hstack([np.ones((len(points), 1)), points[:, : size - 1]])
 
 
-def _correlate(a: Floats, b: Floats, lengths: Floats) -> Floats:
-    """Return the kernel between points, ``(n, m)``."""
-    a, b = a / lengths, b / lengths
-    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * a @ b.T
-    np.maximum(square, 0.0, out=square)
-    square *= -0.5
-    result: Floats = np.exp(square, out=square)
-    return result
-
-
 def _factor(kernel: Floats) -> Floats:
     """Return the Cholesky factor of a kernel and its nugget."""
     kernel = kernel.copy()
@@ -216,14 +215,13 @@ def _factor(kernel: Floats) -> Floats:
 
 
 def _restricted(
-    points: Floats, values: Floats, trend: Floats, lengths: Floats, say: Floats
+    points: Floats, values: Floats, trend: Floats, kernel: Kernel, say: Floats
 ) -> tuple[float, Floats]:
     """Return minus the restricted log-likelihood, and its slopes by log-lengths.
 
     Each output counts as often as it has a say, ``(q,)``.
     """
-    kernel = _correlate(points, points, lengths)
-    factor = _factor(kernel)
+    factor = _factor(kernel.correlate(points, points))
     inverse = cho_solve((factor, True), np.eye(len(points)))
     weighed = inverse @ trend
     information = np.linalg.cholesky(trend.T @ weighed)
@@ -237,19 +235,19 @@ def _restricted(
     cost = 0.5 * free * (say * np.log(variances)).sum() + count * logs
     # d cost / d R, times R; the squared differences by coordinates come as products
     inner = count * projector - (projected * say / variances) @ projected.T
-    pull = 0.5 * kernel * inner
-    scaled = points / lengths
+    pull = 0.5 * kernel.steepen(points, points) * inner
+    scaled = points / kernel.lengths
     around = (pull.sum(axis=1) @ scaled**2) - (scaled * (pull @ scaled)).sum(axis=0)
     return float(cost), 2.0 * around
 
 
 def _condition(
-    points: Floats, values: Floats, trend: Floats, lengths: Floats
+    points: Floats, values: Floats, trend: Floats, kernel: Kernel
 ) -> Processes:
-    """Return the processes of given lengths, conditioned on the values."""
+    """Return the processes of a given kernel, conditioned on the values."""
     eye = np.eye(len(points))
     whitener = solve_triangular(
-        _factor(_correlate(points, points, lengths)), eye, lower=True
+        _factor(kernel.correlate(points, points)), eye, lower=True
     )
     own, white = whitener @ trend, whitener @ values
     information = np.linalg.cholesky(own.T @ own)
@@ -260,9 +258,9 @@ def _condition(
     # The variance of Student's t, which values of unknown amplitude have.
     free = max(len(points) - trend.shape[1] - 2, 1)
     covariance = residual.T @ residual / free
-    known = Processes(points, values, lengths, covariance, whitener, unknown, weights)
+    known = Processes(points, values, kernel, covariance, whitener, unknown, weights)
     errors, sd = known.leave_one_out()
     usual = np.maximum(sd, np.sqrt(TINY))
     wider = np.sqrt(np.maximum(((errors / usual) ** 2).mean(axis=0), 1.0))
     covariance = covariance * np.outer(wider, wider)
-    return Processes(points, values, lengths, covariance, whitener, unknown, weights)
+    return Processes(points, values, kernel, covariance, whitener, unknown, weights)

@@ -1,12 +1,14 @@
 """Gaussian processes: the conditional law by another route, leaving out in earnest."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from emcee_femu.surrogates import gaussian_process as gp
+from emcee_femu.surrogates.kernel import Kernel
 
 RNG = np.random.default_rng(7)
 POINTS = RNG.standard_normal((14, 3))
@@ -20,77 +22,100 @@ def answers(x):
     )
 
 
+def kinks(x):
+    return answers(x) + 25.0 * np.abs(x[:, 0] - 0.2 * x[:, 2])[:, None]
+
+
 VALUES = answers(POINTS)
 FITTED = gp.fit_processes(POINTS, VALUES)
+ROUGH = replace(FITTED.kernel, rough=True)
+TREND = np.hstack([np.ones((len(POINTS), 1)), POINTS])
+BOTH = pytest.mark.parametrize(
+    "fitted", [FITTED, gp._condition(POINTS, VALUES, TREND, ROUGH)]
+)
 
 
-def kernel(a, b):
-    gaps = (a[:, None] - b[None]) / FITTED.lengths
-    return np.exp(-0.5 * (gaps**2).sum(axis=2))
+def correlate(a, b, kernel):
+    r = np.sqrt((((a[:, None] - b[None]) / kernel.lengths) ** 2).sum(axis=2))
+    if not kernel.rough:
+        return np.exp(-0.5 * r**2)
+    # Matern's kernel of any smoothness, at 5/2
+    z = np.sqrt(5.0) * np.maximum(r, 1e-9)
+    return 2.0**-1.5 / special.gamma(2.5) * z**2.5 * special.kv(2.5, z)
 
 
-def condition(points, values, at):
+def condition(points, values, at, kernel):
     """Return means and factors of the variance, with a trend of a vague prior."""
     # A prior of variance 1e6 on the trend makes it an ordinary conditional Gaussian.
     every = np.vstack([points, at])
     trend = np.hstack([np.ones((len(every), 1)), every])
-    joint = kernel(every, every) + 1e6 * trend @ trend.T
+    joint = correlate(every, every, kernel) + 1e6 * trend @ trend.T
     n = len(points)
     own = joint[:n, :n] + gp.NUGGET * np.eye(n)
     gain = np.linalg.solve(own, joint[:n, n:]).T
     return gain @ values, (joint[n:, n:] - gain @ joint[:n, n:]).diagonal()
 
 
-def test_prediction_is_the_conditional_gaussian():
-    mean, sd = FITTED.predict(FRESH)
-    expected, factor = condition(POINTS, VALUES, FRESH)
+@BOTH
+def test_prediction_is_the_conditional_gaussian(fitted):
+    mean, sd = fitted.predict(FRESH)
+    expected, factor = condition(POINTS, VALUES, FRESH, fitted.kernel)
     np.testing.assert_allclose(mean, expected, atol=1e-3)
     np.testing.assert_allclose(
-        sd, np.sqrt(factor)[:, None] * FITTED.amplitudes, rtol=1e-2
+        sd, np.sqrt(factor)[:, None] * fitted.amplitudes, rtol=1e-2
     )
 
 
-def test_leaving_one_out_is_what_the_others_predict():
-    residual, sd = FITTED.leave_one_out()
+@BOTH
+def test_leaving_one_out_is_what_the_others_predict(fitted):
+    residual, sd = fitted.leave_one_out()
     for i in range(len(POINTS)):
-        rest = np.arange(len(POINTS)) != i
-        mean, factor = condition(POINTS[rest], VALUES[rest], POINTS[i : i + 1])
+        rest, at = np.arange(len(POINTS)) != i, POINTS[i : i + 1]
+        mean, factor = condition(POINTS[rest], VALUES[rest], at, fitted.kernel)
         np.testing.assert_allclose(residual[i], VALUES[i] - mean[0], atol=2e-3)
-        expected = np.sqrt(factor + gp.NUGGET) * FITTED.amplitudes
+        expected = np.sqrt(factor + gp.NUGGET) * fitted.amplitudes
         np.testing.assert_allclose(sd[i], expected, rtol=1e-2)
 
 
-def test_variance_after_further_solves_needs_no_values():
+@BOTH
+def test_variance_after_further_solves_needs_no_values(fitted):
     extra = RNG.standard_normal((3, 3))
     known = np.vstack([POINTS, extra])
-    _, factor = condition(known, answers(known), FRESH)
-    after = FITTED.variance_after(FRESH, extra)
+    _, factor = condition(known, answers(known), FRESH, fitted.kernel)
+    after = fitted.variance_after(FRESH, extra)
     np.testing.assert_allclose(
-        after, factor[:, None] * FITTED.amplitudes**2, rtol=0.02, atol=1e-6
+        after, factor[:, None] * fitted.amplitudes**2, rtol=0.02, atol=1e-6
     )
-    before = FITTED.variance_after(FRESH, extra[:0])
-    np.testing.assert_allclose(before, FITTED.predict(FRESH)[1] ** 2)
+    before = fitted.variance_after(FRESH, extra[:0])
+    np.testing.assert_allclose(before, fitted.predict(FRESH)[1] ** 2)
 
 
-def test_slopes_are_those_of_the_mean():
-    slopes, step = FITTED.slopes(FRESH), 1e-4
+@BOTH
+def test_slopes_are_those_of_the_mean(fitted):
+    slopes, step = fitted.slopes(FRESH), 1e-4
     for j in range(3):
         move = step * np.eye(3)[j]
-        ahead, behind = (FITTED.predict(FRESH + s * move)[0] for s in (1.0, -1.0))
+        ahead, behind = (fitted.predict(FRESH + s * move)[0] for s in (1.0, -1.0))
         np.testing.assert_allclose(
-            slopes[:, :, j], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6
+            slopes[:, :, j], (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-5
         )
 
 
-def test_the_lengths_maximise_the_restricted_likelihood():
+def test_the_kernel_is_rough_where_there_are_kinks():
+    assert not FITTED.kernel.rough
+    x = RNG.standard_normal((40, 3))
+    assert gp.fit_processes(x, kinks(x)).kernel.rough
+    assert not gp.fit_processes(x, answers(x)).kernel.rough
+
+
+@pytest.mark.parametrize("rough", [False, True])
+def test_the_lengths_maximise_the_restricted_likelihood(rough):
     # Second route: the density of contrasts that no linear trend moves.
-    trend = np.hstack([np.ones((len(POINTS), 1)), POINTS])
-    contrasts = np.linalg.svd(trend)[0][:, 4:].T
+    contrasts = np.linalg.svd(TREND)[0][:, 4:].T
 
     def cost(logs):
-        gaps = (POINTS[:, None] - POINTS[None]) / np.exp(logs)
-        R = np.exp(-0.5 * (gaps**2).sum(axis=2)) + gp.NUGGET * np.eye(len(POINTS))
-        C = contrasts @ R @ contrasts.T
+        R = correlate(POINTS, POINTS, Kernel(np.exp(logs), rough))
+        C = contrasts @ (R + gp.NUGGET * np.eye(len(POINTS))) @ contrasts.T
         total = 0.0
         for y in (contrasts @ VALUES).T:
             variance = y @ np.linalg.solve(C, y) / len(y)
@@ -98,18 +123,18 @@ def test_the_lengths_maximise_the_restricted_likelihood():
         return total
 
     def restricted(logs):
-        return gp._restricted(POINTS, VALUES, trend, np.exp(logs), np.ones(2))
+        kernel = Kernel(np.exp(logs), rough)
+        return gp._restricted(POINTS, VALUES, TREND, kernel, np.ones(2))
 
     best = np.log(FITTED.lengths)
-    ours, _ = restricted(best)
     moved = best + np.array([0.2, -0.1, 0.3])
-    there, slopes = restricted(moved)
+    (ours, _), (there, slopes) = restricted(best), restricted(moved)
     np.testing.assert_allclose(there - ours, cost(moved) - cost(best), rtol=1e-4)
     for j, step in enumerate(1e-5 * np.eye(3)):
         ahead, behind = restricted(moved + step)[0], restricted(moved - step)[0]
         np.testing.assert_allclose(slopes[j], (ahead - behind) / 2e-5, rtol=1e-4)
     widest = np.log(gp.WIDEST * POINTS.std(axis=0))
-    for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]):
+    for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]) * (not rough):
         assert restricted(np.minimum(best + step, widest))[0] >= ours - 1e-4
 
 
