@@ -29,3 +29,9 @@ def test_hamiltonian():
     found = load("hamiltonian").main(storeys=(20,), solves=4_000, buildings=1)
     assert found[20, "HMC 1/k"] > 5 * found[20, "DE-MC"]
     assert found[20, "HMC"] > 5 * found[20, "DE-MC"]
+
+
+@pytest.mark.slow
+def test_subchains():
+    found = load("benchmarks/subchains").main("beck_au", 20, (1, 10), 800)
+    assert min(found[1], found[10]) > 0  # too short to rank them
