@@ -73,8 +73,8 @@ def plot_scatter(
         labelpad=0.08,
     )
     _draw_ellipses(figure, draws / scale, probability)
-    _add_legend(figure, probability, bool(np.isfinite(marks).any()))
     say_certified(figure, idata)
+    _add_legend(figure, probability, bool(np.isfinite(marks).any()))
     return figure
 
 
@@ -100,7 +100,8 @@ def _add_legend(figure: Any, probability: float, with_marks: bool) -> None:
         Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
         Line2D([], [], color=BLUE, marker="s", label="reference"),
     ]
-    where = {"loc": "upper right", "fontsize": 13, "frameon": False}
+    where: dict[str, Any] = {"loc": "upper right", "fontsize": 13, "frameon": False}
+    where["bbox_to_anchor"] = (1.0, 0.96 if figure.get_suptitle() else 1.0)
     figure.legend(handles=handles[: 2 + with_marks], **where)
 
 

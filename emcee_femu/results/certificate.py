@@ -28,6 +28,8 @@ class Certificate:
         efficiency: Effective share of the weights (Kish): 1 where all are equal.
         effective: Independent draws of the posterior that the weighted ones are worth.
         pareto_k: Of the weights; infinite where there are fewer than 25.
+        curvature_k: The Pareto k that the curvature of the logarithms of all weights
+            implies, which few weights tell better.
         largest: The largest weight, over the mean weight.
         mean: Of the true posterior, ``(d,)``.
         mean_error: Standard errors of the means, ``(d,)``.
@@ -53,6 +55,7 @@ class Certificate:
     efficiency: float
     effective: float
     pareto_k: float
+    curvature_k: float
     largest: float
     mean: Floats
     mean_error: Floats
@@ -106,7 +109,8 @@ def judge(
     """
     n = len(found.weights)
     facts = (
-        f"{n} draws, efficiency {found.efficiency:.2f}, Pareto k {found.pareto_k:.2f}, "
+        f"{n} draws, efficiency {found.efficiency:.2f}, Pareto k {found.pareto_k:.2f} "
+        f"({found.curvature_k:.2f} by the curvature of the weights), "
         f"largest weight {found.largest:.2g} times the mean"
     )
     faults = [*bounds, *_weak_weights(found), *missed]
@@ -134,7 +138,8 @@ def judge(
 
 def _weak_weights(found: Certificate) -> list[str]:
     """Return why the weights cannot be trusted, the plainest first."""
-    n, k = len(found.weights), found.pareto_k
+    n = len(found.weights)
+    k = max(found.pareto_k, found.curvature_k)
     better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
     if n < FEWEST or not np.isfinite(found.effective):
         return [

@@ -19,7 +19,7 @@ from ..sampling.run_file.log import check_new
 from .arviz_objects import samples
 from .certificate import EQUAL, Certificate, judge
 from .certified_idata import with_certificate
-from .corrected_moments import Moments, correct_moments, spread_factor
+from .corrected_moments import Moments, correct_moments, curvature_k, spread_factor
 from .frequencies import check_sampled
 from .outside import MOST, SHARE, Search, compare_bounds, find_missed, look_elsewhere
 from .solved_draws import ChosenDraws, EmulatedChain, choose_draws, read_chain
@@ -172,6 +172,7 @@ def _weigh(
         efficiency=efficiency,
         effective=n * efficiency / spread_factor(chain.size, n),
         pareto_k=k,
+        curvature_k=curvature_k(chain, chosen.theta, log_weights),
         largest=float(n * weights.max()) if top > -np.inf else np.inf,
         **moments._asdict(),
         emulated_mean=mean,

@@ -1,11 +1,18 @@
 """Means and standard deviations as full solves at a few draws correct them."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from .solved_draws import EmulatedChain
+
+PER_TERM = 5  # draws for each term of a quadratic with products
+FOLDS = 5  # of the draws: weights are predicted by a fit to the others
+BEYOND = 1.0  # the largest ln w so far, up to which a fit is believed
+MOST = 5_000  # draws of the chain that are averaged over
 
 
 class Moments(NamedTuple):
@@ -22,13 +29,13 @@ def correct_moments(
 ) -> Moments:
     r"""Return moments of the true posterior from weighted draws and the whole chain.
 
-    .. math:: \hat f = \sum_i W_i f_i - \beta \left(\sum_i c_i f_i - \bar f\right)
+    .. math:: \hat f = \frac{\overline{g f} + \sum_i c_i (w_i - g_i) f_i}
+        {\overline{g} + \sum_i c_i (w_i - g_i)}
 
-    for f the parameter, or its squared distance from the chain's mean. The solved
-    draws' own accidents are those of ``c_i``, their shares without weights, against the
-    mean over the whole chain (a control variate): beta is the slope of the one error on
-    the other, near 1 where the weights are nearly equal. So a good emulator's
-    corrections are known much better than the mean of as many draws.
+    with means over the whole chain, shares c of the solved draws, and g, what a fit to
+    ln w at other draws predicts of the weight (a control variate). Whatever g is, the
+    ratio is right; a good one leaves little to the few draws. Where all weights are
+    equal it is the mean over the chain.
 
     Args:
         chain: Of the emulated posterior.
@@ -36,28 +43,69 @@ def correct_moments(
         plain: Their shares as draws of the emulated posterior, ``(n,)``.
         weights: Their shares of the true posterior, ``(n,)``.
 
-    Source: Owen (2013), Monte Carlo theory, methods and examples, chapter 9.
+    Source: Owen (2013), Monte Carlo theory, methods and examples, chapters 8 and 9.
     """
-    more = spread_factor(chain.size, len(theta))
+    whole = chain.draws[:: -(-len(chain.draws) // MOST)]
+    sizes = chain.mean_sizes * min(1.0, len(whole) / chain.mean_sizes.max())
+    g_whole, g = _predict_weights(chain, whole, theta, weights / plain)
+    more = np.sqrt(spread_factor(chain.size, len(theta)))
+    rest = weights - plain * g
+
+    def average(values: Floats, of_whole: Floats, size: Floats) -> tuple[Floats, ...]:
+        """Return means, the influence of each draw and of what the chain leaves."""
+        total = g_whole.mean() + rest.sum()
+        mean = ((g_whole @ of_whole) / len(whole) + rest @ values) / total
+        influence = rest[:, None] * (values - mean) / total
+        by_chain = g_whole[:, None] * (of_whole - mean) / total / np.sqrt(size)
+        return mean, influence, by_chain
+
     centre = chain.draws.mean(axis=0)
-    mean, of_mean, mean_rest = _regress(theta, chain.draws, plain, weights)
-    squares, of_squares, squares_rest = _regress(
-        (theta - centre) ** 2, (chain.draws - centre) ** 2, plain, weights
+    mean, *of_mean = average(theta, whole, sizes[0])
+    squares, *of_squares = average(
+        (theta - centre) ** 2, (whole - centre) ** 2, sizes[1]
     )
     shift = mean - centre
-    mean_error = np.hypot(
-        np.sqrt(more * (of_mean**2).sum(axis=0)),
-        mean_rest / np.sqrt(chain.mean_sizes[0]),
-    )
+
+    def error(by_draws: Floats, by_chain: Floats) -> Floats:
+        n = len(by_draws)
+        own = more * np.sqrt((by_draws**2).sum(axis=0) * n / (n - 1))
+        total: Floats = np.hypot(own, by_chain.std(axis=0))
+        return total
+
+    mean_error = error(*of_mean)
     variance = squares - shift**2 + mean_error**2
     without = weights @ (theta - weights @ theta) ** 2 / (1 - (weights**2).sum())
     sd = np.sqrt(np.where(variance > 0, variance, without))
-    of_sd = (of_squares - 2 * shift * of_mean) / (2 * sd)
-    sd_error = np.hypot(
-        np.sqrt(more * (of_sd**2).sum(axis=0)),
-        squares_rest / np.sqrt(chain.mean_sizes[1]) / (2 * sd),
-    )
-    return Moments(mean, mean_error, sd, sd_error)
+    of_sd = [
+        (a - 2 * shift * b) / (2 * sd) for a, b in zip(of_squares, of_mean, strict=True)
+    ]
+    return Moments(mean, mean_error, sd, error(*of_sd))
+
+
+def _predict_weights(
+    chain: EmulatedChain, whole: Floats, theta: Floats, ratios: Floats
+) -> tuple[Floats, Floats]:
+    """Return predictions of the weights at the whole chain and at the solved draws.
+
+    A fit of ln w by a quadratic; each draw's prediction is by the others.
+    """
+    n = len(theta)
+    features = _features(chain, n)
+    known, far = features(theta), features(whole)
+    above = ratios > 0
+    logs = np.log(np.where(above, ratios, 1.0))
+    g, g_whole = np.ones(n), np.zeros(len(whole))
+    for fold in range(FOLDS):
+        own = np.arange(n) % FOLDS == fold
+        used = above & ~own
+        if used.sum() < 2 * known.shape[1]:
+            return np.ones(len(whole)), np.ones(n)
+        fit = np.linalg.lstsq(known[used], logs[used])[0]
+        limits = logs[used].min(), logs[used].max() + BEYOND
+        level = ratios[~own].mean() / np.exp(known[used] @ fit).sum() * (~own).sum()
+        g[own] = level * np.exp(np.clip(known[own] @ fit, *limits))
+        g_whole += level * np.exp(np.clip(far @ fit, *limits)) / FOLDS
+    return g_whole, g
 
 
 def spread_factor(size: float, n: int) -> float:
@@ -69,18 +117,46 @@ def spread_factor(size: float, n: int) -> float:
     return float(1 / np.tanh(size / n))
 
 
-def _regress(
-    values: Floats, whole: Floats, plain: Floats, weights: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return means, the influence of each draw, and the spread left to the chain."""
-    n = len(values)
-    weighted, unweighted = weights @ values, plain @ values
-    u = weights[:, None] * (values - weighted)
-    v = plain[:, None] * (values - unweighted)
-    power = (v**2).sum(axis=0)
-    slope = (u * v).sum(axis=0) / np.where(power > 0, power, 1.0)
-    slope = np.clip(slope, 0.0, 1.0)
-    means = weighted - slope * (unweighted - whole.mean(axis=0))
-    # Two numbers were fitted: a mean and a slope.
-    influence = (u - slope * v) * np.sqrt(n / max(n - 2, 1))
-    return means, influence, slope * whole.std(axis=0)
+def curvature_k(chain: EmulatedChain, theta: Floats, log_weights: Floats) -> float:
+    """Return the Pareto k that the curvature of ln w implies: its largest eigenvalue.
+
+    Where the chain is standard normal, weights ``exp(k z^2 / 2)`` have the tail of a
+    Pareto law of shape k. All weights tell of it, not the largest ones alone; -inf
+    where there are too few.
+    """
+    above = np.isfinite(log_weights)
+    known = _features(chain, len(theta))(theta[above])
+    if len(known) < 2 * known.shape[1]:
+        return -np.inf
+    d = theta.shape[1]
+    fit = np.linalg.lstsq(known, log_weights[above])[0][1 + d :]
+    i, j = _products(d, len(theta))
+    hessian = np.zeros((d, d))
+    hessian[i, j] += fit
+    hessian[j, i] += fit
+    return float(np.linalg.eigvalsh(hessian)[-1])
+
+
+def _features(chain: EmulatedChain, n: int) -> Callable[[Floats], Floats]:
+    """Return a function of points to the terms of a quadratic, ``(m, terms)``.
+
+    In coordinates in which the chain is white.
+    """
+    scale = np.atleast_2d(np.cov(chain.draws, rowvar=False))
+    root = np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale)))
+    centre = chain.draws.mean(axis=0)
+    i, j = _products(len(centre), n)
+
+    def features(points: Floats) -> Floats:
+        z = np.linalg.solve(root, (points - centre).T).T
+        return np.column_stack([np.ones(len(z)), z, z[:, i] * z[:, j]])
+
+    return features
+
+
+def _products(d: int, n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which products of coordinates n draws can tell; else squares alone."""
+    i, j = np.triu_indices(d)
+    if n < PER_TERM * (1 + d + len(i)):
+        return np.arange(d), np.arange(d)
+    return i, j

@@ -1,0 +1,80 @@
+"""Good emulators are certified and poor ones refused, of the paper's mass-spring."""
+
+import numpy as np
+import pytest
+
+import emcee_femu as ef
+from emcee_femu.surrogates.emulated import fit_emulated
+
+PROBLEM = ef.paper.mass_spring().posterior
+PRIOR, MODEL, TERM = PROBLEM.prior, PROBLEM.model, PROBLEM.terms[0]
+UNITS = {"frequency": TERM.measured / np.sqrt(TERM.beta)}
+(SAMPLER,) = ef.run(PROBLEM, ef.DEMCMove(), 20, 600, seed=1)
+POSTERIOR = SAMPLER.get_chain(discard=300, flat=True)
+
+
+def train(points, model=MODEL, prior=PRIOR):
+    """Return the posterior of Gaussian processes fitted to a model at some points."""
+    response = model(dict(zip(PRIOR.names, points.T, strict=True)))
+    bounds = dict(zip(prior.names, map(tuple, prior.bounds), strict=True))
+    emulated = fit_emulated(points, {"frequency": response.frequencies}, UNITS, bounds)
+    return ef.LogPosterior(emulated, TERM, prior)
+
+
+def choose_points(rng):
+    """Return points where a good emulator is trained."""
+    chosen = rng.choice(len(POSTERIOR), 40, replace=False)
+    return np.vstack([POSTERIOR[chosen], PRIOR.sample(rng, 20)])
+
+
+def good(rng):
+    return train(choose_points(rng))
+
+
+def few_points(rng):
+    return train(PRIOR.sample(rng, 8))
+
+
+def wrong_model(rng):
+    masses = MODEL.masses * np.linspace(1.06, 0.94, len(MODEL.masses))
+    return train(choose_points(rng), ef.MassSpringModel(masses, MODEL.springs))
+
+
+def half_of_the_box(rng):
+    which, upper = rng.integers(PRIOR.names.__len__()), rng.integers(2)
+    bounds = PRIOR.bounds.copy()
+    bounds[which, 1 - upper] = POSTERIOR[:, which].mean()
+    points = choose_points(rng)
+    inside = ((points >= bounds[:, 0]) & (points <= bounds[:, 1])).all(axis=1)
+    cut = ef.GaussianPrior(PRIOR.names, PRIOR.mean, PRIOR.sd, bounds)
+    return train(points[inside], prior=cut)
+
+
+def trained_in_half_of_the_box(rng):
+    which, sign = rng.integers(len(PRIOR.names)), rng.choice([-1, 1])
+    points = np.vstack([PRIOR.sample(rng, 60), choose_points(rng)])
+    middle = POSTERIOR[:, which].mean() - 2 * sign * POSTERIOR[:, which].std()
+    return train(points[sign * (points[:, which] - middle) < 0][:40])
+
+
+def judge(make, seed):
+    emulated = make(np.random.default_rng(seed))
+    sampler = ef.run(emulated, ef.DEMCMove(), 20, 1_200, seed=seed)
+    idata = ef.to_inference_data(sampler, emulated, discard=400)
+    return ef.certify(idata, PROBLEM, 100, seed=seed)
+
+
+CASES = {
+    good: "certified",
+    few_points: "refused",
+    wrong_model: "refused",
+    half_of_the_box: "refused",
+    trained_in_half_of_the_box: "refused",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", CASES, ids=lambda make: make.__name__)
+def test_emulators_get_the_verdict_that_they_deserve_in_twenty_of_twenty(make):
+    verdicts = [judge(make, seed).short for seed in range(20)]
+    assert verdicts == 20 * [CASES[make]]
