@@ -15,7 +15,6 @@ from ..sampling.importance import GOOD_K, kish_share, smooth_tail
 from ..sampling.journal import Journal
 from ..sampling.manifest import describe
 from ..sampling.pools.own_processes import open_pool
-from ..sampling.run_file.log import check_new
 from .arviz_objects import samples
 from .certificate import EQUAL, Certificate, judge
 from .certified_idata import with_certificate
@@ -39,7 +38,6 @@ def certify(
     on_failure: str = "raise",
     max_failures: float = 0.1,
     backend: str | PathLike[str] | None = None,
-    resume: bool = False,
     probe_tolerance: float = 1e-6,
 ) -> Certificate:
     r"""Hold the posterior of an emulator to full solves at independent draws of it.
@@ -81,15 +79,14 @@ def certify(
             has no weight.
         max_failures: Fraction of failed solves above which "reject" stops.
         backend: Name of a file that keeps all solves, such as "beam.certificate"; None
-            for none.
-        resume: Whether to go on with that file, if it is there.
+            for none. If it is there, the solves in it are not repeated.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another.
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or a number not a whole one.
         ValueError: If idata lacks what is needed or is of other parameters, solves is
-            below 10, or a file is there already or of another posterior.
+            below 10, or the file is of something else.
         RuntimeError: If too many solves failed.
 
     Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
@@ -114,9 +111,7 @@ def certify(
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
-    path = check_file(backend, checks.flag("resume", resume))
-    if path is not None and not resume:
-        check_new(path)
+    path = check_file(backend, False)
     tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
     rng = np.random.default_rng(seed)
     chain = read_chain(idata, rng)
