@@ -39,7 +39,7 @@ def find_rows(dofs: Dofs, names: Sequence[str]) -> NDArray[np.intp]:
     """Return the row of each name among the DOFs.
 
     Raises:
-        ValueError: If there is no such node, or no such direction at it.
+        ValueError: If there is no such node, no such direction at it, or several.
     """
     found = []
     for name in names:
@@ -57,6 +57,12 @@ def find_rows(dofs: Dofs, names: Sequence[str]) -> NDArray[np.intp]:
                     else f"no node {node} among {len(np.unique(dofs[:, 0]))} nodes, "
                     f"{dofs[:, 0].min()} to {dofs[:, 0].max()}"
                 )
+            )
+        if len(row) > 1:
+            raise ValueError(
+                f"names: {name!r} is rows {row.tolist()}: CalculiX makes bricks of "
+                "beams and shells, with several nodes for one; choose one by its row, "
+                f"such as shapes={{{name!r}: {row[0]}}}"
             )
         found.append(row[0])
     return np.array(found, dtype=np.intp)

@@ -36,7 +36,7 @@ def read_labels(path: Path) -> Dofs:
     """Return node and direction of each row from lines ``node.direction``.
 
     Raises:
-        ValueError: If a line is no label, or a label is there twice.
+        ValueError: If a line is no label.
     """
     found = []
     for number, line in enumerate(read_lines(path), 1):
@@ -47,10 +47,7 @@ def read_labels(path: Path) -> Dofs:
                 f"{line[:60]!r}; {AGAIN}"
             )
         found.append((int(node), int(direction)))
-    dofs = np.array(found, dtype=np.int64).reshape(-1, 2)
-    if len(np.unique(dofs, axis=0)) < len(dofs):
-        raise ValueError(f"{path}: the same node and direction twice; {AGAIN}")
-    return dofs
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
 
 
 def read_calculix(path: Path) -> list[Part]:

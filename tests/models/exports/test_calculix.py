@@ -134,7 +134,6 @@ def damage(text, line, new):
             lambda t: damage(t, 7, "12\n"),
             r"dof, line 7: .*node\.direction",
         ),
-        ("dof", lambda t: damage(t, 7, "13.3\n"), r"beam\.dof: .*direction twice"),
         ("sti", lambda t: "", r"beam\.sti: .*empty; did the program stop early\?"),
         ("sti", lambda t: "<html>\n", r"beam\.sti: .*got line 1: '<html>'"),
     ],
@@ -145,6 +144,15 @@ def test_a_damaged_file_is_refused_by_file_and_line(tmp_path, end, change, messa
     damaged.write_text(change(damaged.read_text()))
     with pytest.raises(ValueError, match=message):
         ef.read_matrices(path)
+
+
+def test_a_node_that_became_several_is_chosen_by_row(tmp_path):
+    K, M, dofs = cantilever()
+    dofs[4:6, 0] = dofs[2, 0]  # as in beams and shells of CalculiX
+    read = ef.read_matrices(write_calculix(tmp_path, K, M, dofs))
+    with pytest.raises(ValueError, match=r"'15:uz' is rows \[2, 4\].*\{'15:uz': 2\}"):
+        read.sensors(["27:uz", "15:uz"])
+    assert read.dofs("27:uz") == 14
 
 
 @pytest.mark.parametrize("end", ["mas", "dof"])
