@@ -94,6 +94,14 @@ def test_a_free_beam_keeps_its_rigid_motions():
     assert error(model, full, draws(30, bounds)) <= 1e-5
 
 
+def test_shapes_keep_the_names_of_their_sensors():
+    full = MatrixModel(*beam(), n_modes=3, shapes={"roof": 90, "12:uz": 10})
+    reduced = reduce(full, BOUNDS, 1e-4, test_points=5)
+    assert (*reduced.variables["shapes"].coords["dof"],) == ("roof", "12:uz")
+    ours, theirs = (model(draws(3)).shapes for model in (reduced, full))
+    np.testing.assert_allclose(abs(ours), abs(theirs), rtol=1e-2)
+
+
 def test_massless_DOFs_stay():
     full = MatrixModel(*beam(lumped=True), n_modes=4)
     model = reduce(full, BOUNDS, 1e-4, test_points=10)
