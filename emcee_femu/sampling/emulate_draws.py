@@ -4,14 +4,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..interfaces import Floats, Parameters
-from ..posterior.log_posterior import LogPosterior
+from ..moves.mixture_em import Mixture, draw
+from ..moves.mixture_fit import fit_mixture
 from .annealing import anneal_population
 from .emulate_problem import EmulationProblem
+from .refine import Draws, refine, uncover
 from .renewing import fewest_members
 
-MEMBERS = 500  # of a population, at least
+MEMBERS = 500  # draws that stand for a posterior
+FROM_PRIOR = 400  # draws
+ROUND, ROUNDS = 300, 6  # draws of a round of a refinement at least, and rounds at most
+ANNEALED, DF = 200, 5.0  # members at least, and the tails that are fitted to them
+GROWN = 1.5  # times as many points for another look at the whole prior
 WIDER = 2.0  # standard deviations of the emulator that may be one in truth
 
 
@@ -74,42 +81,88 @@ class EmulatedDraws:
         return float(np.sqrt(self.errors.mean()))
 
 
-class _Cheap:
-    """Evaluates an emulated posterior for a search."""
+class Explorer:
+    """Draws from one emulated posterior after another.
 
-    def __init__(self, posterior: LogPosterior) -> None:
-        self.posterior, self.solves = posterior, 0
+    A proposal is refined from round to round by importance weights. Among its draws
+    there are always some of the prior; and whenever the solves have grown by half, a
+    population annealed from the prior joins it, which knows nothing of what was seen
+    before, so that a mode that one emulator excluded comes back with a later one.
+
+    Args:
+        problem: What is emulated.
+    """
+
+    def __init__(self, problem: EmulationProblem) -> None:
+        self.problem = problem
+        self.solves = 0  # of the emulated posterior, which cost nothing
+        self._posterior: Any = None
+        self._law: Mixture | None = None
+        self._looked = 0
 
     def rows(self, theta: Floats) -> Floats:
+        """Return rows of the wider posterior."""
         self.solves += len(theta)
-        return self.posterior(theta)
+        rows: Floats = self._posterior(theta)
+        return rows
+
+    def draw(self, emulator: Any, size: int, rng: np.random.Generator) -> EmulatedDraws:
+        """Return draws of the posterior of an emulator made from ``size`` points."""
+        problem, prior = self.problem, self.problem.posterior.prior
+        self._posterior = problem.replace_model(Doubtful(emulator, WIDER))
+        ndim = len(prior.names)
+
+        def propose(law: Mixture, number: int) -> tuple[Floats, Floats]:
+            theta = draw(rng, law, number)
+            return theta, self.rows(theta)
+
+        first = prior.sample(rng, FROM_PRIOR)
+        draws = Draws.of_prior(first, self.rows(first))
+        laws = [] if self._law is None else [self._law]
+        if size >= GROWN * self._looked:
+            laws.append(self._look(rng))
+            self._looked = size
+        number = max(ROUND, 10 * ndim)
+        law = refine(draws, join(laws), number, ROUNDS * number, propose)
+        self._law = uncover(law)
+        chosen = resample(draws.shares, MEMBERS, rng)
+        wide, log_p = draws.x[chosen], draws.log_p[chosen]
+        posterior = problem.replace_model(emulator)
+        log_weights = posterior(wide)[:, 0] - log_p
+        weights = np.exp(log_weights - log_weights.max())
+        weights /= weights.sum()
+        mean = weights @ wide
+        apart = wide - mean
+        errors = problem.predict_error(posterior, wide) ** 2
+        own = resample(weights, MEMBERS, rng)
+        return EmulatedDraws(
+            theta=wide[own],
+            errors=errors[own],
+            wide=wide,
+            wide_errors=errors,
+            mean=mean,
+            covariance=(weights * apart.T) @ apart,
+        )
+
+    def _look(self, rng: np.random.Generator) -> Mixture:
+        """Return the law of a population annealed from the prior."""
+        prior = self.problem.posterior.prior
+        size = max(ANNEALED, fewest_members(len(prior.names)))
+        theta = anneal_population(self, prior, rng, size).theta
+        return Mixture(*fit_mixture(theta, "auto", DF), DF)
 
 
-def draw_emulated(
-    problem: EmulationProblem, emulator: Any, rng: np.random.Generator
-) -> EmulatedDraws:
-    """Return draws; the wider population is annealed from the prior, anew each time.
-
-    So it looks at the whole prior, and does not depend on what was seen before.
-    """
-    posterior = problem.replace_model(emulator)
-    wider = _Cheap(problem.replace_model(Doubtful(emulator, WIDER)))
-    size = max(MEMBERS, 2 * fewest_members(posterior.ndim))
-    wide = anneal_population(wider, posterior.prior, rng, size)
-    log_weights = posterior(wide.theta)[:, 0] - wide.rows[:, 0]
-    weights = np.exp(log_weights - log_weights.max())
-    weights /= weights.sum()
-    mean = weights @ wide.theta
-    apart = wide.theta - mean
-    # Systematic: a member as often as its weight says, to one.
-    places = (np.arange(size) + rng.random()) / size
-    chosen = np.searchsorted(np.cumsum(weights), places, side="right")
-    theta = wide.theta[np.minimum(chosen, size - 1)]
-    return EmulatedDraws(
-        theta=theta,
-        errors=problem.predict_error(posterior, theta) ** 2,
-        wide=wide.theta,
-        wide_errors=problem.predict_error(posterior, wide.theta) ** 2,
-        mean=mean,
-        covariance=(weights * apart.T) @ apart,
+def join(laws: list[Mixture]) -> Mixture:
+    """Return the mixture of mixtures in equal parts, with the tails of the last."""
+    return laws[-1]._replace(
+        weights=np.concatenate([law.weights for law in laws]) / len(laws),
+        means=np.concatenate([law.means for law in laws]),
+        matrices=np.concatenate([law.matrices for law in laws]),
     )
+
+
+def resample(weights: Floats, size: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Return members as often as their weights say, to one (systematic)."""
+    places = (np.arange(size) + rng.random()) / size
+    edges = np.cumsum(weights) / weights.sum()
+    return np.minimum(np.searchsorted(edges, places, side="right"), len(weights) - 1)

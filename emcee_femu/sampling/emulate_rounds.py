@@ -10,7 +10,7 @@ from ..interfaces import Floats, read
 from ..surrogates.emulated import EmulatedModel, fit_emulated
 from ..table import Table
 from .design import batch_size, choose_batch, first_points
-from .emulate_draws import EmulatedDraws, draw_emulated
+from .emulate_draws import EmulatedDraws, Explorer
 from .emulate_problem import EmulationProblem, Response
 from .journal import Journal
 
@@ -31,6 +31,7 @@ class Rounds:
             bar: Shows the progress.
         theta: Points ``(N, d)``.
         rows: What they gave ``(N, columns)``; -inf and NaN where a solve failed.
+        explorer: Draws from emulated posteriors.
         emulator: The last fit.
         draws: Of its posterior.
         history: Solves, predicted and true error by round.
@@ -42,6 +43,7 @@ class Rounds:
     bar: Any
     theta: Floats = field(init=False)
     rows: Floats = field(init=False)
+    explorer: Explorer = field(init=False)
     emulator: EmulatedModel = field(init=False)
     draws: EmulatedDraws = field(init=False)
     history: list[tuple[int, float, float]] = field(init=False, default_factory=list)
@@ -52,6 +54,7 @@ class Rounds:
         first, *_ = np.random.SeedSequence(seed).spawn(1)
         self.theta = first_points(prior, first, initial)
         self.rows = self._solve(self.theta)
+        self.explorer = Explorer(self.problem)
         settled = 0
         while True:
             self._fit(np.random.default_rng([seed, len(self.history)]))
@@ -122,7 +125,7 @@ class Rounds:
             start=self.emulator if self.history else None,
             solves=self.journal.solves,
         )
-        self.draws = draw_emulated(problem, self.emulator, rng)
+        self.draws = self.explorer.draw(self.emulator, len(theta), rng)
 
     def _choose(self, number: int) -> Floats:
         """Return the next points, the first where the posterior may yet turn out."""
