@@ -6,7 +6,7 @@ table         tables that print themselves
 measurements  what was measured: frequencies, mode shapes and their scatter, from
               arrays, repeats, CSV, universal files and pyOMA2
 models        parameters -> response: natural frequencies and mode shapes, or others;
-              paired with the measured modes
+              paired with the measured modes; matrices that FE programs export
 surrogates    a cheap stand-in for a model, with a certificate
 likelihoods   response -> log-likelihood
 posterior     models + terms + prior, for a batch of walkers; failed solves
