@@ -15,6 +15,7 @@ sampling      run emcee: starts, seeds, independent ensembles, files, pools; ann
               population (TMCMC)
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say;
               certify an emulated posterior by full solves
+population    many tests of one structure: what they share, and how they differ
 comparison    one posterior under several moves; model classes by their evidence
 figures       one figure per file
 paper         the two structures of the paper, and its published numbers
@@ -29,6 +30,7 @@ from .figures import plot_comparison as plot_comparison
 from .figures import plot_correlation as plot_correlation
 from .figures import plot_frf as plot_frf
 from .figures import plot_model_comparison as plot_model_comparison
+from .figures import plot_population as plot_population
 from .figures import plot_predictive as plot_predictive
 from .figures import plot_scatter as plot_scatter
 from .figures import plot_tae as plot_tae
@@ -60,6 +62,8 @@ from .moves import IndependenceMove as IndependenceMove
 from .moves import MetropolisMove as MetropolisMove
 from .moves import SnookerMove as SnookerMove
 from .moves import TemperedMove as TemperedMove
+from .population.normal import NormalPopulation as NormalPopulation
+from .population.pool_tests import pool_tests as pool_tests
 from .posterior.log_posterior import LogPosterior as LogPosterior
 from .posterior.priors import GaussianPrior as GaussianPrior
 from .posterior.priors import IndependentPrior as IndependentPrior

@@ -45,6 +45,8 @@ deviations term          ``deviations(parameters, response)``: r and sd, each
 unpaired   response      where a mode has no pair, ``(n, n_modes)``
 mean       prior         the initial parameters of tables; else the mean of its draws
 gradient   prior         ``gradient(theta)``: that of the log-density, ``(n, d)``
+logpdfs    prior         ``logpdfs(theta)``: of independent parameters each one's
+                         log-density, ``(n, d)``
 check      move          ``check(nwalkers, ndim)`` raises if they do not fit the move
 check_with move          ``check_with(posterior)`` raises if the move lacks something
 cost       move          evaluations per walker and generation, where it is not one

@@ -23,6 +23,7 @@ ORDER = [
     "moves",
     "sampling",
     "results",
+    "population",
     "comparison",
     "figures",
     "paper",
@@ -92,7 +93,7 @@ def test_public_names_are_importable():
         "plot_correlation compare_moves plot_comparison DEMCMove MetropolisMove "
         "TemperedMove log_evidence paper ShapeTerm Measurements ReducedModel "
         "PairedModel DelayedAcceptanceMove identifiability EvaluationPool "
-        "plot_predictive"
+        "plot_predictive pool_tests NormalPopulation plot_population"
     ).split():
         assert hasattr(emcee_femu, name), name
 

@@ -82,6 +82,12 @@ class GaussianPrior:
         log_density[~inside(theta, self.bounds)] = -np.inf
         return log_density
 
+    def logpdfs(self, theta: Floats) -> Floats:
+        """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
+        low, high = _standardize(self.bounds, self.mean, self.sd)
+        own: Floats = stats.truncnorm.logpdf(theta, low, high, self.mean, self.sd)
+        return own
+
     def gradient(self, theta: Floats) -> Floats:
         """Return the gradient ``(n, d)`` of the log density inside the bounds."""
         gradient: Floats = (self.mean - theta) / self.sd**2
@@ -159,6 +165,11 @@ class IndependentPrior:
         for column, marginal in zip(theta.T, self.marginals.values(), strict=True):
             total += marginal.logpdf(column)
         return total
+
+    def logpdfs(self, theta: Floats) -> Floats:
+        """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
+        pairs = zip(theta.T, self.marginals.values(), strict=True)
+        return np.column_stack([marginal.logpdf(column) for column, marginal in pairs])
 
     def gradient(self, theta: Floats) -> Floats:
         """Return the gradient ``(n, d)`` of the log density inside the bounds.

@@ -43,6 +43,8 @@ def to_inference_data(
     ``posterior``                the parameters by name; ``attrs["sampled"]`` lists
                                  them, so that derived quantities can be added
     ``sample_stats``             lp, log_prior
+    ``log_prior``                of each parameter, where the prior knows it (its
+                                 ``logpdfs``)
     ``log_likelihood``           by term: each datum's where it factorises (for
                                  ``arviz.loo``), else the whole term's
     ``response``                 the model's stored variables, without measurement
@@ -104,6 +106,7 @@ def to_inference_data(
     values: dict[str, dict[str, Floats]] = {
         "posterior": dict(zip(posterior.names, np.moveaxis(chain, -1, 0), strict=True)),
         "sample_stats": {"lp": log_prob, "log_prior": rows[..., 1]},
+        "log_prior": _log_prior_by_parameter(posterior, chain),
         "log_likelihood": {
             name: rows[..., i] for i, name in enumerate(posterior.term_names, 2)
         },
@@ -120,6 +123,14 @@ def to_inference_data(
     }
     datasets["posterior"].attrs |= _run_attributes(runs, posterior)
     return wrap(datasets | _fixed_groups(posterior, attributes))
+
+
+def _log_prior_by_parameter(posterior: LogPosterior, chain: Floats) -> dict[str, Any]:
+    logpdfs = getattr(posterior.prior, "logpdfs", None)
+    if logpdfs is None:
+        return {}
+    own = logpdfs(chain.reshape(-1, chain.shape[-1])).reshape(chain.shape)
+    return dict(zip(posterior.names, np.moveaxis(own, -1, 0), strict=True))
 
 
 def _to_dataset(

@@ -34,6 +34,7 @@ from support.universal_file import LABELS, read_universal
 import emcee_femu as ef
 from emcee_femu import paper
 from emcee_femu.comparison.compare import Comparison
+from emcee_femu.population.pooled import PooledTests
 from emcee_femu.results.evidence import Evidence
 
 HERTZ, SD = np.array([3.0, 9.0]), np.array([0.1, 0.2])
@@ -73,6 +74,10 @@ SHAKEN = ef.LogPosterior(
 )
 SHAKEN_IDATA = ef.to_inference_data(ef.run(SHAKEN, nsteps=16, seed=1), SHAKEN)
 VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
+TWO_TESTS = {"a": IDATA, "b": IDATA}
+POPULATION, BY_TEST = ef.NormalPopulation(["k1", "k2"]), {"a": 1.0, "b": 2.0}
+POOLED = PooledTests.__new__(PooledTests)  # nothing of it is drawn
+ef.checks.set_fields(POOLED, population=POPULATION)
 MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
 RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
 
@@ -80,6 +85,12 @@ RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
 def reduce_model(**given):
     with mock.patch("emcee_femu.surrogates.ritz_greedy._time", return_value=1.0):
         return ef.reduce_model(**given).tolerance
+
+
+def pool_tests(**given):
+    with mock.patch("emcee_femu.population.pool_tests._pool") as pool:
+        ef.pool_tests(**given)
+    return str(pool.call_args[0][1].prior.bounds)
 
 
 positive, above_zero = array(positive=True), number(above=0.0)
@@ -105,6 +116,7 @@ named = records.but("numbered")
 covariance = per_mode.but("zero", "0", asymmetric=[[1.0, 0.5], [0.0, 1.0]])
 covariance = covariance.but(indefinite=[[1.0, 2.0], [2.0, 1.0]])
 ladder = array(shaped=False).but("integers", rising=[0.0, 1.0], low=[0.5, 0.0])
+by_test = by_name(number(), known=False)
 spring = anything.but(float=(0.0, 1, 1.0), missing=(0, 9, 1.0), itself=(1, 1, 1.0))
 spring = spring.but(two=(0, 1), negative=(0, 1, -1.0), nan=(0, 1, np.nan))
 bars = anything.but(float=[(0.0, 1, "bar")], missing=[(0, 9, "bar")], two=[(0, 1)])
@@ -331,6 +343,18 @@ CALLS = {
         "prior": ({"a": 1.0, "b": 2.0}, by_name(number(above=0.0), every=True)),
         "discard": (0, whole()),
     },
+    "NormalPopulation": {
+        "names": (["k1", "k2"], chosen.but("one more")),
+        "covariates": ({"T": BY_TEST}, by_name(by_test, known=False)),
+        "hyperpriors": ({"sd k1": stats.halfnorm()}, by_name(anything)),
+    },
+    "pool_tests": {
+        "tests": (TWO_TESTS, records),
+        "population": (POPULATION, anything),
+        "draws": (100, whole(100)),
+        "posteriors": ({"a": POSTERIOR}, by_name(anything)),
+    },
+    "plot_population": {"pooled": (POOLED, anything), "against": ("T", anything)},
     "plot_model_comparison": {"comparison": (ef.compare_models(CLASSES), anything)},
     "frequency_table": {"published": ({"a": HERTZ}, by_name(listed, known=False))},
 }
@@ -341,6 +365,7 @@ STAND_INS = {
     "LogPosterior called": POSTERIOR,
     "LogPosterior.start": POSTERIOR.start,
     "reduce_model": reduce_model,
+    "pool_tests": pool_tests,
     "paper.h_frame": lambda **given: paper.h_frame(**given).modes,
 }
 ANY = defaultdict(lambda: np.array([0.1]))

@@ -1,0 +1,1 @@
+"""Many tests of one structure: what its parameters have in common, and their spread."""

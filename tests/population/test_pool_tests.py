@@ -1,0 +1,339 @@
+import re
+
+import arviz
+import numpy as np
+import pytest
+from scipy import stats
+from support.normal_tests import many, normal_test
+from support.repeated import as_idata
+
+import emcee_femu as ef
+from emcee_femu.population.hyperprior import PopulationPrior
+
+POPULATION = ef.NormalPopulation(["k1", "k2"])
+QUICK = {"seed": 1, "nsteps": 300, "ensembles": 2}
+
+
+@pytest.fixture(scope="module")
+def pooled():
+    """Two parameters at eight temperatures: the first depends on them."""
+    tests, measured = many(1)
+    heat = np.linspace(-5, 30, 8)
+    shifted = {
+        name: shift(test, 0.05 * (t - heat.mean()))
+        for (name, test), t in zip(tests.items(), heat, strict=True)
+    }
+    population = ef.NormalPopulation(
+        ["k1", "k2"], covariates={"T": dict(zip(tests, heat.tolist(), strict=True))}
+    )
+    found = ef.pool_tests(shifted, population, **QUICK)
+    return found, measured + np.outer(0.05 * (heat - heat.mean()), [1, 0]), heat
+
+
+def shift(test, by):
+    """Return a test whose likelihood lies elsewhere, drawn from anew."""
+    posterior = test["posterior"]
+    theta = np.column_stack([posterior[k].values.ravel() for k in ("k1", "k2")])
+    lp, log_prior = (
+        test["sample_stats"][k].values.ravel() for k in ("lp", "log_prior")
+    )
+    moved = theta + [by, 0.0]
+    mean, sd = (test["constant_data"][k].values for k in ("prior_mean", "prior_sd"))
+    law = stats.norm(mean + [by, 0.0], sd)  # the prior moves with the draws
+    return as_idata(
+        ["k1", "k2"],
+        moved,
+        lp - log_prior + law.logpdf(moved).sum(axis=1),
+        law.logpdf(moved),
+        (mean, sd),
+    )
+
+
+def exact_population(measured, error, design, laws):
+    """Return mean and sd of ``mean, slope, sd`` of one parameter, by quadrature."""
+    mean_law, slope_law, sd_law = laws
+    spreads = np.linspace(0.004, 1.6, 400)
+    prior = np.diag([mean_law.var(), slope_law.var()])
+    centre = np.array([mean_law.mean(), slope_law.mean()])
+    weights, means, variances = [], [], []
+    for s in spreads:
+        noise = (s**2 + error**2) * np.eye(len(measured))
+        law = stats.multivariate_normal(
+            design @ centre, design @ prior @ design.T + noise
+        )
+        weights.append(law.logpdf(measured) + sd_law.logpdf(s))
+        precision = np.linalg.inv(prior) + design.T @ np.linalg.solve(noise, design)
+        pull = np.linalg.solve(prior, centre) + design.T @ np.linalg.solve(
+            noise, measured
+        )
+        means.append(np.linalg.solve(precision, pull))
+        variances.append(np.diag(np.linalg.inv(precision)))
+    w = np.exp(weights - np.max(weights))
+    w /= w.sum()
+    mean = w @ np.array(means)
+    second = w @ (np.array(variances) + np.array(means) ** 2)
+    spread = w @ spreads
+    return (
+        np.append(mean, spread),
+        np.sqrt(np.append(second - mean**2, w @ (spreads - spread) ** 2)),
+    )
+
+
+def test_means_slopes_and_spreads_are_those_of_quadrature(pooled):
+    found, measured, heat = pooled
+    design = np.column_stack([np.ones(8), heat - heat.mean()])
+    for i, name in enumerate(["k1", "k2"]):
+        own = [f"mean {name}", f"{name} per T", f"sd {name}"]
+        laws = [found.population.hyperpriors[key] for key in own]
+        mean, sd = exact_population(measured[:, i], 0.2, design, laws)
+        drawn = np.array([found.idata["posterior"][key].values.ravel() for key in own])
+        np.testing.assert_allclose((drawn.mean(axis=1) - mean) / sd, 0, atol=0.12)
+        np.testing.assert_allclose(drawn.std(axis=1) / sd, 1, atol=0.12)
+
+
+def test_each_test_shrinks_towards_the_population(pooled):
+    found, measured, heat = pooled
+    centred = heat - heat.mean()
+    hyper = found.hyperdraws
+    for i, name in enumerate(["k1", "k2"]):
+        location = hyper[f"mean {name}"] + centred[:, None] * hyper[f"{name} per T"]
+        gain = hyper[f"sd {name}"] ** 2 / (hyper[f"sd {name}"] ** 2 + 0.04)
+        means = location + gain * (measured[:, i][:, None] - location)
+        expected = means.mean(axis=1)
+        sd = np.sqrt((0.04 * gain).mean() + means.var(axis=1))
+        error = (found.theta[:, :, i].mean(axis=0) - expected) / sd
+        assert abs(error).max() < 0.25  # 1,000 draws, and 400 of each test
+        np.testing.assert_allclose(found.theta[:, :, i].std(axis=0) / sd, 1, atol=0.2)
+    np.testing.assert_array_equal(found.draws("test 3")["k2"], found.theta[:, 2, 1])
+
+
+def test_the_next_test_scatters_about_its_mean_by_the_spread(pooled):
+    found, _, heat = pooled
+    for at in (None, 40.0):
+        drawn = found.next_test() if at is None else found.next_test(T=at)
+        hyper = found.hyperdraws
+        shift = 0.0 if at is None else at - heat.mean()
+        mean = hyper["mean k1"] + shift * hyper["k1 per T"]
+        z = (drawn["k1"] - mean) / hyper["sd k1"]
+        assert stats.kstest(z, stats.norm.cdf).pvalue > 1e-4
+
+
+def test_tables_and_conclusion_say_what_was_found(pooled):
+    found, _, heat = pooled
+    text = str(found)
+    assert "at T = 12.5" in text and "next test's k2" in text
+    assert found.unreached == ()
+    assert all(f"{test}" in found.conclusion for test in found.by_law)
+    assert found.test_table.column("test") == [f"test {i}" for i in range(1, 9)]
+    assert found._repr_html_().count("<table>") == 2
+    assert ef.parameter_table(found.idata).column("parameter") == [
+        *found.posterior.names
+    ]
+    by_test = arviz.loo(found.idata, pointwise=True)
+    assert len(by_test.loo_i if hasattr(by_test, "loo_i") else by_test.elpd_i) == 8
+
+
+def test_the_figures_show_each_test_twice_and_the_population(pooled):
+    found, _, _ = pooled
+    figure = ef.plot_population(found)
+    assert [axes.get_xlabel() for axes in figure.axes] == ["k1", "k2"]
+    labels = [tick.get_text() for tick in figure.axes[0].get_yticklabels()]
+    assert labels == [*found.tests, "population's mean", "next test"]
+    grey, blue = figure.axes[1].collections[:2]
+    alone, together = (np.array(c.get_segments())[:, :, 0] for c in (grey, blue))
+    assert np.ptp(alone, axis=1).mean() > np.ptp(together, axis=1).mean()
+    expected = np.quantile(found.theta[:, 0, 1], [0.025, 0.975])
+    np.testing.assert_allclose(together[0], expected)
+    (text,) = [c for c in figure.legends[0].get_texts() if "next" in c.get_text()]
+    assert text.get_text() == "next test, T = 12.5"
+    along = ef.plot_population(found, "T")
+    line = along.axes[0].lines[0]
+    slope = np.polyfit(*line.get_data(), 1)[0]
+    assert slope == pytest.approx(found.hyperdraws["k1 per T"].mean(), rel=0.05)
+    assert along.axes[0].get_xlabel() == "T"
+
+
+def test_tests_out_of_reach_are_named_and_may_be_sampled_again():
+    """Of a test with three solutions the draws hold the two wrong ones."""
+    rng = np.random.default_rng(2)
+    names, prior = ["k1"], (np.array([3.0]), np.array([3.0]))
+    noise = np.array([[0.04]])
+    tests = {
+        f"t{i}": normal_test(rng, np.array([5 + 0.1 * i]), noise, prior, names=names)
+        for i in range(6)
+    }
+    model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
+    gaussian = ef.GaussianPrior(names, *prior)
+    posterior = ef.LogPosterior(model, _three_solutions, gaussian)
+    theta = rng.normal(np.repeat([1.0, 2.4], 200), 0.1)[:, None]
+    log_prior = gaussian.logpdfs(theta)
+    lp = _three_solutions({"k1": theta[:, 0]}, None) + log_prior[:, 0]
+    tests["odd"] = as_idata(names, theta, lp, log_prior, prior)
+    narrow = {"sd k1": stats.uniform(0.0, 0.2)}  # it cannot reach for the odd one
+    population = ef.NormalPopulation(names, hyperpriors=narrow)
+    found = ef.pool_tests(tests, population, **QUICK)
+    assert found.unreached == ("odd",) and found.pareto_k[-1] > 0.7
+    assert re.search("odd: do not trust.*Sample these tests again", found.conclusion)
+    labels = {text.get_text() for text in ef.plot_population(found).legends[0].texts}
+    assert "to be sampled again" in labels
+    mended = ef.pool_tests(tests, population, **QUICK, posteriors={"odd": posterior})
+    assert "odd" not in mended.unreached
+    assert mended.draws("odd")["k1"].mean() == pytest.approx(5.22, abs=0.15)
+    assert mended.hyperdraws["sd k1"].mean() < found.hyperdraws["sd k1"].mean()
+
+
+def _three_solutions(parameters, response):
+    k = parameters["k1"][:, None]
+    distance = (k - [1.0, 2.4, 5.2]) / [0.1, 0.1, 0.2]
+    return np.logaddexp.reduce(-0.5 * distance**2, axis=1)
+
+
+def test_the_prior_of_parameters_that_are_not_pooled_stays():
+    prior = ef.IndependentPrior({"k1": stats.norm(5, 2), "noise": stats.expon(scale=2)})
+    tests, _ = many(1, tests=3)
+    found = ef.pool_tests(tests, POPULATION, seed=1, nsteps=30, ensembles=1)
+    with pytest.raises(ValueError, match=r"posterior: it has no parameter \['k2'\]"):
+        found.under_population("test 1", _posterior(prior))
+    both = ef.IndependentPrior({**prior.marginals, "k2": stats.norm(4, 1)})
+    under = found.under_population("test 1", _posterior(both))
+    assert under.names == ("k1", "noise", "k2")
+    assert under.prior.marginals["noise"].mean() == 2.0
+    new = found.next_test()["k2"]
+    assert under.prior.marginals["k2"].marginal.std() == pytest.approx(1.2 * new.std())
+    gaussian = ef.GaussianPrior(["k1", "k2", "e"], [9.0, 5.0, 0.1], 1.0, [(0, 20)] * 3)
+    under = found.under_population("test 1", _posterior(gaussian))
+    grid = np.linspace(0.1, 3, 5)
+    own = stats.truncnorm(-0.1, 19.9, 0.1, 1.0).logpdf(grid)
+    np.testing.assert_allclose(under.prior.marginals["e"].logpdf(grid), own)
+    assert under.prior.bounds.tolist() == [[0, 20]] * 3
+
+
+def _posterior(prior):
+    model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
+    return ef.LogPosterior(model, lambda p, r: np.zeros(len(r.frequencies)), prior)
+
+
+def test_the_hyperprior_draws_from_what_it_states():
+    """Cut where less than a tenth of the population lies inside the bounds."""
+    bounds = np.array([[0.0, 2.0], [-np.inf, np.inf]])
+    population = POPULATION.complete(np.array([1.0, 5.0]), np.array([1.0, 2.0]))
+    prior = PopulationPrior(population, bounds, np.zeros((1, 0)))
+    drawn = prior.sample(np.random.default_rng(1), 20_000)
+    assert np.isfinite(prior.logpdf(drawn)).all()
+    free = population.prior.sample(np.random.default_rng(2), 60_000)
+    law = stats.norm(free[:, 0], free[:, 2])
+    kept = free[law.cdf(2.0) - law.cdf(0.0) >= 0.1]
+    assert 0.05 < 1 - len(kept) / len(free)
+    np.testing.assert_array_equal(
+        np.isfinite(prior.logpdf(free)), law.cdf(2.0) - law.cdf(0.0) >= 0.1
+    )
+    for i in range(4):
+        assert stats.ks_2samp(drawn[:, i], kept[:, i]).pvalue > 1e-4
+
+
+def without(idata, group):
+    kept = {g: idata[g] for g in ("posterior", "sample_stats", "constant_data")}
+    kept = {
+        g: v.to_dataset() if hasattr(v, "to_dataset") else v for g, v in kept.items()
+    }
+    from emcee_femu.results.arviz_objects import wrap
+
+    if group == "lp":
+        kept["sample_stats"] = kept["sample_stats"].drop_vars("log_prior")
+    return wrap(kept)
+
+
+TESTS, _ = many(3, tests=3, number=120)
+
+
+def stuck():
+    theta = np.ones((200, 2))
+    zero = np.zeros((200, 2))
+    return as_idata(["k1", "k2"], theta, zero[:, 0], zero, (np.ones(2), np.ones(2)))
+
+
+@pytest.mark.parametrize(
+    ("tests", "population", "message"),
+    [
+        ({"a": TESTS["test 1"]}, POPULATION, r"tests: expected at least two.*\['a'\]"),
+        (
+            TESTS,
+            ef.NormalPopulation(["k1", "E"]),
+            r"tests\['test 1'\]: it has no parameter \['E'\]; there are \['k1', 'k2'\]",
+        ),
+        (
+            {**TESTS, "b": without(TESTS["test 2"], "lp")},
+            POPULATION,
+            r"tests\['b'\]: its sample_stats lack lp or log_prior",
+        ),
+        (
+            {**TESTS, "b": without(TESTS["test 2"], "log_prior")},
+            ef.NormalPopulation(["k1"]),
+            r"tests\['b'\]: it has parameters that are not pooled, and no group log_pr",
+        ),
+        (
+            {**TESTS, "b": stuck()},
+            POPULATION,
+            r"tests\['b'\]: every draw of \['k1', 'k2'",
+        ),
+        (
+            {**TESTS, "b": many(1, number=50)[0]["test 1"]},
+            POPULATION,
+            r"tests\['b'\]: expected at least 100 draws, got 50",
+        ),
+        (
+            {
+                **TESTS,
+                "b": many(1, bounds=np.array([[0.0, 20.0], [0.0, 9.0]]))[0]["test 1"],
+            },
+            POPULATION,
+            r"tests\['b'\]: its parameters .* have the bounds \[\[0.0, 20.0\]",
+        ),
+        (
+            TESTS,
+            ef.NormalPopulation(
+                ["k1"], covariates={"T": {"test 1": 1.0, "test 2": 2.0, "x": 3.0}}
+            ),
+            r"covariate 'T' is not given for \['test 3'\], and given for \['x'\]",
+        ),
+        ({"a": 1, "b": 2}, POPULATION, r"tests\['a'\]: idata: expected what to_inf"),
+    ],
+)
+def test_tests_that_do_not_fit_are_named(tests, population, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        ef.pool_tests(tests, population, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"hyperpriors": {"sd k1": stats.norm()}}, "a spread is not negative"),
+        ({"hyperpriors": {"mean": stats.norm()}}, "no parameter"),
+        ({"covariates": {"T": {"a": 1.0, "b": 1.0}}}, "must differ between the tests"),
+        ({"covariates": {"T": [1.0, 2.0]}}, r"write dict\(zip\(tests, values\)\)"),
+        (
+            {
+                "correlated": True,
+                "hyperpriors": {"correlation k1, k2": stats.norm()},
+            },
+            "a correlation lies between -1 and 1",
+        ),
+    ],
+)
+def test_populations_that_cannot_be_are_refused(arguments, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        ef.NormalPopulation(["k1", "k2"], **arguments)
+
+
+def test_a_run_of_the_package_holds_the_prior_of_each_parameter():
+    names = ["k1", "k2"]
+    for prior in (
+        ef.GaussianPrior(names, [10.0, 5.0], [2.0, 1.0], [(5, 15), (2, 9)]),
+        ef.IndependentPrior({"k1": stats.lognorm(0.2, scale=10), "k2": stats.norm(5)}),
+    ):
+        posterior = _posterior(prior)
+        samplers = ef.run(posterior, nwalkers=8, nsteps=10, seed=1)
+        idata = ef.to_inference_data(samplers, posterior)
+        both = sum(idata["log_prior"][name].values for name in names)
+        whole = idata["sample_stats"]["log_prior"].values
+        np.testing.assert_allclose(both, whole, rtol=1e-12)

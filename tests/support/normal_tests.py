@@ -1,0 +1,45 @@
+"""Tests with normal likelihoods and priors, whose populations have closed forms."""
+
+import numpy as np
+from scipy import stats
+
+from support.repeated import as_idata
+
+
+def normal_test(rng, measured, error, prior, number=400, names=None, bounds=None):
+    """Return the ArviZ object of ``measured = theta + error``, drawn exactly.
+
+    Args:
+        rng: Of NumPy.
+        measured: ``(d,)``.
+        error: Covariance ``(d, d)``.
+        prior: Mean and standard deviation of a normal prior, each ``(d,)``.
+        number: Draws.
+        names: Of the parameters.
+        bounds: Stated ones; nothing is cut.
+    """
+    mean, sd = map(np.asarray, prior)
+    d = len(measured)
+    precision = np.linalg.inv(error) + np.diag(1 / sd**2)
+    covariance = np.linalg.inv(precision)
+    centre = covariance @ (np.linalg.solve(error, measured) + mean / sd**2)
+    theta = rng.multivariate_normal(centre, covariance, number)
+    log_priors = stats.norm(mean, sd).logpdf(theta)
+    log_likelihood = stats.multivariate_normal(measured, error).logpdf(theta)
+    names = names or [f"k{i + 1}" for i in range(d)]
+    lp = log_likelihood + log_priors.sum(axis=1)
+    return as_idata(names, theta, lp, log_priors, prior, bounds)
+
+
+def many(seed, tests=8, mean=(10.0, 5.0), sd=(0.4, 0.2), error=0.2, **options):
+    """Return ``{name: ArviZ object}`` and what was measured, ``(tests, d)``."""
+    rng = np.random.default_rng(seed)
+    theta = rng.normal(mean, sd, (tests, len(mean)))
+    measured = theta + error * rng.standard_normal(theta.shape)
+    prior = np.array(mean) + 0.3, np.full(len(mean), 1.0)
+    noise = error**2 * np.eye(len(mean))
+    found = {
+        f"test {t + 1}": normal_test(rng, own, noise, prior, **options)
+        for t, own in enumerate(measured)
+    }
+    return found, measured
