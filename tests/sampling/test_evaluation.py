@@ -106,6 +106,7 @@ def test_a_jacobian_that_fails_is_done_without(limit, raises):
         assert off.max() < 0.05 * size
     n = np.count_nonzero(by_differences)
     assert evaluation.solves == 2 * np.count_nonzero(~OUTSIDE) + n + 3 * n
+    assert evaluation.failures.evaluations == 2 * len(THETA) + 3 * n
 
 
 @pytest.mark.parametrize("search", ["auto", "find_map"])
