@@ -15,6 +15,7 @@ from ..interfaces import Floats, Parameters, read
 from ..models.paired import PairedModel
 from .marginal import expand
 
+UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
 STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
 
 
@@ -24,7 +25,7 @@ def find_units(
     """Return the standard deviations ``{variable: (*shape)}`` of an experiment.
 
     Those of a response that the terms read; for a :class:`PairedModel` those of the
-    model inside, whose modes beyond the measured ones get the usual relative error.
+    model inside. Modes that are not compared get three times the usual relative error.
     Shapes have one for all sensors of a mode. Information is averaged over the points.
 
     Args:
@@ -123,10 +124,12 @@ def _place(relative: Floats, chosen: Any, shape: tuple[int, ...]) -> Floats:
 
 
 def _divide(relative: Floats, size: Floats) -> Floats:
-    """Return the standard deviations; where nothing is known, the usual ones."""
+    """Return the standard deviations; where nothing is known, some usual ones."""
     there = np.isfinite(relative)
     count = np.maximum(there.sum(axis=0), 1)
     mean = np.where(there, relative, 0.0).sum(axis=0) / count
     errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=mean > 0))
-    result: Floats = size * np.where(mean > 0, errors, np.median(errors[mean > 0]))
+    result: Floats = size * np.where(
+        mean > 0, errors, UNREAD * np.median(errors[mean > 0])
+    )
     return result

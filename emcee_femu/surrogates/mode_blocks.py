@@ -122,26 +122,31 @@ class Aligned:
     ) -> tuple[Modes, Modes]:
         """Return the modes, and how they move."""
         modes, vectors, aligned = self._solve(values)
-        k = directions.shape[2]
-        moves = directions.swapaxes(1, 2)  # (n, k, size)
-        entries, rest = self._matrix(moves.reshape(-1, self.size))
-        turned = entries.reshape(len(values), k, self.count, self.count)
-        turned = vectors.swapaxes(1, 2)[:, None] @ turned @ vectors[:, None]
-        eigenvalues = np.diagonal(turned, axis1=2, axis2=3).swapaxes(1, 2)
+        n, r, k = len(values), self.count, directions.shape[2]
+        moves = directions.swapaxes(1, 2).reshape(n * k, -1)
+        entries, rest = self._matrix(moves)
+        # One product for each of n, with the k directions side by side.
+        right = entries.reshape(n, k * r, r) @ vectors
+        beside = right.reshape(n, k, r, r).transpose(0, 2, 1, 3).reshape(n, r, k * r)
+        turned = (vectors.swapaxes(1, 2) @ beside).reshape(n, r, k, r)
+        eigenvalues = np.diagonal(turned, axis1=1, axis2=3).swapaxes(1, 2)
         if aligned is None or rest is None:
             return modes, Modes(eigenvalues)
         gaps = modes.eigenvalues[:, None] - modes.eigenvalues[:, :, None]
+        gaps = gaps[:, :, None]
         if finite:
             # The angle by which two modes turn, at most an eighth of a turn.
-            side = np.where(gaps < 0, -1.0, 1.0)[:, None]
-            mixing = 0.5 * np.arctan2(2.0 * turned * side, np.abs(gaps)[:, None])
+            side = np.where(gaps < 0, -1.0, 1.0)
+            mixing = 0.5 * np.arctan2(2.0 * turned * side, np.abs(gaps))
         else:
-            apart = np.where(gaps == 0.0, np.inf, gaps)
-            mixing = turned / apart[:, None]
-        mixing[:, :, range(self.count), range(self.count)] = 0.0
-        rest = rest.reshape(len(values), k, *aligned.shape[1:])
-        shapes = rest @ vectors[:, None] + (aligned @ vectors)[:, None] @ mixing
-        return modes, Modes(eigenvalues, np.moveaxis(shapes, 1, -1))
+            mixing = turned / np.where(gaps == 0.0, np.inf, gaps)
+        mixing[:, range(r), :, range(r)] = 0.0
+        n_dof = aligned.shape[1]
+        own = rest.reshape(n, k * n_dof, r) @ vectors
+        other = aligned @ vectors @ mixing.reshape(n, r, k * r)
+        shapes = own.reshape(n, k, n_dof, r).transpose(0, 2, 3, 1)
+        shapes = shapes + other.reshape(n, n_dof, k, r).swapaxes(2, 3)
+        return modes, Modes(eigenvalues, shapes)
 
     def _matrix(self, values: Floats) -> tuple[Floats, Floats | None]:
         """Return A ``(n, r, r)``, and the aligned shapes ``(n, n_dof, r)``."""
