@@ -32,3 +32,45 @@ def test_their_posteriors_are_the_published_ones(name, given):
     exact = given()(theta)[:, 0]
     found = PROBLEMS.PROBLEMS[name]().posterior(theta)[:, 0]
     np.testing.assert_allclose(np.diff(found), np.diff(exact), rtol=1e-9)
+
+
+def test_few_solves_references():
+    module = load("few_solves_references")
+    problem = PROBLEMS.beck_au()
+    known = module.load("beck_au")  # beside the quadrature of tests/test_beck_au.py
+    assert abs(known.mean[0] - 1.11700) < 0.01 * known.sd[0]
+    assert abs(known.sd[0] / 0.66237 - 1) < 0.01
+    assert abs(known.first - 0.53079) < 0.003
+    rng = np.random.default_rng(1)  # about as the two modes are
+    modes = rng.choice(2, 2_000)
+    centre = np.array([[0.50, 0.90], [1.81, 0.25]])[modes]
+    spread = np.array([[0.038, 0.070], [0.142, 0.019]])[modes]
+    chain = centre + spread * rng.normal(size=(2_000, 2))
+    found = module.weigh(problem.posterior, chain, problem.first, 10_000, seed=1)
+    mean, sd, weight = found.compare(known)
+    assert max(mean, sd, weight) < 0.03
+    assert found.pareto_k < 0.7
+    for name in PROBLEMS.PROBLEMS:
+        low, high = PROBLEMS.PROBLEMS[name]().posterior.prior.bounds.T
+        mean = module.load(name).mean
+        assert ((mean > low) & (mean < high)).all()
+
+
+def test_few_solves_peers(monkeypatch, capsys):
+    module = load("few_solves_peers")
+    monkeypatch.setattr(module, "PEERS", {"no_such_package": None})
+    monkeypatch.setattr("sys.argv", ["few_solves_peers.py"])
+    module.main()
+    assert "no_such_package is not installed" in capsys.readouterr().out
+    (low, high), (soft_low, soft_high) = module.boxes(PROBLEMS.beck_au())
+    assert (low < soft_low).all() and (soft_high < high).all()
+
+
+@pytest.mark.slow
+def test_few_solves(monkeypatch, capsys):
+    options = ["--seeds", "1", "--first", "7", "--problem", "beck_au"]
+    monkeypatch.setattr("sys.argv", ["few_solves.py", *options])
+    (one,) = load("few_solves").main()["beck_au"]
+    assert one.good("beck_au") and one.solves == 30
+    assert one.efficiency > 0.9 and one.verdict == "certified"
+    assert "1 of 1" in capsys.readouterr().out
