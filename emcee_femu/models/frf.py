@@ -12,7 +12,6 @@ from ..interfaces import (
     Floats,
     Parameters,
     Variable,
-    declared_variables,
     modal_variables,
     read,
 )
@@ -26,7 +25,7 @@ from ..measurements.frf_kinds import (
 )
 from .damping import Damping
 from .eigen.sensitivity import Derivatives
-from .matrix import MatrixModel
+from .frf_modes import build_static, count_modes, find_dof, find_dofs, find_residual
 from .static import StaticModel
 
 AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
@@ -103,16 +102,16 @@ class FRFModel:
         kind = read_kind(kind)
         pairs = read_channels(channels)
         numbers = read_lines(lines)
-        dofs = _find_dofs(model)
-        rows = [_find(dofs, c.response) for c in pairs]
-        columns = [_find(dofs, c.excitation) for c in pairs]
-        n_modes = _count_modes(model)
+        dofs = find_dofs(model)
+        rows = [find_dof(dofs, c.response) for c in pairs]
+        columns = [find_dof(dofs, c.excitation) for c in pairs]
+        n_modes = count_modes(model)
         stored = checks.flag("stored", stored)
         law = Damping.of(damping, n_modes)
         modal = modal_variables(n_modes)
         static = None
         if checks.flag("residual", residual):
-            static = _static_model(model, dofs, pairs)
+            static = build_static(model, dofs, pairs)
         checks.set_fields(
             self,
             model=model,
@@ -132,7 +131,7 @@ class FRFModel:
     @property
     def n_modes(self) -> int:
         """The number of superposed modes."""
-        return _count_modes(self.model)
+        return count_modes(self.model)
 
     @property
     def names(self) -> tuple[str, ...] | None:
@@ -164,7 +163,9 @@ class FRFModel:
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return FRFs ``(n, channels, lines, 2)``, frequencies and damping ratios."""
-        modes = self.model(parameters)
+        return self._superpose(parameters, self.model(parameters))
+
+    def _superpose(self, parameters: Parameters, modes: Any) -> dict[str, Floats]:
         f, left, right = self._read(modes)
         zeta = self.damping(parameters, f)
         rest = None
@@ -175,7 +176,7 @@ class FRFModel:
             residues = left[part] * right[part]
             own = residues @ (1 / self._denominators(f[part], zeta[part]))
             if rest is not None:
-                own += _residual(rest[part], residues, f[part])[:, :, None]
+                own += find_residual(rest[part], residues, f[part])[:, :, None]
             H[part] = self._split(own)
         return {"frequency": f, "damping_ratio": zeta, self.kind: H}
 
@@ -186,7 +187,7 @@ class FRFModel:
         modes, by_model = self.model.jacobian(parameters)
         f, left, right = self._read(modes)
         zeta = self.damping(parameters, f)
-        response = self(parameters)
+        response = self._superpose(parameters, modes)
         names = [*dict.fromkeys([*(n for of in by_model.values() for n in of)])]
         found: Derivatives = {key: {} for key in self.variables}
         statics: Mapping[str, Floats] = {}
@@ -251,49 +252,3 @@ class FRFModel:
         """Return slices of the walkers whose arrays are not too large."""
         size = max(1, AT_ONCE // (self.n_modes * len(self.lines)))
         return [slice(start, start + size) for start in range(0, n, size)]
-
-
-def _count_modes(model: Any) -> int:
-    return (declared_variables(model) or {})["frequency"].size
-
-
-def _find_dofs(model: Any) -> list[Any]:
-    """Return the DOFs at which a model has shapes."""
-    variables = declared_variables(model) or {}
-    dofs = [*variables["shapes"].coords.get("dof", ())] if "shapes" in variables else []
-    if not dofs:
-        raise TypeError(
-            "model: expected mode shapes at named DOFs; ask it for shapes (shapes=True)"
-        )
-    return dofs
-
-
-def _find(dofs: list[Any], dof: Hashable) -> int:
-    if dof not in dofs:
-        raise ValueError(f"channels: no shapes at the DOF {dof!r}; there are {dofs}")
-    return dofs.index(dof)
-
-
-def _static_model(
-    model: Any, dofs: list[Any], channels: Sequence[Channel]
-) -> tuple[StaticModel, list[int], list[int]]:
-    """Return a model of the flexibility, and each channel's load case and point."""
-    if not isinstance(model, MatrixModel) or model.skip:
-        raise TypeError(
-            "residual: expected a MatrixModel without rigid-body modes, whose "
-            f"stiffness gives the flexibility, got {type(model).__name__}; take more "
-            "modes instead"
-        )
-    places = dict(zip(dofs, model.shape_dofs, strict=True))
-    loads = {str(c.excitation): {places[c.excitation]: 1.0} for c in channels}
-    points = [*dict.fromkeys(places[c.response] for c in channels)]
-    static = StaticModel(model.K0, loads, model.K, points=points)
-    cases = [static.cases.index(str(c.excitation)) for c in channels]
-    return static, cases, [points.index(places[c.response]) for c in channels]
-
-
-def _residual(flexibility: Floats, residues: Floats, f: Floats) -> Floats:
-    """Return what the modes leave of the flexibility, ``(n, channels)``."""
-    modal = residues / (2 * np.pi * f[:, None]) ** 2
-    result: Floats = flexibility - modal.sum(axis=2)
-    return result
