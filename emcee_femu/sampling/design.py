@@ -80,5 +80,6 @@ def choose_batch(
         which = min(place, len(candidates) - 1)
         points, error = candidates[which], errors[which]
         left = error * remaining(points, extra)
+        left[(points[:, None] == extra).all(axis=2).any(axis=1)] = -1.0
         extra = np.vstack([extra, points[np.argmax(left)]])
     return extra[len(known) :]
