@@ -10,7 +10,8 @@ from ..sampling.importance import GOOD_K
 from ..table import Table, as_html
 
 EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no matter
-FEWEST, FEWEST_EFFECTIVE = 25, 40  # draws, and what they must be worth
+FEWEST = 25  # draws
+FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
 CLOSE = 0.1  # of a standard deviation, in means and standard deviations
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 

@@ -15,10 +15,11 @@ from ..sampling.importance import GOOD_K, kish_share, smooth_tail
 from ..sampling.journal import Journal
 from ..sampling.manifest import describe
 from ..sampling.pools.own_processes import open_pool
-from .arviz_objects import samples
+from .arviz_objects import dataset, samples
 from .certificate import EQUAL, Certificate, judge
 from .certified_idata import with_certificate
 from .corrected_moments import Moments, correct_moments, curvature_k, spread_factor
+from .diagnostics import FEWEST_STEPS, diagnose
 from .frequencies import check_sampled
 from .outside import MOST, SHARE, Search, compare_bounds, find_missed, look_elsewhere
 from .solved_draws import ChosenDraws, EmulatedChain, choose_draws, read_chain
@@ -53,7 +54,7 @@ def certify(
     - *certified*: efficiency at least .9, and means and standard deviations within a
       tenth of a standard deviation;
     - *corrected*: the weights repair what is wrong;
-    - *refused*: k above .7, weights worth fewer than 40 independent draws, a tail too
+    - *refused*: k above .7, weights worth fewer than 50 independent draws, a tail too
       heavy for so few weights (k above ``1 - 1 / log10(n)``), or something missing.
 
     Weights that are nearly equal (efficiency above .9) are believed whatever their k,
@@ -65,7 +66,9 @@ def certify(
     a bound which the prior does not have; and a quarter of the solves, at most 30, are
     spent on climbs of the true posterior from draws of the prior that lie away from the
     chain, where these are enough for three steps. What neither comes upon stays unseen:
-    a narrow mode of which no climb came near.
+    a narrow mode of which no climb came near. Nor do weights bring back
+    what the chain did not visit: what :func:`diagnose` says against it is in the
+    findings.
 
     Args:
         idata: What :func:`to_inference_data` made of a run on the emulated posterior,
@@ -133,7 +136,7 @@ def certify(
     shares = found.weights / len(found.weights)
     missed = find_missed(chain, search, found.log_posterior, shares)
     short, verdict, also = judge(found, bounds, missed)
-    findings = (*also, *_find(chain, chosen, search))
+    findings = (*also, *_find(chain, chosen, search), *_judge_chain(idata))
     found = replace(found, short=short, verdict=verdict, findings=findings)
     made = with_certificate(idata, posterior, found, rows, chosen.log_posterior)
     return replace(found, idata=made)
@@ -175,6 +178,21 @@ def _weigh(
         theta=chosen.theta,
         weights=n * weights,
         log_posterior=rows[:, 0],
+    )
+
+
+def _judge_chain(idata: Any) -> tuple[str, ...]:
+    """Return what is wrong with the emulated posterior's chain, which weights keep."""
+    group = dataset(idata, "posterior")
+    known = "ensemble" in group.coords and not group.attrs.get("population")
+    if not known or group.sizes["draw"] < FEWEST_STEPS:
+        return ()
+    verdict = diagnose(idata).verdict
+    if not verdict.startswith("Not converged"):
+        return ()
+    return (
+        f"The chain of the emulated posterior itself: {verdict} What it has not "
+        "visited, no weight brings back.",
     )
 
 

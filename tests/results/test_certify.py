@@ -247,6 +247,8 @@ def test_a_short_chain_is_said_and_widens_the_errors():
     assert "independent draws only" not in str(long)
     assert (short.mean_error > 2 * long.mean_error).all()
     assert short.effective < 60 * short.efficiency < 1.2 * long.effective
+    assert "itself: Not converged" in str(short)
+    assert "Not converged" not in str(long)
 
 
 def test_too_few_solves_are_refused_and_said():
