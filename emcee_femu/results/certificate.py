@@ -155,12 +155,13 @@ def _weak_weights(found: Certificate) -> list[str]:
             "the weights have so heavy a tail that no mean over them can be believed; "
             f"{better}"
         ]
-    if found.effective < FEWEST_EFFECTIVE:
-        more = found.solves * FEWEST_EFFECTIVE / max(found.effective, 1.0)
+    needed = FEWEST_EFFECTIVE if heavy else FEWEST
+    if found.effective < needed:
+        more = found.solves * needed / max(found.effective, 1.0)
         return [
             f"too few solves: the weighted draws are worth {found.effective:.0f} "
-            f"independent ones, and {FEWEST_EFFECTIVE} are needed; {better}, or "
-            f"certify with {_round_up(more)} solves"
+            f"independent ones, and {needed} are needed; {better}, or certify with "
+            f"{_round_up(more)} solves"
         ]
     if heavy and k > 1 - 1 / np.log10(n):
         return [

@@ -54,8 +54,9 @@ def certify(
     - *certified*: efficiency at least .9, and means and standard deviations within a
       tenth of a standard deviation;
     - *corrected*: the weights repair what is wrong;
-    - *refused*: k above .7, weights worth fewer than 50 independent draws, a tail too
-      heavy for so few weights (k above ``1 - 1 / log10(n)``), or something missing.
+    - *refused*: k above .7, unequal weights worth fewer than 50 independent draws, a
+      tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), or something
+      missing.
 
     Weights that are nearly equal (efficiency above .9) are believed whatever their k,
     which fewer than 100 of them do not tell well. Where k is at most .7 unequal weights
