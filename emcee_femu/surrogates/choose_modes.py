@@ -110,7 +110,7 @@ class _Choice:
             shapes = errors[:, block.count * (block.count + 1) // 2 :] ** 2
             total = total + np.minimum(shapes, WORST).sum(axis=1)
         distance = (self.points**2).mean(axis=1)
-        weights = np.exp(np.minimum(FAR - distance, 0.0))
+        weights = 1.0 / (1.0 + (distance / FAR) ** 2)
         mean = float(weights @ total / weights.sum())
         return mean if block.count == 1 else mean / GAIN
 

@@ -8,6 +8,7 @@ from emcee_femu.surrogates.choose_modes import choose_modes
 from emcee_femu.surrogates.emulated import fit_emulated
 from emcee_femu.surrogates.mode_blocks import Aligned, Modes, Symmetric
 from emcee_femu.surrogates.outputs import choose_outputs
+from emcee_femu.surrogates.outputs_modes import ModalOutputs
 
 RNG = np.random.default_rng(1)
 POINTS, FRESH = RNG.standard_normal((40, 2)), RNG.standard_normal((300, 2))
@@ -52,6 +53,13 @@ def test_modes_that_keep_apart_stay_alone():
     assert outputs.ascending
 
 
+def test_points_that_are_all_far_away_have_their_say():
+    outputs = choose_modes(
+        1e6 * POINTS, Modes(solve(POINTS).eigenvalues), (HERTZ, None)
+    )
+    assert sum(block.count for block in outputs.blocks) == 3
+
+
 def test_modes_in_no_order_are_left_in_theirs():
     modes = Modes(solve(POINTS).eigenvalues[:, ::-1])
     outputs = choose_modes(POINTS, modes, (HERTZ, None))
@@ -70,6 +78,25 @@ def test_shapes_come_back_where_they_are_wanted():
     squares = [(s**2).sum(axis=1) for s in (found.shapes, truth["shapes"])]
     assert np.quantile(1 - products / (squares[0] * squares[1]), 0.95) < 1e-4
     assert model.variables["shapes"].shape == (5, 3)
+
+
+def test_modes_of_several_blocks_are_put_in_order_with_their_shapes_and_slopes():
+    reference = np.eye(3)
+    blocks = [
+        Aligned.of(j, np.ones(1), np.ones((3, 1)), reference[:, j : j + 1])
+        for j in range(3)
+    ]
+    outputs = ModalOutputs(tuple(blocks), np.full(3, 1e-9), True, True)
+    values = np.hstack([[x, *reference[j]] for j, x in enumerate([9.0, 1.0, 4.0])])
+    found = outputs.decode(values[None])
+    np.testing.assert_allclose(2 * np.pi * found["frequency"], [[1.0, 2.0, 3.0]])
+    np.testing.assert_allclose(found["shapes"][0], reference[:, [1, 2, 0]])
+    move = np.zeros((1, 12, 1))
+    move[0, 0] = 6.0  # of the highest
+    for finite in (False, True):
+        _, slopes = outputs.decode_slopes(values[None], move, finite)
+        moved = 2 * np.pi * slopes["frequency"][0, :, 0]
+        np.testing.assert_allclose(moved, [0.0, 0.0, 1.0])
 
 
 def test_other_variables_are_emulated_as_they_are():

@@ -147,3 +147,13 @@ def test_finite_moves_stay_finite_where_modes_coincide(block):
     assert np.abs(moved.eigenvalues).max() < 30.0
     if moved.shapes is not None:
         assert np.abs(moved.shapes).max() < 10.0
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_an_uncertain_gap_is_uncertain_where_modes_coincide(count):
+    block = symmetric(count)
+    values = block.encode(Modes(np.full((1, 3), 100.0)))
+    _, moved = block.decode_slopes(values, np.eye(count)[None], True)
+    # Half of what the spread is after the move: before it and behind it is none.
+    spread = np.sqrt(block.unit[1]) / 2.0
+    assert np.sqrt((moved.eigenvalues[0, :, 1] ** 2).mean()) == pytest.approx(spread)
