@@ -12,7 +12,7 @@ from .solved_draws import EmulatedChain
 PER_TERM = 5  # draws for each term of a quadratic with products
 FOLDS = 5  # of the draws: weights are predicted by a fit to the others
 BEYOND = 1.0  # the largest ln w so far, up to which a fit is believed
-MOST = 5_000  # draws of the chain that are averaged over
+MOST = 50_000  # draws of the chain that are averaged over
 
 
 class Moments(NamedTuple):

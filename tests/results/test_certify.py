@@ -23,7 +23,7 @@ from support.free_posterior import box, free_posterior
 import emcee_femu as ef
 from emcee_femu.results.certificate import judge
 from emcee_femu.results.certify import _weigh
-from emcee_femu.results.corrected_moments import curvature_k
+from emcee_femu.results.corrected_moments import correct_moments, curvature_k
 from emcee_femu.results.solved_draws import (
     ChosenDraws,
     EmulatedChain,
@@ -69,6 +69,17 @@ def test_means_and_standard_deviations_are_the_exact_ones_and_errors_are_honest(
     assert (np.abs(z.std(axis=0) - 1.0) < 0.35).all()
     # All six together, far sharper: the mean square of a z-score is 1.
     assert 0.7 < (z**2).mean() < 1.35
+
+
+def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():
+    draws = np.random.default_rng(1).standard_normal((32_000, 2))
+    sizes = np.full((2, 2), 32_000.0)
+    own = EmulatedChain(("x", "y"), draws, draws[:, 0], np.eye(2), 32_000.0, sizes)
+    equal = np.full(75, 1 / 75)
+    found = correct_moments(own, draws[:75], equal, equal)
+    np.testing.assert_allclose(found.mean, draws.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(found.sd, draws.std(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(found.mean_error, 1 / np.sqrt(32_000), rtol=0.05)
 
 
 def test_the_efficiency_is_that_of_the_law():
