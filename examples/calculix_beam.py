@@ -185,7 +185,7 @@ def main(
         certificate = ef.certify(idata, posterior, checks, **options)
         clock.append(time.perf_counter())
 
-        reduced = ef.reduce_model(by_matrices(command, scratch), BOUNDS, tolerance=1e-4)
+        reduced = ef.reduce_model(by_matrices(command, scratch), BOUNDS, tolerance=1e-5)
     # Another seed: chains of the same random numbers would agree by that alone.
     exact = ef.LogPosterior(reduced, term, prior)
     exact, diagnosis = sample(exact, generations, seed + 1)
