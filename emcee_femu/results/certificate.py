@@ -105,7 +105,7 @@ def judge(
 
     Args:
         found: All that is known but the verdict.
-        bounds: What is wrong with the emulated posterior's bounds.
+        bounds: What is wrong with the emulated posterior's bounds or chain.
         missed: What a search found that the draws lack.
     """
     n = len(found.weights)

@@ -25,6 +25,7 @@ from .outside import MOST, SHARE, Search, compare_bounds, find_missed, look_else
 from .solved_draws import ChosenDraws, EmulatedChain, choose_draws, read_chain
 
 FEWEST_SOLVES = 10
+APART = 1.1  # R-hat of walkers or ensembles that are in different places
 BATCH = 32  # solves that a kill may lose where a pool evaluates them
 
 
@@ -68,8 +69,8 @@ def certify(
     spent on climbs of the true posterior from draws of the prior that lie away from the
     chain, where these are enough for three steps. What neither comes upon stays unseen:
     a narrow mode of which no climb came near. Nor do weights bring back
-    what the chain did not visit: what :func:`diagnose` says against it is in the
-    findings.
+    what the chain did not visit: a chain in several parts is refused, and what
+    else :func:`diagnose` says against it is in the findings.
 
     Args:
         idata: What :func:`to_inference_data` made of a run on the emulated posterior,
@@ -136,8 +137,9 @@ def certify(
     bounds = compare_bounds(chain, posterior.prior, rng)
     shares = found.weights / len(found.weights)
     missed = find_missed(chain, search, found.log_posterior, shares)
-    short, verdict, also = judge(found, bounds, missed)
-    findings = (*also, *_find(chain, chosen, search), *_judge_chain(idata))
+    unsound, said = _judge_chain(idata)
+    short, verdict, also = judge(found, [*bounds, *unsound], missed)
+    findings = (*also, *_find(chain, chosen, search), *said)
     found = replace(found, short=short, verdict=verdict, findings=findings)
     made = with_certificate(idata, posterior, found, rows, chosen.log_posterior)
     return replace(found, idata=made)
@@ -182,19 +184,26 @@ def _weigh(
     )
 
 
-def _judge_chain(idata: Any) -> tuple[str, ...]:
-    """Return what is wrong with the emulated posterior's chain, which weights keep."""
+def _judge_chain(idata: Any) -> tuple[list[str], list[str]]:
+    """Return what forbids to trust the emulated posterior's chain, and a finding."""
     group = dataset(idata, "posterior")
     known = "ensemble" in group.coords and not group.attrs.get("population")
     if not known or group.sizes["draw"] < FEWEST_STEPS:
-        return ()
-    verdict = diagnose(idata).verdict
-    if not verdict.startswith("Not converged"):
-        return ()
-    return (
-        f"The chain of the emulated posterior itself: {verdict} What it has not "
-        "visited, no weight brings back.",
-    )
+        return [], []
+    found = diagnose(idata)
+    if not found.verdict.startswith("Not converged"):
+        return [], []
+    apart = np.nan_to_num([found.rhat_within.max(), found.rhat_between.max()])
+    if found.stuck or apart.max() > APART:
+        return [
+            "the chain of the emulated posterior is in several parts, which no weight "
+            "brings together; run it longer, without its burn-in, until diagnose finds "
+            "no walkers or ensembles apart"
+        ], []
+    return [], [
+        f"The chain of the emulated posterior itself: {found.verdict} What it has not "
+        "visited, no weight brings back."
+    ]
 
 
 def _find(chain: EmulatedChain, chosen: ChosenDraws, search: Search) -> tuple[str, ...]:

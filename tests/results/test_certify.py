@@ -22,6 +22,7 @@ from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.results.certificate import judge
+from emcee_femu.results.certified_idata import SolvedRun
 from emcee_femu.results.certify import _weigh
 from emcee_femu.results.corrected_moments import correct_moments, curvature_k
 from emcee_femu.results.solved_draws import (
@@ -260,6 +261,35 @@ def test_a_short_chain_is_said_and_widens_the_errors():
     assert short.effective < 60 * short.efficiency < 1.2 * long.effective
     assert "itself: Not converged" in str(short)
     assert "Not converged" not in str(long)
+
+
+class TwoWalkers(SolvedRun):
+    """Two walkers in turn."""
+
+    nwalkers = 2
+
+    def __init__(self, theta, rows):
+        super().__init__(theta, rows)
+        self.iteration, self.accepted = len(theta) // 2, np.full(2, np.nan)
+
+    def get_chain(self, **_):
+        return super().get_chain().reshape(-1, 2, 3)
+
+    def get_log_prob(self, **_):
+        return super().get_log_prob().reshape(-1, 2)
+
+    def get_blobs(self, **_):
+        return super().get_blobs().reshape(self.iteration, 2, -1)
+
+
+def test_a_chain_in_several_parts_is_refused():
+    true, theta = posterior(TRUE), draws(TRUE, 2_000, 1)
+    for apart, short in ((0.0, "certified"), (1.5, "refused")):
+        moved = theta + apart * (np.arange(2_000) % 2)[:, None]
+        idata = ef.to_inference_data(TwoWalkers(moved, true(moved)), true)
+        found = ef.certify(idata, true, seed=1)
+        assert found.short == short
+    assert "in several parts" in found.verdict
 
 
 def test_too_few_solves_are_refused_and_said():
