@@ -173,7 +173,6 @@ class Rounds:
     def _note(self, error: float) -> None:
         predicted = self.draws.predicted
         self.history.append((len(self.theta), predicted, error))
-        if hasattr(self.bar, "set_postfix_str"):
-            self.bar.set_postfix_str(
-                f"error {predicted:.2g} predicted, {error:.2g} true"
-            )
+        if hasattr(self.bar, "set_postfix_str") and np.isfinite(error):
+            text = f"error {predicted:.2g} predicted, {error:.2g} true"
+            self.bar.set_postfix_str(text)
