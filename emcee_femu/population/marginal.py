@@ -15,7 +15,7 @@ the draws only correct it:
 
 which is exact for a normal likelihood, however far the population pulls and in any
 dimension. Both are consistent: the more draws, the smaller their error, whatever the
-likelihood. Where less than 100 draws would be effective, the weights of that correction
+likelihood. Where less than 10 draws would be effective, the weights of that correction
 are tempered, ``w_s^tau``.
 """
 

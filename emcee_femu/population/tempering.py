@@ -9,15 +9,15 @@ from ..sampling.importance import kish_share
 from .draws import Drawn
 from .normal_law import NormalLaw
 
-EFFECTIVE = 100.0  # draws
-NARROWEST = 0.1  # spread of the population, by that of the tests' own posteriors
+EFFECTIVE = 10.0
+NARROWEST = 0.3  # spread of the population, by that of the tests' own posteriors
 HALVINGS = 20
 
 
 def choose_powers(
     draws: Sequence[Drawn], laws: Sequence[NormalLaw], centred: Floats
 ) -> Floats:
-    """Return the powers tau ``(T,)`` of the weights, 1 where 100 draws are effective.
+    """Return the powers tau ``(T,)`` of the weights, 1 where 10 draws are effective.
 
     They are judged under a population found by moments: a line through the tests'
     means, and the scatter about it beyond that of the tests' own posteriors. Weights
