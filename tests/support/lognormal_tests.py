@@ -6,6 +6,7 @@ the population falls apart into d of two dimensions, each by quadrature.
 
 import numpy as np
 from scipy import stats
+
 from support.repeated import as_idata, moments
 
 MEAN, SPREAD, ERROR = 1.0, 0.06, 0.1
