@@ -170,7 +170,7 @@ def main(
 ) -> dict[str, Any]:
     """Update the beam by both ways and compare them; return the figures."""
     command, rng = find_command(), np.random.default_rng(seed)
-    with tempfile.TemporaryDirectory(prefix="calculix-") as scratch:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as scratch:
         function = partial(solve, command=command, scratch=scratch)
         measured = function(TRUTH) * (1 + NOISE * rng.standard_normal(N_MODES))
         term = ef.FrequencyTerm(measured, relative_sd=NOISE)

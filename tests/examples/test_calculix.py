@@ -175,8 +175,10 @@ def test_a_missing_licence_is_waited_for(driver, tmp_path):
 )
 @pytest.mark.parametrize("workers", [None, 2])
 def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
-    driver, command, options, message, workers
+    driver, tmp_path, command, options, message, workers
 ):
+    options = {"scratch": tmp_path, **options}  # workers may end within a solve
+
     def solve(p):
         with driver.finished_job("", command, patience=0.1, **options):
             raise AssertionError("it was solved")
