@@ -12,6 +12,9 @@ gives a response, no derivatives, and counts its solves itself. The problems are
                  paired; two pairs of modes about 1 % apart
 
 References are long runs of the same posteriors by ``few_solves_references.py``.
+
+Run it:  python examples/benchmarks/few_solves_problems.py
+It prints, for each, parameters, data, milliseconds per solve and the bar.
 """
 
 import time
@@ -243,3 +246,19 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
     "shear": shear,
     "tower": tower,
 }
+
+
+def main() -> None:
+    """Print a line a problem."""
+    for name, make in PROBLEMS.items():
+        problem = make()
+        d, data = problem.posterior.ndim, 0
+        for term in problem.posterior.terms:
+            data += np.size(term.measured)
+        problem.posterior(problem.posterior.start(100, seed=1))
+        each = 10 * problem.box.seconds
+        print(f"{name}: {d} parameters, {data} data, {each:.3f} ms, {problem.solves}")
+
+
+if __name__ == "__main__":
+    main()
