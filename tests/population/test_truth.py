@@ -90,6 +90,7 @@ HYPER = {
     "sd k2": stats.uniform(0.03, 0.1),
 }
 POPULATION = ef.NormalPopulation(["k1", "k2"], hyperpriors=HYPER)
+WIDTH, CENTRE = 0.12, 1.15  # of ln of the tests' own prior, which pulls hard
 
 
 class Unnormalised(PopulationModel):
@@ -117,13 +118,14 @@ def calibrate(datasets, seed, kind=PopulationModel, bend=lambda draws: draws):
         theta = rng.normal(truth[:2], truth[2:], (6, 2))
         measured = np.log(np.maximum(theta, 0.05))
         measured += lognormal.ERROR * rng.standard_normal((6, 2))
-        precision = 1 / lognormal.ERROR**2 + 1 / 0.3**2
+        precision = 1 / lognormal.ERROR**2 + 1 / WIDTH**2
         draws = {}
         for t, own in enumerate(measured):
-            mean = (own / lognormal.ERROR**2 + np.log(1.1) / 0.3**2) / precision
+            mean = own / lognormal.ERROR**2 + np.log(CENTRE) / WIDTH**2
+            mean /= precision
             x = mean + rng.standard_normal((500, 2)) / np.sqrt(precision)
             likelihood = -0.5 * (((x - own) / lognormal.ERROR) ** 2).sum(axis=1)
-            log_prior = lognormal.PRIOR.logpdf(np.exp(x)).sum(axis=1)
+            log_prior = stats.lognorm(WIDTH, scale=CENTRE).logpdf(np.exp(x)).sum(axis=1)
             none = np.empty((500, 0))
             given = Drawn(np.exp(x), none, log_prior, likelihood, bounds, moments)
             draws[f"t{t}"] = bend(given)
