@@ -71,6 +71,18 @@ def test_the_weights_give_each_tests_moments_under_the_population():
         assert own @ draws.theta[:, 0] == pytest.approx(exact, abs=0.002)
 
 
+def test_weights_are_the_ratio_of_the_populations_density_to_the_prior():
+    tests, _ = many(7, tests=2)
+    population = ef.NormalPopulation(["k1", "k2"], correlated=True)
+    found = model(tests, population)
+    weights = found.weights(values(population, [[10.1, 5.2, 0.4, 0.3, -0.7]]))[0]
+    covariance = np.array([[0.16, -0.084], [-0.084, 0.09]])
+    law = stats.multivariate_normal([10.1, 5.2], covariance)
+    for own, draws in zip(weights, found.draws, strict=True):
+        exact = np.exp(law.logpdf(draws.theta) - draws.log_prior)
+        np.testing.assert_allclose(own, exact / exact.sum(), rtol=1e-6, atol=1e-15)
+
+
 def test_a_normal_likelihood_is_exact_however_far_the_population_pulls(monkeypatch):
     """Correlated parameters, one more that is not pooled, a covariate; tempered."""
     monkeypatch.setattr(marginal, "choose_powers", lambda *_: np.array([0.3, 1, 0.05]))
