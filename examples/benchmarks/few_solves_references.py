@@ -14,7 +14,7 @@ Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves_references.py
 import argparse
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -74,16 +74,29 @@ def fit(chain: Floats, first: First) -> Mixture:
 
 
 def weigh(
-    posterior: ef.LogPosterior, chain: Floats, first: First, size: float, seed: int
-) -> Moments:
-    """Return moments by at least ``size`` effective draws of a fit to a chain."""
+    posteriors: Sequence[ef.LogPosterior],
+    chain: Floats,
+    first: First,
+    size: float,
+    seed: int,
+) -> list[Moments]:
+    """Return moments of posteriors by the same draws of a fit to a chain.
+
+    At least ``size`` are effective for the first posterior. What is common to
+    posteriors that are nearly alike drops out of the difference of their moments.
+    """
     law, rng = fit(chain, first), np.random.default_rng(seed)
-    theta, log_weights = np.empty((0, chain.shape[1])), np.empty(0)
-    while len(theta) * kish_share(log_weights) < size:
+    theta, log_weights = np.empty((0, chain.shape[1])), np.empty((len(posteriors), 0))
+    while len(theta) * kish_share(log_weights[0]) < size:
         more = draw(rng, law, ROUND)
-        ratio = posterior(more)[:, 0] - log_density(more, law)
+        ratios = [p(more)[:, 0] - log_density(more, law) for p in posteriors]
         theta = np.concatenate([theta, more])
-        log_weights = np.append(log_weights, ratio)
+        log_weights = np.hstack([log_weights, ratios])
+    return [average(theta, own, first) for own in log_weights]
+
+
+def average(theta: Floats, log_weights: Floats, first: First) -> Moments:
+    """Return moments of weighted draws."""
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
     mean = weights @ theta
@@ -116,7 +129,7 @@ def main() -> None:
         for seed, size in ((1, given.size), (2, given.size / 4)):
             runs = sample(problem.posterior, given.evaluations, seed)
             chain = np.concatenate([run.get_chain(flat=True) for run in runs])
-            both.append(weigh(problem.posterior, chain, problem.first, size, seed))
+            both += weigh([problem.posterior], chain, problem.first, size, seed)
         found, other = both
         prior = problem.posterior.prior.sample(np.random.default_rng(0), 20_000)
         shown = found._asdict() | {

@@ -46,7 +46,7 @@ def test_few_solves_references():
     centre = np.array([[0.50, 0.90], [1.81, 0.25]])[modes]
     spread = np.array([[0.038, 0.070], [0.142, 0.019]])[modes]
     chain = centre + spread * rng.normal(size=(2_000, 2))
-    found = module.weigh(problem.posterior, chain, problem.first, 10_000, seed=1)
+    (found,) = module.weigh([problem.posterior], chain, problem.first, 10_000, seed=1)
     mean, sd, weight = found.compare(known)
     assert max(mean, sd, weight) < 0.03
     assert found.pareto_k < 0.7
