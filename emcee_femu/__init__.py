@@ -42,8 +42,10 @@ from .likelihoods.displacement import DisplacementTerm as DisplacementTerm
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.frf import FRFTerm as FRFTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
+from .likelihoods.spectrum import SpectrumTerm as SpectrumTerm
 from .measurements import Measurements as Measurements
 from .measurements.frf import FRFMeasurements as FRFMeasurements
+from .measurements.spectra import Spectra as Spectra
 from .models.exports.read import read_matrices as read_matrices
 from .models.exports.record import Matrices as Matrices
 from .models.frame.model import FrameModel as FrameModel
@@ -53,6 +55,7 @@ from .models.function import FunctionModel as FunctionModel
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel
 from .models.paired import PairedModel as PairedModel
+from .models.spectrum import SpectrumModel as SpectrumModel
 from .models.static import StaticModel as StaticModel
 from .moves import CrossoverMove as CrossoverMove
 from .moves import DelayedAcceptanceMove as DelayedAcceptanceMove
@@ -73,6 +76,7 @@ from .results.diagnostics import diagnose as diagnose
 from .results.evidence import log_evidence as log_evidence
 from .results.identifiability import identifiability as identifiability
 from .results.inference_data import to_inference_data as to_inference_data
+from .results.modes_from_spectra import modes_from_spectra as modes_from_spectra
 from .results.predictive import pairing_table as pairing_table
 from .results.predictive import predictive_table as predictive_table
 from .results.tables import frequency_table as frequency_table

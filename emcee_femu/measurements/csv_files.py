@@ -17,10 +17,13 @@ QUANTITIES = {
     "sd [Hz]": "sd",
     "covariance [Hz2]": "covariance",
     "phase collinearity": "phase_collinearity",
+    "damping ratio": "damping",
+    "damping sd": "damping_sd",
     "shape": "shapes",
     "shape sd": "shape_sd",
 }
 PER_SENSOR = ("shapes", "shape_sd")
+ONE_ROW = ("frequencies", "sd", "phase_collinearity", "damping", "damping_sd")
 
 
 class Row(NamedTuple):
@@ -62,7 +65,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     if not own["frequencies"]:
         raise ValueError(f"{path}: no row 'frequency [Hz]'")
     found: dict[str, Any] = {f: [r.numbers for r in rs] for f, rs in own.items() if rs}
-    for field in ("frequencies", "sd", "phase_collinearity"):
+    for field in ONE_ROW:
         for second in own[field][1:]:
             raise ValueError(f"{second.place}: a second row of {field}")
         if own[field]:

@@ -40,6 +40,8 @@ class Measurements:
             the rows of the model's shapes are the sensors, in order.
         phase_collinearity: MPC of shapes that have been turned real before,
             ``(n_modes,)``; None to compute it.
+        damping: Damping ratios, ``(n_modes,)``, or None if unknown.
+        damping_sd: Their standard deviations, ``(n_modes,)``.
 
     Raises:
         TypeError: If an argument does not hold numbers of the kind described.
@@ -72,6 +74,8 @@ class Measurements:
     sensors: tuple[str, ...]
     dofs: NDArray[Any] | None
     phase_collinearity: Floats | None
+    damping: Floats | None
+    damping_sd: Floats | None
 
     def __init__(
         self,
@@ -84,7 +88,11 @@ class Measurements:
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
         phase_collinearity: ArrayLike | None = None,
+        damping: ArrayLike | None = None,
+        damping_sd: ArrayLike | None = None,
     ) -> None:
+        if damping is None and damping_sd is not None:
+            raise ValueError("damping_sd: expected damping with it, got none")
         if sd is not None and covariance is not None:
             raise TypeError(
                 "sd, covariance: expected at most one of the two; sd**2 is the "
@@ -123,6 +131,8 @@ class Measurements:
             sensors=modes.labels(sensors, n_sensors),
             dofs=modes.dofs(dofs, n_sensors),
             phase_collinearity=collinearity,
+            damping=modes.deviations("damping", damping, (n_modes,)),
+            damping_sd=modes.deviations("damping_sd", damping_sd, (n_modes,)),
         )
 
     @classmethod
@@ -180,8 +190,9 @@ class Measurements:
             shape sd,roof,,0.02,0.03
             shape sd,floor 1,,0.02,0.03
 
-        Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``, and
-        ``phase collinearity`` is that of shapes that were complex.
+        Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``;
+        ``phase collinearity`` is that of shapes that were complex; ``damping ratio``
+        and ``damping sd`` are numbers, not percent.
 
         Raises:
             ValueError: If a cell cannot be read; the message names line and column.
@@ -279,10 +290,14 @@ class Measurements:
         sd = self.sd
         if self.covariance is not None:
             sd = np.sqrt(np.diag(self.covariance))
+        percent = None if self.damping is None else 100 * self.damping
+        its_sd = None if self.damping_sd is None else 100 * self.damping_sd
         columns = (
             ("mode", "d", [*range(1, self.n_modes + 1)]),
             ("f [Hz]", ".6g", self.frequencies),
             ("sd [Hz]", ".3g", sd),
+            ("damping %", ".3g", percent),
+            ("its sd %", ".2g", its_sd),
             ("MPC", ".3f", self.phase_collinearity),
         )
         known = [column for column in columns if column[2] is not None]

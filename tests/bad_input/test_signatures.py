@@ -73,6 +73,13 @@ SHAKEN = ef.LogPosterior(
     ef.GaussianPrior(["k2"], [5.0], 1.0, [(1.0, 9.0)]),
 )
 SHAKEN_IDATA = ef.to_inference_data(ef.run(SHAKEN, nsteps=16, seed=1), SHAKEN)
+DENSITIES = np.tile(np.eye(2), (2, 1, 1)) * np.array([0.5, 2.0])
+AMBIENT = ef.Spectra(HERTZ, DENSITIES, averages=3)
+TREMOR = ef.IndependentPrior(
+    {k: ef.uniform_between(*v) for k, v in ef.SpectrumModel(AMBIENT).ranges.items()}
+)
+WHISPER = ef.LogPosterior(ef.SpectrumModel(AMBIENT), ef.SpectrumTerm(AMBIENT), TREMOR)
+HUM = ef.to_inference_data(ef.run(WHISPER, ef.DEMCMove(), nsteps=16, seed=1), WHISPER)
 VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
 TWO_TESTS = {"a": IDATA, "b": IDATA}
 POPULATION, BY_TEST = ef.NormalPopulation(["k1", "k2"]), {"a": 1.0, "b": 2.0}
@@ -152,6 +159,7 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (array().but(outside=99.0 * POINT), {"around": POINT}),
     (array().but(outside=99.0 * START), {"initial": START}),
     (array(True, False).but(above_one=[1.1]), {"crossover": SD}),
+    (per_mode, {"damping_sd": SD}),
     (probabilities, {"phase_collinearity": np.array([0.95, 1.0])}),
     (ladder, {"betas": np.array([1.0, 0.3, 0.0])}),
     (noise, {"sigma": SD}),
@@ -183,10 +191,15 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (anything, {"on_failure": "raise", "experiment": None}),
 ]
 ARGUMENTS = {name: (v, kind) for kind, given in KINDS for name, v in given.items()}
-TIED = {"frequencies": "shapes covariance", "shapes": "shape_sd", "masses": "springs"}
+TIED = {
+    "frequencies": "shapes covariance",
+    "damping": "damping_sd",
+    "shapes": "shape_sd",
+    "masses": "springs",
+}
 TIED |= {"measured": "sd beta covariance", "parameters": "k1", "dofs": "coords"}
 OFF = None, None  # left out: it excludes another, or is thrown elsewhere
-OTHERS = "sd shapes shape_sd sensors dofs phase_collinearity"
+OTHERS = "sd shapes shape_sd sensors dofs phase_collinearity damping damping_sd"
 OTHERS = dict.fromkeys(OTHERS.split(), OFF)
 IDLE = {*inspect.signature(ef.run).parameters} - {"posterior", "seed", "nsteps"}
 IDLE = dict.fromkeys(IDLE, OFF)
@@ -194,7 +207,11 @@ SIZE = {"sd": OFF, "delta": OFF, "discrepancy": OFF}
 SCATTER = {"sd": OFF, "relative_sd": OFF, "beta": OFF, "covariance": OFF}
 # By name, perhaps with a variant: the arguments that are unlike those of ARGUMENTS.
 CALLS = {
-    "Measurements": {"shapes": (SHAPES, array()), "covariance": OFF},
+    "Measurements": {
+        "shapes": (SHAPES, array()),
+        "covariance": OFF,
+        "damping": (SD, per_mode),
+    },
     "Measurements, covariance": OTHERS,
     "Measurements.from_repeats": {
         "frequencies": (REPEATS, positive.but("one less")),
@@ -263,6 +280,31 @@ CALLS = {
         "stored": (False, flag),
     },
     "plot_frf": {"posterior": (SHAKEN, anything), "idata": (SHAKEN_IDATA, anything)},
+    "Spectra": {
+        "matrices": (DENSITIES, array().but("complex")),
+        "averages": (9, whole(1)),
+        "lines": (HERTZ, positive.but("one less", falling=[9.0, 3.0])),
+        "kind": ("velocity", anything),
+        "sensors": (["roof", "one"], chosen),
+    },
+    "Spectra.from_record": {
+        "record": (DRAWS, many),
+        "rate": (40.0, number(above=0.0)),
+        "band": (np.array([1.0, 19.0]), array().but("integers", swapped=[9.0, 1.0])),
+        "averages": (2, whole(1)),
+        "kind": ("velocity", anything),
+        "sensors": (["roof", "one"], chosen),
+    },
+    "SpectrumTerm": {"measured": (AMBIENT, anything)},
+    "SpectrumModel": {
+        "measured": (AMBIENT, anything),
+        "n_modes": (1, whole(1).but("True")),
+        "reference": ("s1", anything.but("None")),
+    },
+    "modes_from_spectra": {
+        "posteriors": ({"a": HUM}, named),
+        "dofs": ([7, 1], wholes),
+    },
     "FunctionModel": {"variables": OFF},
     "FunctionModel, jacobian": {
         "variables": OFF,
@@ -378,6 +420,7 @@ PROBES = {  # what is compared, by the type of the result; otherwise its text
     ef.FrequencyTerm: lambda term: term(ANY, MODES),
     ef.ShapeTerm: lambda term: term(ANY, MODES),
     ef.DisplacementTerm: lambda term: term(ANY, {"displacement": SHAPES.T[None]}),
+    ef.Spectra: lambda spectra: spectra.matrices,
     ef.IndependentPrior: lambda prior: prior.bounds,
     type(stats.norm()): lambda law: law.args,
     ef.GaussianPrior: lambda prior: prior.logpdf(POINT[None]),

@@ -5,6 +5,7 @@ from emcee_femu.measurements import Measurements
 
 RNG = np.random.default_rng(22)
 FIELDS = "frequencies sd covariance shapes shape_sd dofs phase_collinearity".split()
+FIELDS += ["damping", "damping_sd"]
 # Numbers whose shortest decimal form is long or odd, or that are tiny.
 NASTY = np.array([np.pi, 0.1 + 0.2, 1e22, 5e-324, -0.0, 1 / 3, -1.7976931348623157e30])
 LABELS = ["roof, north", 'the "old" one', "5:x", " blank ", "a;b\tc", "Ä", "two\nlines"]
@@ -40,6 +41,8 @@ def full(**options):
         "sensors": LABELS,
         "dofs": [4, 0, 22, 7, 1, 3, 1_000_000],
         "phase_collinearity": [1 / 3 + 0.6, 0.1 + 0.85, 1.0],
+        "damping": [0.1 + 0.2, 1e-3 / 3, 5e-324],
+        "damping_sd": [1e-9 / 7, 1 / 3, 1.0],
     }
     return Measurements(f, **(values | options))
 

@@ -184,6 +184,8 @@ def shapes_with(value, dtype=float):
         ({"shape_sd": SHAPES}, ValueError, "shape_sd: expected shapes with it"),
         ({"sensors": ["a"]}, ValueError, "sensors: expected shapes with it"),
         ({"phase_collinearity": [1.0] * 3}, ValueError, "phase_.*: expected shapes"),
+        ({"damping_sd": F}, ValueError, "damping_sd: expected damping with it"),
+        ({"damping": [-0.1] * 3}, ValueError, "damping: .* but mode 1 has"),
         ({"shapes": 1j * SHAPES, "phase_collinearity": F}, ValueError, "is computed"),
         *(
             ({"shapes": SHAPES, "phase_collinearity": mpc}, ValueError, "from 0 to 1")

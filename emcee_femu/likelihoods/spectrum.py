@@ -1,0 +1,161 @@
+"""The likelihood of FFTs near one mode or a close pair."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats, Parameters, Variable, read
+from ..measurements.spectra import KINDS, Spectra
+from .spectrum_slopes import differentiate_h, linearize_spectrum
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class SpectrumTerm:
+    r"""Whittle likelihood of spectral matrices: FFTs are independent complex Gaussians.
+
+    .. math:: \ln p = -n_d \sum_k \big[ n \ln \pi + \ln |E_k|
+        + \mathrm{tr}(E_k^{-1} D_k) \big], \qquad
+        E_k = \Phi H_k \Phi^T + S_e I
+
+    .. math:: (H_k)_{ij} = S_{ij} h_{ik} h_{jk}^*, \qquad
+        h_{ik} = \frac{(2 \pi i f_k)^{-q}}{1 - b_{ik}^2 - 2 i \zeta_i b_{ik}}, \qquad
+        b_{ik} = f_i / f_k
+
+    for n channels and :math:`n_d` averages, with q = 0, 1, 2 for acceleration, velocity
+    and displacement: the density of the FFTs of all segments. No matrix of a line is
+    inverted: with the shape of unit length the eigenvalues of one mode are
+    :math:`S |h_k|^2 + S_e` and, n - 1 times, :math:`S_e`; a pair needs matrices of two
+    rows in closed form. Where two frequencies do not ascend, or the coherence of the
+    forces is not below 1, the likelihood is zero.
+
+    Args:
+        measured: :class:`Spectra`.
+        name: The label under which the log-likelihood is stored.
+
+    Raises:
+        TypeError: If measured is not Spectra, or name no text.
+
+    Source: Au (2011), doi:10.1061/(ASCE)EM.1943-7889.0000268; Au, Operational Modal
+    Analysis (2017), doi:10.1007/978-981-10-4118-1.
+
+    Example:
+        >>> term = SpectrumTerm(Spectra([2.0], [[[0.5]]], averages=1))
+        >>> modes = {"frequency": np.array([[1.0]]), "damping_ratio": np.array([[0.1]])}
+        >>> modes |= {"shapes": np.ones((1, 1, 1)), "noise_psd": np.array([0.5])}
+        >>> S = np.array([[[[0.5725 * 0.5, 0.0]]]])  # that over abs(h)^2 is 1 / 2
+        >>> (-term({}, modes | {"force_psd": S}) - np.log(np.pi)).round(4).tolist()
+        [0.5]
+    """
+
+    measured: Spectra
+    name: str
+    reads: Mapping[str, Variable] = field(repr=False)
+    _power: Floats = field(repr=False)  # (lines,)
+    _parts: tuple[Floats, Floats] = field(repr=False)  # each (channels ** 2, lines)
+
+    def __init__(self, measured: Spectra, *, name: str = "spectrum") -> None:
+        if not isinstance(measured, Spectra):
+            raise TypeError(f"measured: expected Spectra, got {measured!r}")
+        if not isinstance(name, str) or not name:
+            raise TypeError(f"name: expected a non-empty string, got {name!r}")
+        D = measured.matrices.reshape(len(measured.lines), -1).T
+        first: dict[str, Any] = {"mode": [1]}  # or more
+        checks.set_fields(
+            self,
+            measured=measured,
+            name=name,
+            reads={
+                "frequency": Variable(first, "Hz"),
+                "damping_ratio": Variable(first),
+                "shapes": Variable({"sensor": measured.sensors} | first),
+                "force_psd": Variable(
+                    first | {"other": [1], "part": ["real", "imaginary"]}
+                ),
+                "noise_psd": Variable({}),
+            },
+            _power=measured.psd.sum(axis=1),
+            _parts=(np.ascontiguousarray(D.real), np.ascontiguousarray(D.imag)),
+        )
+
+    def __call__(self, parameters: Parameters, response: Any) -> Floats:
+        """Return the log-likelihood of every parameter set, ``(n,)``."""
+        lines, n_channels, _ = self.measured.matrices.shape
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            rank = read(response, "frequency").shape[1]
+            values = self._one_mode(response) if rank == 1 else self._pair(response)
+            noise = np.log(read(response, "noise_psd"))
+            log_likelihood: Floats = -self.measured.averages * (
+                values.sum(axis=1)
+                + lines * ((n_channels - rank) * noise + n_channels * np.log(np.pi))
+            )
+        if rank == 2:
+            log_likelihood[~_possible(response)] = -np.inf
+        return log_likelihood
+
+    def linearize(
+        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
+    ) -> tuple[Floats, Floats]:
+        """Return the gradient of the log-likelihood, and its scores."""
+        lines, h = self.measured.lines, 1 / self._flexibility(response)
+        over = (2j * np.pi * lines) ** KINDS[self.measured.kind]
+        dh = differentiate_h(h, lines, over, response, tangents)
+        measured = self.measured.matrices, self.measured.averages
+        return linearize_spectrum(*measured, h, dh, response, tangents)
+
+    def _one_mode(self, response: Any) -> Floats:
+        """Return what each line adds for one mode, but for the noise's logarithm."""
+        phi = read(response, "shapes")[:, :, 0]
+        h = 1 / self._flexibility(response)[:, 0]
+        noise = read(response, "noise_psd")[:, None]
+        total = read(response, "force_psd")[:, 0, 0, :1] * np.abs(h) ** 2 + noise
+        along = self._project(phi, phi, 0)
+        values: Floats = np.log(total) + along / total
+        values += (self._power - along) / noise
+        return values
+
+    def _pair(self, response: Any) -> Floats:
+        """Return what each line adds for two modes, but for the noise's logarithm."""
+        phi, psd = read(response, "shapes"), read(response, "force_psd")
+        noise = read(response, "noise_psd")[:, None]
+        h = 1 / self._flexibility(response)
+        H11 = psd[:, 0, 0, :1] * np.abs(h[:, 0]) ** 2
+        H22 = psd[:, 1, 1, :1] * np.abs(h[:, 1]) ** 2
+        S12 = psd[:, 0, 1, 0] + 1j * psd[:, 0, 1, 1]
+        H12 = S12[:, None] * h[:, 0] * h[:, 1].conj()
+        det = H11 * H22 - np.abs(H12) ** 2
+        one, two = phi[:, :, 0], phi[:, :, 1]
+        cosine = (one * two).sum(axis=1)[:, None]
+        W11, W22 = self._project(one, one, 0), self._project(two, two, 0)
+        W12 = self._project(one, two, 0) + 1j * self._project(one, two, 1)
+        # Of the matrix of two rows noise I + (Phi^T Phi) H.
+        determinant = noise**2 + noise * (H11 + H22 + 2 * cosine * H12.real)
+        determinant += (1 - cosine**2) * det
+        traced = H11 * W11 + H22 * W22 + 2 * (H12 * W12.conj()).real
+        fitted = noise * traced + det * (W11 + W22 - 2 * cosine * W12.real)
+        values: Floats = np.log(determinant)
+        values += (self._power - fitted / determinant) / noise
+        return values
+
+    def _flexibility(self, response: Any) -> Any:
+        """Return 1 / h, complex, ``(n, modes, lines)``."""
+        lines = self.measured.lines
+        b = read(response, "frequency")[:, :, None] / lines
+        zeta = read(response, "damping_ratio")[:, :, None]
+        power = KINDS[self.measured.kind]
+        return (1 - b * b - 2j * zeta * b) * (2j * np.pi * lines) ** power
+
+    def _project(self, left: Floats, right: Floats, part: int) -> Floats:
+        """Return one part of ``left^T D right``, ``(n, lines)``."""
+        both = (left[:, :, None] * right[:, None]).reshape(len(left), 1, -1)
+        result: Floats = (both @ self._parts[part])[:, 0]  # a row rounds as if alone
+        return result
+
+
+def _possible(response: Any) -> Any:
+    """Return where a pair ascends and its forces can have their spectra, ``(n,)``."""
+    f, psd = read(response, "frequency"), read(response, "force_psd")
+    cross = (psd[:, 0, 1] ** 2).sum(axis=1)
+    return (f[:, 0] < f[:, 1]) & (cross < psd[:, 0, 0, 0] * psd[:, 1, 1, 0])
