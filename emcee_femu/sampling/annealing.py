@@ -16,6 +16,7 @@ from ..interfaces import Floats, Prior
 from ..table import Table
 from .bridging import bridge
 from .importance import FAIR_SHARE, GOOD_K, kish_share, pareto_k
+from .log_scale import LogScale
 from .renewing import fewest_members as fewest_members
 from .renewing import renew
 
@@ -88,7 +89,7 @@ class Annealed:
 
 
 def anneal_population(
-    evaluation: Any, prior: Prior, rng: np.random.Generator, size: int
+    evaluation: Any, prior: Prior | LogScale, rng: np.random.Generator, size: int
 ) -> Annealed:
     """Return the population at the power 1; see :func:`anneal`.
 
@@ -166,7 +167,7 @@ def _find_problems(tried: list[Floats]) -> tuple[str, ...]:
 
 
 def _draw(
-    evaluation: Any, prior: Prior, rng: np.random.Generator, size: int
+    evaluation: Any, prior: Prior | LogScale, rng: np.random.Generator, size: int
 ) -> tuple[Floats, Floats, float, int]:
     """Return members of finite likelihood, their rows, their share of the prior."""
     theta = prior.sample(rng, size)

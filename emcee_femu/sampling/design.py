@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy.stats import qmc
 
-from ..interfaces import Floats, Prior
+from ..interfaces import Floats
+from .log_scale import LogScale
 
 DRAWS = 20_000  # of the prior, for its quantiles
 SPREAD = 0.8  # of the prior's, of the first points
@@ -23,7 +24,7 @@ def batch_size(ndim: int) -> int:
 
 
 def first_points(
-    prior: Prior, seed: np.random.SeedSequence, around: Floats | None
+    scale: LogScale, seed: np.random.SeedSequence, around: Floats | None
 ) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
@@ -31,27 +32,27 @@ def first_points(
     its mean, which is among them; or towards a given point, nearer to it.
 
     Args:
-        prior: The prior.
+        scale: The prior, with the coordinates in which points are spread.
         seed: Scrambles the points.
         around: A point ``(d,)``, or points ``(n, d)`` that are the design themselves;
             None for the prior's mean.
     """
     if around is not None and around.ndim == 2:
         return around
-    number = first_size(len(prior.names)) - 1
+    prior, number = scale.prior, first_size(len(scale.names)) - 1
     rng = np.random.default_rng(seed)
-    draws = prior.sample(np.random.default_rng(0), DRAWS)
+    draws = scale.sample(np.random.default_rng(0), DRAWS)
     mean = draws.mean(axis=0)
     power = int(np.ceil(np.log2(number)))
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[:number]
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
     if around is None:
-        theta = np.vstack([mean, mean + SPREAD * (far - mean)])
+        theta = scale.parameters(np.vstack([mean, mean + SPREAD * (far - mean)]))
     else:
-        low, high = prior.bounds.T
-        near = np.clip(around + NEAR * (far - mean), low, high)
-        theta = np.vstack([around, near])
+        centre = scale.coordinates(around[None])
+        near = scale.parameters(centre + NEAR * (far - mean))
+        theta = np.vstack([around, np.clip(near, *prior.bounds.T)])
     outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
     theta[outside] = prior.sample(rng, int(outside.sum()))
     return theta

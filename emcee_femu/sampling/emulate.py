@@ -46,7 +46,7 @@ def emulate(
     the emulated posterior, the first of each batch among draws of a wider one, whose
     emulator errs twice as much as it says. The draws are found anew from the whole
     prior after each batch, so that modes that one emulator excludes come back with the
-    next.
+    next. A parameter whose prior spans decades is seen by its logarithm.
 
     **The error** of an emulated response r' is its distance from the full one as the
     data see it,

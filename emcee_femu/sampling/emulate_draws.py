@@ -11,6 +11,8 @@ from ..moves.mixture_em import Mixture, draw
 from ..moves.mixture_fit import fit_mixture
 from .annealing import anneal_population
 from .emulate_problem import EmulationProblem
+from .importance import kish_share
+from .log_scale import LogScale
 from .refine import Draws, refine, uncover
 from .renewing import fewest_members
 
@@ -65,7 +67,7 @@ class EmulatedDraws:
         errors: Mean square errors predicted there, ``(n,)``, as those of ``deviate``.
         wide: Draws of the wider one, ``(n, d)``.
         wide_errors: Mean square errors predicted there.
-        mean, covariance: Of the emulated posterior.
+        mean, covariance: Of the emulated posterior's coordinates on its scale.
     """
 
     theta: Floats
@@ -91,32 +93,34 @@ class Explorer:
 
     Args:
         problem: What is emulated.
+        scale: On which the posterior is explored.
     """
 
-    def __init__(self, problem: EmulationProblem) -> None:
-        self.problem = problem
+    def __init__(self, problem: EmulationProblem, scale: LogScale) -> None:
+        self.problem, self.scale = problem, scale
         self.solves = 0  # of the emulated posterior, which cost nothing
         self._posterior: Any = None
         self._law: Mixture | None = None
         self._looked = 0
 
-    def rows(self, theta: Floats) -> Floats:
-        """Return rows of the wider posterior."""
-        self.solves += len(theta)
-        rows: Floats = self._posterior(theta)
+    def rows(self, x: Floats) -> Floats:
+        """Return rows of the wider posterior at coordinates, as their densities."""
+        self.solves += len(x)
+        rows: Floats = self._posterior(self.scale.parameters(x))
+        rows[:, :2] += self.scale.log_volume(x)[:, None]
         return rows
 
     def draw(self, emulator: Any, size: int, rng: np.random.Generator) -> EmulatedDraws:
         """Return draws of the posterior of an emulator made from ``size`` points."""
-        problem, prior = self.problem, self.problem.posterior.prior
+        problem, scale = self.problem, self.scale
         self._posterior = problem.replace_model(Doubtful(emulator, WIDER))
-        ndim = len(prior.names)
+        ndim = len(scale.names)
 
         def propose(law: Mixture, number: int) -> tuple[Floats, Floats]:
-            theta = draw(rng, law, number)
-            return theta, self.rows(theta)
+            x = draw(rng, law, number)
+            return x, self.rows(x)
 
-        first = prior.sample(rng, FROM_PRIOR)
+        first = scale.sample(rng, FROM_PRIOR)
         draws = Draws.of_prior(first, self.rows(first))
         laws = [] if self._law is None else [self._law]
         if size >= GROWN * self._looked:
@@ -125,14 +129,17 @@ class Explorer:
         number = max(ROUND, 10 * ndim)
         law = refine(draws, join(laws), number, ROUNDS * number, propose)
         self._law = uncover(law)
-        chosen = resample(draws.shares, MEMBERS, rng)
-        wide, log_p = draws.x[chosen], draws.log_p[chosen]
-        posterior = problem.replace_model(emulator)
-        log_weights = posterior(wide)[:, 0] - log_p
+        tempered = temper(draws.log_weights, ndim + 1)
+        chosen = resample(np.exp(tempered - tempered.max()), MEMBERS, rng)
+        x, log_p = draws.x[chosen], draws.log_p[chosen]
+        wide, posterior = scale.parameters(x), problem.replace_model(emulator)
+        log_weights = posterior(wide)[:, 0] + scale.log_volume(x) - log_p
+        log_weights += (draws.log_weights - tempered)[chosen]
+        log_weights = temper(log_weights, ndim + 1)
         weights = np.exp(log_weights - log_weights.max())
         weights /= weights.sum()
-        mean = weights @ wide
-        apart = wide - mean
+        mean = weights @ x
+        apart = x - mean
         errors = problem.predict_error(posterior, wide) ** 2
         own = resample(weights, MEMBERS, rng)
         return EmulatedDraws(
@@ -146,10 +153,22 @@ class Explorer:
 
     def _look(self, rng: np.random.Generator) -> Mixture:
         """Return the law of a population annealed from the prior."""
-        prior = self.problem.posterior.prior
-        size = max(ANNEALED, fewest_members(len(prior.names)))
-        theta = anneal_population(self, prior, rng, size).theta
-        return Mixture(*fit_mixture(theta, "auto", DF), DF)
+        size = max(ANNEALED, fewest_members(len(self.scale.names)))
+        x = anneal_population(self, self.scale, rng, size).theta
+        return Mixture(*fit_mixture(x, "auto", DF), DF)
+
+
+def temper(log_weights: Floats, fewest: float) -> Floats:
+    """Return log-weights, halved until so many draws count.
+
+    A law that is far from the posterior may leave all weight to one draw, which has no
+    covariance.
+    """
+    while 0 < kish_share(log_weights) * len(log_weights) < fewest:
+        if np.ptp(log_weights[np.isfinite(log_weights)]) < 1.0:
+            break
+        log_weights = 0.5 * log_weights
+    return log_weights
 
 
 def join(laws: list[Mixture]) -> Mixture:

@@ -13,6 +13,7 @@ from .design import batch_size, choose_batch, first_points
 from .emulate_draws import EmulatedDraws, Explorer
 from .emulate_problem import EmulationProblem, Response
 from .journal import Journal
+from .log_scale import LogScale
 
 UNITS = 8  # points by which the errors of the measurement are read off the terms
 FEWEST = 3  # points to which a process can be fitted
@@ -52,9 +53,10 @@ class Rounds:
         """Go on until the true error is small, or all solves are spent."""
         prior = self.problem.posterior.prior
         first, *_ = np.random.SeedSequence(seed).spawn(1)
-        self.theta = first_points(prior, first, initial)
+        scale = LogScale.of(prior)
+        self.theta = first_points(scale, first, initial)
         self.rows = self._solve(self.theta)
-        self.explorer = Explorer(self.problem)
+        self.explorer = Explorer(self.problem, scale)
         settled = 0
         while True:
             self._fit(np.random.default_rng([seed, len(self.history)]))
@@ -124,6 +126,7 @@ class Rounds:
             whiten=whiten,
             start=self.emulator if self.history else None,
             solves=self.journal.solves,
+            logs=self.explorer.scale.logs[inputs],
         )
         self.draws = self.explorer.draw(self.emulator, len(theta), rng)
 

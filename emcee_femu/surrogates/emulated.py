@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import (
@@ -21,6 +22,7 @@ from .gaussian_process import Processes, fit_processes
 from .outputs import Outputs, choose_outputs
 
 SMALL = 0.02  # in units of measurement error: what no direction of doubt is kept for
+LEAST = 1e-300  # whose logarithm is taken in place of that of zero
 MOST = 24  # directions of doubt, the largest ones
 
 
@@ -53,6 +55,7 @@ class EmulatedModel:
     solves: int
     _whiten: tuple[Floats, Floats] = field(repr=False)  # mean, and to coordinates
     _directions: Floats = field(repr=False)  # (size, r)
+    _logs: NDArray[np.bool_] = field(repr=False)  # parameters seen by logarithms, (d,)
     history: Table | None = field(default=None, repr=False)
     posterior: Any = field(default=None, repr=False)
 
@@ -123,9 +126,11 @@ class EmulatedModel:
         Raises:
             ValueError: As a call does.
         """
-        points = self._coordinates(parameters)
+        theta = self._theta(parameters)
+        points = self.coordinates(theta)
         mean = self.processes.predict(points)[0]
         by_parameter = self.processes.slopes(points) @ self._whiten[1]
+        by_parameter /= np.where(self._logs, theta, 1.0)[:, None]
         response, slopes = self.outputs.decode_slopes(mean, by_parameter)
         return self._respond(response), {
             name: {key: slope[..., j] for j, key in enumerate(self.names)}
@@ -144,10 +149,13 @@ class EmulatedModel:
     def coordinates(self, theta: Floats) -> Floats:
         """Return whitened coordinates ``(n, d)`` of parameters in their order."""
         mean, turn = self._whiten
-        found: Floats = (theta - mean) @ turn.T
+        found: Floats = (_take_logs(theta, self._logs) - mean) @ turn.T
         return found
 
     def _coordinates(self, parameters: Parameters) -> Floats:
+        return self.coordinates(self._theta(parameters))
+
+    def _theta(self, parameters: Parameters) -> Floats:
         values, n = read_batch(parameters, self.names)
         for name, (low, high) in self.bounds.items():
             value = values[name]
@@ -159,7 +167,7 @@ class EmulatedModel:
                     f"the bounds [{low:g}, {high:g}] of the emulated model; emulate "
                     "over wider bounds, or give its prior these bounds"
                 )
-        return self.coordinates(columns(values, self.names, n))
+        return columns(values, self.names, n)
 
     def _respond(self, found: dict[str, Floats]) -> Any:
         if "frequency" in found and {*found} <= {"frequency", "shapes"}:
@@ -177,6 +185,7 @@ def fit_emulated(
     whiten: tuple[Floats, Floats] | None = None,
     start: EmulatedModel | None = None,
     solves: int | None = None,
+    logs: ArrayLike = False,
 ) -> EmulatedModel:
     """Return a model that emulates responses at some points.
 
@@ -188,9 +197,11 @@ def fit_emulated(
         bounds: ``{parameter: (low, high)}`` within which the model may be called.
         variables: What the model declares; None for dimensions of numbers.
         whiten: Mean ``(d,)`` and covariance ``(d, d)`` of the parameters that matter,
-            those of the current posterior; None for those of the points.
+            those of the current posterior, of logarithms where logs are taken; None
+            for those of the points.
         start: An earlier fit, from whose lengths this one begins.
         solves: Full solves spent; None for the number of points.
+        logs: Of which parameters, all above zero, the logarithms are taken, ``(d,)``.
 
     Raises:
         TypeError: If a variable is missing or not real.
@@ -201,6 +212,8 @@ def fit_emulated(
         raise ValueError(
             f"points: expected columns of {[*bounds]}, got shape {points.shape}"
         )
+    logs = np.broadcast_to(np.asarray(logs, dtype=bool), points.shape[1]).copy()
+    points = _take_logs(points, logs)
     mean, covariance = whiten or (points.mean(axis=0), np.diag(points.var(axis=0)))
     # The directions of a covariance in units of its own spreads, so that a parameter
     # of 1e10 and one of 1 are alike.
@@ -223,7 +236,15 @@ def fit_emulated(
         solves=len(points) if solves is None else solves,
         _whiten=(np.asarray(mean, dtype=float), turn),
         _directions=_find_directions(processes),
+        _logs=logs,
     )
+
+
+def _take_logs(theta: Floats, logs: NDArray[np.bool_]) -> Floats:
+    """Return parameters ``(n, d)``, of some the logarithms."""
+    taken = theta.copy()
+    taken[:, logs] = np.log(np.maximum(theta[:, logs], LEAST))
+    return taken
 
 
 def _find_directions(processes: Processes) -> Floats:

@@ -7,6 +7,7 @@ from support.few_solves import broken, posed
 import emcee_femu as ef
 from emcee_femu.sampling import emulate_rounds
 from emcee_femu.sampling.design import choose_batch, first_points, first_size
+from emcee_femu.sampling.log_scale import LogScale
 
 LINE = np.linspace(0.0, 10.0, 101)[:, None]
 
@@ -48,7 +49,7 @@ def test_the_first_point_comes_from_the_first_candidates():
 @pytest.mark.parametrize("around", [None, np.array([-0.5, 0.0, 0.9])])
 def test_a_first_design_spreads_inside_the_prior(around):
     prior = ef.GaussianPrior(["a", "b", "c"], np.zeros(3), 1.0, [(-1.0, 1.0)] * 3)
-    points = first_points(prior, np.random.SeedSequence(1), around)
+    points = first_points(LogScale.of(prior), np.random.SeedSequence(1), around)
     assert points.shape == (first_size(3), 3)
     assert np.isfinite(prior.logpdf(points)).all()
     centre = np.zeros(3) if around is None else around
