@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Variable, read
-from .normal import linearize_normal
+from .normal import LEAST_SD, linearize_normal
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -142,6 +142,7 @@ class DisplacementTerm:
         if self.discrepancy is not None:
             sigma = parameters[self.discrepancy][:, None]
             variances = variances + (sigma * self.measured.ravel()) ** 2
+            variances = np.maximum(variances, LEAST_SD**2)
         return r, np.broadcast_to(np.sqrt(variances), r.shape)
 
     def linearize(

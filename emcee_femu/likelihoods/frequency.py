@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, Parameters, Variable, modal_variables, read
 from ..measurements import Measurements
-from .normal import linearize_normal
+from .normal import LEAST_SD, linearize_normal
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -176,7 +176,7 @@ class FrequencyTerm:
         if self.discrepancy is None:
             residuals *= self.beta
         else:
-            variances = 1 / self.beta + np.square(parameters[self.discrepancy])[:, None]
+            variances = self._variances(parameters[self.discrepancy])
             residuals /= variances
             residuals += np.log(2 * np.pi * variances)
         log_likelihood: Floats = np.add.reduce(residuals, axis=1)
@@ -195,7 +195,7 @@ class FrequencyTerm:
         residuals = self._turn(self._residuals(response))
         variances = 1 / self.beta
         if self.discrepancy is not None:
-            variances = variances + np.square(parameters[self.discrepancy])[:, None]
+            variances = self._variances(parameters[self.discrepancy])
         return residuals, np.broadcast_to(np.sqrt(variances), residuals.shape)
 
     def linearize(
@@ -211,6 +211,11 @@ class FrequencyTerm:
         sigma = parameters[self.discrepancy][:, None, None]
         d_sd = sigma * tangents[self.discrepancy][:, None] / sd[:, :, None]
         return linearize_normal(residuals, sd, slopes, d_sd)
+
+    def _variances(self, discrepancy: Floats) -> Floats:
+        """Return the variances with an inferred error, ``(n, n_modes)``."""
+        total: Floats = 1 / self.beta + np.square(discrepancy)[:, None]
+        return np.maximum(total, LEAST_SD**2)
 
     def _turn(self, residuals: Floats) -> Floats:
         """Return residuals along the axes in which they are independent."""
@@ -242,7 +247,7 @@ class FrequencyTerm:
         if self.discrepancy is None:
             values = self._log_constants - 0.5 * self.beta * squares
         else:
-            variances = 1 / self.beta + np.square(parameters[self.discrepancy])[:, None]
+            variances = self._variances(parameters[self.discrepancy])
             logs = np.log(2 * np.pi * variances)
             values = self._log_constants - 0.5 * (squares / variances + logs)
         if "unpaired" in stored:

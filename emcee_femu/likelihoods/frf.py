@@ -11,7 +11,7 @@ from .. import checks
 from ..interfaces import Floats, Parameters, Variable, read
 from ..measurements.frf import FRFMeasurements
 from ..measurements.frf_kinds import frf_variable
-from .normal import linearize_normal
+from .normal import LEAST_SD, linearize_normal
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -134,7 +134,7 @@ class FRFTerm:
             variances = self.sd**2
         if self.discrepancy is not None:
             sigma = parameters[self.discrepancy][:, None, None]
-            variances = variances + (sigma * scale) ** 2
+            variances = np.maximum(variances + (sigma * scale) ** 2, LEAST_SD**2)
         sd = np.broadcast_to(np.sqrt(variances)[..., None], r.shape)
         return r.reshape(len(r), -1), sd.reshape(len(r), -1)
 

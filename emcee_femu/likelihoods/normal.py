@@ -4,6 +4,10 @@ import numpy as np
 
 from ..interfaces import Floats
 
+# Standard deviation of an inferred error of zero: impossible, not undefined, since a
+# search may stand on the bound of its prior.
+LEAST_SD = 1e-75
+
 
 def linearize_normal(
     deviations: Floats, sd: Floats, d_deviations: Floats, d_sd: Floats | None = None

@@ -11,7 +11,7 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Variable, read
 from ..measurements import Measurements
 from ..models.pairing import at_sensors
-from .normal import linearize_normal
+from .normal import LEAST_SD, linearize_normal
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -216,7 +216,7 @@ class ShapeTerm:
     ) -> tuple[Floats, Floats]:
         deviations = self._across(unit)
         if self.discrepancy is not None:
-            sd = parameters[self.discrepancy][:, None]
+            sd = np.maximum(parameters[self.discrepancy], LEAST_SD)[:, None]
         else:
             each = np.ones(self.n_modes) if self.delta is None else self.delta
             sd = np.tile(each, len(self.measured) - 1)
@@ -239,7 +239,8 @@ class ShapeTerm:
     def _by_mac(self, parameters: Parameters, lost: Floats) -> Floats:
         """Return -2 ln p of each mode ``(n, n_modes)`` for ``lost``, 1 - MAC."""
         if self.discrepancy is not None:
-            variance = np.square(parameters[self.discrepancy])[:, None]
+            sd = np.maximum(parameters[self.discrepancy], LEAST_SD)
+            variance = np.square(sd)[:, None]
         else:
             variance = np.square(np.asarray(self.delta))[None]
         directions = len(self.measured) - 1
