@@ -122,7 +122,8 @@ def certify(
     chain = read_chain(idata, rng)
     with open_pool(pool, workers, posterior.one_by_one) as evaluators:
         evaluation = Evaluation.of(posterior, evaluators, on_failure, max_failures)
-        manifest = describe(posterior, moves="certify", solves=solves, seed=seed)
+        settings = {"moves": "certify", "solves": solves, "seed": seed}
+        manifest = describe(posterior, **settings, emulated_draws=chain.draws)
         journal = Journal(evaluation, path, {"manifest": manifest})
         journal.probe(tolerance)
         search = look_elsewhere(chain, journal, min(solves // SHARE, MOST), rng)
@@ -139,7 +140,7 @@ def certify(
     missed = find_missed(chain, search, found.log_posterior, shares)
     unsound, said = _judge_chain(idata)
     short, verdict, also = judge(found, [*bounds, *unsound], missed)
-    findings = (*also, *_find(chain, chosen, search), *said)
+    findings = (*also, *_find(chain, found, search), *said)
     found = replace(found, short=short, verdict=verdict, findings=findings)
     made = with_certificate(idata, posterior, found, rows, chosen.log_posterior)
     return replace(found, idata=made)
@@ -206,10 +207,16 @@ def _judge_chain(idata: Any) -> tuple[list[str], list[str]]:
     ]
 
 
-def _find(chain: EmulatedChain, chosen: ChosenDraws, search: Search) -> tuple[str, ...]:
+def _find(chain: EmulatedChain, found: Certificate, search: Search) -> tuple[str, ...]:
     """Return what else to know, in sentences."""
-    n = len(chosen.theta)
+    n = len(found.theta)
     sentences = []
+    if found.failed_solves:
+        sentences.append(
+            f"{found.failed_solves} of {found.solves} solves failed; the posterior is "
+            "taken for zero there, of which the emulator knows nothing: cut the prior "
+            "to where the model can be solved, and emulate again."
+        )
     if chain.size < 2 * n:
         sentences.append(
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "

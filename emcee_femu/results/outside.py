@@ -46,7 +46,7 @@ def compare_bounds(
     for i, name in enumerate(chain.names):
         for end, sign in ((0, 1.0), (1, -1.0)):
             bound, beyond = chain.bounds[i, end], prior.bounds[i, end]
-            if not sign * (bound - beyond) > NEAR * NEAR * sd[i]:
+            if bound == beyond or not sign * (bound - beyond) > NEAR * NEAR * sd[i]:
                 continue
             share = (sign * (chain.draws[:, i] - bound) < NEAR * sd[i]).mean()
             if share > PRESSED:

@@ -1,4 +1,4 @@
-"""An inferred error of zero, on the bound of its prior, is impossible, not undefined."""
+"""An inferred error of zero, on the bound of a prior, is impossible, not undefined."""
 
 import numpy as np
 import pytest

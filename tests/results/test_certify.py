@@ -25,6 +25,7 @@ from emcee_femu.results.certificate import judge
 from emcee_femu.results.certified_idata import SolvedRun
 from emcee_femu.results.certify import _weigh
 from emcee_femu.results.corrected_moments import correct_moments, curvature_k
+from emcee_femu.results.outside import compare_bounds
 from emcee_femu.results.solved_draws import (
     ChosenDraws,
     EmulatedChain,
@@ -322,6 +323,7 @@ def test_failed_solves_have_no_weight_where_they_are_rejected():
         certify(NEAR, true)
     found = certify(SHIFTED, true, solves=300, on_failure="reject", max_failures=0.5)
     assert found.failed_solves > 5
+    assert f"{found.failed_solves} of {found.solves} solves failed" in str(found)
     assert (found.weights == 0).sum() > 5
     kept = found.idata["posterior"]["x1"].values
     assert np.isfinite(kept).all()
@@ -337,6 +339,16 @@ def test_pools_and_files_give_the_same_certificate(tmp_path):
     assert str(certify(NEAR, backend=path)) == str(alone)  # without solves
     with pytest.raises(ValueError, match="near.certificate"):
         certify(NEAR, backend=path, solves=60)
+    with pytest.raises(ValueError, match="emulated_draws.sha256: was"):  # emulated anew
+        certify(SHIFTED, backend=path)
+
+
+def test_bounds_of_neither_are_no_matter():
+    """A prior without bounds has infinite ones, as its emulator has."""
+    prior = ef.GaussianPrior(["x1", "x2", "x3"], np.zeros(3), 9.0)
+    (chain,) = chains(NEAR, 200, 1)
+    free = dataclasses.replace(chain, bounds=prior.bounds)
+    assert compare_bounds(free, prior, ANY) == []
 
 
 def test_what_is_no_chain_of_this_posterior_is_refused():
