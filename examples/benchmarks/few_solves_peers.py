@@ -15,7 +15,6 @@ import json
 import os
 import time
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,36 +57,26 @@ def run_gpry(problem: Problem, seed: int) -> tuple[Floats, str]:
     from gpry import Runner
 
     (low, high), likely = boxes(problem)
-    names = problem.posterior.names
 
-    def log_density(**values: float) -> float:
-        return float(problem.posterior(np.array([values[n] for n in names]))[0])
+    def log_density(theta: Floats) -> float:
+        return float(problem.posterior(np.ravel(theta))[0])
 
-    log_density = with_arguments(log_density, names)
-    bounds = {n: [float(a), float(b)] for n, a, b in zip(names, low, high, strict=True)}
-    soft = {n: [float(a), float(b)] for n, a, b in zip(names, *likely, strict=True)}
-    runner = Runner(log_density, bounds, ref_bounds=soft, seed=seed, verbose=1)
+    runner = Runner(
+        log_density,
+        np.column_stack([low, high]),
+        np.column_stack(likely),
+        params=list(problem.posterior.names),
+        seed=seed,
+        verbose=1,
+    )
     runner.run()
     runner.generate_mc_sample()
     samples = runner.last_mc_samples(as_pandas=False)
-    theta, weights = np.asarray(samples["X"]), np.asarray(samples["w"])
-    chosen = np.random.default_rng(0).choice(
-        len(theta), DRAWS, p=weights / weights.sum()
-    )
+    theta, weights = np.asarray(samples["X"]), samples["w"]
+    weights = np.ones(len(theta)) if weights is None else np.asarray(weights)
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(theta), DRAWS, p=weights / weights.sum())
     return theta[chosen], f"has_converged={runner.has_converged}"
-
-
-def with_arguments(function: Callable[..., float], names: Any) -> Callable[..., float]:
-    """Return a function whose arguments have these names, which GPry reads."""
-    import inspect
-
-    def call(*values: float, **named: float) -> float:
-        return function(**dict(zip(names, values, strict=False)), **named)
-
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    parameters = [inspect.Parameter(name, kind) for name in names]
-    call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    return call
 
 
 PEERS = {"pyvbmc": run_pyvbmc, "gpry": run_gpry}
