@@ -173,12 +173,12 @@ class FrequencyTerm:
         residuals = self._turn(self._residuals(response))
         with np.errstate(over="ignore"):  # so far off the likelihood is zero
             residuals *= residuals
-        if self.discrepancy is None:
-            residuals *= self.beta
-        else:
-            variances = self._variances(parameters[self.discrepancy])
-            residuals /= variances
-            residuals += np.log(2 * np.pi * variances)
+            if self.discrepancy is None:
+                residuals *= self.beta
+            else:
+                variances = self._variances(parameters[self.discrepancy])
+                residuals /= variances
+                residuals += np.log(2 * np.pi * variances)
         log_likelihood: Floats = np.add.reduce(residuals, axis=1)
         log_likelihood *= -0.5
         log_likelihood += self._log_constant

@@ -4,9 +4,9 @@ import numpy as np
 
 from ..interfaces import Floats
 
-# Standard deviation of an inferred error of zero: impossible, not undefined, since a
-# search may stand on the bound of its prior.
-LEAST_SD = 1e-75
+# An inferred error of zero, where a search may stand on the bound of a prior: its
+# likelihood overflows to zero, and is not undefined.
+LEAST_SD = 1e-160
 
 
 def linearize_normal(

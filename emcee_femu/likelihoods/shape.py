@@ -244,7 +244,8 @@ class ShapeTerm:
         else:
             variance = np.square(np.asarray(self.delta))[None]
         directions = len(self.measured) - 1
-        values: Floats = lost / variance + directions * np.log(2 * np.pi * variance)
+        with np.errstate(over="ignore"):  # so far off the likelihood is zero
+            values: Floats = lost / variance + directions * np.log(2 * np.pi * variance)
         return values
 
     def pointwise(

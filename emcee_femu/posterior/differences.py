@@ -58,7 +58,8 @@ class Stencil(NamedTuple):
         a, b = self.steps[:, None, 0], self.steps[:, None, -1]
         derivatives: Floats = first / a
         if self.steps.shape[1] == 2:
-            derivatives = (first * (b / a) - second * (a / b)) / (b - a)
+            with np.errstate(invalid="ignore"):
+                derivatives = (first * (b / a) - second * (a / b)) / (b - a)
         return derivatives
 
 

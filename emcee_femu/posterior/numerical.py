@@ -87,7 +87,8 @@ def difference(
         parts = slice(width, width + half), slice(width + half, None)
         values = [extended[:, 0, part] for part in parts]
         slopes = [derivatives[:, part] for part in parts]
-        own, score = linearize_normal(values[0], values[1], slopes[0], slopes[1])
+        with np.errstate(all="ignore"):  # of rows that are -inf
+            own, score = linearize_normal(values[0], values[1], slopes[0], slopes[1])
         gradient = gradient + own
         scores.append(score)
     # A solve that failed beside a point leaves it without a gradient.
