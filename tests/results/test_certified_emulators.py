@@ -9,6 +9,7 @@ from emcee_femu.surrogates.emulated import fit_emulated
 PROBLEM = ef.paper.mass_spring().posterior
 PRIOR, MODEL, TERM = PROBLEM.prior, PROBLEM.model, PROBLEM.terms[0]
 UNITS = {"frequency": TERM.measured / np.sqrt(TERM.beta)}
+SEEDS = 5  # 20 take minutes
 (SAMPLER,) = ef.run(PROBLEM, ef.DEMCMove(), 20, 600, seed=1)
 POSTERIOR = SAMPLER.get_chain(discard=300, flat=True)
 
@@ -52,8 +53,8 @@ def half_of_the_box(rng):
 
 def judge(make, seed):
     emulated = make(np.random.default_rng(seed))
-    sampler = ef.run(emulated, ef.DEMCMove(), 20, 2_000, seed=seed)
-    idata = ef.to_inference_data(sampler, emulated, discard=1_000)
+    sampler = ef.run(emulated, "auto", 20, 1_000, seed=seed)
+    idata = ef.to_inference_data(sampler, emulated)
     return ef.certify(idata, PROBLEM, 100, seed=seed)
 
 
@@ -67,6 +68,6 @@ CASES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", CASES, ids=lambda make: make.__name__)
-def test_emulators_get_the_verdict_that_they_deserve_in_twenty_of_twenty(make):
-    verdicts = [judge(make, seed).short for seed in range(20)]
-    assert verdicts == 20 * [CASES[make]]
+def test_emulators_get_the_verdict_that_they_deserve(make):
+    verdicts = [judge(make, seed).short for seed in range(SEEDS)]
+    assert verdicts == SEEDS * [CASES[make]]
