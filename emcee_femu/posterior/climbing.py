@@ -14,6 +14,8 @@ from .laplace import fit_covariance, log_integral
 from .local_shape import Local, Reply, Request, find_scheme, read
 from .quadratic import make_positive
 
+NARROWEST = 1e-10  # of the prior's scale: no posterior of data is as narrow
+
 SAME = 2.0  # standard deviations; two equal Gaussians so near have one top
 
 
@@ -172,7 +174,7 @@ class _Space:
     """Coordinates in standard deviations of the prior."""
 
     def __init__(self, prior: Prior) -> None:
-        self.bounds = prior.bounds
+        self.bounds, self.names = prior.bounds, prior.names
         self.sd = prior_scale(prior)
         self.box = prior.bounds / self.sd[:, None]
 
@@ -194,11 +196,16 @@ class _Space:
         return Reply(found.rows, found.gradient * self.sd, information, cost)
 
     def maximum(self, summit: Summit, solves: int) -> Maximum:
-        """Return the maximum at a summit, with its Laplace approximation."""
+        """Return the maximum at a summit, with its Laplace approximation.
+
+        Raises:
+            ValueError: If the density grows without bound.
+        """
         local = summit.local
         at_bound = (local.point[:, None] == self.box).any(axis=1)
         covariance, log_evidence = np.full((len(self.sd),) * 2, np.nan), -np.inf
         if local.usable:
+            self._check_width(local)
             curvature = make_positive(local.curvature)
             gradient = local.gradient
             covariance = fit_covariance(gradient, curvature, at_bound)
@@ -215,4 +222,15 @@ class _Space:
             converged=summit.converged,
             solves=solves,
             message=summit.message,
+        )
+
+    def _check_width(self, local: Local) -> None:
+        if not np.diagonal(local.curvature).max() > NARROWEST**-2:
+            return
+        where = zip(self.names, self.theta(local.point).tolist(), strict=True)
+        raise ValueError(
+            "posterior: its density seems to grow without bound towards "
+            f"{ {name: float(f'{value:.5g}') for name, value in where} }: does an "
+            "inferred error go to zero where the parameters fit the data exactly? Give "
+            "its prior a lower bound above zero, or the term the errors that are known"
         )

@@ -8,14 +8,16 @@ from scipy.optimize import brentq, lsq_linear
 from ..interfaces import Floats
 
 FLOOR = 0.1  # least curvature: no direction is wider than 3.2 prior sds
+ROUNDED = 1e-14  # of the largest curvature, below which one is rounding
 
 
 def make_positive(curvature: Floats) -> Floats:
     """Return the matrix with its eigenvalues made positive, and none too small."""
     values, vectors = np.linalg.eigh(curvature)
-    if values[0] >= FLOOR:
+    least = max(FLOOR, ROUNDED * values[-1])
+    if values[0] >= least:
         return curvature
-    positive: Floats = (vectors * np.maximum(np.abs(values), FLOOR)) @ vectors.T
+    positive: Floats = (vectors * np.maximum(np.abs(values), least)) @ vectors.T
     return positive
 
 

@@ -315,3 +315,13 @@ def test_what_counts_as_one_maximum():
     # A flat ridge: neighbours link those at its ends.
     ridge = [maximum([x, 0], 0, long) for x in (-6, 6, -3, 3, 0)]
     assert [sorted(group) for group in distinct(ridge)] == [[0, 1, 2, 3, 4]]
+
+
+def test_a_density_without_bound_is_told():
+    """One parameter fits one frequency exactly, and its error goes to zero."""
+    model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+    law = stats.halfnorm(scale=0.01)
+    prior = ef.IndependentPrior({"k": ef.uniform_between(5.0, 12.0), "s": law})
+    term = ef.FrequencyTerm([3.0], discrepancy="s")
+    with pytest.raises(ValueError, match="density seems to grow without bound"):
+        ef.find_map(ef.LogPosterior(model, term, prior), seed=1)
