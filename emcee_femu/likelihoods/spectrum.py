@@ -38,7 +38,7 @@ class SpectrumTerm:
     Raises:
         TypeError: If measured is not Spectra, or name no text.
 
-    Source: Au (2011), doi:10.1061/(ASCE)EM.1943-7889.0000268; Au, Operational Modal
+    Source: Au (2011), doi:10.1061/(ASCE)EM.1943-7889.0000213; Au, Operational Modal
     Analysis (2017), doi:10.1007/978-981-10-4118-1.
 
     Example:

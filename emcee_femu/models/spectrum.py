@@ -184,9 +184,10 @@ class SpectrumModel:
         low, high = measured.lines[[0, -1]].tolist()
         power = measured.psd.sum(axis=1)
         over = (2 * np.pi * measured.lines) ** (2 * KINDS[measured.kind])
-        peak, middle = (power * over).max(), np.median(power)
-        S = tuple(np.log(4 * peak * np.square(WIDEST_DAMPING) * [0.01, 10]).tolist())
-        noise = np.log(middle * 1e-8).item(), np.log(power.max()).item()
+        # A mode alone has pi f S / (4 zeta) of power.
+        whole = (power * over).mean() * (high - low) * 4 / (np.pi * high)
+        S = tuple(np.log(whole * np.multiply(WIDEST_DAMPING, (0.1, 10))).tolist())
+        noise = tuple(np.log([np.median(power) * 1e-8, power.max()]).tolist())
         component = (-LARGEST_COMPONENT, LARGEST_COMPONENT)
         found: dict[str, tuple[float, float]] = {}
         for end, reference in zip(self._ends, self.reference, strict=True):

@@ -61,7 +61,7 @@ def test_a_run_enters_an_update(tmp_path):
     truth = {"f": 1.0, "zeta": 0.02, "ln_S": -4.0, "ln_S_e": -3.0, "phi_s2": 0.5}
     spectra = draw_spectra(RNG, model, truth, lines)
     post = ef.LogPosterior(model, ef.SpectrumTerm(spectra), widely(model))
-    idata = ef.to_inference_data(ef.run(post, nsteps=20, seed=1), post)
+    idata = ef.to_inference_data(ef.run(post, "auto", nsteps=20, seed=1), post)
     found = ef.modes_from_spectra({"first": idata})
     assert found.sensors == ("s1", "s2") and found.n_modes == 1
     term = ef.FrequencyTerm(found)

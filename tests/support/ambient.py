@@ -29,11 +29,8 @@ def simulate(rng, f, zeta, S, shapes, noise, periods, rate=10.0, coherence=0.0):
     zeta, S = np.broadcast_to(zeta, f.shape), np.broadcast_to(S, f.shape)
     for i, (hertz, ratio) in enumerate(zip(f, zeta, strict=True)):
         w = 2 * np.pi * hertz
-        A = np.array([[0.0, 1.0], [-w * w, -2 * ratio * w]])
-        C = A[1:]
-        b, a, _ = signal.cont2discrete(
-            signal.ss2tf(A, np.array([[0.0], [1.0]]), C, np.array([[1.0]])), dt
-        )
+        over_force = [1.0, 0.0, 0.0], [1.0, 2 * ratio * w, w * w]
+        b, a, _ = signal.cont2discrete(over_force, dt)
         p = forces[i] * np.sqrt(S[i] / (2 * dt))
         modes.append(signal.lfilter(b.ravel(), a, p)[before:])
     record = np.transpose(modes) @ shapes.T
