@@ -118,7 +118,7 @@ def emulate(
         raise TypeError(f"posterior: expected a LogPosterior, got {got}")
     problem = EmulationProblem.of(posterior)
     seed = checks.whole_number("seed", seed)
-    design = _check_initial(initial, posterior)
+    design = _check_initial(initial, problem)
     solves = _check_solves(solves, posterior.ndim, design)
     tolerance = checks.real_number("tolerance", tolerance, 0)
     path = check_file(backend, False)
@@ -136,16 +136,22 @@ def emulate(
     return rounds.result()
 
 
-def _check_initial(initial: Any, posterior: LogPosterior) -> Floats | None:
+def _check_initial(initial: Any, problem: EmulationProblem) -> Floats | None:
     """Return a point ``(d,)`` or points ``(n, d)`` inside the bounds, or None."""
     if initial is None:
         return None
-    points = checks.real_array("initial", initial)
+    points, posterior = checks.real_array("initial", initial), problem.posterior
     posterior.check_inside("initial", np.atleast_2d(points))
     if points.ndim == 2 and len(points) < FEWEST:
         raise ValueError(
             f"initial: expected a point (d,), or at least {FEWEST} points (n, d), got "
             f"shape {points.shape}"
+        )
+    same = [i for i in problem.inputs if points.ndim == 2 and not np.ptp(points[:, i])]
+    if same:
+        raise ValueError(
+            "initial: expected points that differ in every parameter of the model, got "
+            f"one value of {[posterior.names[i] for i in same]}"
         )
     return points
 

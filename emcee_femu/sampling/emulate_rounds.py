@@ -56,6 +56,7 @@ class Rounds:
         scale = LogScale.of(prior)
         self.theta = first_points(scale, first, initial)
         self.rows = self._solve(self.theta)
+        self._check_solved()
         self.explorer = Explorer(self.problem, scale)
         settled = 0
         while True:
@@ -101,6 +102,15 @@ class Rounds:
         if failures := self.journal.evaluation.failures:
             failures.check(len(points))  # it begins by itself at a hundred solves
         return rows
+
+    def _check_solved(self) -> None:
+        """Stop if too few solves came through for a fit."""
+        if (number := int(self._solved.sum())) < FEWEST:
+            raise RuntimeError(
+                f"on_failure: only {number} of {len(self.theta)} solves of the first "
+                f"design came through, and {FEWEST} are the least for a fit. Mend the "
+                "model, or narrow the prior to where it can be solved"
+            )
 
     def _unfold(self, rows: Floats) -> Response:
         return self.journal.posterior.unfold(rows)

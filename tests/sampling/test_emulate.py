@@ -99,6 +99,10 @@ def test_the_first_design_lies_where_it_is_asked_for():
     assert (given.model.solved[:4] == points).all()
 
 
+def hopeless(x):
+    raise ArithmeticError("no equilibrium")
+
+
 def test_failed_solves_are_left_out_and_not_asked_again(caplog):
     caplog.set_level(logging.CRITICAL, "emcee_femu")
     posterior = posed(broken)
@@ -113,6 +117,9 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
     assert len(np.unique(solved, axis=0)) == 14
     with pytest.raises(ArithmeticError, match="no equilibrium"):
         ef.emulate(posed(broken), 24, seed=3)
+    never = posed(hopeless)
+    with pytest.raises(RuntimeError, match="only 0 of 6 solves of the first design"):
+        ef.emulate(never, 24, seed=3, on_failure="reject", max_failures=1.0)
     with pytest.raises(RuntimeError, match="on_failure: .* of 6 solves failed"):
         ef.emulate(posed(broken), 24, seed=3, on_failure="reject", max_failures=0.0)
 
@@ -154,6 +161,7 @@ def test_what_cannot_work_is_refused_before_the_first_solve():
         refused(solves=7, match="solves: expected at least 8 for 2 parameters"),
         refused(initial=[9.0, 0.0], match="initial: a = 9"),
         refused(initial=[[0.0, 0.0]], match="initial: .*at least 3 points"),
+        refused(initial=[[0.0, x] for x in range(3)], match="one value of .'a'"),
         refused(tolerance=-1.0, match="tolerance"),
         refused(on_failure="stop", match="on_failure"),
         refused(pool=3, error=TypeError, match="pool"),
