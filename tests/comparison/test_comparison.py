@@ -182,6 +182,7 @@ class OtherStream(ef.DEMCMove):
         return super().propose(model, state)
 
 
+@pytest.mark.slow
 def test_a_far_better_move_wins_and_a_crawling_one_is_not_converged():
     moves = {
         "crawling": ef.MetropolisMove(sd=0.02),

@@ -25,6 +25,7 @@ def test_frf(capsys):
     assert capsys.readouterr().out.count("times faster") == 2
 
 
+@pytest.mark.slow
 def test_hamiltonian():
     found = load("hamiltonian").main(storeys=(20,), solves=4_000, buildings=1)
     assert found[20, "HMC 1/k"] > 5 * found[20, "DE-MC"]

@@ -7,6 +7,7 @@ import pytest
 from support.examples import EXAMPLES, load
 
 
+@pytest.mark.slow
 def test_resume():
     # As a command: what a child process samples must be importable there.
     command = [sys.executable, str(EXAMPLES / "resume.py"), "--generations", "400"]

@@ -133,6 +133,7 @@ def test_a_run_with_a_biased_model_has_the_moments_of_the_full_one():
     assert move.full_solves < 0.7 * move.proposed
 
 
+@pytest.mark.slow
 def test_inside_a_tempered_move_the_cold_walkers_keep_the_posterior():
     cheap = ef.LogPosterior(Lines(shift=0.5), TERM, PRIOR)
     move = TemperedMove(DelayedAcceptanceMove(DEMCMove(), cheap), [1.0, 0.3])

@@ -153,6 +153,7 @@ def test_the_figures_show_each_test_twice_and_the_population(pooled):
     assert along.axes[0].get_xlabel() == "T"
 
 
+@pytest.mark.slow
 def test_tests_out_of_reach_are_named_and_may_be_sampled_again():
     """Of a test with three solutions the draws hold the two wrong ones."""
     rng = np.random.default_rng(2)
