@@ -26,7 +26,6 @@ from .solved_draws import ChosenDraws, EmulatedChain, choose_draws, read_chain
 
 FEWEST_SOLVES = 10
 APART = 1.1  # R-hat of walkers or ensembles that are in different places
-BATCH = 32  # solves that a kill may lose where a pool evaluates them
 
 
 def certify(
@@ -83,8 +82,9 @@ def certify(
         on_failure: What a failed solve does, as in :func:`run`; with "reject" the draw
             has no weight.
         max_failures: Fraction of failed solves above which "reject" stops.
-        backend: Name of a file that keeps all solves, such as "beam.certificate"; None
-            for none. If it is there, the solves in it are not repeated.
+        backend: Name of a file that keeps every solve as it arrives, such as
+            "beam.certificate"; None for none. If it is there, the solves in it are not
+            repeated.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another.
 
@@ -128,9 +128,11 @@ def certify(
         journal.probe(tolerance)
         search = look_elsewhere(chain, journal, min(solves // SHARE, MOST), rng)
         chosen = choose_draws(chain, solves - search.solves, rng)
-        batch = 1 if evaluators is None and posterior.one_by_one else BATCH
-        parts = np.split(chosen.theta, range(batch, len(chosen.theta), batch))
-        rows = np.concatenate([journal.rows(part) for part in parts])
+        if evaluators is None and not posterior.one_by_one:
+            rows = journal.rows(chosen.theta)  # a batch takes little longer than one
+        else:
+            solved = dict(journal.each(chosen.theta))
+            rows = np.array([solved[i] for i in range(len(chosen.theta))])
     log = evaluation.failures
     found = _weigh(
         chain, chosen, rows, journal.solves, 0 if log is None else log.causes.total()

@@ -1,6 +1,7 @@
 """Certificates of emulated posteriors, against Gaussians of which all is known."""
 
 import dataclasses
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -341,6 +342,35 @@ def test_pools_and_files_give_the_same_certificate(tmp_path):
         certify(NEAR, backend=path, solves=60)
     with pytest.raises(ValueError, match="emulated_draws.sha256: was"):  # emulated anew
         certify(SHIFTED, backend=path)
+
+
+class Stopping:
+    """A law that counts, and stops the program at a call."""
+
+    def __init__(self, stop=0):
+        self.calls, self.stop = 0, stop
+
+    def __call__(self, theta):
+        self.calls += 1
+        if self.calls == self.stop:
+            raise KeyboardInterrupt
+        time.sleep(0.002)
+        return TRUE(theta)
+
+
+def test_a_kill_loses_no_solve_of_a_pool(tmp_path):
+    wide = box(-12.0, 12.0, 3)
+    path, laws = tmp_path / "cut.certificate", [Stopping(30), Stopping()]
+    for law in laws:
+        true = free_posterior(law, wide)
+        with ThreadPoolExecutor(2) as pool:
+            if law.stop:
+                with pytest.raises(KeyboardInterrupt):
+                    certify(NEAR, true, solves=40, pool=pool, backend=path)
+            else:
+                certify(NEAR, true, solves=40, pool=pool, backend=path)
+    # One call sees that the model is the same, and a few may have been under way.
+    assert laws[1].calls <= 40 - 30 + 1 + 8
 
 
 def test_bounds_of_neither_are_no_matter():
