@@ -43,7 +43,8 @@ class FRFTerm:
 
     Raises:
         TypeError: If measured is not FRFMeasurements.
-        ValueError: If the error is not known, or sd not above zero or of another shape.
+        ValueError: If the error is not known, sd not above zero or of another shape, or
+            only magnitudes are known, of which ``amplitude`` is to be taken.
 
     Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
     """
@@ -72,6 +73,11 @@ class FRFTerm:
             left_out = label == "discrepancy" and text is None
             if not left_out and (not isinstance(text, str) or not text):
                 raise TypeError(f"{label}: expected a non-empty string, got {text!r}")
+        if not (checks.flag("amplitude", amplitude) or measured.values.imag.any()):
+            raise ValueError(
+                "measured: expected complex values with their phases, got real ones "
+                "alone; of magnitudes take FRFTerm(..., amplitude=True)"
+            )
         shape = measured.values.shape
         spread = measured.sd
         if sd is not None:

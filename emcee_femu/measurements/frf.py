@@ -67,10 +67,16 @@ class FRFMeasurements:
         pairs, numbers = read_channels(channels), read_lines(lines)
         shape = (len(pairs), len(numbers))
         H = np.asarray(checks.complex_array("values", values), dtype=np.complex128)
-        if H.shape != shape or not np.isfinite(H).all() or not H.all():
+        if H.shape != shape:
             raise ValueError(
-                f"values: expected finite numbers other than 0 of shape {shape}, one "
-                f"for each channel and line, got shape {H.shape}"
+                f"values: expected shape {shape}, one for each channel and line, got "
+                f"{H.shape}"
+            )
+        if (wrong := ~np.isfinite(H) | (H == 0)).any():
+            i, j = np.argwhere(wrong)[0].tolist()
+            raise ValueError(
+                f"values: expected finite numbers other than 0, got {H[i, j]:g} of "
+                f"channel {pairs[i]} at {numbers[j]:g} Hz; leave such lines out"
             )
         if (coherence is None) != (averages is None):
             raise ValueError("coherence, averages: expected both or none of them")

@@ -137,7 +137,7 @@ def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
 
 def test_another_kind_or_unit_is_refused_by_name():
     _, truth = simulated(np.random.default_rng(1))
-    values = np.ones((2, 60)) + 0j
+    values = np.ones((2, 60)) + 1j
     other = ef.FRFMeasurements(GRID, values, PAIRS, kind="accelerance")
     with pytest.raises(ValueError, match=r"reads 'accelerance', which the model does"):
         ef.LogPosterior(MODEL, ef.FRFTerm(other, sd=1.0), PRIOR)
@@ -165,3 +165,12 @@ WRONG = {
 def test_mistakes_are_named(message):
     with pytest.raises((TypeError, ValueError), match=message):
         ef.FRFTerm(**({"measured": MEASURED} | WRONG[message]))
+
+
+def test_magnitudes_are_no_complex_values():
+    sizes = ef.FRFMeasurements(LINES, np.abs(VALUES), CHANNELS, kind="receptance")
+    with pytest.raises(ValueError, match="measured: expected complex values"):
+        ef.FRFTerm(sizes, sd=0.1)
+    both = [ef.FRFTerm(own, sd=0.1, amplitude=True) for own in (sizes, MEASURED)]
+    values = [term({}, RESPONSE) for term in both]
+    np.testing.assert_allclose(*values)
