@@ -29,7 +29,7 @@ class Rounds:
         problem: What is emulated.
         journal: Solves in full.
         most: Full solves that may be spent.
-            bar: Shows the progress.
+        bar: Shows the progress.
         theta: Points ``(N, d)``.
         rows: What they gave ``(N, columns)``; -inf and NaN where a solve failed.
         explorer: Draws from emulated posteriors.
