@@ -489,6 +489,8 @@ def test_no_public_name_and_no_argument_is_left_out():
     ("name", "argument"), [(k, a) for k, (_, given) in CASES.items() for a in given]
 )
 def test_mistakes_are_refused_by_the_name_of_the_argument(name, argument):
+    if name.endswith("from_uff"):
+        pytest.importorskip("pyuff", reason='pip install "emcee_femu[uff]"')
     call, given = CASES[name]
     valid = {key: value for key, (value, _) in given.items()}
 

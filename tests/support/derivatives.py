@@ -55,7 +55,7 @@ def assert_jacobian(model, parameters, step=1e-3, tolerance=1e-6, alike=False):
 
 
 def assert_jacobian_batch_is_a_loop(model, parameters):
-    """A batch and a loop give the same bits."""
+    """A batch and a loop differ by rounding, as einsum of NumPy 2.0 does."""
     response, derivatives = model.jacobian(parameters)
     for i in range(len(response.frequency)):
         one = {name: value[i : i + 1] for name, value in parameters.items()}
@@ -64,4 +64,7 @@ def assert_jacobian_batch_is_a_loop(model, parameters):
         for variable, by_name in derivatives.items():
             for name, derivative in by_name.items():
                 alone = own_derivatives[variable][name][0]
-                assert np.array_equal(alone, derivative[i]), (variable, name)
+                scale = np.abs(derivative[i]).max()
+                np.testing.assert_allclose(
+                    alone, derivative[i], 1e-13, 1e-13 * (1 + scale), err_msg=name
+                )
