@@ -164,22 +164,25 @@ class FRFModel:
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return FRFs ``(n, channels, lines, 2)``, frequencies and damping ratios."""
-        return self._superpose(parameters, self.model(parameters))
-
-    def _superpose(self, parameters: Parameters, modes: Any) -> dict[str, Floats]:
-        f, left, right = self._read(modes)
-        zeta = self.damping(parameters, f)
-        rest = None
+        f, left, right = self._read(self.model(parameters))
+        zeta, static = self.damping(parameters, f), None
         if self._static is not None:
-            rest = self._static_part(self._static[0](parameters)["displacement"])
+            static = self._static_part(self._static[0](parameters)["displacement"])
         H = np.empty((len(f), len(self.channels), len(self.lines), 2))
         for part in self._parts(len(f)):
             residues = left[part] * right[part]
-            own = residues @ (1 / self._denominators(f[part], zeta[part]))
-            if rest is not None:
-                own += find_residual(rest[part], residues, f[part])[:, :, None]
-            H[part] = self._split(own)
+            inverse = 1 / self._denominators(f[part], zeta[part])
+            H[part] = self._superpose(residues, inverse, f, static, part)
         return {"frequency": f, "damping_ratio": zeta, self.kind: H}
+
+    def _superpose(
+        self, residues: Floats, inverse: Any, f: Floats, static: Any, part: slice
+    ) -> Floats:
+        """Return FRFs of some walkers, ``(n, channels, lines, 2)``."""
+        H = residues @ inverse
+        if static is not None:
+            H += find_residual(static[part], residues, f[part])[:, :, None]
+        return self._split(H)
 
     def _differentiate(
         self, parameters: Parameters
@@ -188,42 +191,45 @@ class FRFModel:
         modes, by_model = self.model.jacobian(parameters)
         f, left, right = self._read(modes)
         zeta = self.damping(parameters, f)
-        response = self._superpose(parameters, modes)
-        names = [*dict.fromkeys([*(n for of in by_model.values() for n in of)])]
-        found: Derivatives = {key: {} for key in self.variables}
-        statics: Mapping[str, Floats] = {}
+        static, moved = None, {}
         if self._static is not None:
-            statics = self._static[0].jacobian(parameters)[1]["displacement"]
-        W = 2 * np.pi * self.lines
-        for name in dict.fromkeys([*names, *self.damping.names]):
-            df = by_model["frequency"].get(name, np.zeros_like(f))
-            shapes = by_model["shapes"].get(name)
-            d_residues = np.zeros_like(left)
-            if shapes is not None:
-                turned = [shapes[:, rows] for rows in self._rows]
-                d_residues = turned[0] * right + left * turned[1]
-            d_zeta = self.damping.slope(parameters, name, f, df)
-            w, dw = 2 * np.pi * f, 2 * np.pi * df
-            dH = np.empty_like(response[self.kind])
-            for part in self._parts(len(f)):
-                inverse = 1 / self._denominators(f[part], zeta[part])
-                residues = left[part] * right[part]
+            solved, slopes = self._static[0].jacobian(parameters)
+            static = self._static_part(solved["displacement"])
+            for name, slope in slopes["displacement"].items():
+                moved[name] = self._static_part(slope)
+        of_model = (name for by_name in by_model.values() for name in by_name)
+        names = dict.fromkeys([*of_model, *self.damping.names])
+        df, d_zeta, d_residues = {}, {}, {}
+        for name in names:
+            df[name] = by_model["frequency"].get(name, np.zeros_like(f))
+            d_zeta[name] = self.damping.slope(parameters, name, f, df[name])
+            d_residues[name] = np.zeros_like(left)
+            if (shapes := by_model["shapes"].get(name)) is not None:
+                ends = [shapes[:, rows] for rows in self._rows]
+                d_residues[name] = ends[0] * right + left * ends[1]
+        size = len(f), len(self.channels), len(self.lines), 2
+        H, dH = np.empty(size), {name: np.empty(size) for name in names}
+        w, W = 2 * np.pi * f, 2 * np.pi * self.lines
+        for part in self._parts(len(f)):
+            residues = left[part] * right[part]
+            inverse = 1 / self._denominators(f[part], zeta[part])
+            H[part] = self._superpose(residues, inverse, f, static, part)
+            square = inverse * inverse
+            for name in names:
+                dw = 2 * np.pi * df[name]
                 stiff = residues * (2 * w * dw)[part, None]
-                lossy = residues * (2j * (d_zeta * w + zeta * dw))[part, None]
-                own = d_residues[part] @ inverse
-                inverse *= inverse
-                own -= stiff @ inverse + (lossy @ inverse) * W
-                if self._static is not None:
-                    rest = d_residues[part] - 2 * residues * (dw / w)[part, None]
-                    static = statics.get(name)
-                    moved = 0.0 if static is None else self._static_part(static[part])
+                lossy = residues * (2j * (d_zeta[name] * w + zeta * dw))[part, None]
+                own = d_residues[name][part] @ inverse
+                own -= stiff @ square + (lossy @ square) * W
+                if static is not None:
+                    rest = d_residues[name][part] - 2 * residues * (dw / w)[part, None]
                     less = (rest / w[part, None] ** 2).sum(axis=2)
-                    own += (moved - less)[:, :, None]
-                dH[part] = self._split(own)
-            found["frequency"][name] = df
-            found["damping_ratio"][name] = d_zeta
-            found[self.kind][name] = dH
-        return response, found
+                    if name in moved:
+                        less = less - moved[name][part]
+                    own -= less[:, :, None]
+                dH[name][part] = self._split(own)
+        response = {"frequency": f, "damping_ratio": zeta, self.kind: H}
+        return response, {"frequency": df, "damping_ratio": d_zeta, self.kind: dH}
 
     def _read(self, modes: Any) -> tuple[Floats, Floats, Floats]:
         """Return frequencies, and shapes of both ends ``(n, channels, modes)``."""

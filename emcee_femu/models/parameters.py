@@ -26,6 +26,33 @@ def read_batch(
     return values, n
 
 
+def read_inside(
+    parameters: Parameters, bounds: Mapping[str, tuple[float, float]], verb: str
+) -> tuple[Parameters, int]:
+    """Return values and n for a model that holds within bounds.
+
+    Args:
+        parameters: ``{name: (n,)}``.
+        bounds: ``{name: (low, high)}`` of all that it needs.
+        verb: What made the model: "reduce" or "emulate".
+
+    Raises:
+        ValueError: If a parameter is missing or outside its bounds.
+    """
+    values, n = read_batch(parameters, tuple(bounds))
+    for name, (low, high) in bounds.items():
+        value = values[name]
+        outside = ~((value >= low) & (value <= high))
+        if outside.any():
+            row = int(np.argmax(outside))
+            raise ValueError(
+                f"parameters: {name} = {value[row]:.10g} of row {row} is outside the "
+                f"bounds [{low:g}, {high:g}] of the {verb.removesuffix('e')}ed model; "
+                f"{verb} over wider bounds, or give its prior these bounds"
+            )
+    return values, n
+
+
 def columns(values: Parameters, names: Iterable[str], n: int) -> Floats:
     """Return the values of ``names`` side by side, ``(n, n_names)``."""
     rows = [values[name] for name in names]

@@ -16,7 +16,7 @@ from ..interfaces import (
     modal_variables,
     read,
 )
-from ..models.parameters import columns, read_batch
+from ..models.parameters import columns, read_inside
 from ..table import Table
 from .gaussian_process import Processes, fit_processes
 from .outputs import Outputs, choose_outputs
@@ -156,17 +156,7 @@ class EmulatedModel:
         return self.coordinates(self._theta(parameters))
 
     def _theta(self, parameters: Parameters) -> Floats:
-        values, n = read_batch(parameters, self.names)
-        for name, (low, high) in self.bounds.items():
-            value = values[name]
-            outside = ~((value >= low) & (value <= high))
-            if outside.any():
-                row = int(np.argmax(outside))
-                raise ValueError(
-                    f"parameters: {name} = {value[row]:.10g} of row {row} is outside "
-                    f"the bounds [{low:g}, {high:g}] of the emulated model; emulate "
-                    "over wider bounds, or give its prior these bounds"
-                )
+        values, n = read_inside(parameters, self.bounds, "emulate")
         return columns(values, self.names, n)
 
     def _respond(self, found: dict[str, Floats]) -> Any:

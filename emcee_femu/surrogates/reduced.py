@@ -5,12 +5,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
 from ..models.eigen.dense import Eigenproblem
 from ..models.eigen.sensitivity import Derivatives, unit_slopes
-from ..models.parameters import columns, describe, read_batch
+from ..models.parameters import columns, describe, read_inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,16 +105,6 @@ class ReducedModel:
         self, parameters: Parameters
     ) -> tuple[Floats, Floats, Callable[[int], str]]:
         """Return the coefficients of K and M, and what names a parameter set."""
-        values, n = read_batch(parameters, self.names)
-        for name, (low, high) in self.bounds.items():
-            value = values[name]
-            outside = ~((value >= low) & (value <= high))
-            if outside.any():
-                row = int(np.argmax(outside))
-                raise ValueError(
-                    f"parameters: {name} = {value[row]:.10g} of row {row} is outside "
-                    f"the bounds [{low:g}, {high:g}] of the reduced model; reduce over "
-                    "wider bounds, or give its prior these bounds"
-                )
+        values, n = read_inside(parameters, self.bounds, "reduce")
         k, m = (columns(values, names, n) for names in self._columns)
         return k, m, partial(describe, values, self.names)
