@@ -10,7 +10,8 @@ from support.examples import EXAMPLES, TESTS, load
 
 import emcee_femu as ef
 
-PAGES = sorted(EXAMPLES.rglob("*.py"))
+SECTIONS = {"start", "tutorials", "how_to", "explanation"}  # of the site: tests/docs
+PAGES = sorted(p for p in EXAMPLES.rglob("*.py") if p.parent.name not in SECTIONS)
 
 
 def test_every_example_is_a_page_with_a_command_and_has_a_test():

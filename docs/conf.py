@@ -1,0 +1,107 @@
+"""The documentation site: ``python -m sphinx -W docs docs/_build/html``.
+
+Pages with code are the percent scripts of ``examples/``: they are copied here and
+executed, and their outputs are kept until the package changes.
+"""
+
+import hashlib
+import shutil
+from importlib.metadata import version as version_of
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+SECTIONS = ["start", "tutorials", "how_to", "explanation"]
+
+project = "emcee_femu"
+author = "The emcee_femu developers"
+project_copyright = author
+release = version = version_of("emcee-femu")
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
+templates_path = ["_templates"]
+exclude_patterns = ["_build", "_templates", "conf.py"]
+nitpicky = True  # a name that is nowhere documented is a warning, and an error under -W
+nitpick_ignore_regex = [
+    # Names of other packages: their sites cannot be asked while this one is built.
+    ("py:.*", r"(numpy|np|scipy|emcee|matplotlib|arviz|pandas|xarray|collections)\..*"),
+    ("py:class", ".* .*"),  # napoleon reads the sentence of a property as its type
+]
+
+# Notebooks
+# The old pages, each until it is a page of a section
+exclude_patterns += [
+    *("black-box.md", "clusters.md", "crossing-modes.md", "fe-programs.md"),
+    *("few-solves.md", "first-look.md", "frf.md", "joint.md", "large-models.md"),
+    *("long-runs.md", "many-tests.md", "matrices.md", "model-classes.md", "moves.md"),
+    *("paper.md", "spectra.md", "trust.md"),
+]
+# .rst comes first: autosummary writes its pages so
+source_suffix = {".rst": "restructuredtext", ".md": "myst-nb", ".py": "myst-nb"}
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+nb_execution_mode = "cache"
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True  # pages write files
+nb_execution_timeout = 240
+nb_merge_streams = True
+myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+
+# The reference
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings say what arguments are
+autosummary_generate = True
+add_module_names = False
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_rtype = False
+napoleon_use_ivar = True  # attributes are listed once, by their class
+
+# Looks
+html_theme = "sphinx_book_theme"
+html_title = f"emcee_femu {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_copyright = False
+html_context = {"default_mode": "auto"}
+html_theme_options = {
+    "repository_url": "https://github.com/emcee-femu/emcee_femu",
+    "use_repository_button": True,
+    "use_issues_button": True,
+    "use_download_button": True,
+    "home_page_in_toc": True,
+    "show_toc_level": 2,
+}
+
+
+def package_hash() -> str:
+    """Name the state of the package: outputs of another state are stale."""
+    files = sorted((ROOT / "emcee_femu").rglob("*.py"))
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()[:12]
+
+
+def copy_pages() -> None:
+    """Bring the scripts of ``examples`` here, and remove those that are gone."""
+    for section in SECTIONS:
+        sources = {f.name: f for f in (ROOT / "examples" / section).glob("*.py")}
+        for old in (HERE / section).glob("*.py"):
+            if old.name not in sources:
+                old.unlink()
+        for name, source in sources.items():
+            page = HERE / section / name
+            if not page.exists() or page.read_bytes() != source.read_bytes():
+                page.parent.mkdir(exist_ok=True)
+                shutil.copyfile(source, page)
+
+
+nb_execution_cache_path = str(HERE / "_build" / "cache" / package_hash())
+copy_pages()

@@ -1,0 +1,55 @@
+"""The site's pages have the form that the site promises; its build executes them."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+import emcee_femu as ef
+
+ROOT = Path(__file__).parents[2]
+DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples"
+SECTIONS = ("start", "tutorials", "how_to", "explanation")
+SCRIPTS = [p for name in SECTIONS for p in sorted((EXAMPLES / name).glob("*.py"))]
+TEXTS = sorted(p for p in DOCS.rglob("*.md") if "_build" not in p.parts)
+
+
+@pytest.mark.parametrize("page", SCRIPTS, ids=lambda p: f"{p.parent.name}-{p.stem}")
+def test_a_page_of_code_is_a_script_with_its_command_and_its_checks(page):
+    text = page.read_text(encoding="utf-8")
+    ast.parse(text)
+    assert text.startswith("# %% [markdown]\n# # ")
+    command = f"python {page.relative_to(ROOT).as_posix()}"
+    assert command in re.sub(r"\n# ", " ", text)
+    checks = text.rpartition("\n# %%")[2]
+    assert 'tags=["remove-cell"]' in checks.partition("\n")[0]
+    assert "assert" in checks, "the last cell checks what the page says"
+    plots = re.findall(r"^# %%(.*)\n(?:(?!# %%).*\n)*?(?:\w+ = )?ef\.plot_", text, re.M)
+    for options in plots:
+        assert '"alt": "' in options or "remove-" in options, (
+            "a figure without its text"
+        )
+
+
+@pytest.mark.parametrize("page", SCRIPTS + TEXTS, ids=lambda p: p.stem)
+def test_each_page_of_a_section_is_in_a_table_of_contents(page):
+    section = page.parent
+    if page.stem == "index" or section == DOCS:
+        return
+    index = DOCS / section.name / "index.md"
+    entries = index.read_text(encoding="utf-8").splitlines()
+    assert page.stem in [line.strip() for line in entries]
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda p: p.stem)
+def test_a_page_of_text_shows_no_python_that_is_not_executed(page):
+    if page.parent != DOCS:  # the old ones are executed by test_readme.py
+        assert "```python" not in page.read_text(encoding="utf-8")
+
+
+def test_the_reference_has_every_public_name():
+    text = (DOCS / "reference" / "index.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^   ([\w.]+)$", text, re.M)
+    public = {n for n, value in vars(ef).items() if n[0] != "_" and callable(value)}
+    assert public <= set(listed) and len(listed) == len(set(listed))
