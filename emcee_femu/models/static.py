@@ -130,7 +130,10 @@ class StaticModel:
 
     def _batch(self, k: Floats, u: Floats, slopes: Floats) -> None:
         """Fill in displacements and derivatives of all parameter sets at once."""
-        K = self._sum[0] + np.tensordot(k, self._sum[1:], axes=1)
+        # Term by term, not as a matrix product, so that rows round alike.
+        K = np.broadcast_to(self._sum[0], (len(k), *self._sum[0].shape)).copy()
+        for values, unit in zip(k.T, self._sum[1:], strict=True):
+            K += values[:, None, None] * unit
         try:
             np.linalg.cholesky(K)
         except np.linalg.LinAlgError:
