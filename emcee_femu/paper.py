@@ -9,6 +9,7 @@ the first problem are not printed either; they follow from the printed c.o.v.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from .models.frame.section import Section
 from .models.mass_spring import MassSpringModel
 from .posterior.log_posterior import LogPosterior
 from .posterior.priors import GaussianPrior
+from .table import Parts, Report, Table
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Published:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Report):
     """An updating problem of the paper.
 
     Attributes:
@@ -58,6 +60,19 @@ class Problem:
     target: Mapping[str, float] | None
     published: Published
     units: Mapping[str, str]
+
+    def _parts(self) -> Parts:
+        names = [*self.initial]
+        columns: list[tuple[str, str, Any]] = [
+            ("parameter", "", names),
+            ("unit", "", [self.units.get(name, "") for name in names]),
+        ]
+        for title in ("initial", "nominal", "target"):
+            values = getattr(self, title)
+            if values is not None:
+                columns.append((title, ".5g", [values[name] for name in names]))
+        yield Table.from_columns("Updating problem of the paper", columns)
+        yield f"Measured, in Hz: {', '.join(f'{f:g}' for f in self.measured)}"
 
 
 def mass_spring(beta: float = 6.8e5) -> Problem:

@@ -1,17 +1,19 @@
-"""The one table of this package: text, pandas, HTML, Markdown, CSV and LaTeX."""
+"""The one table of this package, and reports: text, HTML, pandas, Markdown, LaTeX."""
 
 import csv
 import html
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
 from . import checks
 
+LEFT = 'style="text-align: left"'
+CAPTION = 'style="text-align: left; caption-side: top"'
 LATEX = str.maketrans(
     {character: f"\\{character}" for character in "&%$#_{}"}
     | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
@@ -67,15 +69,17 @@ class Table:
         return pandas.DataFrame(list(self.rows), columns=list(self.columns))
 
     def _repr_html_(self) -> str:
-        """Return the table as notebooks show it."""
-        lines = self._join("</td><td>", html.escape)
-        header, *rows = (f"<tr><td>{line}</td></tr>" for line in lines)
+        """Return the table as notebooks show it, in the colours of their theme."""
+        _, *rows = self._join("</td><td>", html.escape)
+        titles = "</th><th>".join(map(html.escape, self.columns))
         return "\n".join(
             [
-                f"<table><caption>{html.escape(self.title)}</caption>",
-                header.replace("td>", "th>"),
-                *rows,
-                "</table>",
+                '<table class="dataframe" style="text-align: right">',
+                f"<caption {CAPTION}>{html.escape(self.title)}</caption>",
+                f"<thead><tr><th {LEFT}>{titles}</th></tr></thead>",
+                "<tbody>",
+                *(f"<tr><td {LEFT}>{row}</td></tr>" for row in rows),
+                "</tbody></table>",
             ]
         )
 
@@ -126,9 +130,27 @@ def _missing(cell: Any) -> bool:
     return isinstance(cell, float) and np.isnan(cell)
 
 
-def as_html(*parts: Table | str) -> str:
-    """Return tables and sentences, one below the other, as notebooks show it."""
-    return "\n".join(
-        part._repr_html_() if isinstance(part, Table) else f"<p>{html.escape(part)}</p>"
-        for part in parts
-    )
+Parts: TypeAlias = Iterable[Table | str]
+
+
+class Report:
+    """What prints itself: tables and sentences, as text and as notebooks show them."""
+
+    def _parts(self) -> Parts:
+        """Return tables and sentences, in the order in which they are shown."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        """Return the tables and the sentences, one below the other."""
+        return "\n".join(map(str, self._parts()))
+
+    def _repr_html_(self) -> str:
+        """Return the same as notebooks show it."""
+        return "\n".join(
+            part._repr_html_() if isinstance(part, Table) else _paragraphs(part)
+            for part in self._parts()
+        )
+
+
+def _paragraphs(text: str) -> str:
+    return "\n".join(f"<p>{html.escape(line)}</p>" for line in text.splitlines())

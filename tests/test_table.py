@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from emcee_femu.table import Table, as_html
+from emcee_femu.table import Report, Table
 
 MIXED = Table.from_columns(
     "Of all <kinds> & more",
@@ -59,18 +59,30 @@ def test_markdown_has_the_same_cells(table):
 @tables
 def test_html_is_escaped_and_has_the_same_cells(table):
     text = table._repr_html_()
-    assert re.findall("<caption>(.*)</caption>", text) == [html.escape(table.title)]
+    caption = re.findall("<caption.*>(.*)</caption>", text)
+    assert caption == [html.escape(table.title)]
     rows = [
-        [html.unescape(cell) for cell in re.findall("<t[hd]>(.*?)</t[hd]>", line)]
+        [
+            html.unescape(cell)
+            for cell in re.findall("<t[hd](?: .*?)?>(.*?)</t[hd]>", line)
+        ]
         for line in text.splitlines()
         if "<tr>" in line
     ]
     assert rows == [list(table.columns), *shown(table)]
     assert "<E>" not in text and "<kinds>" not in text
+    assert text.count("<thead><tr><th ") == text.count("<th ") == 1
+    assert text.count("<td ") == len(rows) - 1  # the first column, to the left
+    assert "color" not in text and "background" not in text  # dark themes
 
 
 def test_html_of_a_report_has_tables_and_escaped_sentences():
-    assert as_html(WIDE, "a < b") == f"{WIDE._repr_html_()}\n<p>a &lt; b</p>"
+    class Found(Report):
+        def _parts(self):
+            return WIDE, "a < b\nc"
+
+    assert str(Found()) == f"{WIDE}\na < b\nc"
+    assert Found()._repr_html_() == f"{WIDE._repr_html_()}\n<p>a &lt; b</p>\n<p>c</p>"
 
 
 def test_latex_is_escaped_and_has_a_column_for_each_title():

@@ -9,14 +9,14 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from ..results.evidence import Evidence, log_evidence
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 
 LEAD = 2.0  # combined standard errors by which a class must be ahead
 WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
 
 
 @dataclass(frozen=True, eq=False)
-class ModelComparison:
+class ModelComparison(Report):
     """What :func:`compare_models` found; ``print`` it for the table and the conclusion.
 
     Attributes:
@@ -36,13 +36,8 @@ class ModelComparison:
     winner: str | None
     conclusion: str
 
-    def __str__(self) -> str:
-        """Return the table and the conclusion."""
-        return f"{self.table}\n{self.conclusion}"
-
-    def _repr_html_(self) -> str:
-        """Return the table and the conclusion as notebooks show them."""
-        return as_html(self.table, *self.conclusion.splitlines())
+    def _parts(self) -> Parts:
+        return self.table, self.conclusion
 
 
 def compare_models(

@@ -23,12 +23,12 @@ from ..sampling.arguments import (
     list_moves,
 )
 from ..sampling.run import run
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 from .ranking import Entry, conclusion, known_moments, table
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(Report):
     """What :func:`compare_moves` found; ``print`` it for the table and the conclusion.
 
     The table is that of :func:`comparison.ranking.table`.
@@ -52,13 +52,8 @@ class Comparison:
     conclusion: str
     posterior: LogPosterior = field(repr=False)
 
-    def __str__(self) -> str:
-        """Return the table and the conclusion."""
-        return f"{self.table}\n{self.conclusion}"
-
-    def _repr_html_(self) -> str:
-        """Return the table and the conclusion as notebooks show them."""
-        return as_html(self.table, *self.conclusion.splitlines())
+    def _parts(self) -> Parts:
+        return self.table, self.conclusion
 
 
 def compare_moves(

@@ -9,6 +9,7 @@ from ..results.diagnostics import CONVERGED
 from ..results.frequencies import running_tae
 from ..results.measured import measured_frequencies
 from .colours import GREY
+from .shown import show_once
 from .total_average_error import scale_error_axes
 
 LABEL_WIDTH = 32  # characters per line
@@ -57,7 +58,7 @@ def plot_comparison(comparison: Comparison) -> Any:
         _draw_curves(panels[0, 1], comparison, curves, colors)
     headline = comparison.conclusion.splitlines()[0]
     figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
-    return figure
+    return show_once(figure)
 
 
 def _draw_bars(axes: Any, comparison: Comparison, colors: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from .draws import changing_draws, say_certified
+from .shown import show_once
 
 
 def plot_correlation(idata: Any, *, var_names: Sequence[str] | None = None) -> Any:
@@ -37,4 +38,4 @@ def plot_correlation(idata: Any, *, var_names: Sequence[str] | None = None) -> A
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
     say_certified(figure, idata)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
-    return figure
+    return show_once(figure)

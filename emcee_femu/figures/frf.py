@@ -11,6 +11,7 @@ from ..results.frequencies import check_sampled
 from ..results.line_information import find_frf, inform_lines
 from ..results.tables import INTERVAL
 from .colours import BLUE, RED
+from .shown import show_once
 
 DRAWN = 200  # draws that are solved anew
 
@@ -76,7 +77,7 @@ def plot_frf(
     handles, labels = panels[0, 0].get_legend_handles_labels()
     where = {"loc": "outside lower center", "ncols": 2, "frameon": False}
     figure.legend(handles, labels, **where)
-    return figure
+    return show_once(figure)
 
 
 def _draw_channel(axes: Any, lines: Floats, measured: Floats, H: Floats) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..comparison.classes import LEAD, ModelComparison
 from .colours import BLUE, GREY, RED
+from .shown import show_once
 
 LABEL_WIDTH = 28  # characters per line
 LEAST = 0.001  # probability that is written as a number
@@ -88,4 +89,4 @@ def plot_model_comparison(comparison: ModelComparison) -> Any:
         axes.spines[["top", "right"]].set_visible(False)
     headline = comparison.conclusion.splitlines()[0]
     figure.suptitle(textwrap.fill(headline, 90), fontsize=11)
-    return figure
+    return show_once(figure)

@@ -7,6 +7,7 @@ import numpy as np
 from ..interfaces import Floats
 from ..population.pooled import PooledTests
 from .colours import BLUE, GREY, RED
+from .shown import show_once
 
 LEVELS = (0.025, 0.5, 0.975)
 MOST_LABELS = 25  # of tests beside a panel
@@ -75,7 +76,7 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> Any:
     handles, labels = panels.flat[0].get_legend_handles_labels()
     where = {"loc": "outside lower center", "ncols": 2, "frameon": False}
     figure.legend(handles, labels, **where)
-    return figure
+    return show_once(figure)
 
 
 def _draw_rows(axes: Any, pooled: PooledTests, i: int) -> None:

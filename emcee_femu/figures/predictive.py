@@ -12,6 +12,7 @@ from ..results.measured import Measured, at_places, measured_variables
 from ..results.predictive import measurement_sd
 from .deviations import Compared, draw_deviations, draw_mac
 from .draws import say_certified
+from .shown import show_once
 
 MOST_LABELS = 24  # below a panel
 
@@ -73,7 +74,7 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
     say_certified(figure, idata)
     where = {"loc": "outside lower center", "ncols": 2, "frameon": False}
     figure.legend(handles.values(), handles.keys(), **where)
-    return figure
+    return show_once(figure)
 
 
 def _compare(idata: Any, found: Measured, posterior: LogPosterior | None) -> Compared:

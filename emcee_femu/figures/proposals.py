@@ -7,6 +7,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from .colours import BLUE, GREY, RED
+from .shown import show_once
 
 
 def plot_proposals() -> Any:
@@ -47,7 +48,7 @@ def plot_proposals() -> Any:
     _point(panels[1], current, r"$\theta_i$", below=True)
     _point(panels[1], proposed, r"$\theta^*$", RED)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
-    return figure
+    return show_once(figure)
 
 
 def _arrow(axes: Any, start: Floats, end: Floats, color: str) -> None:

@@ -12,6 +12,7 @@ from ..results.arviz_objects import dataset
 from .colours import BLUE, GREY, RED
 from .draws import changing_draws, say_certified
 from .ellipses import covariance_ellipse
+from .shown import show_once
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
 
@@ -75,7 +76,7 @@ def plot_scatter(
     _draw_ellipses(figure, draws / scale, probability)
     say_certified(figure, idata)
     _add_legend(figure, probability, bool(np.isfinite(marks).any()))
-    return figure
+    return show_once(figure)
 
 
 def _draw_ellipses(figure: Any, draws: Floats, probability: float) -> None:

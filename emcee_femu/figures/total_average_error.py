@@ -8,6 +8,7 @@ from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.frequencies import running_tae
 from .draws import say_certified
+from .shown import show_once
 
 
 def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None) -> Any:
@@ -45,7 +46,7 @@ def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None)
     axes.legend(frameon=False)
     for item in given.values():
         say_certified(figure, item)
-    return figure
+    return show_once(figure)
 
 
 def scale_error_axes(axes: Any, errors: list[Floats]) -> None:

@@ -10,12 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
+from ..table import Parts, Report, Table
 from .frf_files import read_uff58
 from .frf_kinds import Channel, read_channels, read_kind, read_lines
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class FRFMeasurements:
+class FRFMeasurements(Report):
     r"""Frequency response functions of several channels at the same lines.
 
     .. math:: s_{cl} = |H_{cl}| \sqrt{\frac{1 - \gamma_{cl}^2}{2 n_d \gamma_{cl}^2}}
@@ -122,6 +123,23 @@ class FRFMeasurements:
             ValueError: If there are no FRFs, or they differ in lines or kind.
         """
         return cls(**read_uff58(path, averages))
+
+    def _parts(self) -> Parts:
+        size = np.abs(self.values)
+        columns: list[tuple[str, str, Any]] = [
+            ("response", "", [str(channel.response) for channel in self.channels]),
+            ("excitation", "", [str(channel.excitation) for channel in self.channels]),
+            ("largest", ".3g", size.max(axis=1)),
+            ("at Hz", ".4g", self.lines[size.argmax(axis=1)]),
+        ]
+        if self.coherence is not None:
+            columns.append(("coherence", ".3f", np.median(self.coherence, axis=1)))
+        yield Table.from_columns(
+            f"{self.kind.capitalize()} at {len(self.lines)} lines, "
+            f"{self.lines[0]:.4g} to {self.lines[-1]:.4g} Hz"
+            + ("" if self.averages is None else f", {self.averages} averages"),
+            columns,
+        )
 
     @property
     def sd(self) -> Floats | None:

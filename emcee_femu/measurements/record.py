@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from ..table import Table
+from ..table import Parts, Report, Table
 from . import csv_files, identification, modes, repeats
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Measurements:
+class Measurements(Report):
     r"""Measured modes, in ascending order of frequency.
 
     Complex shapes are turned real: each is rotated to the phase at which its real part
@@ -271,13 +271,8 @@ class Measurements:
         """The number of sensors, 0 where there are no shapes."""
         return len(self.sensors)
 
-    def __str__(self) -> str:
-        """Return a small table with one line per mode."""
-        return str(self._table())
-
-    def _repr_html_(self) -> str:
-        """Return the same table as notebooks show it."""
-        return self._table()._repr_html_()
+    def _parts(self) -> Parts:
+        return (self._table(),)
 
     def to_frame(self) -> Any:
         """Return the same table as a ``pandas.DataFrame``, with all digits."""

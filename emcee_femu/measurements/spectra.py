@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
+from ..table import Parts, Report, Table
 from .frf_kinds import read_lines
 from .modes import labels
 
@@ -16,7 +17,7 @@ KINDS = {"acceleration": 0, "velocity": 1, "displacement": 2}  # over i omega, p
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Spectra:
+class Spectra(Report):
     r"""Spectral matrices of a record in a band, raw or averaged over segments.
 
     .. math:: D_k = \frac1{n_d} \sum_s F_{sk} F_{sk}^H, \qquad F_{sk} =
@@ -149,6 +150,17 @@ class Spectra:
         F = np.fft.rfft(segments, axis=1)[:, kept] * np.sqrt(2 / (number * N))
         D = np.einsum("ski,skj->kij", F, F.conj()) / averages
         return cls(lines[kept], D, averages=averages, sensors=sensors, kind=kind)
+
+    def _parts(self) -> Parts:
+        yield Table.from_columns(
+            f"Spectra of {self.kind}: {len(self.lines)} lines, {self.lines[0]:.4g} to "
+            f"{self.lines[-1]:.4g} Hz, averages: {self.averages}",
+            [
+                ("sensor", "", list(self.sensors)),
+                ("largest psd", ".3g", self.psd.max(axis=0)),
+                ("at Hz", ".4g", self.lines[self.psd.argmax(axis=0)]),
+            ],
+        )
 
     @property
     def psd(self) -> Floats:

@@ -93,6 +93,10 @@ class DelayedAcceptanceMove(ProposingMove):
             f"proposals ({share:.1%} saved); {second:.1%} of the solved were accepted"
         )
 
+    def _repr_html_(self) -> str:
+        """Return the same as notebooks show it."""
+        return f"<p>{self}</p>"
+
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that the inner move refuses."""
         self._proposing.check(nwalkers, ndim)

@@ -9,15 +9,16 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Parameters
+from ..posterior.prior_table import say
 from ..posterior.priors import IndependentPrior
-from ..table import Table
+from ..table import Parts, Report, Table
 
 TINY = 1e-300
 FLOOR = 1e-8  # of a standard deviation's scale: a spread of exactly zero has no density
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class NormalPopulation:
+class NormalPopulation(Report):
     r"""Parameters that differ from test to test by a normal law, cut at their bounds.
 
     .. math:: \theta_t \sim N(\mu + B (x_t - \bar x), \Sigma) \quad
@@ -214,9 +215,8 @@ class NormalPopulation:
         factor[:, diagonal, diagonal] = np.sqrt(left)
         return factor
 
-    def __str__(self) -> str:
-        """Return the hyperpriors as a table."""
-        return str(self.table)
+    def _parts(self) -> Parts:
+        return (self.table,)
 
     @property
     def table(self) -> Table:
@@ -225,7 +225,7 @@ class NormalPopulation:
         for name in self.parameters:
             law = self.hyperpriors.get(name)
             ends = (np.nan, np.nan) if law is None else _interval(law)
-            rows.append((name, "by the tests" if law is None else _say(law), *ends))
+            rows.append((name, "by the tests" if law is None else say(law), *ends))
         title = f"Population of {', '.join(self.names)}: hyperpriors"
         columns = ("parameter", "law", "2.5 %", "97.5 %")
         return Table(title, columns, ("", "", ".4g", ".4g"), tuple(rows))
@@ -268,11 +268,3 @@ def _check_covariates(covariates: Any) -> dict[str, dict[str, float]]:
 def _interval(law: Any) -> tuple[float, float]:
     low, high = law.ppf([0.025, 0.975])
     return float(low), float(high)
-
-
-def _say(law: Any) -> str:
-    """Write a frozen distribution as scipy does: its name and arguments."""
-    kind, *_ = (getattr(law, "dist", law),)
-    given = [f"{value:.4g}" for value in getattr(law, "args", ())]
-    given += [f"{key}={value:.4g}" for key, value in getattr(law, "kwds", {}).items()]
-    return f"{getattr(kind, 'name', type(kind).__name__)}({', '.join(given)})"

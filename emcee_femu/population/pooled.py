@@ -13,7 +13,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import inside
 from ..results.tables import INTERVAL
 from ..sampling.importance import GOOD_K
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 from .marginal import PopulationModel
 from .normal import NormalPopulation
 from .restate import restate
@@ -22,7 +22,7 @@ TRIES = 1_000  # draws of a population whose bounds cut nearly all of it
 
 
 @dataclass(frozen=True, eq=False)
-class PooledTests:
+class PooledTests(Report):
     """What :func:`pool_tests` found; ``print`` it for tables and what to do.
 
     Attributes:
@@ -225,13 +225,8 @@ class PooledTests:
             )
         return "\n".join([*lines, self.verdict])
 
-    def __str__(self) -> str:
-        """Return the tables and the conclusion."""
-        return f"{self.table}\n{self.test_table}\n{self.conclusion}"
-
-    def _repr_html_(self) -> str:
-        """Return the tables and the conclusion as notebooks show them."""
-        return as_html(self.table, self.test_table, *self.conclusion.splitlines())
+    def _parts(self) -> Parts:
+        return self.table, self.test_table, self.conclusion
 
 
 def _describe(values: Floats) -> tuple[float, ...]:

@@ -19,17 +19,19 @@ from ..interfaces import (
     Prior,
     Variable,
 )
+from ..table import Parts, Report
 from .compatibility import check_names, check_parameters
 from .differences import prior_scale
 from .experiments import Experiment, check_joint, gather_experiments
 from .linearize import linearize, split, unstack
 from .messages import name_sets, not_finite
 from .numerical import difference, extend
+from .prior_table import tabulate_prior
 from .starting import check_inside, draw_start
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class LogPosterior:
+class LogPosterior(Report):
     r"""Log-posterior of one model or several, given data, for a batch of walkers.
 
     .. math:: \ln p(\theta | D) = \ln p(\theta) + \sum_t \ln p_t(D | \theta)
@@ -143,6 +145,13 @@ class LogPosterior:
             columns=dict(zip(["densities", *variables], slices, strict=True)),
             _width=int(ends[-1]),
         )
+
+    def _parts(self) -> Parts:
+        yield tabulate_prior(f"Log-posterior of {self.ndim} parameters", self.prior)
+        for one in self.experiments:
+            name = f"{one.name}: " if one.name else ""
+            terms, stored = ", ".join(one.term_names), ", ".join(one.variables)
+            yield f"{name}{type(one.model).__name__}; terms: {terms}; stored: {stored}"
 
     @property
     def model(self) -> Model:

@@ -10,12 +10,14 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Prior
+from ..table import Parts, Report
 from .differences import difference_density, prior_scale
+from .prior_table import say, tabulate_prior
 from .slopes import slope
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class GaussianPrior:
+class GaussianPrior(Report):
     r"""Independent Gaussians, cut at bounds and normalised inside them (Eq. 2.3).
 
     .. math:: p(\theta) \propto
@@ -72,6 +74,14 @@ class GaussianPrior:
         checks.set_fields(self, names=names, mean=mean, sd=sd, bounds=bounds)
         checks.set_fields(self, _log_constant=float(constant))
 
+    @property
+    def _laws(self) -> list[str]:
+        pairs = zip(self.mean, self.sd, strict=True)
+        return [f"norm({mean:.4g}, {sd:.4g})" for mean, sd in pairs]
+
+    def _parts(self) -> Parts:
+        return (tabulate_prior("Prior", self),)
+
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
         standard = (theta - self.mean) / self.sd
@@ -105,7 +115,7 @@ class GaussianPrior:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class IndependentPrior:
+class IndependentPrior(Report):
     """Independent marginals, each a frozen continuous distribution of scipy.stats.
 
     ``p(theta) = prod_i p_i(theta_i)``, normalised inside the bounds. scipy writes a
@@ -158,6 +168,13 @@ class IndependentPrior:
                 cut[name] = _Cut(name, marginals[name], low, high)
         supports = check_bounds([one.support() for one in cut.values()], names)
         checks.set_fields(self, marginals=cut, names=names, bounds=supports)
+
+    @property
+    def _laws(self) -> list[str]:
+        return [say(law) for law in self.marginals.values()]
+
+    def _parts(self) -> Parts:
+        return (tabulate_prior("Prior", self),)
 
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..sampling.importance import GOOD_K
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 
 EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no matter
 FEWEST = 25  # draws
@@ -17,7 +17,7 @@ CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Report):
     """What :func:`certify` found; ``print`` it for a table and the verdict.
 
     Attributes:
@@ -89,13 +89,8 @@ class Certificate:
             ],
         )
 
-    def __str__(self) -> str:
-        """Return the table, the verdict and the findings."""
-        return "\n".join([str(self.table), self.verdict, *self.findings])
-
-    def _repr_html_(self) -> str:
-        """Return the same as notebooks show it."""
-        return as_html(self.table, self.verdict, *self.findings)
+    def _parts(self) -> Parts:
+        return self.table, self.verdict, *self.findings
 
 
 def judge(

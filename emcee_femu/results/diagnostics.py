@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from ..interfaces import Floats
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 from . import arviz_objects
 from .agreement import FEWEST_ENSEMBLES, excess_scatter, tau_by_ensemble
 from .agreement import autocorrelation_time as autocorrelation_time
@@ -24,7 +24,7 @@ TAILS = (0.05, 0.95)
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Report):
     """What :func:`diagnose` found; ``print`` it for a table and the verdict.
 
     Attributes:
@@ -107,19 +107,10 @@ class Diagnosis:
             lines.append(f"Failed solves, taken for impossible: {dict(self.failures)}.")
         return [*lines, self.verdict]
 
-    def _parts(self) -> list[Table | str]:
-        """Return what is printed: groups where there are several."""
+    def _parts(self) -> Parts:
         groups = self.groups
         several = [] if groups is None or len(groups.importance) < 2 else [groups.table]
-        return [self.table, *several, *self._sentences()]
-
-    def __str__(self) -> str:
-        """Return the table and the verdict."""
-        return "\n".join(map(str, self._parts()))
-
-    def _repr_html_(self) -> str:
-        """Return the table and the verdict as notebooks show them."""
-        return as_html(*self._parts())
+        return self.table, *several, *self._sentences()
 
 
 def diagnose(

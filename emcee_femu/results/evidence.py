@@ -8,6 +8,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..moves import IndependenceMove
+from ..table import Parts, Report
 from .chains import list_runs, stack_chains
 from .evidence_bridge import bridge_evidence
 from .evidence_ladder import check_betas, tempered_evidence
@@ -15,7 +16,7 @@ from .stored_runs import read_runs
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(Report):
     """What :func:`log_evidence` found; ``print`` it.
 
     Attributes:
@@ -38,8 +39,7 @@ class Evidence:
     better_betas: Floats = field(default_factory=lambda: np.empty(0))
     failed_solves: int = 0
 
-    def __str__(self) -> str:
-        """Return the estimate, and what is wrong with it."""
+    def _parts(self) -> Parts:
         error = (
             f"+- {self.log_evidence_error:.4f}"
             if np.isfinite(self.log_evidence_error)
@@ -57,7 +57,7 @@ class Evidence:
                 else "the part of the prior that cannot be solved counts as impossible"
             )
             lines.append(f"{self.failed_solves} solves failed: {meaning}.")
-        return "\n".join(lines)
+        return lines
 
 
 def log_evidence(samplers: Any, discard: int = 0) -> Evidence:

@@ -18,7 +18,7 @@ from ..interfaces import Floats
 from ..moves.mixture_em import Mixture, log_density
 from ..sampling.groups import label
 from ..sampling.importance import pareto_k
-from ..table import Table
+from ..table import Parts, Report, Table
 from . import arviz_objects
 from .agreement import excess_scatter, tau_by_ensemble
 from .chains import list_runs, stack_chains
@@ -28,7 +28,7 @@ CHUNK = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class Groups:
+class Groups(Report):
     """Separated groups of the posterior in the chain of ``run(..., "auto")``.
 
     Attributes:
@@ -63,6 +63,9 @@ class Groups:
     efficiency: float
     share: float
     searched: int = 0
+
+    def _parts(self) -> Parts:
+        return (self.table,)
 
     @property
     def table(self) -> Table:

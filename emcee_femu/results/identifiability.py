@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from ..sampling.found_map import FoundMap
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 from .arviz_objects import describe_certificate
 from .findings import describe_findings
 from .local_sensitivities import describe_locally
@@ -16,7 +16,7 @@ from .sampled_sensitivities import describe_samples
 
 
 @dataclass(frozen=True, eq=False)
-class Identifiability:
+class Identifiability(Report):
     """What :func:`identifiability` found; ``print`` it for tables and findings.
 
     Attributes:
@@ -94,16 +94,9 @@ class Identifiability:
         title = "Sensitivity of the eigenvalues: % per prior standard deviation"
         return Table.from_columns(title, columns)
 
-    def _tables(self) -> list[Table]:
-        return [self.table, *([self.sensitivity_table] if self.modes else [])]
-
-    def __str__(self) -> str:
-        """Return the tables and the findings."""
-        return "\n".join([*map(str, self._tables()), *self.findings])
-
-    def _repr_html_(self) -> str:
-        """Return the tables and the findings as notebooks show them."""
-        return as_html(*self._tables(), *self.findings)
+    def _parts(self) -> Parts:
+        sensitivities = [self.sensitivity_table] if self.modes else []
+        return self.table, *sensitivities, *self.findings
 
 
 def identifiability(idata: Any) -> Identifiability:

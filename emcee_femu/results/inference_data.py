@@ -241,7 +241,7 @@ def _run_attributes(runs: list[Any], posterior: LogPosterior) -> dict[str, Any]:
         **describe_runs(runs),
         "moves": "; ".join(described) or "unknown (read from a backend)",
         "seed": str(getattr(runs[0], "seed", "unknown (not started by run)")),
-        "burn_in": str(getattr(runs[0], "recipe", "")),
+        "burn_in": getattr(getattr(runs[0], "recipe", None), "sentence", ""),
         "recipe": json.dumps(getattr(getattr(runs[0], "recipe", None), "record", None)),
         "sampled": list(posterior.names),
     }

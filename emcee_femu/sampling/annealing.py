@@ -13,7 +13,7 @@ from numpy.random import RandomState
 from numpy.typing import NDArray
 
 from ..interfaces import Floats, Prior
-from ..table import Table
+from ..table import Parts, Report, Table
 from .bridging import bridge
 from .importance import FAIR_SHARE, GOOD_K, kish_share, pareto_k
 from .log_scale import LogScale
@@ -25,7 +25,7 @@ LAST = 2  # powers whose proposals tell of what is missing; early ones may fit b
 
 
 @dataclass(frozen=True, eq=False)
-class Annealed:
+class Annealed(Report):
     """A population of the posterior, and how it got there; ``print`` it.
 
     Attributes:
@@ -67,25 +67,23 @@ class Annealed:
         ]
         return Table.from_columns(f"Population of {len(self.theta)}", columns)
 
-    def __str__(self) -> str:
-        """Return the table, and a sentence on the evidence and what it cost."""
-        failed = ""
-        if self.failed_solves:
-            failed = (
-                f"\n{self.failed_solves} solves failed: the evidence takes the "
-                "likelihood for zero there"
-            )
+    def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.3f}"
         if self.problems:
-            sentences = (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
-            error = "\n".join(["(no standard error can be claimed)", *sentences])
-        return (
-            f"{self.table()}\n"
-            f"log evidence (natural) {self.log_evidence:.3f} {error}\n"
+            error = "(no standard error can be claimed)"
+        yield self.table()
+        yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
+        yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
+        yield (
             f"{len(self.sweeps)} powers of the likelihood, {self.solves} solves, "
             f"{100 * self.acceptance.min():.0f} to {100 * self.acceptance.max():.0f} % "
-            f"of the proposals accepted{failed}"
+            "of the proposals accepted"
         )
+        if self.failed_solves:
+            yield (
+                f"{self.failed_solves} solves failed: the evidence takes the "
+                "likelihood for zero there"
+            )
 
 
 def anneal_population(

@@ -15,7 +15,7 @@ from ..posterior.climbing import Maximum
 from ..posterior.laplace import moments_inside
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import inside, summarize_prior
-from ..table import Table, as_html
+from ..table import Parts, Report, Table
 from .importance import GOOD_K
 
 SHOWN = 4  # maxima in the tables
@@ -24,7 +24,7 @@ EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
 
 
 @dataclass(frozen=True, eq=False)
-class FoundMap:
+class FoundMap(Report):
     """What :func:`find_map` found; ``print`` it for tables and what to think of them.
 
     Attributes:
@@ -143,13 +143,8 @@ class FoundMap:
             )
         return f"The posterior is nearly Gaussian about them ({found})."
 
-    def __str__(self) -> str:
-        """Return the tables and the findings."""
-        return "\n".join([str(self.table), str(self.maxima_table), *self.findings])
-
-    def _repr_html_(self) -> str:
-        """Return the tables and the findings as notebooks show them."""
-        return as_html(self.table, self.maxima_table, *self.findings)
+    def _parts(self) -> Parts:
+        return self.table, self.maxima_table, *self.findings
 
 
 def draw_inside(

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..interfaces import Move
 from ..moves import DEMCMove, HamiltonianMove, IndependenceMove
+from ..table import Parts, Report
 from .arguments import Moves
 from .groups import label, separate, weigh
 from .search import Search
@@ -23,7 +24,7 @@ HAMILTONIAN, BESIDE = 0.8, 0.1  # shares where gradients do better, and of indep
 
 
 @dataclass(frozen=True, eq=False)
-class Recipe:
+class Recipe(Report):
     """How a chain begins.
 
     Attributes:
@@ -49,9 +50,8 @@ class Recipe:
     sentence: str = ""
     record: Mapping[str, Any] | None = None
 
-    def __str__(self) -> str:
-        """Return the sentence."""
-        return self.sentence
+    def _parts(self) -> Parts:
+        return (self.sentence or f"The moves were given: {self.moves!r}",)
 
 
 def make_moves(record: Mapping[str, Any]) -> list[tuple[Move, float]]:

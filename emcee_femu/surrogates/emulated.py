@@ -17,7 +17,7 @@ from ..interfaces import (
     read,
 )
 from ..models.parameters import columns, read_inside
-from ..table import Table
+from ..table import Parts, Report, Table
 from .gaussian_process import Processes, fit_processes
 from .outputs import Outputs, choose_outputs
 
@@ -27,7 +27,7 @@ MOST = 24  # directions of doubt, the largest ones
 
 
 @dataclass(frozen=True, eq=False)
-class EmulatedModel:
+class EmulatedModel(Report):
     """A model emulated by Gaussian processes; fitted to full solves.
 
     What is emulated are smooth quantities of the response in units of measurement
@@ -75,8 +75,7 @@ class EmulatedModel:
             return self.variables["frequency"].shape[-1]
         raise AttributeError(attribute)
 
-    def __str__(self) -> str:
-        """Return what was emulated, from how many solves, and how well it is known."""
+    def _parts(self) -> Parts:
         error = self.leave_one_out()
         lines = [
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
@@ -84,9 +83,7 @@ class EmulatedModel:
             f"leaving one out, errors of {error.mean():.2g} measurement sd "
             f"(root mean square), {error.max():.2g} of the worst output",
         ]
-        return "\n".join(
-            [*lines, *([] if self.history is None else [str(self.history)])]
-        )
+        return *lines, *([] if self.history is None else [self.history])
 
     def __call__(self, parameters: Parameters) -> Any:
         """Return the response for values of shape ``(n,)``.

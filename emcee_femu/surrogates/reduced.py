@@ -9,10 +9,11 @@ from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_vari
 from ..models.eigen.dense import Eigenproblem
 from ..models.eigen.sensitivity import Derivatives, unit_slopes
 from ..models.parameters import columns, describe, read_inside
+from ..table import Parts, Report
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedModel:
+class ReducedModel(Report):
     """A modal model in a Ritz basis, solved for all parameter sets at once.
 
     Made by :func:`reduce_model`. Like any Ritz approximation it bounds each
@@ -71,16 +72,15 @@ class ReducedModel:
         """What it returns: frequencies, and shapes where it has them."""
         return modal_variables(self.n_modes, self.shape_dofs)
 
-    def __str__(self) -> str:
-        """Return what was reduced, how well it is known, and what it gains."""
+    def _parts(self) -> Parts:
         return (
             f"{self.full_size} DOFs reduced to {self.size} basis vectors, "
-            f"{self.n_modes} modes, {len(self.bounds)} parameters\n"
+            f"{self.n_modes} modes, {len(self.bounds)} parameters",
             f"largest frequency error {self.max_error:.1e} at {self.test_points} test "
-            f"points (tolerance {self.tolerance:.0e})\n"
-            f"largest 1 - MAC of a shape there {self.shape_error:.1e} (not certified)\n"
+            f"points (tolerance {self.tolerance:.0e})",
+            f"largest 1 - MAC of a shape there {self.shape_error:.1e} (not certified)",
             f"{self.full_solves} full solves; {self.speed_up:.0f} times faster than "
-            "the full model"
+            "the full model",
         )
 
     def __call__(self, parameters: Parameters) -> ModalSolution:

@@ -357,7 +357,7 @@ def test_it_prints_both_tables_and_the_findings(found):
     assert str(found.sensitivity_table) in text
     assert text.endswith("\n".join(found.findings))
     page = found._repr_html_()
-    assert page.count("<table>") == 2 and page.endswith(f"<p>{found.findings[-1]}</p>")
+    assert page.count("<table") == 2 and page.endswith(f"<p>{found.findings[-1]}</p>")
     table = found.sensitivity_table
     assert table.column("parameter") == [*NAMES, "R^2"]
     for i in range(4):

@@ -86,7 +86,7 @@ def test_two_modes_have_the_weights_of_quadrature():
     assert found.draws == 0 and np.isnan(found.pareto_k)
     assert "was not checked" in found.findings[-1]
     assert "0.53" in str(found.maxima_table)
-    assert found._repr_html_().count("<table>") == 2
+    assert found._repr_html_().count("<table") == 2
 
 
 def test_the_heaviest_maximum_is_first_not_the_highest():

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from ... import checks
+from ...table import Parts, Report
 from .labels import Dofs, find_rows, write_name
 
 
 @dataclass(frozen=True, eq=False)
-class Matrices:
+class Matrices(Report):
     """Symmetric matrices of one FE model, and what their rows are.
 
     :func:`read_matrices` makes it. K and M go to a :class:`MatrixModel` as they are.
@@ -84,13 +85,12 @@ class Matrices:
         wanted = checks.parameter_names("names", names)
         return dict(zip(wanted, self.dofs(wanted).tolist(), strict=True))
 
-    def __str__(self) -> str:
-        """Return which matrices there are, and of how many DOFs."""
+    def _parts(self) -> Parts:
         rows = f"{self.size} DOFs"
         if self.nodes is not None:
             rows += f" at {len(np.unique(self.nodes[:, 0]))} nodes"
         entries = ", ".join(f"{name} ({m.nnz})" for name, m in self.matrices.items())
-        return f"{self.source}: {rows}; entries: {entries}"
+        return (f"{self.source}: {rows}; entries: {entries}",)
 
     def _get(self, name: str) -> csc_array:
         if name not in self.matrices:
