@@ -169,6 +169,17 @@ def test_rows_one_at_a_time_are_those_of_a_batch(monkeypatch):
 # --- closed forms
 
 
+@pytest.mark.parametrize("shapes", [False, True])
+def test_one_mass_on_one_spring_in_closed_form(shapes):
+    """f = sqrt(k / m) / 2 pi, and phi = m^(-1/2) whatever the spring."""
+    model = MassSpringModel([4.0], {"k1": (0, 1, 9.0)}, shapes=shapes)
+    modes, derivatives = model.jacobian({"k1": np.array([9.0, 25.0])})
+    expected = modes.frequencies / (2 * np.array([[9.0], [25.0]]))
+    np.testing.assert_allclose(derivatives["frequency"]["k1"], expected)
+    if shapes:
+        assert not derivatives["shapes"]["k1"].any()
+
+
 def test_two_masses_in_closed_form():
     model = MassSpringModel(
         [1.0, 1.0], {"k1": (0, 1, 1.0), "k2": (1, 2, 1.0)}, shapes=True

@@ -136,8 +136,7 @@ def _find_repeated(modes: Modes, own: Sequence[int]) -> NDArray[np.bool_]:
     values = modes.eigenvalues
     rounding = EPS * np.sqrt(values.shape[1]) * values[:, -1:]
     apart = np.diff(values) > np.maximum(REPEATED * values[:, 1:], rounding)
-    cluster = np.cumsum(apart, axis=1)
-    cluster = np.concatenate([np.zeros_like(cluster[:, :1]), cluster], axis=1)
+    cluster = np.cumsum(np.pad(apart, ((0, 0), (1, 0))), axis=1)
     near: NDArray[np.bool_] = cluster[:, :, None] == cluster[:, None, own]
     near[:, own, np.arange(len(own))] = False
     return near
