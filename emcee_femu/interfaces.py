@@ -80,7 +80,11 @@ class Variable:
         unit: For tables and figures.
         stored: Whether it is stored with each sample.
 
-    Example:
+    Raises:
+        TypeError: If an argument is of another type.
+
+    Examples:
+        >>> from emcee_femu import Variable
         >>> Variable({"point": ["left", "middle", "right"]}, "m").shape
         (3,)
     """
@@ -161,6 +165,15 @@ class ModalSolution(NamedTuple):
         frequencies: Natural frequencies in Hz, ascending, ``(n, n_modes)``.
         shapes: Mode shapes ``(n, n_dof, n_modes)``, mass-normalised where the model
             can, or None.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import FunctionModel, ModalSolution
+        >>> def solve(p):
+        ...     values, vectors = np.linalg.eigh([[p["k1"] + 5.0, -5.0], [-5.0, 5.0]])
+        ...     return ModalSolution(np.sqrt(values) / (2 * np.pi), vectors)
+        >>> FunctionModel(solve)({"k1": np.array([10.0, 40.0])}).shapes.shape
+        (2, 2, 2)
     """
 
     frequencies: Floats
@@ -196,6 +209,16 @@ class PairedSolution:
             order of the measured ones.
         shapes: Their shapes at the sensors, ``(n, n_sensors, n_measured)``.
         pairing: How they were paired.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import MassSpringModel, Measurements, PairedModel
+        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+        >>> model = MassSpringModel([1.0, 1.0], springs, shapes=True)
+        >>> measured = Measurements([0.66], shapes=[[1.9], [-1.0]])
+        >>> solution = PairedModel(model, measured)({"k1": np.array([10.0])})
+        >>> solution.model_mode.tolist(), solution.mac.round(2).tolist()
+        ([[2]], [[0.99]])
     """
 
     frequencies: Floats
@@ -229,6 +252,17 @@ def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variabl
     Args:
         n_modes: Number of natural frequencies.
         dofs: Labels of the rows of the mode shapes; none if there are no shapes.
+
+    Returns:
+        ``frequency`` in Hz and, where there are dofs, ``shapes``, which are not stored.
+
+    Raises:
+        TypeError: If n_modes is not a whole number.
+
+    Examples:
+        >>> from emcee_femu import modal_variables
+        >>> {name: v.shape for name, v in modal_variables(2, ["roof"]).items()}
+        {'frequency': (2,), 'shapes': (1, 2)}
     """
     try:
         modes = range(1, n_modes + 1)

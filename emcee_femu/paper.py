@@ -30,6 +30,11 @@ class Published:
     Attributes:
         parameters: ``{title: {parameter: value}}``.
         frequencies: ``{title: one number per mode, then the TAE where printed}``.
+
+    Examples:
+        >>> from emcee_femu import paper
+        >>> paper.mass_spring().published.parameters["paper mean"]["k1"]
+        4004.4
     """
 
     parameters: Mapping[str, Mapping[str, float]]
@@ -50,6 +55,12 @@ class Problem(Report):
             unknown.
         published: The printed results.
         units: The parameters' units, by name.
+
+    Examples:
+        >>> from emcee_femu import paper
+        >>> problem = paper.mass_spring()
+        >>> problem.target["k1"], problem.nominal["k1"], problem.units["k1"]
+        (4000.0, 4010.0, 'N/m')
     """
 
     posterior: LogPosterior
@@ -85,6 +96,20 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
     Args:
         beta: Precision of the relative frequency error; the default reproduces the
             printed c.o.v. of the frequencies.
+
+    Returns:
+        The problem, ready to sample.
+
+    Raises:
+        TypeError, ValueError: If beta is not a number above zero.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import paper
+        >>> problem = paper.mass_spring()
+        >>> target = {name: np.array([value]) for name, value in problem.target.items()}
+        >>> problem.model(target).frequencies.round(2).tolist()
+        [[3.51, 5.15, 7.08, 8.89, 9.43]]
     """
     names = ("k1", "k2", "k4", "k6", "k8")  # theta_1 .. theta_5
     initial = (4600.0, 2580.0, 1680.0, 3100.0, 2350.0)
@@ -140,6 +165,20 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
         modes: Which elastic modes to return; the default are those of the paper's
             table, which leaves others out.
         shapes: Whether to return mode shapes, over 13 nodes of six DOFs.
+
+    Returns:
+        The model.
+
+    Raises:
+        TypeError, ValueError: If modes are not ascending whole numbers from 1.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import paper
+        >>> start = paper.h_structure().initial
+        >>> theta = {name: np.array([value]) for name, value in start.items()}
+        >>> paper.h_frame(modes=[1, 2, 3])(theta).frequencies.shape
+        (1, 3)
     """
     tilts = {"left": 45.0, "middle": 30.0, "right": 45.0}
     sections = {
@@ -180,6 +219,18 @@ def h_structure(beta: float = 10.0) -> Problem:
     Args:
         beta: Precision of the relative frequency error. 10 is printed; the printed
             DE-MC results need about 5e4.
+
+    Returns:
+        The problem, ready to sample.
+
+    Raises:
+        TypeError, ValueError: If beta is not a number above zero.
+
+    Examples:
+        >>> from emcee_femu import paper
+        >>> problem = paper.h_structure()
+        >>> problem.posterior.names, problem.measured.tolist()
+        (('Ix1', 'Ix2', 'Ix3', 'A1', 'A2', 'A3'), [53.9, 117.3, 208.4, 254.0, 445.0])
     """
     names = ("Ix1", "Ix2", "Ix3", "A1", "A2", "A3")
     initial = (2.7265e-8,) * 3 + (3.1556e-4,) * 3

@@ -30,6 +30,17 @@ class Table:
         columns: Column titles.
         formats: One format specification per column, such as ``".4g"``.
         rows: Numbers or strings.
+
+    Examples:
+        >>> from emcee_femu.table import Table
+        >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
+        >>> print(Table.from_columns("Modes", columns))
+        Modes
+        ----------
+        mode     f
+        ----------
+        1     3.13
+        ----------
     """
 
     title: str
@@ -39,7 +50,25 @@ class Table:
 
     @classmethod
     def from_columns(cls, title: str, columns: Sequence[tuple[str, str, Any]]) -> Self:
-        """Return the table of ``(column title, format, list or array)`` triples."""
+        """Return the table of ``(column title, format, list or array)`` triples.
+
+        Args:
+            title: One line.
+            columns: ``(column title, format, list or array)`` of each, of one length.
+
+        Returns:
+            The table.
+
+        Raises:
+            ValueError: If columns differ in length.
+
+        Examples:
+            >>> from emcee_femu.table import Table
+            >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
+            >>> table = Table.from_columns("Modes", columns)
+            >>> table.rows
+            ((1, 3.128),)
+        """
         titles, formats, values = zip(*columns, strict=True)
         cells = [v.tolist() if isinstance(v, np.ndarray) else v for v in values]
         return cls(title, titles, formats, tuple(zip(*cells, strict=True)))
@@ -63,7 +92,15 @@ class Table:
         return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
 
     def to_frame(self) -> Any:
-        """Return a ``pandas.DataFrame`` with all digits."""
+        """Return a ``pandas.DataFrame`` with all digits.
+
+        Examples:
+            >>> from emcee_femu.table import Table
+            >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
+            >>> table = Table.from_columns("Modes", columns)
+            >>> table.to_frame()["f"].tolist()
+            [3.128]
+        """
         import pandas
 
         return pandas.DataFrame(list(self.rows), columns=list(self.columns))
@@ -91,7 +128,21 @@ class Table:
         return "\n".join(f"| {line} |" for line in lines)
 
     def to_latex(self) -> str:
-        """Return a LaTeX ``tabular`` without the title."""
+        r"""Return a LaTeX ``tabular`` without the title.
+
+        Examples:
+            >>> from emcee_femu.table import Table
+            >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
+            >>> table = Table.from_columns("Modes", columns)
+            >>> print(table.to_latex())
+            \begin{tabular}{lr}
+            \hline
+            mode & f \\
+            \hline
+            1 & 3.13 \\
+            \hline
+            \end{tabular}
+        """
         lines = self._join(" & ", lambda cell: cell.translate(LATEX))
         header, *rows = (f"{line} \\\\" for line in lines)
         begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"

@@ -66,6 +66,9 @@ def compare_models(
             are normalised. The default is that all are equal.
         discard: Stored steps to drop as burn-in where samplers are given.
 
+    Returns:
+        A table, probabilities and a conclusion in words; ``print`` it.
+
     Raises:
         TypeError: If models or prior are no mappings with labels that are text.
         ValueError: If there are fewer than two classes, prior does not name them all,
@@ -73,7 +76,8 @@ def compare_models(
 
     Source: Kass and Raftery (1995), doi:10.1080/01621459.1995.10476572.
 
-    Example:
+    Examples:
+        >>> from emcee_femu import compare_models
         >>> from emcee_femu.results.evidence import Evidence
         >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
         >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)

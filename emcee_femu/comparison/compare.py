@@ -95,6 +95,9 @@ def compare_moves(
         reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
         progress: Whether to show a progress bar per ensemble (needs tqdm).
 
+    Returns:
+        A table, its winner and a conclusion in words; ``print`` it.
+
     Raises:
         TypeError: If not exactly one of nsteps and max_evaluations is given, or an
             argument is of a wrong type.
@@ -103,6 +106,14 @@ def compare_moves(
 
     Warns:
         UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> moves = {"DE-MC": ef.DEMCMove(), "crossover": ef.CrossoverMove()}
+        >>> comparison = ef.compare_moves(posterior, moves, 20, 20, ensembles=2, seed=1)
+        >>> print(comparison.conclusion)
+        No winner: no move has converged; run longer.
     """
     if not isinstance(posterior, LogPosterior):
         raise TypeError(

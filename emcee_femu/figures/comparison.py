@@ -31,6 +31,14 @@ def plot_comparison(comparison: Comparison) -> Any:
 
     Raises:
         TypeError: If it is something else.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> moves = {"DE-MC": ef.DEMCMove(), "crossover": ef.CrossoverMove()}
+        >>> comparison = ef.compare_moves(posterior, moves, 20, 20, ensembles=2, seed=1)
+        >>> len(ef.plot_comparison(comparison).axes)
+        2
     """
     if not isinstance(comparison, Comparison):
         raise TypeError(

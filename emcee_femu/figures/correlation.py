@@ -21,6 +21,14 @@ def plot_correlation(idata: Any, *, var_names: Sequence[str] | None = None) -> A
 
     Raises:
         ValueError: If a parameter has the same value in all samples.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> len(ef.plot_correlation(idata).axes)  # the map and its colour bar
+        2
     """
     from matplotlib import pyplot as plt
 

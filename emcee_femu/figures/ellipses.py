@@ -29,7 +29,7 @@ def covariance_ellipse(points: Floats, probability: float = 0.95) -> Ellipse:
     with mean and covariance of the points; 95 % of the joint distribution lie inside
     2.448 standard deviations, not the 1.96 of one variable.
 
-    Example:
+    Examples:
         >>> square = np.array([[1.0, 1], [1, -1], [-1, 1], [-1, -1]])
         >>> covariance_ellipse(square).semi_axes.round(3).tolist()
         [2.826, 2.826]

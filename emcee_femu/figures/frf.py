@@ -38,6 +38,22 @@ def plot_frf(
         TypeError: If posterior is not a LogPosterior.
         ValueError: If there is no FRFTerm or more than one, or posterior has other
             parameters than idata.
+
+    Examples:
+        >>> import numpy as np
+        >>> import emcee_femu as ef
+        >>> zero, unit = np.zeros((1, 1)), np.eye(1)
+        >>> model = ef.MatrixModel(zero, unit, {"k": unit}, n_modes=1, shapes=True)
+        >>> lines = np.linspace(0.2, 0.5, 20)
+        >>> model = ef.FRFModel(model, lines, [(0, 0)], damping=0.05)
+        >>> H = model({"k": np.array([4.0])})["receptance"][0] @ [1, 1j]
+        >>> measured = ef.FRFMeasurements(lines, H, [(0, 0)], kind="receptance")
+        >>> prior = ef.GaussianPrior(["k"], [4.0], [0.5], [(1.0, 9.0)])
+        >>> posterior = ef.LogPosterior(model, ef.FRFTerm(measured, sd=0.1), prior)
+        >>> samplers = ef.run(posterior, nwalkers=16, nsteps=50, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior)
+        >>> len(ef.plot_frf(idata, posterior).axes)  # one channel, and what lines tell
+        2
     """
     from matplotlib import pyplot as plt
 

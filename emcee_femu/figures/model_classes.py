@@ -29,6 +29,14 @@ def plot_model_comparison(comparison: ModelComparison) -> Any:
 
     Raises:
         TypeError: If it is something else.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> from emcee_femu.results.evidence import Evidence
+        >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
+        >>> comparison = ef.compare_models({"one factor": one, "four factors": four})
+        >>> len(ef.plot_model_comparison(comparison).axes)
+        2
     """
     if not isinstance(comparison, ModelComparison):
         raise TypeError(

@@ -36,6 +36,22 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> Any:
     Raises:
         TypeError: If pooled is something else.
         ValueError: If the population has no such covariate.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])
+        >>> tests = {}
+        >>> for name, f in {"May": 2.95, "June": 3.05}.items():
+        ...     term = ef.FrequencyTerm([f], sd=0.01)
+        ...     posterior = ef.LogPosterior(model, term, prior)
+        ...     samplers = ef.run(posterior, nwalkers=16, nsteps=60, seed=1)
+        ...     tests[name] = ef.to_inference_data(samplers, posterior, discard=30)
+        >>> pooled = ef.pool_tests(tests, ef.NormalPopulation(["k"]), seed=1, nsteps=50,
+        ...                        ensembles=1, draws=100)
+        >>> figure = ef.plot_population(pooled)
+        >>> [text.get_text() for text in figure.axes[0].get_yticklabels()]
+        ['May', 'June', "population's mean", 'next test']
     """
     if not isinstance(pooled, PooledTests):
         raise TypeError(

@@ -41,6 +41,15 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
         TypeError: If posterior is not a LogPosterior.
         ValueError: If no measured variable is one of the response, or posterior has
             other parameters.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> figure = ef.plot_predictive(idata, posterior)
+        >>> len(figure.axes)  # no modes were paired
+        1
     """
     from matplotlib import pyplot as plt
 

@@ -44,6 +44,15 @@ def plot_scatter(
         TypeError: If units or truths is not such a mapping.
         ValueError: If units or truths name an unknown parameter, probability is not
             between 0 and 1, or a parameter has the same value in all samples.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> figure = ef.plot_scatter(idata, var_names=["k1", "k2"], units={"k1": "N/m"})
+        >>> figure.axes[2].get_xlabel()
+        'k1 [N/m]'
     """
     import corner
 

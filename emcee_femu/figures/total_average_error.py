@@ -27,6 +27,15 @@ def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None)
         TypeError: If posterior is not a LogPosterior.
         ValueError: If no term of it has measured frequencies, it has other parameters,
             or there is no idata.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> figure = ef.plot_tae(idata, posterior)
+        >>> figure.axes[0].get_ylabel()
+        'total average error of the mean so far (%)'
     """
     from matplotlib import pyplot as plt
 

@@ -43,7 +43,9 @@ class DisplacementTerm:
     Source: Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001, for
     errors of measurement and model side by side.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import DisplacementTerm
         >>> term = DisplacementTerm([[0.5, 2.5]], sd=0.1)
         >>> term({}, {"displacement": np.array([[[0.5, 2.6]]])}).round(4).tolist()
         [2.2673]

@@ -65,7 +65,9 @@ class FrequencyTerm:
     Source: Eq. 2.2 of Sherri, Boulkaibet, Marwala and Friswell; Simoen, De Roeck and
     Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import FrequencyTerm
         >>> term = FrequencyTerm([10.0, 20.0], relative_sd=0.01)
         >>> term({}, {"frequency": np.array([[10.1, 20.0]])}).round(4).tolist()
         [1.5741]

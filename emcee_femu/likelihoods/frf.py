@@ -47,6 +47,14 @@ class FRFTerm:
             only magnitudes are known, of which ``amplitude`` is to be taken.
 
     Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import FRFMeasurements, FRFTerm
+        >>> measured = FRFMeasurements([9.0], [[2j]], [("a", "b")], kind="receptance")
+        >>> term = FRFTerm(measured, sd=0.1)
+        >>> term({}, {"receptance": np.array([[[[0.0, 2.1]]]])}).round(4).tolist()
+        [2.2673]
     """
 
     measured: FRFMeasurements

@@ -57,7 +57,9 @@ class ShapeTerm:
     Source: Vanik, Beck and Au (2000), doi:10.1061/(ASCE)0733-9399(2000)126:7(738);
     Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import ShapeTerm
         >>> term = ShapeTerm([[1.0], [2.0]], delta=0.1)
         >>> term({}, {"shapes": np.array([[[0.5], [1.1]]])}).round(4).tolist()
         [1.3152]

@@ -41,7 +41,9 @@ class SpectrumTerm:
     Source: Au (2011), doi:10.1061/(ASCE)EM.1943-7889.0000213; Au, Operational Modal
     Analysis (2017), doi:10.1007/978-981-10-4118-1.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import Spectra, SpectrumTerm
         >>> term = SpectrumTerm(Spectra([2.0], [[[0.5]]], averages=1))
         >>> modes = {"frequency": np.array([[1.0]]), "damping_ratio": np.array([[0.1]])}
         >>> modes |= {"shapes": np.ones((1, 1, 1)), "noise_psd": np.array([0.5])}

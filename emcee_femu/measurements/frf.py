@@ -44,6 +44,16 @@ class FRFMeasurements(Report):
             is given.
 
     Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
+
+    Examples:
+        >>> from emcee_femu import FRFMeasurements
+        >>> H, quality = [[1 - 1j, -2j]], {"coherence": [[0.8, 0.5]], "averages": 50}
+        >>> channels = [("1:z", "1:z")]
+        >>> frf = FRFMeasurements([9, 10], H, channels, kind="receptance", **quality)
+        >>> frf.sd.round(3).tolist()
+        [[0.071, 0.2]]
+        >>> frf.between(9.5, 12.0).lines.tolist()
+        [10.0]
     """
 
     lines: Floats = field(repr=False)
@@ -118,9 +128,17 @@ class FRFMeasurements(Report):
             averages: Number of independent averages, which a file does not hold;
                 without it coherences are not read.
 
+        Returns:
+            The FRFs of all channels, with their coherences.
+
         Raises:
             ImportError: If pyuff is not installed.
             ValueError: If there are no FRFs, or they differ in lines or kind.
+
+        Examples:
+            >>> from emcee_femu import FRFMeasurements
+            >>> frf = FRFMeasurements.from_uff("a.uff", averages=50)  # doctest: +SKIP
+            >>> band = frf.between(20.0, 80.0)  # doctest: +SKIP
         """
         return cls(**read_uff58(path, averages))
 

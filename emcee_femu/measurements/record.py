@@ -54,7 +54,8 @@ class Measurements(Report):
     Source: Pappa, Elliott and Schenk (1993), doi:10.2514/3.21092 (MPC); here without
     subtracting the mean, which is meaningless where all sensors move alike.
 
-    Example:
+    Examples:
+        >>> from emcee_femu import Measurements
         >>> shapes = [[1.0, 1j], [1.6, -0.6j]]
         >>> print(Measurements([3.1, 9.8], sd=[0.01, 0.02], shapes=shapes))
         Measured modes: 2, sensors: 2 (s1, s2)
@@ -166,9 +167,19 @@ class Measurements(Report):
             sensors: Labels of the sensors.
             dofs: The model's DOF at each sensor.
 
+        Returns:
+            Means, and the scatter of one test.
+
         Raises:
             ValueError: If there are too few tests, a mode does not scatter at all, or
                 a shape has a MAC below 0.5 with the mean (modes out of order).
+
+        Examples:
+            >>> from emcee_femu import Measurements
+            >>> tests = [[3.10, 9.80], [3.14, 9.78], [3.12, 9.85]]
+            >>> repeated = Measurements.from_repeats(tests, correlated=False)
+            >>> repeated.frequencies.round(2).tolist(), repeated.sd.round(3).tolist()
+            ([3.12, 9.81], [0.02, 0.036])
         """
         scatter = repeats.frequency_scatter(frequencies, correlated)
         if shapes is not None:
@@ -194,13 +205,38 @@ class Measurements(Report):
         ``phase collinearity`` is that of shapes that were complex; ``damping ratio``
         and ``damping sd`` are numbers, not percent.
 
+        Args:
+            path: The file.
+
+        Returns:
+            What the file holds.
+
         Raises:
             ValueError: If a cell cannot be read; the message names line and column.
+
+        Examples:
+            >>> from pathlib import Path
+            >>> from tempfile import TemporaryDirectory
+            >>> from emcee_femu import Measurements
+            >>> with TemporaryDirectory() as folder:
+            ...     path = Path(folder, "test.csv")
+            ...     Measurements([3.1, 9.8], sd=[0.01, 0.02]).to_csv(path)
+            ...     print(path.read_text().splitlines()[1])
+            ...     Measurements.from_csv(path).sd.tolist()
+            frequency [Hz],,,3.1,9.8
+            [0.01, 0.02]
         """
         return cls(**csv_files.read_csv(path))
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write everything with all digits: :meth:`from_csv` returns the same bits."""
+        """Write everything with all digits: :meth:`from_csv` returns the same bits.
+
+        Args:
+            path: The file, which is overwritten.
+
+        Raises:
+            OSError: If it cannot be written.
+        """
         csv_files.write_csv(path, vars(self))
 
     @classmethod
@@ -223,12 +259,19 @@ class Measurements(Report):
                 are zero in all modes: so these files mark what was not measured.
             dofs: The model's DOF at each sensor that is kept.
 
+        Returns:
+            The modes, with shapes at the sensors that are kept.
+
         Raises:
             ImportError: If pyuff is not installed.
             ValueError: If there are no modes, nodes differ, or a sensor is unknown.
 
         Warns:
             UserWarning: If sensors that are zero in all modes were left out.
+
+        Examples:
+            >>> from emcee_femu import Measurements
+            >>> modes = Measurements.from_uff("a.uff", dofs=[4, 9])  # doctest: +SKIP
         """
         return cls(**identification.read_uff(path, sensors), dofs=dofs)
 
@@ -254,9 +297,19 @@ class Measurements(Report):
             sensors: Labels of the channels.
             dofs: The model's DOF at each channel.
 
+        Returns:
+            The modes, with shapes at all channels.
+
         Raises:
             TypeError: If result has no Fn and Phi.
             ValueError: If there are no modes yet, or Phi_std is asked for and missing.
+
+        Examples:
+            >>> from types import SimpleNamespace
+            >>> from emcee_femu import Measurements
+            >>> result = SimpleNamespace(Fn=[9.8, 3.1], Phi=[[1.0, 0.6], [-0.6, 1.0]])
+            >>> Measurements.from_pyoma2(result).frequencies.tolist()
+            [3.1, 9.8]
         """
         found = identification.read_pyoma2(result, shape_sd)
         return cls(**found, sensors=sensors, dofs=dofs)

@@ -43,7 +43,9 @@ class Spectra(Report):
 
     Source: Au, Operational Modal Analysis (2017), doi:10.1007/978-981-10-4118-1.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import Spectra
         >>> record = np.random.default_rng(1).standard_normal((1000, 2))
         >>> spectra = Spectra.from_record(record, 20.0, (3.0, 5.0), averages=4)
         >>> spectra.matrices.shape, bool(abs(spectra.psd.mean() - 0.1) < 0.02)
@@ -115,11 +117,22 @@ class Spectra(Report):
             sensors: Labels of the channels.
             kind: What was recorded.
 
+        Returns:
+            The spectral matrices of the band.
+
         Raises:
             TypeError: If an argument is no number, or record no array of them.
             ValueError: If the record has fewer samples than channels, a channel does
                 not move, or there are fewer than four lines between 0 Hz and half the
                 rate in the band.
+
+        Examples:
+            >>> import numpy as np
+            >>> from emcee_femu import Spectra
+            >>> record = np.random.default_rng(1).standard_normal((1000, 2))
+            >>> spectra = Spectra.from_record(record, rate=20.0, band=(3.0, 5.0))
+            >>> spectra.lines[[0, 1, -1]].round(6).tolist()
+            [3.0, 3.02, 5.0]
         """
         x = checks.real_array("record", record, 2)
         number = checks.real_number("rate", rate)

@@ -68,8 +68,9 @@ class FRFModel:
 
     Source: Ewins, Modal Testing: Theory, Practice and Application, 2nd ed. (2000).
 
-    Example:
-        >>> from emcee_femu import MatrixModel
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import FRFModel, MatrixModel
         >>> one = MatrixModel(np.zeros((1, 1)), np.eye(1), {"k": np.eye(1)}, n_modes=1,
         ...                   shapes=True)
         >>> frf = FRFModel(one, [1 / np.pi], [(0, 0)], damping=0.05)

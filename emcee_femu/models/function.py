@@ -43,7 +43,9 @@ class FunctionModel:
         ValueError: When called, if the function returns anything else, naming the
             parameters.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import FunctionModel
         >>> model = FunctionModel(lambda p: [np.sqrt(p["k"] / p["m"]) / (2 * np.pi)])
         >>> model({"k": np.array([40.0]), "m": np.array([0.1])}).frequencies.round(3)
         array([[3.183]])

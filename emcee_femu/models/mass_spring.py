@@ -40,7 +40,9 @@ class MassSpringModel:
             spring does not exist.
             When called: if a stiffness is not above zero.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import MassSpringModel
         >>> model = MassSpringModel([1.0, 1.0], {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)})
         >>> model({"k1": np.array([10.0, 40.0])}).frequencies.round(3).tolist()
         [[0.272, 0.658], [0.333, 1.075]]

@@ -57,7 +57,9 @@ class MatrixModel:
             called: if M is not positive definite, or the number of rigid-body modes
             is not skip.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import MatrixModel
         >>> k = np.array([[1.0, -1.0], [-1.0, 1.0]])
         >>> model = MatrixModel(np.diag([9.0, 0.0]), np.eye(2), {"k2": k}, n_modes=2)
         >>> model({"k2": np.array([4.0])}).frequencies.round(4).tolist()
@@ -158,12 +160,17 @@ class MatrixModel:
             skip: As above.
             shapes: As above.
 
+        Returns:
+            The model.
+
         Raises:
             TypeError: If an argument is not of the form described.
             ValueError: If a parameter changes nothing, K or M is not affine in it, or
                 an export has other DOFs, or is not finite and symmetric.
 
-        Example:
+        Examples:
+            >>> import numpy as np
+            >>> from emcee_femu import MatrixModel
             >>> K, M = np.array([[3.0, -1.0], [-1.0, 1.0]]), np.eye(2)
             >>> softer = np.array([[2.0, -1.0], [-1.0, 1.0]])  # k1 = 1, not 2
             >>> model = MatrixModel.from_differences(

@@ -69,6 +69,16 @@ class PairedModel:
     Source: Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001;
     D'Ambrogio and Fregolent (2003) for the subspace MAC,
     doi:10.1006/mssp.2002.1554.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import MassSpringModel, Measurements, PairedModel
+        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+        >>> model = MassSpringModel([1.0, 1.0], springs, shapes=True)
+        >>> measured = Measurements([0.66], shapes=[[1.9], [-1.0]])  # the second mode
+        >>> paired = PairedModel(model, measured)
+        >>> paired({"k1": np.array([10.0])}).frequencies.round(3).tolist()
+        [[0.658]]
     """
 
     model: Model

@@ -30,7 +30,7 @@ def mac(a: ArrayLike, b: ArrayLike) -> Floats:
     Source: Allemang and Brown (1982), A correlation coefficient for modal vector
     analysis, Proc. IMAC 1, 110-116.
 
-    Example:
+    Examples:
         >>> mac([[1.0, 1.0], [1.0, -1.0]], [[2.0, 1.0], [2.0, 0.0]]).round(2).tolist()
         [[1.0, 0.5], [0.0, 0.5]]
     """

@@ -44,7 +44,9 @@ class SpectrumModel:
         TypeError: If measured is not Spectra.
         ValueError: If there are not 1 or 2 modes, or no such sensor.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import Spectra, SpectrumModel
         >>> spectra = Spectra([0.9, 1.0], np.eye(2) + np.zeros((2, 2, 2)), averages=9)
         >>> model = SpectrumModel(spectra, reference="s2")
         >>> model.names

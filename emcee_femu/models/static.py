@@ -46,7 +46,9 @@ class StaticModel:
             is not finite, zero everywhere or of another size, or a DOF does not exist.
             When called: if the stiffness is not positive definite.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import StaticModel
         >>> k = np.array([[1.0, -1.0], [-1.0, 1.0]])
         >>> model = StaticModel(np.diag([4.0, 0.0]), {"top": {1: 2.0}}, {"k2": k})
         >>> model({"k2": np.array([1.0, 2.0])})["displacement"].round(6).tolist()

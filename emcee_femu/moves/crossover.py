@@ -46,6 +46,14 @@ class CrossoverMove(VectorizedRedBlueMove):
             does not fit ndim or fewer than ``2 * pairs`` walkers are at rest.
 
     Source: Vrugt et al. (2009), doi:10.1515/IJNSNS.2009.10.3.273.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> moves = [(ef.DEMCMove(), 0.5), (ef.CrossoverMove(pairs=2), 0.5)]
+        >>> (sampler,) = ef.run(posterior, moves, nwalkers=20, nsteps=50, seed=1)
+        >>> sampler.get_chain().shape
+        (50, 20, 5)
     """
 
     def __init__(

@@ -58,6 +58,18 @@ class DelayedAcceptanceMove(ProposingMove):
 
     Source: Christen and Fox (2005), doi:10.1198/106186005X76983; for steps, Lykkegaard
     et al. (2023), doi:10.1137/22M1476770.
+
+    Examples:
+        >>> import emcee
+        >>> import numpy as np
+        >>> from emcee_femu import DelayedAcceptanceMove, DEMCMove
+        >>> full = lambda theta: -0.5 * (theta**2).sum(axis=1)  # the expensive one
+        >>> cheap = lambda theta: 0.9 * full(theta)
+        >>> move = DelayedAcceptanceMove(DEMCMove(), cheap)
+        >>> sampler = emcee.EnsembleSampler(8, 2, full, moves=move, vectorize=True)
+        >>> _ = sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 50)
+        >>> move.proposed, move.accepted <= move.full_solves < move.proposed
+        (400, True)
     """
 
     def __init__(

@@ -48,8 +48,10 @@ class DEMCMove(VectorizedRedBlueMove):
     Source: Eqs. 3.2 and 3.3 of Sherri, Boulkaibet, Marwala and Friswell; ter Braak
     (2006), doi:10.1007/s11222-006-8769-1.
 
-    Example:
+    Examples:
         >>> import emcee
+        >>> import numpy as np
+        >>> from emcee_femu import DEMCMove
         >>> move = DEMCMove()
         >>> sampler = emcee.EnsembleSampler(8, 3, lambda x: -0.5 * x @ x, moves=move)
         >>> start = np.random.default_rng(1).normal(size=(8, 3))

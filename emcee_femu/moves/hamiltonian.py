@@ -66,7 +66,8 @@ class HamiltonianMove(Move):
 
     Source: Neal (2011), doi:10.1201/b10905-6.
 
-    Example:
+    Examples:
+        >>> from emcee_femu import HamiltonianMove
         >>> HamiltonianMove([4.0], steps=3)
         HamiltonianMove(metric=[4.0], steps=3, step_size=0.25, reciprocal_about=None)
     """
@@ -121,10 +122,22 @@ class HamiltonianMove(Move):
             seed: A whole number.
             reciprocal_about: See the class.
 
+        Returns:
+            The move, with fixed steps.
+
         Raises:
             TypeError: If an argument does not hold numbers, or there are no gradients.
             ValueError: If there are fewer than 8 samples where the posterior is above
                 zero; see also the class.
+
+        Examples:
+            >>> import emcee_femu as ef
+            >>> posterior = ef.paper.mass_spring().posterior
+            >>> found = ef.find_map(posterior, 4, seed=1, check=0)
+            >>> draws, metric = found.draw(8, seed=1), found.maxima[0].covariance
+            >>> move = ef.HamiltonianMove.tuned(posterior, draws, metric, seed=1)
+            >>> move.steps >= 1, 0.0 < move.step_size < 2.0
+            (True, True)
         """
         draws = checks.real_array("samples", samples, 2)
         move = cls(metric, reciprocal_about=reciprocal_about)

@@ -40,6 +40,13 @@ class IndependenceMove(ProposingMove):
             matrix is not positive definite. When it proposes: if ndim does not fit.
 
     Source: Tierney (1994), doi:10.1214/aos/1176325750.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import IndependenceMove
+        >>> move = IndependenceMove([1.0], [[0.0, 0.0]], [np.eye(2)])
+        >>> move.log_density(np.zeros((1, 2))).round(4).tolist()  # -ln(2 pi)
+        [-1.8379]
     """
 
     def __init__(
@@ -93,11 +100,23 @@ class IndependenceMove(ProposingMove):
                 to 6 that the Bayesian information criterion prefers.
             df: Degrees of freedom of every component.
 
+        Returns:
+            The move with the fitted mixture.
+
         Raises:
             TypeError: If components is neither a whole number nor "auto".
             ValueError: If there are too few samples, or their covariance is singular.
 
         Source: Peel and McLachlan (2000), doi:10.1023/A:1008981510081.
+
+        Examples:
+            >>> import numpy as np
+            >>> from emcee_femu import IndependenceMove
+            >>> rng = np.random.default_rng(1)
+            >>> burn_in = rng.normal([4e3, 2e3], [80, 40], (2000, 2))
+            >>> move = IndependenceMove.fit(burn_in)
+            >>> bool(np.allclose(move.means, [[4e3, 2e3]], rtol=0.01))
+            True
         """
         draws = checks.real_array("samples", samples, 2)
         df = checks.positive_array("df", df, 0).item()

@@ -41,6 +41,14 @@ class SnookerMove(VectorizedRedBlueMove):
             proposes: if fewer than 3 walkers are at rest.
 
     Source: ter Braak and Vrugt (2008), doi:10.1007/s11222-008-9104-9.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> moves = [(ef.DEMCMove(), 0.9), (ef.SnookerMove(), 0.1)]
+        >>> (sampler,) = ef.run(posterior, moves, nwalkers=20, nsteps=50, seed=1)
+        >>> sampler.get_chain().shape
+        (50, 20, 5)
     """
 
     guides = 3

@@ -50,8 +50,8 @@ class TemperedMove(Move):
     Source: Swendsen and Wang (1986), doi:10.1103/PhysRevLett.57.2607; Earl and Deem
     (2005), doi:10.1039/B509983H.
 
-    Example:
-        >>> from emcee_femu.moves import DEMCMove
+    Examples:
+        >>> from emcee_femu import DEMCMove, TemperedMove
         >>> move = TemperedMove(DEMCMove(mode_jump=0.1), betas=[1.0, 0.3, 0.0])
         >>> move.cold(nwalkers=36)
         slice(0, 12, None)

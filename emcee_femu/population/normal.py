@@ -59,7 +59,8 @@ class NormalPopulation(Report):
     Source: Lewandowski, Kurowicka and Joe (2009), doi:10.1016/j.jmva.2009.04.008, on
     correlation matrices by partial correlations.
 
-    Example:
+    Examples:
+        >>> from emcee_femu import NormalPopulation
         >>> NormalPopulation(["k1", "k2"], correlated=True).parameters
         ('mean k1', 'mean k2', 'sd k1', 'sd k2', 'correlation k1, k2')
     """

@@ -69,6 +69,23 @@ def pool_tests(
     Source: Hogg, Myers and Bovy (2010), doi:10.1088/0004-637X/725/2/2166, on weights;
     Behmanesh, Moaveni, Lombaert and Papadimitriou (2015),
     doi:10.1016/j.ymssp.2015.03.018, on populations in FE model updating.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])
+        >>> tests = {}
+        >>> for name, f in {"May": 2.95, "June": 3.05}.items():
+        ...     term = ef.FrequencyTerm([f], sd=0.01)
+        ...     posterior = ef.LogPosterior(model, term, prior)
+        ...     samplers = ef.run(posterior, nwalkers=16, nsteps=60, seed=1)
+        ...     tests[name] = ef.to_inference_data(samplers, posterior, discard=30)
+        >>> pooled = ef.pool_tests(tests, ef.NormalPopulation(["k"]), seed=1, nsteps=50,
+        ...                        ensembles=1, draws=100)
+        >>> bool(abs(pooled.hyperdraws["mean k"].mean() - 9.0) < 0.2)
+        True
+        >>> len(pooled.next_test()["k"])  # draws of a test not yet made
+        1000
     """
     if not isinstance(population, NormalPopulation):
         raise TypeError(

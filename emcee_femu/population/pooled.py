@@ -72,6 +72,9 @@ class PooledTests(Report):
     def draws(self, test: str) -> dict[str, Floats]:
         """Return the parameters of a test in the light of all, ``{name: (1000,)}``.
 
+        Args:
+            test: Its name.
+
         Raises:
             ValueError: If there is no such test.
         """
@@ -89,6 +92,9 @@ class PooledTests(Report):
         Args:
             covariates: Their values there, ``T=25.0``; the average where one is left
                 out.
+
+        Returns:
+            Draws of the parameters of that test.
 
         Raises:
             ValueError: If there is no such covariate, or hardly anything of the

@@ -63,6 +63,18 @@ class LogPosterior(Report):
             model's own bounds.
 
     Source: Eqs. 2.1 and 2.4 of Sherri, Boulkaibet, Marwala and Friswell.
+
+    Examples:
+        >>> import numpy as np
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], bounds=[(1.0, 20.0)])
+        >>> posterior = ef.LogPosterior(model, term, prior)
+        >>> posterior.labels
+        ('log_posterior', 'log_prior', 'log_likelihood[frequency]', 'frequency[1]')
+        >>> posterior([9.0]).round(4).tolist()
+        [0.8508, -1.7369, 2.5876, 3.0]
     """
 
     experiments: tuple[Experiment, ...]
@@ -97,22 +109,22 @@ class LogPosterior(Report):
             experiments: ``{name: (model, terms)}``.
             prior: The prior of all parameters; a model or term reads those it knows.
 
+        Returns:
+            The posterior, with an entry of ``experiments`` for each.
+
         Raises:
             TypeError: If experiments is not such a mapping; see also the class.
             ValueError: If it is empty, or a name is not a plain word; see also the
                 class.
 
-        Example:
-            >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
-            >>> tests = {
-            ...     name: (
-            ...         FunctionModel(lambda p, m=m: [(p["k"] / m) ** 0.5], n_modes=1),
-            ...         FrequencyTerm([f], relative_sd=0.01),
-            ...     )
-            ...     for name, m, f in [("empty", 1.0, 3.0), ("loaded", 2.0, 2.1)]
-            ... }
-            >>> prior = GaussianPrior(["k"], [9.0], [1.0], [(1.0, 20.0)])
-            >>> list(LogPosterior.joint(tests, prior).variables)
+        Examples:
+            >>> import emcee_femu as ef
+            >>> empty = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+            >>> loaded = ef.FunctionModel(lambda p: [(p["k"] / 2) ** 0.5], n_modes=1)
+            >>> tests = {"empty": (empty, ef.FrequencyTerm([3.0], relative_sd=0.01)),
+            ...          "loaded": (loaded, ef.FrequencyTerm([2.1], relative_sd=0.01))}
+            >>> prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(1.0, 20.0)])
+            >>> list(ef.LogPosterior.joint(tests, prior).variables)
             ['empty.frequency', 'loaded.frequency']
         """
         check_joint(experiments)
@@ -291,6 +303,14 @@ class LogPosterior(Report):
 
         Raises:
             ValueError: If a gradient is not finite where the posterior is.
+
+        Examples:
+            >>> import numpy as np
+            >>> import emcee_femu as ef
+            >>> problem = ef.paper.mass_spring()
+            >>> rows, gradient = problem.posterior.gradient([*problem.target.values()])
+            >>> bool(np.abs(gradient * 100).max() < 1)  # per 100 N/m: near the maximum
+            True
         """
         return split(self, self.stack_gradient(theta))
 
@@ -389,6 +409,12 @@ class LogPosterior(Report):
         Raises:
             TypeError: If nwalkers is not a whole number.
             ValueError: If nwalkers < 1, or around lies outside the bounds.
+
+        Examples:
+            >>> import emcee_femu as ef
+            >>> posterior = ef.paper.mass_spring().posterior
+            >>> posterior.start(20, seed=1).shape
+            (20, 5)
         """
         return draw_start(self.prior, nwalkers, seed, around)
 

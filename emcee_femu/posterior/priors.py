@@ -36,7 +36,9 @@ class GaussianPrior(Report):
 
     Source: Eq. 2.3 of Sherri, Boulkaibet, Marwala and Friswell.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import GaussianPrior
         >>> prior = GaussianPrior(["k1", "k2"], [4e3, 2e3], 1e3, [(3e3, 5e3)] * 2)
         >>> prior.logpdf(np.array([[4e3, 3e3], [4e3, 9e3]])).round(2).tolist()
         [-13.92, -inf]
@@ -132,8 +134,9 @@ class IndependentPrior(Report):
         ValueError: If there is no marginal, one has an undefined support, bounds name
             no marginal, low >= high, or bounds hold no probability.
 
-    Example:
+    Examples:
         >>> from scipy import stats
+        >>> from emcee_femu import IndependentPrior, uniform_between
         >>> marginals = {"E": stats.lognorm(0.2), "k1": uniform_between(1e3, 5e3)}
         >>> IndependentPrior(marginals, bounds={"E": (0.5, 1.5)}).bounds.tolist()
         [[0.5, 1.5], [1000.0, 5000.0]]
@@ -246,10 +249,18 @@ class _Cut:
 def uniform_between(low: float, high: float) -> Any:
     """Return the scipy.stats uniform distribution on ``[low, high]``.
 
+    Args:
+        low: The lower end.
+        high: The upper end.
+
+    Returns:
+        A frozen distribution.
+
     Raises:
         ValueError: If a bound is not finite or low >= high.
 
-    Example:
+    Examples:
+        >>> from emcee_femu import uniform_between
         >>> uniform_between(1000.0, 5000.0).support()
         (np.float64(1000.0), np.float64(5000.0))
     """

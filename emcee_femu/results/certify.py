@@ -88,6 +88,9 @@ def certify(
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another.
 
+    Returns:
+        The verdict, what it rests on, and an ArviZ object to go on with; ``print`` it.
+
     Raises:
         TypeError: If posterior is not a LogPosterior, or a number not a whole one.
         ValueError: If idata lacks what is needed or is of other parameters, solves is
@@ -97,19 +100,18 @@ def certify(
     Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
     sampling", JMLR 25(72); Kish (1965), Survey Sampling (efficiency).
 
-    Example:
-        >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
-        >>> from emcee_femu import run, to_inference_data
-        >>> term = FrequencyTerm([3.0], relative_sd=0.01)
-        >>> prior = GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> true = LogPosterior(
-        ...     FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1), term, prior
+    Examples:
+        >>> import emcee_femu as ef
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> true = ef.LogPosterior(
+        ...     ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1), term, prior
         ... )
-        >>> near = FunctionModel(lambda p: [3 + (p["k"] - 9) / 6], n_modes=1)
-        >>> emulated = LogPosterior(near, term, prior)
-        >>> sampler = run(emulated, nwalkers=20, nsteps=400, seed=1)
-        >>> idata = to_inference_data(sampler, emulated, discard=100)
-        >>> certificate = certify(idata, true, 60, seed=2)
+        >>> near = ef.FunctionModel(lambda p: [3 + (p["k"] - 9) / 6], n_modes=1)
+        >>> emulated = ef.LogPosterior(near, term, prior)
+        >>> sampler = ef.run(emulated, nwalkers=20, nsteps=400, seed=1)
+        >>> idata = ef.to_inference_data(sampler, emulated, discard=100)
+        >>> certificate = ef.certify(idata, true, 60, seed=2)
         >>> certificate.short, certificate.solves <= 60
         ('certified', True)
     """

@@ -131,12 +131,22 @@ def diagnose(
             ``discard`` and ``thin``.
         discard: Stored steps to drop as burn-in.
 
+    Returns:
+        Numbers and a verdict; ``print`` it.
+
     Raises:
         TypeError: If samplers is something else, or discard not a whole number.
         ValueError: If fewer than 8 steps are left.
 
     Source: Goodman and Weare (2010), doi:10.2140/camcos.2010.5.65 (tau); Vehtari et
     al. (2021), doi:10.1214/20-BA1221 (R-hat, ESS).
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=50, seed=1)
+        >>> ef.diagnose(samplers).verdict.split(":")[0]
+        'Not converged'
     """
     names, draws, known = judged_chains(samplers, discard)
     steps, n_ensembles, n_walkers, ndim = draws.shape

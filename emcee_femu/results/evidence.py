@@ -96,6 +96,9 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
             ArviZ object of the run, perhaps from a netCDF file.
         discard: Stored steps to drop as burn-in.
 
+    Returns:
+        The estimate, its standard error and what speaks against it; ``print`` it.
+
     Raises:
         TypeError: If discard is not a whole number.
         ValueError: If a sampler is neither tempered nor of "auto", or an ArviZ object
@@ -106,6 +109,17 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
     Source: Meng and Wong (1996), Statistica Sinica 6, 831-860; Bennett (1976),
     doi:10.1016/0021-9991(76)90078-4; Fruehwirth-Schnatter (2004),
     doi:10.1111/j.1368-423X.2004.00125.x (errors).
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.1)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> move = ef.TemperedMove(ef.DEMCMove(), betas=[1.0, 0.3, 0.0])
+        >>> posterior = ef.LogPosterior(model, term, prior)
+        >>> samplers = ef.run(posterior, move, nsteps=300, seed=1)
+        >>> round(ef.log_evidence(samplers, discard=50).log_evidence, 1)
+        -0.2
     """
     if hasattr(samplers, "log_evidence_error"):
         return Evidence(

@@ -55,7 +55,7 @@ def space_betas(betas: Floats, variances: Floats) -> Floats:
     V is the variance of the log-likelihood; between the betas given, 1 / sqrt(V) is
     taken for linear, as it is for a Gaussian posterior.
 
-    Example:
+    Examples:
         >>> space_betas(np.array([1.0, 0.1, 0.0]), np.array([2.0, 50.0, 1e4])).round(3)
         array([1.   , 0.423, 0.142, 0.027, 0.   ])
     """

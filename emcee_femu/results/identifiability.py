@@ -131,6 +131,9 @@ def identifiability(idata: Any) -> Identifiability:
         idata: What :func:`to_inference_data` returns, without burn-in, or what
             :func:`find_map` returns.
 
+    Returns:
+        Numbers and findings; ``print`` it.
+
     Raises:
         TypeError: If idata is neither.
         ValueError: If a parameter took fewer different values than three for each of
@@ -138,6 +141,15 @@ def identifiability(idata: Any) -> Identifiability:
 
     Source: Fox and Kapoor (1968), doi:10.2514/3.5008, derive the same gradients from
     the mode shapes.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k1"] ** 0.5], n_modes=1)
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k1"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> found = ef.find_map(ef.LogPosterior(model, term, prior), 4, seed=1)
+        >>> ef.identifiability(found).sd_ratio.round(2).tolist()
+        [0.09]
     """
     local = isinstance(idata, FoundMap)
     fields = describe_locally(idata) if local else describe_samples(idata)

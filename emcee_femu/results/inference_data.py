@@ -80,6 +80,14 @@ def to_inference_data(
         TypeError: If discard or thin is not a whole number, or posterior is no
             LogPosterior.
         ValueError: If nothing is left, or a chain is not of this posterior.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> dict(idata["posterior"]["k1"].sizes)
+        {'chain': 20, 'draw': 50}
     """
     if not isinstance(posterior, LogPosterior):
         raise TypeError(

@@ -40,9 +40,28 @@ def modes_from_spectra(
             :class:`SpectrumModel` at the same sensors.
         dofs: The model's DOF at each sensor.
 
+    Returns:
+        The modes of all bands, ascending.
+
     Raises:
         TypeError: If posteriors is no mapping of ArviZ objects.
         ValueError: If there are none, one has no draws of modes, or sensors differ.
+
+    Examples:
+        >>> import numpy as np
+        >>> from scipy.signal import lfilter
+        >>> import emcee_femu as ef
+        >>> noise = np.random.default_rng(1).standard_normal((4000, 1))
+        >>> record = lfilter([1.0], [1.0, -1.6, 0.97], noise, axis=0)  # 0.99 Hz, 2.4 %
+        >>> spectra = ef.Spectra.from_record(record, rate=10.0, band=(0.8, 1.2))
+        >>> model, term = ef.SpectrumModel(spectra), ef.SpectrumTerm(spectra)
+        >>> bounds = [(0.9, 1.1), (0.01, 0.1), (-9, 9), (-9, 9)]
+        >>> prior = ef.GaussianPrior(model.names, [1, 0.03, 0, 0], [1, 1, 9, 9], bounds)
+        >>> posterior = ef.LogPosterior(model, term, prior)
+        >>> samplers = ef.run(posterior, nsteps=300, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=100)
+        >>> ef.modes_from_spectra({"first": idata}).frequencies.round(1).tolist()
+        [1.0]
     """
     alone = hasattr(posteriors, "posterior")  # an ArviZ object is a mapping too
     if alone or not isinstance(posteriors, Mapping) or not posteriors:

@@ -37,10 +37,21 @@ def predictive_table(idata: Any, posterior: LogPosterior | None = None) -> Table
         idata: What :func:`to_inference_data` returns.
         posterior: The sampled posterior, or None for the model's prediction only.
 
+    Returns:
+        The table, one row per measured value.
+
     Raises:
         TypeError: If posterior is not a LogPosterior.
         ValueError: If nothing of the response was measured, or posterior has other
             parameters or no term that draws new measurements.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> ef.predictive_table(idata, posterior).column("inside")
+        ['yes', 'yes', 'yes', 'yes', 'yes']
     """
     found = measured_variables(idata)
     group, what = "response", "the model alone"
@@ -135,8 +146,24 @@ def pairing_table(idata: Any, experiment: str | None = None) -> Table:
         idata: What :func:`to_inference_data` returns.
         experiment: Name of one experiment of a joint posterior.
 
+    Returns:
+        The table, one row per measured mode, and one for all.
+
     Raises:
         ValueError: If the model does not pair modes.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+        >>> model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+        >>> measured = ef.Measurements([0.66], sd=[0.01], shapes=[[1.9], [-1.0]])
+        >>> prior = ef.GaussianPrior(["k1"], [10.0], [2.0], [(5.0, 20.0)])
+        >>> paired = ef.PairedModel(model, measured)
+        >>> posterior = ef.LogPosterior(paired, ef.FrequencyTerm(measured), prior)
+        >>> samplers = ef.run(posterior, nwalkers=16, nsteps=50, seed=1)
+        >>> table = ef.pairing_table(ef.to_inference_data(samplers, posterior))
+        >>> table.column("model's mode")
+        ['2', '']
     """
     response = dataset(idata, "response")
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]

@@ -37,10 +37,22 @@ def parameter_table(
         var_names: Rows, with quantities that were added to the ``posterior`` group;
             None for the sampled parameters.
 
+    Returns:
+        The table, one row per parameter.
+
     Raises:
         TypeError: If nominal or published is not such a mapping.
         ValueError: If nominal, a published column or var_names names an unknown
             parameter.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> table = ef.parameter_table(idata)
+        >>> [round(mean / 1e3) for mean in table.column("mean")[:3]]  # N/mm
+        [4, 2, 2]
     """
     names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
@@ -93,11 +105,23 @@ def frequency_table(
         published: Further columns, ``{title: one number per measured mode}``.
         experiment: Name of one experiment of a joint posterior.
 
+    Returns:
+        The table, one row per measured mode.
+
     Raises:
         TypeError: If published is not such a mapping, or posterior not a
             LogPosterior.
         ValueError: If there are no measured frequencies, a published column has
             another length, or posterior has other parameters.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
+        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> table = ef.frequency_table(idata)
+        >>> table.column("mode")
+        ['1', '2', '3', '4', '5', 'TAE']
     """
     found = measured_frequencies(idata, experiment)
     measured, m = found.values, len(found.values)

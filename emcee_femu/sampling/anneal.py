@@ -69,6 +69,9 @@ def anneal(
             the 16 solves that tell a changed model.
         probe_tolerance: Relative difference above which those count as another.
 
+    Returns:
+        The population, its evidence and how it got there; ``print`` it.
+
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count not a whole number.
         ValueError: If size is too small, too few draws of the prior have a finite
@@ -80,12 +83,12 @@ def anneal(
     doi:10.1016/0021-9991(76)90078-4 (the ratios); Lee and Whiteley (2018),
     doi:10.1093/biomet/asy028 (lineages).
 
-    Example:
-        >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
-        >>> model = FunctionModel(lambda p: [p["k"] ** 0.5, (3 * p["k"]) ** 0.5])
-        >>> term = FrequencyTerm([3.0, 5.2], relative_sd=0.01)
-        >>> prior = GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> population = anneal(LogPosterior(model, term, prior), 200, seed=1)
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5, (3 * p["k"]) ** 0.5])
+        >>> term = ef.FrequencyTerm([3.0, 5.2], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> population = ef.anneal(ef.LogPosterior(model, term, prior), 200, seed=1)
         >>> population.theta.shape, bool(abs(population.theta.mean() - 9.0) < 0.1)
         ((200, 1), True)
     """

@@ -104,12 +104,12 @@ def emulate(
     Source: Sinsbeck and Nowak (2017), Sequential design of computer experiments for the
     solution of Bayesian inverse problems, doi:10.1137/15M1047659.
 
-    Example:
-        >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
-        >>> model = FunctionModel(lambda p: [p["k"] ** 0.5, (3 * p["k"]) ** 0.5])
-        >>> term = FrequencyTerm([3.0, 5.2], relative_sd=0.01)
-        >>> prior = GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> emulated = emulate(LogPosterior(model, term, prior), 12, seed=1)
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5, (3 * p["k"]) ** 0.5])
+        >>> term = ef.FrequencyTerm([3.0, 5.2], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> emulated = ef.emulate(ef.LogPosterior(model, term, prior), 12, seed=1)
         >>> emulated.solves <= 12, emulated.posterior.names
         (True, ('k',))
     """

@@ -58,18 +58,21 @@ def find_map(
         max_failures: Fraction of the evaluations, of at least 100, above which
             "reject" stops the search.
 
+    Returns:
+        The maxima, their Gaussians and weights; ``print`` it.
+
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count is not a whole
             number.
         ValueError: If a start is out of bounds, or check is between 0 and 25.
         RuntimeError: If no start led to a maximum, or too many solves failed.
 
-    Example:
-        >>> from emcee_femu import FrequencyTerm, FunctionModel, GaussianPrior
-        >>> model = FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
-        >>> term = FrequencyTerm([3.0], relative_sd=0.01)
-        >>> prior = GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> found = find_map(LogPosterior(model, term, prior), 4, seed=1)
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> found = ef.find_map(ef.LogPosterior(model, term, prior), 4, seed=1)
         >>> (best,) = found.maxima
         >>> best.theta.round(2).tolist(), (best.covariance**0.5).round(2).tolist()
         ([8.99], [[0.18]])

@@ -61,9 +61,21 @@ class FoundMap(Report):
             n: How many.
             seed: A whole number.
 
+        Returns:
+            The draws, ``(n, d)``.
+
         Raises:
             TypeError: If an argument is not a whole number.
             ValueError: If n is below 1, or hardly any draw is inside the bounds.
+
+        Examples:
+            >>> import emcee_femu as ef
+            >>> posterior = ef.paper.mass_spring().posterior
+            >>> found = ef.find_map(posterior, 4, seed=1, check=0)
+            >>> starts = found.draw(20, seed=1)
+            >>> (sampler,) = ef.run(posterior, nsteps=20, seed=1, initial=starts)
+            >>> starts.shape
+            (20, 5)
         """
         n = checks.whole_number("n", n, 1)
         rng = np.random.default_rng(checks.whole_number("seed", seed))

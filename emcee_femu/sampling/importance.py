@@ -27,7 +27,7 @@ def pareto_k(log_weights: Floats) -> float:
     Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
     sampling", JMLR 25(72).
 
-    Example:
+    Examples:
         >>> rng = np.random.default_rng(1)
         >>> pareto_k(-0.1 * rng.normal(size=2_000) ** 2) < GOOD_K
         True

@@ -116,6 +116,13 @@ def run(
             asked for. All are raised before sampling.
         RuntimeError: If too many solves failed or a worker died. An exception during
             sampling has the samplers so far, as its attribute ``samplers``.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, ensembles=2, seed=1)
+        >>> [sampler.get_chain().shape for sampler in samplers]
+        [(100, 20, 5), (100, 20, 5)]
     """
     if not isinstance(posterior, LogPosterior):
         raise TypeError(

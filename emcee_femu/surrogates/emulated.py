@@ -46,6 +46,16 @@ class EmulatedModel(Report):
             measurement error; None if nobody kept it.
         posterior: The posterior with this model in place of the full one, ready to
             :func:`run`; None if nobody made it.
+
+    Examples:
+        >>> import numpy as np
+        >>> import emcee_femu as ef
+        >>> full = ef.FunctionModel(lambda p: [p["k"] ** 0.5])
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> model = ef.emulate(ef.LogPosterior(full, term, prior), 12, seed=1)
+        >>> model({"k": np.array([9.0])}).frequency.round(2).tolist()
+        [[3.0]]
     """
 
     bounds: Mapping[str, tuple[float, float]]

@@ -155,7 +155,7 @@ def fit_processes(
     Source: Santner, Williams and Notz (2018), doi:10.1007/978-1-4939-8847-1; Bachoc
     (2013) for amplitudes by leaving one out, doi:10.1016/j.csda.2013.03.016.
 
-    Example:
+    Examples:
         >>> x = np.linspace(-1.0, 1.0, 7)[:, None]
         >>> mean, sd = fit_processes(x, 100.0 * np.sin(x)).predict(np.array([[0.5]]))
         >>> bool(abs(mean[0, 0] - 100.0 * np.sin(0.5)) < 5.0 * sd[0, 0] < 0.5)

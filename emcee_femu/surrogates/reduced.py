@@ -41,6 +41,22 @@ class ReducedModel(Report):
         full_solves: Full solves spent, the certificate included.
         speed_up: Time of the full model over that of this one, per parameter set, in
             a batch of 16; measured when the model was made.
+
+    Examples:
+        >>> import numpy as np
+        >>> from scipy.sparse import csc_array, diags_array
+        >>> import emcee_femu as ef
+        >>> n = 1000  # masses in a row; the springs of either half have one stiffness
+        >>> unit = csc_array(np.eye(n))
+        >>> B = csc_array(diags_array([np.ones(n), -np.ones(n - 1)], offsets=[0, -1]))
+        >>> halves = {"low": B[: n // 2], "high": B[n // 2 :]}
+        >>> K = {name: half.T @ half for name, half in halves.items()}
+        >>> full = ef.MatrixModel(0 * unit, unit, K, n_modes=2)
+        >>> bounds = {"low": (0.5, 2.0), "high": (0.5, 2.0)}
+        >>> small = ef.reduce_model(full, bounds, tolerance=1e-3, test_points=4)
+        >>> at = {"low": np.array([0.7]), "high": np.array([1.6])}
+        >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
+        True
     """
 
     bounds: Mapping[str, tuple[float, float]]

@@ -49,6 +49,9 @@ def reduce_model(
         max_solves: How many full solves may be spent, tests included.
         seed: Seed of the points.
 
+    Returns:
+        The reduced model, with its certificate.
+
     Raises:
         TypeError: If model is not a MatrixModel.
         ValueError: If bounds do not fit the parameters, or the tolerance is not
@@ -56,6 +59,21 @@ def reduce_model(
 
     Warns:
         UserWarning: If the reduction does not pay.
+
+    Examples:
+        >>> import numpy as np
+        >>> from scipy.sparse import csc_array, diags_array
+        >>> import emcee_femu as ef
+        >>> n = 1000  # masses in a row; the springs of either half have one stiffness
+        >>> unit = csc_array(np.eye(n))
+        >>> B = csc_array(diags_array([np.ones(n), -np.ones(n - 1)], offsets=[0, -1]))
+        >>> halves = {"low": B[: n // 2], "high": B[n // 2 :]}
+        >>> K = {name: half.T @ half for name, half in halves.items()}
+        >>> full = ef.MatrixModel(0 * unit, unit, K, n_modes=2)
+        >>> bounds = {"low": (0.5, 2.0), "high": (0.5, 2.0)}
+        >>> small = ef.reduce_model(full, bounds, tolerance=1e-3, test_points=4)
+        >>> small.size < 20, small.max_error < 1e-3
+        (True, True)
     """
     if not isinstance(model, MatrixModel):
         raise TypeError(

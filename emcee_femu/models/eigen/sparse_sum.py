@@ -24,7 +24,7 @@ class SparseSum:
         terms: A_0, then the A_i, each ``(N, N)`` without duplicate entries.
         also: Matrices whose pattern the sum must hold too.
 
-    Example:
+    Examples:
         >>> total = SparseSum([csc_array(np.eye(2)), csc_array([[0., 1.], [1., 0.]])])
         >>> total(np.array([5.0])).toarray().tolist()
         [[1.0, 5.0], [5.0, 1.0]]

@@ -42,6 +42,18 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
         ValueError: If a file is damaged, in another format, or not of this model; the
             message names the file, the line and what to do.
         ImportError: If the format needs a package that is not installed.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from scipy.io import mmwrite
+        >>> from emcee_femu import read_matrices
+        >>> with TemporaryDirectory() as folder:
+        ...     files = {"K": Path(folder, "K.mtx"), "M": Path(folder, "M.mtx")}
+        ...     for path in files.values():
+        ...         mmwrite(path, [[3.0, -1.0], [-1.0, 1.0]])
+        ...     read_matrices(files).K.toarray().tolist()
+        [[3.0, -1.0], [-1.0, 1.0]]
     """
     if isinstance(path, Mapping):
         files = {

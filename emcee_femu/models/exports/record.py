@@ -25,6 +25,16 @@ class Matrices(Report):
         nodes: Node and direction (1 to 6) of each row, ``(N, 2)``; None where the
             format has no labels.
         source: The file that was given.
+
+    Examples:
+        >>> import numpy as np
+        >>> from scipy.sparse import csc_array
+        >>> from emcee_femu import Matrices
+        >>> K = csc_array([[3.0, -1.0], [-1.0, 1.0]])
+        >>> nodes = np.array([[12, 1], [12, 3]])  # node, direction
+        >>> exported = Matrices({"K": K, "M": csc_array(np.eye(2))}, nodes, "beam.mtx")
+        >>> exported.labels, exported.dofs("12:uz")
+        (('12:ux', '12:uz'), 1)
     """
 
     matrices: Mapping[str, csc_array] = field(repr=False)

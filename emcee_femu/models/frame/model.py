@@ -47,7 +47,9 @@ class FrameModel:
             When called: if a property is not above zero, or the number of rigid-body
             modes is not skip.
 
-    Example:
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu import FrameModel, Section
         >>> bar = Section(E=7e10, GJ=700, rho=2700, A=3e-4, Iy=2e-9, Iz="Iz")
         >>> points = [(x, 0, 0) for x in np.linspace(0, 1, 9)]
         >>> beam = FrameModel(points, [(i, i + 1, "bar") for i in range(8)],

@@ -34,6 +34,12 @@ class Section:
     Raises:
         TypeError: If a property is neither a real number nor a name.
         ValueError: If a number is not above zero, or orientation is not (3,) or zero.
+
+    Examples:
+        >>> from emcee_femu import Section
+        >>> bar = Section(E="E", GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz="Iz")
+        >>> sorted(bar.parameters)
+        ['E', 'Iz']
     """
 
     E: float | str

@@ -46,8 +46,10 @@ class EvaluationPool:
             number >= 1, or (from ``map``) the function cannot be pickled.
         RuntimeError: From ``map``, if a worker died or the executor was closed.
 
-    Example:
+    Examples:
         >>> from concurrent.futures import ThreadPoolExecutor
+        >>> import numpy as np
+        >>> from emcee_femu import EvaluationPool
         >>> with ThreadPoolExecutor(2) as executor:
         ...     EvaluationPool(executor).map(lambda x: float(x @ x), 2 * np.eye(2))
         [4.0, 4.0]

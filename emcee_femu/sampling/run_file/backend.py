@@ -28,6 +28,18 @@ class RunFile(emcee.backends.Backend):
     Raises:
         ValueError: If it is not a file of a run, is damaged (by the number of the
             record, with what can be kept), or has no such ensemble.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> import emcee_femu as ef
+        >>> from emcee_femu.sampling.run_file import RunFile
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> with TemporaryDirectory() as folder:
+        ...     path = Path(folder, "run.chain")
+        ...     samplers = ef.run(posterior, nsteps=20, seed=1, backend=path)
+        ...     RunFile(path).get_chain(discard=10).shape
+        (10, 20, 5)
     """
 
     def __init__(self, path: str | PathLike[str] | Log, ensemble: int = 0) -> None:
@@ -45,7 +57,29 @@ class RunFile(emcee.backends.Backend):
 
     @classmethod
     def open(cls, path: str | PathLike[str]) -> list[Self]:
-        """Return a backend per ensemble, to read them or to go on."""
+        """Return a backend per ensemble, to read them or to go on.
+
+        Args:
+            path: The file.
+
+        Returns:
+            One of each ensemble.
+
+        Raises:
+            ValueError: If it is not a file of a run, or is damaged.
+
+        Examples:
+            >>> from pathlib import Path
+            >>> from tempfile import TemporaryDirectory
+            >>> import emcee_femu as ef
+            >>> from emcee_femu.sampling.run_file import RunFile
+            >>> posterior = ef.paper.mass_spring().posterior
+            >>> with TemporaryDirectory() as folder:
+            ...     path = Path(folder, "run.chain")
+            ...     _ = ef.run(posterior, nsteps=20, ensembles=2, seed=1, backend=path)
+            ...     [ensemble.iteration for ensemble in RunFile.open(path)]
+            [20, 20]
+        """
         log = Log(os.fspath(path))
         return [cls(log, stream) for stream in range(log.header["streams"])]
 

@@ -1,0 +1,99 @@
+"""Every public name says what it takes, returns and raises, and shows how it is used.
+
+Sphinx makes the reference of the API from these docstrings.
+"""
+
+import ast
+import builtins
+import doctest
+import inspect
+import re
+
+import pytest
+
+import emcee_femu
+from emcee_femu.population.pooled import PooledTests
+from emcee_femu.sampling.found_map import FoundMap
+from emcee_femu.sampling.run_file import RunFile
+from emcee_femu.table import Table
+
+# What the package hands out already made: these constructors check nothing.
+RECORDS = {
+    "EmulatedModel", "Matrices", "ModalSolution", "PairedSolution", "Problem",
+    "Published", "ReducedModel", "Table",
+}  # fmt: skip
+SHOWN = ("FoundMap.draw", "LogPosterior.gradient", "LogPosterior.start",
+         "Table.to_frame", "Table.to_latex")  # fmt: skip
+
+
+PUBLIC = {
+    name: thing
+    for module in (emcee_femu, emcee_femu.paper)
+    for name, thing in vars(module).items()
+    if getattr(thing, "__module__", "").startswith(module.__name__) and name[0] != "_"
+} | {"RunFile": RunFile, "Table": Table}
+METHODS = {
+    f"{owner.__name__}.{name}": getattr(owner, name)
+    for owner in (*filter(inspect.isclass, PUBLIC.values()), FoundMap, PooledTests)
+    for name in vars(owner)
+    if name[0] != "_" and inspect.isroutine(getattr(owner, name))
+}
+CONSTRUCTORS = {label: own for label, own in METHODS.items() if inspect.ismethod(own)}
+del CONSTRUCTORS["RunFile.create"]  # for run
+USED = PUBLIC | CONSTRUCTORS | {label: METHODS[label] for label in SHOWN}
+
+
+def sections(thing):
+    """Return ``{title: lines}`` of a docstring."""
+    found, title = {}, ""
+    for line in inspect.getdoc(thing).splitlines():
+        if head := re.fullmatch(r"([A-Z]\w+):", line):
+            title = head[1]
+        found.setdefault(title, []).append(line)
+    return found
+
+
+def entries(thing, title):
+    """Return what a section describes, in order."""
+    found = (
+        re.match(r"    \*{0,2}(\w+): ", line) for line in sections(thing).get(title, [])
+    )
+    return [match[1] for match in found if match]
+
+
+def parameters(thing):
+    names = inspect.signature(thing).parameters
+    return [name for name in names if name[0] != "_" and name != "self"]
+
+
+@pytest.mark.parametrize("label", USED)
+def test_an_example_runs_wherever_it_is_pasted(label):
+    text = "\n".join(sections(USED[label]).get("Examples", []))
+    source = "".join(e.source for e in doctest.DocTestParser().get_examples(text))
+    assert source
+    names = [n for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Name)]
+    made = {n.id for n in names if not isinstance(n.ctx, ast.Load)} | set(dir(builtins))
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom | ast.Import):
+            made |= {alias.asname or alias.name for alias in node.names}
+        elif isinstance(node, ast.arg):
+            made.add(node.arg)
+        elif isinstance(node, ast.FunctionDef):
+            made.add(node.name)
+    assert {n.id for n in names} <= made
+
+
+@pytest.mark.parametrize("label", USED | METHODS)
+def test_arguments_are_described_by_their_names_in_order(label):
+    thing = (USED | METHODS)[label]
+    if label in RECORDS:
+        assert entries(thing, "Attributes") == parameters(thing)
+    elif label in USED or "Args" in sections(thing):
+        assert entries(thing, "Args") == parameters(thing)
+
+
+@pytest.mark.parametrize("label", PUBLIC | CONSTRUCTORS)
+def test_what_is_returned_and_raised_is_described(label):
+    thing, has = USED[label], sections(USED[label])
+    assert inspect.isclass(thing) or "Returns" in has
+    assert label in RECORDS or "Raises" in has
