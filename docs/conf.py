@@ -32,7 +32,6 @@ nitpicky = True  # a name that is nowhere documented is a warning, and an error 
 nitpick_ignore_regex = [
     # Names of other packages: their sites cannot be asked while this one is built.
     ("py:.*", r"(numpy|np|scipy|emcee|matplotlib|arviz|pandas|xarray|collections)\..*"),
-    ("py:class", ".* .*"),  # napoleon reads the sentence of a property as its type
 ]
 
 # Notebooks
@@ -65,6 +64,7 @@ napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes are listed once, by their class
+napoleon_attr_annotations = False  # as for arguments
 
 # Looks
 html_theme = "sphinx_book_theme"

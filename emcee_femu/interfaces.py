@@ -27,7 +27,7 @@ n_modes    modal model   how many modes it returns; enough in place of variables
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, what it needs of the response
 observed   term          ``{name: array}``, what was measured, by the name of a variable
-error_sd   term         ``{variable: array}``, the standard deviations of these, for
+error_sd   term          ``{variable: array}``, the standard deviations of these, for
                          tables and figures; 0 where unknown
 pointwise  term          ``pointwise(parameters, stored)``: the log-likelihood of each
                          datum, ``{variable: (n, ...)}``, with the dimensions of that

@@ -17,13 +17,13 @@ WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak")
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison(Report):
-    """What :func:`compare_models` found; ``print`` it for the table and the conclusion.
+    """What :func:`.compare_models` found; ``print`` it for table and conclusion.
 
     Attributes:
         table: One row per model class, the largest evidence first: log evidence and its
             standard error; ln of the Bayes factor of the first class against this one
             and its standard error; probability; verdict.
-        evidences: By label, as :func:`log_evidence` returns them.
+        evidences: By label, as :func:`.log_evidence` returns them.
         probabilities: Of the classes given the data, by label.
         winner: Label of the class that is ahead of all others beyond the errors; None
             if none is.

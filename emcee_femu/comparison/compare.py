@@ -29,14 +29,12 @@ from .ranking import Entry, conclusion, known_moments, table
 
 @dataclass(frozen=True, eq=False)
 class Comparison(Report):
-    """What :func:`compare_moves` found; ``print`` it for the table and the conclusion.
-
-    The table is that of :func:`comparison.ranking.table`.
+    """What :func:`.compare_moves` found; ``print`` it for the table and the conclusion.
 
     Attributes:
         table: One row per move.
         idata: ArviZ object of the kept steps, by label.
-        diagnoses: :class:`results.diagnostics.Diagnosis`, by label.
+        diagnoses: :class:`.Diagnosis`, by label.
         ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
             per ensemble ``(ensembles,)``, by label.
         winner: Label of the move that is best beyond the spread; None if none is.

@@ -20,8 +20,8 @@ def plot_comparison(comparison: Comparison) -> Any:
 
     Left: the best on top, error bars of one standard error over the ensembles; the
     bars of moves that have not converged are hatched. Right, where frequencies were
-    measured: the total average error of the running mean of the kept steps
-    (:func:`results.frequencies.running_tae`), in the colours of the bars.
+    measured: the total average error of the running mean of the kept steps, in the
+    colours of the bars.
 
     Args:
         comparison: What :func:`compare_moves` returns.

@@ -27,8 +27,8 @@ def plot_scatter(
 ) -> Any:
     """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
 
-    An ellipse holds ``probability`` of a Gaussian with the samples' covariance
-    (:func:`figures.ellipses.covariance_ellipse`). Axes end at the prior's bounds.
+    An ellipse holds ``probability`` of a Gaussian with the samples' covariance. Axes
+    end at the prior's bounds.
 
     Args:
         idata: What :func:`to_inference_data` returns.

@@ -119,12 +119,12 @@ class DisplacementTerm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that the term reads: the discrepancy, where there is one."""
+        """The discrepancy, where there is one, the only parameter that is read."""
         return () if self.discrepancy is None else (self.discrepancy,)
 
     @property
     def positive(self) -> tuple[str, ...]:
-        """The parameters that must stay above zero: all."""
+        """All parameters of the term, which must stay above zero."""
         return self.names
 
     def __call__(self, parameters: Parameters, response: Any) -> Floats:

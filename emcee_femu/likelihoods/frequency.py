@@ -139,7 +139,7 @@ class FrequencyTerm:
 
     @property
     def reads(self) -> Mapping[str, Variable]:
-        """What the term needs of a response: the frequencies of the measured modes."""
+        """Frequencies of the measured modes, which the term needs of a response."""
         return modal_variables(len(self.measured))
 
     @property
@@ -162,12 +162,12 @@ class FrequencyTerm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that the term reads: the discrepancy, where there is one."""
+        """The discrepancy, where there is one, the only parameter that is read."""
         return () if self.discrepancy is None else (self.discrepancy,)
 
     @property
     def positive(self) -> tuple[str, ...]:
-        """The parameters that must stay above zero: all."""
+        """All parameters of the term, which must stay above zero."""
         return self.names
 
     def __call__(self, parameters: Parameters, response: Any) -> Floats:

@@ -119,7 +119,7 @@ class ShapeTerm:
 
     @property
     def reads(self) -> Mapping[str, Variable]:
-        """What the term needs of a response: shapes at the sensors."""
+        """Shapes at the sensors, which the term needs of a response."""
         n_sensors, n_modes = self.measured.shape
         # Sensors whose DOFs are not known are in the order of the model's rows.
         dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
@@ -133,12 +133,12 @@ class ShapeTerm:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that the term reads: the discrepancy, where there is one."""
+        """The discrepancy, where there is one, the only parameter that is read."""
         return () if self.discrepancy is None else (self.discrepancy,)
 
     @property
     def positive(self) -> tuple[str, ...]:
-        """The parameters that must stay above zero: all."""
+        """All parameters of the term, which must stay above zero."""
         return self.names
 
     def __call__(self, parameters: Parameters, response: Any) -> Floats:

@@ -136,7 +136,7 @@ class PairedModel:
 
     @property
     def variables(self) -> dict[str, Variable]:
-        """What a response holds: frequencies, MAC and numbers of the paired modes."""
+        """Frequencies, MAC and numbers of the paired modes, which a response holds."""
         dofs = self.measurements.dofs
         labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
         modal = modal_variables(self.n_modes, labels)

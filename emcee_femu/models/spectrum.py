@@ -104,7 +104,7 @@ class SpectrumModel:
 
     @property
     def required(self) -> tuple[str, ...]:
-        """The parameters without which there is no response: all."""
+        """All parameters, for without each of them there is no response."""
         return self.names
 
     @property

@@ -164,7 +164,7 @@ class HamiltonianMove(Move):
 
     @property
     def cost(self) -> int:
-        """Evaluations per walker and generation: a gradient for each step."""
+        """Evaluations per walker and generation, a gradient for each step."""
         return self.steps
 
     def check(self, nwalkers: int, ndim: int) -> None:

@@ -35,9 +35,9 @@ def pool_tests(
         \prod_t \int L_t(\theta) N(\theta; \phi) \, d\theta
 
     The integrals are over the draws of each test's own posterior, from which its prior
-    is divided out (:mod:`population.marginal`): there is no new FE solve. Parameters
-    that are not pooled, such as errors, stay each test's own, under its own prior.
-    The parameters of the population are sampled with ``run(..., "auto")``.
+    is divided out: there is no new FE solve. Parameters that are not pooled, such as
+    errors, stay each test's own, under its own prior. The parameters of the population
+    are sampled with ``run(..., "auto")``.
 
     A test is judged by the Pareto k of its weights under the population. Above 0.7 its
     draws hardly reach where the population puts it, and a normal law that resembles

@@ -23,20 +23,20 @@ TRIES = 1_000  # draws of a population whose bounds cut nearly all of it
 
 @dataclass(frozen=True, eq=False)
 class PooledTests(Report):
-    """What :func:`pool_tests` found; ``print`` it for tables and what to do.
+    """What :func:`.pool_tests` found; ``print`` it for tables and what to do.
 
     Attributes:
         population: The population with all its hyperpriors.
         posterior: The posterior of its parameters, which was sampled.
-        samplers: emcee's own, for :func:`diagnose`.
-        idata: The ArviZ object of the run, for :func:`parameter_table` and others; its
+        samplers: emcee's own, for :func:`.diagnose`.
+        idata: The ArviZ object of the run, for :func:`.parameter_table` and others; its
             ``log_likelihood`` holds that of each test (``arviz.loo`` leaves one out).
         model: The likelihood of each test given the population.
         hyperdraws: 1,000 draws of the population's parameters, ``{name: (1000,)}``.
         theta: With each of them a draw of every test's parameters, ``(1000, T, d)``.
         pareto_k: Of each test's weights under the population, ``(T,)``.
         effective: Its effective draws, ``(T,)``.
-        verdict: Of :func:`diagnose`, on the chains.
+        verdict: Of :func:`.diagnose`, on the chains.
     """
 
     population: NormalPopulation
@@ -134,7 +134,7 @@ class PooledTests(Report):
         A normal law with the mean and 1.2 times the standard deviation of the
         prediction there, cut at the same bounds; parameters that are not pooled keep
         their priors. ``run`` it, and pool again, with this result's ``population``:
-        :func:`pool_tests` divides out whatever prior a test was sampled under.
+        :func:`.pool_tests` divides out whatever prior a test was sampled under.
 
         Args:
             test: Its name.
@@ -152,7 +152,7 @@ class PooledTests(Report):
 
     @property
     def table(self) -> Table:
-        """The population: means, spreads, slopes, correlations, and a next test."""
+        """Means, spreads, slopes, correlations of the population, and a next test."""
         rows = [
             (name, *_describe(self.idata.posterior[name].values.reshape(-1)))
             for name in self.posterior.names

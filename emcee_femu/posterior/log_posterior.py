@@ -196,7 +196,7 @@ class LogPosterior(Report):
 
     @property
     def error_names(self) -> tuple[str, ...]:
-        """Parameters that only terms read: errors and discrepancies."""
+        """Parameters that only terms read, such as errors and discrepancies."""
         read_by_models = {n for e in self.experiments for n in _names(e.model)}
         by_terms = {n for term in self.terms for n in _names(term)}
         return tuple(n for n in self.names if n in by_terms - read_by_models)
@@ -361,7 +361,7 @@ class LogPosterior(Report):
         Args:
             theta: Parameter sets ``(n, d)``.
             log_prior: Their log-prior ``(n,)``.
-            solve: What :meth:`Experiment.solve` does, and perhaps more.
+            solve: What ``Experiment.solve`` does, and perhaps more.
         """
         rows = np.empty((len(theta), self._width))
         rows[:, 1] = total = log_prior

@@ -18,7 +18,7 @@ CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 @dataclass(frozen=True, eq=False)
 class Certificate(Report):
-    """What :func:`certify` found; ``print`` it for a table and the verdict.
+    """What :func:`.certify` found; ``print`` it for a table and the verdict.
 
     Attributes:
         names: Parameter names, ``d`` of them.
@@ -72,7 +72,7 @@ class Certificate(Report):
 
     @property
     def table(self) -> Table:
-        """One row per parameter: emulated and true moments, errors, differences."""
+        """Emulated and true moments, errors and differences, one row per parameter."""
         shift = (self.mean - self.emulated_mean) / self.sd
         return Table.from_columns(
             f"Certificate by {self.solves} full solves",

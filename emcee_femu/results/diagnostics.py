@@ -25,7 +25,7 @@ TAILS = (0.05, 0.95)
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Report):
-    """What :func:`diagnose` found; ``print`` it for a table and the verdict.
+    """What :func:`.diagnose` found; ``print`` it for a table and the verdict.
 
     Attributes:
         names: Parameter names, ``d`` of them.

@@ -17,7 +17,7 @@ from .stored_runs import read_runs
 
 @dataclass(frozen=True, eq=False)
 class Evidence(Report):
-    """What :func:`log_evidence` found; ``print`` it.
+    """What :func:`.log_evidence` found; ``print`` it.
 
     Attributes:
         log_evidence: Natural logarithm of the evidence.

@@ -17,7 +17,7 @@ from .sampled_sensitivities import describe_samples
 
 @dataclass(frozen=True, eq=False)
 class Identifiability(Report):
-    """What :func:`identifiability` found; ``print`` it for tables and findings.
+    """What :func:`.identifiability` found; ``print`` it for tables and findings.
 
     Attributes:
         names: Parameter names, ``d`` of them.
@@ -58,7 +58,7 @@ class Identifiability(Report):
 
     @property
     def table(self) -> Table:
-        """One row per parameter: sd ratio, shift, strongest correlation, at a bound."""
+        """Sd ratio, shift, strongest correlation, at a bound; one row per parameter."""
         d = len(self.names)
         strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
         partners = [self.names[j] if d > 1 else "" for j in strongest]

@@ -25,12 +25,12 @@ EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
 
 @dataclass(frozen=True, eq=False)
 class FoundMap(Report):
-    """What :func:`find_map` found; ``print`` it for tables and what to think of them.
+    """What :func:`.find_map` found; ``print`` it for tables and what to think of them.
 
     Attributes:
         posterior: The posterior.
         maxima: Its distinct maxima, that of the largest weight first
-            (:class:`posterior.climbing.Maximum`): ``theta``, ``covariance``,
+            (:class:`.Maximum`): ``theta``, ``covariance``,
             ``log_evidence``, ``at_bound``, ...
         weights: Their shares of the posterior by Laplace's evidence, ``(k,)``.
         climbs: How many climbs ended in each, ``(k,)``.
@@ -90,7 +90,7 @@ class FoundMap(Report):
 
     @property
     def table(self) -> Table:
-        """One row per parameter: the prior, then maxima and sds inside the bounds."""
+        """The prior, then maxima and sds inside the bounds, one row per parameter."""
         mean, sd = summarize_prior(self.posterior.prior)
         bounds = self.posterior.prior.bounds.T
         columns: list[tuple[str, str, Any]] = [
@@ -106,7 +106,7 @@ class FoundMap(Report):
 
     @property
     def maxima_table(self) -> Table:
-        """One row per maximum: weight, height, evidence, climbs that ended there."""
+        """Weight, height, evidence and climbs that ended there, one row per maximum."""
         shown = self.maxima[:SHOWN]
         names = np.array(self.posterior.names)
         columns: list[tuple[str, str, Any]] = [

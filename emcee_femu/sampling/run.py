@@ -77,8 +77,7 @@ def run(
         vectorize: Whether to evaluate all moving walkers in one call. None for yes
             without workers and pool, no with them.
         backend: None to keep the chain in memory, the name of a file, such as
-            "run.chain" (see
-            :class:`sampling.run_file.RunFile`), or one emcee backend per ensemble.
+            "run.chain" (see :class:`.RunFile`), or one emcee backend per ensemble.
         thin_by: Store every ``thin_by``-th generation.
         progress: Whether to show a progress bar per ensemble (needs tqdm).
         initial: Starting positions ``(nwalkers, ndim)``, or ``(ensembles, nwalkers,

@@ -76,7 +76,7 @@ class EmulatedModel(Report):
 
     @property
     def required(self) -> tuple[str, ...]:
-        """The parameters without which there is no model: all."""
+        """All parameters, for without each of them there is no model."""
         return self.names
 
     def __getattr__(self, attribute: str) -> Any:

@@ -80,12 +80,12 @@ class ReducedModel(Report):
 
     @property
     def required(self) -> tuple[str, ...]:
-        """The parameters without which there is no model: all."""
+        """All parameters, for without each of them there is no model."""
         return self.names
 
     @property
     def variables(self) -> Mapping[str, Variable]:
-        """What it returns: frequencies, and shapes where it has them."""
+        """Frequencies, and shapes where it returns them."""
         return modal_variables(self.n_modes, self.shape_dofs)
 
     def _parts(self) -> Parts:

@@ -39,7 +39,7 @@ class FrameModel:
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
         shapes: Whether to return mass-normalised mode shapes too; or the DOFs at which
             to return them, in the order given. A DOF is named by node and direction,
-            as in ``"3:uy"``; :attr:`dofs` are all that are free.
+            as in ``"3:uy"``; ``model.dofs`` are all that are free.
 
     Raises:
         TypeError: If not exactly one of n_modes and modes is given.
