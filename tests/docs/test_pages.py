@@ -52,4 +52,9 @@ def test_the_reference_has_every_public_name():
     text = (DOCS / "reference" / "index.md").read_text(encoding="utf-8")
     listed = re.findall(r"^   ([\w.]+)$", text, re.M)
     public = {n for n, value in vars(ef).items() if n[0] != "_" and callable(value)}
+    public |= {
+        f"paper.{name}"
+        for name, value in vars(ef.paper).items()
+        if getattr(value, "__module__", "") == ef.paper.__name__ and name[0] != "_"
+    }
     assert public <= set(listed) and len(listed) == len(set(listed))
