@@ -208,7 +208,7 @@ def _sample(
         before=sum(int(getattr(own, "burn_in_evaluations", 0)) for own in samplers),
         solves=sum(e.model.solves for e in counted.experiments),  # type: ignore[attr-defined]
         cpu=cpu,
-        recipe=str(getattr(samplers[0], "recipe", "")),
+        recipe=samplers[0].recipe.sentence,
         idata=to_inference_data(samplers, posterior, dropped),
     )
 
