@@ -171,7 +171,9 @@ def read_frequencies(text: str, n_modes: int) -> np.ndarray:
 def main(deck: str, modes: int = 1, limit: float = 60.0) -> np.ndarray:
     """Solve one input file of yours; print and return its lowest frequencies."""
     begin = time.perf_counter()
-    with finished_job(Path(deck).read_text(), find_command(), limit) as folder:
+    with finished_job(
+        Path(deck).read_text(encoding="utf-8"), find_command(), limit
+    ) as folder:
         found = read_frequencies((folder / "job.dat").read_text(), modes)
     print(f"{found} Hz in {time.perf_counter() - begin:.2f} s")
     return found

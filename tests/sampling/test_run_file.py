@@ -200,7 +200,10 @@ def test_a_file_that_ends_within_its_starts_is_refused(path, kept):
         (lambda path: flip(path, 15), "another version of emcee_femu wrote it"),
         (lambda path: flip(path, 3), "another file, or its beginning is damaged"),
         (lambda path: os.truncate(path, 0), "another file"),
-        (lambda path: Path(path).write_text("k1, 4000\n" * 500), "another file"),
+        (
+            lambda path: Path(path).write_text("k1, 4000\n" * 500, encoding="utf-8"),
+            "another file",
+        ),
     ],
 )
 def test_what_is_no_whole_file_of_a_run_is_refused(written, spoil, match):

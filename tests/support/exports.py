@@ -57,9 +57,9 @@ def write_calculix(folder, K, M, dofs, job="beam"):
     for end, matrix in (("sti", K), ("mas", M)):
         entries = zip(*upper(matrix), strict=True)
         lines = [f"{i + 1} {j + 1} {x:20.13e}\n" for i, j, x in entries]
-        Path(folder, f"{job}.{end}").write_text("".join(lines))
+        Path(folder, f"{job}.{end}").write_text("".join(lines), encoding="utf-8")
     labels = "".join(f"{node}.{direction}\n" for node, direction in dofs)
-    Path(folder, f"{job}.dof").write_text(labels)
+    Path(folder, f"{job}.dof").write_text(labels, encoding="utf-8")
     return Path(folder, f"{job}.sti")
 
 
@@ -77,7 +77,9 @@ def write_abaqus(folder, K, M, dofs, form="matrix input", job="beam", step=1):
                 lines.append(f"{a:8d} {b:4d} {c:8d} {d:4d} {x:22.15e}\n")
             else:
                 lines.append(f"{a},{b}, {c},{d}, {x:.15e}\n")
-        Path(folder, f"{job}_{kind}{step}.mtx").write_text("".join(lines))
+        Path(folder, f"{job}_{kind}{step}.mtx").write_text(
+            "".join(lines), encoding="utf-8"
+        )
     return Path(folder, f"{job}_STIF{step}.mtx")
 
 
@@ -96,7 +98,7 @@ def write_dmig(path, K, M, dofs):
     lines.append(f"DMIG    VAX {0:12d}{9:8d}{2:8d}{0:8d}{1:24d}\n")
     lines.append(f"DMIG*   {'VAX':16s}{1:16d}{0:16d}\n")
     lines.append(f"*       {11:16d}{3:16d} 1.000000000D+00\n")
-    Path(path).write_text("".join(lines))
+    Path(path).write_text("".join(lines), encoding="utf-8")
     return Path(path)
 
 
@@ -126,5 +128,5 @@ def write_op4(path, form, **matrices):
                 triples = ["".join(cells[k : k + 3]) for k in range(0, len(cells), 3)]
                 lines += [triple + "\n" for triple in triples]
         lines += [f"{n + 1:8d}{1:8d}{1:8d}\n", f"{1.0:23.16E}\n"]
-    Path(path).write_text("".join(lines))
+    Path(path).write_text("".join(lines), encoding="utf-8")
     return Path(path)
