@@ -268,7 +268,7 @@ def h_structure(beta: float = 10.0) -> Problem:
                 "error %   ": (0.04, 4.05, 1.22, 1.94, 7.79, 3.01),
             },
         ),
-        units={name: "m⁴" if name.startswith("Ix") else "m²" for name in names},
+        units={name: "m^4" if name.startswith("Ix") else "m^2" for name in names},
     )
 
 

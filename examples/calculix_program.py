@@ -126,15 +126,24 @@ def _run(folder: Path, command: Sequence[str], limit: float) -> int:
             stdout=printed,  # a file: a pipe stays open as long as anybody has it
             stderr=subprocess.STDOUT,
             env=os.environ | {"OMP_NUM_THREADS": "1"},  # the workers share the cores
-            start_new_session=True,  # a group of its own, to be ended as a whole
+            start_new_session=True,  # of POSIX: a group of its own, ended as a whole
         )
         try:
             return process.wait(limit)
         except BaseException:  # a time-out, or the run was interrupted
-            with suppress(ProcessLookupError, PermissionError):  # it has just ended
-                os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+            _end(process)
             raise
+
+
+def _end(process: subprocess.Popen) -> None:
+    """End a program and all that it started."""
+    if os.name == "nt":
+        tree = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
+        subprocess.run(tree, capture_output=True)
+    else:
+        with suppress(ProcessLookupError, PermissionError):  # it has just ended
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def read_frequencies(text: str, n_modes: int) -> np.ndarray:

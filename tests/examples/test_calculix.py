@@ -13,6 +13,7 @@ import time
 import numpy as np
 import pytest
 from support.examples import load
+from support.systems import inherits, posix
 
 import emcee_femu as ef
 
@@ -59,6 +60,9 @@ def calculix(driver):
         pytest.skip(str(error))
 
 
+workers = pytest.mark.parametrize("workers", [None, pytest.param(2, marks=inherits)])
+
+
 def shell(script):
     """Return the command of a program that is a script: a stand-in for CalculiX."""
     return ["sh", "-c", script]
@@ -99,6 +103,7 @@ def test_a_damaged_dat_file_is_refused(driver, old, new, message):
         driver.read_frequencies(DAT.replace(old, new, 1), 3)
 
 
+@posix
 def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "8")
     here, script = {"scratch": tmp_path}, "cat job.inp > job.dat; echo $OMP_NUM_THREADS"
@@ -111,6 +116,7 @@ def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkey
     assert not list(tmp_path.iterdir())
 
 
+@posix
 @pytest.mark.parametrize(
     ("script", "error", "message"),
     [
@@ -134,6 +140,7 @@ def test_a_solve_that_fails_says_why_and_leaves_nothing(
     assert time.monotonic() - begin < 20
 
 
+@posix
 def test_a_time_limit_ends_what_the_program_started_too(driver, tmp_path):
     fifo = tmp_path / "alive"
     os.mkfifo(fifo)
@@ -155,6 +162,7 @@ def test_a_time_limit_ends_what_the_program_started_too(driver, tmp_path):
     os.close(reader)
 
 
+@posix
 def test_a_missing_licence_is_waited_for(driver, tmp_path):
     tries = tmp_path / "tries"
     script = f"""echo >> {shlex.quote(str(tries))}
@@ -165,6 +173,7 @@ def test_a_missing_licence_is_waited_for(driver, tmp_path):
     assert tries.read_text().count("\n") == 3
 
 
+@posix
 @pytest.mark.parametrize(
     ("command", "options", "message"),
     [
@@ -173,7 +182,7 @@ def test_a_missing_licence_is_waited_for(driver, tmp_path):
         (shell("true"), {"scratch": "/no/such/disk"}, "no scratch folder"),
     ],
 )
-@pytest.mark.parametrize("workers", [None, 2])
+@workers
 def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
     driver, tmp_path, command, options, message, workers
 ):
@@ -188,6 +197,7 @@ def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
         ef.run(posterior, None, 8, 2, seed=1, workers=workers, on_failure="reject")
 
 
+@posix
 def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
     solves, free = tmp_path / "solves", tmp_path / "free"
     script = f"""echo >> {shlex.quote(str(solves))}
@@ -214,6 +224,7 @@ def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
     assert solves.read_text().count("\n") < 20 + 8 + 3 * 8
 
 
+@posix
 def test_an_emulation_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
     free, started = tmp_path / "free", []
     script = f"[ -e {shlex.quote(str(free))} ] || {{ echo No license; exit 1; }}"
@@ -245,7 +256,8 @@ def posterior_of(solve):
     return ef.LogPosterior(ef.FunctionModel(solve, n_modes=1), term, prior)
 
 
-@pytest.mark.parametrize("workers", [None, 2])
+@posix
+@workers
 def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
     driver, tmp_path, workers
 ):
@@ -284,6 +296,7 @@ def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
     assert not list(scratch.iterdir())
 
 
+@posix
 def test_calculix_is_found_by_either_name_or_asked_for(driver, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(FileNotFoundError, match="apt install calculix-ccx"):
@@ -294,6 +307,7 @@ def test_calculix_is_found_by_either_name_or_asked_for(driver, tmp_path, monkeyp
         assert driver.find_command() == (str(tmp_path / name), "-i", "job")
 
 
+@posix
 def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
     """The command of the page, with a program of that name in front of the others."""
     fake = tmp_path / "ccx"

@@ -4,7 +4,6 @@ import contextlib
 import os
 import pickle
 import re
-import signal
 import threading
 
 import numpy as np
@@ -13,6 +12,7 @@ from support import pool_problems
 from support.examples import TESTS
 from support.mpi import leaves_sockets, mpiexec
 from support.pool_problems import POSTERIOR, START, chain, names_the_place, run
+from support.systems import KILL
 
 from emcee_femu import EvaluationPool
 
@@ -86,7 +86,7 @@ def test_dask_gives_the_serial_chain_and_survives_its_workers(found_by_workers):
         assert np.array_equal(pool.map(POSTERIOR, points), expected)
         pool = EvaluationPool(client, 1)
         (victim,) = pool.map(pool_problems.where, np.zeros((1, 1)))
-        threading.Timer(0.7, os.kill, (victim, signal.SIGKILL)).start()
+        threading.Timer(0.7, os.kill, (victim, KILL)).start()
         assert len(pool.map(pool_problems.where, np.full((8, 1), 0.4))) == 8
     with pytest.raises(RuntimeError, match="^pool: .*was closed"):
         chain(client)

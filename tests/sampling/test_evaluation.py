@@ -12,6 +12,7 @@ from emcee_femu.sampling.evaluation import Evaluation
 from emcee_femu.sampling.pools.own_processes import open_pool
 from tests.support.gradients import MEASURED, SHAPES, Derived, Solver, modes
 from tests.support.pool_problems import forks
+from tests.support.systems import inherits
 
 PRIOR = ef.GaussianPrior(["a", "b"], [1, 1], [0.2, 0.2], [(0.5, 1.5)] * 2)
 TERMS = [ef.FrequencyTerm(MEASURED, sd=0.05), ef.ShapeTerm(SHAPES, delta=0.2)]
@@ -40,6 +41,10 @@ MODELS = {
     "black box": ef.FunctionModel(black_box, n_modes=3),
     "not to be pickled": ef.FunctionModel(lambda p: black_box(p), n_modes=3),
 }
+POOLED = [
+    pytest.param(model, id=name, marks=[inherits] if name[:3] == "not" else [])
+    for name, model in MODELS.items()
+]
 
 
 def evaluate(posterior, theta=THETA, pool=None, workers=None, on_failure="reject"):
@@ -148,7 +153,7 @@ def test_failures_may_be_raised_with_their_parameters(model):
 
 @forks
 @pytest.mark.parametrize("on_failure", ["reject", "raise"])
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize("model", POOLED)
 def test_a_pool_gives_the_same_bits(model, on_failure):
     posterior = ef.LogPosterior(model, TERMS, PRIOR)
     theta = THETA if on_failure == "reject" else THETA[~FAILING][2:]
@@ -173,6 +178,7 @@ def test_a_pool_gives_the_same_bits(model, on_failure):
 
 
 @forks
+@inherits
 def test_the_solver_is_sent_once_for_rows_and_derivatives():
     """Also if the derivatives come first."""
     posterior = ef.LogPosterior(MODELS["not to be pickled"], TERMS, PRIOR)

@@ -27,6 +27,7 @@ from support.pool_problems import (
     run,
     run_on,
 )
+from support.systems import need_start_method
 
 import emcee_femu as ef
 from emcee_femu import EvaluationPool
@@ -178,6 +179,8 @@ def test_a_share_is_one_call_of_a_log_posterior_and_many_of_another_function():
 @pytest.mark.parametrize("fault", ["killed", "ended"])
 @pytest.mark.parametrize("name", ["fork", "workers", spawn])
 def test_a_worker_that_dies_ends_the_run_and_keeps_the_samples(name, fault):
+    if name != "workers":
+        need_start_method(name)
     error = finishes(lambda: run_on(name, getattr(pool_problems, fault)))
     assert type(error) is RuntimeError
     assert re.match("pool: .*Process.* could not do its work: a.*samplers", str(error))
@@ -300,6 +303,7 @@ def test_a_closed_pool_says_so(name, wrap):
 
 @forks
 def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
+    need_start_method("fork")
     refusal = "multiprocess.*waits for ever.*workers=8.*ProcessPoolExecutor"
     with multiprocessing.get_context("fork").Pool(1) as pool:
         with pytest.raises(TypeError, match=f"^executor: {refusal}"):

@@ -19,6 +19,7 @@ from support.pool_problems import (
     finishes,
     posterior_of,
 )
+from support.systems import KILL, inherits, need_start_method, posix
 
 import emcee_femu as ef
 from emcee_femu.sampling.pools.own_processes import open_pool
@@ -29,6 +30,7 @@ methods = pytest.mark.parametrize("method", ["fork", *anew], indirect=True)
 
 @pytest.fixture
 def method(request):
+    need_start_method(request.param)
     before = multiprocessing.get_start_method(allow_none=True)
     multiprocessing.set_start_method(request.param, force=True)
     yield request.param
@@ -47,6 +49,7 @@ def test_the_chain_is_that_of_a_serial_run_to_the_bit(method):
         assert chain(posterior=posterior, steps=3, workers=workers) == serial
 
 
+@inherits
 def test_forked_processes_inherit_what_cannot_be_pickled_even_beside_threads(tmp_path):
     lock = threading.Lock()
     posterior = posterior_of(lambda p: [p["k"], 2 * p["m"]] if lock else None)
@@ -72,6 +75,7 @@ def test_spawned_processes_must_be_sent_the_posterior(method):
         ef.run(posterior_of(lambda p: [1.0, 2.0]), seed=1, workers=2)
 
 
+@inherits
 def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
     def solver(p):
         if p["k"] == 1.0:
@@ -89,6 +93,7 @@ def test_an_error_names_the_place_and_ends_a_solve_that_takes_a_minute():
     assert not multiprocessing.active_children()
 
 
+@inherits
 @pytest.mark.parametrize("raised", [ArithmeticError, KeyboardInterrupt, SystemExit])
 def test_an_error_before_many_tasks_leaves_no_trace_and_no_process(raised):
     def solver(p):
@@ -107,6 +112,7 @@ def test_an_error_before_many_tasks_leaves_no_trace_and_no_process(raised):
     assert not multiprocessing.active_children()
 
 
+@posix
 def test_the_keyboard_is_the_business_of_the_run():
     with open_pool(None, 2, one_by_one=True) as pool:
         for pid in {*pool.map(pool_problems.where, np.full((4, 1), 0.1))}:
@@ -171,6 +177,7 @@ def run_unguarded(tmp_path, *arguments):
     return [*found, start("-", *arguments).communicate(UNGUARDED, timeout=60)]
 
 
+@inherits
 def test_a_script_needs_no_guard_nor_a_file(tmp_path):
     assert run_unguarded(tmp_path) == [("True\n", "")] * 3
 
@@ -178,6 +185,7 @@ def test_a_script_needs_no_guard_nor_a_file(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["spawn", "forkserver"])
 def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path, name):
+    need_start_method(name)
     messages = [
         'put what the script does under `if __name__ == "__main__":`',
         "could not load the function: it must be in a module",
@@ -211,6 +219,7 @@ if __name__ == "__main__":
 
 def end(tmp_path, name, mine, send):
     """Return what a run showed whose worker is in a long solve when it is ended."""
+    need_start_method(name)
     path = tmp_path / "stuck.py"
     path.write_text(STUCK)
     process = start(str(path), name, mine)
@@ -226,7 +235,7 @@ def end(tmp_path, name, mine, send):
 ways = pytest.mark.parametrize("name", ["fork", *anew])
 
 
-@pytest.mark.parametrize("kind", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("kind", [signal.SIGTERM, KILL])
 @pytest.mark.parametrize("mine", ["workers", "executor"])
 @ways
 def test_no_process_outlives_a_run_that_is_killed(tmp_path, name, mine, kind):
@@ -234,6 +243,7 @@ def test_no_process_outlives_a_run_that_is_killed(tmp_path, name, mine, kind):
     assert shown == ""
 
 
+@posix
 @ways
 def test_the_keyboard_ends_a_run_at_once_and_keeps_the_samples(tmp_path, name):
     def press(process):  # as a terminal does: to all processes

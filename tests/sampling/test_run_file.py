@@ -13,11 +13,10 @@ import pytest
 from emcee.backends import Backend, HDFBackend
 from support import killed_runs
 from support.run_files import D, W, advance, assert_same, create, first_state, log_prob
+from support.systems import posix
 
 import emcee_femu as ef
 from emcee_femu.sampling.run_file import RunFile, log
-
-posix = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills")
 
 
 @pytest.fixture

@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import pickle
 import re
-import signal
 import sys
 import threading
 import time
@@ -15,6 +14,8 @@ import numpy as np
 import pytest
 
 import emcee_femu as ef
+
+from .systems import KILL, need_start_method
 
 POSTERIOR = ef.paper.mass_spring().posterior
 LIMIT = 1.3  # which no walker of START is beyond
@@ -28,7 +29,7 @@ forks = pytest.mark.filterwarnings(
 
 
 def killed(p):
-    os.kill(os.getpid(), signal.SIGKILL)
+    os.kill(os.getpid(), KILL)
 
 
 def ended(p):
@@ -119,6 +120,7 @@ def open_executor(name):
         return ThreadPoolExecutor(2)
     if name == "thread pool":
         return ThreadPool(2)
+    need_start_method(name)
     return ProcessPoolExecutor(2, multiprocessing.get_context(name))
 
 
