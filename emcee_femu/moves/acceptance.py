@@ -65,7 +65,7 @@ class ProposingMove(Move):
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Move every walker once; return the state and who was accepted."""
         self.check(*state.coords.shape)
-        check_floats(state.coords)
+        check_state(state)
         accepted = np.zeros(len(state.coords), dtype=bool)
         for batch in self.batches(state.coords, model.random):
             accepted[accept_or_reject(model, state, *batch)] = True
@@ -138,8 +138,16 @@ def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:
     return np.subtract(log_prob, log_prior, out=result, where=log_prob > -np.inf)
 
 
-def check_floats(coords: NDArray[Any]) -> None:
-    """Refuse integer walkers, in which emcee would truncate what is accepted."""
+def check_state(state: Any) -> None:
+    """Refuse walkers of whole numbers, and those that are all where nothing may be."""
+    coords, log_prob = state.coords, state.log_prob
+    if log_prob[0] == -np.inf and (log_prob == -np.inf).all():
+        raise ValueError(
+            "initial_state: all walkers have a log-probability of -inf, as outside of "
+            "bounds; start where it is finite, such as at posterior.start(nwalkers, "
+            "seed=1)"
+        )
+    # In an array of whole numbers emcee would truncate what is accepted.
     if coords.dtype.kind != "f":
         raise TypeError(
             f"initial_state: expected floating-point coordinates, got {coords.dtype}, "

@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
+from emcee.ensemble import _FunctionWrapper
 from emcee.moves import Move
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.linearize import split
-from .acceptance import ProposingMove, check_floats, overwrite
+from .acceptance import ProposingMove, check_state, overwrite
 from .hamiltonian_tuning import tune_steps
 from .leapfrog import Evaluate, Points, energies_of, leap
 from .metropolis import factorize
@@ -196,7 +197,7 @@ class HamiltonianMove(Move):
         """Move every walker once; return the state and who was accepted."""
         n, ndim = state.coords.shape
         self.check(n, ndim)
-        check_floats(state.coords)
+        check_state(state)
         posterior, evaluate = self._evaluation(model)
         factor = posterior.scale if self._factor is None else self._factor
         momenta = model.random.standard_normal((n, ndim))
@@ -222,7 +223,7 @@ class HamiltonianMove(Move):
     def _evaluation(self, model: Any) -> tuple[Any, Evaluate]:
         """Return the posterior, and what gives its rows and gradients."""
         function = model.log_prob_fn
-        if type(function).__name__ == "_FunctionWrapper" and not function.args:
+        if isinstance(function, _FunctionWrapper) and not function.args:
             function = function.f
         posterior = getattr(function, "posterior", function)  # behind its guard
         self.check_with(posterior)

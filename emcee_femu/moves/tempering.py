@@ -12,7 +12,7 @@ from emcee.moves import Move
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .acceptance import accept_or_reject, check_floats, subtract_log_prior
+from .acceptance import accept_or_reject, check_state, subtract_log_prior
 from .stock_proposals import only_propose
 
 
@@ -107,7 +107,7 @@ class TemperedMove(Move):
         """Move every block, then exchange; return the state and whom inner accepted."""
         nwalkers, ndim = state.coords.shape
         self.check(nwalkers, ndim)
-        check_floats(state.coords)
+        check_state(state)
         blobs = state.blobs
         if blobs is None or blobs.ndim != 2 or blobs.dtype.kind != "f":
             raise ValueError(

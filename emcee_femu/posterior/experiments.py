@@ -157,7 +157,8 @@ class Experiment(NamedTuple):
                 raise SolveError(
                     "wrong shape",
                     f"{self.full_name('model')}: expected {name!r} of shape {extent}, "
-                    f"got {value.shape} at {describe()}",
+                    f"got {value.shape}: one value for each that was measured; let the "
+                    f"model return more, or give its term fewer; at {describe()}",
                 )
             value = value[tuple(map(slice, extent))]  # such as modes beyond those read
         array: Floats = value.reshape(len(value), -1)

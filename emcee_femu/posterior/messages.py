@@ -6,7 +6,7 @@ import numpy as np
 
 from ..interfaces import Floats, SolveError
 
-SHOWN = 8  # parameter sets of a batch in a message
+SHOWN = 2  # of the parameter sets of a batch
 
 
 def name_sets(names: tuple[str, ...], theta: Floats) -> Any:

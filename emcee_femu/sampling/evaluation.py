@@ -16,6 +16,14 @@ from ..posterior.rejecting import count_failures, guard
 from .arguments import Moves, Settings
 
 
+class Call(emcee.ensemble._FunctionWrapper):
+    """emcee's call of a function, but for the page that it prints of an error."""
+
+    def __call__(self, theta: Floats) -> Any:
+        """Return what the function does."""
+        return self.f(theta)
+
+
 @dataclass(eq=False)
 class Evaluation:
     """What evaluates a posterior, and what counts its solves and failures.
@@ -67,7 +75,7 @@ class Evaluation:
         self, moves: Moves | None = None, backend: Backend | None = None
     ) -> emcee.EnsembleSampler:
         """Return a sampler of the posterior."""
-        return emcee.EnsembleSampler(
+        sampler = emcee.EnsembleSampler(
             self.settings.nwalkers,
             self.posterior.ndim,
             self.function,
@@ -76,6 +84,8 @@ class Evaluation:
             pool=self.pool,
             vectorize=self.settings.vectorize,
         )
+        sampler.log_prob_fn = Call(self.function, None, None)
+        return sampler
 
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``."""

@@ -190,7 +190,8 @@ class AcceptsWithoutLimit(DEMCMove):
         state, accepted = super().propose(
             model._replace(compute_log_prob_fn=generous), state
         )
-        state.log_prob[:] = model.compute_log_prob_fn(state.coords)[0]
+        found = model.compute_log_prob_fn(state.coords)[0]
+        state.log_prob[:] = np.maximum(found, -1e300)  # all at -inf would be refused
         return state, accepted
 
 

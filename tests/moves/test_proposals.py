@@ -194,11 +194,10 @@ def test_snooker_gamma_is_uniform_on_its_interval():
     assert stats.kstest(gamma, stats.uniform(1.2, 0.1).cdf).pvalue > 1e-4
 
 
-@pytest.mark.parametrize("level", [0.0, -np.inf])
-def test_a_walker_on_its_guide_stays_without_a_warning(level):
+def test_a_walker_on_its_guide_stays_without_a_warning():
     start = np.tile([1.0, 2.0, 3.0], (6, 1))
-    state = emcee.State(start.copy(), log_prob=np.full(6, level))
-    model = Model(None, lambda q: (np.full(len(q), level), None), map, RandomState(0))
+    state = emcee.State(start.copy(), log_prob=np.zeros(6))
+    model = Model(None, lambda q: (np.zeros(len(q)), None), map, RandomState(0))
     state, accepted = SnookerMove().propose(model, state)
     assert not accepted.any() and np.array_equal(state.coords, start)
 

@@ -153,7 +153,8 @@ def check_elastic(
         raise ValueError(
             f"mode {skip + 1} is not elastic (omega^2 = {first[i]:.3g} (rad/s)^2) "
             f"at {describe(i)}: a negative value means a stiffness matrix that is "
-            f"not positive, zero a rigid-body mode beyond skip={skip}"
+            f"not positive (give the prior bounds that keep stiffnesses and masses "
+            f"above zero), zero a rigid-body mode beyond skip={skip}"
         )
     if skip:
         rigid = np.abs(eigenvalues[:, skip - 1])

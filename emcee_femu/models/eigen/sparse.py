@@ -189,7 +189,8 @@ class SparseEigenproblem:
             raise ValueError(
                 f"mode {self.skip + 1} is not elastic ({negative} pivot(s) of the "
                 f"stiffness are not above zero) at {where}: a stiffness matrix that "
-                f"is not positive, or a rigid-body mode beyond skip={self.skip}"
+                f"is not positive (give the prior bounds that keep stiffnesses and "
+                f"masses above zero), or a rigid-body mode beyond skip={self.skip}"
             )
         return factor
 

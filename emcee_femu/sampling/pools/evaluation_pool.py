@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from emcee.ensemble import _FunctionWrapper
 
 from ... import checks
 from .executors import THREADS, check_executor, count_workers, dump
@@ -167,7 +168,7 @@ class EvaluationPool:
 
 def _unwrap(function: Any) -> Any:
     """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""
-    if type(function).__name__ != "_FunctionWrapper":
+    if not isinstance(function, _FunctionWrapper):
         return function
     return function if function.args or function.kwargs else function.f
 

@@ -1,0 +1,148 @@
+# %% [markdown]
+# # The first messages, and what they mean
+#
+# Five messages that nearly everybody meets in the first hour, each with its cause and
+# its cure. Every one comes before the first solve, or at it, so that no long run is
+# lost. `python examples/start/first_messages.py` runs this page.
+
+# %%
+import sys
+
+import numpy as np
+
+import emcee_femu as ef
+
+
+def show(call):  # prints what a call raises
+    try:
+        call()
+    except Exception as error:
+        print(f"{type(error).__name__}: {str(error).splitlines()[0]}")
+
+
+# %% [markdown]
+# The page uses a frame of two storeys, solved by NumPy:
+
+# %%
+STOREYS = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), STOREYS, n_modes=2)
+term = ef.FrequencyTerm([0.45, 1.2], relative_sd=0.02)
+bounds = [(1, 90), (1, 90)]
+prior = ef.GaussianPrior(["k1", "k2"], [30, 20], [9, 6], bounds)
+posterior = ef.LogPosterior(model, term, prior)
+
+# %% [markdown]
+# ## A missing extra
+#
+# The core needs five packages. Readers of universal files, progress bars, HDF5 and FE
+# programs are *extras*, which `pip` installs by name. Here is what a machine without
+# `pyuff` says:
+
+# %%
+sys.modules["pyuff"] = None  # as if it were not installed
+show(lambda: ef.Measurements.from_uff("test.uff"))
+
+# %% [markdown]
+# **Cure.** Run the command in the message, in the same environment. [Installing](
+# install.md) lists all extras.
+#
+# ## Too few walkers
+#
+# Walkers propose along differences of other walkers. With fewer than two for each
+# parameter all differences may lie in a plane, which the ensemble then never leaves.
+
+# %%
+show(lambda: ef.run(posterior, ef.DEMCMove(), nwalkers=3, nsteps=100, seed=1))
+
+# %% [markdown]
+# **Cure.** Give at least twice, better four times as many walkers as parameters, or
+# leave `nwalkers` away: the default is large enough.
+#
+# ## A stiffness without bounds
+#
+# A Gaussian prior reaches below zero, and there a structure has no natural
+# frequencies. Draws of the prior start the walkers, so that this comes early:
+
+# %%
+unbounded = ef.GaussianPrior(["k1", "k2"], [30, 20], [20, 15])
+show(lambda: ef.run(ef.LogPosterior(model, term, unbounded), nsteps=100, seed=1))
+
+# %% [markdown]
+# **Cure.** Give bounds, `GaussianPrior(..., bounds=[(1, 90), (1, 90)])`, or a prior
+# that is positive by itself:
+
+# %%
+from scipy import stats
+
+positive = ef.IndependentPrior(
+    {"k1": stats.lognorm(0.3, scale=30), "k2": stats.lognorm(0.3, scale=20)}
+)
+samplers = ef.run(ef.LogPosterior(model, term, positive), nsteps=100, seed=1)
+print(samplers[0].get_chain().min() > 0)
+
+# %% [markdown]
+# ## Another number of modes
+#
+# The model gives two frequencies, the test has three:
+
+# %%
+three = ef.FrequencyTerm([0.45, 1.2, 1.9], relative_sd=0.02)
+show(lambda: ef.LogPosterior(model, three, prior))
+
+function = ef.FunctionModel(lambda p: [p["k1"] ** 0.5, p["k2"] ** 0.5])
+show(lambda: ef.run(ef.LogPosterior(function, three, prior), nsteps=100, seed=1))
+
+# %% [markdown]
+# **Cure.** Let the model compute as many modes as were measured (`n_modes=`), or
+# compare fewer. If the test missed a mode in between, frequencies must not be compared
+# by their number: {py:class}`~emcee_femu.PairedModel` finds out by their shapes which
+# is which.
+#
+# ## A start outside the bounds
+
+# %%
+outside = 95 + np.random.default_rng(1).random((8, 2))
+show(lambda: ef.run(posterior, nwalkers=8, nsteps=100, seed=1, initial=outside))
+
+# %% [markdown]
+# In a script of your own around `emcee.EnsembleSampler` the first generation says it:
+
+# %%
+import emcee
+
+sampler = emcee.EnsembleSampler(8, 2, posterior, moves=ef.DEMCMove(), vectorize=True)
+show(lambda: sampler.run_mcmc(outside, 100))
+
+# %% [markdown]
+# **Cure.** Leave `initial` away: `run` starts from draws of the prior, which also
+# lets independent ensembles disagree if there is more than one mode. With plain emcee,
+# `posterior.start(nwalkers, seed=1)` draws them.
+
+# %%
+sampler.run_mcmc(posterior.start(8, seed=1), 100)
+print(np.isfinite(sampler.get_log_prob()).all())
+
+# %% [markdown]
+# ## What is not an error
+#
+# - `Not converged: ...` is the verdict of {py:func}`~emcee_femu.diagnose`, and says
+#   what to do: mostly, run longer.
+# - `FutureWarning: ArviZ is undergoing a major refactor ...` is printed by ArviZ 0.23
+#   to everyone who imports it. This package imports it without; your own
+#   `import arviz` brings it back. ArviZ 1, on Python 3.12 and later, has no such warning.
+
+# %% tags=["remove-cell"]
+import pytest
+
+with pytest.raises(ImportError, match=r"emcee_femu\[uff\]"):
+    ef.Measurements.from_uff("test.uff")
+with pytest.raises(ValueError, match="at least 4 walkers"):
+    ef.run(posterior, ef.DEMCMove(), nwalkers=3, nsteps=100, seed=1)
+with pytest.raises(ValueError, match="give the prior bounds"):
+    ef.run(ef.LogPosterior(model, term, unbounded), nsteps=100, seed=1)
+with pytest.raises(ValueError, match="3.*2|2.*3"):
+    ef.LogPosterior(model, three, prior)
+with pytest.raises(ValueError, match="initial: k1 = .* outside its bounds"):
+    ef.run(posterior, nwalkers=8, nsteps=100, seed=1, initial=outside)
+del sys.modules["pyuff"]
+assert samplers[0].get_chain().min() > 0
