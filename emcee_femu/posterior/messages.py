@@ -6,7 +6,7 @@ import numpy as np
 
 from ..interfaces import Floats, SolveError
 
-SHOWN = 2  # of the parameter sets of a batch
+SHOWN = 8  # parameter sets of a batch in a message
 
 
 def name_sets(names: tuple[str, ...], theta: Floats) -> Any:
