@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any, TypeAlias
 
 import emcee
@@ -120,6 +121,11 @@ def check_progress(progress: Any) -> bool | str:
         raise ValueError(
             f"progress: expected True, False or a bar of tqdm, such as 'notebook', got "
             f"{progress!r}"
+        )
+    if bars is not None and progress == "notebook" and find_spec("ipywidgets") is None:
+        raise ImportError(
+            "progress: 'notebook' needs ipywidgets: pip install "
+            "'emcee-femu[notebooks]'; or take progress=True, which needs none"
         )
     return progress
 

@@ -69,8 +69,9 @@ def run(
             run; None for none. No more than ``nwalkers / 2`` are of use to most moves.
             On Linux they are forked, which works from scripts without a guard and from
             notebooks; another method, ``multiprocessing.set_start_method("spawn")``,
-            is for solvers that do not survive a fork (some with threads or a GPU) and
-            needs ``if __name__ == "__main__":`` and functions in importable files.
+            is for solvers that do not survive a fork (some with threads or a GPU). A
+            script then needs ``if __name__ == "__main__":``, and a model that is
+            defined in a notebook needs cloudpickle, of the extra ``notebooks``.
         pool: Where to evaluate instead, one walker per task: whatever
             :class:`EvaluationPool` takes, such as a ``ProcessPoolExecutor`` or a dask
             ``Client``; or an EvaluationPool of your own.
@@ -79,7 +80,8 @@ def run(
         backend: None to keep the chain in memory, the name of a file, such as
             "run.chain" (see :class:`.RunFile`), or one emcee backend per ensemble.
         thin_by: Store every ``thin_by``-th generation.
-        progress: Whether to show a progress bar per ensemble (needs tqdm).
+        progress: Whether to show a progress bar per ensemble (needs tqdm);
+            "notebook" for the bar of notebooks (needs ipywidgets too).
         initial: Starting positions ``(nwalkers, ndim)``, or ``(ensembles, nwalkers,
             ndim)``; None for draws from the prior. "auto" takes them for points of its
             search, and starts from draws of its proposal.
@@ -113,6 +115,7 @@ def run(
             bounds or has no finite log-posterior, a backend already holds steps, a
             file is not that of the same run, or two of workers, pool and vectorize are
             asked for. All are raised before sampling.
+        ImportError: If progress is "notebook" and ipywidgets is not installed.
         RuntimeError: If too many solves failed or a worker died. An exception during
             sampling has the samplers so far, as its attribute ``samplers``.
 

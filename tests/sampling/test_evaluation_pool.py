@@ -3,6 +3,7 @@
 import multiprocessing
 import pickle
 import re
+import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
@@ -265,15 +266,25 @@ def test_a_function_that_a_worker_cannot_load_says_what_to_do():
 def test_what_cannot_be_pickled_is_named_by_python_and_threads_need_not():
     holder = Ballast(1)
     holder.lock = threading.Lock()
-    for function, name in [
-        (posterior_of(lambda p: [1.0, 2.0]), "lambda"),
-        (holder, "lock"),
-    ]:
-        with pytest.raises(TypeError, match=f"^pool: .*pickled.*{name}.*top level"):
-            EvaluationPool(Immediate()).map(function, START)
-        for name in ("threads", "thread pool"):
-            with open_executor(name) as executor:
-                assert len(EvaluationPool(executor).map(function, START)) == 12
+    with pytest.raises(TypeError, match="^pool: .*pickled.*lock.*top level"):
+        EvaluationPool(Immediate()).map(holder, START)
+    for name in ("threads", "thread pool"):
+        with open_executor(name) as executor:
+            assert len(EvaluationPool(executor).map(holder, START)) == 12
+
+
+def test_a_lambda_goes_by_value_or_is_refused_where_there_is_no_cloudpickle(
+    monkeypatch,
+):
+    factor = 2.0
+    posterior = posterior_of(lambda p: [p["k"], factor * p["m"]])
+    expected = [posterior(point) for point in START]
+    np.testing.assert_array_equal(
+        EvaluationPool(Immediate()).map(posterior, START), expected
+    )
+    monkeypatch.setitem(sys.modules, "cloudpickle", None)
+    with pytest.raises(TypeError, match=r"lambda.*pip install 'emcee-femu\[notebooks"):
+        EvaluationPool(Immediate()).map(posterior, START)
 
 
 def test_waiting_tasks_are_dropped_after_an_error():

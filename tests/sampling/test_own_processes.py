@@ -188,12 +188,12 @@ def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path, name
     need_start_method(name)
     messages = [
         'put what the script does under `if __name__ == "__main__":`',
-        "could not load the function: it must be in a module",
         "could not start (its output says why)",
     ]
-    found = run_unguarded(tmp_path, name)
-    for (shown, errors), message in zip(found, messages, strict=True):
+    script, command, prompt = run_unguarded(tmp_path, name)
+    for (shown, errors), message in zip([script, prompt], messages, strict=True):
         assert message in errors and not shown
+    assert command == ("True\n", "")  # which has no file that workers would import
 
 
 STUCK = """

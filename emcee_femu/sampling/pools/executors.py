@@ -1,6 +1,7 @@
 """What executors and pools are asked: none of their libraries is imported here."""
 
 import pickle
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from multiprocessing.pool import ThreadPool
@@ -40,15 +41,38 @@ def count_workers(executor: Any) -> int:
 
 
 def dump(executor: Any, value: Any) -> bytes:
-    """Pickle for the workers of an executor; pickle's message names what it cannot."""
-    by_value = type(executor).__module__.partition(".")[0] in BY_VALUE
+    """Pickle for the workers of an executor; pickle's message names what it cannot.
+
+    What they cannot import goes by value: functions within functions, and what a
+    notebook or a prompt defines, where a name may also stand for another thing by now.
+    """
+    if type(executor).__module__.partition(".")[0] in BY_VALUE:
+        return _dump_by_value(value, "its workers do not have this script")
     try:
-        pickler = import_module("cloudpickle") if by_value else pickle
-        return bytes(pickler.dumps(value))
+        payload = pickle.dumps(value)
     except Exception as error:  # a pickler raises what it likes
-        raise TypeError(
-            f"pool: the function cannot be pickled for the workers ({error}); write "
-            "functions at the top level of a module, and open files, locks and "
-            "programs inside the call; or give run(..., workers=8), which on Linux "
-            "pickles nothing, or a ThreadPoolExecutor"
-        ) from error
+        return _dump_by_value(value, str(error))
+    if b"__main__" in payload and not hasattr(sys.modules["__main__"], "__file__"):
+        return _dump_by_value(value, "workers cannot import what a notebook defines")
+    return payload
+
+
+def _dump_by_value(value: Any, why: str) -> bytes:
+    try:
+        pickler = import_module("cloudpickle")
+    except ImportError as error:
+        install = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
+        raise _refusal(why, install) from error
+    try:
+        return bytes(pickler.dumps(value))
+    except Exception as error:
+        raise _refusal(str(error)) from error
+
+
+def _refusal(why: str, remedy: str = "") -> TypeError:
+    return TypeError(
+        f"pool: the function cannot be pickled for the workers ({why}); {remedy}write "
+        "functions at the top level of a module, and open files, locks and programs "
+        "inside the call; or give run(..., workers=8), which on Linux pickles nothing, "
+        "or a ThreadPoolExecutor"
+    )

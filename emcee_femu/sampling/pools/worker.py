@@ -16,7 +16,7 @@ KEPT = 8  # functions a worker keeps; an older one is sent again when it is need
 functions: dict[str, Any] = {}  # of this process, by digest
 NOT_LOADED = (
     "The worker could not load the function: it must be in a module that workers can"
-    " import; what a notebook or a prompt defines reaches forked processes only"
+    " import, or need only such modules"
 )
 _watched: set[int] = set()  # processes (forks inherit it) that end with their run
 

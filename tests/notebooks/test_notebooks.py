@@ -1,0 +1,185 @@
+"""What a notebook shows, and how its own models reach the workers of a pool."""
+
+import pytest
+from support.notebooks import assert_quiet, execute
+
+MODEL = """
+import multiprocessing, os, time
+import numpy as np
+import emcee_femu as ef
+
+solves, factor = 0, 1.0
+
+def shear(k1, k2):
+    A = np.array([[k1 + k2, -k2], [-k2, k2]]) / 16e3
+    return factor * np.sqrt(np.linalg.eigvalsh(1e6 * A)) / (2 * np.pi)
+
+def function(p):
+    global solves
+    solves += 1
+    return shear(p["k1"], p["k2"])
+
+class Model:
+    n_modes, names = 2, ("k1", "k2")
+    required = names
+
+    def __call__(self, parameters):
+        pairs = zip(parameters["k1"], parameters["k2"])
+        return ef.ModalSolution(np.array([shear(*pair) for pair in pairs]))
+
+prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 15)])
+term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
+
+def posterior_of(model):
+    return ef.LogPosterior(model, term, prior)
+
+posteriors = {
+    "function": posterior_of(ef.FunctionModel(function)),
+    "lambda": posterior_of(ef.FunctionModel(lambda p: shear(p["k1"], p["k2"]))),
+    "class": posterior_of(Model()),
+}
+size = dict(nwalkers=8, nsteps=5, seed=1)
+
+def chain(posterior, **where):
+    return ef.run(posterior, **size, **where)[0].get_chain()
+
+serial = {name: chain(posterior) for name, posterior in posteriors.items()}
+
+def same(**where):
+    return [
+        bool((chain(posterior, **where) == serial[name]).all())
+        for name, posterior in posteriors.items()
+    ]
+
+def children():
+    return [p.name for p in multiprocessing.active_children()]
+"""
+
+HTML = {  # what a user prints, and a sentence of it
+    "posterior": ("posterior", "<p>FunctionModel; terms: frequency; stored: freq"),
+    "prior": ("prior", "norm(50, 9)"),
+    "problem": ("ef.paper.mass_spring()", "<p>Measured, in Hz: 3.507, 5.149"),
+    "measurements": ("ef.Measurements([3.13, 9.83], sd=[0.1, 0.1])", "f [Hz]"),
+    "first look": ("ef.find_map(posterior, seed=1)", "<p>"),
+    "recipe": ("samplers[0].recipe", "<p>a search by"),
+    "moves given": ("ef.run(posterior, **size)[0].recipe", "<p>The moves were given"),
+    "parameters": ("ef.parameter_table(idata)", "prior mean"),
+    "frequencies": ("ef.frequency_table(idata)", "<caption"),
+    "predictive": ("ef.predictive_table(idata)", "<caption"),
+    "diagnosis": ("ef.diagnose(samplers)", "<p>Converged by every check"),
+    "groups": ("ef.diagnose(samplers).groups", "importance"),
+    "identifiability": ("ef.identifiability(idata)", "sd ratio"),
+    "evidence": ("ef.log_evidence(samplers)", "<p>log evidence (natural)"),
+    "hyperpriors": ("ef.NormalPopulation(['k1'])", "by the tests"),
+    "spectra": (
+        "ef.Spectra.from_record(np.random.default_rng(1).normal(size=(1000, 2)), "
+        "20.0, (3.0, 5.0))",
+        "largest psd",
+    ),
+    "frf": (
+        "ef.FRFMeasurements([1.0, 2.0], [[1j, 2j]], [(1, 2)], kind='mobility')",
+        "excitation",
+    ),
+}
+SENTENCES = {"recipe", "moves given", "evidence"}  # and no table
+
+FIGURES = {  # how a figure comes to be shown, each once
+    "last line": "ef.plot_correlation(idata)",
+    "kept": "figure = ef.plot_tae(idata, posterior)",
+    "kept and last line": "figure = ef.plot_scatter(idata)\nfigure",
+    "in the middle": "ef.plot_predictive(idata)\nprint('after')",
+    "with a semicolon": "ef.plot_correlation(idata);",
+    "display": "display(ef.plot_correlation(idata))\nprint('after')",
+    "pyplot's show": "figure = ef.plot_correlation(idata)\nplt.show()\nfigure = 0",
+    "saved": "ef.plot_correlation(idata).savefig('figure.pdf')",
+    "pickled": "import pickle\nlen(pickle.dumps(ef.plot_correlation(idata)))",
+}
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    cells = {
+        "model": MODEL,
+        "run": """
+from matplotlib import pyplot as plt
+posterior = posteriors["function"]
+samplers = ef.run(posterior, "auto", nsteps=300, ensembles=2, seed=1)
+idata = ef.to_inference_data(samplers, posterior)
+""",
+        **{name: code for name, (code, _) in HTML.items()},
+        **FIGURES,
+        "later": "kept = ef.plot_correlation(idata)",
+        "again": "kept",
+        "open": "print(plt.get_fignums())",
+        "forked": "print(same(workers=2), children())",
+        "raises": """
+class TooStiff(Exception):
+    pass
+
+def fails(p):
+    if p["k1"] > 50:
+        raise TooStiff("of the notebook")
+    return function(p)
+
+try:
+    chain(posterior_of(ef.FunctionModel(fails)), workers=2)
+except TooStiff as error:
+    print(error, error.__notes__[-1][:18], children(), same(workers=2))
+""",
+        "spawned": """
+multiprocessing.set_start_method("spawn")
+print((chain(posteriors["lambda"], workers=2) == serial["lambda"]).all(), children())
+""",
+        "no cloudpickle": """
+import sys
+there, sys.modules["cloudpickle"] = sys.modules["cloudpickle"], None
+solves = 0
+for find in (chain, lambda one, **where: ef.emulate(one, 12, seed=1, **where)):
+    try:
+        find(posterior, workers=2)
+    except TypeError as error:
+        print(solves, error)
+""",
+    }
+    return execute(cells, tmp_path_factory.mktemp("notebook"))
+
+
+def test_nothing_fails_and_nothing_warns(shown):
+    assert_quiet(shown)
+
+
+@pytest.mark.parametrize("name", HTML)
+def test_what_a_user_prints_is_shown_as_html(shown, name):
+    page = "\n".join(shown[name].pages)
+    assert HTML[name][1] in page
+    assert ("<table" in page) == (name not in SENTENCES)
+
+
+@pytest.mark.parametrize("name", [*FIGURES, "later", "again"])
+def test_a_figure_is_shown_once(shown, name):
+    assert shown[name].pictures == 1
+
+
+def test_no_figure_stays_open(shown):
+    assert shown["open"].stdout == "[]\n"
+
+
+def test_forked_workers_have_what_the_notebook_defines(shown):
+    assert shown["forked"].stdout == "[True, True, True] []\n"
+
+
+def test_an_exception_of_the_notebook_ends_the_processes_and_not_the_kernel(shown):
+    note = "of the notebook Raised on a worker [] [True, True, True]\n"
+    assert shown["raises"].stdout == note
+
+
+def test_spawned_workers_get_what_the_notebook_defines(shown):
+    assert shown["spawned"].stdout == "True []\n"
+
+
+def test_without_cloudpickle_that_is_refused_before_the_first_solve(shown):
+    lines = shown["no cloudpickle"].stdout.splitlines()
+    assert len(lines) == 2
+    for line in lines:
+        assert line.startswith("0 pool: the function cannot be pickled")
+        assert "pip install 'emcee-femu[notebooks]'" in line
