@@ -6,6 +6,59 @@ from types import SimpleNamespace
 import nbformat
 from nbclient import NotebookClient
 
+# A function, a lambda and a class of the notebook's own, and their serial chains
+MODEL = """
+import multiprocessing, os, time
+import numpy as np
+import emcee_femu as ef
+
+solves, factor = 0, 1.0
+
+def shear(k1, k2):
+    A = np.array([[k1 + k2, -k2], [-k2, k2]]) / 16e3
+    return factor * np.sqrt(np.linalg.eigvalsh(1e6 * A)) / (2 * np.pi)
+
+def function(p):
+    global solves
+    solves += 1
+    return shear(p["k1"], p["k2"])
+
+class Model:
+    n_modes, names = 2, ("k1", "k2")
+    required = names
+
+    def __call__(self, parameters):
+        pairs = zip(parameters["k1"], parameters["k2"])
+        return ef.ModalSolution(np.array([shear(*pair) for pair in pairs]))
+
+prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 15)])
+term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
+
+def posterior_of(model):
+    return ef.LogPosterior(model, term, prior)
+
+posteriors = {
+    "function": posterior_of(ef.FunctionModel(function)),
+    "lambda": posterior_of(ef.FunctionModel(lambda p: shear(p["k1"], p["k2"]))),
+    "class": posterior_of(Model()),
+}
+size = dict(nwalkers=8, nsteps=5, seed=1)
+
+def chain(posterior, **where):
+    return ef.run(posterior, **size, **where)[0].get_chain()
+
+serial = {name: chain(posterior) for name, posterior in posteriors.items()}
+
+def same(**where):
+    return [
+        bool((chain(posterior, **where) == serial[name]).all())
+        for name, posterior in posteriors.items()
+    ]
+
+def children():
+    return [p.name for p in multiprocessing.active_children()]
+"""
+
 
 def execute(cells, folder, seconds=None):
     """Return what the cells show, by the names of the cells.
@@ -54,4 +107,4 @@ def _show(outputs):
 def assert_quiet(shown):
     """Check that no cell failed, or wrote a warning."""
     for name, cell in shown.items():
-        assert (cell.error, cell.stderr) == ("", ""), name
+        assert not cell.error and not cell.stderr, (name, cell.error, cell.stderr)

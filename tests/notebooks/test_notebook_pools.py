@@ -1,0 +1,87 @@
+"""Pools of every start method in a notebook, and the button that interrupts it."""
+
+import multiprocessing
+
+import pytest
+from support.notebooks import MODEL, assert_quiet, execute
+
+METHODS = multiprocessing.get_all_start_methods()
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_sampler_has_the_models_of_a_notebook_on_its_workers(tmp_path, method):
+    cells = {
+        "model": MODEL,
+        "method": f"multiprocessing.set_start_method({method!r})",
+        "run": "print(same(workers=2), children())",
+        "samplers": """
+posterior = posteriors["lambda"]
+runs = {workers: ef.run(posterior, "auto", nsteps=20, seed=1, workers=workers)
+        for workers in (None, 2)}
+a, b = (run[0].get_chain() for run in runs.values())
+print((a == b).all())
+a, b = (ef.find_map(posterior, seed=1, workers=n).table for n in (None, 2))
+print(a == b)
+a, b = (ef.anneal(posterior, 100, seed=1, workers=n).theta for n in (None, 2))
+print((a == b).all())
+a, b = (ef.emulate(posterior, 12, seed=1, workers=n) for n in (None, 2))
+print((a.processes.points == b.processes.points).all())
+found = ef.run(a.posterior, nsteps=500, seed=1)
+idata = ef.to_inference_data(found, a.posterior, discard=100)
+a, b = (ef.certify(idata, posterior, 20, seed=1, workers=n) for n in (None, 2))
+print((a.weights == b.weights).all(), children())
+""",
+        "pool": """
+from concurrent.futures import ProcessPoolExecutor
+executor = ProcessPoolExecutor(2)
+print(same(pool=executor), same(pool=ef.EvaluationPool(executor)))
+""",
+        "again": """
+def function(p):  # the model was improved, and the pool is still that of before
+    return 1.1 * shear(p["k1"], p["k2"])
+
+improved = posterior_of(ef.FunctionModel(function))
+new = chain(improved, pool=executor)
+print((new == chain(improved)).all(), (new == serial["function"]).all())
+executor.shutdown()
+""",
+    }
+    shown = execute(cells, tmp_path)
+    assert_quiet(shown)
+    assert shown["run"].stdout == "[True, True, True] []\n"
+    assert shown["samplers"].stdout == "True\nTrue\nTrue\nTrue\nTrue []\n"
+    assert shown["pool"].stdout == "[True, True, True] [True, True, True]\n"
+    assert shown["again"].stdout == "True False\n"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_after_the_interrupt_the_kernel_works_and_no_process_is_left(tmp_path, method):
+    cells = {
+        "model": MODEL,
+        "stuck": f"""
+multiprocessing.set_start_method({method!r})
+
+def stuck(p):
+    open(f"begun {{os.getpid()}}", "w").close()
+    time.sleep(1000)
+
+ef.run(posterior_of(ef.FunctionModel(stuck)), workers=2, **size)
+""",
+        "after": """
+from pathlib import Path
+begun = [int(file.name.split()[1]) for file in Path().glob("begun *")]
+gone = []
+for pid in begun:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        gone.append(pid)
+print(len(begun), gone == begun, children(), same(workers=2))
+""",
+    }
+    seconds = 8 if method == "fork" else 30  # the others import the package first
+    shown = execute(cells, tmp_path, seconds={"stuck": seconds})
+    assert shown["stuck"].error.startswith("KeyboardInterrupt")
+    assert not shown["stuck"].stderr and not shown["after"].error
+    assert shown["after"].stdout == "2 True [] [True, True, True]\n"

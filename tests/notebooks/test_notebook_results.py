@@ -1,0 +1,130 @@
+"""The results that take longer, their figures, and progress bars, in a notebook."""
+
+import pytest
+from support.notebooks import MODEL, assert_quiet, execute
+
+RESULTS = {  # code, text of its HTML, whether there is a table in it
+    "emulate": ("emulated", "measurement sd", True),
+    "certify": ("ef.certify(of_emulated, posterior, 50, seed=1)", "<p>", True),
+    "anneal": ("ef.anneal(posterior, 200, seed=1)", "<p>log evidence", True),
+    "moves": ("compared", "<p>", True),
+    "models": ("classes", "<p>", True),
+    "tests": ("pooled", "<p>", True),
+    "delayed": ("move", "<p>delayed acceptance: ", False),
+    "reduced": ("reduced", "<p>200 DOFs reduced to", False),
+    "matrices": ("ef.read_matrices({'K': 'K.mtx', 'M': 'K.mtx'})", "<p>", False),
+    "frf": ("measured", ">roof</td>", True),
+}
+FIGURES = {
+    "of moves": "ef.plot_comparison(compared)",
+    "of models": "ef.plot_model_comparison(classes)",
+    "of tests": "ef.plot_population(pooled)",
+    "of FRFs": "ef.plot_frf(of_frf, frf)",
+    "of proposals": "from emcee_femu.figures import plot_proposals\nplot_proposals()",
+}
+BARS = {
+    "text": "chain(posterior, progress=True)",
+    "widget": "chain(posterior, progress='notebook')",
+    "widget of emulate": "ef.emulate(posterior, 12, seed=1, progress='notebook')",
+}
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    cells = {
+        "model": MODEL,
+        "emulated": """
+posterior = posteriors["function"]
+emulated = ef.emulate(posterior, 20, seed=1)
+runs = ef.run(emulated.posterior, "auto", nsteps=200, ensembles=4, seed=1)
+of_emulated = ef.to_inference_data(runs, emulated.posterior)
+""",
+        "compared": """
+moves = {"DE-MC": ef.DEMCMove(), "snooker": ef.SnookerMove()}
+compared = ef.compare_moves(posterior, moves, nsteps=100, ensembles=2, seed=1)
+""",
+        "classes": """
+runs = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
+classes = ef.compare_models({"one": runs, "other": runs})
+""",
+        "pooled": """
+idata = ef.to_inference_data(runs, posterior)
+tests = {name: idata for name in ("May", "June", "July")}
+pooled = ef.pool_tests(tests, ef.NormalPopulation(["k1"]), seed=1)
+""",
+        "others": """
+from scipy.io import mmwrite
+from scipy.sparse import coo_array
+move = ef.DelayedAcceptanceMove(ef.DEMCMove(), emulated.posterior, steps=5)
+ef.run(posterior, move, nsteps=20, seed=1)
+n = 200
+K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+parts = {"lower": np.diag([1.0] * 100 + [0.0] * 100), "upper": K}
+model = ef.MatrixModel(np.zeros((n, n)), np.eye(n), parts, n_modes=3)
+reduced = ef.reduce_model(model, {"lower": (0.5, 2.0), "upper": (0.5, 2.0)})
+mmwrite("K.mtx", coo_array(K), symmetry="symmetric")
+""",
+        "FRFs": """
+lines = np.linspace(0.5, 6.0, 40)
+K = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+two = ef.MatrixModel(
+    np.zeros((2, 2)), np.eye(2), K, n_modes=2, shapes={"floor": 0, "roof": 1}
+)
+model = ef.FRFModel(two, lines, [("roof", "floor")], damping=0.02)
+H = model({"k1": [550.0], "k2": [380.0]})["receptance"][0] @ [1, 1j]
+measured = ef.FRFMeasurements(lines, H, [("roof", "floor")], kind="receptance")
+prior = ef.GaussianPrior(["k1", "k2"], [500, 400], [90, 90], [(100, 900)] * 2)
+frf = ef.LogPosterior(model, ef.FRFTerm(measured, sd=1e-4), prior)
+of_frf = ef.to_inference_data(ef.run(frf, "auto", nsteps=50, seed=1), frf)
+""",
+        **{name: code for name, (code, *_) in RESULTS.items()},
+        **FIGURES,
+        **{name: f"found = {code}" for name, code in BARS.items()},
+        "no widgets": f"""
+import sys
+sys.modules["ipywidgets"], solves = None, 0
+try:
+    {BARS["widget"]}
+except ImportError as error:
+    print(solves, error)
+""",
+    }
+    return execute(cells, tmp_path_factory.mktemp("notebook"))
+
+
+pytestmark = pytest.mark.slow
+
+
+def test_nothing_fails_and_nothing_warns(shown):
+    assert_quiet({name: cell for name, cell in shown.items() if name != "text"})
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_a_result_is_shown_as_html(shown, name):
+    _, text, table = RESULTS[name]
+    page = "\n".join(shown[name].pages)
+    assert text in page and ("<table" in page) == table
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_a_figure_is_shown_once(shown, name):
+    assert shown[name].pictures == 1
+
+
+def test_a_bar_of_text_comes_to_its_end_once(shown):
+    bar = shown["text"]
+    assert bar.error == "" and bar.stderr.count("ensemble 1/1: 100%") == 1
+    lines = bar.stderr.replace("\r", "\n").split("\n")
+    assert {line[:13] for line in lines} == {"", "ensemble 1/1:"}
+
+
+@pytest.mark.parametrize("name", ["widget", "widget of emulate"])
+def test_a_bar_of_widgets_is_one_widget(shown, name):
+    kinds = shown[name].types
+    assert kinds == ["application/vnd.jupyter.widget-view+json", "text/plain"]
+
+
+def test_a_bar_of_widgets_without_them_is_refused_before_the_first_solve(shown):
+    text = shown["no widgets"].stdout
+    assert text.startswith("0 progress: 'notebook' needs ipywidgets")
+    assert "pip install 'emcee-femu[notebooks]'" in text
