@@ -1,16 +1,16 @@
 """Pools of every start method in a notebook, and the button that interrupts it."""
 
-import multiprocessing
-
 import pytest
 from support.notebooks import MODEL, assert_quiet, execute
+from support.systems import need_start_method, posix
 
-METHODS = multiprocessing.get_all_start_methods()
 pytestmark = pytest.mark.slow
+methods = pytest.mark.parametrize("method", ["fork", "spawn", "forkserver"])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@methods
 def test_every_sampler_has_the_models_of_a_notebook_on_its_workers(tmp_path, method):
+    need_start_method(method)
     cells = {
         "model": MODEL,
         "method": f"multiprocessing.set_start_method({method!r})",
@@ -55,8 +55,10 @@ executor.shutdown()
     assert shown["again"].stdout == "True False\n"
 
 
-@pytest.mark.parametrize("method", METHODS)
+@posix
+@methods
 def test_after_the_interrupt_the_kernel_works_and_no_process_is_left(tmp_path, method):
+    need_start_method(method)
     cells = {
         "model": MODEL,
         "stuck": f"""

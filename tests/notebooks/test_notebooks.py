@@ -71,11 +71,12 @@ def fails(p):
 
 try:
     chain(posterior_of(ef.FunctionModel(fails)), workers=2)
-except TooStiff as error:
-    print(error, error.__notes__[-1][:18], children(), same(workers=2))
+except Exception as error:
+    print("of the notebook" in str(error), error.__notes__[-1][:18])
+    print(children(), same(workers=2))
 """,
         "spawned": """
-multiprocessing.set_start_method("spawn")
+multiprocessing.set_start_method("spawn", force=True)
 print((chain(posteriors["lambda"], workers=2) == serial["lambda"]).all(), children())
 """,
         "no cloudpickle": """
@@ -117,7 +118,7 @@ def test_forked_workers_have_what_the_notebook_defines(shown):
 
 
 def test_an_exception_of_the_notebook_ends_the_processes_and_not_the_kernel(shown):
-    note = "of the notebook Raised on a worker [] [True, True, True]\n"
+    note = "True Raised on a worker\n[] [True, True, True]\n"
     assert shown["raises"].stdout == note
 
 
