@@ -10,10 +10,7 @@ from support.checks import LIMIT, BoundedTriangle, Gaussian, exact_start
 
 import emcee_femu as ef
 from emcee_femu import DelayedAcceptanceMove, ModalSolution
-from emcee_femu.moves import (
-    DEMCMove,
-    TemperedMove,
-)
+from emcee_femu.moves import DEMCMove, TemperedMove
 
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 
@@ -23,7 +20,7 @@ TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 def test_a_wrong_cheap_posterior_leaves_the_target_exact(inner, target):
     law = TARGETS[target]()
     move = DelayedAcceptanceMove(INNER[inner](law), wrong(law))
-    assert exact_start(move, law, 12, ensembles=400, steps=6) < LIMIT
+    assert exact_start(move, law, 12) < LIMIT
     assert 0 < move.accepted < move.full_solves < move.proposed
 
 
@@ -31,7 +28,7 @@ def test_a_wrong_cheap_posterior_leaves_the_target_exact(inner, target):
 def test_the_target_is_exact_in_one_dimension(inner):
     law = Gaussian(ndim=1)
     move = DelayedAcceptanceMove(INNER[inner](law), wrong(law))
-    assert exact_start(move, law, 12, ensembles=400, steps=6) < LIMIT
+    assert exact_start(move, law, 12) < LIMIT
 
 
 class OneStage(DelayedAcceptanceMove):
@@ -45,13 +42,13 @@ class OneStage(DelayedAcceptanceMove):
 def test_without_the_second_stage_the_wrong_target_is_sampled():
     law = Gaussian()
     move = OneStage(DEMCMove(), wrong(law))
-    assert exact_start(move, law, 12, ensembles=400, steps=6) > 2 * LIMIT
+    assert exact_start(move, law, 12) > 2 * LIMIT
 
 
 def test_an_exact_cheap_posterior_accepts_all_that_it_passes():
     law = Gaussian()
     move = DelayedAcceptanceMove(DEMCMove(), law)
-    exact_start(move, law, 10, ensembles=50)
+    exact_start(move, law, 10, ensembles=50, steps=10)
     assert move.accepted == move.full_solves < move.proposed
     assert f"{1 - move.full_solves / move.proposed:.1%} saved" in str(move)
 

@@ -59,11 +59,13 @@ class Blocks:
         return self.law.posterior(theta)
 
     def statistics(self, theta):
-        blocks = zip(np.split(theta, len(self.betas)), self.betas, strict=True)
-        return np.column_stack([self.law.statistics(own, beta) for own, beta in blocks])
+        n, walkers, _ = theta.shape
+        blocks = zip(np.split(theta, len(self.betas), axis=1), self.betas, strict=True)
+        found = [self.law.statistics(own.reshape(-1, 3), beta) for own, beta in blocks]
+        return np.column_stack(found).reshape(n, walkers // len(self.betas), -1)
 
 
-def largest_z(move, law, block=8, ensembles=400, steps=4, rows=True):
+def largest_z(move, law, block=8, ensembles=100, steps=8, rows=True):
     target, n = Blocks(law, move.betas), block * len(move.betas)
     return exact_start(move, target, n, ensembles, steps, rows=rows)
 

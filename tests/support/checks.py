@@ -4,6 +4,9 @@ Ensembles are drawn from the target and moved a few steps. If the move keeps the
 averages over independent ensembles have the exact moments: plain z-scores, without
 burn-in, autocorrelation or a tuned tolerance. |z| < 5 is the bar; the null hypothesis
 passes it with a probability of 0.9999 for the twelve z-scores of a run.
+
+A small bias grows with every step, so z does as steps * sqrt(ensembles) at a cost of
+steps * ensembles: 120 ensembles of 12 steps see what 400 of 6 would, and cost less.
 """
 
 import emcee
@@ -28,6 +31,7 @@ class Gaussian:
             correlation = 0.8 ** np.abs(index[:, None] - index)
         self.factor = np.linalg.cholesky(correlation)
         self.precision = np.linalg.inv(correlation)
+        self.median = chi2.median(ndim)
 
     def sample(self, rng, size):
         normal = rng.standard_normal((*size, self.ndim))
@@ -42,7 +46,7 @@ class Gaussian:
         x = (theta - self.mean) / self.scale
         square = np.einsum("...i,ij,...j->...", x, self.precision, x)
         # The last one is bounded: it sees an explosion that hides in its own variance.
-        core = (square < chi2.median(self.ndim)) - 0.5
+        core = (square < self.median) - 0.5
         return np.concatenate(
             [x, x * x - 1, np.stack([square - self.ndim, core], axis=-1)], axis=-1
         )
@@ -72,7 +76,7 @@ class BoundedTriangle:
         return np.concatenate([*moments, outside[..., None]], axis=-1)
 
 
-def exact_start(move, target, nwalkers, ensembles=1_000, steps=10, seed=0, rows=True):
+def exact_start(move, target, nwalkers, ensembles=120, steps=12, seed=0, rows=True):
     """Return the largest |z| of the target's statistics after a few steps.
 
     The target may return rows that begin with the log density, as a posterior does. It
@@ -86,18 +90,18 @@ def exact_start(move, target, nwalkers, ensembles=1_000, steps=10, seed=0, rows=
         return (values[:, 0], values[:, 1:]) if values.ndim > 1 else (values, None)
 
     model = Model(target, solve, map, random)
-    averages = []
-    for start in target.sample(rng, (ensembles, nwalkers)):
+    coords = target.sample(rng, (ensembles, nwalkers))
+    for start in coords:
         state = emcee.State(start, *solve(start))
         for _ in range(steps):
             state, _ = move.propose(model, state)
-        log_prob, blobs = solve(state.coords)
+        start[:] = state.coords
+        log_prob, blobs = solve(start)
         if rows and blobs is not None:
             kept = np.column_stack([state.log_prob, state.blobs])
             if not np.array_equal(kept, np.column_stack([log_prob, blobs])):
                 return np.inf
-        averages.append(target.statistics(state.coords).mean(axis=0))
-    averages = np.array(averages)
+    averages = target.statistics(coords).mean(axis=1)
     mean, error = averages.mean(axis=0), averages.std(axis=0) / np.sqrt(ensembles)
     moved = error > 0
     if (np.abs(mean[~moved]) > 0).any():  # the same nonzero value in every ensemble

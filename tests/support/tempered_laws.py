@@ -16,6 +16,7 @@ class GaussianLaw:
 
     C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0], [0.3, 0.3, 0.3]])
     offset, measured = np.array([9.0, 20.0, 30.0, 45.0]), np.array([10, 21, 32, 46.0])
+    median = stats.chi2.median(3)
     mean, sd, relative_sd = np.array([0.5, 0.3, -0.2]), np.array([1.0, 0.7, 0.5]), 0.03
 
     def __init__(self):
@@ -40,7 +41,7 @@ class GaussianLaw:
     def statistics(self, theta, beta):
         mean, covariance = self.moments(beta)
         x = np.linalg.solve(np.linalg.cholesky(covariance), (theta - mean).T).T
-        core = (x**2).sum(axis=1) < stats.chi2.median(3)
+        core = (x**2).sum(axis=1) < self.median
         pairs = x * np.roll(x, 1, axis=1)
         return np.column_stack([x, x**2 - 1, pairs, core - 0.5])
 
