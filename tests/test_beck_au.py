@@ -16,7 +16,7 @@ def in_one_mode(nwalkers):
 
 
 def test_without_tempering_the_start_decides_which_mode_is_seen():
-    (run,) = ef.run(BECK_AU, DEMCMove(), 100, 1_500, seed=1, initial=in_one_mode(100))
+    (run,) = ef.run(BECK_AU, DEMCMove(), 100, 500, seed=1, initial=in_one_mode(100))
     assert (run.get_chain()[..., 0] < 1).mean() < 0.05  # the truth is 0.531
 
 

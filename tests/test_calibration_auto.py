@@ -6,10 +6,16 @@ bins, Bonferroni's correction of 0.1 % over all of them.
 
 import numpy as np
 import pytest
-from support.calibration import auto_ranks, mass_spring, p_values, paired
+from support.calibration import (
+    auto_ranks,
+    mass_spring,
+    p_values,
+    paired,
+    shorten_search,
+)
 
 from emcee_femu.moves import IndependenceMove
-from emcee_femu.sampling import auto, recipe, search
+from emcee_femu.sampling import recipe
 
 PROBLEMS = {"mass-spring": mass_spring, "paired": paired}
 LEVEL = 0.001 / (6 + 5)  # ranks of 5 and 4 parameters, and of the log-likelihoods
@@ -17,9 +23,7 @@ LEVEL = 0.001 / (6 + 5)  # ranks of 5 and 4 parameters, and of the log-likelihoo
 
 @pytest.fixture(autouse=True)
 def short_search(monkeypatch):
-    monkeypatch.setattr(auto, "FEWEST", 400)
-    monkeypatch.setattr(auto, "ROUND", 200)
-    monkeypatch.setattr(search, "FRUITLESS", 2)
+    shorten_search(monkeypatch)
 
 
 class WithoutProposalDensity(IndependenceMove):

@@ -48,10 +48,10 @@ def linear_posterior():
 )  # fmt: skip
 def test_conjugate_gaussian_posterior_is_recovered(move, nwalkers):
     posterior = linear_posterior()
-    samplers = ef.run(posterior, move, nwalkers, 1_500, ensembles=4, seed=1)
-    diagnosis = ef.diagnose(samplers, discard=300)
+    samplers = ef.run(posterior, move, nwalkers, 1_000, ensembles=4, seed=1)
+    diagnosis = ef.diagnose(samplers, discard=100)
     assert diagnosis.converged, diagnosis.verdict
-    _, chains = samples(ef.to_inference_data(samplers, posterior, discard=300))
+    _, chains = samples(ef.to_inference_data(samplers, posterior, discard=100))
     draws = chains.reshape(-1, 3)
     mean, covariance = conjugate()
     sd = np.sqrt(np.diag(covariance))

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.random import RandomState
-from scipy.special import logsumexp
 
 from ..interfaces import Floats
 from .acceptance import Batch, ProposingMove
@@ -46,12 +45,12 @@ class ComponentWalk(ProposingMove):
         standard = jumps @ self._inverses.transpose(0, 2, 1)  # (k, n, ndim)
         standard /= 2.38 / np.sqrt(ndim) * self.scale
         log_steps = -0.5 * np.einsum("knd,knd->kn", standard, standard) - self._log_dets
-        factors = logsumexp(there + log_steps, axis=0)
-        factors -= logsumexp(here + log_steps, axis=0)
+        factors = np.logaddexp.reduce(there + log_steps, axis=0)
+        factors -= np.logaddexp.reduce(here + log_steps, axis=0)
         yield np.arange(n), proposed, factors
 
     def _log_shares(self, theta: Floats) -> Floats:
         """Return the log of the responsibilities ``(k, n)``."""
         log_parts = self.mixture.log_parts(theta)
-        shares: Floats = log_parts - logsumexp(log_parts, axis=0)
+        shares: Floats = log_parts - np.logaddexp.reduce(log_parts, axis=0)
         return shares

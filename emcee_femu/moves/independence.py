@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.random import RandomState
 from numpy.typing import ArrayLike
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from .. import checks
 from ..interfaces import Floats
@@ -135,9 +135,8 @@ class IndependenceMove(ProposingMove):
 
     def log_density(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of q at ``theta (n, ndim)``."""
-        log_parts = self.log_parts(theta)
-        one = len(log_parts) == 1  # and logsumexp slow
-        total: Floats = log_parts[0] if one else logsumexp(log_parts, axis=0)
+        # A hundred times as fast for few walkers as logsumexp of SciPy.
+        total: Floats = np.logaddexp.reduce(self.log_parts(theta), axis=0)
         return total
 
     def log_parts(self, theta: Floats) -> Floats:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
+from scipy.special import gammaln
 
 from ..interfaces import Floats
 
@@ -57,7 +57,7 @@ def log_constant(df: float, d: int) -> float:
 
 def log_density(x: Floats, law: Mixture) -> Floats:
     """Return the log density ``(n,)`` at ``x (n, d)``."""
-    total: Floats = logsumexp(log_parts(x, law)[0], axis=1)
+    total: Floats = np.logaddexp.reduce(log_parts(x, law)[0], axis=1)
     return total + log_constant(law.df, x.shape[1])
 
 
@@ -97,7 +97,7 @@ def improve(
     best, previous, before = law, -np.inf, law.matrices
     for _ in range(most):
         parts, distance = log_parts(x, law)
-        total = logsumexp(parts, axis=1)
+        total = np.logaddexp.reduce(parts, axis=1)
         gained = float(shares @ total) + log_constant(law.df, d)
         if gained - previous < tolerance:
             break

@@ -2,7 +2,6 @@
 
 import numpy as np
 from scipy.cluster.vq import kmeans2
-from scipy.special import logsumexp
 
 from ..interfaces import Floats
 from .metropolis import factorize
@@ -99,7 +98,7 @@ def _run_em(
             - np.log(diagonals).sum(axis=1)
             - 0.5 * (df + d) * np.log1p(distance / df)
         )
-        log_total = logsumexp(log_parts, axis=1)
+        log_total = np.logaddexp.reduce(log_parts, axis=1)
         share = np.exp(log_parts - log_total[:, None])
         tail_weight = (df + d) / (df + distance)
         mean_log = float(log_total.mean())

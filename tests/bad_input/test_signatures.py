@@ -100,6 +100,12 @@ def pool_tests(**given):
     return str(pool.call_args[0][1].prior.bounds)
 
 
+def emulate(**given):
+    with mock.patch("emcee_femu.sampling.emulate.Rounds") as rounds:
+        ef.emulate(**given)
+    return str((rounds.call_args[0][2], rounds.return_value.run.call_args))
+
+
 positive, above_zero = array(positive=True), number(above=0.0)
 per_mode = positive.but("one number")
 chosen = names.but("one less")
@@ -407,6 +413,8 @@ STAND_INS = {
     "LogPosterior called": POSTERIOR,
     "LogPosterior.start": POSTERIOR.start,
     "reduce_model": reduce_model,
+    "emulate": emulate,
+    "emulate, workers": emulate,
     "pool_tests": pool_tests,
     "paper.h_frame": lambda **given: paper.h_frame(**given).modes,
 }

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from support.calibration import shorten_search
 from support.examples import EXAMPLES, load
 
 
@@ -21,7 +22,8 @@ def test_resume():
 
 
 @pytest.mark.slow
-def test_mode_order(capsys):
+def test_mode_order(capsys, monkeypatch):
+    shorten_search(monkeypatch)
     shares = load("mode_order").main(500, 150)["shares"]
     any_mode = shares.column("any")
     assert shares.column("region")[0] == "box of the bounds"

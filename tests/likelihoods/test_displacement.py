@@ -94,8 +94,8 @@ def spring():
 def test_the_posterior_agrees_with_quadrature():
     prior = ef.IndependentPrior({"k": stats.uniform(1.0, 3.0)})
     posterior = ef.LogPosterior(*spring(), prior)
-    samplers = ef.run(posterior, nwalkers=16, nsteps=1_500, ensembles=2, seed=1)
-    x = np.concatenate([s.get_chain(discard=100, flat=True) for s in samplers])
+    (sampler,) = ef.run(posterior, nwalkers=64, nsteps=600, seed=1)
+    x = sampler.get_chain(discard=100, flat=True)
     grid = np.linspace(1.0, 4.0, 4_001)
     density = stats.norm.pdf(2 / grid, 1.0, 0.05)
     density /= density.sum()

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
-from support import calibration
-from support.calibration import auto_ranks, p_values
+from support.calibration import auto_ranks, p_values, shorten_search
 from support.gradients import numerical
 
 import emcee_femu as ef
@@ -123,16 +122,15 @@ LEVEL = 0.001 / 5
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
-    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 400)
-    assert p_values(auto_ranks(simulated, 200, seed=31)).min() > LEVEL
+    shorten_search(monkeypatch)
+    assert p_values(auto_ranks(simulated, 120, seed=31)).min() > LEVEL
 
 
 @pytest.mark.slow
 def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
-    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 400)
+    shorten_search(monkeypatch)
     found = auto_ranks(lambda rng: simulated(rng, 0.5), 60, seed=32)
     assert p_values(found).min() < LEVEL
-    assert calibration.BINS == 8
 
 
 def test_another_kind_or_unit_is_refused_by_name():

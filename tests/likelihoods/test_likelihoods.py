@@ -249,7 +249,7 @@ def test_an_inferred_discrepancy_has_the_posterior_of_quadrature():
     weight *= stats.norm.pdf(factor, 1, 0.1)[:, None]
     weight *= stats.halfnorm.pdf(sigma, scale=0.05)
     weight /= weight.sum()
-    (sampler,) = ef.run(posterior, nwalkers=24, nsteps=3_000, seed=4)
+    (sampler,) = ef.run(posterior, nwalkers=24, nsteps=2_000, seed=4)
     draws = sampler.get_chain(discard=300)
     error = draws.mean(axis=1).std(axis=0) * np.sqrt(40 / len(draws))  # tau below 40
     exact = [weight.sum(axis=1) @ factor, weight.sum(axis=0) @ sigma]

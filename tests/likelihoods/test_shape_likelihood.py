@@ -140,7 +140,7 @@ def test_the_posterior_of_two_parameters_agrees_with_quadrature():
     weight, by_hand = weight / weight.sum(), by_hand / by_hand.sum()
     np.testing.assert_allclose(weight, by_hand, atol=1e-12)
     mean = (weight.sum(axis=0) * delta).sum()
-    (sampler,) = ef.run(posterior, nwalkers=32, nsteps=2_000, seed=4)
+    (sampler,) = ef.run(posterior, nwalkers=32, nsteps=1_200, seed=4)
     draws = sampler.get_chain(discard=300)[..., 1]
     error = draws.mean(axis=1).std() * np.sqrt(50 / len(draws))  # tau below 50
     assert abs(draws.mean() - mean) < 4 * error + 1e-4

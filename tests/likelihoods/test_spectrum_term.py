@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 from support.ambient import draw_spectra, matrices, simulate, widely
-from support.calibration import auto_ranks, p_values
+from support.calibration import auto_ranks, p_values, shorten_search
 from support.gradients import numerical
 
 import emcee_femu as ef
@@ -210,13 +210,13 @@ LEVEL = 0.001 / 6
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
-    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 400)
-    assert p_values(auto_ranks(simulated, 200, seed=41)).min() > LEVEL
+    shorten_search(monkeypatch)
+    assert p_values(auto_ranks(simulated, 120, seed=41)).min() > LEVEL
 
 
 @pytest.mark.slow
 def test_ranks_with_lines_counted_twice_are_not_uniform(monkeypatch):
-    monkeypatch.setattr(ef.sampling.auto, "FEWEST", 400)
+    shorten_search(monkeypatch)
     found = auto_ranks(lambda rng: simulated(rng, 4), 60, seed=42)
     assert p_values(found).min() < LEVEL
 

@@ -171,7 +171,7 @@ def test_where_modes_cross_the_order_of_frequencies_gives_a_wrong_posterior():
     moments, switched = {}, {}
     for pair in (True, False):
         posterior = crossing_posterior(pair)
-        (sampler,) = ef.run(posterior, nwalkers=32, nsteps=1_500, seed=3)
+        (sampler,) = ef.run(posterior, nwalkers=32, nsteps=900, seed=3)
         idata = ef.to_inference_data(sampler, posterior, discard=200)
         draws = sampler.get_chain(discard=200, flat=True)
         moments[pair] = draws.mean(axis=0)

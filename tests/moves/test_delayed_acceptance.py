@@ -125,7 +125,7 @@ def assert_exact_moments(draws):
 def test_a_run_with_a_biased_model_has_the_moments_of_the_full_one():
     cheap = ef.LogPosterior(Lines(shift=0.5), TERM, PRIOR)
     move = DelayedAcceptanceMove(DEMCMove(), cheap)
-    (sampler,) = ef.run(POSTERIOR, move, 20, 2_000, seed=1)
+    (sampler,) = ef.run(POSTERIOR, move, 20, 1_200, seed=1)
     assert_exact_moments(sampler.get_chain(discard=200))
     assert move.full_solves < 0.7 * move.proposed
 

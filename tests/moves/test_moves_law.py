@@ -117,8 +117,8 @@ def test_the_move_keeps_the_target(case, target):
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("case", FEWEST)
 def test_the_move_keeps_the_target_at_high_power(case, target):
-    # Twenty times the ensembles, where a bias of the synchronous kind cannot hide.
-    assert z_of(case, target, ensembles=8_000, steps=15) < LIMIT
+    # Ten times the power, before which a bias of the synchronous kind cannot hide.
+    assert z_of(case, target, ensembles=2_000, steps=30) < LIMIT
 
 
 @pytest.mark.parametrize("move", [DEMCMove(), SnookerMove(), CrossoverMove()], ids=str)

@@ -184,7 +184,7 @@ def test_a_run_stores_the_rows_of_the_full_posterior(betas):
     whole = move if betas is None else TemperedMove(move, betas)
     law = np.random.default_rng(1)
     initial = law.multivariate_normal(MEAN, np.linalg.inv(DESIGN.T @ DESIGN), 24)
-    (sampler,) = ef.run(posterior, whole, 24, 200, seed=1, initial=initial)
+    (sampler,) = ef.run(posterior, whole, 24, 100, seed=1, initial=initial)
     draws = sampler.get_chain()[:, : 24 // len(betas or (1,))]
     scatter = draws.mean(axis=1).std(axis=0) * np.sqrt(4 / len(draws))  # tau below 4
     assert (np.abs(draws.mean(axis=(0, 1)) - MEAN) < 5 * scatter).all()

@@ -40,7 +40,7 @@ def test_subchains_leave_the_target_exact_at_high_power(case):
     inner, target, nwalkers, ndim, steps = case
     law = TARGETS[target](ndim=ndim)
     move = delayed(inner, law, steps)
-    assert exact_start(move, law, nwalkers, ensembles=500, steps=30) < LIMIT
+    assert exact_start(move, law, nwalkers, ensembles=240, steps=44) < LIMIT
 
 
 def test_subchains_of_far_scales_leave_the_target_exact():

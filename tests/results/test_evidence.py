@@ -55,12 +55,12 @@ class Backend(emcee.backends.Backend):
         steps, self.nwalkers = log_likelihood.shape
         self._moves = [TemperedMove(DEMCMove(), betas)]
         self.reset(self.nwalkers, 1)
+        blobs = np.full((self.nwalkers, 2), log_prior)
+        self.grow(steps, blobs)
         for likelihood in log_likelihood:
-            blobs = np.full((self.nwalkers, 2), log_prior)
             state = emcee.State(
                 np.zeros((self.nwalkers, 1)), likelihood + log_prior, blobs
             )
-            self.grow(1, blobs)
             self.save_step(state, np.ones(self.nwalkers, bool))
 
 

@@ -87,8 +87,8 @@ def test_a_sampled_linear_gaussian_problem_has_its_known_answer():
     posterior = ef.LogPosterior(
         model, ef.FrequencyTerm(measured, relative_sd=relative), prior
     )
-    runs = ef.run(posterior, None, 40, 1500, ensembles=2, seed=3)
-    found = identifiability(ef.to_inference_data(runs, posterior, discard=300))
+    runs = ef.run(posterior, None, 40, 800, ensembles=2, seed=3)
+    found = identifiability(ef.to_inference_data(runs, posterior, discard=100))
     scaled = design * [1.0, 0.5] / (relative * measured[:, None])
     covariance = np.linalg.inv(np.eye(2) + scaled.T @ scaled)
     sd = np.sqrt(np.diag(covariance))

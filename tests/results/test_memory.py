@@ -12,8 +12,11 @@ NDIM, NWALKERS, STEPS = 2, 256, 90
 PRIOR = ef.GaussianPrior([f"k{i}" for i in range(NDIM)], np.zeros(NDIM), 1.0)
 
 
-MODEL = ef.FunctionModel(lambda p: np.arange(1, 21) + 0.01 * p["k0"], n_modes=20)
-POSTERIOR = ef.LogPosterior(MODEL, ef.FrequencyTerm(np.arange(1, 21), beta=1e2), PRIOR)
+def model(parameters):
+    return ef.ModalSolution(np.arange(1, 21) + 0.01 * parameters["k0"][:, None])
+
+
+POSTERIOR = ef.LogPosterior(model, ef.FrequencyTerm(np.arange(1, 21), beta=1e2), PRIOR)
 
 
 def peak_of(function, *arguments, **options):

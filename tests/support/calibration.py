@@ -29,15 +29,16 @@ import numpy as np
 from scipy import stats
 
 import emcee_femu as ef
+from emcee_femu.sampling import auto, search
 
-WALKERS, SNAPSHOTS, APART, PILOT = 16, 4, 100, 300
-DRAWS = WALKERS * SNAPSHOTS - 1  # ranks 0 .. 63 fall evenly into the bins
+WALKERS, PILOT, APART = 64, 150, 100
+DRAWS = WALKERS - 1  # ranks 0 .. 63 fall evenly into the bins
 BINS = 8
 PROBLEM = ef.paper.mass_spring()
 PRIOR = PROBLEM.posterior.prior
 BETA = PROBLEM.posterior.terms[0].beta[0]
 QUANTITIES = (*PRIOR.names, "log-likelihood")
-AUTO_APART = 10  # about four autocorrelation times
+AUTO_WALKERS, SNAPSHOTS, AUTO_APART = 16, 4, 10  # about four autocorrelation times
 
 RELATIVE_SD, DELTA = 0.005, 0.05
 PAIRED_PRIOR = ef.GaussianPrior(
@@ -57,6 +58,13 @@ CARRIED = ef.MatrixModel(
     n_modes=3,
     shapes=True,
 )
+
+
+def shorten_search(monkeypatch):
+    """Let "auto" take less care: starts that a valid sampler may well have."""
+    monkeypatch.setattr(auto, "FEWEST", 400)
+    monkeypatch.setattr(auto, "ROUND", 200)
+    monkeypatch.setattr(search, "FRUITLESS", 2)
 
 
 def simulated(frequencies, beta, rng):
@@ -129,7 +137,7 @@ def auto_ranks(simulate, datasets, seed):
         posterior, truth = simulate(rng)
         options = {"ensembles": 1, "thin_by": AUTO_APART}
         own = int(rng.integers(2**31))
-        (run,) = ef.run(posterior, "auto", WALKERS, SNAPSHOTS, seed=own, **options)
+        (run,) = ef.run(posterior, "auto", AUTO_WALKERS, SNAPSHOTS, seed=own, **options)
         likelihood = run.get_log_prob(flat=True) - run.get_blobs(flat=True)[:, 0]
         draws = np.column_stack([run.get_chain(flat=True), likelihood])[:DRAWS]
         row = posterior(truth)[0]
@@ -142,9 +150,9 @@ def ranks(moves, datasets, seed=0, stated_beta=BETA):
 
     Each data set has a run of its own: DE-MC from the best of some prior draws (a
     walker from anywhere may stay for long in a corner of the box, 50 below the others),
-    then ``moves(pilot)``, a function of the draws of its second half, ``(n, 5)``.
-    The draws are all walkers, independent at any one generation of a valid sampler, at
-    four generations that are about four autocorrelation times apart.
+    then ``moves(pilot)``, a function of the draws of its second half, ``(n, 5)``, for
+    about four autocorrelation times. The draws are all walkers, which are independent
+    at any one generation of a valid sampler; many of them cost little more than few.
 
     Args:
         moves: Makes the moves.
@@ -176,7 +184,7 @@ def ranks(moves, datasets, seed=0, stated_beta=BETA):
             posterior,
             moves(pilot.get_chain(discard=PILOT // 2, flat=True)),
             WALKERS,
-            SNAPSHOTS,
+            1,
             thin_by=APART,
             seed=seeds[1],
             initial=pilot.get_chain()[-1],
