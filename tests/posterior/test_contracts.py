@@ -1,0 +1,147 @@
+"""The checkers that CONTRIBUTING.md offers accept what is right, and only that."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+from support.contracts import assert_model, assert_term
+
+import emcee_femu as ef
+
+K = {"k1": np.array([1.0, 2.0, 3.0]), "k2": np.array([2.0, 2.5, 2.0])}
+MEASURED, SD = np.array([1.0, 2.0]), 0.3
+U = MEASURED + np.array([[0.1, 0.2], [-0.3, 0.1], [0.4, -0.5]])
+RESPONSE = {"displacement": U[:, None]}
+EXACT = stats.norm.logpdf(U, MEASURED, SD).sum(axis=1)
+
+
+class Linear:
+    """A right model, of which each mutant spoils something."""
+
+    variables = {"u": ef.Variable({"point": ["a", "b"]}, "mm")}
+
+    def __call__(self, parameters):
+        return {"u": np.stack([parameters["k1"], parameters["k2"]], axis=1)}
+
+
+class ForgetsTheBatch(Linear):
+    def __call__(self, parameters):
+        return {"u": super().__call__(parameters)["u"][:1].repeat(3, axis=0)}
+
+
+class MixesRows(Linear):
+    def __call__(self, parameters):
+        u = super().__call__(parameters)["u"]
+        return {"u": u + 1e-6 * u.mean(axis=0)}
+
+
+class ChangesItsInput(Linear):
+    def __call__(self, parameters):
+        found = super().__call__(parameters)
+        parameters["k1"] *= 1.0 + 1e-12
+        return found
+
+
+class DeclaresAnotherShape(Linear):
+    variables = {"u": ef.Variable({"point": ["a", "b", "c"]}, "mm")}
+
+
+class Remembers(Linear):
+    def __getstate__(self):
+        return {"shift": 1.0}
+
+    def __call__(self, parameters):
+        return {"u": super().__call__(parameters)["u"] + getattr(self, "shift", 0.0)}
+
+
+def test_models_of_the_package_and_a_right_one_pass():
+    assert_model(Linear(), K)
+    matrices = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+    model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), matrices, n_modes=2)
+    assert_model(model, K)
+
+
+@pytest.mark.parametrize(
+    ("mutant", "message"),
+    [
+        (ForgetsTheBatch, "same for all"),
+        (MixesRows, "one by one"),
+        (ChangesItsInput, "changed k1"),
+        (DeclaresAnotherShape, "declared"),
+        (Remembers, "pickled copy"),
+    ],
+)
+def test_a_wrong_model_is_found(mutant, message):
+    with pytest.raises(AssertionError, match=message):
+        assert_model(mutant(), {name: value.copy() for name, value in K.items()})
+
+
+def test_a_model_that_says_nothing_is_asked_to():
+    with pytest.raises(AssertionError, match="variables, or n_modes"):
+        assert_model(lambda parameters: parameters, K)
+
+
+class Mutant:
+    """A term of the package with one method replaced."""
+
+    def __init__(self, **methods):
+        right = ef.DisplacementTerm(MEASURED[None], sd=SD)
+        names = ("__call__", "pointwise", "deviations", "replicate", "observed")
+        parts = {name: getattr(right, name) for name in names} | methods
+        self.call = parts.pop("__call__")
+        self.__dict__.update(parts)
+
+    def __call__(self, parameters, response):
+        return self.call(parameters, response)
+
+
+RIGHT = ef.DisplacementTerm(MEASURED[None], sd=SD)
+
+
+def test_a_right_term_passes_with_or_without_its_constant():
+    assert_term(RIGHT, {}, RESPONSE, EXACT)
+    assert_term(Mutant(), {}, RESPONSE, EXACT + 3.0)
+    assert_term(lambda p, r: RIGHT(p, r), {}, RESPONSE, EXACT)
+
+
+@pytest.mark.parametrize(
+    ("methods", "message"),
+    [
+        ({"__call__": lambda p, r: 1.001 * RIGHT(p, r)}, "differs from the expected"),
+        ({"__call__": lambda p, r: RIGHT(p, r).sum()}, "one number per"),
+        (
+            {
+                "pointwise": lambda p, r: {
+                    "u": 0.9 * RIGHT.pointwise(p, r)["displacement"]
+                }
+            },
+            "pointwise",
+        ),
+        (
+            {"deviations": lambda p, r: (2 * RIGHT.deviations(p, r)[0], SD)},
+            "another density",
+        ),
+        (
+            {"replicate": lambda rng, p, r: {"displacement": 0 * r["displacement"]}},
+            "alike",
+        ),
+        ({"observed": {"displacement": MEASURED}}, "displacement"),
+    ],
+)
+def test_a_wrong_term_is_found(methods, message):
+    with pytest.raises(AssertionError, match=message):
+        assert_term(Mutant(**methods), {}, RESPONSE, EXACT)
+
+
+def test_a_term_that_mixes_parameter_sets_is_found():
+    mixing = SimpleNamespace(mean=U.mean())
+
+    def term(parameters, response):
+        shift = response["displacement"].mean() - mixing.mean
+        return stats.norm.logpdf(response["displacement"][:, 0], MEASURED, SD).sum(
+            axis=1
+        ) + np.full(len(response["displacement"]), shift)
+
+    with pytest.raises(AssertionError, match="one by one"):
+        assert_term(term, {}, RESPONSE, EXACT)

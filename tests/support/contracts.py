@@ -1,0 +1,79 @@
+"""What every model and every term must do; CONTRIBUTING.md shows how to use it.
+
+A move has :func:`support.checks.exact_start`, a model's ``jacobian``
+:func:`support.derivatives.assert_jacobian`.
+"""
+
+import pickle
+
+import numpy as np
+from scipy import stats
+
+from emcee_femu.interfaces import declared_variables, read
+
+
+def _row(values, i):
+    return {name: np.asarray(value)[i : i + 1] for name, value in values.items()}
+
+
+def assert_model(model, parameters, rtol=0.0):
+    """The response is as declared, and the same in a batch, one by one and pickled.
+
+    Args:
+        model: It says what it returns, by ``variables`` or ``n_modes``.
+        parameters: ``{name: (n,)}``, of at least two different sets.
+        rtol: How far a batch may be from its rows: some libraries round otherwise.
+    """
+    declared = declared_variables(model)
+    assert declared, "the model must have variables, or n_modes"
+    before = {name: np.array(value) for name, value in parameters.items()}
+    batch = model(parameters)
+    for name, value in before.items():
+        assert np.array_equal(parameters[name], value), f"the model changed {name}"
+    copied = pickle.loads(pickle.dumps(model))(parameters)
+    n = len(next(iter(before.values())))
+    singles = [model(_row(before, i)) for i in range(n)]
+    for name, variable in declared.items():
+        if not (variable.coords or variable.stored):
+            continue  # of a shape that is not known, or not there
+        value = np.asarray(read(batch, name))
+        expected = (n, *variable.shape)
+        assert value.shape == expected, f"{name}: {value.shape}, declared {expected}"
+        assert np.isfinite(value).all(), f"{name} is not finite"
+        assert np.ptp(value, axis=0).any(), f"{name} is the same for all parameters"
+        assert np.array_equal(read(copied, name), value), f"{name} of a pickled copy"
+        single = np.concatenate([read(one, name) for one in singles])
+        np.testing.assert_allclose(single, value, rtol, err_msg=f"{name}, one by one")
+
+
+def assert_term(term, parameters, response, expected, rtol=1e-9):
+    """The log-likelihood is the expected one but for a constant, and its parts fit it.
+
+    Args:
+        term: With ``observed`` where it has ``pointwise`` or ``replicate``.
+        parameters: ``{name: (n,)}``, of at least two different sets.
+        response: ``{name: (n, ...)}``, what a model would return for them.
+        expected: The log-density of the data by another route, such as scipy.stats,
+            ``(n,)``.
+        rtol: Over the largest difference of expected values.
+    """
+    found = term(parameters, response)
+    assert np.shape(found) == np.shape(expected), "one number per parameter set"
+    close = rtol * (np.ptp(expected) + np.abs(expected).max())
+    constant = np.ptp(found - expected)
+    assert constant <= close, f"it differs from the expected by up to {constant:g}"
+    rows = [term(_row(parameters, i), _row(response, i)) for i in range(len(found))]
+    np.testing.assert_allclose(np.concatenate(rows), found, rtol, err_msg="one by one")
+    if hasattr(term, "pointwise"):
+        data = term.pointwise(parameters, response)
+        total = sum(one.reshape(len(found), -1).sum(axis=1) for one in data.values())
+        np.testing.assert_allclose(total, found, rtol, err_msg="the sum of pointwise")
+    if hasattr(term, "deviations"):
+        r, sd = term.deviations(parameters, response)
+        normal = stats.norm.logpdf(r, 0, sd).sum(axis=1)
+        assert np.ptp(normal - found) <= close, "deviations have another density"
+    if hasattr(term, "replicate"):
+        new = term.replicate(np.random.default_rng(0), parameters, response)
+        for name, value in new.items():
+            assert value.shape == (len(found), *np.shape(term.observed[name])), name
+            assert (value[0] != value[-1]).any(), f"{name}: replicates are all alike"

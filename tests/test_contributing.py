@@ -1,0 +1,67 @@
+"""The code of CONTRIBUTING.md is test modules, and their tests pass."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+import emcee_femu as ef
+
+TEXT = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.S)
+
+
+@pytest.fixture
+def modules(tmp_path, monkeypatch):
+    """Return the blocks as modules, which can be pickled."""
+    loaded = []
+    for number, code in enumerate(BLOCKS):
+        path = tmp_path / f"contributed_{number}.py"
+        path.write_text(code, encoding="utf-8")
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        loaded.append(importlib.util.module_from_spec(spec))
+        monkeypatch.setitem(sys.modules, path.stem, loaded[-1])
+        spec.loader.exec_module(loaded[-1])
+    return loaded
+
+
+def test_the_examples_pass_their_own_tests(modules):
+    tests = [
+        test for m in modules for name, test in vars(m).items() if name[:5] == "test_"
+    ]
+    assert len(tests) == 5
+    for test in tests:
+        test()
+
+
+def test_move_model_and_term_work_together(modules):
+    move, model, term = (
+        getattr(module, name)()
+        for module, name in zip(
+            modules, ("ScaleMove", "Cantilever", "LaplaceTerm"), strict=True
+        )
+    )
+    (code,) = re.findall(r"`ef\.(LogPosterior\(.*\))`", TEXT)
+    names = {"Cantilever": lambda: model, "LaplaceTerm": lambda: term}
+    posterior = eval(f"ef.{code}", names | {"ef": ef, "stats": stats})
+    samplers = ef.run(posterior, [(move, 0.2), (ef.DEMCMove(), 0.8)], 12, 50, seed=1)
+    idata = ef.to_inference_data(samplers, posterior)
+    assert "EI" in str(ef.parameter_table(idata))
+    assert {"deflection"} <= set(idata["posterior_predictive"])
+
+
+def test_the_commands_are_those_of_ci():
+    ci = (Path(__file__).parents[1] / ".ci" / "run").read_text(encoding="utf-8")
+    for command in ("ruff check .", "mypy", "python -m pytest -q"):
+        assert command in TEXT and command in ci
+
+
+def test_files_that_are_named_exist():
+    root = Path(__file__).parents[1]
+    named = re.findall(r"`((?:tests|docs|emcee_femu|\.github|\.ci)/[\w./-]+)`", TEXT)
+    assert len(named) > 8
+    for name in {*named} - {"docs/SECTION/NAME.md", "docs/SECTION/index.md"}:
+        assert (root / name).exists(), name

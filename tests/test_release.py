@@ -1,0 +1,220 @@
+"""What a release needs: one version, sound metadata, workflows and recipe that fit."""
+
+import datetime
+import importlib.util
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+import emcee_femu as ef
+
+ROOT = Path(__file__).parents[1]
+FILES = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md")
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
+VERSION = PROJECT["version"]
+DATE = r"\d{4}-\d\d-\d\d"
+
+
+def load(name):
+    return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def sections():
+    """Return versions and dates of the changelog, newest first."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    return [line.split(" - ") for line in re.findall("^## (.+)", text, re.M)]
+
+
+def test_every_file_has_the_version_and_date_of_the_package():
+    (version, date), *older = sections()
+    assert ef.__version__ == VERSION == load("CITATION.cff")["version"]
+    assert version == f"[{VERSION}]"
+    unreleased = re.fullmatch(f"unreleased, {DATE}", date)
+    released = load("CITATION.cff").get("date-released")
+    assert (released is None) if unreleased else (str(released) == date)
+    dates = [datetime.date.fromisoformat(date[-10:]) for _, date in sections()]
+    assert all(re.fullmatch(DATE, date) for _, date in older)
+    assert dates == sorted(dates, reverse=True)
+
+
+def test_addresses_are_those_of_one_repository():
+    urls = PROJECT["urls"]
+    assert {"Documentation", "Source", "Changelog", "Issues"} <= set(urls)
+    assert all(url.startswith("https://") for url in urls.values())
+    cited, source = load("CITATION.cff"), urls["Source"]
+    assert cited["repository-code"] == source and cited["url"] == urls["Documentation"]
+    owner, name = source.removeprefix("https://github.com/").split("/")
+    for file in ("CITATION.cff", "pyproject.toml", ".github/conda/recipe.yaml"):
+        text = (ROOT / file).read_text(encoding="utf-8")
+        for found in re.findall(r"github(?:usercontent)?\.com/([\w-]+/\w+)", text):
+            assert found == f"{owner}/{name}", file
+        assert set(re.findall(r"([\w-]+)\.github\.io/(\w+)", text)) <= {(owner, name)}
+
+
+def test_the_citation_names_the_software_the_paper_the_sampler_and_the_method():
+    cited = load("CITATION.cff")
+    assert cited["cff-version"] == "1.2.0" and cited["type"] == "software"
+    # Without another preferred citation it is the software itself.
+    assert cited["message"] and cited["title"] and "preferred-citation" not in cited
+    assert [a["name"] for a in cited["authors"]] == [
+        a["name"] for a in PROJECT["authors"]
+    ]
+    assert cited["license"] == PROJECT["license"]
+    first = [entry["authors"][0]["family-names"] for entry in cited["references"]]
+    assert first == ["Sherri", "ter Braak", "Foreman-Mackey"]
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for entry in cited["references"]:
+        assert entry["type"] == "article" and entry["title"]
+        assert entry.get("doi", "") in readme
+
+
+# --- a tag ------------------------------------------------------------------------
+
+
+def notes(tag, root):
+    path = ROOT / ".github" / "release_notes.py"
+    spec = importlib.util.spec_from_file_location("release_notes", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.main(tag, root)
+
+
+@pytest.fixture
+def released(tmp_path):
+    """Copies of the files as they would be on the day of a release."""
+    for name in FILES:
+        shutil.copy(ROOT / name, tmp_path)
+    date = sections()[0][1][-10:]
+    change(tmp_path / "CHANGELOG.md", "] - unreleased, ", "] - ")
+    cited = tmp_path / "CITATION.cff"
+    if "date-released" not in cited.read_text(encoding="utf-8"):
+        change(
+            cited,
+            f"\nversion: {VERSION}\n",
+            f"\nversion: {VERSION}\ndate-released: {date}\n",
+        )
+    return tmp_path
+
+
+def change(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def test_the_notes_of_a_release_are_the_newest_section(released):
+    text = notes(f"v{VERSION}", released)
+    whole = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert text and text in whole and "\n## " not in text
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("pyproject.toml", f'version = "{VERSION}"', 'version = "9.9.9"'),
+        ("CITATION.cff", f"version: {VERSION}", "version: 9.9.9"),
+        ("CITATION.cff", "date-released: 2", "date-released: 3"),
+        ("CITATION.cff", "date-released: ", "not-released: "),
+        ("CHANGELOG.md", f"## [{VERSION}]", "## [9.9.9]"),
+        ("CHANGELOG.md", f"## [{VERSION}] - ", f"## [{VERSION}] - unreleased, "),
+    ],
+)
+def test_a_tag_of_files_that_disagree_is_refused(released, file, old, new):
+    assert old in (released / file).read_text(encoding="utf-8")
+    change(released / file, old, new)
+    with pytest.raises(SystemExit, match="one version and date"):
+        notes(f"v{VERSION}", released)
+
+
+@pytest.mark.parametrize("tag", [VERSION, "v9.9.9", f"v{VERSION}rc1", ""])
+def test_another_tag_is_refused(released, tag):
+    with pytest.raises(SystemExit, match="one version and date"):
+        notes(tag, released)
+
+
+# --- GitHub -----------------------------------------------------------------------
+
+
+WORKFLOWS = sorted(p.name for p in (ROOT / ".github" / "workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize("name", WORKFLOWS)
+def test_a_workflow_may_write_nothing_that_it_does_not_say(name):
+    workflow = load(f".github/workflows/{name}")
+    assert workflow["permissions"] == {"contents": "read"}
+    for job in workflow["jobs"].values():
+        given = job.get("permissions", {})
+        assert set(given) <= {"contents", "id-token", "pages"}
+        for step in job["steps"]:
+            assert re.search("@(v[0-9]|release/v1)", step.get("uses", "@v1"))
+
+
+def test_ci_has_every_python_of_the_classifiers_on_three_systems():
+    matrix = load(".github/workflows/ci.yml")["jobs"]["tests"]["strategy"]["matrix"]
+    stated = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["classifiers"]))
+    assert sorted(matrix["python"]) == stated
+    assert {name.split("-")[0] for name in matrix["os"]} == {
+        "ubuntu",
+        "macos",
+        "windows",
+    }
+
+
+def test_only_the_publishing_job_may_ask_for_a_token_of_pypi():
+    jobs = load(".github/workflows/release.yml")["jobs"]
+    allowed = [k for k, job in jobs.items() if "id-token" in job.get("permissions", {})]
+    assert allowed == ["publish"]
+    assert jobs["publish"]["environment"]["name"] == "pypi"
+    assert len(jobs["publish"]["steps"]) == 2  # none of ours runs with that token
+
+
+FORMS = sorted(p.name for p in (ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_an_issue_form_has_what_github_requires(name):
+    form = load(f".github/ISSUE_TEMPLATE/{name}")
+    if name == "config.yml":
+        return
+    assert form["name"] and form["description"]
+    ids = [entry["id"] for entry in form["body"] if entry["type"] != "markdown"]
+    assert ids and len(ids) == len(set(ids))
+    for entry in form["body"]:
+        wanted = "value" if entry["type"] == "markdown" else "label"
+        assert entry["attributes"][wanted]
+
+
+def test_the_command_that_a_bug_report_asks_for_prints_versions(capsys):
+    text = (ROOT / ".github/ISSUE_TEMPLATE/bug.yml").read_text(encoding="utf-8")
+    (code,) = re.findall(r'python -c "(.+)"', text)
+    exec(code, {})
+    shown = capsys.readouterr().out
+    for name in ("emcee-femu", "emcee", "numpy", "scipy", "arviz"):
+        assert re.search(rf"\b{name} \d", shown)
+
+
+# --- conda-forge ------------------------------------------------------------------
+
+
+def conda_name(requirement):
+    """Return a requirement of PyPI as conda-forge writes it."""
+    name, version = re.fullmatch(r"([\w-]+)(.*)", requirement).groups()
+    return f"{name} {version}".strip()
+
+
+def test_the_recipe_has_the_dependencies_and_the_version_of_the_package():
+    recipe, requires = load(".github/conda/recipe.yaml"), PROJECT["requires-python"]
+    oldest = requires.removeprefix(">=")
+    assert recipe["context"] == {"version": VERSION, "python_min": oldest}
+    needs, build = recipe["requirements"], PYPROJECT["build-system"]["requires"]
+    python, *run = needs["run"]
+    assert python == "python >=${{ python_min }}"
+    assert sorted(run) == sorted(map(conda_name, PROJECT["dependencies"]))
+    host = needs["host"][2:]  # after python and pip
+    assert sorted(host) == sorted(map(conda_name, build))
+    assert recipe["source"]["url"].endswith("emcee_femu-${{ version }}.tar.gz")
+    assert re.fullmatch("[0-9a-f]{64}", recipe["source"]["sha256"])
