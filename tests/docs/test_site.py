@@ -1,0 +1,205 @@
+"""The built site in a browser: pictures, links, console, widths, dark mode, search.
+
+Run after the build, ``python -m sphinx docs docs/_build/html``. What lies on other hosts
+(MathJax) is not asked for: a test must not depend on them.
+"""
+
+import shutil
+import threading
+from functools import partial
+from html.parser import HTMLParser
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from urllib.parse import unquote, urldefrag
+
+import pytest
+
+SITE = Path(__file__).parents[2] / "docs" / "_build" / "html"
+PAGES = sorted(
+    p.relative_to(SITE).as_posix() for p in SITE.rglob("*.html") if "_static" not in p.parts
+)
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FLAGS = ["no-sandbox", "disable-gpu", "disable-quic", "disable-component-update"]
+FLAGS += ["disable-background-networking", "disable-sync", "no-first-run"]
+DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not PAGES, reason="the site is not built"),
+    pytest.mark.xdist_group("site"),
+]
+
+FAULTS = """() => {
+  // Hidden ones, such as a logo for the other scheme, may load later.
+  const pictures = [...document.images].filter(i => i.offsetParent !== null);
+  return {
+    broken: pictures.filter(i => !(i.complete && i.naturalWidth)).map(i => i.src),
+    textless: pictures.filter(i => !i.alt.trim()).map(i => i.src),
+    overflow: Math.max(0, document.documentElement.scrollWidth - innerWidth),
+  };
+}"""
+
+# Contrast of text on the nearest background that is not transparent, by WCAG 2.
+CONTRAST = """() => {
+  const parse = c => c.match(/[\\d.]+/g).map(Number);
+  const light = c => {
+    const [r, g, b] = c.map(v => (v /= 255) <= .03928 ? v / 12.92
+      : ((v + .055) / 1.055) ** 2.4);
+    return .2126 * r + .7152 * g + .0722 * b;
+  };
+  const background = e => {
+    for (; e; e = e.parentElement) {
+      const c = parse(getComputedStyle(e).backgroundColor);
+      if (c.length < 4 || c[3] > .9) return c;
+    }
+    return [255, 255, 255];
+  };
+  const poor = [];
+  for (const e of document.querySelectorAll('article :is(p, td, th, li, h1, h2)')) {
+    const own = [...e.childNodes].some(n => n.nodeType == 3 && n.data.trim());
+    if (!own || !e.getClientRects().length) continue;
+    const [a, b] = [parse(getComputedStyle(e).color), background(e)]
+      .map(c => light(c.slice(0, 3)) + .05);
+    if (Math.max(a, b) / Math.min(a, b) < 4.5) poor.push(e.innerText.slice(0, 60));
+  }
+  return poor;
+}"""
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture(scope="module")
+def address():
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=SITE))
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", exc_type=ImportError)
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    with playwright.sync_playwright() as running:
+        flags = [f"--{flag}" for flag in FLAGS]
+        yield running.chromium.launch(executable_path=CHROMIUM, args=flags)
+
+
+@pytest.fixture
+def tab(browser, address):
+    context = browser.new_context(viewport=DESKTOP)
+    page = context.new_page()
+    page.own, page.complaints = address, []
+    page.route(
+        lambda url: not url.startswith((address, "data:")), lambda route: route.abort()
+    )
+
+    def note(message):
+        elsewhere = message.location.get("url", "")
+        if message.type == "error" and not elsewhere.startswith("https:"):
+            page.complaints.append(message.text)
+
+    page.on("console", note)
+    page.on("pageerror", lambda error: page.complaints.append(str(error)))
+    page.on(
+        "response",
+        lambda r: r.status >= 400 and page.complaints.append(f"{r.status} {r.url}"),
+    )
+    yield page
+    context.close()
+
+
+def faults_of(tab, path, *sizes):
+    tab.goto(f"{tab.own}/{path}", wait_until="load")
+    found = {}
+    for size in sizes:
+        tab.set_viewport_size(size)
+        found |= {
+            f"{size['width']} px: {what}": value
+            for what, value in tab.evaluate(FAULTS).items()
+            if value
+        }
+    if tab.complaints:
+        found["console"] = list(tab.complaints)
+        tab.complaints.clear()
+    return found
+
+
+def test_no_page_has_a_broken_picture_a_console_error_or_is_too_wide(tab):
+    found = {path: faults_of(tab, path, DESKTOP, PHONE) for path in PAGES}
+    assert {path: faults for path, faults in found.items() if faults} == {}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_can_be_read(tab, scheme):
+    tab.emulate_media(color_scheme=scheme)
+    poor = {}
+    for path in PAGES:
+        if "generated" not in path:
+            tab.goto(f"{tab.own}/{path}", wait_until="load")
+            poor[path] = tab.evaluate(CONTRAST)
+    shown = tab.evaluate("document.documentElement.dataset.theme")
+    assert shown == scheme
+    assert {path: texts for path, texts in poor.items() if texts} == {}
+
+
+@pytest.mark.parametrize("words, page", [("delayed acceptance", "DelayedAcceptance")])
+def test_search_finds(tab, words, page):
+    tab.goto(f"{tab.own}/search.html?q={words.replace(' ', '+')}")
+    tab.wait_for_selector("#search-results li a", timeout=10_000)
+    links = tab.eval_on_selector_all("#search-results li a", "e => e.map(a => a.href)")
+    assert any(page in link for link in links)
+
+
+@pytest.mark.parametrize(
+    "html, fault",
+    [
+        ("<img src='gone.png' alt='x'>", "broken"),
+        ("<img src='data:image/gif;base64,R0lGODlhAQABAAAAACw='>", "textless"),
+        ("<div style='width: 3000px; height: 1px'></div>", "overflow"),
+        ("<script>console.error('no')</script>", "console"),
+        ("<script>undefined.x</script>", "console"),
+    ],
+)
+def test_each_fault_would_be_seen(tab, html, fault):
+    page = f"<!doctype html><body>{html}</body>"
+    tab.route(
+        "**/faulty.html",
+        lambda route: route.fulfill(body=page, content_type="text/html"),
+    )
+    assert any(fault in name for name in faults_of(tab, "faulty.html", DESKTOP))
+
+
+class Links(HTMLParser):
+    def __init__(self, text):
+        super().__init__()
+        self.targets, self.names = set(), set()
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        given = dict(attributes)
+        self.names |= {given.get("id"), given.get("name")}
+        if tag == "a" and given.get("href"):
+            self.targets.add(given["href"])
+
+
+def test_every_link_inside_leads_somewhere():
+    read = {path: Links((SITE / path).read_text(encoding="utf-8")) for path in PAGES}
+    lost = []
+    for path, page in read.items():
+        for target in page.targets:
+            if "://" in target or target.startswith(("mailto:", "#")):
+                continue
+            file, anchor = map(unquote, urldefrag(target))
+            other = (SITE / path).parent / file.partition("?")[0]
+            name = other.resolve().relative_to(SITE.resolve()).as_posix()
+            if not other.exists() or (
+                anchor and name in read and anchor not in read[name].names
+            ):
+                lost.append((path, target))
+    assert lost == []
