@@ -26,7 +26,6 @@ DESKTOP, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not PAGES, reason="the site is not built"),
-    pytest.mark.xdist_group("site"),
 ]
 
 FAULTS = """() => {
