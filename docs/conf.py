@@ -79,6 +79,7 @@ html_theme_options = {
     "use_issues_button": True,
     "use_download_button": True,
     "home_page_in_toc": True,
+    "navbar_persistent": [],  # the search is above the table of contents
     "show_toc_level": 2,
 }
 
