@@ -2,14 +2,14 @@
 # # Close and crossing modes
 #
 # After this page you know why measured and computed frequencies must not be compared
-# by their numbers, how `PairedModel` compares them by shape, what it does with modes so
+# by their numbers, how {py:class}`~emcee_femu.PairedModel` compares them by shape, what it does with modes so
 # close that their shapes mix, and how to read the pairing of a finished run.
 #
 # `python examples/tutorials/crossing_modes.py` runs this page (8 s).
 
 # %%
 import numpy as np
-from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 from scipy import stats
 
 import emcee_femu as ef
@@ -33,25 +33,25 @@ prior = ef.IndependentPrior(dict.fromkeys(K, stats.lognorm(0.15)))
 truth = {"kx": 0.75, "ky": 1.05}
 
 
-def simulate(model, truth, seed):
-    """Four frequencies to 0.2 %, shapes of length one to 0.03 at a sensor."""
+def simulate(model, truth, scatter, seed):
+    """Four frequencies with scatter, shapes of length one to 0.03 at a sensor."""
     modes = model({name: np.array([x]) for name, x in truth.items()})
     rng = np.random.default_rng(seed)
-    f = modes.frequencies[0] * (1 + 0.002 * rng.normal(size=4))
+    f = modes.frequencies[0] * (1 + scatter * rng.normal(size=4))
     shapes = modes.shapes[0] / np.linalg.norm(modes.shapes[0], axis=0)
     shapes += 0.03 * rng.normal(size=shapes.shape)
     order = np.argsort(f)
     f, shapes = f[order].round(3), shapes[:, order]
-    return ef.Measurements(f, sd=0.002 * f, shapes=shapes, dofs=list(dofs))
+    return ef.Measurements(f, sd=scatter * f, shapes=shapes, dofs=list(dofs))
 
 
-test = simulate(model, truth, seed=1)
+test = simulate(model, truth, scatter=0.01, seed=1)
 print(test)
 
 # %% [markdown]
 # ## By number: a posterior that is wrong
 #
-# A `FrequencyTerm` alone compares the i-th measured with the model's i-th frequency.
+# A {py:class}`~emcee_femu.FrequencyTerm` alone compares the i-th measured with the model's i-th frequency.
 
 # %%
 term = ef.FrequencyTerm(test)
@@ -109,7 +109,8 @@ share = (numbers != np.arange(1, 5)).any(axis=1).mean()
 print(f"{100 * share:.0f} % of the draws of the prior have another order")
 
 # %% [markdown]
-# Shapes may enter the likelihood too, with a `ShapeTerm`; pairing does not need it.
+# Shapes may enter the likelihood too, with a {py:class}`~emcee_femu.ShapeTerm`;
+# pairing does not need it.
 
 # %%
 terms = [term, ef.ShapeTerm(test, delta=0.03)]
@@ -144,7 +145,7 @@ brace = 0.004 * np.kron(np.ones((2, 2)), ONE_WAY)
 square = ef.MatrixModel(NOTHING, M, SQUARE, n_modes=4, shapes=dofs)
 braced = ef.MatrixModel(brace, M, SQUARE, n_modes=4, shapes=dofs)
 equal = {"kx": 1.0, "ky": 1.0}
-mixed = simulate(braced, equal, seed=3)
+mixed = simulate(braced, equal, scatter=0.002, seed=3)
 print(mixed)
 print((mixed.shapes / np.abs(mixed.shapes).max(axis=0)).round(2))
 
@@ -153,12 +154,13 @@ print((mixed.shapes / np.abs(mixed.shapes).max(axis=0)).round(2))
 # mode the MAC is about 0.5, whatever the parameters. But the plane of the two is the
 # same. Below a relative distance of `min_gap` (2 %) `PairedModel` therefore compares a
 # measured shape with its projection on the plane of both modes: the **subspace MAC**.
-# It fades between 1 % and 2 %, so that nothing jumps. Along a range of kx:
+# It fades between 1 % and 2 % (2 % to 4 % of kx), so that nothing jumps:
 
-# %% mystnb={"image": {"alt": "MAC of the first measured mode against kx: near 0.5 mode by mode; with min_gap it rises to 1 between 0.98 and 1.02"}}
+# %% mystnb={"image": {"alt": "MAC of the first measured mode against kx: near 0.5 mode by mode; with min_gap from 0.98 to 1.02 it is 1"}}
 kx = np.linspace(0.92, 1.08, 161)
 along = {"kx": kx, "ky": np.ones_like(kx)}
-figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+figure = Figure(figsize=(6, 3), layout="constrained")
+axes = figure.subplots()
 gaps = {0.0: "mode by mode, min_gap=0", 0.02: "subspace, min_gap=0.02"}
 models = {gap: ef.PairedModel(square, mixed, candidates=4, min_gap=gap) for gap in gaps}
 mac = {gap: own(along).pairing.mac[:, 0] for gap, own in models.items()}
@@ -195,8 +197,9 @@ ef.pairing_table(found[0.02])
 # Here the frequencies alone hold the stiffnesses, so these come out alike. But mode
 # by mode the shapes are judged to be off by some 0.4 at each sensor, and MACs of a half
 # speak of modes that the model does not have. On the plane both misunderstandings
-# are gone: the shape error is near the 0.03 of the simulation. That the two modes
-# still change places in many samples is no fault: within their plane it has no meaning.
+# are gone: the shape error is near the 0.03 of the simulation (a little below, as the
+# projection takes up some of the noise). That the two modes still change places in many
+# samples is no fault: within their plane it has no meaning.
 #
 # The projection costs what the angle in the plane could have told. That angle depends
 # on the smallest asymmetries, which no model has right, so little is lost.
@@ -204,7 +207,7 @@ ef.pairing_table(found[0.02])
 # ## In short
 #
 # Measure shapes, if only at a few sensors. Wrap the model in a `PairedModel`, whether
-# you expect crossing or not. Look at `pairing_table`. If no shapes were measured, keep
+# you expect crossing or not. Look at {py:func}`~emcee_femu.pairing_table`. If no shapes were measured, keep
 # to modes that cannot cross inside the prior, and look at the clouds of a scatter.
 #
 # The paper that this package reproduces compares by number.

@@ -11,6 +11,7 @@
 # files in `figures/modal_test`.
 
 # %%
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +90,7 @@ print(model(nominal).frequencies[0, :6].round(3), "Hz, nominal")
 # ## Which mode is which
 #
 # Sway along x and sway along y lie close together, and may change their order when
-# the stiffnesses change. `PairedModel` gives each measured mode the mode of the model
+# the stiffnesses change. {py:class}`~emcee_femu.PairedModel` gives each measured mode the mode of the model
 # that looks like it (the largest MAC, one to one) for each parameter set anew. It
 # searches twice as many modes as were measured. [Crossing modes](crossing_modes.py)
 # shows what happens without.
@@ -114,6 +115,8 @@ print("MAC           ", pairing.mac[0].round(2))
 # relative standard deviation in frequencies, which comes on top of the measured
 # 0.2 %. `shape error` is the standard deviation at one sensor for a shape of length
 # one. Both get a half-normal prior: 2 % and 0.1 are sizes that would not surprise.
+# {py:class}`~emcee_femu.FrequencyTerm` and {py:class}`~emcee_femu.ShapeTerm` have the
+# formulas.
 
 # %%
 stiffness = stats.lognorm(0.2, scale=210)  # GPa
@@ -133,7 +136,7 @@ posterior = ef.LogPosterior(paired, terms, prior)
 # %% [markdown]
 # ## Sampling, and the verdict
 #
-# `"auto"` first searches for all maxima of the posterior and builds a proposal from
+# {py:func}`~emcee_femu.run` with `"auto"` first searches for all maxima of the posterior and builds a proposal from
 # them; then four independent ensembles of walkers sample with it. Four, because only
 # chains that started apart can show that they disagree. 200 steps are short; a real
 # study may take 2,000.
@@ -203,7 +206,7 @@ ef.pairing_table(idata)
 # %%
 hasty = ef.run(posterior, ef.DEMCMove(), nsteps=100, ensembles=2, seed=1)
 short = ef.diagnose(hasty)
-print(short.short, short.verdict, sep="\n")
+print(short.short, textwrap.fill(short.verdict), sep="\n")
 
 # %% [markdown]
 # | the verdict says | do this |
@@ -218,7 +221,7 @@ print(short.short, short.verdict, sep="\n")
 # If it is not mended, do not report numbers. A verdict also says nothing about
 # the model: chains of a wrong model converge too. For that look at `plot_predictive`,
 # at the inferred errors, and at
-# what `identifiability` says in sentences:
+# what {py:func}`~emcee_femu.identifiability` says in sentences:
 
 # %%
 print(*ef.identifiability(idata).findings, sep="\n")

@@ -48,7 +48,7 @@ print(exact.round(3), "Hz")
 # | what the tests of one campaign share: temperature, mounting, calibration | as large | no | leave the scatter undivided |
 # | the model's own: what it leaves out | 1 to 2 % for a good model | no | `discrepancy=`, inferred |
 #
-# `FrequencyTerm` takes the first as one relative standard deviation
+# {py:class}`~emcee_femu.FrequencyTerm` takes the first as one relative standard deviation
 # (`relative_sd=0.002`), as one per mode, in Hz (`sd`), or as a covariance in Hz².
 #
 # ## Repeated tests
@@ -74,7 +74,7 @@ print("scatter of one test in %:", (100 * sd / mean).round(2))
 print("correlations of mode 1:  ", np.corrcoef(tests.T)[0].round(2))
 
 # %% [markdown]
-# `from_repeats` keeps the mean and the covariance **of one test**. It does not
+# {py:meth}`~emcee_femu.Measurements.from_repeats` keeps the mean and the covariance **of one test**. It does not
 # divide by the number of tests, as one would for the error of a mean, since what the
 # tests share does not average out. How often is the true first frequency within ± 1.96
 # standard deviations of the mean, over 2,000 simulated campaigns?
@@ -121,7 +121,8 @@ Table.from_columns("By the error", [("error", "", list(spread)), *columns])
 # %% [markdown]
 # (A covariance of five modes from ten tests is a rough estimate. `from_repeats` refuses
 # to make one from fewer tests than it needs; `correlated=False` then keeps one standard
-# deviation per mode.)
+# deviation per mode. Given the shapes of all tests too, it keeps their scatter for a
+# `ShapeTerm`.)
 #
 # ## The model's own error
 #
@@ -280,7 +281,7 @@ print(textwrap.fill(sentences[0.002][1]))
 # - Give the scatter of one test, never that of the mean of many.
 # - Infer the model's error: `discrepancy="error"`, half-normal of 2 % for frequencies.
 #   Shapes have their own, `ShapeTerm(test, discrepancy="shape error")`.
-# - Look at `predictive_table` with the posterior; believe intervals only where the
+# - Look at {py:func}`~emcee_femu.predictive_table` with the posterior; believe intervals only where the
 #   measured values lie inside.
 # - An inferred error much larger than expected is news about the model. Look for what
 #   it lacks before you widen the prior.

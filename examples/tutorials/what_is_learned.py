@@ -67,7 +67,7 @@ look = ef.identifiability(found)
 look
 
 # %% [markdown]
-# `find_map` climbs from 16 draws of the prior to the maxima of the posterior, and
+# {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the posterior, and
 # takes the posterior for a Gaussian about each of them (Laplace). That is a sketch, but
 # it costs only a few solves. The first table says what two frequencies would teach:
 # the ratio of the posterior's to the prior's standard deviation is 0.67 to 0.90, so
@@ -214,8 +214,8 @@ ef.plot_scatter(ratio_only)
 # ## What to add
 #
 # Two experiments part them: the same building with a known mass on its roof, and a
-# static test, as deflections know nothing of mass. `LogPosterior.joint` takes them
-# together.
+# static test, as deflections know nothing of mass.
+# {py:meth}`~emcee_femu.LogPosterior.joint` takes them together.
 
 # %%
 static = ef.StaticModel(
@@ -244,7 +244,7 @@ Table.from_columns("sd/prior sd of stiffness and mass", columns)
 # of the frequencies. One deflection, read to 2 %, beats a mass of 20 t.
 #
 # In short: look before the test, with `identifiability(find_map(...))`; look after it,
-# with `identifiability(idata)`; report the sd ratio beside each interval. And where it
+# with `identifiability(idata)` ({py:func}`~emcee_femu.identifiability`); report the sd ratio beside each interval. And where it
 # is near 1, add another kind of data before you add more of the same.
 
 # %% tags=["remove-cell"]

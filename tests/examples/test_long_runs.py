@@ -30,16 +30,3 @@ def test_mode_order(capsys, monkeypatch):
     assert 55 < any_mode[0] < 67  # 61 % of 4,000 points
     assert any_mode[3] > 95  # the posterior of beta = 5e4
     assert "paired, beta = 50000" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_modal_test(tmp_path, capsys):
-    found = load("modal_test").main(300, 1, 1, str(tmp_path))
-    posterior = found["idata"]["posterior"]
-    for name, truth in {"columns": 0.95, "beams x": 1.15, "beams y": 0.85}.items():
-        draws = posterior[name].values
-        assert abs(draws.mean() - truth) < 3 * draws.std()
-    assert (tmp_path / "predicted.png").exists()
-    shown = capsys.readouterr().out
-    assert "The data inform every parameter" in shown
-    assert "their order changed in 2" in shown
