@@ -77,7 +77,8 @@ except Exception as error:
 """,
         "spawned": """
 multiprocessing.set_start_method("spawn", force=True)
-print((chain(posteriors["lambda"], workers=2) == serial["lambda"]).all(), children())
+found = chain(posteriors["function"], workers=2)
+print((found == serial["function"]).all(), children())
 """,
         "no cloudpickle": """
 import sys
