@@ -67,7 +67,7 @@ def test_a_joint_run_of_all_parameters_agrees():
         return total.sum(axis=1)
 
     posterior = ef.LogPosterior(FreeModel(), joint, prior)
-    samplers = ef.run(posterior, "auto", 48, 3_000, ensembles=2, seed=1)
+    samplers = ef.run(posterior, "auto", 48, 1_200, ensembles=2, seed=1)
     chain = np.concatenate([run.get_chain(flat=True) for run in samplers])
     for i, name in enumerate(found.posterior.names):
         pooled = found.idata["posterior"][name].values.ravel()

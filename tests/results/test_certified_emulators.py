@@ -1,5 +1,7 @@
 """Good emulators are certified and poor ones refused, of the paper's mass-spring."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,12 @@ PROBLEM = ef.paper.mass_spring().posterior
 PRIOR, MODEL, TERM = PROBLEM.prior, PROBLEM.model, PROBLEM.terms[0]
 UNITS = {"frequency": TERM.measured / np.sqrt(TERM.beta)}
 SEEDS = 5  # 20 take minutes
-(SAMPLER,) = ef.run(PROBLEM, ef.DEMCMove(), 20, 600, seed=1)
-POSTERIOR = SAMPLER.get_chain(discard=300, flat=True)
+
+
+@cache
+def draws():
+    (sampler,) = ef.run(PROBLEM, ef.DEMCMove(), 20, 600, seed=1)
+    return sampler.get_chain(discard=300, flat=True)
 
 
 def train(points, model=MODEL, prior=PRIOR):
@@ -24,8 +30,8 @@ def train(points, model=MODEL, prior=PRIOR):
 
 def choose_points(rng):
     """Return points where a good emulator is trained."""
-    chosen = rng.choice(len(POSTERIOR), 40, replace=False)
-    return np.vstack([POSTERIOR[chosen], PRIOR.sample(rng, 20)])
+    chosen = rng.choice(len(draws()), 40, replace=False)
+    return np.vstack([draws()[chosen], PRIOR.sample(rng, 20)])
 
 
 def good(rng):
@@ -44,7 +50,7 @@ def wrong_model(rng):
 def half_of_the_box(rng):
     which, upper = rng.integers(len(PRIOR.names)), rng.integers(2)
     bounds = PRIOR.bounds.copy()
-    bounds[which, 1 - upper] = POSTERIOR[:, which].mean()
+    bounds[which, 1 - upper] = draws()[:, which].mean()
     points = choose_points(rng)
     inside = ((points >= bounds[:, 0]) & (points <= bounds[:, 1])).all(axis=1)
     cut = ef.GaussianPrior(PRIOR.names, PRIOR.mean, PRIOR.sd, bounds)
