@@ -1,0 +1,145 @@
+# %% [markdown]
+# # Read measured modes from a file
+#
+# You will bring the modes of a test into {py:class}`~emcee_femu.Measurements`: from
+# arrays, from a CSV file that you fill in yourself, from a universal file of a test
+# system, or from an identification by pyOMA2. All that follows, terms and pairing, takes
+# this one object. `python examples/how_to/csv_and_uff.py` runs this page (RUNTIME).
+#
+# ## From arrays
+#
+# Frequencies are in Hz and ascending. Shapes have one row per sensor, one column per
+# mode, in any scale. `dofs` says where the sensors are in the model, by number or by
+# a label such as `"3:uy"`; a model that knows the DOFs of its shapes is matched by them,
+# in any order, and refused where one is missing.
+
+# %%
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import emcee_femu as ef
+
+folder = Path(tempfile.mkdtemp())
+test = ef.Measurements(
+    [2.35, 6.62],
+    sd=[0.01, 0.03],
+    shapes=[[1.0, -0.83], [0.45, 1.0]],
+    sensors=["roof", "floor 1"],
+    dofs=["3:uy", "1:uy"],
+)
+test
+
+# %% [markdown]
+# ## From CSV
+#
+# The same test as a file, which any spreadsheet writes:
+
+# %%
+(folder / "test.csv").write_text(
+    """quantity,sensor,dof,mode 1,mode 2
+frequency [Hz],,,2.35,6.62
+sd [Hz],,,0.01,0.03
+shape,roof,3:uy,1.0,-0.83
+shape,floor 1,1:uy,0.45,1.0
+""",
+    encoding="utf-8",
+)
+read = ef.Measurements.from_csv(folder / "test.csv")
+read
+
+# %% [markdown]
+# The first line has the titles `quantity,sensor,dof`, then one per mode. The first cell
+# of a row says what it holds; only the frequencies must be there.
+#
+# | row | how many | holds |
+# |---|---|---|
+# | `frequency [Hz]` | one | natural frequencies |
+# | `sd [Hz]` | one | their standard deviations |
+# | `covariance [Hz2]` | one per mode | in place of `sd [Hz]` |
+# | `shape`, `shape sd` | one per sensor | shapes and their standard deviations |
+# | `damping ratio`, `damping sd` | one | numbers, not percent |
+# | `phase collinearity` | one | of shapes that were complex |
+#
+# `sensor` is any name, `dof` the model's number or label. Both stay empty in rows that
+# are not of a shape, `dof` also in rows `shape sd`. `to_csv(path)` writes such a file with
+# all digits. A cell that cannot be read is named by line and column:
+
+# %%
+text = (folder / "test.csv").read_text(encoding="utf-8")
+(folder / "wrong.csv").write_text(text.replace("6.62", "6.62 Hz"), encoding="utf-8")
+try:
+    ef.Measurements.from_csv(folder / "wrong.csv")
+except ValueError as error:
+    message = str(error).replace(f"{folder}", "...")
+    print(message)
+
+# %% [markdown]
+# ## From a universal file
+#
+# Test systems export modes as data sets 55 of a universal file (UFF), here two complex
+# modes at three nodes in x. To read it takes `pip install "emcee_femu[uff]"`.
+
+# %% tags=["hide-input"]
+import pyuff
+
+shapes = {2.35: [0.45, 0.83 + 0.02j, 1.0], 6.62: [1.0, 0.1 - 0.03j, -0.83]}
+nothing = np.zeros(3, dtype=complex)
+for number, (hertz, x) in enumerate(shapes.items()):
+    mode = pyuff.prepare_55(
+        id1="Test of a frame",
+        analysis_type=3,  # complex modes of first order
+        data_ch=2,
+        spec_data_type=8,
+        data_type=5,
+        n_data_per_node=3,
+        load_case=1,
+        mode_n=number + 1,
+        r1=np.array(x, dtype=complex),
+        r2=nothing,
+        r3=nothing,
+        node_nums=np.array([1, 2, 3]),
+        eig=2j * np.pi * hertz,
+        modal_a=0j,
+        modal_b=0j,
+    )
+    how = "overwrite" if number == 0 else "add"
+    pyuff.UFF(str(folder / "test.uff")).write_sets(mode, how)
+
+# %%
+from_uff = ef.Measurements.from_uff(
+    folder / "test.uff", sensors=["1:x", "2:x", "3:x"], dofs=[0, 1, 2]
+)
+from_uff
+
+# %% [markdown]
+# A sensor is a node and a direction, `"2:x"`. Without `sensors=` all are taken but those
+# that are zero in all modes, and a warning names these: so such files mark what was
+# not measured. Frequencies are in Hz whatever the units of the file. The file holds no
+# deviations: give them to the term, `ef.FrequencyTerm(test, relative_sd=0.01)`, or repeat
+# the test, see {doc}`repeated_tests`.
+#
+# Complex shapes are turned real, each by the phase at which its real part is largest. The
+# column MPC, modal phase collinearity, says what this neglects: 1 where all sensors move
+# in phase or against it, and a warning below 0.9.
+#
+# ## From pyOMA2
+#
+# `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their deviations and
+# shapes after pyOMA2's `mpe`: {doc}`ambient_vibration` does it from
+# acceleration records to the posterior. Frequency response functions come from data
+# sets 58, see {doc}`frf`; records of ambient vibration may also be compared as they are,
+# see {doc}`spectra`.
+
+# %% tags=["remove-cell"]
+for name in ("frequencies", "sd", "shapes"):
+    np.testing.assert_array_equal(getattr(read, name), getattr(test, name))
+assert read.sensors == test.sensors and list(read.dofs) == list(test.dofs)
+read.to_csv(folder / "again.csv")
+again = ef.Measurements.from_csv(folder / "again.csv")
+np.testing.assert_array_equal(again.shapes, test.shapes)
+assert "line 2" in message and "6.62 Hz" in message
+np.testing.assert_allclose(from_uff.frequencies, [2.35, 6.62], rtol=1e-6)
+assert (from_uff.phase_collinearity > 0.99).all()
+assert (from_uff.phase_collinearity < 1).all()

@@ -1,0 +1,105 @@
+# %% [markdown]
+# # Take a first look, before any sampling
+#
+# You will find the maxima of a posterior in a few dozen solves, and learn whether model
+# and test fit together, whether there is more than one explanation, and what the data
+# will not tell. `python examples/how_to/first_look.py` runs this page (RUNTIME).
+
+# %%
+import numpy as np
+
+import emcee_femu as ef
+
+problem = ef.paper.mass_spring()
+found = ef.find_map(problem.posterior, seed=1)
+found
+
+# %% [markdown]
+# {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the
+# posterior, fits a Gaussian to each (Laplace's approximation), and gives its share of the
+# evidence, the weight. The second maximum is another explanation of the same data; a bound
+# in its row says that a parameter ran into it. The numbers are in `found.maxima`:
+
+# %%
+best = found.maxima[0]
+print(best.theta.round(1))
+print(np.sqrt(np.diag(best.covariance)).round(1))
+
+# %% [markdown]
+# ## What the data inform, locally
+#
+# {py:func}`~emcee_femu.identifiability` takes what was found in place of samples, and
+# gives the standard deviations over those of the prior, the correlations of the Gaussian
+# about the heaviest maximum, cut at the bounds, and the sensitivities of the eigenvalues
+# there.
+
+# %%
+ef.identifiability(found)
+
+# %% [markdown]
+# Run it before a test is made, with the frequencies that the model predicts as measured
+# ones, and it says what the test will not see.
+#
+# ## What it costs
+#
+# Each step goes to the top of a quadratic inside the bounds, with the Fisher information
+# as its curvature, and a climb ends where less than 0.001 of log-posterior is left to
+# gain. A model with `jacobian` ({doc}`gradients`) spends one solve a step, a black box
+# `d + 1`; a likelihood of unknown form `2 d` and, at start and top, `d (d - 1) / 2` for
+# the curvature. Counted on the paper's two structures; `beta=5e4` makes the frequencies of
+# the H structure so precise that its posterior falls apart. Without `jacobian`:
+
+
+# %%
+def as_black_box(posterior):
+    model = posterior.model
+    one_by_one = ef.FunctionModel(
+        lambda p: model({k: np.array([v]) for k, v in p.items()}).frequencies[0],
+        n_modes=model.n_modes,
+    )
+    return ef.LogPosterior(one_by_one, posterior.terms, posterior.prior)
+
+
+posteriors = {
+    "mass-spring": problem.posterior,
+    "H structure": ef.paper.h_structure().posterior,
+    "H structure, beta=5e4": ef.paper.h_structure(beta=5e4).posterior,
+}
+for name, posterior in posteriors.items():
+    ours = ef.find_map(posterior, seed=1)
+    blind = ef.find_map(as_black_box(posterior), seed=1)
+    print(
+        f"{name}: maxima: {len(ours.maxima)}; solves: {ours.solves} with jacobian, "
+        f"{blind.solves} without"
+    )
+
+# %% [markdown]
+# With `workers=` or `pool=` all climbs advance in one batch. Under `on_failure="reject"` a
+# start that cannot be solved is given up, and said.
+#
+# ## What it does not say
+#
+# - A maximum that no start leads to is missing. A narrow one may need many starts:
+#   `starts=200`, or starts of your own.
+# - Standard deviations and weights are those of Gaussians. `check=100` spends that many
+#   solves on draws from them, and says by their importance weights (Pareto k, effective
+#   share) whether the posterior is one. So it is seen that two parameters which only
+#   matter together make a banana:
+
+# %%
+model = ef.FunctionModel(lambda p: [np.sqrt(p["a"] ** 2 + p["b"] ** 2)], n_modes=1)
+prior = ef.GaussianPrior(["a", "b"], [1, 1], [2, 2], [(0, 9)] * 2)
+term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+banana = ef.find_map(ef.LogPosterior(model, term, prior), seed=1, check=100)
+print(banana.findings[-1])
+
+# %% [markdown]
+# - Model errors that are inferred make a posterior with a long tail: sample it.
+
+# %% tags=["remove-cell"]
+assert len(found.maxima) == 2 and 0.95 < found.weights[0] < 1
+assert 40 < found.solves < 100
+assert len(ours.maxima) == len(blind.maxima) == 5
+assert 5 < blind.solves / ours.solves < 12
+assert banana.findings[-1].startswith("The posterior is not Gaussian")
+assert banana.efficiency < 0.5

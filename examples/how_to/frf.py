@@ -1,0 +1,127 @@
+# %% [markdown]
+# # Update from frequency response functions
+#
+# You will compare measured frequency response functions (FRFs) with a model's line by
+# line, without an identification of modes before, and infer the damping too.
+# `python examples/how_to/frf.py` runs this page (RUNTIME).
+#
+# A hammer or shaker test gives FRFs: response over force. Here a frame of three storeys is
+# excited at the roof and measured at the roof and the first floor.
+#
+# ## The model
+#
+# {py:class}`~emcee_femu.FRFModel` superposes the modes of any model that returns
+# mass-normalised shapes: `MatrixModel(..., shapes=True)`, its reduction, a
+# {py:class}`~emcee_femu.FrameModel`. Damping is a ratio, or the name of a parameter, or one
+# of these per mode, or `{"mass": "a", "stiffness": "b"}` for proportional damping.
+
+# %%
+import numpy as np
+
+import emcee_femu as ef
+
+STOREYS = {"k1": (None, 0), "k2": (0, 1), "k3": (1, 2)}  # floors of 1 t
+LINES = np.linspace(1.0, 16.0, 300)  # Hz
+CHANNELS = [("roof", "roof"), ("first", "roof")]  # response, excitation
+
+
+def stiffness(low, high):  # of 1 MN/m between two floors
+    e = np.zeros(3)
+    e[high] = 1.0
+    if low is not None:
+        e[low] = -1.0
+    return 1e6 * np.outer(e, e)
+
+
+modal = ef.MatrixModel(
+    np.zeros((3, 3)),
+    1e3 * np.eye(3),
+    {name: stiffness(*ends) for name, ends in STOREYS.items()},
+    n_modes=3,
+    shapes={"first": 0, "second": 1, "roof": 2},
+)
+model = ef.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="accelerance")
+
+# %% [markdown]
+# Modes that are left out add a constant flexibility below their frequencies; with
+# `residual=True` a `MatrixModel` adds it exactly. All walkers are one batch, and
+# derivatives come with it.
+#
+# ## The measurement
+#
+# {py:class}`~emcee_femu.FRFMeasurements` holds receptance (displacement over force),
+# mobility (velocity) or accelerance (acceleration), each channel a pair (response DOF,
+# excitation DOF). `FRFMeasurements.from_uff("test.uff", averages=20)` reads data sets 58 of
+# universal files, with the coherence; `.between(low, high)` takes a part of the lines.
+# Here a test of 20 averages is simulated:
+
+# %%
+truth = {"k1": 2.2, "k2": 1.9, "k3": 2.0, "damping": 0.012}
+true = model({name: np.array([value]) for name, value in truth.items()})
+H = true["accelerance"][0] @ [1, 1j]
+rng = np.random.default_rng(1)
+coherence = np.abs(H) ** 2 / (np.abs(H) ** 2 + 2e-4**2)
+noise = rng.standard_normal((2, *H.shape)) * np.sqrt((1 / coherence - 1) / 40)
+measured = ef.FRFMeasurements(
+    LINES,
+    H + np.abs(H) * (noise[0] + 1j * noise[1]),
+    CHANNELS,
+    kind="accelerance",
+    coherence=coherence,
+    averages=20,
+)
+
+# %% [markdown]
+# The error follows from the coherence c and the number of averages n: the real and the
+# imaginary part have the standard deviation $|H| \sqrt{(1 - c) / (2 n c)}$. Receptance
+# against accelerance, or mm/N against m/N, is refused before the first solve, by name.
+#
+# ## The posterior
+#
+# {py:class}`~emcee_femu.FRFTerm` compares real and imaginary parts; `amplitude=True` the
+# logarithm of the amplitude, where phases are not trusted; `discrepancy="name"` infers
+# what the model cannot represent, relative to the amplitude.
+
+# %%
+prior = ef.GaussianPrior(
+    ["k1", "k2", "k3", "damping"],
+    [2.0, 2.0, 2.0, 0.02],
+    [0.3, 0.3, 0.3, 0.01],
+    bounds=[(1, 3), (1, 3), (1, 3), (0.001, 0.1)],
+)
+posterior = ef.LogPosterior(model, ef.FRFTerm(measured), prior)
+samplers = ef.run(posterior, "auto", nsteps=150, ensembles=2, seed=1)
+idata = ef.to_inference_data(samplers, posterior)
+ef.parameter_table(idata, nominal=truth)
+
+# %% mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts, and below them the information of each line with peaks at the three resonances"}}
+ef.plot_frf(idata, posterior)
+
+# %% [markdown]
+# The last panel says which lines carry the information: those at the resonances, which tell
+# stiffness by their place and damping by their width. A run needs no more lines than
+# these.
+#
+# FRFs are not stored with each sample, since they are large; the natural frequencies and
+# damping ratios of the modes are. `stored=True` stores all. One sample of 4 channels of
+# 400 lines would take:
+
+# %%
+print(f"{4 * 400 * np.dtype(complex).itemsize / 1e3:.0f} kB")
+
+# %% [markdown]
+# `python examples/benchmarks/frf.py` compares one batch of 64 walkers, 6 DOFs, 4 channels
+# and 400 lines with a loop over the walkers that solves each line directly, and with one
+# that superposes the modes of one walker at a time.
+#
+# **Limits.** Damping is that of modes, real shapes: nonproportional damping needs complex
+# modes, which are not here. Estimates of one test share errors that no coherence shows:
+# the mass of the accelerometer, a tilted hammer, leakage where a window cuts the decay.
+# `discrepancy` is for these.
+
+# %% tags=["remove-cell"]
+assert ef.diagnose(samplers).short == "converged"
+for name, value in truth.items():
+    draws = idata.posterior[name].values
+    assert abs(draws.mean() - value) < 4 * draws.std(), name
+    assert draws.std() < 0.01 * value

@@ -1,0 +1,124 @@
+# %% [markdown]
+# # Give the derivatives of your model
+#
+# You will hand the derivatives of an FE program to the posterior, so that its gradient
+# costs one solve, and see what happens without them.
+# `python examples/how_to/gradients.py` runs this page (RUNTIME).
+#
+# Who needs them? Searches for maxima ({doc}`first_look`), `"auto"`, and
+# {py:class}`~emcee_femu.HamiltonianMove` for ten parameters and more. All the package's
+# own models have derivatives already, see below.
+#
+# ## A solver with derivatives
+#
+# Many FE programs give the derivatives of their results, and the eigenvalues of symmetric
+# matrices have theirs for a few products:
+# $d\lambda = \phi^T (dK - \lambda\, dM)\, \phi$ with $\phi^T M \phi = 1$. Whoever has them
+# says so:
+
+# %%
+import numpy as np
+
+import emcee_femu as ef
+
+np.set_printoptions(suppress=True)  # no exponents below
+
+
+def solve(p):  # one parameter set; may start any program
+    return [np.sqrt(p["k"] / p["m"]) / (2 * np.pi)]
+
+
+def solve_with_derivatives(p):  # and {variable: {parameter: array}}
+    (f,) = solve(p)
+    slopes = {"k": [f / (2 * p["k"])], "m": [-f / (2 * p["m"])]}
+    return [f], {"frequency": slopes}
+
+
+model = ef.FunctionModel(solve, n_modes=1, jacobian=solve_with_derivatives)
+prior = ef.GaussianPrior(["k", "m"], [40.0, 0.1], [8.0, 0.01], [(10, 90), (0.05, 0.2)])
+term = ef.FrequencyTerm([3.2], relative_sd=0.01)
+posterior = ef.LogPosterior(model, term, prior)
+
+# %% [markdown]
+# `posterior.gradient` gives the rows of the posterior and the gradient, here of four points
+# from four solves. `posterior.linearize` adds the *information*, Fisher's of the
+# likelihood and the curvature of the log-prior, whose inverse is a covariance where the
+# model is nearly straight:
+
+# %%
+theta = posterior.start(4, seed=1)  # (4, 2)
+rows, gradient, information = posterior.linearize(theta)
+print(gradient.round(3))
+print(np.linalg.inv(information[0]).round(4))
+
+# %% [markdown]
+# Where a row is -inf (out of bounds, or a solve that failed and was to be rejected)
+# gradient and information are NaN.
+#
+# ## Without derivatives
+#
+# The gradient is there all the same, by central differences: `2 d + 1` solves for each
+# point, in one batch for the workers. `posterior.differentiable` tells the two apart.
+
+# %%
+plain = ef.LogPosterior(ef.FunctionModel(solve, n_modes=1), term, prior)
+print(posterior.differentiable, plain.differentiable)
+differences = plain.gradient(theta)[1]
+print(f"largest difference {np.abs(differences - gradient).max():.0e}")
+
+# %% [markdown]
+# No difference is taken across a bound. The steps, 3e-5 of the prior's width, suit solvers
+# whose frequencies are good to nine digits or more. Searches for maxima take one side
+# only, `d + 1` solves, and steps 100 times as wide, for which six digits do.
+#
+# ## Models, terms and priors of your own
+#
+# - **A model** that solves all walkers at once has a method `jacobian(parameters)`, with
+#   the response and the derivatives of its variables, each `(n, *shape)`. A parameter
+#   that is left out changes nothing.
+# - **A term** may have `linearize` or, if its errors are Gaussian, `deviations`, which is
+#   easier: deviations r and their standard deviations sd. With neither, it is differenced
+#   without another solve, and `linearize` of the posterior has no information.
+# - **A prior** may have `gradient`; otherwise its `logpdf` is differenced.
+#
+# {doc}`/reference/interfaces` has the shapes.
+#
+# ## The models of this package
+#
+# {py:class}`~emcee_femu.MassSpringModel`, {py:class}`~emcee_femu.MatrixModel`,
+# {py:class}`~emcee_femu.FrameModel`, {py:class}`~emcee_femu.StaticModel`,
+# {py:class}`~emcee_femu.ReducedModel`, and a {py:class}`~emcee_femu.PairedModel` of any
+# model that has them, have derivatives. Frequencies and shapes are exact by every
+# parameter, masses and products such as E A too, and their derivatives cost one to two
+# solves with vectors (sparse matrices: shapes cost one more factorisation for each mode):
+
+# %%
+K = {"k": np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)}
+M = {"tip": np.diag([0.0, 0.0, 1.0])}
+chain = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, M, n_modes=2, shapes=[2])
+at = {"k": np.array([9.0]), "tip": np.array([0.5])}
+response, derivatives = chain.jacobian(at)
+print(derivatives["frequency"]["k"].round(4))  # (1, 2), in Hz per unit of k
+print(np.abs(derivatives["shapes"]["tip"]).round(4))  # (1, 1, 2); any sign
+
+# %% [markdown]
+# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes and
+# the parameter that parts them. If no parameter parts them, as in a building that is the
+# same in both directions, frequencies have derivatives, and shapes those without turning
+# in the space that they share. A `PairedModel` fixes which mode is whose, as its steps
+# have no slope, and differentiates the rest: frequencies, shapes, MAC, and how far close
+# modes share their space.
+
+# %% tags=["remove-cell"]
+assert posterior.differentiable and not plain.differentiable
+np.testing.assert_allclose(differences, gradient, rtol=1e-5, atol=1e-5)
+step = {"k": np.array([9.001, 8.999]), "tip": np.array([0.5, 0.5])}
+high, low = chain(step).frequencies
+np.testing.assert_allclose(
+    derivatives["frequency"]["k"][0], (high - low) / 0.002, rtol=1e-6
+)
+step = {"k": np.array([9.0, 9.0]), "tip": np.array([0.501, 0.499])}
+high, low = np.abs(chain(step).shapes)
+np.testing.assert_allclose(
+    np.abs(derivatives["shapes"]["tip"][0]), np.abs(high - low) / 0.002, rtol=1e-4
+)

@@ -1,0 +1,172 @@
+# %% [markdown]
+# # Use the matrices that an FE program exports
+#
+# You will read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other
+# program, name their rows as the test names its sensors, and make a model of them that
+# solves thousands of parameter sets without the program.
+# `python examples/how_to/matrices.py` runs this page (RUNTIME).
+#
+# {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
+# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>` makes
+# the model from one export per parameter. With files of CalculiX (not called here, they
+# come from your runs):
+
+
+# %%
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy.io import mmwrite
+from scipy.sparse import csc_array
+
+import emcee_femu as ef
+
+
+def from_calculix():
+    base = ef.read_matrices("beam.sti")  # beam.mas, beam.dof are beside it
+    soft = ef.read_matrices("beam_soft.sti")  # one modulus halved
+    other = ef.read_matrices("beam_third.sti")  # at another value, to check
+    return ef.MatrixModel.from_differences(
+        base,
+        {"E": {1.05e11: soft, 1.6e11: other}},
+        at={"E": 2.1e11},  # in beam.sti; 1 where nothing is said
+        n_modes=6,
+        shapes=base.sensors(["node 12 z", "node 20 z"]),
+    )
+
+
+# %% [markdown]
+# ## What to export
+#
+# | program | how it exports | what to give |
+# |---|---|---|
+# | CalculiX | `*FREQUENCY, SOLVER=MATRIXSTORAGE` | any of `job.sti`, `job.mas`, `job.dof` |
+# | Abaqus | a step with `*MATRIX GENERATE, STIFFNESS, MASS` and `*MATRIX OUTPUT, STIFFNESS, MASS, FORMAT=MATRIX INPUT` | `job_STIF1.mtx`; `job_MASS1.mtx` is found beside it |
+# | Nastran | `PARAM,EXTOUT,DMIGPCH` or `EXTSEOUT(STIFFNESS,MASS,DMIGPCH)` | the punch file `job.pch` |
+# | Nastran | `OUTPUT4 KAA,MAA//0/11 $` in DMAP, `ASSIGN OUTPUT4='km.op4',UNIT=11,FORM=FORMATTED` | `km.op4`, which has no labels |
+# | ANSYS | a modal analysis writes `file.full` | `file.full`, with `pip install "emcee_femu[ansys]"` |
+# | ANSYS | `*SMAT,K,D,IMPORT,FULL,file.full,STIFF`, `*EXPORT,K,MMF,K.mtx`; M by `MASS` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
+# | any other | Matrix Market (`scipy.io.mmwrite`) or `scipy.sparse.save_npz` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
+#
+# The format is told by the content, not by the name of the file. A file that is cut,
+# damaged or in another format is refused with its name, the line where there is one, and
+# what to do. Matrices must be symmetric.
+#
+# ## Rows by their names
+#
+# Here three exports of a building with three storeys, whose columns of the ground floor
+# were made 2 and 3 times as stiff. Matrix Market files have no labels, so a text file
+# of them is given with the matrices, a line `node.direction` for each row; CalculiX's
+# `.dof` is such a file.
+
+# %%
+folder = Path(tempfile.mkdtemp())
+
+
+def write(path, columns):  # of the ground floor; in units of 30 MN/m
+    K = np.diag([2.0, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+    K[0, 0] = 1.0 + columns
+    mmwrite(path, csc_array(3e7 * K), symmetry="symmetric")
+
+
+write(folder / "K.mtx", 1.0)
+write(folder / "K2.mtx", 2.0)
+write(folder / "K3.mtx", 3.0)
+M = csc_array(1.6e4 * np.eye(3))
+mmwrite(folder / "M.mtx", M, symmetry="symmetric")
+rows = folder / "rows.txt"
+rows.write_text("1.1\n2.1\n3.1\n")
+
+base = ef.read_matrices({"K": folder / "K.mtx", "M": folder / "M.mtx", "dofs": rows})
+print(base)
+
+# %% [markdown]
+# `base.dofs("node 3 x")` is a row, `base.dofs(["3:ux", "1:ux"])` an array of them; x y z,
+# ux uy uz, rx ry rz and the numbers 1 to 6 will do. With `base.sensors` the model names
+# its rows as the test names them, and `Measurements(..., dofs=[...])`, or the column `dof`
+# of its CSV file, is matched by these names.
+
+# %%
+print(base.dofs("node 3 x"), base.dofs(["3:ux", "1:ux"]))
+test = ef.Measurements(
+    [2.6, 8.2],
+    sd=[0.02, 0.05],
+    shapes=[[1.0, -0.8], [0.5, 1.0]],
+    sensors=["roof", "floor 1"],
+    dofs=["3:ux", "1:ux"],
+)
+changed = {
+    2.0: ef.read_matrices({"K": folder / "K2.mtx", "dofs": rows}),
+    3.0: ef.read_matrices({"K": folder / "K3.mtx", "dofs": rows}),
+}
+model = ef.MatrixModel.from_differences(
+    base, {"columns": changed}, n_modes=3, shapes=base.sensors(test.dofs)
+)
+paired = ef.PairedModel(model, test, candidates=3)
+paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
+
+# %% [markdown]
+# ## Parameters from differences
+#
+# $K_j = (K(b) - K(a)) / (b - a)$ for each parameter, from the base and an export in which
+# it alone was changed. For M alike: an export is what `read_matrices` gives, `(K, M)`, or
+# K alone if M is the same. Two exports are on a straight line whatever they are; each
+# further one is compared with it, and a parameter in which K is curved is refused, with
+# how far it is off:
+
+# %%
+write(folder / "K4.mtx", 4.2)  # said to be 4
+curved = {**changed, 4.0: ef.read_matrices({"K": folder / "K4.mtx", "dofs": rows})}
+try:
+    ef.MatrixModel.from_differences(base, {"columns": curved}, n_modes=3)
+except ValueError as error:
+    message = str(error)
+    print(message)
+
+# %% [markdown]
+# Moduli, densities, areas and springs are straight; a thickness t is not (t and t³), and E
+# and I of the same member are not together, as they multiply each other.
+#
+# A matrix counts as unchanged below 1e-9 of its diagonal; what rounding left in other
+# entries, below 1e-12, is dropped, so that $K_j$ has entries only where the parameter
+# acts. So export all digits, and change the parameter much: double it.
+#
+# A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`);
+# thousands stay sparse and are reduced by {py:func}`~emcee_femu.reduce_model`.
+#
+# ## What to know of each program
+#
+# - **CalculiX** leaves out held DOFs. Beams and shells are made into bricks, so that a node
+#   becomes several: such a name is refused with its rows, of which you choose one, as in
+#   `shapes={"12:uz": 40}`. Elements with reduced integration (C3D20R, C3D8I, and so
+#   beams and shells) have a singular mass, which sparse models take. A single row of
+#   C3D20R bricks is singular in K too, and is refused: take C3D20. A sector of a cyclic
+#   symmetry is complex and refused.
+# - **Abaqus** numbers inner nodes below zero (`base.dofs("-3:ux")`), and puts 1e36 on the
+#   diagonal of held DOFs, which are left out. With FORMAT=COORDINATE there are no labels,
+#   and held rows are refused.
+# - **Nastran** writes the a-set in the displacement coordinate systems of its grid points,
+#   ten digits in a punch file. A punch file has no end mark: compare the total mass. Names
+#   that begin with K and M (KAAX, MAAX) are taken for them; if there are several, say
+#   `{"K": path, "M": path}` or take `base.matrices["KGG"]`. Binary OP4 is not read.
+# - **ANSYS** `.full` goes through PyMAPDL-Reader, which runs with NumPy 2 from version 0.56
+#   and brings VTK.
+#
+# Checked with the programs' own frequencies: CalculiX 2.20 (six modes each of a beam of
+# C3D20 bricks, clamped and free, of B31, B32 and B32R beams, S4, S8 and S8R shells: to 4
+# decimals, and the bricks again after changes of E and density by 30 % through
+# `from_differences`), MSC Nastran 2013 (a public punch file with its eigenvalues: all 7
+# printed digits), ANSYS 15 (the clamped beam that comes with the reader: its torsion and
+# axial modes are half of those of the same beam, free, to about 1 %). Readers of
+# Abaqus files and of OP4 are held to files written by their published formats.
+
+# %% tags=["remove-cell"]
+from scipy.linalg import eigh
+
+K = np.diag([1.6, 2.0, 1.0]) - np.eye(3, k=1) - np.eye(3, k=-1)
+exact = np.sqrt(eigh(3e7 * K, M.toarray(), eigvals_only=True)) / (2 * np.pi)
+found = paired({"columns": [0.6, 1.0]}).frequencies
+np.testing.assert_allclose(found[0], exact[:2], rtol=1e-9)
+assert list(base.dofs(["3:ux", "1:ux"])) == [2, 0]
+assert "columns" in message
