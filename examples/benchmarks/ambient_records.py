@@ -1,7 +1,7 @@
 """pyOMA2 and a posterior on many simulated records: are they as sure as they may be?
 
 The record, its identification and the posterior are those of the page
-``examples/how_to/ambient_vibration.py``, which is run first. Of each record: the error
+``examples/how_to/ambient_vibration.py``. Of each record: the error
 of the stiffnesses as chi-square, with delta as on the page and inferred. Of all: what
 pyOMA2 states as standard deviations over the scatter.
 

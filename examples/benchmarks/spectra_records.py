@@ -1,7 +1,7 @@
 """Spectra and subspaces on many simulated records: do they err as they say?
 
 The records and both identifications are those of the page
-``examples/how_to/spectra.py``, which is run first.
+``examples/how_to/spectra.py``.
 
 Run it:  python examples/benchmarks/spectra_records.py
 """
@@ -18,7 +18,7 @@ from emcee_femu.table import Table
 PAGE = Path(__file__).parents[1] / "how_to" / "spectra.py"
 
 
-def main(records: int = 24, first: int = 100, generations: int = 100) -> list[Table]:
+def main(records: int = 24, first: int = 100, generations: int = 100) -> Table:
     """Identify each record by both; print and return their errors."""
     page = runpy.run_path(str(PAGE))
     truth = np.array([page["F"], page["ZETA"]])
@@ -42,7 +42,7 @@ def main(records: int = 24, first: int = 100, generations: int = 100) -> list[Ta
     title = f"Root mean square of error over stated deviation, {records} records"
     table = Table.from_columns(title, columns)
     print(table)
-    return [table]
+    return table
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 #
 # You will identify modes from acceleration records by pyOMA2, with their uncertainties, and
 # update a model with them. `python examples/how_to/ambient_vibration.py` runs this page
-# (RUNTIME); it takes `pip install "emcee_femu[oma]"`.
+# (4 s); it takes `pip install "emcee_femu[oma]"`.
 #
 # Five floors of 25.91 kg on springs vibrate under wind and traffic, nobody knows how much
 # force. Five accelerometers record 300 s. How stiff is each storey?
@@ -132,18 +132,25 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## Can the result be trusted?
 #
-# Over 30 simulated records such as this one, `Fn_std` is the scatter of the frequencies, and
-# `Phi_std`, which `from_pyoma2` leaves out unless told, is more than twice that of the
-# shapes (pyOMA2 1.4.3): `python -m pytest -m slow tests/examples/test_ambient_vibration.py`
-# holds both. The posterior is as sure as its one DELTA: to infer it
-# (`ShapeTerm(..., discrepancy="delta")`) makes it too sure, since one number cannot stand
-# for the first mode's shape and for the fifth's, which is three times noisier.
+# Over 24 simulated records such as this one, by
+# `python examples/benchmarks/ambient_records.py --records 24` (30 s), which knows the truth:
+#
+# | | |
+# |---|---|
+# | chi-square of the 5 stiffnesses, mean; 5 if the posterior is as sure as it may be | 4.6 |
+# | the same with an inferred delta, `ShapeTerm(..., discrepancy="delta")` | 10.4 |
+# | `Fn_std` over the scatter of the frequencies, least and most of 5 modes | 0.87, 1.12 |
+# | `Phi_std` over the scatter of the shapes, median (pyOMA2 1.4.3) | 4.5 |
+#
+# So `Fn_std` may be taken as it is, and `from_pyoma2` leaves out `Phi_std` unless told.
+# Inferring delta makes the posterior too sure: one number cannot stand for the first mode's
+# shape and for the fifth's, which is four times noisier.
 #
 # For a posterior from the record itself, without a model order, see {doc}`spectra`.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":
     assert diagnosis.short == "converged"
-    assert (without > 1.5 * sd).all()
+    assert (without > 1.2 * sd).all()
     assert (np.abs(mean - TRUTH) < 3 * sd).all() and (sd < 0.02 * mean).all()
     assert (measured.phase_collinearity > 0.99).all()

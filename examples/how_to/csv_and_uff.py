@@ -4,7 +4,7 @@
 # You will bring the modes of a test into {py:class}`~emcee_femu.Measurements`: from
 # arrays, from a CSV file that you fill in yourself, from a universal file of a test
 # system, or from an identification by pyOMA2. All that follows, terms and pairing, takes
-# this one object. `python examples/how_to/csv_and_uff.py` runs this page (RUNTIME).
+# this one object. `python examples/how_to/csv_and_uff.py` runs this page (2 s).
 #
 # ## From arrays
 #

@@ -3,7 +3,7 @@
 #
 # You will find the maxima of a posterior in a few dozen solves, and learn whether model
 # and test fit together, whether there is more than one explanation, and what the data
-# will not tell. `python examples/how_to/first_look.py` runs this page (RUNTIME).
+# will not tell. `python examples/how_to/first_look.py` runs this page (6 s).
 
 # %%
 import numpy as np

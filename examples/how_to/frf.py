@@ -3,7 +3,7 @@
 #
 # You will compare measured frequency response functions (FRFs) with a model's line by
 # line, without an identification of modes before, and infer the damping too.
-# `python examples/how_to/frf.py` runs this page (RUNTIME).
+# `python examples/how_to/frf.py` runs this page (4 s).
 #
 # A hammer or shaker test gives FRFs: response over force. Here a frame of three storeys is
 # excited at the roof and measured at the roof and the first floor.

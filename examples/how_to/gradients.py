@@ -3,7 +3,7 @@
 #
 # You will hand the derivatives of an FE program to the posterior, so that its gradient
 # costs one solve, and see what happens without them.
-# `python examples/how_to/gradients.py` runs this page (RUNTIME).
+# `python examples/how_to/gradients.py` runs this page (2 s).
 #
 # Who needs them? Searches for maxima ({doc}`first_look`), `"auto"`, and
 # {py:class}`~emcee_femu.HamiltonianMove` for ten parameters and more. All the package's

@@ -4,7 +4,7 @@
 # You will read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other
 # program, name their rows as the test names its sensors, and make a model of them that
 # solves thousands of parameter sets without the program.
-# `python examples/how_to/matrices.py` runs this page (RUNTIME).
+# `python examples/how_to/matrices.py` runs this page (2 s).
 #
 # {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
 # {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>` makes

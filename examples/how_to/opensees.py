@@ -2,7 +2,7 @@
 # # Update an OpenSees model
 #
 # You will take K and M out of a model that you build in OpenSeesPy, and update it without
-# OpenSees in the loop. `python examples/how_to/opensees.py` runs this page (RUNTIME); it
+# OpenSees in the loop. `python examples/how_to/opensees.py` runs this page (3 s); it
 # takes `pip install "emcee_femu[opensees]"`.
 #
 # A frame of two storeys and one bay is updated from four measured frequencies: three

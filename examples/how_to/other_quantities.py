@@ -3,7 +3,7 @@
 #
 # You will update a model from any measured quantity, with a likelihood of your own, and
 # have the same tables and figures as for modes.
-# `python examples/how_to/other_quantities.py` runs this page (RUNTIME).
+# `python examples/how_to/other_quantities.py` runs this page (4 s).
 #
 # A model may return any response: an object with attributes, or a mapping, each value an
 # array with one row per walker. A term reads of it what it needs, and says so in `reads`;

@@ -4,7 +4,7 @@
 # You will give one structure to the sampler in two ways: as a Python function that solves
 # one parameter set at a time, where any solver can stand, and as matrices, which are
 # solved for all walkers at once. Both give the same chain.
-# `python examples/how_to/own_function_or_matrices.py` runs this page (RUNTIME).
+# `python examples/how_to/own_function_or_matrices.py` runs this page (4 s).
 #
 # A cantilever of length L and mass μ per length has the bending frequencies
 #

@@ -2,7 +2,7 @@
 # # Update a PyNite model
 #
 # You will take K and M out of a model that you build in PyNite, and update it without PyNite
-# in the loop. `python examples/how_to/pynite.py` runs this page (RUNTIME); it takes
+# in the loop. `python examples/how_to/pynite.py` runs this page (4 s); it takes
 # `pip install "emcee_femu[pynite]"`.
 #
 # A steel platform on four columns carries a pump on one of its long beams. It is updated

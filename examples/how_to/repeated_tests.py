@@ -3,7 +3,7 @@
 #
 # You will turn several tests of one structure into one
 # {py:class}`~emcee_femu.Measurements` with the scatter of the tests as its error,
-# covariance included. `python examples/how_to/repeated_tests.py` runs this page (RUNTIME).
+# covariance included. `python examples/how_to/repeated_tests.py` runs this page (3 s).
 #
 # Six tests of a frame on six days; the frequencies of a day rise and fall together,
 # since temperature changes all of them.

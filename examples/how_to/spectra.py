@@ -3,7 +3,7 @@
 #
 # You will turn accelerations under wind and traffic into frequencies, damping ratios and
 # shapes *with* what is not known of them, ready for a posterior of your model.
-# `python examples/how_to/spectra.py` runs this page (RUNTIME).
+# `python examples/how_to/spectra.py` runs this page (5 s).
 #
 # Wind, traffic and people shake a structure with forces that nobody measures. Near one
 # spectral peak, or a close pair, the Fourier transform of such a record says what the mode

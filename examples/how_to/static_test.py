@@ -2,7 +2,7 @@
 # # Combine a static and a modal test
 #
 # You will update one model from deflections under known loads and from natural
-# frequencies together. `python examples/how_to/static_test.py` runs this page (RUNTIME).
+# frequencies together. `python examples/how_to/static_test.py` runs this page (4 s).
 #
 # Frequencies tell stiffness over mass, deflections under known loads tell stiffness alone:
 # neither test says what the structure weighs, both together do.

@@ -3,7 +3,7 @@
 #
 # You will turn any table into pandas, CSV, LaTeX or Markdown, give figures units and
 # reference values, save them for print, and hand the samples to ArviZ, corner and
-# netCDF. `python examples/how_to/tables_and_figures.py` runs this page (RUNTIME).
+# netCDF. `python examples/how_to/tables_and_figures.py` runs this page (5 s).
 
 # %%
 import tempfile

@@ -3,7 +3,7 @@
 #
 # You will combine tests of one structure in two states, here empty and with a known mass
 # on its roof, into one posterior. `python examples/how_to/two_states.py` runs this page
-# (RUNTIME).
+# (4 s).
 #
 # Frequencies of one state tell stiffness over mass, and no more. The same structure with
 # a known mass on its roof tells both. The structure has two equal storeys of stiffness k

@@ -2,10 +2,11 @@
 
 import builtins
 import logging
+import runpy
 
 import numpy as np
 import pytest
-from support.examples import load
+from support.examples import EXAMPLES, load
 
 # A chain of five equal springs and masses: sin((2 i - 1) pi / 22) sqrt(k / m) / pi.
 EXACT = np.sin((2 * np.arange(1, 6) - 1) * np.pi / 22) * np.sqrt(1e4 / 25.91) / np.pi
@@ -29,18 +30,14 @@ def pyoma2(example):
     logger.setLevel(level)
 
 
-@pytest.mark.slow
-def test_ambient_vibration(example, pyoma2, capsys):
-    measured, parameters, diagnosis = example.main(900, 2, 4)
+def test_ambient_vibration(pyoma2, capsys):
+    path = EXAMPLES / "how_to" / "ambient_vibration.py"
+    page = runpy.run_path(str(path), run_name="__main__")
+    measured, diagnosis = page["measured"], page["diagnosis"]
     z = (measured.frequencies - EXACT) / measured.sd
     assert measured.n_modes == 5 and np.abs(z).max() < 3
     assert (measured.sd < 0.005 * EXACT).all()
     assert (measured.phase_collinearity > 0.99).all() and measured.shape_sd is None
-    assert parameters.column("parameter") == ["k1", "k2", "k3", "k4", "k5"]
-    mean = np.array(parameters.column("mean"))
-    sd = mean * np.array(parameters.column("c.o.v. %")) / 100
-    assert (np.abs(mean - 1e4) < 3 * sd).all()
-    assert (sd < 0.02 * mean).all()  # of 30 % before the test
     assert diagnosis.rhat_between.max() < 1.05 and not len(diagnosis.stuck)
     shown = capsys.readouterr().out
     assert "sensors: 5 (roof, floor 4" in shown and "Natural frequencies" in shown
@@ -98,4 +95,4 @@ def test_without_pyoma2_the_example_says_what_to_install(example, monkeypatch):
 
     monkeypatch.setattr(builtins, "__import__", no_pyoma2)
     with pytest.raises(ImportError, match=r'pip install "emcee_femu\[oma\]"'):
-        example.main()
+        example.identify(np.zeros((9, 5)), example.RATE, example.PEAKS)

@@ -82,12 +82,6 @@ def test_compare_moves(tmp_path, capsys, monkeypatch):
     assert "emcee StretchMove:" in shown.err  # above its progress bars
 
 
-def test_own_model():
-    results = load("own_model").main(400, 1)
-    # Two routes to the same matrices: the chains agree to rounding.
-    np.testing.assert_allclose(results["function"], results["matrices"], rtol=1e-6)
-
-
 def test_stock_moves():
     for ratio in load("stock_moves").main(1_500, 1).values():
         assert (np.abs(ratio - 1) < 0.15).all()
