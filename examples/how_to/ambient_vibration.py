@@ -34,8 +34,8 @@ def load_pyoma2():
         from pyoma2.setup import SingleSetup
     except ImportError as error:
         raise ImportError(
-            f"pyOMA2 does not import ({error}). If it is not installed: pip install "
-            '"emcee_femu[oma]" (on PyPI it is pyOMA_2, not PyOMA)'
+            f"pyOMA2 does not import ({error}). If it is not installed: "
+            'pip install "emcee_femu[oma]" (on PyPI it is pyOMA_2, not PyOMA)'
         ) from error
     logging.getLogger("pyoma2").setLevel(logging.WARNING)  # tells every step
     return SSI, SingleSetup, example_data
@@ -55,7 +55,14 @@ def identify(acceleration, rate, peaks):  # records are (samples, channels)
     SSI, SingleSetup, _ = load_pyoma2()
     setup = SingleSetup(acceleration, fs=rate)
     setup.decimate_data(q=5)  # to 20 per second: the highest mode is at 6 Hz
-    method = SSI(name="SSI", method="cov", br=10, ordmax=20, calc_unc=True, nb=50)
+    method = SSI(
+        name="SSI",
+        method="cov",
+        br=10,
+        ordmax=20,
+        calc_unc=True,
+        nb=50,
+    )
     setup.add_algorithms(method)
     setup.run_by_name("SSI")
     # "find_min": the lowest model order at which all these modes are stable.
@@ -91,9 +98,9 @@ if __name__ == "__main__":
 def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
     # Channel and node 1 are the roof, 5 the first floor; k1 is on the ground.
     nodes = [0, *range(FLOORS, 0, -1)]
-    springs = {
-        f"k{i + 1}": (nodes[i], nodes[i + 1], 1.2 * TRUTH) for i in range(FLOORS)
-    }
+    springs = {}
+    for i in range(FLOORS):
+        springs[f"k{i + 1}"] = (nodes[i], nodes[i + 1], 1.2 * TRUTH)
     stiffness = stats.lognorm(0.3, scale=1.2 * TRUTH)
     return ef.LogPosterior(
         ef.MassSpringModel([MASS] * FLOORS, springs, shapes=True),
@@ -125,7 +132,8 @@ if __name__ == "__main__":
 if __name__ == "__main__":
     alone = ef.LogPosterior(target.model, target.terms[0], target.prior)
     mean = np.array(parameters.column("mean"))
-    without = np.sqrt(np.diag(ef.find_map(alone, mean, seed=1).maxima[0].covariance))
+    (best,) = ef.find_map(alone, mean, seed=1).maxima
+    without = np.sqrt(np.diag(best.covariance))
     sd = mean * np.array(parameters.column("c.o.v. %")) / 100
     print("without shapes over with:", *(without / sd).round(1))
 

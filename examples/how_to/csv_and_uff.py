@@ -37,15 +37,13 @@ test
 # The same test as a file, which any spreadsheet writes:
 
 # %%
-(folder / "test.csv").write_text(
-    """quantity,sensor,dof,mode 1,mode 2
+table = """quantity,sensor,dof,mode 1,mode 2
 frequency [Hz],,,2.35,6.62
 sd [Hz],,,0.01,0.03
 shape,roof,3:uy,1.0,-0.83
 shape,floor 1,1:uy,0.45,1.0
-""",
-    encoding="utf-8",
-)
+"""
+(folder / "test.csv").write_text(table, encoding="utf-8")
 read = ef.Measurements.from_csv(folder / "test.csv")
 read
 
@@ -67,8 +65,8 @@ read
 # all digits. A cell that cannot be read is named by line and column:
 
 # %%
-text = (folder / "test.csv").read_text(encoding="utf-8")
-(folder / "wrong.csv").write_text(text.replace("6.62", "6.62 Hz"), encoding="utf-8")
+wrong = table.replace("6.62", "6.62 Hz")
+(folder / "wrong.csv").write_text(wrong, encoding="utf-8")
 try:
     ef.Measurements.from_csv(folder / "wrong.csv")
 except ValueError as error:

@@ -6,6 +6,8 @@
 # will not tell. `python examples/how_to/first_look.py` runs this page (6 s).
 
 # %%
+import textwrap
+
 import numpy as np
 
 import emcee_femu as ef
@@ -53,10 +55,12 @@ ef.identifiability(found)
 # %%
 def as_black_box(posterior):
     model = posterior.model
-    one_by_one = ef.FunctionModel(
-        lambda p: model({k: np.array([v]) for k, v in p.items()}).frequencies[0],
-        n_modes=model.n_modes,
-    )
+
+    def solve(p):  # one parameter set
+        batch = {name: np.array([value]) for name, value in p.items()}
+        return model(batch).frequencies[0]
+
+    one_by_one = ef.FunctionModel(solve, n_modes=model.n_modes)
     return ef.LogPosterior(one_by_one, posterior.terms, posterior.prior)
 
 
@@ -69,8 +73,8 @@ for name, posterior in posteriors.items():
     ours = ef.find_map(posterior, seed=1)
     blind = ef.find_map(as_black_box(posterior), seed=1)
     print(
-        f"{name}: maxima: {len(ours.maxima)}; solves: {ours.solves} with jacobian, "
-        f"{blind.solves} without"
+        f"{name}: maxima: {len(ours.maxima)}; solves: {ours.solves} "
+        f"with jacobian, {blind.solves} without"
     )
 
 # %% [markdown]
@@ -87,11 +91,14 @@ for name, posterior in posteriors.items():
 #   matter together make a banana:
 
 # %%
-model = ef.FunctionModel(lambda p: [np.sqrt(p["a"] ** 2 + p["b"] ** 2)], n_modes=1)
+model = ef.FunctionModel(
+    lambda p: [np.sqrt(p["a"] ** 2 + p["b"] ** 2)],
+    n_modes=1,
+)
 prior = ef.GaussianPrior(["a", "b"], [1, 1], [2, 2], [(0, 9)] * 2)
 term = ef.FrequencyTerm([3.0], relative_sd=0.01)
 banana = ef.find_map(ef.LogPosterior(model, term, prior), seed=1, check=100)
-print(banana.findings[-1])
+print(textwrap.fill(banana.findings[-1], 80))
 
 # %% [markdown]
 # - Model errors that are inferred make a posterior with a long tail: sample it.

@@ -40,7 +40,13 @@ modal = ef.MatrixModel(
     n_modes=3,
     shapes={"first": 0, "second": 1, "roof": 2},
 )
-model = ef.FRFModel(modal, LINES, CHANNELS, damping="damping", kind="accelerance")
+model = ef.FRFModel(
+    modal,
+    LINES,
+    CHANNELS,
+    damping="damping",
+    kind="accelerance",
+)
 
 # %% [markdown]
 # Modes that are left out add a constant flexibility below their frequencies; with

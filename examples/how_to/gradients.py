@@ -35,7 +35,12 @@ def solve_with_derivatives(p):  # and {variable: {parameter: array}}
 
 
 model = ef.FunctionModel(solve, n_modes=1, jacobian=solve_with_derivatives)
-prior = ef.GaussianPrior(["k", "m"], [40.0, 0.1], [8.0, 0.01], [(10, 90), (0.05, 0.2)])
+prior = ef.GaussianPrior(
+    ["k", "m"],
+    [40.0, 0.1],
+    [8.0, 0.01],
+    [(10, 90), (0.05, 0.2)],
+)
 term = ef.FrequencyTerm([3.2], relative_sd=0.01)
 posterior = ef.LogPosterior(model, term, prior)
 
@@ -119,6 +124,5 @@ np.testing.assert_allclose(
 )
 step = {"k": np.array([9.0, 9.0]), "tip": np.array([0.501, 0.499])}
 high, low = np.abs(chain(step).shapes)
-np.testing.assert_allclose(
-    np.abs(derivatives["shapes"]["tip"][0]), np.abs(high - low) / 0.002, rtol=1e-4
-)
+slope = np.abs(derivatives["shapes"]["tip"][0])
+np.testing.assert_allclose(slope, np.abs(high - low) / 0.002, rtol=1e-4)

@@ -14,6 +14,7 @@
 
 # %%
 import tempfile
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +79,13 @@ mmwrite(folder / "M.mtx", M, symmetry="symmetric")
 rows = folder / "rows.txt"
 rows.write_text("1.1\n2.1\n3.1\n")
 
-base = ef.read_matrices({"K": folder / "K.mtx", "M": folder / "M.mtx", "dofs": rows})
+base = ef.read_matrices(
+    {
+        "K": folder / "K.mtx",
+        "M": folder / "M.mtx",
+        "dofs": rows,
+    }
+)
 print(base)
 
 # %% [markdown]
@@ -117,12 +124,13 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 
 # %%
 write(folder / "K4.mtx", 4.2)  # said to be 4
-curved = {**changed, 4.0: ef.read_matrices({"K": folder / "K4.mtx", "dofs": rows})}
+wrong = ef.read_matrices({"K": folder / "K4.mtx", "dofs": rows})
+curved = {**changed, 4.0: wrong}
 try:
     ef.MatrixModel.from_differences(base, {"columns": curved}, n_modes=3)
 except ValueError as error:
     message = str(error)
-    print(message)
+    print(textwrap.fill(message, 80))
 
 # %% [markdown]
 # Moduli, densities, areas and springs are straight; a thickness t is not (t and t³), and E

@@ -27,8 +27,8 @@ LINE_MASS = 62.8  # kg/m
 
 
 def load_opensees():
-    # openseespy 3.7 does not look for libblas in its own folder: the import fails on a
-    # machine without a BLAS, unless the one shipped is loaded first.
+    # openseespy 3.7 does not look for libblas in its own folder: the import
+    # fails on a machine without a BLAS, unless the one shipped is loaded first.
     try:
         shipped = metadata.files("openseespylinux") or []
     except metadata.PackageNotFoundError:
@@ -40,10 +40,11 @@ def load_opensees():
         import openseespy.opensees as ops
     except (ImportError, OSError, RuntimeError) as error:
         raise ImportError(
-            f"OpenSees does not import ({error}). If it is not installed: pip install "
-            "'emcee_femu[opensees]'. If it is, a BLAS or the Fortran runtime is "
-            "missing: apt install libblas3 libgfortran5, or conda install -c "
-            "conda-forge libblas libgfortran. There are no wheels for Linux on ARM"
+            f"OpenSees does not import ({error}). If it is not installed: "
+            "pip install 'emcee_femu[opensees]'. If it is, a BLAS or the Fortran "
+            "runtime is missing: apt install libblas3 libgfortran5, or conda "
+            "install -c conda-forge libblas libgfortran. There are no wheels for "
+            "Linux on ARM"
         ) from error
     return ops
 
@@ -68,7 +69,8 @@ def build(ops, theta, lumped=False):
 
 def add_floor(ops, floor, columns, beams, lumped):
     left, right, middle, below = floor + 1, floor + 2, floor + 3, floor - 10
-    for node, x, share in ((left, 0, 0.25), (right, 1, 0.25), (middle, 0.5, 0.5)):
+    nodes = ((left, 0, 0.25), (right, 1, 0.25), (middle, 0.5, 0.5))
+    for node, x, share in nodes:
         ops.node(node, x * BAY, STOREY * floor / 10)
         mass = share * FLOORS[floor // 10 - 1]
         ops.mass(node, mass, mass, 0.0)
@@ -181,8 +183,8 @@ def frequencies(ops, theta):  # in Hz, by OpenSees
 
 
 def model_at(split, theta):  # in Hz, one parameter set
-    model = ef.MatrixModel(*split, n_modes=N_MODES)
-    return model({name: np.array([x]) for name, x in theta.items()}).frequencies[0]
+    batch = {name: np.array([value]) for name, value in theta.items()}
+    return ef.MatrixModel(*split, n_modes=N_MODES)(batch).frequencies[0]
 
 
 if __name__ == "__main__":
@@ -235,10 +237,12 @@ def lumped_masses(ops, split):  # errors of a split after condensing, of inertia
     build(ops, TRUTH, lumped=True)
     M = matrices(ops)[1]
     exact = model_at((*condensed(combined(split, TRUTH), M), {}), {})
-    wrong = affine_split(lambda t: condensed(combined(split, t), M), list(TRUTH))
+    names = list(TRUTH)
+    wrong = affine_split(lambda t: condensed(combined(split, t), M), names)
     inertia = np.where(M.diagonal() == 0, M[M > 0].min() * 0.01**2, 0.0)
     small = (split[0], M + np.diag(inertia), split[2])
-    return [np.abs(model_at(s, TRUTH) / exact - 1).max() for s in (wrong, small)]
+    found = [model_at(s, TRUTH) for s in (wrong, small)]
+    return [np.abs(f / exact - 1).max() for f in found]
 
 
 if __name__ == "__main__":

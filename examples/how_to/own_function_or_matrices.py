@@ -87,7 +87,13 @@ function = ef.FunctionModel(solver)
 # ({doc}`matrices`) or from a script ({doc}`opensees`, {doc}`pynite`, {doc}`scikit_fem`).
 
 # %%
-matrices = ef.MatrixModel(np.zeros_like(K1), M0, {"EI": K1}, {"m": M1}, n_modes=3)
+matrices = ef.MatrixModel(
+    np.zeros_like(K1),
+    M0,
+    {"EI": K1},
+    {"m": M1},
+    n_modes=3,
+)
 
 # %% [markdown]
 # ## The same chain

@@ -9,6 +9,8 @@
 # since temperature changes all of them.
 
 # %%
+import textwrap
+
 import numpy as np
 from scipy import stats
 
@@ -59,7 +61,7 @@ try:
     ef.Measurements.from_repeats(frequencies, swapped)
 except ValueError as error:
     message = str(error)
-    print(message)
+    print(textwrap.fill(message, 80))
 
 # %% [markdown]
 # A full covariance takes more tests than modes. With fewer, `correlated=False` gives one
@@ -77,9 +79,16 @@ storeys = {  # of 1 MN/m
     "k2": 1e6 * np.array([[1.0, -1.0], [-1.0, 1.0]]),
 }
 masses = np.diag([12e3, 9e3])  # kg
-model = ef.MatrixModel(np.zeros((2, 2)), masses, storeys, n_modes=2, shapes=[0, 1])
+model = ef.MatrixModel(
+    np.zeros((2, 2)),
+    masses,
+    storeys,
+    n_modes=2,
+    shapes=[0, 1],
+)
 terms = [ef.FrequencyTerm(test), ef.ShapeTerm(test)]
-prior = ef.IndependentPrior(dict.fromkeys(storeys, stats.lognorm(0.3, scale=7.0)))
+stiffness = stats.lognorm(0.3, scale=7.0)  # MN/m
+prior = ef.IndependentPrior(dict.fromkeys(storeys, stiffness))
 posterior = ef.LogPosterior(model, terms, prior)
 samplers = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
 idata = ef.to_inference_data(samplers, posterior)

@@ -83,11 +83,11 @@ def matrices(basis):  # {subdomain: K_j}, M, and (x, y, name) of each row
         own = basis.with_elements(name)
         parts[name] = bending.assemble(own, factor=1.0)[free][:, free]
     M = inertia.assemble(basis)[free][:, free]
-    labels = {
-        dof: (*basis.doflocs[:, dof].tolist(), name)
-        for name, dofs in zip(basis.elem.dofnames, basis.nodal_dofs, strict=True)
-        for dof in dofs
-    }
+    labels = {}
+    kinds = zip(basis.elem.dofnames, basis.nodal_dofs, strict=True)
+    for name, dofs in kinds:
+        for dof in dofs:
+            labels[dof] = (*basis.doflocs[:, dof].tolist(), name)
     return parts, M, [labels[dof] for dof in free]
 
 
@@ -133,7 +133,12 @@ if __name__ == "__main__":
     parts, M, labels = matrices(basis)
     print(f"{len(labels)} rows, the last one is {labels[-1]}")
     dense = {name: part.toarray() for name, part in parts.items()}
-    model = ef.MatrixModel(np.zeros(M.shape), M.toarray(), dense, n_modes=N_MODES)
+    model = ef.MatrixModel(
+        np.zeros(M.shape),
+        M.toarray(),
+        dense,
+        n_modes=N_MODES,
+    )
     prior = ef.GaussianPrior(names, [1.0] * 4, 0.2, [(0.4, 1.6)] * 4)
     random = dict(zip(names, prior.sample(rng, 1)[0], strict=True))
     free = basis.complement_dofs(basis.get_dofs("root"))
