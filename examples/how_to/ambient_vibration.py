@@ -143,7 +143,7 @@ if __name__ == "__main__":
 # Over 24 simulated records such as this one, by
 # `python examples/benchmarks/ambient_records.py --records 24` (30 s), which knows the truth:
 #
-# | | |
+# | over 24 records | |
 # |---|---|
 # | chi-square of the 5 stiffnesses, mean; 5 if the posterior is as sure as it may be | 4.6 |
 # | the same with an inferred delta, `ShapeTerm(..., discrepancy="delta")` | 10.4 |
