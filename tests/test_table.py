@@ -2,11 +2,14 @@
 
 import csv
 import html
+import pkgutil
 import re
+from importlib import import_module
 
 import numpy as np
 import pytest
 
+import emcee_femu
 from emcee_femu.table import Report, Table
 
 MIXED = Table.from_columns(
@@ -114,3 +117,12 @@ def test_csv_and_frame_keep_every_digit(tmp_path):
 
 def test_a_column_is_found_by_its_title():
     assert MIXED.column("wrong") == ["yes", "", "no"]
+
+
+def test_whatever_prints_itself_is_shown_by_notebooks_too():
+    modules = pkgutil.walk_packages(emcee_femu.__path__, "emcee_femu.")
+    found = [c for m in modules for c in vars(import_module(m.name)).values()]
+    own = {c for c in found if isinstance(c, type) and "emcee_femu" in c.__module__}
+    printing = {c for c in own if c.__str__ not in (object.__str__, Exception.__str__)}
+    only_text = {c.__name__ for c in printing if not hasattr(c, "_repr_html_")}
+    assert len(printing) > 15 and only_text == {"SolveError", "Entry"}  # of rankings
