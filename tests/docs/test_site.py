@@ -1,7 +1,7 @@
 """The built site in a browser: pictures, links, console, widths, dark mode, search.
 
-Run after the build, ``python -m sphinx docs docs/_build/html``. What lies on other hosts
-(MathJax) is not asked for: a test must not depend on them.
+Run after the build, ``python -m sphinx docs docs/_build/html``. What lies elsewhere
+(MathJax) is not asked for: a test must not depend on it.
 """
 
 import shutil
@@ -16,7 +16,9 @@ import pytest
 
 SITE = Path(__file__).parents[2] / "docs" / "_build" / "html"
 PAGES = sorted(
-    p.relative_to(SITE).as_posix() for p in SITE.rglob("*.html") if "_static" not in p.parts
+    p.relative_to(SITE).as_posix()
+    for p in SITE.rglob("*.html")
+    if "_static" not in p.parts
 )
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FLAGS = ["no-sandbox", "disable-gpu", "disable-quic", "disable-component-update"]
