@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 import pytest
-from support.examples import load
+from support.examples import EXAMPLES, load
 from support.systems import inherits, posix
 
 import emcee_femu as ef
@@ -49,7 +49,7 @@ def driver(monkeypatch):
 
 @pytest.fixture
 def beam(driver):
-    return load("calculix_beam")
+    return load("calculix")
 
 
 @pytest.fixture
@@ -386,13 +386,8 @@ def test_exported_matrices_have_the_frequencies_that_calculix_prints(
 
 
 @pytest.mark.slow
-def test_calculix_beam(beam, calculix, tmp_path, capsys):
-    found = beam.main(40, 60, 300, output=str(tmp_path))
-    assert found["certificate"].short == "certified"
-    black_box, exports = found["solves"]
-    assert black_box <= 100 and exports == 5
-    for z in ("z", "z of sd"):
-        assert np.abs(found["table"].column(z)).max() < 4
-    shown = capsys.readouterr().out
-    assert f"black box: {black_box} solves" in shown and "matrices: 5 solves" in shown
-    assert (tmp_path / "calculix.png").stat().st_size > 10_000
+def test_the_page_runs_as_a_script(calculix):
+    """Its last cell checks the verdict and that both ways agree."""
+    command = [sys.executable, str(EXAMPLES / "how_to" / "calculix.py")]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "solves of CalculiX, (b) 5" in shown

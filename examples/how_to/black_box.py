@@ -1,0 +1,114 @@
+# %% [markdown]
+# # How do I use a program as a black box?
+#
+# Any program that is started from a command line is a model: write its input file, start
+# it, read its output. `emulate` then learns the outputs from some tens of solves, and
+# `certify` holds the posterior to full ones. `python examples/how_to/black_box.py` runs this
+# page (RUNTIME).
+#
+# ## The program
+#
+# A few lines of Python stand for it, so that this page runs on every machine: two storeys of
+# 16.5 t and 16.1 t. It reads `job.inp` and writes `job.dat` in the folder where it is
+# started, as FE programs do.
+
+# %%
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import emcee_femu as ef
+
+PROGRAM = """
+from math import pi, sqrt
+k1, k2 = (1e6 * float(word) for word in open("job.inp").read().split())
+b = (k1 + k2) / 16.5e3 + k2 / 16.1e3
+c = k1 * k2 / (16.5e3 * 16.1e3)
+with open("job.dat", "w") as output:
+    for sign in (-1, 1):
+        omega = sqrt(b / 2 + sign * sqrt(b * b / 4 - c))
+        output.write(f"{omega / (2 * pi):.9e}\\n")
+"""
+folder = tempfile.TemporaryDirectory()
+home = Path(folder.name)
+(home / "program.py").write_text(PROGRAM, encoding="utf-8")
+COMMAND = [sys.executable, "-I", "-S", str(home / "program.py")]
+
+# %% [markdown]
+# ## The function around it
+#
+# One parameter set in, its results out. Every solve gets a new, empty folder; the time
+# limit ends a program that hangs; `check=True` turns an exit status other than 0 into an
+# exception; numbers are written with all their digits.
+
+# %%
+starts = []
+
+
+def solve(p):
+    starts.append(p)
+    with tempfile.TemporaryDirectory(dir=home) as job:
+        deck, result = Path(job) / "job.inp", Path(job) / "job.dat"
+        deck.write_text(f"{p['k1']:.12e} {p['k2']:.12e}\n", encoding="ascii")
+        subprocess.run(COMMAND, cwd=job, timeout=60, check=True)
+        return [float(line) for line in result.read_text().split()]
+
+
+solve({"k1": 50.0, "k2": 10.0})
+
+# %% [markdown]
+# Before anything else, solve some corners of the prior and look at what they print: where
+# a tenth of the prior cannot be solved, narrow it.
+#
+# ## Emulate, run, certify
+
+# %%
+prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds=[(20, 90), (1, 15)])
+term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
+model = ef.FunctionModel(solve, n_modes=2)
+posterior = ef.LogPosterior(model, term, prior)
+
+emulated = ef.emulate(posterior, solves=30, seed=1, on_failure="reject")
+samplers = ef.run(emulated.posterior, "auto", nsteps=300, ensembles=2, seed=1)
+idata = ef.to_inference_data(samplers, emulated.posterior)
+certificate = ef.certify(idata, posterior, solves=40, seed=1, on_failure="reject")
+print(certificate)
+print(f"\nthe program was started {len(starts)} times")
+
+# %% [markdown]
+# What these steps do, and how to read what they print: {doc}`/tutorials/hundred_solves`. A
+# program that writes K and M needs no emulator: with matrices that are affine in the
+# parameters a solve takes microseconds, without the program
+# ({doc}`/tutorials/large_models`).
+#
+# ## For daily use
+#
+# [`examples/calculix_program.py`](https://github.com/emcee-femu/emcee_femu/blob/main/examples/calculix_program.py)
+# is that function in 100 lines to copy, with CalculiX as the program ({doc}`calculix`). What it
+# does besides:
+#
+# **Time limit.** Ten times the longest usual solve, on a machine that is as busy as it will
+# be; a program that waits for its licence itself spends the limit on that, so let it give up
+# at once and the driver wait. Killing a start script leaves the solver that it started
+# alive, and `subprocess.run(..., capture_output=True, timeout=60)` then waits for the
+# solver's output: the driver starts the program in a process group of its own, ends the
+# group, and lets it print into a file. A run that is killed itself (SIGKILL, out of memory)
+# cannot end its solvers any more: each goes on to the end of its one solve.
+#
+# **Scratch folders.** Each solve gets a new, empty folder, `worker-PID-...`, which is removed
+# after it, also after a failure. Two workers never share one, and no result that an earlier
+# solve left behind is taken for a new one. `scratch=` says where they are, best on a local
+# disk that is large enough for all workers. When a run stops, workers end in the middle of
+# a solve and leave theirs: give a `tempfile.TemporaryDirectory()` around the run.
+#
+# **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the program
+# with one thread each (`OMP_NUM_THREADS=1`), with four licences. `emulate` asks for d / 2 + 1
+# solves at a time, `certify` for all of its draws at once; more workers than that wait.
+#
+# **Failures**, of the parameters and of the machine: {doc}`failing_solves`.
+
+# %% tags=["remove-cell"]
+assert certificate.short == "certified" and len(starts) <= 1 + 70
+assert len(starts) == 1 + emulated.solves + certificate.solves
+assert abs(certificate.mean[0] - 54.3) < 0.5 and abs(certificate.mean[1] - 7.22) < 0.1

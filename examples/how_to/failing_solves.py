@@ -1,0 +1,155 @@
+# %% [markdown]
+# # What happens when a solve fails?
+#
+# Some parameter sets cannot be solved: the program does not converge, hangs, or returns
+# fewer modes. By default that stops the run, with nothing lost; `on_failure="reject"` goes on
+# and counts. `python examples/how_to/failing_solves.py` runs this page (RUNTIME).
+#
+# ## Stop, and say where
+#
+# The solver below fails for a stiff second storey. (In a running chain emcee prints the
+# model's traceback besides.)
+
+# %%
+import logging
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import emcee_femu as ef
+
+
+def frequencies(p):
+    if p["k2"] > 9.5:
+        raise ArithmeticError("no convergence after 50 iterations")
+    K = 1e6 * np.array([[p["k1"] + p["k2"], -p["k2"]], [-p["k2"], p["k2"]]])
+    A = K / np.sqrt(np.outer([16.5e3, 16.1e3], [16.5e3, 16.1e3]))
+    return np.sqrt(np.linalg.eigvalsh(A)) / (2 * np.pi)
+
+
+prior = ef.GaussianPrior(["k1", "k2"], [50, 8], [9, 1], bounds=[(20, 90), (1, 15)])
+term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
+posterior = ef.LogPosterior(ef.FunctionModel(frequencies, n_modes=2), term, prior)
+
+try:
+    posterior(np.array([[54.0, 9.9]]))
+except ArithmeticError as error:
+    print(error, *error.__notes__, sep="\n")
+
+# %% [markdown]
+# What was sampled before is in the file `backend=`, or in `error.samplers`. A run that a
+# failure stopped goes on with `resume=True, on_failure="reject"`.
+#
+# ## Reject, and count
+#
+# A rejected solve is taken for impossible: the posterior is zero there. Each one is logged
+# with its parameters by the logger "emcee_femu", which is silenced here, and starts from the
+# prior that cannot be solved are drawn again.
+
+# %%
+logging.getLogger("emcee_femu").setLevel(logging.ERROR)
+samplers = ef.run(
+    posterior, nsteps=500, ensembles=2, seed=1, on_failure="reject", max_failures=0.1
+)
+log = samplers[0].failures
+print(f"{log.causes.total()} of {log.evaluations} evaluations failed: {dict(log.causes)}")
+print("the first one:", log.kept[0].message, dict(log.kept[0].parameters), sep="\n  ")
+
+# %% [markdown]
+# `diagnose` reports them with its verdict:
+
+# %%
+print(ef.diagnose(samplers, discard=100))
+
+# %% [markdown]
+# **Rejecting says something about the parameters.** It takes a part of the prior away, for
+# an evidence too. If that part is far from the measurement, nothing changes; if the
+# posterior leans against it, the result is that of another prior. So `max_failures` stops a
+# run in which more than that share of the evaluations, of at least 100, has failed:
+
+# %%
+try:
+    ef.anneal(posterior, 500, seed=1, on_failure="reject", max_failures=0.001)
+except RuntimeError as error:
+    print(error)
+
+# %% [markdown]
+# ## A program that hangs
+#
+# gets its limit where the model starts it; `subprocess.TimeoutExpired` and `TimeoutError`
+# count as time-outs, apart from other exceptions. Here a program sleeps where it should
+# solve.
+
+# %%
+HANGS = [sys.executable, "-I", "-S", "-c", "import time; time.sleep(60)"]
+
+
+def patient(p):
+    if p["k2"] > 9.5:
+        subprocess.run(HANGS, timeout=0.1, check=True)  # yours: timeout=600
+    return frequencies(p)
+
+
+hanging = ef.LogPosterior(ef.FunctionModel(patient, n_modes=2), term, prior)
+(sampler,) = ef.run(hanging, nsteps=60, seed=1, on_failure="reject")
+print(dict(sampler.failures.causes))
+
+# %% [markdown]
+# ## The parameters' fault, or the machine's?
+#
+# Of what can fail, some is the parameters' doing, and some is the machine's. A posterior from
+# which a licence server took points is wrong. This is what the driver
+# `examples/calculix_program.py` ({doc}`calculix`) does about either:
+#
+# | what fails | what the driver does | what the run does |
+# |---|---|---|
+# | the program: no convergence, a crash, a status that is not 0 | `RuntimeError` with the end of what it printed | as `on_failure` says |
+# | it ends with status 0, but its result is missing, short or damaged | `FileNotFoundError`, `ValueError` | as `on_failure` says |
+# | it takes too long | ends it and all that it started; `TimeoutExpired` | as `on_failure` says; counted as a time-out |
+# | no licence is free | tries again for `patience` seconds, then `Unavailable` | stops, also with `on_failure="reject"` |
+# | a full disk, no scratch folder, no such program | `Unavailable` | stops, also with `on_failure="reject"` |
+#
+# `Unavailable` is a `BaseException`, no `Exception`, so that nothing on its way catches it:
+
+# %%
+class Unavailable(BaseException):
+    """The machine cannot solve now."""
+
+
+calls = []
+
+
+def licensed(p):
+    calls.append(p)
+    if len(calls) == 9:
+        raise Unavailable("no licence")
+    return frequencies(p)
+
+
+licensed_posterior = ef.LogPosterior(ef.FunctionModel(licensed, 2), term, prior)
+with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
+    file = Path(folder) / "frame.solves"
+    options = {"seed": 1, "backend": file, "on_failure": "reject"}
+    try:
+        ef.emulate(licensed_posterior, 20, **options)
+    except Unavailable as error:
+        print(f"stopped by {error!r} at solve {len(calls)}")
+    emulated = ef.emulate(licensed_posterior, 20, **options)
+print(f"the next day: {emulated.solves} solves by {len(calls)} calls")
+
+# %% [markdown]
+# `emulate(..., backend="frame.solves")` stores every solve as it arrives, and the same call
+# goes on when the server is back; one call more checks that the model is the same. `certify`
+# with `backend=...`, and `run` with `backend=...` and `resume=True`, do so too
+# ({doc}`/tutorials/long_runs`). A solve that `emulate` rejects is left out of the fit, and
+# not asked for there again; in `certify` such a draw has no weight.
+
+# %% tags=["remove-cell"]
+assert 0 < log.causes["exception"] < 0.1 * log.evaluations
+assert max(s.get_chain()[..., 1].max() for s in samplers) <= 9.5
+assert "'exception'" in str(ef.diagnose(samplers, discard=100))
+assert {*sampler.failures.causes} == {"time-out"}
+assert len(calls) == emulated.solves + 2

@@ -1,0 +1,258 @@
+# %% [markdown]
+# # A posterior in a hundred solves
+#
+# Your model is a program. It takes minutes for a solve, it gives no matrices and no
+# derivatives. You will learn its response from some twenty solves, sample what was
+# learned, and spend sixty more to find out whether the result may be believed; and you
+# will see what to do when it may not. `python examples/tutorials/hundred_solves.py` runs
+# this page (RUNTIME).
+#
+# | a solve takes | and you have | use | true solves |
+# |---|---|---|---|
+# | microseconds | K and M, a small model | `run(posterior, "auto", ...)` | 10,000 and more |
+# | milliseconds to seconds | K and M that are affine in the parameters | `reduce_model`, then `run`: {doc}`large_models` | some tens |
+# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above | 2 or 3 per parameter |
+# | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
+# | the same | an emulator that `certify` refuses | more `solves` from the same file; else `DelayedAcceptanceMove(..., steps=100)` | 1 per walker and step |
+#
+# ## The program
+#
+# A footbridge slab of 30 m on three elastic bearings. The modulus, the thickness and the
+# stiffness of the bearings are unknown. Stiffness goes with the cube of the thickness, so
+# the matrices are no sum of parts, even if you had them. The function below takes well
+# under a millisecond; let it stand for an hour, and count its calls.
+
+# %%
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import eigh
+
+import emcee_femu as ef
+
+N, SPAN, WIDTH, RHO = 12, 30.0, 4.0, 2500.0  # elements, m, m, kg/m3
+calls = []
+
+
+def solve(p):
+    """Return four frequencies in Hz; E in GPa, thickness in m, bearing in MN/m."""
+    calls.append(p)
+    a, area = SPAN / N, WIDTH * p["thickness"]
+    EI = 1e9 * p["E"] * area * p["thickness"] ** 2 / 12
+    k = [[12, 6 * a, -12, 6 * a], [6 * a, 4 * a * a, -6 * a, 2 * a * a]]
+    k += [[-12, -6 * a, 12, -6 * a], [6 * a, 2 * a * a, -6 * a, 4 * a * a]]
+    m = [[156, 22 * a, 54, -13 * a], [22 * a, 4 * a * a, 13 * a, -3 * a * a]]
+    m += [[54, 13 * a, 156, -22 * a], [-13 * a, -3 * a * a, -22 * a, 4 * a * a]]
+    K, M = np.zeros((2, 2 * N + 2, 2 * N + 2))
+    for first in range(0, 2 * N, 2):
+        own = slice(first, first + 4)
+        K[own, own] += EI / a**3 * np.array(k)
+        M[own, own] += RHO * area * a / 420 * np.array(m)
+    for support in (0, N, 2 * N):
+        K[support, support] += 1e6 * p["bearing"]
+    found = eigh(K, M, eigvals_only=True, subset_by_index=[0, 3])
+    return np.sqrt(found) / (2 * np.pi)
+
+
+# %% [markdown]
+# Four frequencies were measured, each to 0.5 %. (They are simulated: those of E = 33 GPa,
+# 0.82 m and 70 MN/m, with noise.) A {py:class}`~emcee_femu.FunctionModel` is all that the
+# package needs of a program; {doc}`/how_to/black_box` starts a real one.
+
+# %%
+model = ef.FunctionModel(solve, n_modes=4)
+term = ef.FrequencyTerm([3.702, 4.692, 8.673, 12.571], relative_sd=0.005)
+prior = ef.GaussianPrior(
+    names=["E", "thickness", "bearing"],
+    mean=[30, 0.80, 60],
+    sd=[4, 0.04, 20],
+    bounds=[(15, 45), (0.6, 1.0), (10, 150)],
+)
+posterior = ef.LogPosterior(model, term, prior)
+
+# %% [markdown]
+# ## Emulate
+#
+# {py:func}`~emcee_femu.emulate` may spend 40 solves. With `backend=` every solve is on disk
+# as it arrives.
+
+# %%
+folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
+file = Path(folder.name) / "bridge.solves"
+emulated = ef.emulate(posterior, solves=40, seed=1, backend=file)
+print(emulated)
+print(f"\n{len(calls)} calls of the program")
+
+# %% [markdown]
+# How to read it:
+#
+# - Not the log-posterior is emulated but the response: here four eigenvalues, else shapes
+#   at the sensors or any real vector that a term reads, each in units of its measurement
+#   error. *Leaving one out* predicts each solved point from the others. Points of the whole
+#   prior are among them, so this is worse than what counts.
+# - The first d + 4 = 7 solves are spread over the prior (or about `initial=`, such as a
+#   maximum of {py:func}`~emcee_femu.find_map`). Then batches of d / 2 + 1 go where the
+#   emulator is in most doubt among draws of the posterior that it gives.
+# - **Errors are those of the data**: the distance between the emulated and the full
+#   response, every datum in units of its own measurement error, the root of the sum of
+#   squares. An error of 0.1 shifts a posterior mean by a tenth of its standard
+#   deviation at most, and usually by far less.
+# - The *predicted error* is what the emulator expects at draws of its posterior. The
+#   *true error* is that times the factor by which the new solves exceeded what was
+#   predicted for them. Two rounds below `tolerance` (0.1) end it; `tolerance=0` spends
+#   all `solves`. About 10 solves a parameter are usual.
+#
+# The likelihood carries the emulator's own variance, so while little is known the
+# posterior is broad, not wrong. The first point of each batch is drawn from a wider posterior,
+# whose emulator errs twice as much as it says, and the draws begin again at the whole prior
+# whenever the solves have grown by half: a mode that an early emulator excluded is found
+# by a later one. What no emulator ever suspects stays unseen, and `certify` weighs only
+# what was drawn: in doubt run it again with another seed.
+#
+# ## Run
+#
+# The emulated posterior costs next to nothing, so let "auto" take what it wants.
+
+# %%
+samplers = ef.run(emulated.posterior, "auto", nsteps=400, ensembles=2, seed=2)
+idata = ef.to_inference_data(samplers, emulated.posterior)
+print(ef.diagnose(samplers).verdict)
+
+# %% [markdown]
+# The verdict is on the chain, not on the emulator. That is the next step's business.
+#
+# ## Certify
+#
+# {py:func}`~emcee_femu.certify` solves in full at draws of the emulated posterior. If both
+# posteriors are one, every draw gets the same weight.
+
+# %%
+certificate = ef.certify(idata, posterior, solves=60, seed=3)
+print(certificate)
+spent = len(calls)
+print(f"\n{spent} calls of the program, all told")
+
+# %% [markdown]
+# - *emulated mean* and *mean*: of the emulated posterior, and of the true one, as the
+#   weights correct it; *shift/sd* is their difference in posterior standard deviations.
+#   The next columns say the same of standard deviations.
+# - **Efficiency** is the effective share of the weights, 1 where all are equal. **Pareto k**
+#   tells how heavy the tail of the weights is; above 0.7 no mean over them can be
+#   believed, unless they are nearly equal (efficiency above 0.9).
+# - The verdict is *certified*, *corrected* (the weights repair what is wrong; tables and
+#   figures of `certificate.idata` use them) or *refused*, with what to do.
+# - A quarter of the solves climb the true posterior from draws of the prior that lie away
+#   from the chain: they look for what the emulator has missed. The last sentence says how
+#   far they came.
+#
+# Go on with `certificate.idata`; the tables and figures made of it say what it is worth.
+
+# %%
+ef.parameter_table(certificate.idata)
+
+# %% mystnb={"image": {"alt": "Three scatter plots of modulus, thickness and bearing stiffness; the ellipse of modulus and thickness is long and leans to the left, the two others are round"}}
+ef.plot_scatter(certificate.idata, units={"E": "GPa", "thickness": "m", "bearing": "MN/m"})
+
+# %% [markdown]
+# The data inform the bearings best. A thicker slab of a softer concrete has nearly the
+# same frequencies, hence the long ellipse.
+#
+# ## When it is refused
+#
+# Suppose nine solves were all that you had allowed: the first design and one batch.
+
+# %%
+file = Path(folder.name) / "short.solves"
+
+
+def learn(solves):
+    """Emulate with a file, run, certify."""
+    before = len(calls)
+    emulated = ef.emulate(posterior, solves=solves, seed=1, backend=file)
+    new = len(calls) - before
+    samplers = ef.run(emulated.posterior, "auto", nsteps=400, ensembles=2, seed=2)
+    idata = ef.to_inference_data(samplers, emulated.posterior)
+    certificate = ef.certify(idata, posterior, solves=60, seed=3)
+    print(f"{emulated.solves} solves, {new} of them new")
+    print(certificate.verdict)
+    return emulated, certificate
+
+
+poor, refused = learn(9)
+
+# %% [markdown]
+# `poor.history` told as much: a predicted error of the size of the measurement's. The verdict
+# names what to do: more solves for the emulator, a few more for the certificate, which
+# then corrects the draws, or a chain of full solves.
+#
+# **More solves from the same file.** Nothing that was solved is lost. The same call with
+# more solves goes on where it ended, and the result is that of one call, to the bit. One
+# solve is repeated each time, to see that the model is still the same.
+
+# %%
+better, certified = learn(40)
+
+# %% [markdown]
+# **Or a chain of full solves, led by the emulator.** Where no number of solves that you can
+# pay settles the emulator, a {py:class}`~emcee_femu.DelayedAcceptanceMove` walks many steps
+# by the emulated posterior between two full solves, and the full one decides. The chain
+# is that of the true posterior, whatever the emulator is worth; a poor one costs
+# acceptance ({doc}`large_models`). Ten generations of 12 walkers, to show the call:
+
+# %%
+before = len(calls)
+starts = ef.run(poor.posterior, nwalkers=12, nsteps=100, seed=4)[0].get_last_sample()
+move = ef.DelayedAcceptanceMove(ef.DEMCMove(), poor.posterior, steps=100)
+(sampler,) = ef.run(posterior, move, 12, nsteps=10, initial=starts.coords, seed=5)
+print(move)
+chained = len(calls) - before
+print(f"{chained} calls of the program")
+
+# %% [markdown]
+# ## When the program stops
+#
+# Licence servers go down at night. Here the program stops at its tenth solve; the next
+# morning the same call goes on from the file.
+
+# %%
+file = Path(folder.name) / "night.solves"
+night = []
+
+
+def licensed(p):
+    night.append(p)
+    if len(night) == 10:
+        raise RuntimeError("no licence")
+    return solve(p)
+
+
+fragile = ef.LogPosterior(ef.FunctionModel(licensed, n_modes=4), term, prior)
+try:
+    ef.emulate(fragile, solves=12, seed=1, backend=file)
+except RuntimeError as error:
+    print(f"stopped: {error}")
+
+resumed = ef.emulate(fragile, solves=12, seed=1, backend=file)
+print(f"{len(night)} calls for {resumed.solves} solves")
+
+# %% [markdown]
+# Two calls more than solves: the one that failed, and the one that tells a changed model.
+# `certify` and {py:func}`~emcee_femu.run` take `backend=` too. `workers=8` solves a batch at
+# once: d / 2 + 1 points of `emulate`, all draws of `certify`.
+#
+# Next: {doc}`/how_to/black_box` for a program that is started from the command line,
+# {doc}`/how_to/failing_solves` for solves that fail, {doc}`/how_to/emulated_crossing_modes`
+# for modes that cross, and {doc}`/explanation/few_solves_measured` for how often all this
+# was right.
+
+# %% tags=["remove-cell"]
+assert spent <= 100 and emulated.solves < 40
+assert certificate.short == "certified"
+assert ef.diagnose(samplers).short == "converged"
+true, sd = np.array([33, 0.82, 70]), certificate.sd
+assert np.all(np.abs(certificate.mean - true) < 3 * sd)
+assert (sd / [4, 0.04, 20]).argmin() == 2
+assert poor.solves == 9 and better.solves == emulated.solves
+assert refused.short == "refused" and certified.short == "certified"
+assert chained <= 12 * 11 and len(night) == resumed.solves + 2
