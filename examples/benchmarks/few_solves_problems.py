@@ -121,7 +121,7 @@ def h_structure(beta: float) -> Problem:
     A FE program gives the modes in ascending order, with their shapes; here the seven
     lowest, at the three translations of all nodes. The paper compares five of them.
     The next two cross modes above them inside the bounds: returned without those they
-    would only hurt (docs/crossing-modes.md).
+    would only hurt (examples/how_to/emulated_crossing_modes.py).
     """
     given = ef.paper.h_structure(beta)
     rows = [f"{node}:u{axis}" for node in range(13) for axis in "xyz"]

@@ -64,7 +64,8 @@ solve({"k1": 50.0, "k2": 10.0})
 # ## Emulate, run, certify
 
 # %%
-prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds=[(20, 90), (1, 15)])
+bounds = [(20, 90), (1, 15)]
+prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
 model = ef.FunctionModel(solve, n_modes=2)
 posterior = ef.LogPosterior(model, term, prior)
@@ -72,9 +73,9 @@ posterior = ef.LogPosterior(model, term, prior)
 emulated = ef.emulate(posterior, solves=30, seed=1, on_failure="reject")
 samplers = ef.run(emulated.posterior, "auto", nsteps=300, ensembles=2, seed=1)
 idata = ef.to_inference_data(samplers, emulated.posterior)
-certificate = ef.certify(idata, posterior, solves=40, seed=1, on_failure="reject")
-print(certificate)
-print(f"\nthe program was started {len(starts)} times")
+certificate = ef.certify(idata, posterior, 40, seed=1, on_failure="reject")
+print(f"the program was started {len(starts)} times")
+certificate
 
 # %% [markdown]
 # What these steps do, and how to read what they print: {doc}`/tutorials/hundred_solves`. A

@@ -25,6 +25,7 @@ if "__file__" in globals():  # as a script: the driver is in the folder above
 # %%
 import itertools
 import tempfile
+import textwrap
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -82,6 +83,7 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 #   order of the six never changes within the bounds. Where it may, measure shapes, and
 #   put a {py:class}`~emcee_femu.PairedModel` around the function.
 
+
 # %%
 def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
     """Return the input file for factors theta: here stands your own template."""
@@ -95,18 +97,19 @@ def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
     middles = [np.add(CORNERS[int(a)], CORNERS[int(b)]) // 2 for a, b in EDGES]
     own = [*CORNERS, *middles]  # the 20 nodes of C3D20R, from its first corner
     element = itertools.count(1)
-    for part, stations in zip(PARTS, np.split(np.arange(ELEMENTS[0]), 3), strict=True):
+    thirds = np.split(np.arange(ELEMENTS[0]), 3)
+    for part, stations in zip(PARTS, thirds, strict=True):
         lines.append(f"*ELEMENT,TYPE=C3D20R,ELSET={part}")
         for first in itertools.product(stations, *map(range, ELEMENTS[1:])):
             places = (tuple(np.multiply(2, first) + place) for place in own)
             line = [next(element), *(nodes[place] for place in places)]
-            lines += [
-                ",".join(map(str, line[:16])) + ",",
-                ",".join(map(str, line[16:])),
-            ]
-        lines += [f"*MATERIAL,NAME={part}", "*ELASTIC", f"{theta[part] * E:.10e},{NU}"]
-        lines += ["*DENSITY", f"{RHO}", f"*SOLID SECTION,ELSET={part},MATERIAL={part}"]
-    resting = [n for (x, _, z), n in nodes.items() if x == 2 * ELEMENTS[0] and z == 0]
+            lines.append(",".join(map(str, line[:16])) + ",")
+            lines.append(",".join(map(str, line[16:])))
+        lines += [f"*MATERIAL,NAME={part}", "*ELASTIC"]
+        lines += [f"{theta[part] * E:.10e},{NU}", "*DENSITY", f"{RHO}"]
+        lines += [f"*SOLID SECTION,ELSET={part},MATERIAL={part}"]
+    end = 2 * ELEMENTS[0]
+    resting = [n for (x, _, z), n in nodes.items() if x == end and z == 0]
     lines += ["*ELEMENT,TYPE=SPRING1,ELSET=bearing"]
     lines += [f"{next(element)},{node}" for node in resting]
     spring = theta["bearing"] * BEARING / len(resting)
@@ -120,6 +123,7 @@ def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
 #
 # With `*FREQUENCY, SOLVER=MATRIXSTORAGE` the same program writes K and M instead. One export
 # with all factors 1 and one per factor doubled make a {py:class}`~emcee_femu.MatrixModel`.
+
 
 # %%
 def solve(theta: Mapping[str, float], command: Any, scratch: Any) -> np.ndarray:
@@ -164,7 +168,8 @@ if __name__ == "__main__":
     samplers = ef.run(emulated.posterior, "auto", nsteps=GENERATIONS, seed=1)
     idata = ef.to_inference_data(samplers, emulated.posterior)
     certificate = ef.certify(idata, posterior, CHECKS, **options)
-    print(emulated, certificate, sep="\n\n")
+    print(emulated.history)
+    print(textwrap.fill(certificate.verdict, 80))
 
 # %% [markdown]
 # `emulate` stopped long before it had spent the solves that it was allowed: its true error in
@@ -183,12 +188,13 @@ if __name__ == "__main__":
     diagnosis = ef.diagnose(exactly)
     print(f"{reduced.full_size} DOFs reduced to {reduced.size} basis vectors")
     print(f"largest frequency error {reduced.max_error:.1e}")
-    print(diagnosis.verdict)
+    print(textwrap.fill(diagnosis.verdict, 80))
 
 # %% [markdown]
 # ## One posterior?
 #
 # z is the gap over its standard error, of the certificate and of chain (b) together.
+
 
 # %%
 def compare(certificate: Any, draws: np.ndarray, diagnosis: Any) -> Table:
@@ -216,6 +222,7 @@ if __name__ == "__main__":
     print(table)
     solves = emulated.solves + certificate.solves
     print(f"(a) {solves} solves of CalculiX, (b) 5")
+
 
 # %% mystnb={"image": {"alt": "Four histograms of factors, one per part: the outline of the black box lies on the filled one of the matrices, with the true value inside"}}
 def draw(black_box: np.ndarray, matrices: np.ndarray) -> Any:

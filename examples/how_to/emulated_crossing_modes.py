@@ -22,7 +22,7 @@ import emcee_femu as ef
 
 
 def solve(p):
-    up, across = 100 * p["height"] ** 2, 100 * p["width"] ** 2  # bending, by the mass
+    up, across = 100 * p["height"] ** 2, 100 * p["width"] ** 2
     K = np.array([[up, 2.0, 0.0], [2.0, across, 2.0], [0.0, 2.0, 300.0]])
     eigenvalues, shapes = np.linalg.eigh(K)
     return ef.ModalSolution(np.sqrt(eigenvalues) / (2 * np.pi), shapes)
@@ -62,7 +62,7 @@ term = ef.FrequencyTerm([1.56, 1.63], relative_sd=0.01)
 modes = ef.modal_variables(3, dofs=["x", "y", "z"])
 posterior = ef.LogPosterior(ef.FunctionModel(solve, variables=modes), term, prior)
 emulated = ef.emulate(posterior, solves=16, seed=1, tolerance=0)
-print(emulated)
+emulated
 
 # %% [markdown]
 # ## Without them
@@ -70,6 +70,7 @@ print(emulated)
 # For comparison, the same without shapes; and once more as plain numbers, under a name of
 # their own and with a term that reads it. `emulate` takes these as they are, kinks
 # included. (`deviations` tells it the errors of the measurement.)
+
 
 # %%
 class SortedTerm:
@@ -100,7 +101,8 @@ without = ef.emulate(shapeless, solves=16, seed=1, tolerance=0)
 
 # %%
 (chain,) = ef.run(posterior, "auto", nsteps=100, seed=2)
-draws = dict(zip(prior.names, chain.get_chain(flat=True, thin=5).T))
+columns = chain.get_chain(flat=True, thin=5).T
+draws = dict(zip(prior.names, columns, strict=True))
 true = posterior.model(draws)["frequency"][:, :2]
 found = {
     "sorted numbers": as_numbers(draws)["sorted"],

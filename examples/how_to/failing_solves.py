@@ -15,6 +15,7 @@ import logging
 import subprocess
 import sys
 import tempfile
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,8 @@ def frequencies(p):
     return np.sqrt(np.linalg.eigvalsh(A)) / (2 * np.pi)
 
 
-prior = ef.GaussianPrior(["k1", "k2"], [50, 8], [9, 1], bounds=[(20, 90), (1, 15)])
+bounds = [(20, 90), (1, 15)]
+prior = ef.GaussianPrior(["k1", "k2"], [50, 8], [9, 1], bounds)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
 posterior = ef.LogPosterior(ef.FunctionModel(frequencies, n_modes=2), term, prior)
 
@@ -52,17 +54,23 @@ except ArithmeticError as error:
 # %%
 logging.getLogger("emcee_femu").setLevel(logging.ERROR)
 samplers = ef.run(
-    posterior, nsteps=500, ensembles=2, seed=1, on_failure="reject", max_failures=0.1
+    posterior,
+    nsteps=500,
+    ensembles=2,
+    seed=1,
+    on_failure="reject",
+    max_failures=0.1,
 )
 log = samplers[0].failures
-print(f"{log.causes.total()} of {log.evaluations} evaluations failed: {dict(log.causes)}")
-print("the first one:", log.kept[0].message, dict(log.kept[0].parameters), sep="\n  ")
+print(f"{log.causes.total()} of {log.evaluations} evaluations failed")
+first = log.kept[0]
+print("the first one:", first.message, dict(first.parameters), sep="\n  ")
 
 # %% [markdown]
 # `diagnose` reports them with its verdict:
 
 # %%
-print(ef.diagnose(samplers, discard=100))
+ef.diagnose(samplers, discard=100)
 
 # %% [markdown]
 # **Rejecting says something about the parameters.** It takes a part of the prior away, for
@@ -74,7 +82,7 @@ print(ef.diagnose(samplers, discard=100))
 try:
     ef.anneal(posterior, 500, seed=1, on_failure="reject", max_failures=0.001)
 except RuntimeError as error:
-    print(error)
+    print(textwrap.fill(str(error), 80))
 
 # %% [markdown]
 # ## A program that hangs
@@ -113,6 +121,7 @@ print(dict(sampler.failures.causes))
 # | a full disk, no scratch folder, no such program | `Unavailable` | stops, also with `on_failure="reject"` |
 #
 # `Unavailable` is a `BaseException`, no `Exception`, so that nothing on its way catches it:
+
 
 # %%
 class Unavailable(BaseException):

@@ -24,6 +24,7 @@
 
 # %%
 import tempfile
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ calls = []
 
 
 def solve(p):
-    """Return four frequencies in Hz; E in GPa, thickness in m, bearing in MN/m."""
+    """Return frequencies in Hz; E in GPa, thickness in m, bearing in MN/m."""
     calls.append(p)
     a, area = SPAN / N, WIDTH * p["thickness"]
     EI = 1e9 * p["E"] * area * p["thickness"] ** 2 / 12
@@ -81,11 +82,11 @@ posterior = ef.LogPosterior(model, term, prior)
 folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
 file = Path(folder.name) / "bridge.solves"
 emulated = ef.emulate(posterior, solves=40, seed=1, backend=file)
-print(emulated)
-print(f"\n{len(calls)} calls of the program")
+print(f"{len(calls)} calls of the program")
+emulated
 
 # %% [markdown]
-# How to read it:
+# How to read it (in a script, `print(emulated)` says the same):
 #
 # - Not the log-posterior is emulated but the response: here four eigenvalues, else shapes
 #   at the sensors or any real vector that a term reads, each in units of its measurement
@@ -117,7 +118,7 @@ print(f"\n{len(calls)} calls of the program")
 # %%
 samplers = ef.run(emulated.posterior, "auto", nsteps=400, ensembles=2, seed=2)
 idata = ef.to_inference_data(samplers, emulated.posterior)
-print(ef.diagnose(samplers).verdict)
+ef.diagnose(samplers)
 
 # %% [markdown]
 # The verdict is on the chain, not on the emulator. That is the next step's business.
@@ -129,9 +130,9 @@ print(ef.diagnose(samplers).verdict)
 
 # %%
 certificate = ef.certify(idata, posterior, solves=60, seed=3)
-print(certificate)
 spent = len(calls)
-print(f"\n{spent} calls of the program, all told")
+print(f"{spent} calls of the program, all told")
+certificate
 
 # %% [markdown]
 # - *emulated mean* and *mean*: of the emulated posterior, and of the true one, as the
@@ -151,12 +152,14 @@ print(f"\n{spent} calls of the program, all told")
 # %%
 ef.parameter_table(certificate.idata)
 
-# %% mystnb={"image": {"alt": "Three scatter plots of modulus, thickness and bearing stiffness; the ellipse of modulus and thickness is long and leans to the left, the two others are round"}}
-ef.plot_scatter(certificate.idata, units={"E": "GPa", "thickness": "m", "bearing": "MN/m"})
+# %% mystnb={"image": {"alt": "Three histograms and three scatter plots of modulus, thickness and bearing stiffness, with long ellipses: modulus falls with both others, which rise together"}}
+ef.plot_scatter(
+    certificate.idata, units={"E": "GPa", "thickness": "m", "bearing": "MN/m"}
+)
 
 # %% [markdown]
-# The data inform the bearings best. A thicker slab of a softer concrete has nearly the
-# same frequencies, hence the long ellipse.
+# The data inform the bearings best. All ellipses are long: a thicker slab of a softer
+# concrete on stiffer bearings has nearly the same frequencies.
 #
 # ## When it is refused
 #
@@ -171,11 +174,12 @@ def learn(solves):
     before = len(calls)
     emulated = ef.emulate(posterior, solves=solves, seed=1, backend=file)
     new = len(calls) - before
-    samplers = ef.run(emulated.posterior, "auto", nsteps=400, ensembles=2, seed=2)
+    options = {"nsteps": 400, "ensembles": 2, "seed": 2}
+    samplers = ef.run(emulated.posterior, "auto", **options)
     idata = ef.to_inference_data(samplers, emulated.posterior)
     certificate = ef.certify(idata, posterior, solves=60, seed=3)
     print(f"{emulated.solves} solves, {new} of them new")
-    print(certificate.verdict)
+    print(textwrap.fill(certificate.verdict, 80))
     return emulated, certificate
 
 
@@ -202,12 +206,14 @@ better, certified = learn(40)
 
 # %%
 before = len(calls)
-starts = ef.run(poor.posterior, nwalkers=12, nsteps=100, seed=4)[0].get_last_sample()
+(cheap,) = ef.run(poor.posterior, nwalkers=12, nsteps=100, seed=4)
+starts = cheap.get_last_sample().coords
 move = ef.DelayedAcceptanceMove(ef.DEMCMove(), poor.posterior, steps=100)
-(sampler,) = ef.run(posterior, move, 12, nsteps=10, initial=starts.coords, seed=5)
-print(move)
+(chain,) = ef.run(posterior, move, 12, nsteps=10, initial=starts, seed=5)
 chained = len(calls) - before
-print(f"{chained} calls of the program")
+print(f"{move.proposed} proposals, {move.full_solves} solved in full")
+print(f"{move.accepted} of these accepted")
+print(f"{chained} calls of the program, the starts among them")
 
 # %% [markdown]
 # ## When the program stops

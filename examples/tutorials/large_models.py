@@ -16,6 +16,8 @@
 # this page runs in seconds. All that follows is the same for a large one.
 
 # %%
+import textwrap
+
 import numpy as np
 from scipy import sparse
 
@@ -41,7 +43,7 @@ def square():
 
 # %%
 def part(rows):
-    """Return stiffness and nodal masses of some rows of squares; the foot is fixed."""
+    """Return stiffness and nodal masses of some rows; the foot is fixed."""
     node = np.arange((NX + 1) * (NY + 1)).reshape(NY + 1, NX + 1)
     corners = [node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]]
     corners = np.stack(corners, axis=-1)[rows].reshape(-1, 4)
@@ -112,7 +114,7 @@ print(f"{small.full_solves} full solves")
 try:
     small({"lower": [1.0], "middle": [1.0], "upper": [1.5]})
 except ValueError as error:
-    print(error)
+    print(textwrap.fill(str(error), 80))
 
 # %% [markdown]
 # ## Sample the small model
@@ -123,9 +125,9 @@ except ValueError as error:
 
 # %%
 truth = {"lower": 0.82, "middle": 1.05, "upper": 0.93}
-exact = full({name: np.array([x]) for name, x in truth.items()}).frequencies[0, :5]
+exact = full({name: np.array([x]) for name, x in truth.items()}).frequencies[0]
 noise = 0.005 * np.random.default_rng(1).standard_normal(5)
-term = ef.FrequencyTerm((exact * (1 + noise)).round(3), relative_sd=0.005)
+term = ef.FrequencyTerm((exact[:5] * (1 + noise)).round(3), relative_sd=0.005)
 prior = ef.GaussianPrior([*K], [1.0] * 3, [0.15] * 3, [*bounds.values()])
 
 posterior = ef.LogPosterior(small, term, prior)
@@ -134,7 +136,7 @@ idata = ef.to_inference_data(samplers, posterior)
 ef.parameter_table(idata, truth)
 
 # %%
-print(ef.diagnose(samplers).verdict)
+ef.diagnose(samplers)
 
 # %% [markdown]
 # What it cost, counted in solves, which is what does not depend on the machine:
@@ -143,7 +145,8 @@ print(ef.diagnose(samplers).verdict)
 chain = sum(s.iteration * s.nwalkers for s in samplers)
 evaluations = samplers[0].burn_in_evaluations + chain
 print(f"{evaluations} evaluations of the posterior")
-print(f"{small.full_solves} full solves: {evaluations / small.full_solves:.0f} times fewer")
+print(f"{small.full_solves} full solves,", end=" ")
+print(f"{evaluations / small.full_solves:.0f} times fewer")
 
 # %% [markdown]
 # ## How small an error is small enough?
@@ -166,12 +169,14 @@ coarse = ef.reduce_model(full, bounds, tolerance=0.03, test_points=10)
 print(f"{coarse.size} basis vectors, frequency error {coarse.max_error:.1e}")
 cheap = ef.LogPosterior(coarse, term, prior)
 exactly = ef.LogPosterior(full, term, prior)
-starts = ef.run(cheap, nwalkers=16, nsteps=200, seed=2)[0].get_last_sample().coords
+(run,) = ef.run(cheap, nwalkers=16, nsteps=200, seed=2)
+starts = run.get_last_sample().coords
 
 for steps in (1, 20):
     move = ef.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=steps)
     (sampler,) = ef.run(exactly, move, 16, nsteps=20, initial=starts, seed=3)
-    print(f"steps={steps}: {move}")
+    print(f"steps={steps}: {move.proposed} proposals", end=", ")
+    print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 
 # %% [markdown]
 # With `steps=20` each walker walks 20 steps by the cheap posterior, while the walkers that

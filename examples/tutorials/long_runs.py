@@ -18,6 +18,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import textwrap
 import time
 from pathlib import Path
 
@@ -48,7 +49,12 @@ def posterior(function=frequencies, measured=(3.32, 9.62, 13.11)):
 
 if __name__ == "__main__":
     samplers = ef.run(
-        posterior(), nwalkers=12, nsteps=150, seed=1, backend="run.chain", resume=True
+        posterior(),
+        nwalkers=12,
+        nsteps=150,
+        seed=1,
+        backend="run.chain",
+        resume=True,
     )
     print(samplers[0].iteration, "steps")
 """
@@ -85,7 +91,8 @@ print("killed in the middle:", 60 <= stored < 150)
 # the bit.
 
 # %%
-print(subprocess.run(**start, capture_output=True, text=True, check=True).stdout)
+done = subprocess.run(**start, capture_output=True, text=True, check=True)
+print(done.stdout)
 
 resumed = ef.sampling.run_file.RunFile(file)
 space = {"__name__": "job"}
@@ -121,6 +128,7 @@ print("identical to a run that was never stopped:", same)
 # of two posteriors would be worth nothing, and nobody would notice. So a resumed run
 # evaluates the stored last generation again and compares every column with what was stored.
 
+
 # %%
 def corrected(p):
     return space["frequencies"](p, heaviest=21e3)
@@ -133,7 +141,7 @@ def go_on(changed, nsteps=200):
         ef.run(changed, nsteps=nsteps, **options)
     except ValueError as error:
         message = str(error).replace(str(file), "run.chain")
-        print(message)
+        print(textwrap.fill(message, 80, replace_whitespace=False))
         return message
 
 
@@ -167,13 +175,12 @@ other_data = go_on(posterior(measured=(3.32, 9.62, 13.12)))
 # job of the queue is the same script.
 
 # %%
-begin, limit = time.monotonic(), 20 * 3600.0  # s; leave the queue's limit some room
+begin, limit = time.monotonic(), 20 * 3600.0  # s; leave some room
 file = home / "pieces.chain"
 target = ef.paper.mass_spring().posterior
 for nsteps in range(500, 10_001, 500):
-    samplers = ef.run(
-        target, "auto", nsteps=nsteps, ensembles=2, seed=1, backend=file, resume=True
-    )
+    options = {"ensembles": 2, "seed": 1, "backend": file, "resume": True}
+    samplers = ef.run(target, "auto", nsteps=nsteps, **options)
     verdict = ef.diagnose(samplers)
     print(f"{nsteps} steps: {verdict.short}")
     if verdict.short == "converged" or time.monotonic() - begin > limit:
@@ -195,7 +202,8 @@ for nsteps in range(500, 10_001, 500):
 # %%
 import logging
 
-logging.getLogger("emcee_femu").setLevel(logging.ERROR)  # else one line per failure
+# Else one line per failure
+logging.getLogger("emcee_femu").setLevel(logging.ERROR)
 
 
 def diverging(p):
