@@ -4,7 +4,7 @@
 # Any program that is started from a command line is a model: write its input file, start
 # it, read its output. `emulate` then learns the outputs from some tens of solves, and
 # `certify` holds the posterior to full ones. `python examples/how_to/black_box.py` runs this
-# page (RUNTIME).
+# page (4 s of processor time).
 #
 # ## The program
 #
@@ -86,7 +86,7 @@ certificate
 # ## For daily use
 #
 # [`examples/calculix_program.py`](https://github.com/emcee-femu/emcee_femu/blob/main/examples/calculix_program.py)
-# is that function in 100 lines to copy, with CalculiX as the program ({doc}`calculix`). What it
+# is that function, to copy, with CalculiX as the program ({doc}`calculix`). What it
 # does besides:
 #
 # **Time limit.** Ten times the longest usual solve, on a machine that is as busy as it will

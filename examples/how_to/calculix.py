@@ -12,7 +12,7 @@
 #   reduced and sampled without the program.
 #
 # Both must give one posterior. CalculiX is free software: `apt install calculix-ccx`.
-# `python examples/how_to/calculix.py` runs this page (RUNTIME). It is a short setting: a
+# `python examples/how_to/calculix.py` runs this page (15 s of processor time). It is a short setting: a
 # study would take longer chains (`GENERATIONS`) and, for a better certificate, 100 checks.
 
 # %% tags=["remove-cell"]

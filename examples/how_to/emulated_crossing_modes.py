@@ -3,7 +3,7 @@
 #
 # Return the mode shapes, say so, and return a set of modes that is closed; `emulate` does the
 # rest. This page shows why, and what it gains. `python examples/how_to/emulated_crossing_modes.py` runs it
-# (RUNTIME).
+# (6 s of processor time).
 #
 # ## The kink
 #

@@ -3,12 +3,11 @@
 #
 # Some parameter sets cannot be solved: the program does not converge, hangs, or returns
 # fewer modes. By default that stops the run, with nothing lost; `on_failure="reject"` goes on
-# and counts. `python examples/how_to/failing_solves.py` runs this page (RUNTIME).
+# and counts. `python examples/how_to/failing_solves.py` runs this page (5 s of processor time).
 #
 # ## Stop, and say where
 #
-# The solver below fails for a stiff second storey. (In a running chain emcee prints the
-# model's traceback besides.)
+# The solver below fails for a stiff second storey.
 
 # %%
 import logging

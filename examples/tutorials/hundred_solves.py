@@ -5,7 +5,7 @@
 # derivatives. You will learn its response from some twenty solves, sample what was
 # learned, and spend sixty more to find out whether the result may be believed; and you
 # will see what to do when it may not. `python examples/tutorials/hundred_solves.py` runs
-# this page (RUNTIME).
+# this page (14 s of processor time).
 #
 # | a solve takes | and you have | use | true solves |
 # |---|---|---|---|

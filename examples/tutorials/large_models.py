@@ -6,7 +6,7 @@
 # full solves make a small model that takes its place, with a certificate of its error.
 # You will reduce a model, read the certificate, sample the small model, and correct a
 # coarse one by full solves. `python examples/tutorials/large_models.py` runs this page
-# (RUNTIME).
+# (10 s of processor time).
 #
 # ## The matrices
 #

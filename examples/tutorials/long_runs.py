@@ -4,7 +4,7 @@
 # A run of days meets power cuts, time limits of a queue, full disks and solves that do not
 # converge. You will keep a run in a file, kill it and go on with it, see what a changed
 # model does to it, decide what a failed solve means, use several processes, and write the
-# job of a cluster. `python examples/tutorials/long_runs.py` runs this page (RUNTIME).
+# job of a cluster. `python examples/tutorials/long_runs.py` runs this page (12 s of processor time).
 #
 # ## A run in a file
 #
