@@ -120,5 +120,6 @@ sys.path.append(str(ROOT / "examples"))
 search = [str(ROOT / "examples"), os.environ.get("PYTHONPATH", "")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, search))
 nb_execution_excludepatterns = find_calculix()
+suppress_warnings = ["myst-nb.lexer"]  # a page that was not executed has no language
 nb_execution_cache_path = str(HERE / "_build" / "cache" / package_hash())
 copy_pages()

@@ -86,9 +86,10 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 
 # %%
 def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
-    """Return the input file for factors theta: here stands your own template."""
+    """Return the input file for factors theta."""
     ranges = [range(2 * n + 1) for n in ELEMENTS]
-    places = [p for p in itertools.product(*ranges) if sum(i % 2 for i in p) <= 1]
+    grid = itertools.product(*ranges)
+    places = [p for p in grid if sum(i % 2 for i in p) <= 1]
     nodes = {place: number for number, place in enumerate(places, 1)}
     half = np.divide(SIZE, np.multiply(2, ELEMENTS))
     lines = ["*NODE"]
@@ -115,7 +116,8 @@ def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
     spring = theta["bearing"] * BEARING / len(resting)
     lines += ["*SPRING,ELSET=bearing", "3", f"{spring:.10e}", "*BOUNDARY"]
     lines += [f"{node},1,3" for (x, _, _), node in nodes.items() if x == 0]
-    return "\n".join([*lines, "*STEP", procedure, f"{N_MODES}", "*END STEP", ""])
+    lines += ["*STEP", procedure, f"{N_MODES}", "*END STEP", ""]
+    return "\n".join(lines)
 
 
 # %% [markdown]
@@ -129,17 +131,19 @@ def deck(theta: Mapping[str, float], procedure: str = "*FREQUENCY") -> str:
 def solve(theta: Mapping[str, float], command: Any, scratch: Any) -> np.ndarray:
     """Return the frequencies in Hz that CalculiX prints for factors theta."""
     with finished_job(deck(theta), command, scratch=scratch) as folder:
-        return read_frequencies((folder / "job.dat").read_text(), N_MODES)
+        printed = (folder / "job.dat").read_text(encoding="utf-8")
+        return read_frequencies(printed, N_MODES)
 
 
 def export(theta: Mapping[str, float], command: Any, scratch: Any) -> Any:
     """Return the matrices that CalculiX writes for factors theta."""
-    with finished_job(deck(theta, MATRICES), command, scratch=scratch) as folder:
+    exporting = deck(theta, MATRICES)
+    with finished_job(exporting, command, scratch=scratch) as folder:
         return ef.read_matrices(folder / "job.sti")
 
 
 def by_matrices(command: Any, scratch: Any) -> ef.MatrixModel:
-    """Return the model of five exports: at factors 1, and each doubled in turn."""
+    """Return the model of five exports: factors 1, and each doubled in turn."""
     ones = dict.fromkeys(TRUTH, 1.0)
     base = export(ones, command, scratch)
     doubled = {
@@ -198,7 +202,7 @@ if __name__ == "__main__":
 
 # %%
 def compare(certificate: Any, draws: np.ndarray, diagnosis: Any) -> Table:
-    """Return means and standard deviations by both ways, and z-scores of the gaps."""
+    """Return means and standard deviations by both ways, and z-scores."""
     a, mean, sd = certificate, draws.mean(axis=0), draws.std(axis=0)
     errors = sd / np.sqrt(diagnosis.ess_bulk), sd * diagnosis.sd_error
     return Table.from_columns(
