@@ -11,7 +11,7 @@
 # |---|---|---|---|
 # | microseconds | K and M, a small model | `run(posterior, "auto", ...)` | 10,000 and more |
 # | milliseconds to seconds | K and M that are affine in the parameters | `reduce_model`, then `run`: {doc}`large_models` | some tens |
-# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above | 2 or 3 per parameter |
+# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 2 or 3 per parameter |
 # | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
 # | the same | an emulator that `certify` refuses | more `solves` from the same file; else `DelayedAcceptanceMove(..., steps=100)` | 1 per walker and step |
 #

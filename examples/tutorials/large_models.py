@@ -12,7 +12,7 @@
 #
 # The structure is a concrete pier, 24 m high and 6 m wide, of plane-stress squares. Its
 # lower, middle and upper third have unknown stiffness. Your FE program will export such
-# matrices for you; here 30 lines of NumPy assemble them. The mesh is small, so that
+# matrices for you ({doc}`/how_to/matrices`); here 30 lines of NumPy assemble them. The mesh is small, so that
 # this page runs in seconds. All that follows is the same for a large one.
 
 # %%
