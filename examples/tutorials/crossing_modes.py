@@ -65,7 +65,7 @@ ef.parameter_table(wrong, nominal=truth)
 ef.plot_scatter(wrong, truths=truth)
 
 # %% [markdown]
-# There are two clouds, and the fit is perfect in both: frequencies alone cannot tell x
+# There are two clouds, and the fit is as good in both: frequencies alone cannot tell x
 # from y. The prior decides, and it prefers the cloud nearer to the drawings, which
 # spreads the damage over both directions. The truth (blue) is in the smaller cloud, and
 # the mean lies between the two, where hardly a sample is. The chains have converged, to the wrong posterior: no diagnosis of chains sees a wrong comparison.

@@ -287,6 +287,7 @@ print(textwrap.fill(sentences[0.002][1]))
 #   it lacks before you widen the prior.
 
 # %% tags=["remove-cell"]
+np.testing.assert_allclose(C, np.cov(tests.T))  # of one test, not of the mean
 shares = np.array(list(inside.values()))
 assert (np.diff(shares[:, 1]) < 0).all() and shares[-1, 1] < 25
 assert (shares[1:, 0] > 87).all() and shares[0, 0] < 85
