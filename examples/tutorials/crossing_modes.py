@@ -34,7 +34,7 @@ truth = {"kx": 0.75, "ky": 1.05}
 
 
 def simulate(model, truth, scatter, seed):
-    """Four frequencies with scatter, shapes of length one to 0.03 at a sensor."""
+    """Frequencies with scatter, shapes of length one to 0.03 at a sensor."""
     modes = model({name: np.array([x]) for name, x in truth.items()})
     rng = np.random.default_rng(seed)
     f = modes.frequencies[0] * (1 + scatter * rng.normal(size=4))
@@ -72,7 +72,8 @@ ef.plot_scatter(wrong, truths=truth)
 
 # %%
 kx = wrong["posterior"]["kx"].values.ravel()
-print(f"In the wrong cloud, kx > 0.81: {100 * (kx > 0.81).mean():.0f} % of the samples")
+share = 100 * (kx > 0.81).mean()
+print(f"In the wrong cloud, kx > 0.81: {share:.0f} % of the samples")
 
 # %% [markdown]
 # ## By shape: MAC, one to one
@@ -88,8 +89,9 @@ print(f"In the wrong cloud, kx > 0.81: {100 * (kx > 0.81).mean():.0f} % of the s
 
 # %%
 nominal = model({name: np.ones(1) for name in K}).shapes[0]
+nominal = nominal / np.linalg.norm(nominal, axis=0)
 measured = test.shapes / np.linalg.norm(test.shapes, axis=0)
-print(((measured.T @ (nominal / np.linalg.norm(nominal, axis=0))) ** 2).round(2))
+print(((measured.T @ nominal) ** 2).round(2))
 
 # %% [markdown]
 # The first measured mode is the model's second. `PairedModel` makes this choice for
@@ -165,7 +167,7 @@ models = {gap: ef.PairedModel(square, mixed, candidates=4, min_gap=gap) for gap 
 mac = {gap: own(along).pairing.mac[:, 0] for gap, own in models.items()}
 for gap, label in gaps.items():
     axes.plot(kx, mac[gap], label=label)
-axes.set(xlabel="kx, with ky = 1", ylabel="MAC of measured mode 1", ylim=(0, 1.05))
+axes.set(xlabel="kx, with ky = 1", ylabel="MAC of mode 1", ylim=(0, 1.05))
 axes.legend()
 figure
 
@@ -175,7 +177,10 @@ figure
 # %%
 errors = {"shape error": stats.halfnorm(scale=0.3)}
 prior = ef.IndependentPrior({**dict.fromkeys(K, stats.lognorm(0.15)), **errors})
-terms = [ef.FrequencyTerm(mixed), ef.ShapeTerm(mixed, discrepancy="shape error")]
+terms = [
+    ef.FrequencyTerm(mixed),
+    ef.ShapeTerm(mixed, discrepancy="shape error"),
+]
 found = {}
 for gap, own in models.items():
     posterior = ef.LogPosterior(own, terms, prior)

@@ -27,6 +27,7 @@ import emcee_femu as ef
 # where the sensor is in the model: `8:ux` is the displacement of node 8 along x.
 # Frequencies must be there. Standard deviations and shapes are optional, but without
 # shapes nobody knows which mode is which. Shapes may have any scale and sign.
+# [CSV and universal files](../how_to/csv_and_uff.py) has all rows.
 
 # %%
 directory = Path("figures/modal_test")
@@ -65,7 +66,7 @@ COLUMN = {"A": 9e-3, "Iy": 4e-5, "Iz": 4e-5, "orientation": (1, 0, 0)}
 BEAM = {"A": 2e-2, "Iy": 9e-4, "Iz": 1.2e-4}
 
 
-def frame(light, heavy):  # density of the beams, floors included, at either side
+def frame(light, heavy):  # density of beams with floors, at either side
     rho = {"x light": light, "x heavy": heavy, "y": (light + heavy) / 2}
     E = {"x light": "beams x", "x heavy": "beams x", "y": "beams y"}
     sections = {n: ef.Section(E=E[n], GJ=4e-5, rho=rho[n], **BEAM) for n in E}
@@ -270,6 +271,13 @@ assert set(predicted.column("inside")) == {"yes"}
 finding = ef.identifiability(idata).findings[0]
 assert finding.startswith("The data inform every parameter")
 assert 0.04 < draws["shape error"].values.mean() < 0.08
-assert pairing.mac.min() > 0.9 and list(pairing.model_modes[0]) == [2, 1, 3, 5, 4, 6]
+assert pairing.mac.min() > 0.9 and list(pairing.model_modes[0]) == [
+    2,
+    1,
+    3,
+    5,
+    4,
+    6,
+]
 wrong = ef.pairing_table(idata).column("wrong by index in %")
 assert 0.2 < wrong[-1] < 10

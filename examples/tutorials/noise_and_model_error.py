@@ -91,7 +91,7 @@ for n_tests in (3, 10, 30, 100):
 rows = np.array(list(inside.values()))
 columns = [("tests", "d", list(inside)), ("sd of one test", ".0f", rows[:, 0])]
 columns.append(("divided by sqrt(N)", ".0f", rows[:, 1]))
-Table.from_columns("% of campaigns with the truth inside; 95 was promised", columns)
+Table.from_columns("% of campaigns with the truth inside; 95 wanted", columns)
 
 # %% [markdown]
 # Divided, the interval shrinks about a wrong centre: more tests make it worse.
@@ -121,8 +121,7 @@ Table.from_columns("By the error", [("error", "", list(spread)), *columns])
 # %% [markdown]
 # (A covariance of five modes from ten tests is a rough estimate. `from_repeats` refuses
 # to make one from fewer tests than it needs; `correlated=False` then keeps one standard
-# deviation per mode. Given the shapes of all tests too, it keeps their scatter for a
-# `ShapeTerm`.)
+# deviation per mode. [Repeated tests](../how_to/repeated_tests.py) has the shapes too.)
 #
 # ## The model's own error
 #
@@ -137,8 +136,8 @@ def building(rng):
     """True frequencies of a building with the same two mean factors."""
     k = np.repeat([truth["lower"], truth["upper"]], 3)
     k = k * (1 + 0.06 * rng.normal(size=N))
-    for part, factor in ((slice(3), truth["lower"]), (slice(3, 6), truth["upper"])):
-        k[part] *= factor / k[part].mean()
+    k[:3] *= truth["lower"] / k[:3].mean()
+    k[3:] *= truth["upper"] / k[3:].mean()
     m = 1 + 0.06 * rng.normal(size=N)
     m *= MASS / m.mean()
     A = stiffness(k) / np.sqrt(np.outer(m, m))
@@ -204,7 +203,8 @@ def interval(posterior, seed):
     rng = np.random.default_rng(seed)
     start = np.abs(rng.multivariate_normal(top.theta, top.covariance, 40))
     (chain,) = ef.run(posterior, ef.DEMCMove(), 40, 60, seed=seed, initial=start)
-    return np.quantile(chain.get_chain(discard=20, flat=True), [0.025, 0.975], axis=0)
+    draws = chain.get_chain(discard=20, flat=True)
+    return np.quantile(draws, [0.025, 0.975], axis=0)
 
 
 rng, hits = np.random.default_rng(6), {ignored: [], inferred: []}
@@ -291,7 +291,10 @@ np.testing.assert_allclose(C, np.cov(tests.T))  # of one test, not of the mean
 shares = np.array(list(inside.values()))
 assert (np.diff(shares[:, 1]) < 0).all() and shares[-1, 1] < 25
 assert (shares[1:, 0] > 87).all() and shares[0, 0] < 85
-covariance, tenth = spread["covariance of one test"], spread["covariance / 10 (wrong)"]
+covariance, tenth = (
+    spread["covariance of one test"],
+    spread["covariance / 10 (wrong)"],
+)
 assert (covariance < spread["sd of each mode"]).all()
 np.testing.assert_allclose(covariance / tenth, 10**0.5, rtol=0.1)
 assert 0.6 < 100 * errors.std(axis=0).mean() < 1.4

@@ -69,7 +69,7 @@ look
 # %% [markdown]
 # {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the posterior, and
 # takes the posterior for a Gaussian about each of them (Laplace). That is a sketch, but
-# it costs only a few solves. The first table says what two frequencies would teach:
+# it costs only a few solves ([a first look](../how_to/first_look.py)). The first table says what two frequencies would teach:
 # the ratio of the posterior's to the prior's standard deviation is 0.67 to 0.90, so
 # nearly all uncertainty would stay. The second table says why: each row is what one
 # prior standard deviation of a storey changes in the eigenvalues. Two frequencies are
@@ -133,7 +133,10 @@ test = ef.Measurements(
     modes.frequencies[0] * (1 + 0.01 * rng.normal(size=2)),
     shapes=unit + 0.03 * rng.normal(size=unit.shape),
 )
-terms = [ef.FrequencyTerm(test, relative_sd=0.01), ef.ShapeTerm(test, delta=0.03)]
+terms = [
+    ef.FrequencyTerm(test, relative_sd=0.01),
+    ef.ShapeTerm(test, delta=0.03),
+]
 posterior = ef.LogPosterior(model, terms, prior)
 samplers = ef.run(posterior, "auto", nsteps=200, ensembles=4, seed=1)
 idata = ef.to_inference_data(samplers, posterior)
@@ -160,11 +163,8 @@ after
 # %%
 for spread in (0.05, 0.1, 0.2):
     narrow = ef.IndependentPrior(dict.fromkeys(names, stats.lognorm(spread)))
-    first = planned(1)
-    found = ef.find_map(
-        ef.LogPosterior(first.experiments[0].model, first.experiments[0].terms, narrow),
-        seed=1,
-    )
+    first = planned(1).experiments[0]
+    found = ef.find_map(ef.LogPosterior(first.model, first.terms, narrow), seed=1)
     about = ef.identifiability(found)
     k5 = found.maxima[0].covariance[4, 4] ** 0.5
     print(f"prior {spread:.0%}: sd of k5 {k5:.3f}, sd ratio {about.sd_ratio[4]:.2f}")
@@ -214,12 +214,17 @@ ef.plot_scatter(ratio_only)
 # ## What to add
 #
 # Two experiments part them: the same building with a known mass on its roof, and a
-# static test, as deflections know nothing of mass.
+# static test, as deflections know nothing of mass ([two states](../how_to/two_states.py),
+# [a static test](../how_to/static_test.py)).
 # {py:meth}`~emcee_femu.LogPosterior.joint` takes them together.
 
 # %%
 static = ef.StaticModel(
-    NOTHING, {"roof": {N - 1: 100.0}}, {"k": WHOLE}, points={"roof": N - 1}, unit="m"
+    NOTHING,
+    {"roof": {N - 1: 100.0}},
+    {"k": WHOLE},
+    points={"roof": N - 1},
+    unit="m",
 )
 pull = static({"k": np.ones(1)})["displacement"][0]  # m, under 100 kN at the roof
 gauge = ef.DisplacementTerm(pull, sd=0.02 * pull, cases=["roof"], points=["roof"])
