@@ -163,7 +163,9 @@ along = {"kx": kx, "ky": np.ones_like(kx)}
 figure = Figure(figsize=(6, 3), layout="constrained")
 axes = figure.subplots()
 gaps = {0.0: "mode by mode, min_gap=0", 0.02: "subspace, min_gap=0.02"}
-models = {gap: ef.PairedModel(square, mixed, candidates=4, min_gap=gap) for gap in gaps}
+models = {}
+for gap in gaps:
+    models[gap] = ef.PairedModel(square, mixed, candidates=4, min_gap=gap)
 mac = {gap: own(along).pairing.mac[:, 0] for gap, own in models.items()}
 for gap, label in gaps.items():
     axes.plot(kx, mac[gap], label=label)

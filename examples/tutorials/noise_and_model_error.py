@@ -83,10 +83,11 @@ print("correlations of mode 1:  ", np.corrcoef(tests.T)[0].round(2))
 rng = np.random.default_rng(4)
 inside = {}
 for n_tests in (3, 10, 30, 100):
-    days = np.array([campaign(rng, n_tests, exact[:1])[:, 0] for _ in range(2_000)])
+    first = [campaign(rng, n_tests, exact[:1]) for _ in range(2_000)]
+    days = np.array(first)[:, :, 0]
     off = np.abs(days.mean(axis=1) - exact[0])
-    scatter = days.std(axis=1, ddof=1)
-    shares = [(off < 1.96 * scatter / root).mean() for root in (1, n_tests**0.5)]
+    limit = 1.96 * days.std(axis=1, ddof=1)
+    shares = (off < limit).mean(), (off < limit / n_tests**0.5).mean()
     inside[n_tests] = 100 * np.array(shares)
 rows = np.array(list(inside.values()))
 columns = [("tests", "d", list(inside)), ("sd of one test", ".0f", rows[:, 0])]
@@ -165,8 +166,8 @@ def ignored(f):
 
 def inferred(f, scale=0.02):
     term = ef.FrequencyTerm(f, relative_sd=SCATTER, discrepancy="error")
-    error = {"error": stats.halfnorm(scale=scale)}
-    return ef.LogPosterior(model, term, ef.IndependentPrior({**factors, **error}))
+    priors = {**factors, "error": stats.halfnorm(scale=scale)}
+    return ef.LogPosterior(model, term, ef.IndependentPrior(priors))
 
 
 rng = np.random.default_rng(8)
@@ -202,7 +203,8 @@ def interval(posterior, seed):
     top = ef.find_map(posterior, starts=2, seed=seed).maxima[0]
     rng = np.random.default_rng(seed)
     start = np.abs(rng.multivariate_normal(top.theta, top.covariance, 40))
-    (chain,) = ef.run(posterior, ef.DEMCMove(), 40, 60, seed=seed, initial=start)
+    settings = {"nwalkers": 40, "nsteps": 60, "initial": start}
+    (chain,) = ef.run(posterior, ef.DEMCMove(), seed=seed, **settings)
     draws = chain.get_chain(discard=20, flat=True)
     return np.quantile(draws, [0.025, 0.975], axis=0)
 

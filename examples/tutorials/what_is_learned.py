@@ -164,10 +164,12 @@ after
 for spread in (0.05, 0.1, 0.2):
     narrow = ef.IndependentPrior(dict.fromkeys(names, stats.lognorm(spread)))
     first = planned(1).experiments[0]
-    found = ef.find_map(ef.LogPosterior(first.model, first.terms, narrow), seed=1)
+    posterior = ef.LogPosterior(first.model, first.terms, narrow)
+    found = ef.find_map(posterior, seed=1)
     about = ef.identifiability(found)
     k5 = found.maxima[0].covariance[4, 4] ** 0.5
-    print(f"prior {spread:.0%}: sd of k5 {k5:.3f}, sd ratio {about.sd_ratio[4]:.2f}")
+    ratio = about.sd_ratio[4]
+    print(f"prior {spread:.0%}: sd of k5 {k5:.3f}, sd ratio {ratio:.2f}")
 
 # %% [markdown]
 # One frequency hardly depends on the top storey, and its standard deviation follows
@@ -192,7 +194,8 @@ WHOLE, NOTHING = sum(STOREYS.values()), np.zeros((N, N))
 
 def state(added=0.0):  # t on the roof
     extra = np.diag([*np.zeros(N - 1), added])
-    model = ef.MatrixModel(NOTHING, extra, {"k": WHOLE}, {"m": FLOORS}, n_modes=3)
+    K, M = {"k": WHOLE}, {"m": FLOORS}
+    model = ef.MatrixModel(NOTHING, extra, K, M, n_modes=3)
     predicted = model({"k": np.ones(1), "m": np.ones(1)}).frequencies[0]
     return model, ef.FrequencyTerm(predicted, relative_sd=0.003)
 
@@ -226,18 +229,19 @@ static = ef.StaticModel(
     points={"roof": N - 1},
     unit="m",
 )
-pull = static({"k": np.ones(1)})["displacement"][0]  # m, under 100 kN at the roof
-gauge = ef.DisplacementTerm(pull, sd=0.02 * pull, cases=["roof"], points=["roof"])
+pull = static({"k": np.ones(1)})["displacement"][0]
+places = {"cases": ["roof"], "points": ["roof"]}
+gauge = ef.DisplacementTerm(pull, sd=0.02 * pull, **places)  # read to 2 %
 experiments = {
     "frequencies": {"empty": state()},
     "and 5 t on the roof": {"empty": state(), "loaded": state(5.0)},
     "and 20 t on the roof": {"empty": state(), "loaded": state(20.0)},
     "and a pull at the roof": {"empty": state(), "static": (static, gauge)},
 }
-looks = {
-    what: ef.identifiability(ef.find_map(ef.LogPosterior.joint(own, both), seed=1))
-    for what, own in experiments.items()
-}
+looks = {}
+for what, own in experiments.items():
+    found = ef.find_map(ef.LogPosterior.joint(own, both), seed=1)
+    looks[what] = ef.identifiability(found)
 columns = [("experiments", "", list(looks))]
 for i, name in enumerate(both.names):
     columns.append((name, ".2f", [own.sd_ratio[i] for own in looks.values()]))
