@@ -77,6 +77,7 @@ for d, (squares, _) in curves.items():
 axes.axvline(2.38, color="0.5", linestyle=":")
 axes.set(xlabel=r"$\gamma \sqrt{2 d}$", ylabel="mean squared step,\nover the largest")
 axes.legend()
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
@@ -238,6 +239,7 @@ left.legend()
 right_axes.set(xlabel="walkers (d = 3)", xscale="log", xticks=list(sizes))
 right_axes.set_xticklabels([str(n) for n in sizes])
 right_axes.minorticks_off()
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]

@@ -121,6 +121,7 @@ left.set(ylim=(-150, 20), xlabel="stiffness factor", ylabel="log-likelihood")
 left.legend()
 right.semilogx(100 * errors, by_error, "C1")
 right.set(ylim=(-60, 20), xlabel="discrepancy, %", ylabel="log-likelihood")
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
@@ -236,6 +237,7 @@ axes.set(
     ylabel="log-likelihood below its maximum",
 )
 axes.legend()
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]

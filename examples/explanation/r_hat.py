@@ -90,7 +90,7 @@ for sampler in trapped:
 
 # %%
 together = ef.diagnose(trapped, discard=200)
-print(together)
+together
 
 # %% [markdown]
 # Now all four start at the *same* optimum. They agree, by every number, and are wrong
@@ -107,8 +107,7 @@ alike = ef.run(
     initial=maxima[:1, None] + ball,
 )
 agreed = ef.diagnose(alike, discard=200)
-print(f"R-hat over ensembles {agreed.rhat_between.max():.3f}")
-print(agreed.verdict)
+agreed
 
 # %% [markdown]
 # ## Starts from the prior, and a move between modes
@@ -120,7 +119,7 @@ print(agreed.verdict)
 # %%
 samplers = ef.run(posterior, "auto", nsteps=300, ensembles=4, seed=1)
 right = ef.diagnose(samplers)
-print(right)
+right
 
 # %% [markdown]
 # The figure: left, each ensemble has one half of the posterior, and R-hat over walkers
@@ -140,6 +139,7 @@ for axes, (title, (chains, discard)) in zip(panels, runs.items(), strict=True):
     axes.set_title(f"{title}\nR-hat: walkers {within:.2f}, ensembles {between:.2f}")
     axes.set(xlim=(0.3, 2.1), xlabel="x1")
 panels[0].set_ylabel("density of x1")
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]

@@ -32,9 +32,10 @@ from emcee_femu.table import Table
 problem = ef.paper.mass_spring()
 posterior = problem.posterior
 reference = ef.run(posterior, "auto", nsteps=200, ensembles=4, seed=1)
-print(ef.diagnose(reference).verdict)
 draws = np.vstack([sampler.get_chain(flat=True) for sampler in reference])
+ef.diagnose(reference)
 
+# %%
 width = np.ptp(posterior.prior.bounds, axis=1)
 moves = {
     "DE-MC": ef.DEMCMove(),
@@ -89,6 +90,7 @@ for label, sampler in runs.items():
 axes.axhline(cov(draws)[3], color="k", linestyle=":", label="reference")
 axes.set(xlabel="generation", ylabel="c.o.v. of k6 so far, %")
 axes.legend()
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]

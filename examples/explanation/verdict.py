@@ -14,6 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import emcee_femu as ef
+from emcee_femu.table import Table
 
 # A two-storey frame with a soft lower or a soft upper storey: two modes far apart
 lower, upper = np.diag([29.7e6, 0.0]), 29.7e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -106,12 +107,13 @@ settings = {
     "all in one mode": dict(nsteps=600, initial=same),
     "one ensemble in one mode": dict(nsteps=600, initial=same[0], ensembles=1),
 }
-shorts = {}
+shorts, rows = {}, []
 for title, setting in settings.items():
     runs = ef.run(posterior, nwalkers=8, **({"ensembles": 4, "seed": 1} | setting))
     found = ef.diagnose(runs, discard=setting["nsteps"] // 6)
     shorts[title] = found.short
-    print(f"{title}: {found.short}\n  {found.verdict}\n")
+    rows.append((title, found.short, found.verdict))
+Table("Verdicts", ("run", "short", "verdict"), ("", "", ""), tuple(rows))
 
 # %% [markdown]
 # ## What "auto" adds
@@ -134,6 +136,7 @@ for g in range(2):
     axes.plot(g + np.linspace(0.1, 0.25, 4), groups.weights[:, g], "C0o")
 axes.set(xticks=[0, 1], xticklabels=["group 1", "group 2"], ylabel="weight")
 axes.set(xlim=(-0.5, 1.5), title="squares: importance sampling; dots: four ensembles")
+plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
