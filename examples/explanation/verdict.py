@@ -10,11 +10,12 @@
 # every check", and the sentence says what to do.
 
 # %%
+from textwrap import fill, indent
+
 import matplotlib.pyplot as plt
 import numpy as np
 
 import emcee_femu as ef
-from emcee_femu.table import Table
 
 # A two-storey frame with a soft lower or a soft upper storey: two modes far apart
 lower, upper = np.diag([29.7e6, 0.0]), 29.7e6 * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -107,13 +108,12 @@ settings = {
     "all in one mode": dict(nsteps=600, initial=same),
     "one ensemble in one mode": dict(nsteps=600, initial=same[0], ensembles=1),
 }
-shorts, rows = {}, []
+shorts = {}
 for title, setting in settings.items():
     runs = ef.run(posterior, nwalkers=8, **({"ensembles": 4, "seed": 1} | setting))
     found = ef.diagnose(runs, discard=setting["nsteps"] // 6)
     shorts[title] = found.short
-    rows.append((title, found.short, found.verdict))
-Table("Verdicts", ("run", "short", "verdict"), ("", "", ""), tuple(rows))
+    print(f"{title}: {found.short}\n{indent(fill(found.verdict, 76), '  ')}\n")
 
 # %% [markdown]
 # ## What "auto" adds
@@ -162,7 +162,8 @@ print(f"chance that 3 expected hits are none: {np.exp(-3):.3f}")
 #
 # A converged chain has the right posterior of a model that may be wrong.
 # {py:func}`~emcee_femu.identifiability` says in a sentence for each parameter whether
-# the data informed it, also before any sampling, from a maximum.
+# the data informed it, also before any sampling, [from a
+# maximum](../how_to/first_look.py).
 # {py:func}`~emcee_femu.predictive_table` and {py:func}`~emcee_femu.plot_predictive` show
 # whether the updated model predicts what was measured. How often "converged" was right
 # on targets of known answer is on the page [Is what is called converged also
