@@ -126,7 +126,8 @@ from_uff
 #
 # `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their deviations and
 # shapes after pyOMA2's `mpe`: {doc}`ambient_vibration` does it from
-# acceleration records to the posterior. Frequency response functions come from data
+# acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to the
+# verdict on the chains. Frequency response functions come from data
 # sets 58, see {doc}`frf`; records of ambient vibration may also be compared as they are,
 # see {doc}`spectra`.
 

@@ -39,7 +39,7 @@ print(np.sqrt(np.diag(best.covariance)).round(1))
 ef.identifiability(found)
 
 # %% [markdown]
-# Run it before a test is made, with the frequencies that the model predicts as measured
+# {doc}`/tutorials/what_is_learned` explains them. Run it before a test is made, with the frequencies that the model predicts as measured
 # ones, and it says what the test will not see.
 #
 # ## What it costs

@@ -141,7 +141,8 @@ except ValueError as error:
 # acts. So export all digits, and change the parameter much: double it.
 #
 # A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`);
-# thousands stay sparse and are reduced by {py:func}`~emcee_femu.reduce_model`.
+# thousands stay sparse and are reduced by {py:func}`~emcee_femu.reduce_model`
+# ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the posterior.
 #
 # ## What to know of each program
 #

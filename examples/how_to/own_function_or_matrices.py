@@ -66,8 +66,8 @@ M1[-2, -2] = 1.0  # the tip's displacement carries the point mass
 # ## As a function
 #
 # The function gets `{name: float}` and returns frequencies in Hz. Put the call of your own
-# program in its place; a program that is started for each solve is a case of its own, with
-# failures and time limits.
+# program in its place; a program that is started for each solve is a case of its own
+# ({doc}`black_box`), with failures and time limits ({doc}`failing_solves`).
 
 
 # %%

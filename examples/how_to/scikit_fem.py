@@ -156,7 +156,8 @@ if __name__ == "__main__":
 #
 # The measured frequencies are simulated: those of scikit-fem at true factors, with 0.5 % of
 # noise. A real structure also deviates from its model, and 0.5 % would then be too little:
-# `ef.FrequencyTerm(..., discrepancy="model error")`.
+# `ef.FrequencyTerm(..., discrepancy="model error")`, see
+# {doc}`/tutorials/noise_and_model_error`.
 
 # %%
 if __name__ == "__main__":
