@@ -19,7 +19,7 @@ MODULES = [
 PUBLIC = {name for name, value in vars(ef).items() if callable(value)}
 ROOTS = ["arviz", "concurrent.futures", "emcee", "multiprocessing", "numpy", "queue"]
 ROOTS += ["numpy.random", "pandas", "scipy.sparse", "scipy.stats", "subprocess"]
-ROOTS += ["tempfile"]
+ROOTS += ["tempfile", "types"]
 OTHERS = {name: importlib.import_module(name) for name in (*ROOTS, "xarray")}
 # Names of people, programs, formats and journals, and of optional dependencies.
 WORDS = {"ArviZ", "LaTeX", "McLachlan", "NaN", "NumPy", "PhysRevLett", "PyDREAM"}
