@@ -38,7 +38,7 @@ good
 # :header-rows: 1
 # :widths: 20 45 35
 #
-# * - `diagnose(...).short`
+# * - `short`
 #   - what was seen
 #   - what to do
 # * - N walkers stuck

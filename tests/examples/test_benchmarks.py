@@ -36,3 +36,11 @@ def test_hamiltonian():
 def test_subchains():
     found = load("benchmarks/subchains").main("beck_au", 20, (1, 10), 800)
     assert min(found[1], found[10]) > 0  # too short to rank them
+
+
+@pytest.mark.slow
+def test_certificates():
+    table = load("benchmarks/certificates").main(chains=4)
+    judged = zip(table.column("certified"), table.column("refused"), strict=True)
+    near, _, narrow = judged
+    assert near[0] >= 2 and narrow == (0, 4)
