@@ -130,8 +130,8 @@ for name, error in errors.items():
 #
 # are the package's own: a linear trend, one kernel for all outputs (squared exponential, or
 # Matern's 5/2 where the responses are less smooth; the restricted likelihood chooses), one
-# Cholesky factor. How far whole problems come with them, among these a tower with two
-# close pairs of modes: {doc}`/explanation/few_solves_measured`.
+# Cholesky factor. How far whole problems come with them:
+# {doc}`/explanation/few_solves_measured`.
 
 # %% tags=["remove-cell"]
 rms = [np.sqrt((error**2).mean()) for error in errors.values()]

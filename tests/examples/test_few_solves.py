@@ -74,3 +74,13 @@ def test_few_solves(monkeypatch, capsys):
     assert one.good("beck_au") and one.solves == 30
     assert one.efficiency > 0.9 and one.verdict == "certified"
     assert "1 of 1" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_sorted_modes(capsys):
+    """Modes that cross are known better by their shapes than as sorted numbers."""
+    table = load("sorted_modes").main(solves=75, nsteps=200, seed=2)
+    modes, numbers = table.column("error")
+    assert table.column("solves") == [75, 75]
+    assert modes < 0.8 * numbers
+    assert str(table) in capsys.readouterr().out
