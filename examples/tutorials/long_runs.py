@@ -250,14 +250,14 @@ if __name__ == "__main__":
 #
 # For one node of a Slurm cluster:
 #
-# ```bash
-# #!/bin/bash
-# #SBATCH --ntasks=1 --cpus-per-task=16
-# #SBATCH --time=24:00:00
-# #SBATCH --job-name=bridge --dependency=singleton
-# export OMP_NUM_THREADS=1
-# python job.py
-# ```
+#  ```bash
+#  #!/bin/bash
+#  #SBATCH --ntasks=1 --cpus-per-task=16
+#  #SBATCH --time=24:00:00
+#  #SBATCH --job-name=bridge --dependency=singleton
+#  export OMP_NUM_THREADS=1
+#  python job.py
+#  ```
 #
 # with `workers=16` and 32 walkers or more in `job.py`, one thread for the linear algebra of
 # each, and the pieces above. Submit it three times: `--dependency=singleton` lets one job of
