@@ -9,8 +9,9 @@ EXAMPLES = TESTS.parent / "examples"
 
 
 def load(name):
-    """Return an example, or one of ``benchmarks``, as a fresh module."""
-    path = next(EXAMPLES.rglob(f"{name}.py"))
+    """Return an example, a benchmark or else a page of that name as a fresh module."""
+    found = sorted(EXAMPLES.rglob(f"{name}.py"))
+    path = min(found, key=lambda p: (p.parent != EXAMPLES, p.parent.name))
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     sys.path.insert(0, str(path.parent))  # as for a script, which sees its neighbours
