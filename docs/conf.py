@@ -37,10 +37,6 @@ nitpick_ignore_regex = [
 ]
 
 # Notebooks
-# The old pages, each until it is a page of a section
-exclude_patterns += [
-    *("many-tests.md", "model-classes.md", "moves.md"),
-]
 # .rst comes first: autosummary writes its pages so
 source_suffix = {".rst": "restructuredtext", ".md": "myst-nb", ".py": "myst-nb"}
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}

@@ -1,4 +1,4 @@
-"""The benchmarks of evidence and of Hamiltonian moves, in their smallest sizes."""
+"""The benchmarks of evidence, annealing and Hamiltonian moves, at their smallest."""
 
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -27,7 +27,7 @@ def test_frf(capsys):
 
 @pytest.mark.slow
 def test_hamiltonian():
-    found = load("hamiltonian").main(storeys=(20,), solves=4_000, buildings=1)
+    found = load("benchmarks/hamiltonian").main((20,), 4_000, 1)
     assert found[20, "HMC 1/k"] > 5 * found[20, "DE-MC"]
     assert found[20, "HMC"] > 5 * found[20, "DE-MC"]
 
@@ -44,3 +44,13 @@ def test_certificates():
     judged = zip(table.column("certified"), table.column("refused"), strict=True)
     near, _, narrow = judged
     assert near[0] >= 2 and narrow == (0, 4)
+
+
+@pytest.mark.slow
+def test_tmcmc(capsys):
+    module = load("tmcmc")
+    springs, needles = module.main((200, 800), 3, ((0.5, 10.0, 1_000),))
+    means, solves = springs.column("error of the mean"), springs.column("solves")
+    assert means[1] < means[0] < 0.5 and solves[1] > 2 * solves[0]
+    assert needles.column("above 0.02") == [1]
+    assert "Share of the needle" in capsys.readouterr().out

@@ -95,5 +95,5 @@ def test_overhead(capsys):
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: p.stem)
 def test_examples_do_nothing_on_import(path, capsys):
-    load(path.stem)
+    load(path.relative_to(EXAMPLES).with_suffix("").as_posix())
     assert capsys.readouterr().out == ""

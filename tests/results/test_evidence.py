@@ -234,7 +234,7 @@ BENCHMARK = load("evidence")
 # Left out for their time: the other problems by "auto" and anneal, which meet the bar,
 # and the other tempered ones. Left out because it fails: the funnel by anneal, which
 # misses the neck and claims no error; tests/sampling/test_annealing.py holds it to
-# that. docs/model-classes.md has the figures.
+# that. docs/explanation/moves_measured.md has the figures.
 HELD = [
     ("Gaussian, d=2", "auto"),
     ("two modes", "auto"),

@@ -1,0 +1,128 @@
+# %% [markdown]
+# # What "auto" does
+#
+# `run(posterior, "auto", ...)` searches for the modes of a posterior, fits a proposal
+# to what it found, freezes it, and samples with it. This page says how, and shows what
+# is on record. `python examples/explanation/auto.py` runs it in some 5 s.
+#
+# The example has two modes. Two storeys of equal mass have the same frequencies with
+# stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
+
+# %%
+import numpy as np
+
+import emcee_femu as ef
+
+frame = {"ground": (0, 1, 60.0), "upper": (1, 2, 60.0)}
+model = ef.MassSpringModel([1.0, 1.0], frame)
+truth = model({"ground": np.array([200.0]), "upper": np.array([20.0])})
+term = ef.FrequencyTerm(truth.frequencies[0], relative_sd=0.01)
+uniform = ef.uniform_between(5, 300)
+prior = ef.IndependentPrior({"ground": uniform, "upper": uniform})
+posterior = ef.LogPosterior(model, term, prior)
+samplers = ef.run(posterior, "auto", nsteps=200, ensembles=4, seed=1)
+recipe = samplers[0].recipe
+recipe
+
+# %% [markdown]
+# ## 1. Search
+#
+# A fifth as many points as the chain has evaluations, at least 1,000, are solved: half
+# of them draws of the prior, half about the modes found so far, at 2, 4, 8 times their
+# widths and so on. Each ensemble climbs from its best point, then from those that
+# Gaussians at the known modes do not explain. Where a posterior is not Gaussian many
+# are not, and only those are followed that a valley parts from the nearest mode (four
+# points on the way there). The climbs are those of {py:func}`~emcee_femu.find_map`:
+# one solve a step with `jacobian`, `d + 1` without.
+
+# %%
+record = recipe.record
+points, climbs = record["searched"]
+print(f"{points} points, {climbs} climbs; how many ended in each group:")
+print(record["found_by"])  # one row per ensemble
+
+# %% [markdown]
+# ## 2. Refinement
+#
+# A Student-t component for each maximum is drawn from, and fitted again to all draws so
+# far by their importance weights, until these are nearly equal or no longer get
+# better, in at most 12 rounds. Two wide components for gaps and tails have a tenth of
+# the weight. Where no such proposal is good (Pareto k above 0.7, less than half
+# efficient), one fitted to annealed populations ({py:func}`~emcee_femu.anneal`), or one
+# without the wide components, is tried too, and the one that finds more of the
+# posterior is taken.
+
+# %%
+weights, means, matrices, df = record["proposal"]
+print(f"{len(weights)} components, {df} degrees of freedom")
+print(f"efficiency {record['efficiency']:.2f}, Pareto k {record['pareto_k']:.2f}")
+
+# %% [markdown]
+# ## 3. Sampling
+#
+# The mixture is frozen, so that the chain is an ordinary Markov chain. It has 90 %
+# independence proposals from the mixture, or 60 or 20 % where fewer than 0.2 or 0.05 of
+# them would be accepted, and `DEMCMove(mode_jump=0.1)` otherwise. Where fewer than 0.2
+# would be, and the model has `jacobian`, it has 80 % [Hamiltonian moves](
+# ../how_to/hamiltonian.py) instead, and 10 % independence proposals if there are
+# several separated groups.
+
+# %%
+for move, share in recipe.moves:
+    print(f"{100 * share:.0f} % {type(move).__name__}")
+
+# %% [markdown]
+# All ensembles share the proposal, but each starts from its own draws of it, in the
+# groups that its own climbs found, so that their agreement means something. Where no
+# proposal was good, each starts from its own annealed population.
+#
+# ## What is on record
+#
+# `recipe.record` has the proposal, the separated groups of its components, their
+# weights by importance sampling with standard errors, how many climbs of each ensemble
+# ended in each group, and where its walkers start. [The verdict](verdict.py) of
+# {py:func}`~emcee_femu.diagnose` holds the chain to it: the frozen proposal is an
+# importance sampler beside the chain.
+
+# %%
+print("weights of the groups:", np.round(record["weights"], 3))
+print("their standard errors: ", np.round(record["errors"], 3))
+ef.diagnose(samplers)
+
+# %% [markdown]
+# What no point of the search hit is not in the proposal; the last sentence of the
+# verdict says how small that may be. More steps search more. So do other seeds, and
+# starts of your own (`initial=`), which are searched too.
+#
+# All evaluations before the chain are counted, per ensemble. The chain holds no part of
+# the search, so that nothing needs to be discarded:
+
+# %%
+chain = samplers[0].get_chain().shape
+print(f"before: {samplers[0].burn_in_evaluations}; chain: {chain}")
+evidence = ef.log_evidence(samplers)  # by the frozen proposal: no further solve
+print(evidence)
+idata = ef.to_inference_data(samplers, posterior)  # no discard
+
+# %% [markdown]
+# The red ellipse below knows means and covariance alone: it is no description of a
+# posterior of two modes.
+
+# %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two small separate clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
+ef.plot_scatter(idata)
+
+# %% tags=["remove-cell"]
+shares = [share for _, share in recipe.moves]
+names = [type(move).__name__ for move, _ in recipe.moves]
+assert names == ["IndependenceMove", "DEMCMove"] and abs(shares[0] - 0.9) < 1e-9
+assert points >= 0.2 * 4 * chain[0] * chain[1] and record["pareto_k"] < 0.7
+assert abs(sum(record["weights"]) - 1) < 1e-9
+assert len(record["found_by"]) == 4 and climbs >= 8
+assert len(record["weights"]) == 2 and max(record["errors"]) < 0.05
+draws = idata.posterior["ground"].values
+stiff = record["proposal"][1][0][0] > 120  # whether the first group is that
+share = (draws > 120).mean() if stiff else (draws < 120).mean()
+assert abs(share - record["weights"][record["group_of"][0]]) < 0.05
+assert ef.diagnose(samplers).short == "converged"
+assert samplers[0].burn_in_evaluations > points / 4
+assert evidence.log_evidence_error < 0.1

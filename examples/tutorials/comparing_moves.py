@@ -1,0 +1,169 @@
+# %% [markdown]
+# # Comparing moves
+#
+# Which sampler is good for *your* posterior? After this page you can measure it, read
+# the table, and say how sure the answer is. `python
+# examples/tutorials/comparing_moves.py` runs this page in some 15 s.
+#
+# ## What to measure
+#
+# In model updating the FE solve is what costs, and one is spent on every proposal
+# inside the bounds, accepted or not. What it buys are *effective samples*: n
+# correlated draws fix a mean as well as ESS = n / tau independent ones, where tau is
+# the autocorrelation time. So the currency is
+#
+# $$e = \frac{1000 \min_j \mathrm{ESS}_j}{\text{evaluations}}$$
+#
+# effective samples per 1000 evaluations of the log-posterior, for the parameter j that
+# fares worst. Two other numbers are often printed instead, and neither will do:
+#
+# - **Acceptance.** Small steps are nearly always accepted, and lead nowhere.
+# - **The c.o.v. of the parameters.** It belongs to the posterior, not to the sampler:
+#   samplers that have converged agree on it. A smaller one comes from walkers that
+#   have not yet spread.
+#
+# Both are shown below.
+#
+# ## A posterior
+#
+# A building of five storeys whose first three natural frequencies were measured.
+# Five stiffnesses and three data: what one storey loses, another may make up for, so
+# that the posterior is a thin, tilted ellipsoid.
+
+# %%
+import emcee
+import numpy as np
+
+import emcee_femu as ef
+
+names = ["k1", "k2", "k3", "k4", "k5"]
+stories = {name: (i, i + 1, 9e6) for i, name in enumerate(names)}
+model = ef.MassSpringModel(np.full(5, 5e3), stories)
+term = ef.FrequencyTerm([1.88, 5.63, 8.60], relative_sd=0.01)  # Hz
+bounds = [(3e6, 18e6)] * 5
+prior = ef.GaussianPrior(names, np.full(5, 9e6), 1.8e6, bounds)
+posterior = ef.LogPosterior(model, term, prior)
+
+# %% [markdown]
+# ## The contest
+#
+# {py:func}`~emcee_femu.compare_moves` takes what {py:func}`~emcee_femu.run` takes: a
+# move, a mixture, a move of emcee's, or "auto". A random walk that is tuned to the
+# covariance of an earlier run needs that run first:
+
+# %%
+(first,) = ef.run(posterior, ef.DEMCMove(), nwalkers=20, nsteps=500, seed=2)
+draws = first.get_chain(discard=250, flat=True)
+moves = {
+    "M-H, small steps": ef.MetropolisMove(sd=np.full(5, 0.1e6)),
+    "M-H, tuned": ef.MetropolisMove.tuned(draws),
+    "emcee StretchMove": emcee.moves.StretchMove(),
+    "DE-MC": ef.DEMCMove(),
+    "auto": "auto",
+}
+compared = ef.compare_moves(posterior, moves, 20, nsteps=600, seed=1)
+compared
+
+# %% [markdown]
+# All moves start from the same draws of the prior, in four independent ensembles.
+# Runs this short suit a page: no random walk is long enough to be judged, as the
+# verdicts say. For a decision between those take five times as many steps.
+#
+# ## Reading the table
+#
+# | column | meaning |
+# |---|---|
+# | FE solves | of the whole run; proposals out of bounds cost none |
+# | before chain | evaluations for the starts, and for the search of "auto" |
+# | acceptance | share of accepted proposals |
+# | tau, steps/tau | autocorrelation time; how many of them the kept chain holds |
+# | ESS bulk, ESS tail | effective samples of all ensembles, for means and for the ends of intervals |
+# | ESS per 1000, +- | the currency e, and its standard error from the spread of the ensembles |
+# | ESS per CPU s | the same by processor time: of interest where solves are cheap |
+# | end to end | e with all evaluations counted: burn-in, starts and search |
+# | verdict | that of {py:func}`~emcee_femu.diagnose` |
+#
+# The conclusion below the table follows three rules. A move wins only if its lead is
+# more than two combined standard errors: a lead within the spread of the ensembles is
+# luck. It wins only if it has converged: a chain of fewer than 50 autocorrelation
+# times does not know its own tau, nor its ESS. And where burn-in and search turn the order round,
+# the conclusion says so.
+
+# %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
+ef.plot_comparison(compared)
+
+# %% [markdown]
+# Bars that are hatched have not converged. To the right, the frequencies' total
+# average error at the mean of the chain so far: it ends at a level that belongs to the
+# posterior, and tells how soon each mean is known.
+#
+# Differential evolution and tuned Metropolis-Hastings are of one kind: DE-MC takes its steps from
+# the differences of other walkers, which lie along the ellipsoid by themselves, so
+# that it is worth a first run for tuning, no more. The independence proposal of
+# "auto" escapes the ceiling of random walks: it jumps to anywhere.
+#
+# ## Why not acceptance
+
+# %%
+acceptance = compared.table.column("acceptance")
+efficiency = compared.table.column("ESS per 1000")
+for i, name in enumerate(moves):
+    print(f"{name:18} acceptance {acceptance[i]:.2f}, e = {efficiency[i]:.1f}")
+
+# %% [markdown]
+# Of the random walks, the one with most acceptance is the worst by far.
+#
+# ## Why not the c.o.v.
+#
+# The c.o.v. of k5, in percent, in four short runs whose walkers start close together,
+# at the mean of the first run, beside that of the converged chains:
+
+
+# %%
+def cov(samples):  # in percent
+    return 100 * samples.std() / samples.mean()
+
+
+def early(move, start):  # over steps 50 to 100 of four ensembles
+    settings = {"ensembles": 4, "seed": 3, "initial": start}
+    samplers = ef.run(posterior, move, 20, 100, **settings)
+    return [cov(own.get_chain(discard=50)[:, :, 4]) for own in samplers]
+
+
+rng = np.random.default_rng(3)
+together = draws.mean(axis=0) * (1 + 0.01 * rng.standard_normal((4, 20, 5)))
+small = early(moves["M-H, small steps"], together)
+demc = early(moves["DE-MC"], together)
+exact = cov(compared.idata["auto"].posterior["k5"].values)
+print("M-H, small steps:", np.round(small, 1))
+print("DE-MC:           ", np.round(demc, 1))
+print(f"converged:        {exact:.1f}")
+
+# %% [markdown]
+# The walkers with small steps have the smallest c.o.v. by far, and it is wrong: it
+# tells how far they have got. By it, the worst move would have won.
+#
+# ## Where to go on
+#
+# - The numbers are in `compared.table` (`.to_frame()`, `.to_csv(...)`), the draws in
+#   `compared.idata["DE-MC"]`, the diagnoses in `compared.diagnoses`.
+# - `max_evaluations=100_000` in place of `nsteps` gives every move the same number of
+#   evaluations, and `reference={"k1": (mean, sd)}` adds its errors against known
+#   values.
+# - `python examples/compare_moves.py` compares seven moves on both structures of the
+#   paper by long runs; [moves measured](../explanation/moves_measured.md) has what
+#   came out, and other packages.
+# - [Which move?](../how_to/choose_a_move.md) has the short answer.
+
+# %% tags=["remove-cell"]
+table = compared.table.to_frame().set_index("move")
+e, verdict = table["ESS per 1000"], table["verdict"]
+assert compared.winner == "auto" and verdict["auto"] == "converged"
+assert all("too short" in verdict[name] for name in list(moves)[:4])
+assert e["auto"] > 3 * e["DE-MC"]
+assert 0.5 < e["M-H, tuned"] / e["DE-MC"] < 2
+assert e["DE-MC"] > 3 * e["M-H, small steps"]
+assert e["DE-MC"] > 1.5 * e["emcee StretchMove"]
+assert table["acceptance"].iloc[:4].idxmax() == "M-H, small steps"
+assert max(small) < 0.6 * exact
+assert max(small) < min(demc)
