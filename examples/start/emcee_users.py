@@ -97,8 +97,8 @@ for name, tau, ess in rows:
 # %% [markdown]
 # Differential evolution beats the stretch move from a few dimensions on, and about
 # equals emcee's `DEMove`, with less overhead per generation. An independence move
-# beats both where the posterior is close to what was fitted to the burn-in. The
-# page on moves measured has larger problems and other packages.
+# beats both where the posterior is close to what was fitted to the burn-in. [Moves
+# measured](../explanation/moves_measured.md) has larger problems and other packages.
 #
 # Things that differ from emcee's own moves:
 #
