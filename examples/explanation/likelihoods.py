@@ -10,7 +10,8 @@
 # of what was measured. An engineer would call minus that number a misfit, with two
 # differences: it has the scale of the errors in it, and their normalising constants.
 # The constants do not matter as long as all errors are given. They matter as soon as
-# an error is inferred, and when model classes are compared by their evidence.
+# an error is inferred, and when [model classes](../tutorials/model_classes.py) are
+# compared by their evidence.
 
 # %%
 import matplotlib.pyplot as plt

@@ -153,7 +153,7 @@ print(f"printed: {min(printed_frequencies)} to {max(printed_frequencies)} %")
 # - The posterior's c.o.v. or intervals, from chains that passed
 #   {py:func}`~emcee_femu.diagnose`, with `sd/prior sd`, which says what the data did.
 # - For samplers, ESS of the worst parameter per 1000 solves, with R-hat over
-#   independent ensembles; {py:func}`~emcee_femu.compare_moves` measures them.
+#   independent ensembles: [comparing moves](../tutorials/comparing_moves.py).
 # - A c.o.v. divides by the mean: for a parameter that may be zero, such as an offset,
 #   it says nothing.
 

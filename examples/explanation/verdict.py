@@ -155,7 +155,7 @@ print(f"chance that 3 expected hits are none: {np.exp(-3):.3f}")
 
 # %% [markdown]
 # More steps search more; other seeds and starts (`initial=`, which are searched too)
-# are the other remedy, and {py:class}`~emcee_femu.TemperedMove`. Starts that were all
+# are the other remedy, and [tempering](../how_to/tempering.py). Starts that were all
 # given in one place show nothing about other modes, which the verdict says.
 #
 # ## Converged, and then?

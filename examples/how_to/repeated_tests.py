@@ -99,7 +99,8 @@ ef.predictive_table(idata)
 
 # %% [markdown]
 # Where each test deserves a posterior of its own, because the structure changes from test
-# to test, {py:func}`~emcee_femu.pool_tests` infers what varies.
+# to test, {py:func}`~emcee_femu.pool_tests` infers what varies: [many tests](
+# ../tutorials/many_tests.py).
 
 # %% tags=["remove-cell"]
 mean = np.mean(frequencies, axis=0)

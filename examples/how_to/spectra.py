@@ -223,7 +223,7 @@ ef.Measurements(f_ssi, sd=f_ssi_sd, damping=zeta_ssi, damping_sd=zeta_ssi_sd)
 #   distance: $2 \zeta f$ must be several times 1 / duration, of one segment. Short segments
 #   make damping too high: one long segment is best.
 # - Where frequencies drift (temperature), the peak of a long record is wider than the mode;
-#   take hours apart and pool them by {py:func}`~emcee_femu.pool_tests`.
+#   take hours apart and pool them, as [many tests](../tutorials/many_tests.py) does.
 # - The force must be flat over the band, and the noise alike in all channels.
 # - Of a pair, the modes are in ascending order; where the posterior does not tell `f1` from
 #   `f2` its means mix both modes.

@@ -80,7 +80,7 @@ pilot_betas = np.linspace(1, 0, 8) ** 4
 pilot = ef.TemperedMove(ef.DEMCMove(mode_jump=0.1), betas=pilot_betas)
 samplers = ef.run(posterior, pilot, nsteps=150, seed=1)
 betas = ef.log_evidence(samplers, discard=50).better_betas
-print(betas.round(4))
+print(*betas.round(4))
 
 # %%
 move = ef.TemperedMove(ef.DEMCMove(mode_jump=0.1), betas=betas)
