@@ -18,10 +18,11 @@ All moves start from the same draws of the prior, in independent ensembles, and 
 ESS is judged by its spread over these ensembles. A chain of fewer than 50
 autocorrelation times does not know its own tau, and cannot win.
 
-What to look for: "auto" is four times as good on the H, and stays ahead when its search
-is counted ("end to end"). On the springs its ensembles differ: in some, a walker stays
-long in the lobe at k4 < 1980 N/m, where the fitted proposal is thin. The DE-MC variants
-(the paper's sweep, two halves in turn, emcee's DEMove) and tuned M-H are of one kind.
+What to look for: "auto" is far ahead on both, also when its search is counted ("end to
+end"). On the springs its ensembles may differ, with other seeds: in some, a walker
+stays long in the lobe at k4 < 1980 N/m, where the fitted proposal is thin. The DE-MC
+variants (the paper's sweep, two halves in turn, emcee's DEMove) and tuned M-H are of
+one kind.
 
 Run it:  python examples/compare_moves.py
 """
