@@ -45,6 +45,8 @@ nb_execution_raise_on_error = True
 nb_execution_in_temp = True  # pages write files
 nb_execution_timeout = 240
 nb_merge_streams = True
+# Where tests ask for Agg a page would show no figure.
+os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 copybutton_prompt_text = r">>> |\.\.\. |\$ "

@@ -14,7 +14,8 @@ from urllib.parse import unquote, urldefrag
 
 import pytest
 
-SITE = Path(__file__).parents[2] / "docs" / "_build" / "html"
+ROOT = Path(__file__).parents[2]
+SITE, EXAMPLES = ROOT / "docs" / "_build" / "html", ROOT / "examples"
 PAGES = sorted(
     p.relative_to(SITE).as_posix()
     for p in SITE.rglob("*.html")
@@ -174,6 +175,17 @@ def test_each_fault_would_be_seen(tab, html, fault):
         lambda route: route.fulfill(body=page, content_type="text/html"),
     )
     assert any(fault in name for name in faults_of(tab, "faulty.html", DESKTOP))
+
+
+def test_every_figure_is_a_picture():
+    texts = {path: (SITE / path).read_text(encoding="utf-8") for path in PAGES}
+    assert [path for path, text in texts.items() if "&lt;Figure size" in text] == []
+    pages = [
+        p.stem for p in EXAMPLES.glob("*/*.py") if "ef.plot_" in p.read_text("utf-8")
+    ]
+    for path, text in texts.items():
+        if Path(path).stem in pages and "generated" not in path:
+            assert "data:image" in text or "_images/" in text, path
 
 
 class Links(HTMLParser):
