@@ -3,7 +3,7 @@
 #
 # `run(posterior, "auto", ...)` searches for the modes of a posterior, fits a proposal
 # to what it found, freezes it, and samples with it. This page says how, and shows what
-# is on record. `python examples/explanation/auto.py` runs it in some 5 s.
+# is on record. `python examples/explanation/auto.py` runs it in some 4 s.
 #
 # The example has two modes. Two storeys of equal mass have the same frequencies with
 # stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:

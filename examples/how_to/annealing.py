@@ -4,7 +4,7 @@
 # Users of TMCMC (Ching and Chen, 2007) look for a population of the posterior and its
 # evidence, carried from the prior through rising powers of the likelihood. That is
 # {py:func}`~emcee_femu.anneal`. `python examples/how_to/annealing.py` runs this page
-# in some 6 s.
+# in some 5 s.
 
 # %%
 import emcee_femu as ef

@@ -5,7 +5,7 @@
 # `jacobian` (those of this package have it), a gradient comes with a solve, and
 # {py:class}`~emcee_femu.HamiltonianMove` follows it: each proposal is the end of a
 # trajectory of `steps` leapfrog steps, one solve each. After this page you can tune it
-# and run it. `python examples/how_to/hamiltonian.py` runs this page in some 6 s.
+# and run it. `python examples/how_to/hamiltonian.py` runs this page in some 5 s.
 #
 # A tower of ten storeys, its fourth one weak; five frequencies and shapes at every
 # second floor are measured:

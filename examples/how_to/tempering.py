@@ -4,7 +4,7 @@
 # Where a posterior has several modes, walkers stay in the mode where they began,
 # unless a move leads from one to the other. After this page you can choose such a
 # move, and choose its powers by a pilot run. `python examples/how_to/tempering.py`
-# runs this page in some 6 s.
+# runs this page in some 5 s.
 #
 # Two storeys of equal mass, of which both frequencies were measured, but no shape. With
 # stiffnesses k1 of the ground storey and k2 of the upper one they have the same

@@ -3,7 +3,7 @@
 #
 # Which sampler is good for *your* posterior? After this page you can measure it, read
 # the table, and say how sure the answer is. `python
-# examples/tutorials/comparing_moves.py` runs this page in some 15 s.
+# examples/tutorials/comparing_moves.py` runs this page in some 10 s.
 #
 # ## What to measure
 #

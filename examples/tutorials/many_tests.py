@@ -5,7 +5,7 @@
 # and excitation change from test to test. After this page you can say how much the
 # parameters of a structure differ from test to test, on what that depends, and what
 # to expect of the next test. `python examples/tutorials/many_tests.py` runs this page
-# in some 15 s.
+# in some 10 s.
 #
 # One posterior of all data answers another question. It takes the parameters for
 # constant, so that its standard deviations shrink with the number of tests, below the

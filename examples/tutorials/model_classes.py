@@ -4,7 +4,7 @@
 # How many parameters do the data pay for? A *model class* is a model, its parameters
 # and their prior. After this page you can compare classes by their evidence, and say
 # what such a comparison depends on. `python examples/tutorials/model_classes.py` runs
-# this page in some 10 s.
+# this page in some 6 s.
 #
 # More parameters always fit better, so that the fit cannot choose. The *evidence* can.
 # It is the probability density that a class gave to the measurements D before they
