@@ -11,6 +11,8 @@ import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
+from jupyter_cache import get_cache
+
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 SECTIONS = ["start", "tutorials", "how_to", "explanation"]
@@ -120,4 +122,6 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, search))
 nb_execution_excludepatterns = find_calculix()
 suppress_warnings = ["myst-nb.lexer"]  # a page that was not executed has no language
 nb_execution_cache_path = str(HERE / "_build" / "cache" / package_hash())
+# Made here, once: two processes that make it at the same time collide.
+get_cache(nb_execution_cache_path).list_cache_records()
 copy_pages()
