@@ -1,5 +1,5 @@
 # %% [markdown]
-# # How do I use a program as a black box?
+# # Use a program as a black box
 #
 # Any program that is started from a command line is a model: write its input file, start
 # it, read its output. `emulate` then learns the outputs from some tens of solves, and

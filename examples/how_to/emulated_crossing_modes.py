@@ -1,5 +1,5 @@
 # %% [markdown]
-# # How do I emulate modes that cross?
+# # Emulate modes that cross
 #
 # Return the mode shapes, say so, and return a set of modes that is closed; `emulate` does the
 # rest. This page shows why, and what it gains. `python examples/how_to/emulated_crossing_modes.py` runs it

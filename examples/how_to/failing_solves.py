@@ -1,5 +1,5 @@
 # %% [markdown]
-# # What happens when a solve fails?
+# # Handle solves that fail
 #
 # Some parameter sets cannot be solved: the program does not converge, hangs, or returns
 # fewer modes. By default that stops the run, with nothing lost; `on_failure="reject"` goes on

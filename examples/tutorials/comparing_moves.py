@@ -153,7 +153,7 @@ print(f"converged:        {exact:.1f}")
 # - `python examples/compare_moves.py` compares seven moves on both structures of the
 #   paper by long runs; [moves measured](../explanation/moves_measured.md) has what
 #   came out, and other packages.
-# - [Which move?](../how_to/choose_a_move.md) has the short answer.
+# - [Choose a move](../how_to/choose_a_move.md) has the short answer.
 
 # %% tags=["remove-cell"]
 table = compared.table.to_frame().set_index("move")
