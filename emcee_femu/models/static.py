@@ -10,6 +10,7 @@ from scipy.sparse import issparse
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Variable
+from .eigen.dense import combine
 from .eigen.sparse import symmetric_factor
 from .eigen.sparse_sum import SparseSum
 from .eigen.symmetric import sparse_symmetric, symmetric
@@ -132,10 +133,7 @@ class StaticModel:
 
     def _batch(self, k: Floats, u: Floats, slopes: Floats) -> None:
         """Fill in displacements and derivatives of all parameter sets at once."""
-        # Term by term, not as a matrix product, so that rows round alike.
-        K = np.broadcast_to(self._sum[0], (len(k), *self._sum[0].shape)).copy()
-        for values, unit in zip(k.T, self._sum[1:], strict=True):
-            K += values[:, None, None] * unit
+        K = combine(self._sum, k)
         try:
             np.linalg.cholesky(K)
         except np.linalg.LinAlgError:

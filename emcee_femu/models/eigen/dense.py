@@ -83,7 +83,7 @@ class Eigenproblem:
         self, k: Floats, m: Floats, describe: Callable[[int], str], vectors: bool
     ) -> tuple[Floats, Any, Floats]:
         """Return eigenvalues, eigenvectors y of A, or None, and ``L^-T``."""
-        A = _combine(self.K, k)
+        A = combine(self.K, k)
         basis = self._basis
         if basis is None:
             inverse = self._inverse_factor(m, describe)
@@ -116,7 +116,7 @@ class Eigenproblem:
 
     def _inverse_factor(self, m: Floats, describe: Callable[[int], str]) -> Floats:
         """Return the inverse Cholesky factors of the mass matrices, ``(n, N, N)``."""
-        mass = _combine(self.M, m)
+        mass = combine(self.M, m)
         try:
             return np.linalg.inv(np.linalg.cholesky(mass))
         except np.linalg.LinAlgError:
@@ -168,7 +168,7 @@ def check_elastic(
             )
 
 
-def _combine(terms: Floats, coefficients: Floats) -> Floats:
+def combine(terms: Floats, coefficients: Floats) -> Floats:
     """Return ``terms[0] + sum_i coefficients[:, i] terms[1 + i]``, ``(n, N, N)``."""
     n, (n_terms, size, _) = len(coefficients), terms.shape
     if n_terms == 1:
