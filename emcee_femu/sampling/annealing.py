@@ -57,8 +57,9 @@ class Annealed(Report):
     failed_solves: int = 0
     problems: tuple[str, ...] = ()
 
+    @property
     def table(self) -> Table:
-        """Return mean, standard deviation and effective size of each parameter."""
+        """Mean, standard deviation and effective size, one row per parameter."""
         columns: list[tuple[str, str, Any]] = [
             ("parameter", "", list(self.names)),
             ("mean", ".5g", self.theta.mean(axis=0)),
@@ -71,7 +72,7 @@ class Annealed(Report):
         error = f"+- {self.log_evidence_error:.3f}"
         if self.problems:
             error = "(no standard error can be claimed)"
-        yield self.table()
+        yield self.table
         yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
         yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
         yield (

@@ -52,9 +52,9 @@ def test_it_prints_what_it_found_and_what_it_cost():
     assert "Population of 120" in text
     assert f"{POPULATION.log_evidence:.3f} +- " in text
     assert f"{POPULATION.solves} solves" in text
-    assert POPULATION.table().column("parameter") == ["a", "b", "c"]
+    assert POPULATION.table.column("parameter") == ["a", "b", "c"]
     np.testing.assert_allclose(
-        POPULATION.table().column("mean"), POPULATION.theta.mean(axis=0)
+        POPULATION.table.column("mean"), POPULATION.theta.mean(axis=0)
     )
 
 
