@@ -2,7 +2,9 @@
 
 A proposal is built from other walkers, the guides, and detailed balance holds for the
 joint law of the ensemble only if these stand still meanwhile. Moving all walkers at
-once is biased (a variance of 0.87 of the truth for 4 walkers in 3 dimensions).
+once is biased: 4 walkers that start from a Gaussian in 3 dimensions have a variance of
+0.87 of the truth after some 30 steps, and settle near 0.79
+(``examples/explanation/de_mc.py``).
 """
 
 from collections.abc import Iterator

@@ -68,10 +68,12 @@ def run(
         workers: Number of processes to start for the evaluations, and to end with the
             run; None for none. No more than ``nwalkers / 2`` are of use to most moves.
             On Linux they are forked, which works from scripts without a guard and from
-            notebooks; another method, ``multiprocessing.set_start_method("spawn")``,
-            is for solvers that do not survive a fork (some with threads or a GPU). A
-            script then needs ``if __name__ == "__main__":``, and a model that is
-            defined in a notebook needs cloudpickle, of the extra ``notebooks``.
+            notebooks. ``multiprocessing.set_start_method("spawn")`` is for solvers that
+            do not survive a fork (some with threads or a GPU). A script then needs
+            ``if __name__ == "__main__":``, and a model that is defined in a notebook
+            needs cloudpickle, of the extra ``notebooks``. So it is on macOS and
+            Windows, and on Linux with Python 3.14, whose default is forkserver, if the
+            script made processes of its own before without setting "fork".
         pool: Where to evaluate instead, one walker per task: whatever
             :class:`EvaluationPool` takes, such as a ``ProcessPoolExecutor`` or a dask
             ``Client``; or an EvaluationPool of your own.
