@@ -159,7 +159,7 @@ class LogPosterior(Report):
         )
 
     def _parts(self) -> Parts:
-        yield tabulate_prior(f"Log-posterior of {self.ndim} parameters", self.prior)
+        yield tabulate_prior("Log-posterior", self.prior)
         for one in self.experiments:
             name = f"{one.name}: " if one.name else ""
             terms, stored = ", ".join(one.term_names), ", ".join(one.variables)
