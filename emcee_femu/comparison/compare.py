@@ -91,7 +91,8 @@ def compare_moves(
         seed: A whole number, the same for every move.
         discard: Stored steps to drop as burn-in; None for a quarter of them.
         reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
-        progress: Whether to show a progress bar per ensemble (needs tqdm).
+        progress: Whether to show a progress bar per ensemble (needs tqdm);
+            "notebook" for the bar of notebooks (needs ipywidgets too).
 
     Returns:
         A table, its winner and a conclusion in words; ``print`` it.
@@ -101,6 +102,7 @@ def compare_moves(
             argument is of a wrong type.
         ValueError: If a move does not fit the ensemble, a number is out of range, or
             too few steps are left to judge. All are raised before sampling.
+        ImportError: If progress is "notebook" and ipywidgets is not installed.
 
     Warns:
         UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.

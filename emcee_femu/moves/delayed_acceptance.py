@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
+from ..table import Parts, Report
 from .acceptance import Batch, Propose, ProposingMove
 from .stock_faults import refuse_sequential
 from .stock_proposals import only_propose
 
 
-class DelayedAcceptanceMove(ProposingMove):
+class DelayedAcceptanceMove(ProposingMove, Report):
     r"""Screen the proposals of any move by a cheap posterior; solve only what passes.
 
     .. math:: \alpha = \min\left\{1, \frac{c(\theta^*)}{c(\theta_i)} e^F\right\}
@@ -94,20 +95,15 @@ class DelayedAcceptanceMove(ProposingMove):
         self._proposing = only_propose(inner)
         self._known: tuple[Floats, Floats] | None = None
 
-    def __str__(self) -> str:
-        """Return how many full solves were saved."""
+    def _parts(self) -> Parts:
         if not self.proposed:
-            return "delayed acceptance: nothing proposed yet"
+            return ("delayed acceptance: nothing proposed yet",)
         share = 1 - self.full_solves / self.proposed
         second = self.accepted / max(self.full_solves, 1)
         return (
             f"delayed acceptance: {self.full_solves} full solves for {self.proposed} "
-            f"proposals ({share:.1%} saved); {second:.1%} of the solved were accepted"
+            f"proposals ({share:.1%} saved); {second:.1%} of the solved were accepted",
         )
-
-    def _repr_html_(self) -> str:
-        """Return the same as notebooks show it."""
-        return f"<p>{self}</p>"
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that the inner move refuses."""

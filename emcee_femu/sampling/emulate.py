@@ -86,7 +86,7 @@ def emulate(
         max_failures: Fraction of the solves, of the first design or more, above which
             "reject" stops.
         progress: Whether to show a bar with solves, errors and the time left (needs
-            tqdm), or the name of one.
+            tqdm); "notebook" for the bar of notebooks (needs ipywidgets too).
         probe_tolerance: Relative difference above which the solve that tells a changed
             model counts as another.
 
@@ -99,6 +99,7 @@ def emulate(
         ValueError: If solves do not suffice for a first design and a batch, an initial
             point is out of bounds, there are several experiments, or the file is of
             something else. All but what the model does are raised before a solve.
+        ImportError: If progress is "notebook" and ipywidgets is not installed.
         RuntimeError: If too many solves failed.
 
     Source: Sinsbeck and Nowak (2017), Sequential design of computer experiments for the

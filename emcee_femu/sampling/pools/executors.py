@@ -73,6 +73,6 @@ def _refusal(why: str, remedy: str = "") -> TypeError:
     return TypeError(
         f"pool: the function cannot be pickled for the workers ({why}); {remedy}write "
         "functions at the top level of a module, and open files, locks and programs "
-        "inside the call; or give run(..., workers=8), which on Linux pickles nothing, "
-        "or a ThreadPoolExecutor"
+        "inside the call; or give run(..., workers=8), which pickles nothing on Linux "
+        "unless a start method was set, or a ThreadPoolExecutor"
     )
