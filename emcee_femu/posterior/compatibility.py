@@ -28,6 +28,12 @@ def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
                 f"prior: expected names, bounds, logpdf and sample, but "
                 f"{type(prior).__name__} has no {attribute}; see GaussianPrior"
             )
+    shape = (len(prior.names), 2)
+    if not isinstance(prior.bounds, np.ndarray) or prior.bounds.shape != shape:
+        raise TypeError(
+            f"prior: expected bounds as an array (low, high) of shape {shape}, one row "
+            f"for each of {list(prior.names)}, got {prior.bounds!r}"
+        )
 
 
 def name_terms(terms: tuple[Any, ...]) -> tuple[str, ...]:

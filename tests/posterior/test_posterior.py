@@ -1,4 +1,5 @@
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -200,6 +201,13 @@ def test_construction_refuses(model, terms, prior, error, message):
 def test_a_lower_bound_of_zero_is_enough_for_a_stiffness():
     prior = IndependentPrior({"k2": uniform_between(0.0, 9.0)})
     assert LogPosterior(SPRINGS, ONE, prior).names == ("k2",)
+
+
+@pytest.mark.parametrize("bounds", [[(1.0, 9.0)], np.array([1.0, 9.0])])
+def test_a_prior_of_ones_own_must_have_bounds_as_an_array(bounds):
+    own = SimpleNamespace(names=("k1",), bounds=bounds, logpdf=abs, sample=abs)
+    with pytest.raises(TypeError, match=r"^prior: expected bounds .* shape \(1, 2\)"):
+        LogPosterior(SPRINGS, ONE, own)
 
 
 @pytest.mark.parametrize(("own", "stored"), [(None, 1), (2, 2)])
