@@ -80,7 +80,10 @@ def tune_steps(
         squares.append([_mean_square(here, *point) for point in path])
         end, chance = path[len(path) // 2]
         here = _accept(here, end, chance, rng)
-    variance = np.concatenate(starts).var(axis=0)
+    places = np.concatenate(starts)
+    wide = factor**2 if factor.ndim == 1 else (factor**2).sum(axis=1)
+    # The metric's, where all walkers are at one place, which nothing was accepted from.
+    variance = np.where(np.ptp(places, axis=0) > 0, places.var(axis=0), wide)
     rho = 1 - np.mean(squares, axis=0) / (2 * variance)  # (steps, d)
     return _choose(rho), size
 

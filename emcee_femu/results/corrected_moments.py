@@ -12,11 +12,15 @@ from .solved_draws import EmulatedChain
 PER_TERM = 5  # draws for each term of a quadratic with products
 FOLDS = 5  # of the draws: weights are predicted by a fit to the others
 BEYOND = 1.0  # the largest ln w so far, up to which a fit is believed
+ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
 MOST = 50_000  # draws of the chain that are averaged over
 
 
 class Moments(NamedTuple):
-    """Means and standard deviations, each ``(d,)``, with standard errors."""
+    """Means and standard deviations, each ``(d,)``, with standard errors.
+
+    A standard deviation is NaN where one draw has all the weight.
+    """
 
     mean: Floats
     mean_error: Floats
@@ -74,8 +78,11 @@ def correct_moments(
 
     mean_error = error(*of_mean)
     variance = squares - shift**2 + mean_error**2
-    without = weights @ (theta - weights @ theta) ** 2 / (1 - (weights**2).sum())
-    sd = np.sqrt(np.where(variance > 0, variance, without))
+    without = weights @ (theta - weights @ theta) ** 2
+    left = 1 - (weights**2).sum()
+    if left > ALONE:
+        variance = np.where(variance > 0, variance, without / left)
+    sd = np.sqrt(np.where(variance > 0, variance, np.nan))
     of_sd = [
         (a - 2 * shift * b) / (2 * sd) for a, b in zip(of_squares, of_mean, strict=True)
     ]

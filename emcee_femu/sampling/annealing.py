@@ -13,6 +13,7 @@ from numpy.random import RandomState
 from numpy.typing import NDArray
 
 from ..interfaces import Floats, Prior
+from ..moves import IndependenceMove
 from ..table import Parts, Report, Table
 from .bridging import bridge
 from .importance import FAIR_SHARE, GOOD_K, kish_share, pareto_k
@@ -106,6 +107,7 @@ def anneal_population(
     random = RandomState(rng.bit_generator)
     theta, rows, share, draws = _draw(evaluation, prior, rng, size)
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
+    fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
     ancestors, influence = np.arange(size), np.zeros(size)
     log_evidence, powers = float(np.log(share)), [0.0]
     moved, tried = [], []
@@ -123,7 +125,9 @@ def anneal_population(
         kept = np.concatenate([half[_resample(weights[half], rng)] for half in halves])
         parents, ancestors = ancestors, ancestors[kept]
         theta, rows = theta[kept], rows[kept]
-        *how, log_weights = renew(evaluation, theta, rows, halves, powers[-1], random)
+        *how, log_weights = renew(
+            evaluation, theta, rows, halves, powers[-1], random, fits
+        )
         moved.append(how)
         tried.append(log_weights)
         high = rows[:, 0] - rows[:, 1]

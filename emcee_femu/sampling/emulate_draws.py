@@ -11,7 +11,6 @@ from ..moves.mixture_em import Mixture, draw
 from ..moves.mixture_fit import fit_mixture
 from .annealing import anneal_population
 from .emulate_problem import EmulationProblem
-from .importance import kish_share
 from .log_scale import LogScale
 from .refine import Draws, refine, uncover
 from .renewing import fewest_members
@@ -129,13 +128,13 @@ class Explorer:
         number = max(ROUND, 10 * ndim)
         law = refine(draws, join(laws), number, ROUNDS * number, propose)
         self._law = uncover(law)
-        tempered = temper(draws.log_weights, ndim + 1)
+        tempered = temper(draws.log_weights, ndim + 1, np.arange(len(draws.x)))
         chosen = resample(np.exp(tempered - tempered.max()), MEMBERS, rng)
         x, log_p = draws.x[chosen], draws.log_p[chosen]
         wide, posterior = scale.parameters(x), problem.replace_model(emulator)
         log_weights = posterior(wide)[:, 0] + scale.log_volume(x) - log_p
         log_weights += (draws.log_weights - tempered)[chosen]
-        log_weights = temper(log_weights, ndim + 1)
+        log_weights = temper(log_weights, ndim + 1, chosen)
         weights = np.exp(log_weights - log_weights.max())
         weights /= weights.sum()
         mean = weights @ x
@@ -152,19 +151,30 @@ class Explorer:
         )
 
     def _look(self, rng: np.random.Generator) -> Mixture:
-        """Return the law of a population annealed from the prior."""
+        """Return the law of a population annealed from the prior.
+
+        Or of the prior, if the population has become copies of too few members.
+        """
         size = max(ANNEALED, fewest_members(len(self.scale.names)))
         x = anneal_population(self, self.scale, rng, size).theta
-        return Mixture(*fit_mixture(x, "auto", DF), DF)
+        try:
+            return Mixture(*fit_mixture(x, "auto", DF), DF)
+        except ValueError:
+            return Mixture(*fit_mixture(self.scale.sample(rng, size), 1, DF), DF)
 
 
-def temper(log_weights: Floats, fewest: float) -> Floats:
+def temper(log_weights: Floats, fewest: float, which: NDArray[np.intp]) -> Floats:
     """Return log-weights, halved until so many draws count.
 
     A law that is far from the posterior may leave all weight to one draw, which has no
-    covariance.
+    covariance, however many copies of it there are: ``which (n,)`` tells copies.
     """
-    while 0 < kish_share(log_weights) * len(log_weights) < fewest:
+
+    def effective() -> float:
+        shares = np.bincount(which, np.exp(log_weights - log_weights.max()))
+        return float(shares.sum() ** 2 / (shares**2).sum())
+
+    while effective() < fewest:
         if np.ptp(log_weights[np.isfinite(log_weights)]) < 1.0:
             break
         log_weights = 0.5 * log_weights

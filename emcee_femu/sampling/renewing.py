@@ -23,10 +23,17 @@ def fewest_members(ndim: int) -> int:
     return 2 * PER_COMPONENT * ndim
 
 
-def _fit(draws: Floats, others: Floats) -> IndependenceMove:
-    """Return a mixture with as many components as make the others more likely."""
+def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceMove:
+    """Return a mixture with as many components as make the others more likely.
+
+    Where a thin part of the prior holds nearly all of the likelihood, a half may become
+    copies of one member, which have no covariance: then the last fit serves again.
+    """
     most = min(MOST_COMPONENTS, len(draws) // (PER_COMPONENT * draws.shape[1]))
-    best = IndependenceMove.fit(draws)
+    try:
+        best = IndependenceMove.fit(draws)
+    except ValueError:
+        return last
     score = best.log_density(others).mean()
     for components in range(2, most + 1):
         try:
@@ -46,11 +53,13 @@ def renew(
     halves: list[NDArray[np.intp]],
     power: float,
     random: RandomState,
+    fits: list[IndependenceMove],
 ) -> tuple[float, int, Floats]:
     """Move all members, in place, until they are far from where they were.
 
     Sweeps of independence proposals alternate with a random walk, whichever renews
-    more members having three quarters of them.
+    more members having three quarters of them. The fits to the halves at the last
+    power, in the order of the halves that they move, give way to those at this one.
 
     Returns:
         The share of accepted proposals, the number of sweeps, and ln(p / q) of all
@@ -58,7 +67,7 @@ def renew(
     """
     n, ndim = theta.shape
     one, other = (theta[half] for half in halves)
-    fits = [_fit(other, one), _fit(one, other)]
+    fits[:] = [_fit(other, one, fits[0]), _fit(one, other, fits[1])]
     walks = [ComponentWalk(fit) for fit in fits]
     moves: Any = fits
     log_weights: list[Floats] = []

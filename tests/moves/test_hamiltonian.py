@@ -13,6 +13,7 @@ from support.smooth_laws import ReciprocalGaussian, SmoothGaussian
 
 import emcee_femu as ef
 from emcee_femu import DEMCMove, HamiltonianMove
+from emcee_femu.moves import hamiltonian_tuning
 from emcee_femu.sampling import manifest
 
 POSTERIOR = ef.paper.mass_spring().posterior
@@ -203,6 +204,17 @@ def test_tuning_finds_an_acceptance_of_80_percent_and_long_enough_trajectories()
     assert 0.5 < sampler.acceptance_fraction.mean() < 0.95
     with pytest.raises(ValueError, match="samples: expected at least 8"):
         HamiltonianMove.tuned(law, samples[:5], seed=1)
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_walkers_that_stay_at_one_place_are_tuned_by_the_metric(monkeypatch, stands):
+    law, one = SmoothGaussian(), np.tile([3.0, 2.0, 4.0], (24, 1))
+    if stands:  # nothing is accepted, however likely it was
+        monkeypatch.setattr(hamiltonian_tuning, "_accept", lambda here, *_: here)
+        move = HamiltonianMove.tuned(law, one, [1.0] * 3, seed=1)
+        assert 0.5 < move.steps * move.step_size < 3.5 and move.steps > 1
+    else:  # steps so wide that nothing could be
+        assert HamiltonianMove.tuned(law, one, [1e20] * 3, seed=1).steps == 1
 
 
 def test_in_reciprocals_a_law_whose_reciprocals_are_gaussian_is_tuned_as_a_gaussian():

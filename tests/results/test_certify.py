@@ -195,6 +195,16 @@ def test_a_poor_one_is_refused_with_a_remedy(emulated):
     assert "emulate" in found.verdict and "Pareto k" in found.verdict
 
 
+def test_where_one_draw_has_all_the_weight_no_spread_is_made_of_it():
+    sharp = LogGaussian(np.array([1.0, 0.0, 1.0]), 1e-8 * COVARIANCE)
+    found = [certify(NEAR, sharp, seed=seed) for seed in range(6)]
+    assert any(np.isnan(one.sd).any() for one in found)
+    for one in found:
+        assert one.largest == pytest.approx(len(one.weights))
+        assert one.short == "refused" and "emulate with more" in one.verdict
+        assert np.isfinite(one.mean).all() and not (one.sd <= 0).any()
+
+
 def two_modes(share):
     """Return a law in the box with two modes, far from each other."""
 

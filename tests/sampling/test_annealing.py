@@ -7,6 +7,7 @@ from support.examples import load
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
+from emcee_femu.moves import IndependenceMove
 from emcee_femu.sampling import annealing
 from emcee_femu.sampling.annealing import anneal_population
 from emcee_femu.sampling.renewing import renew
@@ -152,12 +153,28 @@ def test_weights_of_independence_proposals_have_the_tempered_evidence_as_mean(po
     halves = [np.arange(n // 2), np.arange(n // 2, n)]
     rows = evaluation.rows(theta)
     random = np.random.RandomState(1)
-    log_weights = renew(evaluation, theta, rows, halves, power, random)[2]
+    fits = [IndependenceMove.fit(theta)] * 2
+    log_weights = renew(evaluation, theta, rows, halves, power, random, fits)[2]
     exact = np.log(2 * np.pi * scale**2 / 400)
     size = len(log_weights)
     error = np.exp(log_weights - exact).std() / np.sqrt(size)
     assert error < 0.02
     assert abs(logsumexp(log_weights) - np.log(size) - exact) < LIMIT * error
+
+
+def test_a_half_of_copies_is_moved_and_moves_the_other_by_the_last_fits():
+    prior, n = box(2, 10.0), 200
+    theta = np.random.default_rng(1).normal(size=(n, 2))
+    last = [IndependenceMove.fit(theta)] * 2
+    theta[: n // 2] = theta[0]
+    evaluation = Counted(prior, gaussian_in_a_box)
+    halves = [np.arange(n // 2), np.arange(n // 2, n)]
+    rows, fits = evaluation.rows(theta), list(last)
+    renew(evaluation, theta, rows, halves, 1.0, np.random.RandomState(1), fits)
+    assert fits[1] is last[1] and fits[0] is not last[0]
+    assert len(np.unique(theta, axis=0)) > 0.8 * n
+    assert (np.abs(theta.mean(axis=0)) < 0.4).all()
+    np.testing.assert_allclose(np.cov(theta.T), np.eye(2), atol=0.4)
 
 
 def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():

@@ -84,9 +84,18 @@ def test_densities_are_those_of_the_logarithms():
 
 def test_weights_of_one_draw_are_tempered_until_more_count():
     log_weights = np.append(-np.arange(0.0, 5000.0, 10.0), -np.inf)
+    each = np.arange(len(log_weights))
     assert kish_share(log_weights) * len(log_weights) < 1.01
-    assert kish_share(tempered := temper(log_weights, 5)) * len(log_weights) >= 5
+    tempered = temper(log_weights, 5, each)
+    assert kish_share(tempered) * len(log_weights) >= 5
     assert tempered[-1] == -np.inf
-    assert (temper(log_weights, 1) == log_weights).all()
+    assert (temper(log_weights, 1, each) == log_weights).all()
     alone = np.array([0.0, -np.inf])
-    assert (temper(alone, 5) == alone).all()
+    assert (temper(alone, 5, np.arange(2)) == alone).all()
+
+
+def test_copies_of_a_draw_count_as_one():
+    log_weights = np.repeat(-np.arange(0.0, 500.0, 10.0), 10)
+    tempered = temper(log_weights, 5, np.repeat(np.arange(50), 10))
+    assert kish_share(log_weights) * 500 > 5  # as if they were draws of their own
+    assert kish_share(tempered[::10]) * 50 >= 5
