@@ -12,7 +12,7 @@ Gaussian relative errors of the frequencies with standard deviation beta^-1/2 = 
 
 What to look for: the frequencies are met to 0.02 %, ten times closer than any single
 stiffness (1 to 2.5 %), because stiffnesses may trade against one another: see the
-tilted ellipses of k1 against k2. A small lobe at k4 < 1980 N/m, 2.4 % of the mass,
+tilted ellipses of k1 against k2. A small lobe at k4 < 1980 N/m, 2.8 % of the mass,
 makes the posterior not quite Gaussian.
 
 Run it:  python examples/mass_spring.py

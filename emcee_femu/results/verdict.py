@@ -77,9 +77,10 @@ def _mixing(found: "Diagnosis") -> Iterator[Complaint]:
     worst = int(np.argmin(found.steps_per_tau))
     per_tau = found.steps_per_tau[worst]
     if per_tau < ENOUGH_TAU:
+        length = min(round(per_tau), ENOUGH_TAU - 1)  # as in the table, but not enough
         yield (
-            f"too short: {int(per_tau)} tau",
-            f"the chain is {per_tau:.0f} autocorrelation times long for "
+            f"too short: {length} tau",
+            f"the chain is {length} autocorrelation times long for "
             f"{found.names[worst]} ({ENOUGH_TAU} are needed); run longer",
         )
     worst = int(np.argmax(found.rhat_within))

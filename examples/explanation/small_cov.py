@@ -89,7 +89,7 @@ for label, sampler in runs.items():
     axes.semilogx(until, [cov(k6[:n].ravel()) for n in until], label=label)
 axes.axhline(cov(draws)[3], color="k", linestyle=":", label="reference")
 axes.set(xlabel="generation", ylabel="c.o.v. of k6 so far, %")
-axes.legend()
+figure.legend(loc="outside upper center", ncols=5, fontsize="small")
 plt.close(figure)  # shown once, by the next line
 figure
 

@@ -14,6 +14,7 @@
 
 # %%
 import logging
+import textwrap
 
 import numpy as np
 from scipy import stats
@@ -122,7 +123,8 @@ if __name__ == "__main__":
     known = dict.fromkeys(target.names, TRUTH)
     parameters = ef.parameter_table(idata, nominal=known)
     diagnosis = ef.diagnose(samplers)
-    print(parameters, ef.frequency_table(idata), diagnosis, sep="\n\n")
+    print(parameters, ef.frequency_table(idata), sep="\n\n")
+    print("\n" + textwrap.fill(diagnosis.verdict, 80))
 
 # %% [markdown]
 # What do the shapes add? A climb to the maximum by frequencies alone, started at the mean,

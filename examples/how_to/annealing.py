@@ -9,7 +9,8 @@
 # %%
 import emcee_femu as ef
 
-posterior = ef.paper.mass_spring().posterior  # five masses, ten springs
+problem = ef.paper.mass_spring()  # five masses, ten springs
+posterior = problem.posterior
 population = ef.anneal(posterior, 500, seed=1)
 population
 
@@ -27,7 +28,7 @@ idata = ef.to_inference_data(population, posterior)
 ef.parameter_table(idata)
 
 # %% mystnb={"image": {"alt": "Scatter of the five updated stiffnesses of 500 members, most ellipses tilted"}}
-ef.plot_scatter(idata)
+ef.plot_scatter(idata, units=problem.units)
 
 # %% [markdown]
 # ## How far to trust it

@@ -167,7 +167,8 @@ if __name__ == "__main__":
     K = assemble(ops, random)[0]
     off = np.abs(combined(split, random) - K).max() / np.abs(K).max()
     print(f"K_0 + sum theta_j K_j: off by {off:.0e} of the largest of K")
-    print("rows:", matrices(ops)[2])
+    rows = matrices(ops)[2]
+    print(f"{len(rows)} rows, the first are", *rows[:4])
 
 # %% [markdown]
 # The model of these matrices solves all walkers at once. Its frequencies are those of the

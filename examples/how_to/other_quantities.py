@@ -78,6 +78,9 @@ again = ef.run(one_by_one, "auto", nsteps=300, ensembles=2, seed=1)
 ef.predictive_table(ef.to_inference_data(again, one_by_one))
 
 # %% [markdown]
+# These are intervals of the model alone, narrower than those of a new measurement, so
+# that a measured value may lie outside.
+#
 # All optional attributes of models and terms are listed in {doc}`/reference/interfaces`.
 # `pointwise` makes `arviz.loo` work, `replicate` draws new measurements for
 # {py:func}`~emcee_femu.plot_predictive` and `arviz.plot_ppc`; derivatives are in

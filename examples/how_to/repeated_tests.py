@@ -95,7 +95,7 @@ idata = ef.to_inference_data(samplers, posterior)
 ef.parameter_table(idata)
 
 # %%
-ef.predictive_table(idata)
+ef.predictive_table(idata, posterior)
 
 # %% [markdown]
 # Where each test deserves a posterior of its own, because the structure changes from test

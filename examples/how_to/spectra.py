@@ -62,7 +62,12 @@ figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 axes.semilogy(lines, densities, label=["first", "second", "roof"])
 for band in BANDS:
     axes.axvspan(*band, color="0.9")
-axes.set(xlim=(0.5, 5), xlabel="Hz", ylabel="(m/s²)² / Hz")
+axes.set(
+    title="spectral density",
+    xlim=(0.5, 5),
+    xlabel="frequency (Hz)",
+    ylabel="(m/s²)² / Hz",
+)
 legend = axes.legend(frameon=False, loc="upper right")
 
 # %% [markdown]

@@ -34,7 +34,7 @@ prior = ef.IndependentPrior(
 # %% [markdown]
 # ## One state
 #
-# The prior's uncertainty of either parameter is hardly halved, and the last sentence says
+# The prior's uncertainty of either parameter is about halved, no more, and the last sentence says
 # why. This costs a few solves, see {doc}`first_look`.
 
 # %%

@@ -7,6 +7,7 @@
 
 # %%
 import sys
+from textwrap import fill, shorten
 
 import numpy as np
 
@@ -17,7 +18,8 @@ def show(call):  # prints what a call raises
     try:
         call()
     except Exception as error:
-        print(f"{type(error).__name__}: {str(error).splitlines()[0]}")
+        message = f"{type(error).__name__}: {error}"
+        print(fill(shorten(message, 400, placeholder=" ..."), 80))
 
 
 # %% [markdown]

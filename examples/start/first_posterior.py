@@ -40,6 +40,14 @@ ef.diagnose(samplers)
 # %% mystnb={"image": {"alt": "Scatter of k1 and k2 with a 95 % ellipse that leans to the left"}}
 ef.plot_scatter(idata, units={"k1": "MN/m", "k2": "MN/m"})
 
+# %% [markdown]
+# The ellipse leans: a stiffer lower storey and a softer upper one fit nearly as well.
+#
+# Where to go on: [a modal test, from CSV to verdict](../tutorials/modal_test.py) is the
+# whole way with a frame and mode shapes, [which model, which term](choose.md) finds
+# what suits your own structure, and the [glossary](../reference/glossary.md)
+# translates between engineers and statisticians.
+
 # %% tags=["remove-cell"]
 table = ef.parameter_table(idata)
 assert ef.diagnose(samplers).short == "converged"

@@ -37,8 +37,8 @@ import numpy as np
 import emcee_femu as ef
 
 names = ["k1", "k2", "k3", "k4", "k5"]
-stories = {name: (i, i + 1, 9e6) for i, name in enumerate(names)}
-model = ef.MassSpringModel(np.full(5, 5e3), stories)
+storeys = {name: (i, i + 1, 9e6) for i, name in enumerate(names)}
+model = ef.MassSpringModel(np.full(5, 5e3), storeys)
 term = ef.FrequencyTerm([1.88, 5.63, 8.60], relative_sd=0.01)  # Hz
 bounds = [(3e6, 18e6)] * 5
 prior = ef.GaussianPrior(names, np.full(5, 9e6), 1.8e6, bounds)

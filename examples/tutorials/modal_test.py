@@ -49,7 +49,7 @@ test = ef.Measurements.from_csv(directory / "test.csv")
 print(test)
 
 # %% [markdown]
-# The standard deviations are 0.2 %, the scatter of a good modal test. The numbers are
+# (MPC, the modal phase collinearity, is 1 for shapes of real numbers.) The standard deviations are 0.2 %, the scatter of a good modal test. The numbers are
 # simulated, so that the truth is known: columns, beams x and beams y have
 # 0.95, 1.15 and 0.85 of their nominal stiffness, and **the floors of the true frame are
 # heavier on one side**, which the model below does not know. No parameters make it
@@ -253,6 +253,9 @@ print("Verdict:", diagnosis.short)
 # Likelihood: six frequencies with 0.2 % of measurement error and an inferred model
 # error; six shapes at eight sensors. Modes paired by MAC. Four ensembles of 20
 # walkers, 200 steps after burn-in.* That is all that a colleague needs to do it again.
+#
+# Next: [which parameters can be learned](what_is_learned.py), before a test and after
+# it; or [your own FE program](../how_to/fe_programs.md) in place of the frame.
 
 # %% tags=["remove-cell"]
 assert diagnosis.short == "converged" and short.short.startswith("too short")

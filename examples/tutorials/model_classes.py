@@ -28,13 +28,13 @@ import numpy as np
 
 import emcee_femu as ef
 
-stories = {f"k{i}": (i - 1, i, 2e6) for i in (1, 2, 3)}
-building = ef.MassSpringModel([500.0, 500.0, 500.0], stories)
+storeys = {f"k{i}": (i - 1, i, 2e6) for i in (1, 2, 3)}
+building = ef.MassSpringModel([500.0, 500.0, 500.0], storeys)
 term = ef.FrequencyTerm([4.17, 12.29, 16.42], relative_sd=0.01)  # Hz
 
 
 def one_factor(p):  # the three storeys are alike
-    return building({name: 2e6 * p["factor"] for name in stories})
+    return building({name: 2e6 * p["factor"] for name in storeys})
 
 
 def second_apart(p):
@@ -54,7 +54,7 @@ for function in (one_factor, second_apart):
 factor = ef.GaussianPrior(["factor"], [1.0], [0.3], [(0.1, 3.0)])
 bounds = [(0.1, 3.0), (2e5, 6e6)]
 apart = ef.GaussianPrior(["factor", "k2"], [1, 2e6], [0.3, 6e5], bounds)
-three = ef.GaussianPrior([*stories], [2e6] * 3, 6e5, [(2e5, 6e6)] * 3)
+three = ef.GaussianPrior([*storeys], [2e6] * 3, 6e5, [(2e5, 6e6)] * 3)
 classes = {
     "one factor": ef.LogPosterior(one_factor, term, factor),
     "second storey apart": ef.LogPosterior(second_apart, term, apart),
@@ -125,7 +125,8 @@ for low, high in [(0.5, 1.5), (0.1, 10.1)]:
     samplers = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
     theta = np.concatenate([s.get_chain(flat=True) for s in samplers])
     wide[high] = ef.log_evidence(samplers)
-    print(f"{low} to {high}: {theta.mean():.3f} +- {theta.std():.3f}", wide[high])
+    mean, sd, log_z = theta.mean(), theta.std(), wide[high].log_evidence
+    print(f"{low} to {high}: factor {mean:.3f} +- {sd:.3f}, ln Z {log_z:.2f}")
 loss = wide[1.5].log_evidence - wide[10.1].log_evidence
 print(f"lost: {loss:.2f}; ln 10 = {np.log(10):.2f}")
 

@@ -272,7 +272,7 @@ print(textwrap.fill(sentences[0.002][1]))
 
 # %% [markdown]
 # A prior ten times too wide does less harm than one ten times too narrow: the
-# posterior becomes wider by about a half. So take a scale that would not surprise
+# posterior becomes wider by a third to a half. So take a scale that would not surprise
 # you, rather too large, and report it. The prior must be proper: under 1 / sigma, which
 # is often taken for an unknown scale, the posterior has no finite integral
 # where the model can fit all data exactly, as it can when there are as many

@@ -100,8 +100,8 @@ columns = [("plan", "", list(plans)), *columns]
 Table.from_columns("sd/prior sd that a plan would leave", columns)
 
 # %% [markdown]
-# Two modes with their shapes teach nearly as much as five frequencies, and are far
-# easier to excite. With two sensors only, which floors?
+# Two modes with their shapes teach far more than three frequencies, on most storeys
+# nearly as much as five, and are far easier to excite. With two sensors only, which floors?
 
 # %%
 pairs = {
@@ -113,7 +113,7 @@ for floors, worst in sorted(pairs.items(), key=lambda pair: pair[1]):
 
 # %% [markdown]
 # Of two sensors a mode's shape gives one ratio only, so much stays unknown, but the
-# best pair is better than the worst. What is best depends on what you want: here the
+# best pairs, floor 2 with a high floor, are far better than two high floors. What is best depends on what you want: here the
 # storey that is known least decides; if only the ground storey matters, sort
 # by `[0]` in place of `max()`.
 #
@@ -169,7 +169,7 @@ for spread in (0.05, 0.1, 0.2):
     about = ef.identifiability(found)
     k5 = found.maxima[0].covariance[4, 4] ** 0.5
     ratio = about.sd_ratio[4]
-    print(f"prior {spread:.0%}: sd of k5 {k5:.3f}, sd ratio {ratio:.2f}")
+    print(f"prior {100 * spread:.0f} %: sd of k5 {k5:.3f}, sd ratio {ratio:.2f}")
 
 # %% [markdown]
 # One frequency hardly depends on the top storey, and its standard deviation follows
