@@ -30,9 +30,9 @@ recipe
 # A fifth as many points as the chain has evaluations, at least 1,000, are solved: half
 # of them draws of the prior, half about the modes found so far, at 2, 4, 8 times their
 # widths and so on. Each ensemble climbs from its best point, then from those that
-# Gaussians at the known modes do not explain. Where a posterior is not Gaussian many
-# are not, and only those are followed that a valley parts from the nearest mode (four
-# points on the way there). The climbs are those of {py:func}`~emcee_femu.find_map`:
+# Gaussians at the known modes do not explain. Where a posterior is not
+# Gaussian there are many such points; a climb then starts only from those that a valley
+# separates from the nearest mode (looked for at four points on the way). The climbs are those of {py:func}`~emcee_femu.find_map`:
 # one solve a step with `jacobian`, `d + 1` without.
 
 # %%

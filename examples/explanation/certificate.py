@@ -108,7 +108,7 @@ ef.parameter_table(certificates["a little off"].idata)
 # ## How it decides
 #
 # Pareto k describes the tail of the largest weights: above 0.7 their mean cannot be
-# estimated. Of weights that are nearly equal (efficiency above 0.9) k is no matter.
+# estimated. Where weights are nearly equal (efficiency above 0.9) k does not matter.
 # From fewer than 100 weights the largest tell little of it (it scatters by 0.2), so it
 # is taken as the larger of two: ArviZ's, and the one that the curvature of ln w over
 # all draws implies. Efficiency and the largest weight, which the sentence gives too,

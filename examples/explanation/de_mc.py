@@ -135,8 +135,7 @@ for name, move in {
 # To come back, walker $i$ would need the difference of their *new* places, which is
 # another one. The way back is not proposed as often, and the joint density is not kept.
 #
-# `DEMCMove` deals the walkers to two halves and moves one half with the other for
-# guides, which stand still meanwhile: detailed balance holds, and a whole half is one
+# `DEMCMove` deals the walkers into two halves and moves one half with the other as guides, which stand still meanwhile: detailed balance holds, and a whole half is one
 # batch of solves. `nsplits=nwalkers` is the paper's sweep.
 #
 # ## Exact start: how wrong is it?

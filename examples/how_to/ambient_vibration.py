@@ -5,8 +5,8 @@
 # update a model with them. `python examples/how_to/ambient_vibration.py` runs this page
 # (4 s); it takes `pip install "emcee_femu[oma]"`.
 #
-# Five floors of 25.91 kg on springs vibrate under wind and traffic, nobody knows how much
-# force. Five accelerometers record 300 s. How stiff is each storey?
+# Five floors of 25.91 kg on springs vibrate under wind and traffic, whose
+# forces nobody knows. Five accelerometers record 300 s. How stiff is each storey?
 #
 # The pyOMA2 package brings no records as files (`get_sample_data` fetches them from the
 # network), so these are from its own generator, `example_data`: white noise on a frame of

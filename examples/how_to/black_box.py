@@ -89,9 +89,9 @@ certificate
 # is that function, to copy, with CalculiX as the program ({doc}`calculix`). What it
 # does besides:
 #
-# **Time limit.** Ten times the longest usual solve, on a machine that is as busy as it will
-# be; a program that waits for its licence itself spends the limit on that, so let it give up
-# at once and the driver wait. Killing a start script leaves the solver that it started
+# **Time limit.** Take ten times the longest usual solve, on a machine that is as busy as it
+# will be. A program that waits for its licence spends the limit on waiting: let it give up
+# at once, and let the driver wait. Killing a start script leaves the solver that it started
 # alive, and `subprocess.run(..., capture_output=True, timeout=60)` then waits for the
 # solver's output: the driver starts the program in a process group of its own, ends the
 # group, and lets it print into a file. A run that is killed itself (SIGKILL, out of memory)

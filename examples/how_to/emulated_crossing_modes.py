@@ -8,7 +8,7 @@
 # ## The kink
 #
 # `emulate` does not learn the likelihood, nor the frequencies, but numbers that stay smooth
-# as the parameters change. Sorted eigenvalues do not where two modes meet: each has a kink
+# as the parameters change. Sorted eigenvalues do not stay so where two modes meet: each has a kink
 # there, and a Gaussian process through a kink is wrong near it and does not know it. The
 # plainest case is a beam of nearly square section: its bending modes in the two planes
 # cross, or nearly so, where width and height are equal. Both are unknown, as shares of

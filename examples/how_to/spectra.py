@@ -2,7 +2,7 @@
 # # Identify modes from a record of ambient vibration
 #
 # You will turn accelerations under wind and traffic into frequencies, damping ratios and
-# shapes *with* what is not known of them, ready for a posterior of your model.
+# shapes *with* their uncertainties, ready for a posterior of your model.
 # `python examples/how_to/spectra.py` runs this page (5 s).
 #
 # Wind, traffic and people shake a structure with forces that nobody measures. Near one

@@ -100,7 +100,7 @@ ef.plot_comparison(compared)
 # Differential evolution and tuned Metropolis-Hastings are of one kind: DE-MC takes its steps from
 # the differences of other walkers, which lie along the ellipsoid by themselves, so
 # that it is worth a first run for tuning, no more. The independence proposal of
-# "auto" escapes the ceiling of random walks: it jumps to anywhere.
+# "auto" escapes the ceiling of random walks: it can jump anywhere.
 #
 # ## Why not acceptance
 
