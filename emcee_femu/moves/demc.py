@@ -17,7 +17,7 @@ MOST_TABLED = 256  # guides up to which the pairs are looked up, in 1 MB
 
 
 class DEMCMove(VectorizedRedBlueMove):
-    r"""Add a scaled difference of two other walkers, and a little noise (Eq. 3.2).
+    r"""Add a scaled difference of two other walkers, and a little noise (Equation 3.2).
 
     .. math:: \theta^* = \theta_i + \gamma (\theta_a - \theta_b) + \varepsilon,
         \qquad \varepsilon \sim N(0, \mathrm{diag}(\sigma^2)),

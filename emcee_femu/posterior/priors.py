@@ -18,7 +18,7 @@ from .slopes import slope
 
 @dataclass(frozen=True, eq=False, init=False)
 class GaussianPrior(Report):
-    r"""Independent Gaussians, cut at bounds and normalised inside them (Eq. 2.3).
+    r"""Independent Gaussians, cut at bounds and normalised inside them (Equation 2.3).
 
     .. math:: p(\theta) \propto
         \exp\left(-\tfrac12 \sum_i \alpha_i (\theta_i - \theta_{0,i})^2\right),
