@@ -66,7 +66,9 @@ def run(
             Four from over-dispersed starts are what R-hat needs to see a missed mode.
         seed: A whole number.
         workers: Number of processes to start for the evaluations, and to end with the
-            run; None for none. No more than ``nwalkers / 2`` are of use to most moves.
+            run; None for none. They pay from about a millisecond per solve on, with one
+            thread each for linear algebra (``OMP_NUM_THREADS=1``, set before Python
+            starts). No more than ``nwalkers / 2`` are of use to most moves.
             On Linux they are forked, which works from scripts without a guard and from
             notebooks. ``multiprocessing.set_start_method("spawn")`` is for solvers that
             do not survive a fork (some with threads or a GPU). A script then needs
