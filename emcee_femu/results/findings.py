@@ -13,6 +13,7 @@ MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
 MOST_COMBINATIONS, MOST_PARTS, SMALL_PART = 3, 5, 0.15
 CROWDED = 0.05  # share of the samples near a bound
+CLOSE = 3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential 1
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 
 
@@ -22,7 +23,11 @@ def describe_findings(found: Any) -> list[str]:
     together = np.abs(found.correlation) > TOGETHER
     sentences = [_name_unknown(found, i, together[i].sum() == 1) for i in uninformed]
     sentences += [_pair(found, i, j) for i, j in np.argwhere(np.triu(together, 1))]
-    if not sentences:
+    # A narrow posterior may lie within 1 % of a wide range, and far from its bound.
+    crowded = np.argwhere((found.at_bound > CROWDED) & (found.from_bound < CLOSE))
+    small = [i for i, side in crowded if found.is_error[i] and side == 0]
+    pressed = [(i, side) for i, side in crowded if not found.is_error[i] or side]
+    if not sentences and not pressed:
         least = int(found.sd_ratio.argmax())
         sentences = [
             f"The data inform every parameter, {found.names[least]} least (sd "
@@ -36,8 +41,8 @@ def describe_findings(found: Any) -> list[str]:
         "for what the model lacks, or widen this prior."
         for i in np.flatnonzero(found.is_error & (found.shift > SURPRISING))
     ]
-    crowded = np.argwhere(found.at_bound > CROWDED)
-    sentences += [_at_bound(found, i, side) for i, side in crowded]
+    sentences += [_say_small(found, i) for i in small]
+    sentences = [_press(found, i, side) for i, side in pressed] + sentences
     sentences += [
         f"The sensitivities of {found.modes[i]} are rough, for ln(lambda) is not a "
         f"quadratic over the samples (R^2 {found.r_squared[i]:.2f})."
@@ -121,16 +126,24 @@ def _sign(value: float, spec: str = ".3g") -> str:
     return f"{'+' if value > 0 else '-'} {abs(value):{spec}}"
 
 
-def _at_bound(found: Any, i: int, side: int) -> str:
-    name, share = found.names[i], 100 * found.at_bound[i, side]
-    bound = f"{('lower', 'upper')[side]} bound {found.bounds[i, side]:.5g}"
-    what = "the Gaussian's draws" if found.local else "the samples"
-    if found.is_error[i] and side == 0:
-        return (
-            f"{name} may well be as small as its {bound}, where {share:.0f} % of "
-            f"{what} lie: the data do not need so large an error as the prior admits."
-        )
+def _say_small(found: Any, i: int) -> str:
+    share, what = _crowd(found, i, 0)
     return (
-        f"{name} is pressed against its {bound}: {share:.0f} % of {what} lie within "
-        "1 % of the range from it. Widen the bounds, or doubt the model."
+        f"{found.names[i]} may well be as small as its lower bound "
+        f"{found.bounds[i, 0]:.5g}, where {share} of {what} lie: the data do not need "
+        "so large an error as the prior admits."
     )
+
+
+def _press(found: Any, i: int, side: int) -> str:
+    share, what = _crowd(found, i, side)
+    return (
+        f"{found.names[i]} is pressed against its {('lower', 'upper')[side]} bound "
+        f"{found.bounds[i, side]:.5g}: {share} of {what} lie within 1 % of the range "
+        "from it. Widen the bounds, or doubt the model."
+    )
+
+
+def _crowd(found: Any, i: int, side: int) -> tuple[str, str]:
+    what = "the Gaussian's draws" if found.local else "the samples"
+    return f"{100 * found.at_bound[i, side]:.0f} %", what

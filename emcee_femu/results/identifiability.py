@@ -31,6 +31,8 @@ class Identifiability(Report):
         at_bound: Share of samples within 1 % of the range of the lower and of the
             upper bound, ``(d, 2)``; of a range with an infinite end, within 4 % of a
             prior standard deviation.
+        from_bound: Distance of the posterior mean from the lower and from the upper
+            bound, in posterior standard deviations, ``(d, 2)``.
         modes: Which mode each row of the sensitivities is, in words.
         sensitivities: d ln(lambda_i) per prior standard deviation of each parameter,
             at the posterior mean, ``(n_modes, d)``; NaN where the samples do not tell,
@@ -50,6 +52,7 @@ class Identifiability(Report):
     shift: Floats
     correlation: Floats
     at_bound: Floats
+    from_bound: Floats
     modes: tuple[str, ...]
     sensitivities: Floats
     r_squared: Floats
@@ -123,7 +126,8 @@ def identifiability(idata: Any) -> Identifiability:
     mean shifted by less than 0.5 prior sd), a pair of which only a combination is
     known well (absolute correlation above 0.95), where three or more are not informed
     the combinations that the data know best, a bound that the posterior is pressed
-    against (more than 5 % of the samples within 1 % of the range), an error more than 2
+    against (more than 5 % of the samples within 1 % of the range, and the bound within
+    3 posterior sds of the mean), an error more than 2
     prior sds above its prior mean, and a mode of R^2 below 0.98. The prior is taken as
     independent.
 

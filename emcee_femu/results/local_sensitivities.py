@@ -40,6 +40,7 @@ def describe_locally(found: FoundMap) -> dict[str, Any]:
         "shift": (mean - prior_mean) / prior_sd,
         "correlation": covariance / np.outer(sd, sd),
         "at_bound": at_bound,
+        "from_bound": np.abs(bounds - mean[:, None]) / sd[:, None],
         "modes": modes,
         "sensitivities": sensitivities * prior_sd,
         "r_squared": np.full(len(modes), np.nan),

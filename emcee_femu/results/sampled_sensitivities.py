@@ -41,6 +41,7 @@ def describe_samples(idata: Any) -> dict[str, Any]:
         "shift": (mean - constants["prior_mean"].values) / prior_sd,
         "correlation": np.corrcoef(draws, rowvar=False).reshape(len(names), -1),
         "at_bound": shares_at_bounds(draws, bounds, prior_sd),
+        "from_bound": np.abs(bounds - mean[:, None]) / sd[:, None],
         "modes": modes,
         "sensitivities": sensitivities,
         "r_squared": r_squared,

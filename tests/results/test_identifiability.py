@@ -188,6 +188,7 @@ def test_the_threshold_of_a_pair_is_a_correlation_of_0_95(r, named):
 @pytest.mark.parametrize("share", [0.04, 0.0625])
 def test_a_posterior_at_a_bound_is_named(side, share):
     z = exact_draws(np.diag([0.2, 0.3, 0.2]) ** 2)
+    z[..., 0] = np.abs(z[..., 0]) * (1 - 2 * side)  # half of a Gaussian at a bound
     ordered = np.sort(z[..., 0].ravel())
     n = round(share * len(ordered))
     # A range of which 1 % reaches up to the n-th sample and not to the next one.
@@ -294,11 +295,46 @@ def test_an_error_near_zero_is_small_and_not_pressed(is_error):
         upper=np.full(3, 2.0),
         is_error=[False, False, is_error],
     )
-    (text,) = identifiability(idata).findings[1:]
+    findings = identifiability(idata).findings
     if is_error:
+        assert findings[0].startswith("The data inform every parameter")
+        (text,) = findings[1:]
         assert text.startswith("x may well be as small as its lower bound 0, where ")
     else:
+        (text,) = findings
         assert text.startswith("x is pressed against its lower bound 0: ")
+
+
+@pytest.mark.parametrize("is_error", [True, False])
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(
+    side, is_error
+):
+    """As 60 +- 4.6 of a range from 0 to 1e5: 1 % of it reaches to 1000."""
+    z = exact_draws(np.diag([0.3, 0.3, 0.01]) ** 2)
+    ends = np.array([-0.13, 200.0] if side == 0 else [-200.0, 0.13]) * PRIOR_SD[2]
+    idata = made(
+        z,
+        linear_frequencies(z),
+        lower=[-9e9, -9e9, ends[0]],
+        upper=[9e9, 9e9, ends[1]],
+        is_error=[False, False, is_error],
+    )
+    found = identifiability(idata)
+    assert_allclose(found.at_bound[2, side], 1.0)
+    assert_allclose(found.from_bound[2, side], 13, rtol=1e-6)
+    (text,) = found.findings
+    assert text.startswith("The data inform every parameter")
+
+
+def test_what_is_pressed_is_said_before_all_else():
+    z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
+    z[..., 2] = np.abs(z[..., 2])
+    lower = [-9e9, -9e9, 0.0]
+    found = identifiability(made(z, linear_frequencies(z), lower=lower))
+    first, second = found.findings[:2]
+    assert first.startswith("x is pressed against its lower bound 0: ")
+    assert second.startswith("The data say nothing about stiff")
 
 
 def test_where_little_is_informed_the_known_combinations_are_named():
