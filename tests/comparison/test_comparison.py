@@ -220,7 +220,7 @@ def test_too_short_chains_are_never_converged(small):
         per_tau = diagnosis.steps_per_tau.min()
         assert diagnosis.converged == (verdict == "converged")
         if per_tau < 50:
-            assert verdict == f"too short: {int(per_tau)} tau"
+            assert verdict == f"too short: {min(round(per_tau), 49)} tau"
     assert small.winner not in list(MOVES)[:3]
 
 
