@@ -65,7 +65,14 @@ def test_an_error_on_a_worker_of_mpi_fails_the_job(tmp_path):
 @contextlib.contextmanager
 def dask():
     distributed = pytest.importorskip("distributed", reason="dask is not installed")
+    from dask import config
+
+    # A task that kills its worker is tried once more only, and fails where no worker
+    # comes back in time, as on a busy machine: else it would wait for ever.
+    limits = {"allowed-failures": 1, "no-workers-timeout": "60s"}
+    limits = {f"distributed.scheduler.{name}": value for name, value in limits.items()}
     with (
+        config.set(limits),
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None
         ) as local,
