@@ -69,6 +69,14 @@ Parameters: TypeAlias = Mapping[str, Floats]
 PLACE = "raised by the model at"  # begins the note that names the parameters
 
 
+def add_place(error: Exception, place: Any, names: Sequence[str]) -> None:
+    """Note where a model raised, and which names there are if it asked for another."""
+    error.add_note(f"{PLACE} {place}")
+    wrong = error.args[:1] if isinstance(error, KeyError) else ()
+    if any(isinstance(name, str) and name not in names for name in wrong):
+        error.add_note(f"the parameters are {', '.join(names)}")
+
+
 @dataclass(frozen=True)
 class Variable:
     """A quantity of a response: dimensions and coordinates, as in xarray.

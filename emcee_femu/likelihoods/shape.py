@@ -103,7 +103,7 @@ class ShapeTerm:
         if sum(value is not None for value in (delta, discrepancy, sd)) != 1:
             raise TypeError(
                 "delta, discrepancy, sd: expected exactly one of them, or Measurements "
-                "with shape_sd"
+                "with shape_sd; delta=0.02 is a noise of 2 % of the shape's length"
             )
         checks.set_fields(
             self,

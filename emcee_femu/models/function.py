@@ -8,12 +8,12 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import (
-    PLACE,
     Floats,
     ModalSolution,
     Parameters,
     SolveError,
     Variable,
+    add_place,
 )
 
 
@@ -201,7 +201,7 @@ def _call(
     except (StopIteration, SystemExit) as error:  # see Experiment
         raise RuntimeError(f"function: it raised {error!r} at {values}") from error
     except Exception as error:
-        error.add_note(f"{PLACE} {values}")
+        add_place(error, values, [*values])
         raise
     try:
         return read(result)

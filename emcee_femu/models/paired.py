@@ -113,11 +113,7 @@ class PairedModel:
         candidates = checks.whole_number("candidates", candidates, measured)
         available = getattr(model, "n_modes", None)
         if available is not None and available < candidates:
-            raise ValueError(
-                f"model: expected at least {candidates} modes to pair {measured} "
-                f"measured ones with, but it returns {available}; ask it for more "
-                f"modes, or set candidates={available} where there are no more"
-            )
+            raise _too_few(candidates, measured, available)
         min_mac = checks.real_number("min_mac", min_mac, 0.0)
         min_gap = checks.real_number("min_gap", min_gap, 0.0)
         if min_mac > 1:
@@ -249,9 +245,7 @@ class PairedModel:
             raise SolveError("not finite", "model: expected finite shapes")
         n_modes = frequencies.shape[1]
         if n_modes < self.candidates:
-            raise ValueError(
-                f"model: expected at least {self.candidates} modes, got {n_modes}"
-            )
+            raise _too_few(self.candidates, self.measurements.n_modes, n_modes)
         wanted = slice(self.candidates)
         return frequencies[:, wanted], self._at_sensors(shapes)[:, :, wanted]
 
@@ -289,3 +283,12 @@ def _check_floats(part: Any) -> Floats:
     if type(part) is np.ndarray and part.dtype == np.float64:
         return part
     return checks.numeric_array("model", part)
+
+
+def _too_few(candidates: int, measured: int, available: int) -> ValueError:
+    enough = available >= measured
+    remedy = f", or give PairedModel(candidates={available})" if enough else ""
+    return ValueError(
+        f"candidates: {candidates} modes are searched for {measured} measured ones, "
+        f"but the model returns {available}; let it return {candidates}{remedy}"
+    )

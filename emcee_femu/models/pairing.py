@@ -81,9 +81,10 @@ def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) ->
         return shapes
     if numbers is None or numbers.max() >= n_rows:
         given = "None" if dofs is None else str(dofs.tolist())
+        remedy = "; give Measurements(dofs=[...])" if dofs is None else ""
         raise ValueError(
             f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
-            f"model's shapes, got {given}"
+            f"model's shapes, got {given}{remedy}"
         )
     return np.ascontiguousarray(shapes[:, numbers])
 

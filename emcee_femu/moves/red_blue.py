@@ -75,9 +75,11 @@ class VectorizedRedBlueMove(ProposingMove, RedBlueMove):
                 f"least {max(2 * ndim, enough)} walkers, better twice as many"
             )
         if nwalkers < 2 * ndim and not self.live_dangerously:
+            name = type(getattr(self, "move", self)).__name__  # not of a wrapper
             raise RuntimeError(
                 f"nwalkers: expected at least 2 * ndim = {2 * ndim}, got {nwalkers}; "
-                "fewer may stay in a subspace (live_dangerously=True allows it)"
+                f"fewer may stay in a subspace ({name}(live_dangerously=True) allows "
+                "it)"
             )
         if self.sigma is not None and self.sigma.shape not in ((), (ndim,)):
             raise ValueError(

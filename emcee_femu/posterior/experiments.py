@@ -14,6 +14,7 @@ from ..interfaces import (
     Parameters,
     SolveError,
     Variable,
+    add_place,
     read,
 )
 from .compatibility import check_types, declare, name_terms
@@ -112,7 +113,7 @@ class Experiment(NamedTuple):
         except Exception as error:
             notes = getattr(error, "__notes__", ())
             if not any(note.startswith(PLACE) for note in notes):
-                error.add_note(f"{PLACE} {describe()}")
+                add_place(error, describe(), [*parameters])
             if self.name:
                 error.add_note(f"in the experiment {self.name!r}")
             raise

@@ -278,6 +278,11 @@ def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
 
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     """Return bounds as ``(d, 2)``, refusing NaN and low >= high by name."""
+    if isinstance(bounds, Mapping):
+        raise TypeError(
+            "bounds: expected a pair (low, high) per name, in the order of names, got "
+            f"{bounds!r}"
+        )
     array = checks.numeric_array("bounds", bounds)
     if array.shape != (len(names), 2):
         raise ValueError(

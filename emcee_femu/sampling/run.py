@@ -120,8 +120,10 @@ def run(
             file is not that of the same run, or two of workers, pool and vectorize are
             asked for. All are raised before sampling.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
-        RuntimeError: If too many solves failed or a worker died. An exception during
-            sampling has the samplers so far, as its attribute ``samplers``.
+        RuntimeError: If there are fewer walkers than twice the parameters and the move
+            is without ``live_dangerously=True``; too many solves failed, or a worker
+            died. An exception during sampling has the samplers so far, as its attribute
+            ``samplers``.
 
     Examples:
         >>> import emcee_femu as ef

@@ -236,7 +236,7 @@ MODEL = Fixed(np.ones((1, 4)), np.ones((1, 3, 4)))
         ((3, GOOD), {}, TypeError, "model: expected a callable"),
         ((MODEL, [1.0]), {}, TypeError, "measurements: expected Measurements"),
         ((MODEL, Measurements([1.0])), {}, ValueError, "measurements: no shapes"),
-        ((MODEL, GOOD), {"candidates": 5}, ValueError, "at least 5 modes .* returns 4"),
+        ((MODEL, GOOD), {"candidates": 5}, ValueError, "5 modes .* returns 4"),
         (
             (MODEL, GOOD),
             {"candidates": 1},
@@ -269,8 +269,14 @@ def test_a_model_without_shapes_or_with_too_few_modes_is_refused():
 
     with pytest.raises(ValueError, match="paired by their shapes"):
         PairedModel(Bare(np.ones((1, 4))), GOOD)({})
-    with pytest.raises(ValueError, match="expected at least 4 modes, got 2"):
-        PairedModel(Bare(np.ones((1, 2)), np.ones((1, 3, 2))), GOOD)({})
+    for returned, remedy in ((2, r", or give PairedModel\(candidates=2\)"), (1, "")):
+        bare = Bare(np.ones((1, returned)), np.ones((1, 3, returned)))
+        message = (
+            "^candidates: 4 modes are searched for 2 measured ones, but the model "
+            f"returns {returned}; let it return 4{remedy}$"
+        )
+        with pytest.raises(ValueError, match=message):
+            PairedModel(bare, GOOD)({})
 
 
 def test_mac_and_number_of_the_paired_modes_are_stored_with_each_sample():

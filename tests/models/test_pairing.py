@@ -50,7 +50,7 @@ def test_sensors_are_rows_of_all_dofs_or_the_rows_themselves():
     with pytest.raises(ValueError, match="another order"):
         at_sensors(shapes, np.array([1, 0, 2, 3, 4]), 5)
     with pytest.raises(
-        ValueError, match="dofs: expected the rows of 2 sensors .* None"
+        ValueError, match=r"the rows of 2 sensors .* None; give Measurements\(dofs="
     ):
         at_sensors(shapes, None, 2)
     with pytest.raises(ValueError, match="among the 5 .* got .0, 5."):

@@ -197,3 +197,5 @@ def test_arguments_are_checked():
             DelayedAcceptanceMove(inner, cheap)
     with pytest.raises(ValueError, match="nwalkers"):
         DelayedAcceptanceMove(DEMCMove(), cheap).check(2, 3)
+    with pytest.raises(RuntimeError, match=r"\(DEMove\(live_dangerously=True\) allows"):
+        DelayedAcceptanceMove(emcee.moves.DEMove(), cheap).check(4, 3)

@@ -192,7 +192,7 @@ def test_wrong_settings_are_refused_by_name(make, error, match):
         (DEMCMove(), (2, 1), ValueError, "nwalkers"),
         (DEMCMove(**BOLD), (3, 2), ValueError, "at rest"),
         (DEMCMove(nsplits=12), (10, 3), ValueError, "nsplits"),
-        (DEMCMove(), (4, 3), RuntimeError, "2 \\* ndim"),
+        (DEMCMove(), (4, 3), RuntimeError, r"6, got 4; .*DEMCMove\(live_dangerously"),
         (DEMCMove(sigma=[0.1, 0.1]), (10, 3), ValueError, "sigma"),
         (MetropolisMove(sd=[1.0, 1.0]), (10, 3), ValueError, "sd"),
         (MetropolisMove(cov=np.eye(2)), (10, 3), ValueError, "cov"),

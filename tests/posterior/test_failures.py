@@ -77,6 +77,30 @@ def test_a_batch_that_fails_names_its_parameter_sets():
     assert "'a': 1.5, 'b': 0.25" in caught.value.__notes__[0]
 
 
+class Typo:
+    variables = ef.modal_variables(2)
+
+    def __call__(self, parameters):
+        return parameters["A"]
+
+
+@pytest.mark.parametrize(
+    ("model", "said"),
+    [
+        (ef.FunctionModel(lambda p: p["A"]), True),
+        (Typo(), True),
+        (ef.FunctionModel(lambda p: {}["a"]), False),  # a fault of another kind
+        (ef.FunctionModel(lambda p: {}[3]), False),
+    ],
+)
+def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(model, said):
+    with pytest.raises(KeyError) as caught:
+        ef.LogPosterior(model, TERM, PRIOR)([1.0, 1.0])
+    place, *names = caught.value.__notes__
+    assert place.startswith("raised by the model at") and "'a': 1.0" in place
+    assert names == ["the parameters are a, b"] * said
+
+
 @pytest.mark.parametrize("pool", [None, lambda own: own, ef.EvaluationPool])
 def test_rejected_failures_leave_the_posterior_of_what_can_be_solved(pool):
     if pool is not None:

@@ -95,6 +95,7 @@ def test_gaussian_copies_its_arguments():
         ({"bounds": [(0, 9), (9, 0)]}, ValueError, "bounds: low < high for 'I'"),
         ({"bounds": [(5, 5), (0, 9)]}, ValueError, "bounds: low < high for 'k'"),
         ({"bounds": [(0, 9), (np.nan, 9)]}, ValueError, "bounds: low < high for 'I'"),
+        ({"bounds": {"k": (0, 9), "I": (0, 9)}}, TypeError, "bounds: .* the order of"),
         ({"bounds": [(0, 9), (None, 9)]}, TypeError, "bounds: expected real numbers"),
         ({"names": ["k", "k"]}, ValueError, r"names: .*\['k'\]"),
         ({"names": "kI"}, TypeError, r"names: .*write \['kI'\]"),
