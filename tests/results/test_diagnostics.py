@@ -1,3 +1,5 @@
+import dataclasses
+
 import arviz as az
 import emcee
 import numpy as np
@@ -11,6 +13,7 @@ import emcee_femu as ef
 from emcee_femu.moves import MetropolisMove
 from emcee_femu.results.arviz_objects import dataset, effective_sizes, rhat, wrap
 from emcee_femu.results.diagnostics import autocorrelation_time
+from emcee_femu.results.verdict import judge
 
 SAMPLE_DIMS = {"sample_dims": ["chain", "draw"]}
 
@@ -97,6 +100,15 @@ def test_a_chain_of_too_few_autocorrelation_times_is_not_converged():
     assert not found.converged
     length = f"{found.steps_per_tau[0]:.0f} autocorrelation times long for theta1"
     assert found.verdict.startswith(f"Not converged: the chain is {length}")
+
+
+@pytest.mark.parametrize("per_tau, said", [(9.7, 10), (49.7, 49)])
+def test_a_chain_that_is_too_short_has_one_length_in_word_and_sentence(per_tau, said):
+    found = ef.diagnose([backend(ar1([0.9], 400, 8, seed)) for seed in (1, 2)])
+    short = dataclasses.replace(found, steps_per_tau=np.array([per_tau]))
+    word, sentence = judge(short, starts_given=False)
+    assert word == f"too short: {said} tau"  # never the 50 that are needed
+    assert f"the chain is {said} autocorrelation times" in sentence
 
 
 def test_stuck_walkers_are_reported_and_left_out_of_tau():
