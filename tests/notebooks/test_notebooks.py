@@ -131,5 +131,5 @@ def test_without_cloudpickle_that_is_refused_before_the_first_solve(shown):
     lines = shown["no cloudpickle"].stdout.splitlines()
     assert len(lines) == 2
     for line in lines:
-        assert line.startswith("0 pool: the function cannot be pickled")
+        assert line.startswith("0 workers: the function cannot be pickled")
         assert "pip install 'emcee-femu[notebooks]'" in line

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import warnings
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from support.pool_problems import (
 from support.systems import KILL, inherits, need_start_method, posix
 
 import emcee_femu as ef
-from emcee_femu.sampling.pools.own_processes import open_pool
+from emcee_femu.sampling.pools.executors import dump
+from emcee_femu.sampling.pools.own_processes import OwnProcesses, open_pool
 
 anew = [pytest.param(name, marks=pytest.mark.slow) for name in ("spawn", "forkserver")]
 methods = pytest.mark.parametrize("method", ["fork", *anew], indirect=True)
@@ -194,6 +196,22 @@ def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path, name
     for (shown, errors), message in zip([script, prompt], messages, strict=True):
         assert message in errors and not shown
     assert command == ("True\n", "")  # which has no file that workers would import
+
+
+@pytest.mark.parametrize(
+    ("kind", "argument", "remedy"),
+    [
+        (OwnProcesses, "workers", "or give pool=ThreadPoolExecutor"),
+        (ProcessPoolExecutor, "pool", r"or give run\(..., workers=8\)"),
+    ],
+)
+def test_what_cannot_be_pickled_is_refused_by_the_argument_that_was_given(
+    kind, argument, remedy, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "cloudpickle", None)
+    message = rf"^{argument}: the function .* pip install .* {remedy}"
+    with kind(1) as executor, pytest.raises(TypeError, match=message):
+        dump(executor, lambda p: p)
 
 
 STUCK = """

@@ -47,32 +47,42 @@ def dump(executor: Any, value: Any) -> bytes:
     notebook or a prompt defines, where a name may also stand for another thing by now.
     """
     if type(executor).__module__.partition(".")[0] in BY_VALUE:
-        return _dump_by_value(value, "its workers do not have this script")
+        return _dump_by_value(executor, value, "its workers do not have this script")
     try:
         payload = pickle.dumps(value)
     except Exception as error:  # a pickler raises what it likes
-        return _dump_by_value(value, str(error))
+        return _dump_by_value(executor, value, str(error))
     if b"__main__" in payload and not hasattr(sys.modules["__main__"], "__file__"):
-        return _dump_by_value(value, "workers cannot import what a notebook defines")
+        why = "workers cannot import what a notebook defines"
+        return _dump_by_value(executor, value, why)
     return payload
 
 
-def _dump_by_value(value: Any, why: str) -> bytes:
+def _dump_by_value(executor: Any, value: Any, why: str) -> bytes:
     try:
         pickler = import_module("cloudpickle")
     except ImportError as error:
         install = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
-        raise _refusal(why, install) from error
+        raise _refusal(executor, why, install) from error
     try:
         return bytes(pickler.dumps(value))
     except Exception as error:
-        raise _refusal(str(error)) from error
+        raise _refusal(executor, str(error)) from error
 
 
-def _refusal(why: str, remedy: str = "") -> TypeError:
+def _refusal(executor: Any, why: str, remedy: str = "") -> TypeError:
+    argument = getattr(type(executor), "argument", "pool")
+    other = (
+        "run(..., workers=8), which pickles nothing on Linux unless a start method was "
+        "set, or a ThreadPoolExecutor"
+    )
+    if argument == "workers":  # which were not forked, then
+        other = (
+            "pool=ThreadPoolExecutor(8), which pickles nothing; nor do forked workers, "
+            'on Linux: multiprocessing.set_start_method("fork", force=True)'
+        )
     return TypeError(
-        f"pool: the function cannot be pickled for the workers ({why}); {remedy}write "
-        "functions at the top level of a module, and open files, locks and programs "
-        "inside the call; or give run(..., workers=8), which pickles nothing on Linux "
-        "unless a start method was set, or a ThreadPoolExecutor"
+        f"{argument}: the function cannot be pickled for the workers ({why}); {remedy}"
+        "write functions at the top level of a module, and open files, locks and "
+        f"programs inside the call; or give {other}"
     )

@@ -59,6 +59,8 @@ class OwnProcesses(ProcessPoolExecutor):
     Python before 3.13 leaves processes behind if they end while tasks are cancelled.
     """
 
+    argument = "workers"  # which asked for them
+
     def map(self, fn: Any, *iterables: Any, **options: Any) -> Iterator[Any]:
         """Yield results in order; after an error the other tasks end with the run."""
         futures = [self.submit(fn, *task) for task in zip(*iterables, strict=True)]
