@@ -88,8 +88,8 @@ def test_mass_spring_agrees_with_importance_sampling():
         problem.posterior, [pilot, lobe], 400_000, seed=3
     )
     assert kish > 50_000
-    (sampler,) = ef.run(problem.posterior, None, 80, 5_000, seed=2026)
-    draws = sampler.get_chain(discard=1_000, flat=True)
+    samplers = ef.run(problem.posterior, None, 10, 10_000, ensembles=4, seed=2026)
+    draws = np.concatenate([s.get_chain(discard=2_000, flat=True) for s in samplers])
     shift = np.abs(draws.mean(axis=0) - mean) / sd
     ratio = draws.std(axis=0) / sd
     print("shift of the mean in sd:", shift.round(3), "sd ratio:", ratio.round(3))
