@@ -66,5 +66,5 @@ def assert_jacobian_batch_is_a_loop(model, parameters):
                 alone = own_derivatives[variable][name][0]
                 scale = np.abs(derivative[i]).max()
                 np.testing.assert_allclose(
-                    alone, derivative[i], 1e-13, 1e-13 * (1 + scale), err_msg=name
+                    alone, derivative[i], 1e-12, 1e-12 * (1 + scale), err_msg=name
                 )
