@@ -10,6 +10,7 @@ import shutil
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
+from typing import Any
 
 from jupyter_cache import get_cache
 
@@ -125,3 +126,17 @@ nb_execution_cache_path = str(HERE / "_build" / "cache" / package_hash())
 # Made here, once: two processes that make it at the same time collide.
 get_cache(nb_execution_cache_path).list_cache_records()
 copy_pages()
+
+
+def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:
+    """Resolve a bare name, such as ``run``, from a page of a module that has it not."""
+    if node.get("refdomain") != "py":
+        return None
+    node["refspecific"] = True  # any object whose dotted name ends so
+    where = node.get("refdoc", env.docname), app.builder, node["reftype"]
+    return env.get_domain("py").resolve_xref(env, *where, node["reftarget"], node, text)
+
+
+def setup(app: Any) -> None:
+    """Ask for names once more before a missing one is reported."""
+    app.connect("missing-reference", find_anywhere)

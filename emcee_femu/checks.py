@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from os import PathLike
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .interfaces import Floats, Parameters
+
+T = TypeVar("T")
 
 
 def set_fields(record: Any, **fields: Any) -> None:
@@ -46,6 +48,32 @@ def positive_array(argument: str, value: ArrayLike, ndim: int | None = None) -> 
     array = real_array(argument, value, ndim)
     _refuse(argument, array, array <= 0, "numbers above zero")
     return array
+
+
+def covariance_factor(argument: str, covariance: Floats) -> Floats:
+    """Return L with ``L L^T = covariance``, exact for scales that differ by 1e11.
+
+    Raises:
+        ValueError: If covariance is not square, symmetric and positive definite.
+    """
+    if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
+        raise ValueError(
+            f"{argument}: expected a square matrix, got shape {covariance.shape}"
+        )
+    variances = np.diag(covariance)
+    scale = np.sqrt(np.where(variances > 0, variances, 1.0))
+    correlation = covariance / np.outer(scale, scale)
+    try:
+        factor = np.linalg.cholesky(correlation)
+    except np.linalg.LinAlgError:
+        factor = None
+    if factor is None or np.abs(correlation - correlation.T).max() > 1e-8:
+        raise ValueError(
+            f"{argument}: expected a symmetric, positive definite matrix, got "
+            f"{covariance.tolist()}"
+        )
+    result: Floats = scale[:, None] * factor
+    return result
 
 
 def _numbers(argument: str, value: ArrayLike, kinds: str, described: str) -> Any:
@@ -92,6 +120,15 @@ def flag(argument: str, value: Any) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{argument}: expected True or False, got {value!r}")
     return bool(value)
+
+
+def instance(argument: str, value: object, kind: type[T]) -> T:
+    """Return an object of a class, refusing others."""
+    if not isinstance(value, kind):
+        raise TypeError(
+            f"{argument}: expected a {kind.__name__}, got {type(value).__name__}"
+        )
+    return value
 
 
 def file_name(argument: str, value: Any) -> str | PathLike[str]:
@@ -141,9 +178,6 @@ def parameter_names(argument: str, names: Iterable[str]) -> tuple[str, ...]:
     for name in result:
         if not isinstance(name, str) or not name:
             raise TypeError(f"{argument}: expected non-empty strings, got {name!r}")
-    repeated = sorted({name for name in result if result.count(name) > 1})
-    if repeated:
-        raise ValueError(f"{argument}: each name once, but {repeated} are repeated")
-    if not result:
-        raise ValueError(f"{argument}: expected at least one name, got none")
+    if not result or len(set(result)) < len(result):
+        raise ValueError(f"{argument}: expected names, each once, got {[*result]}")
     return tuple(map(str, result))  # NumPy's strings too

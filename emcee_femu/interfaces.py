@@ -11,65 +11,56 @@ attribute  of            meaning
 variables  model         ``{name: Variable}``, what its response holds; those that are
                          ``stored`` go with each sample. Without it the terms' ``reads``
                          are stored.
-names      model, term   the parameters that it reads
-required   model         the parameters without which there is no model
-positive   model, term   the parameters that must stay above zero
-bounds     model         ``{parameter: (low, high)}`` within which it holds
-one_by_one model         True if a batch is solved one parameter set after another
+names      model, term   the parameters that it needs; None or absent: of a model,
+                         nobody knows
+bounds     model, term   ``{parameter: (low, high)}`` within which it holds, of these
+                         and of those that it reads where they are given; (0, inf):
+                         it must stay above zero
 jacobian   model         ``jacobian(parameters)``: the response and its derivatives,
                          ``{variable: {parameter: (n, *shape)}}``, from one solve; a
-                         parameter that is left out changes nothing
+                         parameter that is left out changes nothing. None or absent:
+                         no derivatives
 spread     model         ``spread(parameters)``: the response, and how far it moves by
                          one standard deviation along each direction in which it is
                          uncertain, ``{variable: {direction: (n, *shape)}}``; the
-                         likelihood is then averaged over them
-n_modes    modal model   how many modes it returns; enough in place of variables
+                         likelihood is then averaged over them. None or absent: it is
+                         certain
+one_by_one model         True: it solves one parameter set after another, so that a
+                         failure is known by itself
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, what it needs of the response
 observed   term          ``{name: array}``, what was measured, by the name of a variable
-error_sd   term          ``{variable: array}``, the standard deviations of these, for
-                         tables and figures; 0 where unknown
-pointwise  term          ``pointwise(parameters, stored)``: the log-likelihood of each
-                         datum, ``{variable: (n, ...)}``, with the dimensions of that
-                         variable; None where it does not factorise
-replicate  term          ``replicate(rng, parameters, stored)``: a new measurement for
-                         each sample, ``{variable: (n, ...)}``
-linearize  term          ``linearize(parameters, response, tangents)``: gradient
-                         ``(n, d)`` of the log-likelihood, and scores ``(n, m, d)``
-                         whose ``scores^T scores`` is its Fisher information, or None;
-                         ``tangents`` are the derivatives of each variable,
-                         ``(n, *shape, d)``, and of each parameter, ``(n, d)``
 deviations term          ``deviations(parameters, response)``: r and sd, each
                          ``(n, m)``, if the log-likelihood is, but for a constant,
-                         the sum of those of N(r; 0, sd); for finite differences
-unpaired   response      where a mode has no pair, ``(n, n_modes)``
-mean       prior         the initial parameters of tables; else the mean of its draws
-gradient   prior         ``gradient(theta)``: that of the log-density, ``(n, d)``
-logpdfs    prior         ``logpdfs(theta)``: of independent parameters each one's
-                         log-density, ``(n, d)``
-check      move          ``check(nwalkers, ndim)`` raises if they do not fit the move
-check_with move          ``check_with(posterior)`` raises if the move lacks something
-cost       move          evaluations per walker and generation, where it is not one
+                         the sum of those of N(r; 0, sd): then the Fisher information
+                         is known
 ========== ============= =============================================================
 
 ``parameters`` is ``{name: (n,)}``, and ``stored`` the stored variables of the response,
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+if TYPE_CHECKING:
+    from .posterior.log_posterior import LogPosterior
+
 Floats: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = Mapping[str, Floats]
+# What a model returns: an object with its variables as attributes, or a mapping.
+Response: TypeAlias = Any
+# {variable: {parameter: (n, *shape)}}, of a model's jacobian
+Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
 PLACE = "raised by the model at"  # begins the note that names the parameters
 
 
-def add_place(error: Exception, place: Any, names: Sequence[str]) -> None:
+def add_place(error: BaseException, place: object, names: Sequence[str]) -> None:
     """Note where a model raised, and which names there are if it asked for another."""
     error.add_note(f"{PLACE} {place}")
     wrong = error.args[:1] if isinstance(error, KeyError) else ()
@@ -130,7 +121,7 @@ class Variable:
         return int(np.prod(self.shape, dtype=int))
 
 
-def read(response: Any, name: str) -> Any:
+def read(response: Response, name: str) -> Floats:
     """Return a variable of a response, which is an object or a mapping.
 
     Raises:
@@ -148,7 +139,8 @@ def read(response: Any, name: str) -> Any:
             f"model: its response ({type(response).__name__}) has no {name!r}; there "
             f"are {has}"
         )
-    return value
+    values: Floats = value
+    return values
 
 
 class Linearization(NamedTuple):
@@ -281,16 +273,12 @@ def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variabl
     return {"frequency": frequency, **({"shapes": shapes} if len(dofs) else {})}
 
 
-def declared_variables(model: Any) -> Mapping[str, Variable] | None:
-    """Return what a model says that it returns, None if it says nothing.
+def read_declared(reader: object, attribute: str) -> Any:
+    """Return what a model or a term says of itself, None if it says nothing.
 
-    For a modal model ``n_modes`` is enough; whether it has shapes is then not known.
+    The attributes are those of the table on top of this file, and no others are read.
     """
-    declared: Mapping[str, Variable] | None = getattr(model, "variables", None)
-    n_modes = getattr(model, "n_modes", None)
-    if declared is None and n_modes is not None:
-        return modal_variables(n_modes) | {"shapes": Variable({}, stored=False)}
-    return declared
+    return getattr(reader, attribute, None)
 
 
 class Model(Protocol):
@@ -300,14 +288,14 @@ class Model(Protocol):
     with them as keys; each is an array ``(n, *shape)``.
     """
 
-    def __call__(self, parameters: Parameters) -> Any:
+    def __call__(self, parameters: Parameters) -> Response:
         """Solve for every parameter set; each value has shape ``(n,)``."""
 
 
 class LikelihoodTerm(Protocol):
     """One factor of the likelihood."""
 
-    def __call__(self, parameters: Parameters, response: Any) -> Floats:
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
 
 
@@ -334,6 +322,38 @@ class Move(Protocol):
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Return the next state, and which walkers moved ``(nwalkers,)``."""
+
+
+class Evaluator(Protocol):
+    """What evaluates a posterior, and counts what that costs.
+
+    One solves (``Evaluation``), one stores what was solved or reads it from a
+    file (``StoredEvaluation``), one maps coordinates (``Coordinates``).
+    """
+
+    @property
+    def posterior(self) -> "LogPosterior":
+        """What is evaluated."""
+
+    @property
+    def solves(self) -> int:
+        """The solves spent so far, which are all points inside the prior's support."""
+
+    @property
+    def failed(self) -> int:
+        """How many of them failed."""
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows of the posterior at ``theta (n, d)``."""
+
+    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return rows and gradients of ``theta (n, d)``."""
+
+    def linearize(self, theta: Floats) -> Linearization:
+        """Return rows, gradients and information of ``theta (n, d)``."""
+
+    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
+        """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
 
 
 class Backend(Protocol):
@@ -371,3 +391,44 @@ class SolveError(ValueError):
     def __str__(self) -> str:
         """Return only the message."""
         return str(self.args[1])
+
+
+def gather_tangents(
+    label: str, response: Response, derivatives: object, names: Sequence[Hashable]
+) -> dict[str, Floats]:
+    """Return the derivatives of each variable, ``(n, *shape, d)``.
+
+    Args:
+        label: What returned them.
+        response: The model's.
+        derivatives: ``{variable: {name: (n, *shape)}}``; zero where one is left out.
+        names: The d names that there are.
+
+    Raises:
+        TypeError: If derivatives is no mapping.
+        ValueError: If it has another name.
+        SolveError: If a derivative is not as large as its variable.
+    """
+    if not isinstance(derivatives, Mapping):
+        raise TypeError(
+            f"{label}: expected {{variable: {{parameter: array}}}}, got "
+            f"{type(derivatives).__name__}"
+        )
+    tangents = {}
+    for variable, by_name in derivatives.items():
+        shape = np.shape(read(response, variable))
+        tangents[variable] = tangent = np.zeros((*shape, len(names)))
+        unknown = [name for name in by_name if name not in names]
+        if unknown:
+            raise ValueError(
+                f"{label}: no parameter {unknown}; there are {list(names)}"
+            )
+        for name, value in by_name.items():
+            if np.shape(value) != shape:
+                raise SolveError(
+                    "wrong shape",
+                    f"{label}: expected the derivative of {variable!r} by {name!r} of "
+                    f"shape {shape}, got {np.shape(value)}",
+                )
+            tangent[..., names.index(name)] = value
+    return tangents

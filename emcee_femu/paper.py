@@ -9,18 +9,17 @@ the first problem are not printed either; they follow from the printed c.o.v.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
 
 import numpy as np
 
 from .interfaces import Floats, Model
 from .likelihoods.frequency import FrequencyTerm
-from .models.frame.model import FrameModel
-from .models.frame.section import Section
+from .models.frame import FrameModel, Section
 from .models.mass_spring import MassSpringModel
 from .posterior.log_posterior import LogPosterior
 from .posterior.priors import GaussianPrior
-from .table import Parts, Report, Table
+from .table import Column, Parts, Report, Table
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Problem(Report):
 
     def _parts(self) -> Parts:
         names = [*self.initial]
-        columns: list[tuple[str, str, Any]] = [
+        columns: list[Column] = [
             ("parameter", "", names),
             ("unit", "", [self.units.get(name, "") for name in names]),
         ]
@@ -112,6 +111,7 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
         [[3.51, 5.15, 7.08, 8.89, 9.43]]
     """
     names = ("k1", "k2", "k4", "k6", "k8")  # theta_1 .. theta_5
+    by_name = partial(_by_name, names)
     initial = (4600.0, 2580.0, 1680.0, 3100.0, 2350.0)
     model = MassSpringModel(
         masses=[2.7, 1.7, 6.1, 5.3, 2.9],
@@ -136,17 +136,13 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
         posterior=LogPosterior(model, FrequencyTerm(measured, beta=beta), prior),
         model=model,
         measured=measured,
-        initial=dict(zip(names, initial, strict=True)),
-        nominal=dict(zip(names, (4010.0, 2210.0, 2130.0, 2595.0, 2398.0), strict=True)),
-        target=dict(zip(names, (4000.0, 2200.0, 2120.0, 2600.0, 2400.0), strict=True)),
+        initial=by_name(initial),
+        nominal=by_name((4010.0, 2210.0, 2130.0, 2595.0, 2398.0)),
+        target=by_name((4000.0, 2200.0, 2120.0, 2600.0, 2400.0)),
         published=Published(
             parameters={
-                "paper mean": dict(
-                    zip(names, (4004.4, 2197.6, 2109.4, 2600.9, 2410.4), strict=True)
-                ),
-                "paper c.o.v. %": dict(
-                    zip(names, (1.03, 1.71, 2.07, 2.32, 1.77), strict=True)
-                ),
+                "paper mean": by_name((4004.4, 2197.6, 2109.4, 2600.9, 2410.4)),
+                "paper c.o.v. %": by_name((1.03, 1.71, 2.07, 2.32, 1.77)),
             },
             frequencies={
                 "paper Hz": (3.507, 5.149, 7.082, 8.894, 9.426),
@@ -233,6 +229,7 @@ def h_structure(beta: float = 10.0) -> Problem:
         (('Ix1', 'Ix2', 'Ix3', 'A1', 'A2', 'A3'), [53.9, 117.3, 208.4, 254.0, 445.0])
     """
     names = ("Ix1", "Ix2", "Ix3", "A1", "A2", "A3")
+    by_name = partial(_by_name, names)
     initial = (2.7265e-8,) * 3 + (3.1556e-4,) * 3
     model = h_frame()
     measured = np.array([53.9, 117.3, 208.4, 254.0, 445.0])
@@ -245,19 +242,15 @@ def h_structure(beta: float = 10.0) -> Problem:
         posterior=LogPosterior(model, FrequencyTerm(measured, beta=beta), prior),
         model=model,
         measured=measured,
-        initial=dict(zip(names, initial, strict=True)),
+        initial=by_name(initial),
         nominal=None,
         target=None,
         published=Published(
             parameters={
-                "paper DE-MC": dict(zip(names, demc, strict=True)),
-                "c.o.v. % ": dict(
-                    zip(names, (5.76, 1.91, 1.67, 0.65, 2.93, 0.026), strict=True)
-                ),
-                "paper M-H": dict(zip(names, mh, strict=True)),
-                "c.o.v. %  ": dict(
-                    zip(names, (22.59, 15.25, 13.96, 14.36, 14.36, 13.08), strict=True)
-                ),
+                "paper DE-MC": by_name(demc),
+                "c.o.v. % ": by_name((5.76, 1.91, 1.67, 0.65, 2.93, 0.026)),
+                "paper M-H": by_name(mh),
+                "c.o.v. %  ": by_name((22.59, 15.25, 13.96, 14.36, 14.36, 13.08)),
             },
             frequencies={
                 "paper DE-MC": (52.56, 119.42, 210.46, 253.37, 435.71),
@@ -278,3 +271,7 @@ def _tilt(along_x: bool, degrees: float) -> tuple[float, float, float]:
     if along_x:
         return (0.0, float(sine), float(cosine))
     return (float(sine), 0.0, float(cosine))
+
+
+def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
+    return dict(zip(names, values, strict=True))

@@ -1,24 +1,16 @@
-"""The one table of this package, and reports: text, HTML, pandas, Markdown, LaTeX."""
+"""The one table of this package, and reports: as text, as HTML, for pandas."""
 
-import csv
 import html
-import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from os import PathLike
 from typing import Any, Self, TypeAlias
 
 import numpy as np
 
-from . import checks
-
 LEFT = 'style="text-align: left"'
 CAPTION = 'style="text-align: left; caption-side: top"'
-LATEX = str.maketrans(
-    {character: f"\\{character}" for character in "&%$#_{}"}
-    | {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
-    | {character: f"${character}$" for character in "<>|"}
-)
+# Title, format specification, and the cells.
+Column: TypeAlias = tuple[str, str, Iterable[object]]
 
 
 @dataclass(frozen=True)
@@ -46,10 +38,10 @@ class Table:
     title: str
     columns: tuple[str, ...]
     formats: tuple[str, ...]
-    rows: tuple[tuple[Any, ...], ...]
+    rows: tuple[tuple[object, ...], ...]
 
     @classmethod
-    def from_columns(cls, title: str, columns: Sequence[tuple[str, str, Any]]) -> Self:
+    def from_columns(cls, title: str, columns: Sequence[Column]) -> Self:
         """Return the table of ``(column title, format, list or array)`` triples.
 
         Args:
@@ -94,6 +86,8 @@ class Table:
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` with all digits.
 
+        It has what a report needs: ``to_csv``, ``to_latex``, ``to_markdown``.
+
         Examples:
             >>> from emcee_femu.table import Table
             >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
@@ -107,8 +101,8 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return the table as notebooks show it, in the colours of their theme."""
-        _, *rows = self._join("</td><td>", html.escape)
         titles = "</th><th>".join(map(html.escape, self.columns))
+        rows = ["</td><td>".join(map(html.escape, row)) for row in self._cells()]
         return "\n".join(
             [
                 '<table class="dataframe" style="text-align: right">',
@@ -120,65 +114,14 @@ class Table:
             ]
         )
 
-    def to_markdown(self) -> str:
-        """Return a Markdown table without the title."""
-        rule = ("---", *("---:",) * (len(self.columns) - 1))
-        header, *rows = self._join(" | ", lambda cell: cell.replace("|", "\\|"))
-        lines = [header, " | ".join(rule), *rows]
-        return "\n".join(f"| {line} |" for line in lines)
-
-    def to_latex(self) -> str:
-        r"""Return a LaTeX ``tabular`` without the title.
-
-        Examples:
-            >>> from emcee_femu.table import Table
-            >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
-            >>> table = Table.from_columns("Modes", columns)
-            >>> print(table.to_latex())
-            \begin{tabular}{lr}
-            \hline
-            mode & f \\
-            \hline
-            1 & 3.13 \\
-            \hline
-            \end{tabular}
-        """
-        lines = self._join(" & ", lambda cell: cell.translate(LATEX))
-        header, *rows = (f"{line} \\\\" for line in lines)
-        begin = f"\\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
-        rule, end = "\\hline", "\\end{tabular}"
-        return "\n".join([begin, rule, header, rule, *rows, rule, end])
-
-    def to_csv(self, path: str | PathLike[str] | None = None) -> str:
-        """Return the table as CSV with all digits, and write it to path if given."""
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(self.columns)
-        writer.writerows(
-            ["" if _missing(cell) else cell for cell in row] for row in self.rows
-        )
-        if path is not None:
-            checks.file_name("path", path)
-            with open(path, "w", encoding="utf-8", newline="") as file:
-                file.write(buffer.getvalue())
-        return buffer.getvalue()
-
-    def _join(self, separator: str, escape: Callable[[str], str]) -> list[str]:
-        rows = [self.columns, *self._cells()]
-        return [separator.join(map(escape, row)) for row in rows]
-
     def _cells(self) -> list[tuple[str, ...]]:
         return [
             tuple(
-                "" if _missing(x) else x if isinstance(x, str) else format(x, spec)
+                "" if x != x else x if isinstance(x, str) else format(x, spec)  # NaN
                 for x, spec in zip(row, self.formats, strict=True)
             )
             for row in self.rows
         ]
-
-
-def _missing(cell: Any) -> bool:
-    return isinstance(cell, float) and np.isnan(cell)
 
 
 Parts: TypeAlias = Iterable[Table | str]

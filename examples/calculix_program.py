@@ -23,12 +23,12 @@ CalculiX is free software and asks for no licence: apt install calculix-ccx
 Run it:  python examples/calculix_program.py job.inp
 """
 
-import argparse
 import os
 import re
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -177,20 +177,6 @@ def read_frequencies(text: str, n_modes: int) -> np.ndarray:
     return np.sqrt(eigenvalue) / (2 * np.pi)
 
 
-def main(deck: str, modes: int = 1, limit: float = 60.0) -> np.ndarray:
-    """Solve one input file of yours; print and return its lowest frequencies."""
-    begin = time.perf_counter()
-    with finished_job(
-        Path(deck).read_text(encoding="utf-8"), find_command(), limit
-    ) as folder:
-        found = read_frequencies((folder / "job.dat").read_text(), modes)
-    print(f"{found} Hz in {time.perf_counter() - begin:.2f} s")
-    return found
-
-
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("deck")
-    parser.add_argument("--modes", type=int, default=1)
-    parser.add_argument("--limit", type=float, default=60.0)
-    main(**vars(parser.parse_args()))
+    with finished_job(Path(sys.argv[1]).read_text(), find_command()) as solved:
+        print(read_frequencies((solved / "job.dat").read_text(), 1), "Hz")

@@ -26,7 +26,6 @@ import matplotlib
 matplotlib.use("Agg")  # figures go to files
 
 import emcee_femu as ef
-from emcee_femu.figures import plot_proposals
 
 
 def main(
@@ -34,21 +33,21 @@ def main(
     ensembles: int = 4,
     seed: int = 2026,
     output: str = "figures/mass_spring",
-) -> ef.results.diagnostics.Diagnosis:
-    """Sample, print the tables, write the figures; return the diagnosis."""
+) -> None:
+    """Sample, print the tables, write the figures."""
     problem = ef.paper.mass_spring()
     burn_in = generations // 5
-    samplers = ef.run(
+    run = ef.run(
         problem.posterior,
         ef.DEMCMove(),
         nwalkers=10,
-        nsteps=generations,
+        steps=generations,
         ensembles=ensembles,
         seed=seed,
         progress=True,
     )
-    diagnosis = ef.diagnose(samplers, discard=burn_in)
-    idata = ef.to_inference_data(samplers, problem.posterior, discard=burn_in)
+    diagnosis = ef.diagnose(run, discard=burn_in)
+    idata = ef.to_inference_data(run, discard=burn_in)
 
     columns = {"true": problem.target, **problem.published.parameters}
     parameters = ef.parameter_table(idata, problem.nominal, columns)
@@ -59,19 +58,20 @@ def main(
 
     folder = Path(output)
     folder.mkdir(parents=True, exist_ok=True)
-    parameters.to_csv(folder / "parameters.csv")
-    frequencies.to_csv(folder / "frequencies.csv")
-    whole = ef.to_inference_data(samplers, problem.posterior)
+    parameters.to_frame().to_csv(folder / "parameters.csv", index=False)
+    frequencies.to_frame().to_csv(folder / "frequencies.csv", index=False)
+    whole = ef.to_inference_data(run)
     figures = {
-        "scatter": ef.plot_scatter(idata, units=problem.units, truths=problem.target),
-        "tae": ef.plot_tae(whole, problem.posterior),
-        "correlation": ef.plot_correlation(idata),
-        "proposals": plot_proposals(),
+        "scatter": ef.figures.plot_scatter(
+            idata, units=problem.units, truths=problem.target
+        ),
+        "tae": ef.figures.plot_tae(whole, problem.posterior),
+        "correlation": ef.figures.plot_correlation(idata),
+        "proposals": ef.figures.plot_proposals(),
     }
     for name, figure in figures.items():
         figure.savefig(folder / f"{name}.png", dpi=100)
     print(f"Tables (CSV) and figures (PNG) are in {folder.resolve()}")
-    return diagnosis
 
 
 if __name__ == "__main__":

@@ -1,3 +1,9 @@
+import os
+
+# One thread for each of xdist's workers and of what they start: matrices are small.
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")  # before NumPy is imported
+
 import sys
 
 import matplotlib

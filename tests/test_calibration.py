@@ -7,6 +7,7 @@ p > 0.001 / 18, so that sound moves fail all this with a probability of at most 
 over the choice of the seed. For a mutant at least one p must be below that.
 """
 
+import emcee
 import numpy as np
 import pytest
 from scipy import stats
@@ -14,8 +15,6 @@ from support import calibration
 from support.calibration import BETA, DRAWS, QUANTITIES, p_values, ranks, simulated
 
 import emcee_femu as ef
-from emcee_femu.moves import IndependenceMove, MetropolisMove
-from emcee_femu.moves.acceptance import accept_or_reject
 
 
 class TooWarm(ef.DEMCMove):
@@ -34,32 +33,33 @@ class TooWarm(ef.DEMCMove):
         return state, accepted
 
 
-class DriftingMetropolis(MetropolisMove):
+class DriftingMetropolis(ef.MetropolisMove):
     """Steps have a mean, for which the acceptance makes no amends."""
 
     def propose(self, model, state):
-        nwalkers, ndim = state.coords.shape
-        walkers = np.arange(nwalkers)
-        normal = 0.4 + model.random.standard_normal((nwalkers, ndim))
-        steps = normal @ np.linalg.cholesky(self.cov).T
-        moved = accept_or_reject(model, state, walkers, state.coords + steps)
-        return state, np.isin(walkers, moved)
+        normal = 0.4 + model.random.standard_normal(state.coords.shape)
+        proposed = state.coords + normal @ np.linalg.cholesky(self.cov).T
+        log_prob, blobs = model.compute_log_prob_fn(proposed)
+        gain = log_prob - state.log_prob
+        accepted = np.log(model.random.random_sample(len(normal))) < gain
+        moved = emcee.State(proposed, log_prob=log_prob, blobs=blobs)
+        return self.update(state, moved, accepted), accepted
 
 
-class WithoutProposalDensity(IndependenceMove):
+class WithoutProposalDensity(ef.IndependenceMove):
     """Accepts by the ratio of posteriors alone."""
 
     def log_density(self, theta):
         return np.zeros(len(theta))
 
 
-def mixed(pilot, kind=IndependenceMove):
+def mixed(pilot, kind=ef.IndependenceMove):
     return [(ef.DEMCMove(), 0.5), (kind.fit(pilot), 0.5)]
 
 
 SETTINGS = {
     "DE-MC": lambda pilot: ef.DEMCMove(),
-    "M-H": MetropolisMove.tuned,
+    "M-H": ef.MetropolisMove.tuned,
     "mixed": mixed,
 }
 MUTANTS = {  # and how many data sets show it

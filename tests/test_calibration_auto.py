@@ -14,8 +14,7 @@ from support.calibration import (
     shorten_search,
 )
 
-from emcee_femu.moves import IndependenceMove
-from emcee_femu.sampling import recipe
+import emcee_femu as ef
 
 PROBLEMS = {"mass-spring": mass_spring, "paired": paired}
 LEVEL = 0.001 / (6 + 5)  # ranks of 5 and 4 parameters, and of the log-likelihoods
@@ -26,7 +25,7 @@ def short_search(monkeypatch):
     shorten_search(monkeypatch)
 
 
-class WithoutProposalDensity(IndependenceMove):
+class WithoutProposalDensity(ef.IndependenceMove):
     """Accepts by the ratio of posteriors alone."""
 
     def log_density(self, theta):
@@ -45,7 +44,8 @@ def test_the_truth_ranks_uniformly_among_the_draws_of_auto(problem):
 def test_the_ranks_of_a_recipe_without_proposal_density_are_not_uniform(
     problem, monkeypatch
 ):
-    monkeypatch.setattr(recipe, "IndependenceMove", WithoutProposalDensity)
+    name = "emcee_femu.sampling.search_record.IndependenceMove"
+    monkeypatch.setattr(name, WithoutProposalDensity)
     assert p_values(auto_ranks(PROBLEMS[problem], 60, seed=31)).min() < LEVEL
 
 

@@ -6,7 +6,6 @@ from scipy import stats
 from support.importance import importance_moments
 
 import emcee_femu as ef
-from emcee_femu.results.arviz_objects import samples
 
 # A linear model of three parameters: f = C theta, Gaussian prior, Gaussian errors.
 C = np.array([[1.0, 0.2, 0.0], [0.5, 1.0, 0.3], [0.1, 0.4, 2.0], [0.3, 0.3, 0.3]])
@@ -51,8 +50,7 @@ def test_conjugate_gaussian_posterior_is_recovered(move, nwalkers):
     samplers = ef.run(posterior, move, nwalkers, 1_000, ensembles=4, seed=1)
     diagnosis = ef.diagnose(samplers, discard=100)
     assert diagnosis.converged, diagnosis.verdict
-    _, chains = samples(ef.to_inference_data(samplers, posterior, discard=100))
-    draws = chains.reshape(-1, 3)
+    draws = np.concatenate([s.get_chain(discard=100, flat=True) for s in samplers])
     mean, covariance = conjugate()
     sd = np.sqrt(np.diag(covariance))
     ess = diagnosis.ess_bulk.min()
@@ -81,14 +79,16 @@ def test_the_evidence_constant_is_right():
 @pytest.mark.slow
 def test_mass_spring_agrees_with_importance_sampling():
     problem = ef.paper.mass_spring()
-    pilot = ef.run(problem.posterior, None, 40, 4_000, seed=3)[0]
+    pilot = ef.run(problem.posterior, ef.DEMCMove(), 40, 4_000, seed=3, ensembles=1)[0]
     pilot = pilot.get_chain(discard=1_000, flat=True)
     lobe = pilot[pilot[:, 2] < 1_980]
     mean, sd, kish = importance_moments(
         problem.posterior, [pilot, lobe], 400_000, seed=3
     )
     assert kish > 50_000
-    samplers = ef.run(problem.posterior, None, 10, 10_000, ensembles=4, seed=2026)
+    samplers = ef.run(
+        problem.posterior, ef.DEMCMove(), 10, 10_000, ensembles=4, seed=2026
+    )
     draws = np.concatenate([s.get_chain(discard=2_000, flat=True) for s in samplers])
     shift = np.abs(draws.mean(axis=0) - mean) / sd
     ratio = draws.std(axis=0) / sd

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
 from ..results.evidence import Evidence, log_evidence
-from ..table import Parts, Report, Table
+from ..table import Column, Parts, Report, Table
 
 LEAD = 2.0  # combined standard errors by which a class must be ahead
 WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
@@ -41,7 +40,7 @@ class ModelComparison(Report):
 
 
 def compare_models(
-    models: Mapping[str, Any],
+    models: Mapping[str, object],
     *,
     prior: Mapping[str, float] | None = None,
     discard: int = 0,
@@ -83,13 +82,13 @@ def compare_models(
         >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
         Ahead: four factors; the evidence against one factor is strong.
     """
-    evidences = _evidences(models, discard)
-    labels = list(evidences)
-    weights = _prior_weights(prior, labels)
-    values = np.array([found.log_evidence for found in evidences.values()])
-    errors = np.array([found.log_evidence_error for found in evidences.values()])
+    evidences = _estimate(models, discard)
+    weights = _weigh(prior, list(evidences))
+    values = np.array([evidence.log_evidence for evidence in evidences.values()])
     order = np.argsort(-values, kind="stable")
-    labels, values, errors = [labels[i] for i in order], values[order], errors[order]
+    labels = [list(evidences)[i] for i in order]
+    values = values[order]
+    errors = np.array([evidences[label].log_evidence_error for label in labels])
     posterior = values + np.log(weights[order])
     probabilities = np.exp(posterior - np.logaddexp.reduce(posterior))
 
@@ -100,7 +99,7 @@ def compare_models(
         _judge(ahead) if clear else "undecided"
         for ahead, clear in zip(lead[1:], decided[1:], strict=True)
     ]
-    columns: list[tuple[str, str, Any]] = [
+    columns: list[Column] = [
         ("model class", "", labels),
         ("log evidence", ".2f", values),
         ("+-", ".2g", errors),
@@ -124,7 +123,7 @@ def compare_models(
     )
 
 
-def _evidences(models: Any, discard: int) -> dict[str, Evidence]:
+def _estimate(models: Mapping[str, object], discard: int) -> dict[str, Evidence]:
     """Return the evidences by label."""
     if not isinstance(models, Mapping):
         raise TypeError(
@@ -134,35 +133,33 @@ def _evidences(models: Any, discard: int) -> dict[str, Evidence]:
     if len(models) < 2:
         raise ValueError(f"models: expected at least two classes, got {list(models)}")
     discard = checks.whole_number("discard", discard)
-    found = {}
-    for label, given in models.items():
-        if not isinstance(label, str) or not label:
-            raise TypeError(f"models: expected labels that are text, got {label!r}")
+    evidences = {}
+    for label in checks.parameter_names("models", models):
         try:
-            own = given if isinstance(given, Evidence) else log_evidence(given, discard)
+            evidence = log_evidence(models[label], discard)
         except (TypeError, ValueError) as error:
             raise type(error)(f"models[{label!r}]: {error}") from error
-        if not np.isfinite(own.log_evidence) or np.isnan(own.log_evidence_error):
+        if not np.isfinite(evidence.log_evidence) or np.isnan(
+            evidence.log_evidence_error
+        ):
             raise ValueError(
                 f"models[{label!r}]: expected a finite log evidence and an error, got "
-                f"{own.log_evidence} +- {own.log_evidence_error}"
+                f"{evidence.log_evidence} +- {evidence.log_evidence_error}"
             )
-        found[label] = own
-    return found
+        evidences[label] = evidence
+    return evidences
 
 
-def _prior_weights(prior: Any, labels: list[str]) -> Floats:
+def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
     """Return the prior probabilities in the order of the labels."""
     if prior is None:
         return np.full(len(labels), 1 / len(labels))
-    if not isinstance(prior, Mapping):
-        got = type(prior).__name__
-        raise TypeError(f"prior: expected {{label: probability}}, got {got}")
-    if set(prior) != set(labels):
+    known = checks.by_name("prior", prior, labels)
+    if set(known) != set(labels):
         raise ValueError(
-            f"prior: expected one probability for each of {labels}, got {list(prior)}"
+            f"prior: expected one probability for each of {labels}, got {list(known)}"
         )
-    weights = [checks.positive_array(f"prior[{x!r}]", prior[x], 0) for x in labels]
+    weights = [checks.positive_array(f"prior[{x!r}]", known[x], 0) for x in labels]
     result: Floats = np.array(weights) / np.sum(weights)
     return result
 

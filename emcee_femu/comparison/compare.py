@@ -2,29 +2,27 @@
 
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 from warnings import warn
 
 import numpy as np
 
 from .. import checks
-from ..interfaces import Floats, Model, Parameters
-from ..moves.stock_faults import find_stock_fault
+from ..interfaces import Floats, Move
+from ..moves import HamiltonianMove
+from ..moves.proposing import find_stock_fault
+from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
-from ..results.diagnostics import FEWEST_STEPS, Diagnosis, diagnose
-from ..results.inference_data import to_inference_data
-from ..sampling.arguments import (
-    check_moves,
-    check_progress,
-    check_walkers,
-    count_cost,
-    list_moves,
-)
-from ..sampling.run import run
-from ..table import Parts, Report, Table
-from .ranking import Entry, conclusion, known_moments, table
+from ..results.arviz_objects import InferenceData, samples
+from ..results.diagnose import FEWEST_STEPS, Diagnosis, diagnose
+from ..results.to_arviz import to_inference_data
+from ..results.verdict import CONVERGED
+from ..sampling.run import check_progress, run
+from ..table import Column, Parts, Report, Table
+
+MOST_NAMES = 4  # in a sentence
+LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class Comparison(Report):
     """
 
     table: Table
-    idata: dict[str, Any]
+    idata: dict[str, InferenceData]
     diagnoses: dict[str, Diagnosis]
     ess_per_1000: dict[str, Floats]
     winner: str | None
@@ -56,9 +54,9 @@ class Comparison(Report):
 
 def compare_moves(
     posterior: LogPosterior,
-    moves: Mapping[str, Any],
+    moves: Mapping[str, Moves | str],
     nwalkers: int | None = None,
-    nsteps: int | None = None,
+    steps: int | None = None,
     *,
     max_evaluations: int | None = None,
     ensembles: int = 4,
@@ -81,7 +79,7 @@ def compare_moves(
             "auto".
         nwalkers: Walkers per ensemble; None for as many as :func:`run` takes, the
             most that any of the moves has.
-        nsteps: Stored generations per ensemble. Give either this or max_evaluations.
+        steps: Stored generations per ensemble. Give either this or max_evaluations.
         max_evaluations: Log-posterior evaluations that each move may spend on the
             stored chains of all ensembles; those of the starts and of the search of
             "auto" come on top and are reported. Where "auto" turns to Hamiltonian
@@ -98,7 +96,7 @@ def compare_moves(
         A table, its winner and a conclusion in words; ``print`` it.
 
     Raises:
-        TypeError: If not exactly one of nsteps and max_evaluations is given, or an
+        TypeError: If not exactly one of steps and max_evaluations is given, or an
             argument is of a wrong type.
         ValueError: If a move does not fit the ensemble, a number is out of range, or
             too few steps are left to judge. All are raised before sampling.
@@ -110,44 +108,76 @@ def compare_moves(
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> moves = {"DE-MC": ef.DEMCMove(), "crossover": ef.CrossoverMove()}
+        >>> moves = {"DE-MC": ef.DEMCMove(), "jumps": ef.DEMCMove(mode_jump=0.1)}
         >>> comparison = ef.compare_moves(posterior, moves, 20, 20, ensembles=2, seed=1)
         >>> print(comparison.conclusion)
         No winner: no move has converged; run longer.
     """
-    if not isinstance(posterior, LogPosterior):
-        raise TypeError(
-            f"posterior: expected a LogPosterior, got {type(posterior).__name__}"
-        )
+    checks.instance("posterior", posterior, LogPosterior)
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
     check_progress(progress)
-    nwalkers = _check_moves(moves, nwalkers, posterior)
-    most = max(count_cost(move) for move in moves.values())
-    nsteps = _steps(nsteps, max_evaluations, round(nwalkers * ensembles * most))
-    dropped = _count_dropped(discard, nsteps)
-    known = known_moments(reference, posterior.names)
-    # The same walkers and seed: all moves start from the same draws of the prior.
-    size = {"nwalkers": nwalkers, "nsteps": nsteps, "ensembles": ensembles}
+    weighted = _weigh(moves, posterior)
+    if nwalkers is None:
+        nwalkers = max(check_walkers(None, w, posterior) for w in weighted.values())
+    for pairs in weighted.values():
+        nwalkers = check_walkers(nwalkers, pairs, posterior)
+    costs = [_count_cost(pairs) for pairs in weighted.values() if pairs is not None]
+    per_step = round(nwalkers * ensembles * max(costs, default=1.0))
+    steps = _count_steps(steps, max_evaluations, per_step)
+    dropped = steps // 4 if discard is None else checks.whole_number("discard", discard)
+    if steps - dropped < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
+            f"{max(steps - dropped, 0)} of {steps} (discard={dropped}); run longer, "
+            "or drop less"
+        )
+    known = _check_reference(reference, posterior.names)
     entries = []
     for label, move in moves.items():
         if progress:
             print(f"{label}:", file=sys.stderr)  # the bars name only the ensemble
-        settings = {**size, "seed": seed, "progress": progress}
-        entries.append(_sample(posterior, label, move, dropped, settings))
-    winner, words = conclusion(entries)
-    if max_evaluations is not None:
-        for entry in (own for own in entries if own.chain > max_evaluations):
+        # The same walkers and seed: all moves start from the same draws of the prior.
+        clock = time.process_time()
+        sampled = run(
+            posterior,
+            move,
+            nwalkers,
+            steps,
+            ensembles=ensembles,
+            seed=seed,
+            progress=progress,
+        )
+        cpu = time.process_time() - clock
+        evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
+        ess = [diagnose(sampler, dropped).ess_bulk.min() for sampler in sampled]
+        entries.append(
+            Entry(
+                label=label,
+                diagnosis=diagnose(sampled, dropped),
+                ess=np.array(ess),
+                kept=round(evaluations * (steps - dropped)),
+                chain=round(evaluations * steps),
+                before=sampled.evaluations,
+                solves=sampled.solves,
+                cpu=cpu,
+                recipe="" if sampled.search is None else sampled.search.sentence,
+                idata=to_inference_data(sampled, discard=dropped),
+            )
+        )
+    winner, words = conclude(entries)
+    for entry in entries:
+        if max_evaluations is not None and entry.chain > max_evaluations:
             words += (
                 f"\n{entry.label}: {entry.chain} evaluations of the chain, more than "
-                f"max_evaluations, as it turned to Hamiltonian moves."
+                "max_evaluations, as it turned to Hamiltonian moves."
             )
     title = (
         f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
-        f"{dropped} of {nsteps} steps dropped; ESS per 1000 log-posterior evaluations"
+        f"{dropped} of {steps} steps dropped; ESS per 1000 log-posterior evaluations"
     )
     return Comparison(
-        table=table(title, entries, known),
+        table=_tabulate(title, entries, known),
         idata={entry.label: entry.idata for entry in entries},
         diagnoses={entry.label: entry.diagnosis for entry in entries},
         ess_per_1000={entry.label: entry.ess_per_1000 for entry in entries},
@@ -157,93 +187,10 @@ def compare_moves(
     )
 
 
-@dataclass(eq=False)
-class _CountedModel:
-    """A model that counts the parameter sets it is asked to solve."""
-
-    model: Model
-    solves: int = 0
-
-    def __call__(self, parameters: Parameters) -> Any:
-        response = self.model(parameters)
-        self.solves += len(next(iter(parameters.values())))
-        return response
-
-    @property
-    def jacobian(self) -> Any:
-        """That of the model, counted; AttributeError where it has none."""
-        jacobian = self.model.jacobian  # type: ignore[attr-defined]
-
-        def counted(parameters: Parameters) -> Any:
-            self.solves += len(next(iter(parameters.values())))
-            return jacobian(parameters)
-
-        return counted
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name == "model":  # as pickle asks for
-            raise AttributeError(name)
-        return getattr(self.model, name)
-
-
-def _sample(
-    posterior: LogPosterior,
-    label: str,
-    move: Any,
-    dropped: int,
-    settings: Mapping[str, Any],
-) -> Entry:
-    """Run one move and measure it."""
-    counted = posterior.with_models(_CountedModel)
-    clock = time.process_time()
-    samplers = run(counted, move, **settings)
-    cpu = time.process_time() - clock
-    alone = [diagnose(own, dropped).ess_bulk.min() for own in samplers]
-    used = [*zip(samplers[0]._moves, samplers[0]._weights, strict=True)]
-    per_step = settings["ensembles"] * settings["nwalkers"] * count_cost(used)
-    return Entry(
-        label=label,
-        diagnosis=diagnose(samplers, dropped),
-        ess=np.array(alone),
-        kept=round(per_step * (settings["nsteps"] - dropped)),
-        chain=round(per_step * settings["nsteps"]),
-        before=sum(int(getattr(own, "burn_in_evaluations", 0)) for own in samplers),
-        solves=sum(e.model.solves for e in counted.experiments),  # type: ignore[attr-defined]
-        cpu=cpu,
-        recipe=samplers[0].recipe.sentence,
-        idata=to_inference_data(samplers, posterior, dropped),
-    )
-
-
-def _steps(nsteps: Any, max_evaluations: Any, per_step: int) -> int:
-    """Return the generations per ensemble."""
-    if (nsteps is None) == (max_evaluations is None):
-        raise TypeError(
-            "nsteps, max_evaluations: expected exactly one of the two, got "
-            f"nsteps={nsteps!r} and max_evaluations={max_evaluations!r}"
-        )
-    if max_evaluations is None:
-        return checks.whole_number("nsteps", nsteps, 1)
-    low = FEWEST_STEPS * per_step
-    return checks.whole_number("max_evaluations", max_evaluations, low) // per_step
-
-
-def _count_dropped(discard: int | None, nsteps: int) -> int:
-    """Return the number of steps to drop."""
-    dropped = nsteps // 4
-    if discard is not None:
-        dropped = checks.whole_number("discard", discard)
-    if nsteps - dropped < FEWEST_STEPS:
-        raise ValueError(
-            f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
-            f"{max(nsteps - dropped, 0)} of {nsteps} (discard={dropped}); run longer, "
-            "or drop less"
-        )
-    return dropped
-
-
-def _check_moves(moves: Any, nwalkers: int | None, posterior: LogPosterior) -> int:
-    """Return the walkers per ensemble; refuse what is not a move or does not fit.
+def _weigh(
+    moves: Mapping[str, Moves | str], posterior: LogPosterior
+) -> dict[str, list[tuple[Move, float]] | None]:
+    """Return the weighted moves by label, None for "auto"; refuse what is no move.
 
     Warns:
         UserWarning: If one of emcee's moves samples wrongly.
@@ -253,19 +200,199 @@ def _check_moves(moves: Any, nwalkers: int | None, posterior: LogPosterior) -> i
             "moves: expected moves by label, such as {'DE-MC': DEMCMove()}, got "
             f"{type(moves).__name__}"
         )
+    weighted: dict[str, list[tuple[Move, float]] | None] = {}
     faults = []
     for label, move in moves.items():
         if not isinstance(label, str):
             raise TypeError(f"moves: expected labels that are text, got {label!r}")
-        if not (isinstance(move, str) and move == "auto"):
-            check_moves(f"moves[{label!r}]", move)
-            found = (find_stock_fault(own, posterior.ndim) for own in list_moves(move))
-            faults += [f"{label}: {fault}" for fault in found if fault]
-    given = [[] if isinstance(move, str) else move for move in moves.values()]
-    if nwalkers is None:
-        nwalkers = max(check_walkers(None, move, posterior) for move in given)
-    for move in given:
-        nwalkers = check_walkers(nwalkers, move, posterior)
+        auto = isinstance(move, str) and move == "auto"
+        weighted[label] = None if auto else weigh_moves(move, f"moves[{label!r}]")
+        for single, _ in weighted[label] or ():
+            if fault := find_stock_fault(single, posterior.ndim):
+                faults.append(f"{label}: {fault}")
     if faults:
         warn("; ".join(dict.fromkeys(faults)), UserWarning, stacklevel=3)
-    return nwalkers
+    return weighted
+
+
+def _count_cost(weighted: Sequence[tuple[Move, float]]) -> float:
+    """Return the evaluations per walker and generation of weighted moves."""
+    costs = [m.steps if isinstance(m, HamiltonianMove) else 1 for m, _ in weighted]
+    return float(np.average(costs, weights=[weight for _, weight in weighted]))
+
+
+def _count_steps(steps: int | None, max_evaluations: int | None, per_step: int) -> int:
+    """Return the generations per ensemble."""
+    if (steps is None) == (max_evaluations is None):
+        raise TypeError(
+            "steps, max_evaluations: expected exactly one of the two, got "
+            f"steps={steps!r} and max_evaluations={max_evaluations!r}"
+        )
+    if max_evaluations is None:
+        return checks.whole_number("steps", steps, 1)
+    low = FEWEST_STEPS * per_step
+    return checks.whole_number("max_evaluations", max_evaluations, low) // per_step
+
+
+def _check_reference(
+    reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
+) -> dict[str, tuple[float, float]]:
+    """Return the reference, checked, by parameter name; empty if there is none."""
+    known = checks.by_name("reference", {} if reference is None else reference, names)
+    for name, pair in known.items():
+        moments = checks.real_array(f"reference[{name!r}]", pair, 1)
+        if moments.shape != (2,) or not moments[1] > 0:
+            raise ValueError(
+                f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
+                f"got {pair!r}"
+            )
+    return known
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What one move achieved; evaluations are those of the log-posterior.
+
+    Attributes:
+        label: The move's name.
+        diagnosis: The judgement of all its ensembles.
+        ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
+        kept, chain, before: Evaluations of the kept steps, of the stored ones, and of
+            what was before them.
+        solves, cpu: FE solves and CPU seconds, in total.
+        recipe: What was done before the stored steps, in words.
+        idata: ArviZ object of the kept steps.
+    """
+
+    label: str
+    diagnosis: Diagnosis
+    ess: Floats
+    kept: int
+    chain: int
+    before: int
+    solves: int
+    cpu: float
+    recipe: str
+    idata: InferenceData
+
+    @property
+    def ess_per_1000(self) -> Floats:
+        """ESS per 1000 evaluations of each ensemble, ``(ensembles,)``."""
+        return 1000 * len(self.ess) * self.ess / self.kept
+
+    @property
+    def efficiency(self) -> float:
+        """ESS of all ensembles per 1000 evaluations of the kept steps."""
+        return float(1000 * self.diagnosis.ess_bulk.min() / self.kept)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the efficiency, from the spread of the ensembles."""
+        return float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(self.ess)))
+
+    @property
+    def end_to_end(self) -> float:
+        """ESS per 1000 evaluations, with all that was dropped or went before."""
+        return self.efficiency * self.kept / (self.chain + self.before)
+
+    @property
+    def per_cpu_second(self) -> float:
+        """ESS per CPU second of the kept steps, at an even pace."""
+        share = self.kept / (self.chain + self.before)
+        return float(self.diagnosis.ess_bulk.min() / (share * self.cpu))
+
+    def __str__(self) -> str:
+        """Return label, efficiency and its standard error."""
+        return f"{self.label} {self.efficiency:.3g} +- {self.error:.2g}"
+
+
+def _tabulate(
+    title: str, entries: Sequence[Entry], known: Mapping[str, tuple[float, float]]
+) -> Table:
+    """Tabulate the moves, one row each, with numbers of the worst parameter.
+
+    FE solves are those of the whole run; "before chain" are evaluations for the starts
+    and the search of "auto"; ESS per 1000 counts evaluations of the kept steps, +- is
+    its standard error over the ensembles; "end to end" counts all evaluations. Errors
+    are the largest against a reference, in its standard deviations.
+    """
+    diagnoses = [entry.diagnosis for entry in entries]
+    columns: list[Column] = [
+        ("move", "", [e.label for e in entries]),
+        ("FE solves", "d", [e.solves for e in entries]),
+        ("before chain", "d", [e.before for e in entries]),
+        ("acceptance", ".2f", [float(d.acceptance.mean()) for d in diagnoses]),
+        ("tau", ".0f", [float(d.tau.max()) for d in diagnoses]),
+        ("steps/tau", ".0f", [float(d.steps_per_tau.min()) for d in diagnoses]),
+        ("ESS bulk", ".0f", [float(d.ess_bulk.min()) for d in diagnoses]),
+        ("ESS tail", ".0f", [float(d.ess_tail.min()) for d in diagnoses]),
+        ("ESS per 1000", ".3g", [e.efficiency for e in entries]),
+        ("+-", ".2g", [e.error for e in entries]),
+        ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
+        ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in diagnoses]),
+    ]
+    if known:
+        off = [_errors(entry.idata, known) for entry in entries]
+        columns.append(("mean error/sd", ".3f", [mean for mean, _ in off]))
+        columns.append(("sd error %", ".1f", [sd for _, sd in off]))
+    columns += [
+        ("end to end", ".3g", [e.end_to_end for e in entries]),
+        ("verdict", "", [d.short for d in diagnoses]),
+    ]
+    return Table.from_columns(title, columns)
+
+
+def _errors(
+    idata: InferenceData, known: Mapping[str, tuple[float, float]]
+) -> tuple[float, float]:
+    """Return the largest error of a mean in sds, and of an sd in percent."""
+    chains = samples(idata, list(known))[1]
+    draws = chains.reshape(-1, len(known))
+    mean, sd = np.array(list(known.values())).T
+    off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / sd - 1)
+    return float(np.abs((draws.mean(axis=0) - mean) / sd).max()), float(off_sd.max())
+
+
+def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
+    """Return the label of the winner, or None, and the outcome, one sentence per line.
+
+    The winner has converged, and leads every other converged move by more than two
+    combined standard errors.
+    """
+    ranked = sorted(entries, key=lambda entry: -entry.efficiency)
+    able = [entry for entry in ranked if entry.diagnosis.short == CONVERGED]
+    winner, lines = None, []
+    if not able:
+        lines.append("No winner: no move has converged; run longer.")
+    else:
+        best, *others = able
+        lead = {e: best.efficiency - e.efficiency for e in others}
+        close = [e for e in others if lead[e] <= LEAD * np.hypot(best.error, e.error)]
+        if close:
+            names = [str(entry) for entry in (best, *close)]
+            if len(names) > MOST_NAMES:
+                names[MOST_NAMES - 1 :] = [f"{len(names) - MOST_NAMES + 1} more"]
+            lines.append(
+                f"No winner: {', '.join(names[:-1])} and {names[-1]} are within the "
+                "spread of the ensembles (ESS per 1000 evaluations)."
+            )
+        else:
+            winner = best.label
+            rest = f"the next is {others[0]}" if others else "no other has converged"
+            lines.append(f"Winner: {best} ESS per 1000 evaluations; {rest}.")
+        first = max(able, key=lambda entry: entry.end_to_end)
+        if first is not best:
+            lines.append(
+                f"End to end, with burn-in counted, {first.label} is ahead: "
+                f"{first.end_to_end:.3g} against {best.end_to_end:.3g} of {best.label}."
+            )
+    unfit = [f"{e.label} ({e.diagnosis.short})" for e in ranked if e not in able]
+    if unfit and able:
+        lines.append(f"Not converged, so out of the contest: {', '.join(unfit)}.")
+    lines += [
+        f"{entry.label}: {entry.recipe}; {entry.before} evaluations in all before "
+        "its chains."
+        for entry in entries
+        if entry.recipe
+    ]
+    return winner, "\n".join(lines)

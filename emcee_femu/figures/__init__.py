@@ -7,11 +7,10 @@ not.
 """
 
 from .comparison import plot_comparison as plot_comparison
-from .correlation import plot_correlation as plot_correlation
-from .frf import plot_frf as plot_frf
-from .model_classes import plot_model_comparison as plot_model_comparison
+from .comparison import plot_model_comparison as plot_model_comparison
+from .parameters import plot_correlation as plot_correlation
+from .parameters import plot_scatter as plot_scatter
 from .population import plot_population as plot_population
 from .predictive import plot_predictive as plot_predictive
 from .proposals import plot_proposals as plot_proposals
-from .scatter import plot_scatter as plot_scatter
 from .total_average_error import plot_tae as plot_tae

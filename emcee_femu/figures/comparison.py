@@ -1,21 +1,29 @@
-"""The figure of a comparison: who is ahead, and how the error falls."""
+"""Figures of comparisons: moves, and model classes."""
 
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from .. import checks
+from ..comparison.classes import LEAD, ModelComparison
 from ..comparison.compare import Comparison
 from ..interfaces import Floats
-from ..results.diagnostics import CONVERGED
-from ..results.frequencies import running_tae
 from ..results.measured import measured_frequencies
-from .colours import GREY
-from .shown import show_once
-from .total_average_error import scale_error_axes
+from ..results.verdict import CONVERGED
+from .style import BLUE, GREY, RED, finish
+from .total_average_error import draw_errors, running_tae
 
-LABEL_WIDTH = 32  # characters per line
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
+LEAST = 0.001  # probability that is written as a number
+FAR = 25.0  # log evidence behind the first beyond which a class is only named
 
 
-def plot_comparison(comparison: Comparison) -> Any:
+def plot_comparison(comparison: Comparison) -> "Figure":
     """Draw the ESS per 1000 evaluations of each move, and the error of its mean.
 
     Left: the best on top, error bars of one standard error over the ensembles; the
@@ -35,16 +43,12 @@ def plot_comparison(comparison: Comparison) -> Any:
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> moves = {"DE-MC": ef.DEMCMove(), "crossover": ef.CrossoverMove()}
+        >>> moves = {"DE-MC": ef.DEMCMove(), "jumps": ef.DEMCMove(mode_jump=0.1)}
         >>> comparison = ef.compare_moves(posterior, moves, 20, 20, ensembles=2, seed=1)
-        >>> len(ef.plot_comparison(comparison).axes)
+        >>> len(ef.figures.plot_comparison(comparison).axes)
         2
     """
-    if not isinstance(comparison, Comparison):
-        raise TypeError(
-            "comparison: expected what compare_moves returns, got "
-            f"{type(comparison).__name__}"
-        )
+    checks.instance("comparison", comparison, Comparison)
     from matplotlib import pyplot as plt
 
     labels = comparison.table.column("move")
@@ -66,10 +70,10 @@ def plot_comparison(comparison: Comparison) -> Any:
         _draw_curves(panels[0, 1], comparison, curves, colors)
     headline = comparison.conclusion.splitlines()[0]
     figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
-    return show_once(figure)
+    return finish(figure)
 
 
-def _draw_bars(axes: Any, comparison: Comparison, colors: dict[str, Any]) -> None:
+def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> None:
     from matplotlib.patches import Patch
 
     column = comparison.table.column
@@ -121,17 +125,103 @@ def _error_curves(comparison: Comparison) -> dict[str, tuple[Floats, Floats]]:
 
 
 def _draw_curves(
-    axes: Any,
+    axes: "Axes",
     comparison: Comparison,
     curves: dict[str, tuple[Floats, Floats]],
     colors: dict[str, Any],
 ) -> None:
     column = comparison.table.column
     verdicts = dict(zip(column("move"), column("verdict"), strict=True))
-    for label, (generations, tae) in curves.items():
-        style = "-" if verdicts[label] == CONVERGED else "--"
-        axes.plot(generations, tae, style, color=colors[label], lw=1.6, label=label)
-    scale_error_axes(axes, [tae for _, tae in curves.values()])
-    dashed = set(verdicts.values()) != {CONVERGED}
+    dashed = {label for label, verdict in verdicts.items() if verdict != CONVERGED}
+    draw_errors(
+        axes,
+        curves,
+        {
+            label: {"ls": "--" if label in dashed else "-", "color": color, "lw": 1.6}
+            for label, color in colors.items()
+        },
+    )
     axes.set_xlabel("generation after burn-in")
     axes.set_title(f"same colours{'; dashed: not converged' if dashed else ''}")
+
+
+def plot_model_comparison(comparison: ModelComparison) -> "Figure":
+    """Draw the log Bayes factors of model classes against the first, and probabilities.
+
+    Left: the best on top; bars of two combined standard errors, beyond which a class is
+    called behind, and no bar where no error can be claimed. Hollow: undecided. Right:
+    probabilities given the data.
+
+    Args:
+        comparison: What :func:`compare_models` returns.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If it is something else.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> from emcee_femu.results.evidence import Evidence
+        >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
+        >>> comparison = ef.compare_models({"one factor": one, "four factors": four})
+        >>> len(ef.figures.plot_model_comparison(comparison).axes)
+        2
+    """
+    checks.instance("comparison", comparison, ModelComparison)
+    from matplotlib import pyplot as plt
+
+    column = comparison.table.column
+    labels, verdicts = column("model class"), column("verdict")
+    behind = -np.array(column("ln Bayes factor"))
+    errors = LEAD * np.array(column("its +-"))
+    rows = np.arange(len(labels))
+    figure, (left, right) = plt.subplots(
+        1,
+        2,
+        figsize=(9.0, 1.9 + 0.55 * len(rows)),
+        layout="constrained",
+        sharey=True,
+        width_ratios=[1.6, 1.0],
+    )
+    left.axvline(0.0, color=GREY, lw=0.8)
+    for row, verdict in enumerate(verdicts):
+        if behind[row] < -FAR:  # it would hide how the others differ
+            place = {"xycoords": left.get_yaxis_transform(), "va": "center"}
+            left.annotate(f"{behind[row]:.0f}, far left", (0.02, row), **place)
+            continue
+        colour = RED if row == 0 else BLUE
+        known = np.isfinite(errors[row])
+        left.errorbar(
+            behind[row],
+            row,
+            xerr=errors[row] if row and known else None,
+            fmt="o",
+            color=colour,
+            mfc="white" if verdict == "undecided" else colour,
+            capsize=4,
+        )
+        if not known:
+            where = {"xytext": (8, 4), "textcoords": "offset points"}
+            left.annotate("no error can be claimed", (behind[row], row), **where)
+    left.margins(x=0.12, y=0.2)
+    left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])
+    left.invert_yaxis()
+    left.set_xlabel("log evidence less that of the first (natural)")
+    bars = right.barh(
+        rows,
+        column("probability"),
+        height=0.55,
+        color=[RED if row == 0 else BLUE for row in rows],
+    )
+    shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in column("probability")]
+    right.bar_label(bars, shares, padding=4, fontsize=9)
+    right.set_xlim(0, 1.2)
+    right.set_xticks([0, 0.5, 1])
+    right.set_xlabel("probability given the data")
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    headline = comparison.conclusion.splitlines()[0]
+    figure.suptitle(textwrap.fill(headline, 90), fontsize=11)
+    return finish(figure)

@@ -1,23 +1,34 @@
 """The figure of what was measured against what the model predicts."""
 
 from math import ceil
-from typing import Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..results.arviz_objects import samples
-from ..results.frequencies import check_sampled
-from ..results.measured import Measured, at_places, measured_variables
-from ..results.predictive import measurement_sd
-from .deviations import Compared, draw_deviations, draw_mac
-from .draws import say_certified
-from .shown import show_once
+from ..results.arviz_objects import InferenceData
+from ..results.measured import (
+    Measured,
+    at_places,
+    mac_at_places,
+    measured_variables,
+    measurement_sd,
+)
+from ..results.tables import summarize
+from ..results.to_arviz import read_samples
+from .style import BELOW, BLUE, RED, Style, finish
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 MOST_LABELS = 24  # below a panel
+FAR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
 
 
-def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
+def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Figure":
     """Draw how far predictions lie from what was measured, and the MAC.
 
     One panel per measured variable, with the deviations from its measured values: in
@@ -31,8 +42,9 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
     paired most often.
 
     Args:
-        idata: What :func:`to_inference_data` returns.
-        posterior: The sampled posterior, or None for no measurement errors.
+        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        posterior: The sampled posterior, or None for no measurement errors; known of a
+            run.
 
     Returns:
         The matplotlib Figure.
@@ -45,19 +57,17 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
-        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
-        >>> figure = ef.plot_predictive(idata, posterior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> figure = ef.figures.plot_predictive(run)
         >>> len(figure.axes)  # no modes were paired
         1
     """
     from matplotlib import pyplot as plt
 
-    if posterior is not None:
-        check_sampled(posterior, samples(idata)[0])
-    items = [_compare(idata, own, posterior) for own in measured_variables(idata)]
-    heights = [h for i in items for h in ([3.4] if i.mac is None else [3.4, 1.7])]
-    width = float(np.clip(1.6 + 0.8 * max(len(i.labels) for i in items), 7, 16))
+    idata, posterior = read_samples(idata, posterior)
+    parts = [_compare(idata, part, posterior) for part in measured_variables(idata)]
+    heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
+    width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
     figure, panels = plt.subplots(
         len(heights),
         1,
@@ -67,61 +77,160 @@ def plot_predictive(idata: Any, posterior: LogPosterior | None = None) -> Any:
         squeeze=False,
     )
     remaining = iter(panels[:, 0])
-    handles: dict[str, Any] = {}
-    for item in items:
+    handles: Style = {}
+    for part in parts:
         axes = next(remaining)
-        draw_deviations(axes, item)
-        found, labels = axes.get_legend_handles_labels()
-        handles |= dict(zip(labels, found, strict=True))
-        if item.mac is not None:
+        _draw_deviations(axes, part)
+        drawn, labels = axes.get_legend_handles_labels()
+        handles |= dict(zip(labels, drawn, strict=True))
+        if part.mac is not None:
             axes.set_xticks([])
             axes = next(remaining)
-            draw_mac(axes, item.mac)
-        step = ceil(len(item.labels) / MOST_LABELS)
-        axes.set_xticks(range(0, len(item.labels), step), item.labels[::step])
-        axes.set_xlabel(item.below)
-    say_certified(figure, idata)
-    where = {"loc": "outside lower center", "ncols": 2, "frameon": False}
-    figure.legend(handles.values(), handles.keys(), **where)
-    return show_once(figure)
+            _draw_mac(axes, part.mac)
+        step = ceil(len(part.labels) / MOST_LABELS)
+        axes.set_xticks(range(0, len(part.labels), step), part.labels[::step])
+        axes.set_xlabel(part.below)
+    figure.legend(handles.values(), handles.keys(), **BELOW)
+    return finish(figure, idata)
 
 
-def _compare(idata: Any, found: Measured, posterior: LogPosterior | None) -> Compared:
+class Compared(NamedTuple):
+    """A variable measured at ``m`` places, and predicted there by ``n`` samples."""
+
+    what: Measured
+    labels: list[str]  # m
+    below: str  # what the labels say
+    sd: Floats  # (m,), NaN where unknown
+    initial: Floats  # (m,), at the prior mean
+    predicted: Floats  # (n, m)
+    replicated: Floats | None  # (n, m), predicted with a measurement's error
+    mac: Floats | None  # (n, m), where the variable is the frequency of paired modes
+
+
+def _compare(
+    idata: InferenceData, what: Measured, posterior: LogPosterior | None
+) -> Compared:
     """Gather what is known where a variable was measured."""
-
-    def there(group: str, variable: str) -> Any:
-        return at_places(idata, group, variable, found)
-
     labels = [
-        f"{label}\n{value:.5g} {found.unit}".strip()
-        for label, value in zip(found.labels, found.values, strict=True)
+        f"{label}\n{value:.5g} {what.unit}".strip()
+        for label, value in zip(what.labels, what.values, strict=True)
     ]
-    below = f"measured {found.dims}, its {found.name}".replace(" , its", "")
-    experiment, dot, variable = found.variable.rpartition(".")
-    mac = None
-    if variable == "frequency":
-        mac = there("response", f"{experiment}{dot}mac")
-    if mac is not None:
+    below = f"measured {what.dims}, its {what.name}".replace(" , its", "")
+    mac = mac_at_places(idata, what)
+    modes = mac_at_places(idata, what, "model_mode")
+    if modes is not None:
         below += ", and the model's mode paired with it"
-        modes = there("response", f"{experiment}{dot}model_mode").astype(int)
-        partners = map(_partner, modes.T)
+        partners = map(_partner, modes.astype(int).T)
         labels = [f"{a}\n{b}" for a, b in zip(labels, partners, strict=True)]
     unknown = np.full(len(labels), np.nan)
+    initial = at_places(idata, "constant_data", f"initial_{what.variable}", what)
+    predicted = at_places(idata, "response", what.variable, what)
+    if initial is None or predicted is None:
+        raise ValueError(f"idata: its response does not hold {what.variable!r}")
     return Compared(
-        what=found,
+        what=what,
         labels=labels,
         below=below,
-        sd=unknown if posterior is None else measurement_sd(found, posterior),
-        initial=there("constant_data", f"initial_{found.variable}")[0],
-        predicted=there("response", found.variable),
-        replicated=there("posterior_predictive", found.name),
+        sd=unknown if posterior is None else measurement_sd(what, posterior),
+        initial=initial[0],
+        predicted=predicted,
+        replicated=at_places(idata, "posterior_predictive", what.name, what),
         mac=mac,
     )
 
 
-def _partner(numbers: Any) -> str:
+def _partner(numbers: NDArray[np.int_]) -> str:
     """Return the model's mode of most samples, with its share unless it is all."""
     counts = np.bincount(numbers)
     share = 100 * counts.max() / len(numbers)
     text = f"model's {counts.argmax()}"
     return text if share == 100 else f"{text}\nin {min(share, 99.9):.3g} %"
+
+
+def _draw_deviations(axes: "Axes", part: Compared) -> None:
+    """Draw the variable before and after updating, and its measurement error."""
+    measured, unit = part.what.values, part.what.unit
+    scale = np.ones_like(measured)
+    if unit == "Hz":
+        scale, unit = 100 / measured, "%"
+    place = np.arange(len(measured))
+    mean, low, high = scale * (summarize(part.predicted) - measured)
+    before = scale * (part.initial - measured)
+    band = np.abs(2 * scale * part.sd)
+    known = np.isfinite(band)
+    shown = [np.zeros(1), low, high, -band[known], band[known]]
+    axes.axhline(0, color="black", lw=0.8)
+    if known.any():
+        axes.bar(
+            place[known],
+            2 * band[known],
+            bottom=-band[known],
+            width=0.7,
+            color="0.85",
+            label="measured ± 2 sd",
+        )
+    if part.replicated is not None:
+        ends = scale * (summarize(part.replicated)[1:] - measured)
+        shown.extend(ends)
+        label = "95 % of new measurements"
+        axes.vlines(place, *ends, color=BLUE, lw=1.2, label=label)
+    label = "updated model: mean (circle), 95 % interval"
+    _draw_intervals(axes, mean, low, high, label)
+    _draw_initial(axes, before, np.concatenate(shown), unit)
+    old, new = (f"{np.abs(x).mean():.2g} {unit}".rstrip() for x in (before, mean))
+    solved = np.isfinite(before).all()  # the model may fail at the prior mean
+    title = f"{old} at the prior mean, {new} updated" if solved else f"{new} updated"
+    axes.set_title(f"{part.what.name}: mean error {title}", fontsize=10)
+    label = f"deviation from the\nmeasured {part.what.name}"
+    axes.set_ylabel(f"{label} ({unit})" if unit else label)
+    # A power of ten above the axis would stand in the title.
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:.6g}")
+    axes.grid(True, axis="y", alpha=0.25)
+
+
+def _draw_mac(axes: "Axes", mac: Floats) -> None:
+    """Draw mean and 95 % interval of the MAC ``(n, m)``."""
+    mean, low, high = summarize(mac)
+    _draw_intervals(axes, mean, low, high)
+    axes.axhline(1, color="black", lw=0.8)
+    span = 1 - min(low.min(), 0.9)
+    axes.set_ylim(1 - 1.1 * span, 1 + 0.1 * span)
+    axes.set_ylabel("MAC\n(1: same shape)")
+    axes.grid(True, axis="y", alpha=0.25)
+
+
+def _draw_initial(axes: "Axes", before: Floats, shown: Floats, unit: str) -> None:
+    """Draw the model at the prior mean, and set limits that hold what is ``shown``."""
+    near = np.abs(before) <= FAR * np.abs(shown).max()
+    inside = np.append(shown, before[near])
+    margin = 0.08 * float(np.ptp(inside)) or 1.0  # all alike only in an exact fit
+    room = 3 * margin  # for arrows
+    low = inside.min() - margin - room * (before[~near] < 0).any()
+    high = inside.max() + margin + room * (before[~near] > 0).any()
+    near |= (low < before) & (before < high)
+    far = np.isfinite(before) & ~near
+    place = np.arange(len(before))
+    label = "before updating: prior mean"
+    style: Style = {"color": RED, "mfc": "none", "ms": 7, "label": label}
+    axes.plot(place[near] - 0.22, before[near], "D", **style)
+    for x, value in zip(place[far], before[far], strict=True):
+        axes.annotate(
+            f"before:\n{value:+.3g} {unit}".rstrip(),
+            (x, high if value > 0 else low),
+            (x, high - room if value > 0 else low + room),
+            color=RED,
+            ha="center",
+            va="bottom" if value > 0 else "top",
+            fontsize=9,
+            arrowprops={"arrowstyle": "-|>", "color": RED},
+        )
+    axes.set_ylim(low, high)
+
+
+def _draw_intervals(
+    axes: "Axes", mean: Floats, low: Floats, high: Floats, label: str = ""
+) -> None:
+    place = np.arange(len(mean))
+    axes.vlines(place, low, high, color=BLUE, lw=5, label=label)
+    axes.plot(place, mean, "o", color="white", mec=BLUE, ms=5)
+    axes.set_xlim(-0.6, len(mean) - 0.4)

@@ -1,16 +1,19 @@
 """How Metropolis-Hastings and DE-MC propose."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..interfaces import Floats
-from .colours import BLUE, GREY, RED
-from .shown import show_once
+from .style import BLUE, GREY, RED, finish
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
-def plot_proposals() -> Any:
+def plot_proposals() -> "Figure":
     """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1)."""
     from matplotlib import pyplot as plt
 
@@ -48,17 +51,19 @@ def plot_proposals() -> Any:
     _point(panels[1], current, r"$\theta_i$", below=True)
     _point(panels[1], proposed, r"$\theta^*$", RED)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
-    return show_once(figure)
+    return finish(figure)
 
 
-def _arrow(axes: Any, start: Floats, end: Floats, color: str) -> None:
+def _arrow(axes: "Axes", start: Floats, end: Floats, color: str) -> None:
     style = {"arrowstyle": "-|>", "color": color, "lw": 1.8}
-    axes.annotate("", end, start, arrowprops=style)
+    axes.annotate("", tuple(end), tuple(start), arrowprops=style)
 
 
 def _point(
-    axes: Any, at: Floats, label: str, color: str = "black", below: bool = False
+    axes: "Axes", at: Floats, label: str, color: str = "black", below: bool = False
 ) -> None:
     axes.plot(*at, "o", color=color, ms=7)
-    offset = {"textcoords": "offset points", "xytext": (6, -20 if below else 8)}
-    axes.annotate(label, at, color=color, fontsize=14, **offset)
+    offset = (6, -20 if below else 8)
+    axes.annotate(
+        label, tuple(at), offset, textcoords="offset points", color=color, fontsize=14
+    )

@@ -1,70 +1,117 @@
 """The error of the mean so far, generation by generation."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..results.frequencies import running_tae
-from .draws import say_certified
-from .shown import show_once
+from ..results.arviz_objects import InferenceData, dataset, samples
+from ..results.measured import measured_frequencies, total_average_error
+from ..results.to_arviz import read_samples
+from .style import Style, finish
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+POINTS = 200  # generations at which the model is solved
 
 
-def plot_tae(idata: Any, posterior: LogPosterior, experiment: str | None = None) -> Any:
+def plot_tae(
+    idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
+) -> "Figure":
     """Draw the total average error of the running mean (Figs 4.3, 5.4).
 
     Args:
-        idata: What :func:`to_inference_data` returns, best without burn-in removed,
-            or several as ``{label: idata}`` of the same posterior.
-        posterior: The sampled posterior.
+        idata: What :func:`run` or :func:`to_inference_data` returns, best without
+            burn-in removed, or several as ``{label: idata}`` of the same posterior.
+        posterior: The sampled posterior; known of a run.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior.
+        TypeError: If posterior is not a LogPosterior, or needed.
         ValueError: If no term of it has measured frequencies, it has other parameters,
             or there is no idata.
 
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
-        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
-        >>> figure = ef.plot_tae(idata, posterior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> figure = ef.figures.plot_tae(run)
         >>> figure.axes[0].get_ylabel()
         'total average error of the mean so far (%)'
     """
     from matplotlib import pyplot as plt
 
-    given = dict(idata) if isinstance(idata, dict) else {"": idata}
+    given = idata if isinstance(idata, dict) else {"": idata}
     if not given:
         raise ValueError("idata: expected at least one, got none")
-    curves = {
-        label: running_tae(item, posterior, experiment=experiment)
-        for label, item in given.items()
-    }
+    converted, curves = [], {}
+    for label, source in given.items():
+        samples_of, sampled = read_samples(source, posterior)
+        sampled = checks.instance("posterior", sampled, LogPosterior)
+        error = running_tae(samples_of, sampled, experiment)
+        end = f"ends at {error[1][-1]:.3g} %"
+        curves[f"{label}, {end}" if label else end] = error
+        converted.append(samples_of)
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    for label, (generations, tae) in curves.items():
-        end = f"ends at {tae[-1]:.3g} %"
-        axes.plot(generations, tae, label=f"{label}, {end}" if label else end)
-    scale_error_axes(axes, [tae for _, tae in curves.values()])
+    draw_errors(axes, curves)
     axes.set_xlabel("generation")
     axes.legend(frameon=False)
-    for item in given.values():
-        say_certified(figure, item)
-    return show_once(figure)
+    return finish(figure, *converted)
 
 
-def scale_error_axes(axes: Any, errors: list[Floats]) -> None:
-    """Label the axes of errors in percent; logarithmic where a decade is passed."""
+def running_tae(
+    idata: InferenceData, posterior: LogPosterior, experiment: str | None = None
+) -> tuple[Floats, Floats]:
+    r"""Return generations and the total average error of the mean so far, in percent.
+
+    .. math:: TAE(i) = \frac{100}{N_m} \sum_j \frac{|f_j^m - f_j(\bar\theta_i)|}{f_j^m},
+        \qquad \bar\theta_i = \frac{1}{i} \sum_{s \le i} \theta_s
+
+    with the mean over all walkers and ensembles up to generation i, at 200
+    generations spaced geometrically.
+
+    Args:
+        idata: What :func:`to_inference_data` returns.
+        posterior: The sampled posterior.
+        experiment: Name of one experiment of a joint posterior.
+
+    Raises:
+        ValueError: If no term of the posterior has measured frequencies.
+
+    Source: the text below Table 4.2 of Sherri, Boulkaibet, Marwala and Friswell.
+    """
+    measured = measured_frequencies(idata, experiment)
+    by_generation = samples(idata)[1].mean(axis=0)  # (draws, d)
+    n = len(by_generation)
+    means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
+    where = np.unique(np.geomspace(1, n, POINTS).round().astype(int))
+    frequencies = posterior(means[where - 1])[:, posterior.columns[measured.variable]]
+    group = dataset(idata, "posterior")
+    steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
+    return steps, total_average_error(measured.values, frequencies)
+
+
+def draw_errors(
+    axes: "Axes",
+    curves: Mapping[str, tuple[Floats, Floats]],
+    styles: Mapping[str, Style] | None = None,
+) -> None:
+    """Draw errors in percent by label; logarithmic where a decade is passed."""
     from matplotlib import ticker
 
+    for label, (generations, error) in curves.items():
+        axes.plot(generations, error, label=label, **(styles or {}).get(label, {}))
     axes.set(xscale="log", ylabel="total average error of the mean so far (%)")
     axes.xaxis.set_major_formatter("{x:g}")
-    values = np.concatenate(errors)
+    values = np.concatenate([error for _, error in curves.values()])
     if values.max() > 10 * values.min():
         axes.set_yscale("log")
         axes.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))

@@ -1,19 +1,16 @@
 """The likelihood of measured displacements."""
 
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Hashable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Variable, read
-from .normal import LEAST_SD, linearize_normal
+from ..interfaces import Floats, Parameters, Response, Variable, read
+from .term import GaussianTerm, add_discrepancy, check_labels, choose_error, error_array
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class DisplacementTerm:
+class DisplacementTerm(GaussianTerm):
     r"""Gaussian errors of the displacements of a static test.
 
     .. math:: \ln p = \sum_{c,i} \ln N(u_{ci} - u_{ci}^m; 0, v_{ci}), \qquad
@@ -51,12 +48,6 @@ class DisplacementTerm:
         [2.2673]
     """
 
-    measured: Floats
-    sd: Floats  # of the measurement, (cases, points); zero if exact
-    discrepancy: str | None
-    name: str
-    reads: Mapping[str, Variable] = field(repr=False)
-
     def __init__(
         self,
         measured: ArrayLike,
@@ -68,134 +59,55 @@ class DisplacementTerm:
         points: Sequence[Hashable] | None = None,
         name: str = "displacement",
     ) -> None:
-        u = checks.real_array("measured", measured, 2)
+        self.measured = u = checks.real_array("measured", measured, 2)
         if not u.size:
             raise ValueError("measured: expected at least one displacement, got none")
-        for label, text in (("name", name), ("discrepancy", discrepancy)):
-            left_out = label == "discrepancy" and text is None
-            if not left_out and (not isinstance(text, str) or not text):
-                raise TypeError(f"{label}: expected a non-empty string, got {text!r}")
-        possible = {"sd": sd, "relative_sd": relative_sd}
-        given = {label: v for label, v in possible.items() if v is not None}
-        if len(given) > 1 or not (given or discrepancy):
-            raise TypeError(
-                "sd, relative_sd: expected exactly one of them, or a discrepancy "
-                f"alone, got {list(given) or 'none'}"
-            )
-        spread = np.zeros(u.shape)
-        for label, value in given.items():
-            numbers = checks.positive_array(label, value)
-            if numbers.shape not in ((), u.shape[1:], u.shape):
-                raise ValueError(
-                    f"{label}: expected one number, one per point {u.shape[1:]} or "
-                    f"{u.shape}, got shape {numbers.shape}"
-                )
-            spread = spread + numbers * (np.abs(u) if label == "relative_sd" else 1.0)
-        if not (spread > 0).all() and (given or not u.all()):
+        check_labels(name, discrepancy)
+        errors = {"sd": sd, "relative_sd": relative_sd}
+        error, given = choose_error(errors, discrepancy)
+        self.name, self.discrepancy = name, discrepancy
+        self.sd = np.zeros(u.shape)
+        if error:
+            numbers = error_array(error, given, u.shape[1:], u.shape)
+            self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
+        if not (self.sd > 0).all() and (error or not u.all()):
             raise ValueError(
                 "measured: a displacement of zero has no relative error; give sd"
             )
-        shape = zip(("cases", "points"), (cases, points), u.shape, strict=True)
-        labels = [_read_labels(*one) for one in shape]
-        coords = dict(zip(("load_case", "point"), labels, strict=True))
-        checks.set_fields(
-            self,
-            measured=u,
-            sd=spread,
-            discrepancy=discrepancy,
-            name=name,
-            reads={"displacement": Variable(coords)},
-        )
-
-    @property
-    def observed(self) -> Mapping[str, Floats]:
-        """What was measured, by the name of the variable."""
-        return {"displacement": self.measured}
-
-    @property
-    def error_sd(self) -> Mapping[str, Floats]:
-        """Standard deviations of what was measured; 0 if exact."""
-        return {"displacement": self.sd}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The discrepancy, where there is one, the only parameter that is read."""
-        return () if self.discrepancy is None else (self.discrepancy,)
-
-    @property
-    def positive(self) -> tuple[str, ...]:
-        """All parameters of the term, which must stay above zero."""
-        return self.names
-
-    def __call__(self, parameters: Parameters, response: Any) -> Floats:
-        """Return the log-likelihood of every parameter set, ``(n,)``."""
-        r, sd = self.deviations(parameters, response)
-        log_likelihood: Floats = _log_normal(r, sd).sum(axis=1)
-        return log_likelihood
+        labels = {
+            "load_case": _read_labels("cases", cases, u.shape[0]),
+            "point": _read_labels("points", points, u.shape[1]),
+        }
+        self.reads = {"displacement": Variable(labels)}
+        self.observed, self.error_sd = {"displacement": u}, {"displacement": self.sd}
 
     def deviations(
-        self, parameters: Parameters, response: Any
+        self, parameters: Parameters, response: Response
     ) -> tuple[Floats, Floats]:
         """Return deviations and their standard deviations, ``(n, m)`` each."""
         cases, points = self.measured.shape
         u = read(response, "displacement")[:, :cases, :points]
-        r = np.ascontiguousarray(u - self.measured).reshape(len(u), -1)
-        variances = self.sd.ravel() ** 2
+        r = (u - self.measured).reshape(len(u), -1)
+        sd = self.sd.ravel()
         if self.discrepancy is not None:
             sigma = parameters[self.discrepancy][:, None]
-            variances = variances + (sigma * self.measured.ravel()) ** 2
-            variances = np.maximum(variances, LEAST_SD**2)
-        return r, np.broadcast_to(np.sqrt(variances), r.shape)
+            sd = add_discrepancy(sd**2, sigma * self.measured.ravel())
+        return r, np.broadcast_to(sd, r.shape)
 
-    def linearize(
-        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
-    ) -> tuple[Floats, Floats]:
-        """Return the gradient of the log-likelihood, and its scores."""
-        r, sd = self.deviations(parameters, response)
-        cases, points = self.measured.shape
-        slopes = tangents["displacement"][:, :cases, :points]
-        slopes = slopes.reshape(*r.shape, -1)
-        if self.discrepancy is None:
-            return linearize_normal(r, sd, slopes)
-        sigma = parameters[self.discrepancy][:, None]
-        by_sigma = (sigma * self.measured.ravel() ** 2 / sd)[:, :, None]
-        d_sd = by_sigma * tangents[self.discrepancy][:, None]
-        return linearize_normal(r, sd, slopes, d_sd)
-
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> dict[str, Floats]:
-        """Return each displacement's log-likelihood ``(n, cases, points)``."""
-        values = _log_normal(*self.deviations(parameters, stored))
-        return {"displacement": values.reshape(-1, *self.measured.shape)}
-
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        stored: Mapping[str, Floats],
-    ) -> dict[str, Floats]:
-        """Return a new measurement for each sample, with all its errors."""
-        r, sd = self.deviations(parameters, stored)
-        r = r + sd * rng.standard_normal(r.shape)
-        return {"displacement": self.measured + r.reshape(-1, *self.measured.shape)}
+    def restore(self, deviations: Floats) -> Floats:
+        """Return displacements ``(n, cases, points)``."""
+        return self.measured + deviations.reshape(-1, *self.measured.shape)
 
 
-def _log_normal(r: Floats, sd: Floats) -> Floats:
-    with np.errstate(over="ignore"):  # so far off the likelihood is zero
-        values: Floats = -0.5 * ((r / sd) ** 2 + np.log(2 * np.pi * sd**2))
-    return values
-
-
-def _read_labels(argument: str, labels: Any, size: int) -> list[Any]:
+def _read_labels(
+    argument: str, labels: Sequence[Hashable] | None, size: int
+) -> list[Hashable]:
     """Return one label for each, None where they are known by their places."""
     if labels is None:
         return [None] * size
-    if isinstance(labels, Mapping | set) or np.ndim(labels) != 1:
-        raise TypeError(f"{argument}: expected a sequence of labels, got {labels!r}")
-    result = np.asarray(labels, dtype=object).tolist()
-    if len(result) != size or len(set(result)) != size:
+    array = np.asarray(labels, dtype=object)
+    if array.shape != (size,) or len(set(array)) != size:
         raise ValueError(
-            f"{argument}: expected {size} labels, each another, got {result}"
+            f"{argument}: expected {size} labels, each another, got {labels!r}"
         )
-    return list(result)
+    return list(array)

@@ -1,23 +1,20 @@
 """The likelihood of measured natural frequencies."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Variable, modal_variables, read
+from ..interfaces import Floats, Parameters, Response, modal_variables, read
 from ..measurements import Measurements
-from .normal import LEAST_SD, linearize_normal
+from .term import GaussianTerm, add_discrepancy, check_labels, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class FrequencyTerm:
+class FrequencyTerm(GaussianTerm):
     r"""Gaussian errors of the natural frequencies.
 
     .. math:: \ln p = -\tfrac12 r^T (R + \sigma_d^2 I)^{-1} r
@@ -73,15 +70,6 @@ class FrequencyTerm:
         [1.5741]
     """
 
-    measured: Floats
-    beta: Floats  # precisions of r, or of r in its principal axes; infinite if exact
-    covariance: Floats | None = field(repr=False)  # in Hz^2, where it was given
-    discrepancy: str | None
-    name: str
-    _axes: Floats | None = field(repr=False)
-    _log_constants: Floats = field(repr=False)
-    _log_constant: float = field(repr=False)
-
     def __init__(
         self,
         measured: ArrayLike | Measurements,
@@ -93,219 +81,87 @@ class FrequencyTerm:
         discrepancy: str | None = None,
         name: str = "frequency",
     ) -> None:
-        possible = {
-            "beta": beta,
-            "relative_sd": relative_sd,
-            "sd": sd,
-            "covariance": covariance,
-        }
-        given = {label: v for label, v in possible.items() if v is not None}
+        errors = dict(beta=beta, relative_sd=relative_sd, sd=sd, covariance=covariance)
         if isinstance(measured, Measurements):
-            if not given and measured.covariance is not None:
-                given = {"covariance": measured.covariance}
-            elif not given and measured.sd is not None:
-                given = {"sd": measured.sd}
+            if all(value is None for value in errors.values()):
+                errors["covariance"] = measured.covariance
+                errors["sd"] = None if measured.covariance is not None else measured.sd
             measured = measured.frequencies
-        frequencies = checks.positive_array("measured", measured, 1)
-        if not frequencies.size:
+        self.measured = checks.positive_array("measured", measured, 1)
+        if not self.measured.size:
             raise ValueError("measured: expected at least one frequency, got none")
-        for label, text in (("name", name), ("discrepancy", discrepancy)):
-            left_out = label == "discrepancy" and text is None
-            if not left_out and (not isinstance(text, str) or not text):
-                raise TypeError(f"{label}: expected a non-empty string, got {text!r}")
-        if len(given) > 1 or not (given or discrepancy):
-            raise TypeError(
-                "beta, relative_sd, sd, covariance: expected exactly one of them "
-                "(beta = relative_sd**-2), or a discrepancy alone, got "
-                f"{list(given) or 'none'}"
-            )
-        precision, axes = np.full(len(frequencies), np.inf), None
-        for which, value in given.items():
-            precision, axes = _relative_precision(which, value, frequencies)
-        constant = -np.log(frequencies)
-        if discrepancy is None:
-            constant += 0.5 * np.log(precision / (2 * np.pi))
-        checks.set_fields(
-            self,
-            measured=frequencies,
-            beta=precision,
-            covariance=None if axes is None else np.array(given["covariance"], float),
-            discrepancy=discrepancy,
-            name=name,
-            _axes=axes,
-            _log_constants=constant,
-            _log_constant=float(constant.sum()),
+        check_labels(name, discrepancy)
+        error, given = choose_error(errors, discrepancy, " (beta = relative_sd**-2)")
+        self.name, self.discrepancy, self.n_modes = (
+            name,
+            discrepancy,
+            len(self.measured),
         )
+        self.log_constants = -np.log(self.measured)
+        self.separate = error != "covariance"
+        # Precisions of r, or of r in its principal axes; infinite where they are exact.
+        self.beta, self._axes = np.full(self.n_modes, np.inf), np.eye(self.n_modes)
+        if error == "covariance":
+            self.beta, self._axes = _principal_axes(given, self.measured)
+        elif error:
+            numbers = error_array(error, given, self.measured.shape)
+            if error == "sd":
+                numbers = numbers / self.measured
+            self.beta[:] = numbers if error == "beta" else numbers**-2
+        self.reads = modal_variables(self.n_modes)
+        self.observed = {"frequency": self.measured}
+        relative = np.sqrt(self._axes**2 @ (1 / self.beta))
+        self.error_sd = {"frequency": self.measured * relative}
 
-    @property
-    def reads(self) -> Mapping[str, Variable]:
-        """Frequencies of the measured modes, which the term needs of a response."""
-        return modal_variables(len(self.measured))
-
-    @property
-    def observed(self) -> Mapping[str, Floats]:
-        """What was measured, by the name of the variable."""
-        return {"frequency": self.measured}
-
-    @property
-    def n_modes(self) -> int:
-        """The number of measured modes."""
-        return len(self.measured)
-
-    @property
-    def error_sd(self) -> Mapping[str, Floats]:
-        """Standard deviations of the measured frequencies in Hz; 0 if exact."""
-        variances = 1 / self.beta
-        if self._axes is not None:
-            variances = self._axes**2 @ variances
-        return {"frequency": self.measured * np.sqrt(variances)}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The discrepancy, where there is one, the only parameter that is read."""
-        return () if self.discrepancy is None else (self.discrepancy,)
-
-    @property
-    def positive(self) -> tuple[str, ...]:
-        """All parameters of the term, which must stay above zero."""
-        return self.names
-
-    def __call__(self, parameters: Parameters, response: Any) -> Floats:
-        """Return the log-likelihood of every parameter set, ``(n,)``."""
-        residuals = self._turn(self._residuals(response))
-        with np.errstate(over="ignore"):  # so far off the likelihood is zero
-            residuals *= residuals
-            if self.discrepancy is None:
-                residuals *= self.beta
-            else:
-                variances = self._variances(parameters[self.discrepancy])
-                residuals /= variances
-                residuals += np.log(2 * np.pi * variances)
-        log_likelihood: Floats = np.add.reduce(residuals, axis=1)
-        log_likelihood *= -0.5
-        log_likelihood += self._log_constant
-        unpaired = _find_unpaired(response)
-        if unpaired is not None:
-            unpaired = unpaired[:, : self.n_modes]
-            log_likelihood -= UNPAIRED * np.count_nonzero(unpaired, axis=1)
-        return log_likelihood
+    def constants(self, response: Response) -> Floats | float:
+        """Return what each mode adds, less the penalty of those without a pair."""
+        mapped = isinstance(response, Mapping)
+        unpaired = (
+            response.get("unpaired") if mapped else getattr(response, "unpaired", None)
+        )
+        if unpaired is None:
+            return self.log_constants
+        constants: Floats = self.log_constants - UNPAIRED * unpaired[:, : self.n_modes]
+        return constants
 
     def deviations(
-        self, parameters: Parameters, response: Any
+        self, parameters: Parameters, response: Response
     ) -> tuple[Floats, Floats]:
         """Return independent relative deviations and their standard deviations."""
-        residuals = self._turn(self._residuals(response))
-        variances = 1 / self.beta
-        if self.discrepancy is not None:
-            variances = self._variances(parameters[self.discrepancy])
-        return residuals, np.broadcast_to(np.sqrt(variances), residuals.shape)
-
-    def linearize(
-        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
-    ) -> tuple[Floats, Floats]:
-        """Return the gradient of the log-likelihood, and its scores."""
-        residuals, sd = self.deviations(parameters, response)
-        slopes = tangents["frequency"][:, : self.n_modes] / self.measured[:, None]
-        if self._axes is not None:
-            slopes = self._axes.T @ slopes
-        if self.discrepancy is None:
-            return linearize_normal(residuals, sd, slopes)
-        sigma = parameters[self.discrepancy][:, None, None]
-        d_sd = sigma * tangents[self.discrepancy][:, None] / sd[:, :, None]
-        return linearize_normal(residuals, sd, slopes, d_sd)
-
-    def _variances(self, discrepancy: Floats) -> Floats:
-        """Return the variances with an inferred error, ``(n, n_modes)``."""
-        total: Floats = 1 / self.beta + np.square(discrepancy)[:, None]
-        return np.maximum(total, LEAST_SD**2)
-
-    def _turn(self, residuals: Floats) -> Floats:
-        """Return residuals along the axes in which they are independent."""
-        if self._axes is None:
-            return residuals
-        # One product per row: its sums round alike.
-        turned: Floats = (residuals[:, None] @ self._axes)[:, 0]
-        return turned
-
-    def _residuals(self, response: Any) -> Floats:
         predicted = read(response, "frequency")[:, : self.n_modes]
         if predicted.shape[1] < self.n_modes:
             raise ValueError(
                 f"measured: {self.n_modes} modes were measured, but the model "
                 f"returned {predicted.shape[1]}; ask it for more modes"
             )
-        # Contiguous rows: their sums must round alike for one row and for many.
-        residuals = np.ascontiguousarray(predicted / self.measured)
-        residuals -= 1.0
-        return residuals
-
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> dict[str, Floats] | None:
-        """Return each mode's log-likelihood ``(n, n_modes)``; None if correlated."""
-        if self._axes is not None:
-            return None
-        squares = self._residuals(stored) ** 2
-        if self.discrepancy is None:
-            values = self._log_constants - 0.5 * self.beta * squares
-        else:
-            variances = self._variances(parameters[self.discrepancy])
-            logs = np.log(2 * np.pi * variances)
-            values = self._log_constants - 0.5 * (squares / variances + logs)
-        if "unpaired" in stored:
-            values -= UNPAIRED * stored["unpaired"][:, : self.n_modes]
-        return {"frequency": values}
-
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        stored: Mapping[str, Floats],
-    ) -> dict[str, Floats]:
-        """Return a new measurement for each sample, with all its errors, in Hz."""
-        predicted = stored["frequency"][:, : self.n_modes]
-        errors = rng.standard_normal(predicted.shape) / np.sqrt(self.beta)
-        if self._axes is not None:
-            errors = errors @ self._axes.T
+        r = predicted / self.measured - 1.0
+        if not self.separate:
+            r = r @ self._axes
+        sd = self.beta**-0.5
         if self.discrepancy is not None:
-            sigma = parameters[self.discrepancy][:, None]
-            errors = errors + sigma * rng.standard_normal(predicted.shape)
-        return {"frequency": predicted + self.measured * errors}
+            sd = add_discrepancy(1 / self.beta, parameters[self.discrepancy][:, None])
+        return r, np.broadcast_to(sd, r.shape)
+
+    def restore(self, deviations: Floats) -> Floats:
+        """Return frequencies ``(n, n_modes)`` in Hz."""
+        return self.measured * (1.0 + deviations @ self._axes.T)
 
 
-def _find_unpaired(response: Any) -> Any:
-    """Return where modes have no pair, None if the model pairs none."""
-    if isinstance(response, Mapping):
-        return response.get("unpaired")
-    return getattr(response, "unpaired", None)
-
-
-def _relative_precision(
-    which: str, value: ArrayLike, frequencies: Floats
-) -> tuple[Floats, Floats | None]:
-    """Return precisions of the relative errors, and their axes unless independent."""
+def _principal_axes(
+    covariance: ArrayLike, frequencies: Floats
+) -> tuple[Floats, Floats]:
+    """Return precisions of relative errors along axes where they are independent."""
     n = len(frequencies)
-    if which == "covariance":
-        C = checks.real_array(which, value, 2)
-        if C.shape != (n, n) or np.abs(C - C.T).max() > 1e-8 * np.abs(C).max():
-            raise ValueError(
-                f"covariance: expected a symmetric ({n}, {n}) matrix for {n} modes, "
-                f"got {C.tolist()}"
-            )
-        variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
-        if not variances[0] > 1e-12 * variances[-1]:
-            raise ValueError(
-                "covariance: expected a positive definite matrix; that of repeats "
-                "needs more of them than modes"
-            )
-        return 1 / variances, axes
-    numbers = checks.positive_array(which, value)
-    if numbers.shape not in ((), (n,)):
+    C = checks.real_array("covariance", covariance, 2)
+    if C.shape != (n, n) or np.abs(C - C.T).max() > 1e-8 * np.abs(C).max():
         raise ValueError(
-            f"{which}: expected one number or one for each of {n} modes, got shape "
-            f"{numbers.shape}"
+            f"covariance: expected a symmetric ({n}, {n}) matrix for {n} modes, "
+            f"got {C.tolist()}"
         )
-    if which == "sd":
-        numbers = numbers / frequencies
-    precision = numbers if which == "beta" else numbers**-2
-    return np.broadcast_to(precision, (n,)).copy(), None
+    variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
+    if not variances[0] > 1e-12 * variances[-1]:
+        raise ValueError(
+            "covariance: expected a positive definite matrix; that of repeats needs "
+            "more of them than modes"
+        )
+    return 1 / variances, axes

@@ -2,20 +2,18 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Variable, read
-from ..measurements.frf import FRFMeasurements
-from ..measurements.frf_kinds import frf_variable
-from .normal import LEAST_SD, linearize_normal
+from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..measurements.frf import FRFMeasurements, frf_variable
+from .term import GaussianTerm, add_discrepancy, check_labels, error_array
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class FRFTerm:
+class FRFTerm(GaussianTerm):
     r"""Gaussian errors of frequency response functions, line by line.
 
     .. math:: \ln p = \sum_{cl} \ln N(\mathrm{Re}\,\Delta_{cl}; 0, v_{cl})
@@ -50,7 +48,7 @@ class FRFTerm:
 
     Examples:
         >>> import numpy as np
-        >>> from emcee_femu import FRFMeasurements, FRFTerm
+        >>> from emcee_femu.frf import FRFMeasurements, FRFTerm
         >>> measured = FRFMeasurements([9.0], [[2j]], [("a", "b")], kind="receptance")
         >>> term = FRFTerm(measured, sd=0.1)
         >>> term({}, {"receptance": np.array([[[[0.0, 2.1]]]])}).round(4).tolist()
@@ -77,10 +75,7 @@ class FRFTerm:
             raise TypeError(
                 f"measured: expected FRFMeasurements, got {type(measured).__name__}"
             )
-        for label, text in (("name", name), ("discrepancy", discrepancy)):
-            left_out = label == "discrepancy" and text is None
-            if not left_out and (not isinstance(text, str) or not text):
-                raise TypeError(f"{label}: expected a non-empty string, got {text!r}")
+        check_labels(name, discrepancy)
         if not (checks.flag("amplitude", amplitude) or measured.values.imag.any()):
             raise ValueError(
                 "measured: expected complex values with their phases, got real ones "
@@ -89,12 +84,7 @@ class FRFTerm:
         shape = measured.values.shape
         spread = measured.sd
         if sd is not None:
-            spread = checks.positive_array("sd", sd)
-            if spread.shape not in ((), (shape[0], 1), shape):
-                raise ValueError(
-                    f"sd: expected one number, {(shape[0], 1)} or {shape}, got shape "
-                    f"{spread.shape}"
-                )
+            spread = error_array("sd", sd, (shape[0], 1), shape)
         elif spread is None and discrepancy is None:
             raise ValueError(
                 "sd: the measurements have no coherence; give sd, or a discrepancy"
@@ -112,68 +102,26 @@ class FRFTerm:
             reads={kind: reads},
         )
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The discrepancy, where there is one, the only parameter that is read."""
-        return () if self.discrepancy is None else (self.discrepancy,)
-
-    @property
-    def positive(self) -> tuple[str, ...]:
-        """All parameters of the term, which must stay above zero."""
-        return self.names
-
-    def __call__(self, parameters: Parameters, response: Any) -> Floats:
-        """Return the log-likelihood of every parameter set, ``(n,)``."""
-        r, sd = self.deviations(parameters, response)
-        with np.errstate(over="ignore"):  # so far off the likelihood is zero
-            values = (r / sd) ** 2
-        values += np.log(2 * np.pi * sd**2)
-        log_likelihood: Floats = -0.5 * values.sum(axis=1)
-        return log_likelihood
-
     def deviations(
-        self, parameters: Parameters, response: Any
+        self, parameters: Parameters, response: Response
     ) -> tuple[Floats, Floats]:
-        """Return deviations and their standard deviations, ``(n, m)`` each."""
-        H = self._cut(read(response, self.measured.kind))
+        """Return deviations and their standard deviations, ``(n, m)`` each.
+
+        Of amplitudes they are those of the logarithms.
+        """
+        channels, lines = self.measured.values.shape
+        H = read(response, self.measured.kind)[:, :channels, :lines]
         size = np.abs(self.measured.values)
-        scale = np.ones_like(size) if self.amplitude else size
         if self.amplitude:
             with np.errstate(divide="ignore"):  # an FRF of 0 is impossible, not wrong
                 r = 0.5 * np.log((H**2).sum(axis=-1)) - np.log(size)
-            r, variances = r[..., None], (self.sd / size) ** 2
+            r, sd, scale = r[..., None], self.sd / size, np.ones_like(size)
         else:
             values = self.measured.values
             r = H - np.stack([values.real, values.imag], axis=-1)
-            variances = self.sd**2
+            sd, scale = self.sd, size
         if self.discrepancy is not None:
             sigma = parameters[self.discrepancy][:, None, None]
-            variances = np.maximum(variances + (sigma * scale) ** 2, LEAST_SD**2)
-        sd = np.broadcast_to(np.sqrt(variances)[..., None], r.shape)
+            sd = add_discrepancy(sd**2, sigma * scale)
+        sd = np.broadcast_to(sd[..., None], r.shape)
         return r.reshape(len(r), -1), sd.reshape(len(r), -1)
-
-    def linearize(
-        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
-    ) -> tuple[Floats, Floats]:
-        """Return the gradient of the log-likelihood, and its scores."""
-        r, sd = self.deviations(parameters, response)
-        slopes = self._cut(tangents[self.measured.kind])
-        if self.amplitude:
-            H = self._cut(read(response, self.measured.kind))
-            slopes = (H[..., None] * slopes).sum(axis=3)
-            slopes = slopes / (H**2).sum(axis=-1)[..., None]
-        slopes = slopes.reshape(*r.shape, -1)
-        if self.discrepancy is None:
-            return linearize_normal(r, sd, slopes)
-        scale = np.ones(r.shape[1])
-        if not self.amplitude:
-            scale = np.repeat(np.abs(self.measured.values).ravel(), 2)
-        by_sigma = parameters[self.discrepancy][:, None] * scale**2 / sd
-        d_sd = by_sigma[:, :, None] * tangents[self.discrepancy][:, None]
-        return linearize_normal(r, sd, slopes, d_sd)
-
-    def _cut(self, values: Any) -> Floats:
-        """Return the channels and lines that were measured, the first of the model."""
-        channels, lines = self.measured.values.shape
-        cut: Floats = values[:, :channels, :lines]
-        return cut

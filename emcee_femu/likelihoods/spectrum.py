@@ -5,15 +5,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Variable, read
+from ..interfaces import Floats, Parameters, Response, Variable, read
 from ..measurements.spectra import KINDS, Spectra
-from .spectrum_slopes import differentiate_h, linearize_spectrum
+from .term import Term, derive, move_along
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class SpectrumTerm:
+class SpectrumTerm(Term):
     r"""Whittle likelihood of spectral matrices: FFTs are independent complex Gaussians.
 
     .. math:: \ln p = -n_d \sum_k \big[ n \ln \pi + \ln |E_k|
@@ -43,7 +44,7 @@ class SpectrumTerm:
 
     Examples:
         >>> import numpy as np
-        >>> from emcee_femu import Spectra, SpectrumTerm
+        >>> from emcee_femu.spectra import Spectra, SpectrumTerm
         >>> term = SpectrumTerm(Spectra([2.0], [[[0.5]]], averages=1))
         >>> modes = {"frequency": np.array([[1.0]]), "damping_ratio": np.array([[0.1]])}
         >>> modes |= {"shapes": np.ones((1, 1, 1)), "noise_psd": np.array([0.5])}
@@ -82,8 +83,17 @@ class SpectrumTerm:
             _parts=(np.ascontiguousarray(D.real), np.ascontiguousarray(D.imag)),
         )
 
-    def __call__(self, parameters: Parameters, response: Any) -> Floats:
+    scored = True
+
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
+        log_likelihood = self._density(response)
+        if read(response, "frequency").shape[1] == 2:
+            log_likelihood[~_possible(response)] = -np.inf
+        return log_likelihood
+
+    def _density(self, response: Response) -> Floats:
+        """Return the log-likelihood, of impossible pairs too."""
         lines, n_channels, _ = self.measured.matrices.shape
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             rank = read(response, "frequency").shape[1]
@@ -93,21 +103,74 @@ class SpectrumTerm:
                 values.sum(axis=1)
                 + lines * ((n_channels - rank) * noise + n_channels * np.log(np.pi))
             )
-        if rank == 2:
-            log_likelihood[~_possible(response)] = -np.inf
         return log_likelihood
 
     def linearize(
-        self, parameters: Parameters, response: Any, tangents: Mapping[str, Floats]
+        self,
+        parameters: Parameters,
+        response: Response,
+        tangents: Mapping[str, Floats],
+        steps: Floats,
     ) -> tuple[Floats, Floats]:
-        """Return the gradient of the log-likelihood, and its scores."""
-        lines, h = self.measured.lines, 1 / self._flexibility(response)
-        over = (2j * np.pi * lines) ** KINDS[self.measured.kind]
-        dh = differentiate_h(h, lines, over, response, tangents)
-        measured = self.measured.matrices, self.measured.averages
-        return linearize_spectrum(*measured, h, dh, response, tangents)
+        r"""Return the gradient of the log-likelihood, and its scores ``(n, m, d)``.
 
-    def _one_mode(self, response: Any) -> Floats:
+        With :math:`\Phi = Q R` the covariance is :math:`B_k = S_e I + R H_k R^T` within
+        the span of Q and :math:`S_e` across it, so that Fisher's information,
+
+        .. math:: F_{ab} = n_d \sum_k \mathrm{tr}(E_k^{-1} \partial_a E_k
+            E_k^{-1} \partial_b E_k),
+
+        has three parts: within, between, where only shapes turn out of the span, and
+        across, where only the noise changes.
+
+        Source: Whittle (1953), doi:10.1007/BF02590998; by Slepian and Bangs' formula.
+        """
+        phi, noise = read(response, "shapes"), read(response, "noise_psd")
+        Q, R = np.linalg.qr(phi)
+        (n, c, r), m, lines = Q.shape, phi.shape[2], len(self.measured.lines)
+        steps = self._choose_steps(parameters, response, tangents, steps)
+        _, moved = move_along(parameters, response, tangents, steps)
+        gradient = derive(self._density(moved), steps)[:, 0]
+        H = self._covariance(response)
+        dH = derive(self._covariance(moved), steps).reshape(n, lines, m, m, -1)
+        B = R[:, None] @ H @ R.swapaxes(1, 2)[:, None]
+        B += noise[:, None, None, None] * np.eye(r)
+        values, vectors = np.linalg.eigh(B)
+        # By rounding, or where the likelihood is zero, they are below the noise.
+        sizes = np.sqrt(np.maximum(values, noise[:, None, None]))[:, :, None]
+        adjoint = vectors / sizes
+        inverse = adjoint.conj().swapaxes(2, 3)  # of a root of B
+        turned = np.einsum("nci,ncjd->nijd", Q, tangents["shapes"])
+        out = tangents["shapes"] - np.einsum("nci,nijd->ncjd", Q, turned)
+        HR = H @ R.swapaxes(1, 2)[:, None]
+        dB = np.einsum("naid,nkib->nkabd", turned, HR)
+        dB = dB + dB.conj().swapaxes(2, 3)
+        dB += np.einsum("nai,nkijd,nbj->nkabd", R, dH, R)
+        dB += np.eye(r)[..., None] * tangents["noise_psd"][:, None, None, None]
+        within = np.einsum("nkab,nkbcd,nkce->nkaed", inverse, dB, adjoint)
+        between = HR @ adjoint @ inverse @ HR.conj().swapaxes(2, 3)
+        between = 2 * between.sum(axis=1).real / noise[:, None, None]
+        values, vectors = np.linalg.eigh(between)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+        by_noise = tangents["noise_psd"] / noise[:, None]
+        scores = [
+            within.real.reshape(n, lines * r * r, -1),
+            within.imag.reshape(n, lines * r * r, -1),
+            np.einsum("ncmd,nmp->ncpd", out, root).reshape(n, c * m, -1),
+            np.sqrt((c - r) * lines) * by_noise[:, None],
+        ]
+        return gradient, np.sqrt(self.measured.averages) * np.concatenate(
+            scores, axis=1
+        )
+
+    def _covariance(self, response: Response) -> NDArray[np.complex128]:
+        """Return H, that of the modes at each line, ``(n, lines, modes, modes)``."""
+        h = 1 / self._flexibility(response)
+        S = read(response, "force_psd") @ [1, 1j]
+        result: NDArray[np.complex128] = np.einsum("nij,nik,njk->nkij", S, h, h.conj())
+        return result
+
+    def _one_mode(self, response: Response) -> Floats:
         """Return what each line adds for one mode, but for the noise's logarithm."""
         phi = read(response, "shapes")[:, :, 0]
         h = 1 / self._flexibility(response)[:, 0]
@@ -118,7 +181,7 @@ class SpectrumTerm:
         values += (self._power - along) / noise
         return values
 
-    def _pair(self, response: Any) -> Floats:
+    def _pair(self, response: Response) -> Floats:
         """Return what each line adds for two modes, but for the noise's logarithm."""
         phi, psd = read(response, "shapes"), read(response, "force_psd")
         noise = read(response, "noise_psd")[:, None]
@@ -141,13 +204,15 @@ class SpectrumTerm:
         values += (self._power - fitted / determinant) / noise
         return values
 
-    def _flexibility(self, response: Any) -> Any:
+    def _flexibility(self, response: Response) -> NDArray[np.complex128]:
         """Return 1 / h, complex, ``(n, modes, lines)``."""
         lines = self.measured.lines
         b = read(response, "frequency")[:, :, None] / lines
         zeta = read(response, "damping_ratio")[:, :, None]
         power = KINDS[self.measured.kind]
-        return (1 - b * b - 2j * zeta * b) * (2j * np.pi * lines) ** power
+        inverse: NDArray[np.complex128] = 1 - b * b - 2j * zeta * b
+        inverse *= (2j * np.pi * lines) ** power
+        return inverse
 
     def _project(self, left: Floats, right: Floats, part: int) -> Floats:
         """Return one part of ``left^T D right``, ``(n, lines)``."""
@@ -156,8 +221,10 @@ class SpectrumTerm:
         return result
 
 
-def _possible(response: Any) -> Any:
+def _possible(response: Response) -> NDArray[np.bool_]:
     """Return where a pair ascends and its forces can have their spectra, ``(n,)``."""
     f, psd = read(response, "frequency"), read(response, "force_psd")
     cross = (psd[:, 0, 1] ** 2).sum(axis=1)
-    return (f[:, 0] < f[:, 1]) & (cross < psd[:, 0, 0, 0] * psd[:, 1, 1, 0])
+    possible: NDArray[np.bool_] = f[:, 0] < f[:, 1]
+    possible &= cross < psd[:, 0, 0, 0] * psd[:, 1, 1, 0]
+    return possible

@@ -1,9 +1,9 @@
 """The CSV file of measured modes, which a person can fill in."""
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,16 +24,6 @@ QUANTITIES = {
 }
 PER_SENSOR = ("shapes", "shape_sd")
 ONE_ROW = ("frequencies", "sd", "phase_collinearity", "damping", "damping_sd")
-
-
-class Row(NamedTuple):
-    """One row, and the file and line where it is."""
-
-    place: str
-    field: str
-    sensor: str
-    dof: str
-    numbers: list[float]
 
 
 def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
@@ -58,75 +48,80 @@ def read_csv(path: Path) -> dict[str, Any]:
     checks.file_name("path", path)
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:  # Excel's BOM
-            rows = [*_read_rows(path, file)]
+            reader = csv.reader(file)
+            rows = [(f"{path}, line {reader.line_num}", row) for row in reader]
     except (csv.Error, UnicodeError) as error:
         raise ValueError(f"{path}: expected a CSV file in UTF-8 ({error})") from None
-    own = {f: [row for row in rows if row.field == f] for f in QUANTITIES.values()}
-    if not own["frequencies"]:
-        raise ValueError(f"{path}: no row 'frequency [Hz]'")
-    found: dict[str, Any] = {f: [r.numbers for r in rs] for f, rs in own.items() if rs}
-    for field in ONE_ROW:
-        for second in own[field][1:]:
-            raise ValueError(f"{second.place}: a second row of {field}")
-        if own[field]:
-            found[field] = own[field][0].numbers
-    sensors, of_sd = ([row.sensor for row in own[field]] for field in PER_SENSOR)
-    if of_sd and of_sd != sensors:
-        raise ValueError(
-            f"{path}: expected the rows 'shape sd' for the same sensors as the rows "
-            f"'shape', in the same order, {sensors}, got {of_sd}"
-        )
-    dofs = [row.dof for row in own["shapes"]]
-    if any(dofs) and not all(dofs):
-        raise ValueError(
-            f"{path}, column 'dof': expected a DOF for each sensor or for none, but "
-            f"{sensors[dofs.index('')]!r} has none"
-        )
-    numbers = [int(dof) if dof.isdigit() else dof for dof in dofs]
-    return found | {"sensors": sensors or None, "dofs": numbers if any(dofs) else None}
-
-
-def _read_rows(path: Path, file: Iterable[str]) -> Iterator[Row]:
-    reader = csv.reader(file)
-    titles = _trim(next(reader, []))
+    titles = _trim(rows[0][1]) if rows else []
     if titles[:3] != HEADER or len(titles) < 4 or not all(titles):
         raise ValueError(
             f"{path}, line 1: expected the titles {','.join(HEADER)},mode 1,.. "
             f"separated by commas, got {','.join(titles)!r}"
         )
-    for row in reader:
-        if cells := _trim(row):
-            cells[1:2] = row[1:2]  # a label is read as it was written
-            yield _read_row(f"{path}, line {reader.line_num}", titles, cells)
-
-
-def _read_row(place: str, titles: list[str], cells: list[str]) -> Row:
-    field = QUANTITIES.get(cells[0])
-    if field is None:
+    fields: dict[str, Any] = {}
+    sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
+    dofs = []
+    for place, row in rows[1:]:
+        if not (cells := _trim(row)):
+            continue
+        field = QUANTITIES.get(cells[0])
+        if field is None:
+            raise ValueError(
+                f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
+                f"{cells[0]!r}"
+            )
+        cells += [""] * (len(titles) - len(cells))
+        sensor, dof = row[1] if len(row) > 1 else "", cells[2]  # as it was written
+        wrong_dof = dof and field != "shapes"
+        if bool(sensor.strip()) != (field in PER_SENSOR) or wrong_dof:
+            raise ValueError(
+                f"{place}, columns 'sensor' and 'dof': expected a sensor only in rows "
+                f"of shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
+            )
+        numbers = _read_numbers(place, titles, cells)
+        if field in ONE_ROW:
+            if field in fields:
+                raise ValueError(f"{place}: a second row of {field}")
+            fields[field] = numbers
+        else:
+            fields.setdefault(field, []).append(numbers)
+        if field in PER_SENSOR:
+            sensors[field].append(sensor)
+        if field == "shapes":
+            dofs.append(int(dof) if dof.isdigit() else dof)
+    if "frequencies" not in fields:
+        raise ValueError(f"{path}: no row 'frequency [Hz]'")
+    of_shapes, of_sd = sensors.values()
+    if of_sd and of_sd != of_shapes:
         raise ValueError(
-            f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
-            f"{cells[0]!r}"
+            f"{path}: expected the rows 'shape sd' for the same sensors as the rows "
+            f"'shape', in the same order, {of_shapes}, got {of_sd}"
         )
+    if "" in dofs and {*dofs} != {""}:
+        raise ValueError(
+            f"{path}, column 'dof': expected a DOF for each sensor or for none, but "
+            f"{of_shapes[dofs.index('')]!r} has none"
+        )
+    given = None if "" in dofs or not dofs else dofs
+    return fields | {"sensors": of_shapes or None, "dofs": given}
+
+
+def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float]:
+    """Return the number of each mode in a row."""
     if len(cells) > len(titles):
         raise ValueError(
             f"{place}: {len(cells)} cells under {len(titles)} titles; write numbers "
             "with a decimal point, not a comma"
         )
-    _, sensor, dof, *numbers = cells + [""] * (len(titles) - len(cells))
-    if bool(sensor.strip()) != (field in PER_SENSOR) or (dof and field != "shapes"):
-        raise ValueError(
-            f"{place}, columns 'sensor' and 'dof': expected a sensor only in rows of "
-            f"shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
-        )
-    values = []
-    for title, cell in zip(titles[3:], numbers, strict=True):
+    numbers = []
+    for title, cell in zip(titles[3:], cells[3:], strict=True):
         try:
-            values.append(float(cell))
+            numbers.append(float(cell))
         except ValueError:
             raise ValueError(
                 f"{place}, column {title!r}: expected a number, got {cell!r}"
             ) from None
-    return Row(place, field, sensor, dof, values)
+    return numbers
 
 
 def _trim(row: list[str]) -> list[str]:

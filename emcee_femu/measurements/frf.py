@@ -1,18 +1,83 @@
 """Measured frequency response functions."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Floats
-from ..table import Parts, Report, Table
-from .frf_files import read_uff58
-from .frf_kinds import Channel, read_channels, read_kind, read_lines
+from ..interfaces import Floats, Variable
+from ..table import Column, Parts, Report, Table
+from .uff import read_uff58
+
+# Times i omega, and the unit in SI.
+KINDS = {
+    "receptance": (0, "m/N"),
+    "mobility": (1, "m/(N s)"),
+    "accelerance": (2, "m/(N s2)"),
+}
+
+
+class Channel(NamedTuple):
+    """What is measured and where the force acts: labels of DOFs."""
+
+    response: Hashable
+    excitation: Hashable
+
+    @property
+    def label(self) -> str:
+        """Its name, such as ``roof/floor``."""
+        return f"{self.response}/{self.excitation}"
+
+
+def frf_variable(
+    channels: Sequence[Channel],
+    lines: Floats,
+    kind: str,
+    unit: str | None = None,
+    stored: bool = False,
+) -> Variable:
+    """Return what an FRF is: its dimensions and unit."""
+    coords = {
+        "channel": [channel.label for channel in channels],
+        "line": lines.tolist(),
+        "part": ["real", "imaginary"],
+    }
+    return Variable(coords, KINDS[kind][1] if unit is None else unit, stored)
+
+
+def read_kind(kind: object, kinds: Collection[str] = KINDS) -> str:
+    """Return what was measured, one of some kinds."""
+    if not isinstance(kind, str) or kind not in kinds:
+        raise ValueError(f"kind: expected one of {list(kinds)}, got {kind!r}")
+    return kind
+
+
+def read_channels(channels: Any) -> tuple[Channel, ...]:
+    """Return pairs of DOFs."""
+    pairs = isinstance(channels, Sequence) and all(
+        isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2
+        for pair in channels
+    )
+    if not pairs or isinstance(channels, str) or not len(channels):
+        raise TypeError(
+            f"channels: expected pairs (response DOF, excitation DOF), got {channels!r}"
+        )
+    found = tuple(Channel(*pair) for pair in channels)
+    if len(set(found)) < len(found):
+        raise ValueError(f"channels: expected each pair once, got {list(channels)}")
+    return found
+
+
+def read_lines(lines: ArrayLike) -> Floats:
+    """Return lines in Hz, ascending."""
+    numbers = checks.positive_array("lines", lines, 1)
+    if not len(numbers) or (np.diff(numbers) <= 0).any():
+        raise ValueError("lines: expected frequencies in ascending order, at least one")
+    return numbers
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -46,7 +111,7 @@ class FRFMeasurements(Report):
     Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
 
     Examples:
-        >>> from emcee_femu import FRFMeasurements
+        >>> from emcee_femu.frf import FRFMeasurements
         >>> H, quality = [[1 - 1j, -2j]], {"coherence": [[0.8, 0.5]], "averages": 50}
         >>> channels = [("1:z", "1:z")]
         >>> frf = FRFMeasurements([9, 10], H, channels, kind="receptance", **quality)
@@ -136,7 +201,7 @@ class FRFMeasurements(Report):
             ValueError: If there are no FRFs, or they differ in lines or kind.
 
         Examples:
-            >>> from emcee_femu import FRFMeasurements
+            >>> from emcee_femu.frf import FRFMeasurements
             >>> frf = FRFMeasurements.from_uff("a.uff", averages=50)  # doctest: +SKIP
             >>> band = frf.between(20.0, 80.0)  # doctest: +SKIP
         """
@@ -144,7 +209,7 @@ class FRFMeasurements(Report):
 
     def _parts(self) -> Parts:
         size = np.abs(self.values)
-        columns: list[tuple[str, str, Any]] = [
+        columns: list[Column] = [
             ("response", "", [str(channel.response) for channel in self.channels]),
             ("excitation", "", [str(channel.excitation) for channel in self.channels]),
             ("largest", ".3g", size.max(axis=1)),

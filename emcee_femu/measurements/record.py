@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..interfaces import Floats
 from ..table import Parts, Report, Table
-from . import csv_files, identification, modes, repeats
+from . import csv_files, modes, uff
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -181,9 +181,9 @@ class Measurements(Report):
             >>> repeated.frequencies.round(2).tolist(), repeated.sd.round(3).tolist()
             ([3.12, 9.81], [0.02, 0.036])
         """
-        scatter = repeats.frequency_scatter(frequencies, correlated)
+        scatter = modes.frequency_scatter(frequencies, correlated)
         if shapes is not None:
-            scatter |= repeats.shape_scatter(shapes, *np.shape(frequencies))
+            scatter |= modes.shape_scatter(shapes, *np.shape(frequencies))
         return cls(**scatter, sensors=sensors, dofs=dofs)
 
     @classmethod
@@ -273,7 +273,7 @@ class Measurements(Report):
             >>> from emcee_femu import Measurements
             >>> modes = Measurements.from_uff("a.uff", dofs=[4, 9])  # doctest: +SKIP
         """
-        return cls(**identification.read_uff(path, sensors), dofs=dofs)
+        return cls(**uff.read_uff(path, sensors), dofs=dofs)
 
     @classmethod
     def from_pyoma2(
@@ -311,7 +311,7 @@ class Measurements(Report):
             >>> Measurements.from_pyoma2(result).frequencies.tolist()
             [3.1, 9.8]
         """
-        found = identification.read_pyoma2(result, shape_sd)
+        found = uff.read_pyoma2(result, shape_sd)
         return cls(**found, sensors=sensors, dofs=dofs)
 
     @property
@@ -348,5 +348,5 @@ class Measurements(Report):
             ("its sd %", ".2g", its_sd),
             ("MPC", ".3f", self.phase_collinearity),
         )
-        known = [column for column in columns if column[2] is not None]
+        known = [(t, form, v) for t, form, v in columns if v is not None]
         return Table.from_columns(title, known)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..interfaces import Floats
 from ..table import Parts, Report, Table
-from .frf_kinds import read_lines
+from .frf import read_kind, read_lines
 from .modes import labels
 
 KINDS = {"acceleration": 0, "velocity": 1, "displacement": 2}  # over i omega, powers
@@ -45,7 +45,7 @@ class Spectra(Report):
 
     Examples:
         >>> import numpy as np
-        >>> from emcee_femu import Spectra
+        >>> from emcee_femu.spectra import Spectra
         >>> record = np.random.default_rng(1).standard_normal((1000, 2))
         >>> spectra = Spectra.from_record(record, 20.0, (3.0, 5.0), averages=4)
         >>> spectra.matrices.shape, bool(abs(spectra.psd.mean() - 0.1) < 0.02)
@@ -91,7 +91,7 @@ class Spectra(Report):
             matrices=D,
             averages=checks.whole_number("averages", averages, 1),
             sensors=labels(sensors, D.shape[1]),
-            kind=read_kind(kind),
+            kind=read_kind(kind, KINDS),
         )
 
     @classmethod
@@ -128,7 +128,7 @@ class Spectra(Report):
 
         Examples:
             >>> import numpy as np
-            >>> from emcee_femu import Spectra
+            >>> from emcee_femu.spectra import Spectra
             >>> record = np.random.default_rng(1).standard_normal((1000, 2))
             >>> spectra = Spectra.from_record(record, rate=20.0, band=(3.0, 5.0))
             >>> spectra.lines[[0, 1, -1]].round(6).tolist()
@@ -180,10 +180,3 @@ class Spectra(Report):
         """The spectral densities of the channels, ``(n_lines, n_channels)``."""
         diagonal: Floats = np.diagonal(self.matrices, axis1=1, axis2=2).real
         return diagonal
-
-
-def read_kind(kind: Any) -> str:
-    """Return what was recorded."""
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise ValueError(f"kind: expected one of {list(KINDS)}, got {kind!r}")
-    return kind

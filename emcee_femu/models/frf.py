@@ -2,20 +2,22 @@
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import (
+    Derivatives,
     Floats,
     Parameters,
     Variable,
     modal_variables,
     read,
+    read_declared,
 )
-from ..measurements.frf_kinds import (
+from ..measurements.frf import (
     KINDS,
     Channel,
     frf_variable,
@@ -23,12 +25,80 @@ from ..measurements.frf_kinds import (
     read_kind,
     read_lines,
 )
-from .damping import Damping
-from .eigen.sensitivity import Derivatives
-from .frf_modes import build_static, count_modes, find_dof, find_dofs, find_residual
+from .matrix import MatrixModel
 from .static import StaticModel
 
 AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
+PROPORTIONAL = ("mass", "stiffness")
+STEP = 1e-4  # share of the narrowest resonance by which derivatives move modes
+
+# Frequencies (n, modes), shapes (n, dofs, modes), and the flexibility of each channel
+# (n, channels), zero where no residual was asked for.
+Modes: TypeAlias = tuple[Floats, Floats, Floats]
+
+
+class Damping(NamedTuple):
+    r"""Ratios of each mode, or proportional damping.
+
+    .. math:: \zeta_m = \zeta_m^0, \qquad \text{or} \qquad
+        \zeta_m = \frac{a}{2 \omega_m} + \frac{b \omega_m}{2}
+
+    Attributes:
+        given: One per mode, or a and b: numbers, or names of parameters.
+        proportional: Whether they are a and b.
+    """
+
+    given: tuple[float | str, ...]
+    proportional: bool
+
+    @classmethod
+    def of(cls, damping: Any, n_modes: int) -> Self:
+        """Return what a user gave.
+
+        Raises:
+            TypeError: If it is neither numbers nor names, nor a mapping of both.
+            ValueError: If a number is negative, or there is not one per mode.
+        """
+        if isinstance(damping, Mapping):
+            if not damping or {*damping} - {*PROPORTIONAL}:
+                raise ValueError(
+                    f"damping: expected {list(PROPORTIONAL)}, got {list(damping)}"
+                )
+            given = tuple(_read_damping(damping.get(key, 0.0)) for key in PROPORTIONAL)
+            return cls(given, True)
+        if isinstance(damping, str) or np.ndim(damping) == 0:
+            return cls((_read_damping(damping),) * n_modes, False)
+        if not isinstance(damping, Sequence | np.ndarray) or len(damping) != n_modes:
+            raise ValueError(
+                f"damping: expected one number or name, or one for each of {n_modes} "
+                f"modes, or {{'mass': a, 'stiffness': b}}, got {damping!r}"
+            )
+        return cls(tuple(_read_damping(one) for one in damping), False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters among them."""
+        return tuple(dict.fromkeys(one for one in self.given if isinstance(one, str)))
+
+    def __call__(self, parameters: Parameters, f: Floats) -> Floats:
+        """Return the ratios ``(n, modes)`` of modes of frequencies f in Hz."""
+        values = [
+            parameters[one] if isinstance(one, str) else np.full(len(f), one)
+            for one in self.given
+        ]
+        numbers = np.stack(values, axis=1)
+        if not self.proportional:
+            return numbers
+        w = 2 * np.pi * f
+        ratios: Floats = numbers[:, :1] / (2 * w) + numbers[:, 1:] * w / 2
+        return ratios
+
+
+def _read_damping(value: Any) -> float | str:
+    """Return a ratio or factor, or the name of a parameter."""
+    if isinstance(value, str):
+        return checks.parameter_names("damping", [value])[0]
+    return checks.real_number("damping", value, 0.0)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -70,7 +140,8 @@ class FRFModel:
 
     Examples:
         >>> import numpy as np
-        >>> from emcee_femu import FRFModel, MatrixModel
+        >>> from emcee_femu import MatrixModel
+        >>> from emcee_femu.frf import FRFModel
         >>> one = MatrixModel(np.zeros((1, 1)), np.eye(1), {"k": np.eye(1)}, n_modes=1,
         ...                   shapes=True)
         >>> frf = FRFModel(one, [1 / np.pi], [(0, 0)], damping=0.05)
@@ -101,162 +172,174 @@ class FRFModel:
     ) -> None:
         if not callable(model):
             raise TypeError(f"model: expected a callable, got {model!r}")
-        kind = read_kind(kind)
-        pairs = read_channels(channels)
-        numbers = read_lines(lines)
-        dofs = find_dofs(model)
-        rows = [find_dof(dofs, c.response) for c in pairs]
-        columns = [find_dof(dofs, c.excitation) for c in pairs]
-        n_modes = count_modes(model)
-        stored = checks.flag("stored", stored)
-        law = Damping.of(damping, n_modes)
+        kind, pairs, numbers = (
+            read_kind(kind),
+            read_channels(channels),
+            read_lines(lines),
+        )
+        declared = read_declared(model, "variables") or {}
+        shapes = declared.get("shapes")
+        dofs = [] if shapes is None else [*shapes.coords.get("dof", ())]
+        if not dofs:
+            raise TypeError(
+                "model: expected mode shapes at named DOFs; ask it for shapes "
+                "(shapes=True)"
+            )
+        for channel in pairs:
+            for dof in channel:
+                if dof not in dofs:
+                    raise ValueError(
+                        f"channels: no shapes at the DOF {dof!r}; there are {dofs}"
+                    )
+        n_modes = declared["frequency"].size
         modal = modal_variables(n_modes)
+        stored = checks.flag("stored", stored)
         static = None
         if checks.flag("residual", residual):
-            static = build_static(model, dofs, pairs)
+            static = _build_static(model, dofs, pairs)
         checks.set_fields(
             self,
             model=model,
             lines=numbers,
             channels=pairs,
-            damping=law,
+            damping=Damping.of(damping, n_modes),
             kind=kind,
             variables={
                 "frequency": modal["frequency"],
                 "damping_ratio": Variable(modal["frequency"].coords),
                 kind: frf_variable(pairs, numbers, kind, unit, stored),
             },
-            _rows=(rows, columns),
+            _rows=(
+                [dofs.index(c[0]) for c in pairs],
+                [dofs.index(c[1]) for c in pairs],
+            ),
             _static=static,
         )
 
     @property
     def n_modes(self) -> int:
         """The number of superposed modes."""
-        return count_modes(self.model)
+        return self.variables["frequency"].size
 
     @property
     def names(self) -> tuple[str, ...] | None:
         """The parameters that are read, None if the modal model does not say."""
-        known = getattr(self.model, "names", None)
+        known = read_declared(self.model, "names")
         if known is None:
             return None
         return tuple(dict.fromkeys([*known, *self.damping.names]))
 
     @property
-    def required(self) -> tuple[str, ...]:
-        """The parameters without which there is no response."""
-        own = getattr(self.model, "required", ())
-        return tuple(dict.fromkeys([*own, *self.damping.names]))
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Those of the modal model; damping stays above zero."""
+        bounds = dict(read_declared(self.model, "bounds") or {})
+        return bounds | dict.fromkeys(self.damping.names, (0.0, np.inf))
 
     @property
-    def positive(self) -> tuple[str, ...]:
-        """The parameters that must stay above zero."""
-        own = getattr(self.model, "positive", ())
-        return tuple(dict.fromkeys([*own, *self.damping.names]))
-
-    def __getattr__(self, attribute: str) -> Any:
-        """Return what else the modal model says of itself (interfaces.py)."""
-        if attribute == "jacobian" and hasattr(self.model, "jacobian"):
-            return self._differentiate
-        if attribute in ("bounds", "one_by_one"):
-            return getattr(self.model, attribute)
-        raise AttributeError(attribute)
+    def jacobian(self) -> Any:
+        """Response and derivatives; None if the modal model has none."""
+        derivable = read_declared(self.model, "jacobian") is not None
+        return self._differentiate if derivable else None
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return FRFs ``(n, channels, lines, 2)``, frequencies and damping ratios."""
-        f, left, right = self._read(self.model(parameters))
-        zeta, static = self.damping(parameters, f), None
+        modes = self.model(parameters)
+        flexibility = np.zeros(1)
         if self._static is not None:
-            static = self._static_part(self._static[0](parameters)["displacement"])
-        H = np.empty((len(f), len(self.channels), len(self.lines), 2))
-        for part in self._parts(len(f)):
-            residues = left[part] * right[part]
-            inverse = 1 / self._denominators(f[part], zeta[part])
-            H[part] = self._superpose(residues, inverse, f, static, part)
-        return {"frequency": f, "damping_ratio": zeta, self.kind: H}
-
-    def _superpose(
-        self, residues: Floats, inverse: Any, f: Floats, static: Any, part: slice
-    ) -> Floats:
-        """Return FRFs of some walkers, ``(n, channels, lines, 2)``."""
-        H = residues @ inverse
-        if static is not None:
-            H += find_residual(static[part], residues, f[part])[:, :, None]
-        return self._split(H)
+            solved = self._static[0](parameters)["displacement"]
+            flexibility = self._flexibility(solved)
+        shapes = read(modes, "shapes")
+        return self._superpose(
+            parameters, (read(modes, "frequency"), shapes, flexibility)
+        )
 
     def _differentiate(
         self, parameters: Parameters
     ) -> tuple[dict[str, Floats], Derivatives]:
-        """Return the response and its derivatives, ``jacobian`` of a model."""
-        modes, by_model = self.model.jacobian(parameters)
-        f, left, right = self._read(modes)
-        zeta = self.damping(parameters, f)
-        static, moved = None, {}
+        """Return the response and its derivatives, ``jacobian`` of a model.
+
+        Differences along those of the modes, which cost no solve.
+        """
+        solved, by_model = self.model.jacobian(parameters)
+        f, shapes = read(solved, "frequency"), read(solved, "shapes")
+        flexibility, by_static = np.zeros((len(f), 1)), {}
         if self._static is not None:
-            solved, slopes = self._static[0].jacobian(parameters)
-            static = self._static_part(solved["displacement"])
-            for name, slope in slopes["displacement"].items():
-                moved[name] = self._static_part(slope)
+            static, slopes = self._static[0].jacobian(parameters)
+            flexibility = self._flexibility(static["displacement"])
+            by_static = {
+                name: self._flexibility(slope)
+                for name, slope in slopes["displacement"].items()
+            }
+        modes = f, shapes, flexibility
+        response = self._superpose(parameters, modes)
+        derivatives: Derivatives = {variable: {} for variable in response}
+        narrowest = np.maximum(response["damping_ratio"].min(axis=1), STEP)
         of_model = (name for by_name in by_model.values() for name in by_name)
-        names = dict.fromkeys([*of_model, *self.damping.names])
-        df, d_zeta, d_residues = {}, {}, {}
-        for name in names:
-            df[name] = by_model["frequency"].get(name, np.zeros_like(f))
-            d_zeta[name] = self.damping.slope(parameters, name, f, df[name])
-            d_residues[name] = np.zeros_like(left)
-            if (shapes := by_model["shapes"].get(name)) is not None:
-                ends = [shapes[:, rows] for rows in self._rows]
-                d_residues[name] = ends[0] * right + left * ends[1]
-        size = len(f), len(self.channels), len(self.lines), 2
-        H, dH = np.empty(size), {name: np.empty(size) for name in names}
-        w, W = 2 * np.pi * f, 2 * np.pi * self.lines
-        for part in self._parts(len(f)):
-            residues = left[part] * right[part]
-            inverse = 1 / self._denominators(f[part], zeta[part])
-            H[part] = self._superpose(residues, inverse, f, static, part)
-            square = inverse * inverse
-            for name in names:
-                dw = 2 * np.pi * df[name]
-                stiff = residues * (2 * w * dw)[part, None]
-                lossy = residues * (2j * (d_zeta[name] * w + zeta * dw))[part, None]
-                own = d_residues[name][part] @ inverse
-                own -= stiff @ square + (lossy @ square) * W
-                if static is not None:
-                    rest = d_residues[name][part] - 2 * residues * (dw / w)[part, None]
-                    less = (rest / w[part, None] ** 2).sum(axis=2)
-                    if name in moved:
-                        less = less - moved[name][part]
-                    own -= less[:, :, None]
-                dH[name][part] = self._split(own)
-        response = {"frequency": f, "damping_ratio": zeta, self.kind: H}
-        return response, {"frequency": df, "damping_ratio": d_zeta, self.kind: dH}
+        for name in dict.fromkeys([*of_model, *self.damping.names]):
+            tangents = (
+                by_model["frequency"].get(name, np.zeros_like(f)),
+                by_model["shapes"].get(name, np.zeros_like(shapes)),
+                by_static.get(name, np.zeros_like(flexibility)),
+            )
+            # Of shapes and flexibilities a difference is exact with any step.
+            speed = (np.abs(tangents[0]) / f).max(axis=1)
+            speed = np.maximum(speed, 1 / np.maximum(np.abs(parameters[name]), STEP))
+            step = STEP * narrowest / speed
+            ahead, behind = (
+                self._superpose(
+                    {**parameters, name: parameters[name] + by},
+                    tuple(
+                        value + tangent * by.reshape(-1, *[1] * (value.ndim - 1))
+                        for value, tangent in zip(modes, tangents, strict=True)
+                    ),
+                )
+                for by in (step, -step)
+            )
+            for variable, value in ahead.items():
+                width = 2 * step.reshape(-1, *[1] * (value.ndim - 1))
+                derivatives[variable][name] = (value - behind[variable]) / width
+        return response, derivatives
 
-    def _read(self, modes: Any) -> tuple[Floats, Floats, Floats]:
-        """Return frequencies, and shapes of both ends ``(n, channels, modes)``."""
-        shapes = read(modes, "shapes")
+    def _superpose(self, parameters: Parameters, modes: Modes) -> dict[str, Floats]:
+        """Return the response of modes."""
+        f, shapes, flexibility = modes
+        zeta = self.damping(parameters, f)
         rows, columns = self._rows
-        return read(modes, "frequency"), shapes[:, rows], shapes[:, columns]
+        residues = shapes[:, rows] * shapes[:, columns]
+        w, W = 2 * np.pi * f, 2 * np.pi * self.lines
+        H = np.empty((len(f), len(rows), len(W), 2))
+        size = max(1, AT_ONCE // (self.n_modes * len(W)))
+        for start in range(0, len(f), size):  # so that arrays are not too large
+            part = slice(start, start + size)
+            own, ratio = w[part, :, None], zeta[part, :, None]
+            whole = residues[part] @ (1 / (own * own - W * W + 2j * ratio * own * W))
+            if self._static is not None:
+                modal = (residues[part] / w[part, None] ** 2).sum(axis=2)
+                whole += (flexibility[part] - modal)[:, :, None]
+            whole = whole * (1j * W) ** KINDS[self.kind][0]
+            H[part] = np.stack([whole.real, whole.imag], axis=-1)
+        return {"frequency": f, "damping_ratio": zeta, self.kind: H}
 
-    def _denominators(self, f: Floats, zeta: Floats) -> Any:
-        """Return them, complex, ``(n, modes, lines)``."""
-        W, w = 2 * np.pi * self.lines, 2 * np.pi * f[:, :, None]
-        return (w * w - W * W) + (2j * zeta[:, :, None] * w) * W
-
-    def _split(self, H: Any) -> Floats:
-        """Return real and imaginary part of what a receptance is turned into."""
-        order = KINDS[self.kind][0]
-        turned = H * (2j * np.pi * self.lines) ** order
-        return np.stack([turned.real, turned.imag], axis=-1)
-
-    def _static_part(self, displacement: Floats) -> Floats:
-        """Return the flexibility of each channel, ``(n, channels)``."""
-        if self._static is None:
-            raise RuntimeError("no residual was asked for")
+    def _flexibility(self, displacement: Floats) -> Floats:
+        """Return that of each channel, ``(n, channels)``."""
+        assert self._static is not None
         _, cases, points = self._static
         return displacement[:, cases, points]
 
-    def _parts(self, n: int) -> list[slice]:
-        """Return slices of the walkers whose arrays are not too large."""
-        size = max(1, AT_ONCE // (self.n_modes * len(self.lines)))
-        return [slice(start, start + size) for start in range(0, n, size)]
+
+def _build_static(
+    model: object, dofs: list[Any], channels: Sequence[Channel]
+) -> tuple[StaticModel, list[int], list[int]]:
+    """Return a model of the flexibility, and each channel's load case and point."""
+    if not isinstance(model, MatrixModel) or model.skip:
+        raise TypeError(
+            "residual: expected a MatrixModel without rigid-body modes, whose "
+            f"stiffness gives the flexibility, got {type(model).__name__}; take more "
+            "modes instead"
+        )
+    places = dict(zip(dofs, model.shape_dofs, strict=True))
+    loads = {str(c.excitation): {places[c.excitation]: 1.0} for c in channels}
+    points = [*dict.fromkeys(places[c.response] for c in channels)]
+    static = StaticModel(model.K0, loads, model.K, points=points)
+    cases = [static.cases.index(str(c.excitation)) for c in channels]
+    return static, cases, [points.index(places[c.response]) for c in channels]

@@ -1,21 +1,19 @@
 """Lumped masses joined by springs."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
-from .eigen.dense import Eigenproblem, output_rows
-from .eigen.sensitivity import Derivatives, unit_slopes
-from .parameters import check_mapping, check_positive, choose_dofs
+from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
+from .eigen_dense import unit_slopes
+from .inputs import Coefficients, Dofs, check_mapping, check_positive
+from .matrix import MatrixModel
 
 Spring = tuple[int, int, float | str]
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class MassSpringModel:
     r"""Point masses on a line, each with one DOF, joined by linear springs.
 
@@ -48,60 +46,34 @@ class MassSpringModel:
         [[0.272, 0.658], [0.333, 1.075]]
     """
 
-    masses: Floats
-    springs: Mapping[str, Spring]
-    names: tuple[str, ...] = field(repr=False)
-    positive: tuple[str, ...] = field(repr=False)
-    n_modes: int = field(repr=False)
-    shape_dofs: tuple[int, ...]
-    variables: Mapping[str, Variable] = field(repr=False)
-    _defaults: Floats = field(repr=False)
-    _problem: Eigenproblem = field(repr=False)
-
     def __init__(
         self,
         masses: ArrayLike,
         springs: Mapping[str, Spring],
         *,
-        shapes: bool | Sequence[int] = False,
+        shapes: bool | Dofs = False,
     ) -> None:
-        mass = checks.positive_array("masses", masses, 1)
-        n = len(mass)
+        self.masses = checks.positive_array("masses", masses, 1)
+        n = len(self.masses)
         if not n:
             raise ValueError("masses: expected at least one, got none")
-        dofs = choose_dofs(shapes, range(n))
         check_mapping("springs", springs, "{name: (node, node, stiffness)}")
-        every = checks.parameter_names("springs", list(springs))
-        defaults = _default_stiffnesses(springs)
-        names = tuple(defaults)
-        K = np.zeros((1 + len(names), n, n))  # the first is the constant part
-        for name in every:
-            first, second, stiffness = springs[name]
-            leader = stiffness if isinstance(stiffness, str) else name
+        checks.parameter_names("springs", list(springs))
+        self.springs, defaults = dict(springs), _default_stiffnesses(springs)
+        self._defaults = np.array([*defaults.values()])
+        K = {name: np.zeros((n, n)) for name in defaults}
+        for name, (first, second, stiffness) in springs.items():
             b = _incidence(name, first, second, n)
-            K[1 + names.index(leader)] += np.outer(b, b)
-        checks.set_fields(
-            self,
-            masses=mass,
-            springs={name: tuple(springs[name]) for name in every},
-            names=names,
-            positive=names,
-            n_modes=n,
-            shape_dofs=dofs,
-            variables=modal_variables(n, dofs),
-            _defaults=np.array([*defaults.values()]),
-            _problem=Eigenproblem(
-                K,
-                np.diag(mass)[None],
-                selected=tuple(range(n)),
-                shapes=bool(dofs),
-                output=output_rows(dofs, n),
-            ),
-        )
+            K[stiffness if isinstance(stiffness, str) else name] += np.outer(b, b)
+        mass = np.diag(self.masses)
+        self._model = MatrixModel(np.zeros((n, n)), mass, K, n_modes=n, shapes=shapes)
+        self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
+        self.names: tuple[str, ...] = ()  # every spring has a default
+        self.bounds = dict.fromkeys(K, (0.0, np.inf))
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
-        return self._problem.solve(*self._coefficients(parameters))
+        return self._model.problem.solve(*self._coefficients(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by the stiffnesses that are given.
@@ -113,30 +85,25 @@ class MassSpringModel:
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes; see :meth:`MatrixModel.jacobian`.
         """
-        k, m, describe = self._coefficients(parameters)
-        every = unit_slopes(self.names, ())
-        slopes = {name: every[name] for name in self.names if name in parameters}
-        return self._problem.jacobian(k, m, slopes, describe)
+        k, m, where = self._coefficients(parameters)
+        slopes = unit_slopes(self.bounds, ())
+        given = {name: slopes[name] for name in slopes if name in parameters}
+        return self._model.problem.jacobian(k, m, given, where)
 
-    def _coefficients(
-        self, parameters: Parameters
-    ) -> tuple[Floats, Floats, Callable[[int], str]]:
+    def _coefficients(self, parameters: Parameters) -> Coefficients:
         """Return the coefficients of K and M, and what names a parameter set."""
-        parameters, n = checks.batch(parameters)
-        k = np.empty((n, len(self.names)))
+        given, n = checks.batch(parameters)
+        k = np.empty((n, len(self.bounds)))
         k[:] = self._defaults
-        for column, name in enumerate(self.names):
-            if name in parameters:
-                k[:, column] = parameters[name]
-        if n and not k.min() > 0:
-            check_positive(
-                dict(zip(self.names, k.T, strict=True)), self.names, "stiffness"
-            )
+        for column, name in enumerate(self.bounds):
+            if name in given:
+                k[:, column] = given[name]
+        check_positive(k, [*self.bounds], "stiffness")
 
-        def describe(row: int) -> str:
-            return str(dict(zip(self.names, k[row].tolist(), strict=True)))
+        def where(row: int) -> str:
+            return str(dict(zip(self.bounds, k[row].tolist(), strict=True)))
 
-        return k, np.empty((n, 0)), describe
+        return k, np.empty((n, 0)), where
 
 
 def _default_stiffnesses(springs: Mapping[str, Spring]) -> dict[str, float]:

@@ -1,29 +1,31 @@
 """Models of given stiffness and mass matrices, affine in the parameters."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from functools import partial
-from typing import Any, Self, TypeAlias
+from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import Floats, ModalSolution, Parameters, Variable, modal_variables
-from .differences import affine_parts
-from .eigen.dense import Eigenproblem, output_rows
-from .eigen.sensitivity import Derivatives, unit_slopes
-from .eigen.sparse import SparseEigenproblem, check_mass
-from .eigen.symmetric import sparse_symmetric, symmetric
-from .parameters import check_mapping, choose_dofs, columns, describe, read_batch
-
-Shapes: TypeAlias = (
-    bool | Sequence[int] | NDArray[np.integer] | Mapping[str, int | np.integer]
+from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
+from .eigen_dense import Eigenproblem, pick_rows, unit_slopes
+from .eigen_sparse import SparseEigenproblem, check_mass
+from .inputs import (
+    Coefficients,
+    Dofs,
+    Export,
+    Matrix,
+    choose_dofs,
+    columns,
+    describe,
+    fit_affine,
+    read_batch,
+    read_matrix,
+    read_units,
 )
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class MatrixModel:
     r"""Matrices of any FE program, dense or sparse, affine in named parameters.
 
@@ -66,79 +68,48 @@ class MatrixModel:
         [[0.2506, 0.6065]]
     """
 
-    K0: Any = field(repr=False)
-    M0: Any = field(repr=False)
-    K: Mapping[str, Any]
-    M: Mapping[str, Any]
-    n_modes: int
-    skip: int
-    shape_dofs: tuple[int, ...]
-    variables: Mapping[str, Variable] = field(repr=False)
-    names: tuple[str, ...] = field(repr=False)
-    required: tuple[str, ...] = field(repr=False)
-    _problem: Eigenproblem | SparseEigenproblem = field(repr=False)
-
     def __init__(
         self,
-        K0: Any,
-        M0: Any,
-        K: Mapping[str, Any],
-        M: Mapping[str, Any] | None = None,
+        K0: Matrix,
+        M0: Matrix,
+        K: Mapping[str, Matrix],
+        M: Mapping[str, Matrix] | None = None,
         *,
         n_modes: int,
         skip: int = 0,
-        shapes: Shapes = False,
+        shapes: bool | Dofs = False,
     ) -> None:
-        read = sparse_symmetric if issparse(K0) else symmetric
-        stiffness = read("K0", K0)
-        size = stiffness.shape[0]
-        units = {"K": K, "M": {} if M is None else M}
-        for label, given in units.items():
-            check_mapping(label, given, "{parameter: matrix}")
-        K, M = (
-            {name: read(f"{label}[{name!r}]", given[name], size) for name in given}
-            for label, given in units.items()
-        )
-        if names := tuple(dict.fromkeys([*K, *M])):
-            checks.parameter_names("K, M", names)
-        n_modes = checks.whole_number("n_modes", n_modes, 1)
-        skip = checks.whole_number("skip", skip)
-        if skip + n_modes > size:
+        sparse = issparse(K0)
+        self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
+        size = self.K0.shape[0]
+        self.M0: Matrix = read_matrix("M0", M0, size, sparse=sparse)
+        self.K = read_units("K", K, size, sparse)
+        self.M = read_units("M", {} if M is None else M, size, sparse)
+        self.names = tuple(dict.fromkeys([*self.K, *self.M]))
+        if self.names:
+            checks.parameter_names("K, M", self.names)
+        self.n_modes = checks.whole_number("n_modes", n_modes, 1)
+        self.skip = checks.whole_number("skip", skip)
+        if self.skip + self.n_modes > size:
             raise ValueError(
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
-        labels = dofs = choose_dofs(
-            [*shapes.values()] if isinstance(shapes, Mapping) else shapes, range(size)
-        )
-        if isinstance(shapes, Mapping):
-            labels = checks.parameter_names("shapes", shapes)
-        checks.set_fields(
-            self,
-            K0=stiffness,
-            M0=read("M0", M0, size),
-            K=K,
-            M=M,
-            n_modes=n_modes,
-            skip=skip,
-            shape_dofs=dofs,
-            variables=modal_variables(n_modes, labels),
-            names=names,
-            required=names,
-        )
-        build = sparse_problem if issparse(K0) else _dense_problem
-        checks.set_fields(self, _problem=build(self))
+        dofs = choose_dofs("shapes", shapes, range(size))
+        self.shape_dofs = tuple(dofs.values())
+        self.variables = modal_variables(self.n_modes, tuple(dofs))
+        self.problem = sparse_problem(self) if sparse else _dense_problem(self)
 
     @classmethod
     def from_differences(
         cls,
-        base: Any,
-        changes: Mapping[str, Mapping[float, Any]],
+        base: Export,
+        changes: Mapping[str, Mapping[float, Export]],
         *,
         at: Mapping[str, float] | None = None,
         n_modes: int,
         skip: int = 0,
-        shapes: Shapes = False,
+        shapes: bool | Dofs = False,
     ) -> Self:
         r"""Return the model of matrices that a program exports at several values.
 
@@ -178,12 +149,13 @@ class MatrixModel:
             >>> model.K["k1"].tolist(), model.K0.tolist()
             ([[1.0, 0.0], [0.0, 0.0]], [[1.0, -1.0], [-1.0, 1.0]])
         """
-        constants, units = affine_parts(base, changes, {} if at is None else at)
-        return cls(*constants, *units, n_modes=n_modes, skip=skip, shapes=shapes)
+        constants, units = fit_affine(base, changes, {} if at is None else at)
+        (K0, M0), (K, M) = constants.values(), units.values()
+        return cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
-        return self._problem.solve(*self._coefficients(parameters))
+        return self.problem.solve(*self.coefficients(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.
@@ -195,13 +167,11 @@ class MatrixModel:
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes: they have no derivatives there.
         """
-        k, m, name_set = self._coefficients(parameters)
-        return self._problem.jacobian(k, m, unit_slopes(self.K, self.M), name_set)
+        k, m, where = self.coefficients(parameters)
+        return self.problem.jacobian(k, m, unit_slopes(self.K, self.M), where)
 
-    def _coefficients(
-        self, parameters: Parameters
-    ) -> tuple[Floats, Floats, Callable[[int], str]]:
-        """Return the coefficients of K and M, and what names a parameter set."""
+    def coefficients(self, parameters: Parameters) -> Coefficients:
+        """Return what multiplies the units of K and of M, and what names a set."""
         values, n = read_batch(parameters, self.names)
         where = partial(describe, values, self.names)
         return columns(values, self.K, n), columns(values, self.M, n), where
@@ -230,8 +200,7 @@ def _dense_problem(model: MatrixModel) -> Eigenproblem:
     return Eigenproblem(
         np.array([model.K0, *model.K.values()]),
         np.array([model.M0, *model.M.values()]),
-        selected=tuple(range(model.skip, model.skip + model.n_modes)),
-        skip=model.skip,
-        shapes=bool(model.shape_dofs),
-        output=output_rows(model.shape_dofs, len(model.K0)),
+        np.arange(model.skip, model.skip + model.n_modes),
+        model.skip,
+        pick_rows(model.shape_dofs, len(model.K0)),
     )

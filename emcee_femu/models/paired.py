@@ -1,35 +1,45 @@
-"""A model whose modes are in the order of the measured ones."""
+r"""A model whose modes are in the order of the measured ones.
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import partial
-from typing import Any
+By MAC: one-to-one pairs, clusters of modes too close to tell, and all derivatives.
+Which mode is whose is fixed in derivatives, as are the order in which neighbours are
+made orthogonal and the link that is the weakest: they change in steps, where
+frequencies and shapes of a :class:`PairedModel` have steps or kinks themselves. All
+else is differentiated, the fading of the sharing too.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from .. import checks
 from ..interfaces import (
+    Derivatives,
     Floats,
     Model,
     PairedSolution,
     Pairing,
     Parameters,
+    Response,
     SolveError,
     Variable,
-    declared_variables,
+    gather_tangents,
     modal_variables,
     read,
+    read_declared,
 )
 from ..measurements import Measurements
-from .pairing import at_sensors, couple_modes, one_to_one, share_shapes
-from .pairing_sensitivity import differentiate_pairing, read_slopes
 
+# What a model's jacobian, or its spread, is.
+Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
+
+DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class PairedModel:
     r"""A model whose modes are put in the order of the measured ones, by their shapes.
 
@@ -81,14 +91,6 @@ class PairedModel:
         [[0.658]]
     """
 
-    model: Model
-    measurements: Measurements
-    candidates: int
-    min_mac: float
-    min_gap: float
-    _shapes: Floats = field(repr=False)
-    _rows: NDArray[np.intp] | None = field(repr=False)
-
     def __init__(
         self,
         model: Model,
@@ -100,142 +102,98 @@ class PairedModel:
     ) -> None:
         if not callable(model):
             raise TypeError(f"model: expected a callable, got {model!r}")
-        if not isinstance(measurements, Measurements):
-            raise TypeError(
-                "measurements: expected Measurements, got "
-                f"{type(measurements).__name__}"
-            )
+        checks.instance("measurements", measurements, Measurements)
         if measurements.shapes is None:
             raise ValueError("measurements: no shapes, by which modes are paired")
-        measured = measurements.n_modes
+        self.model, self.measurements = model, measurements
+        n_modes = measurements.n_modes
         if candidates is None:
-            candidates = 2 * measured
-        candidates = checks.whole_number("candidates", candidates, measured)
-        available = getattr(model, "n_modes", None)
-        if available is not None and available < candidates:
-            raise _too_few(candidates, measured, available)
-        min_mac = checks.real_number("min_mac", min_mac, 0.0)
-        min_gap = checks.real_number("min_gap", min_gap, 0.0)
-        if min_mac > 1:
-            raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac:g}")
-        shapes = measurements.shapes
-        checks.set_fields(
-            self,
-            model=model,
-            measurements=measurements,
-            candidates=candidates,
-            min_mac=min_mac,
-            min_gap=min_gap,
-            _shapes=shapes / np.linalg.norm(shapes, axis=0),
-            _rows=_match_rows(declared_variables(model), measurements),
-        )
-
-    @property
-    def variables(self) -> dict[str, Variable]:
-        """Frequencies, MAC and numbers of the paired modes, which a response holds."""
-        dofs = self.measurements.dofs
+            candidates = 2 * n_modes
+        self.candidates = checks.whole_number("candidates", candidates, n_modes)
+        self.min_mac = checks.real_number("min_mac", min_mac, 0.0)
+        if self.min_mac > 1:
+            raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac}")
+        self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
+        self._shapes = measurements.shapes / np.linalg.norm(measurements.shapes, axis=0)
+        declared = read_declared(model, "variables")
+        self._rows = _match_rows(declared, measurements)
+        if declared is not None and "frequency" in declared:
+            self._check_count(declared["frequency"].size)
+        dofs = measurements.dofs
         labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
-        modal = modal_variables(self.n_modes, labels)
+        modal = modal_variables(n_modes, labels)
         by_mode = Variable(modal["frequency"].coords)
-        return {**modal, "mac": by_mode, "model_mode": by_mode, "unpaired": by_mode}
+        own = dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
+        self.variables = modal | own
+        self.names = read_declared(model, "names")
+        self.bounds = read_declared(model, "bounds")
+        self.one_by_one = read_declared(model, "one_by_one")
 
     @property
-    def n_modes(self) -> int:
-        """The number of measured modes."""
-        return self.measurements.n_modes
+    def jacobian(self) -> Differentiate | None:
+        """The paired modes and their derivatives, None if the model has none.
+
+        Of frequency, shapes and MAC; numbers of modes change in steps.
+        """
+        return self._pass_on(read_declared(self.model, "jacobian"))
 
     @property
-    def names(self) -> tuple[str, ...] | None:
-        """The parameters that the model reads, None if it does not say."""
-        return getattr(self.model, "names", None)
-
-    def __getattr__(self, attribute: str) -> Any:
-        """Return what else the model says of itself (interfaces.py)."""
-        if attribute in ("jacobian", "spread"):
-            return partial(self._differentiate, getattr(self.model, attribute))
-        if attribute in ("required", "positive", "bounds", "one_by_one"):
-            return getattr(self.model, attribute)
-        raise AttributeError(attribute)
-
-    def around(self, model: Model) -> "PairedModel":
-        """Return the same pairing of another model's modes."""
-        return PairedModel(
-            model,
-            self.measurements,
-            candidates=self.candidates,
-            min_mac=self.min_mac,
-            min_gap=self.min_gap,
-        )
+    def spread(self) -> Differentiate | None:
+        """The same along the directions in which an emulator is uncertain."""
+        return self._pass_on(read_declared(self.model, "spread"))
 
     def __call__(self, parameters: Parameters) -> PairedSolution:
         """Solve, and return the modes in the order of the measured ones."""
         return self.pair(self.model(parameters))
 
-    def pair(self, response: Any) -> PairedSolution:
+    def pair(self, response: Response) -> PairedSolution:
         """Return the modes that the model inside returned, in that order."""
-        return self._pair(*self.read_candidates(response))
+        return self._pair(response, {"frequency": {}, "shapes": {}})[0]
 
-    def _differentiate(
-        self, differentiate: Callable[[Parameters], Any], parameters: Parameters
-    ) -> tuple[PairedSolution, Any]:
-        """Return the paired modes and what the model's jacobian or spread gives.
+    def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
+        if differentiate is None:
+            return None
+        return lambda parameters: self._pair(*differentiate(parameters))
 
-        Of frequency, shapes and MAC; numbers of modes change in steps.
-        """
-        response, derivatives = differentiate(parameters)
-        modes = self.read_candidates(response)
-        solution = self._pair(*modes)
-        names, slopes = read_slopes(response, derivatives, modes, self._at_sensors)
-        chosen = solution.model_mode - 1
-        found = differentiate_pairing(self._shapes, modes, slopes, chosen, self.min_gap)
-        named = [{name: part[:, i] for i, name in enumerate(names)} for part in found]
-        paired = dict(zip(("frequency", "shapes", "mac"), named, strict=True))
-        return solution, {**paired, "model_mode": {}, "unpaired": {}}
-
-    def _pair(self, frequencies: Floats, shapes: Floats) -> PairedSolution:
-        norms = np.linalg.norm(shapes, axis=1)
-        unit = np.divide(
-            shapes, norms[:, None], out=np.zeros_like(shapes), where=norms[:, None] > 0
-        )
-        # (n, n_measured, candidates); one product per row, so that rows round alike
-        single = (self._shapes.T @ unit) ** 2
-        with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
-            close = np.diff(frequencies, axis=1) < self.min_gap * frequencies[:, :-1]
-        rows = np.flatnonzero(close.any(axis=1))
-        mac, score = single, single
-        if len(rows):
-            coupling = couple_modes(frequencies[rows], self.min_gap)
-            (which, modes), shared_mac, shared = share_shapes(
-                self._shapes, unit[rows], coupling
+    def _pair(
+        self, response: Response, derivatives: Derivatives
+    ) -> tuple[PairedSolution, Derivatives]:
+        """Return paired modes and their derivatives, of what the model returned."""
+        frequencies, shapes = self.read_candidates(response)
+        names = [*dict.fromkeys(name for own in derivatives.values() for name in own)]
+        tangents = gather_tangents("model: jacobian", response, derivatives, names)
+        missing = [name for name in ("frequency", "shapes") if name not in tangents]
+        if missing:
+            raise ValueError(
+                f"model: its jacobian returned no derivatives of {missing}, by which "
+                "modes are paired; return {variable: {parameter: array}}"
             )
-            mac, score = single.copy(), single.copy()
-            mac[rows[which], :, modes] = shared_mac
-            score[rows] = mac[rows] + TIE_BREAK * single[rows]
-        chosen = one_to_one(score)
-        paired = np.take_along_axis(shapes, chosen[:, None, :], axis=2)
-        if len(rows):
-            # The projection of each measured shape on the space of its mode.
-            number = np.full(frequencies.shape, -1)
-            number[rows[which], modes] = np.arange(len(which))
-            number = np.take_along_axis(number, chosen, axis=1)
-            at, measured = np.nonzero(number >= 0)
-            paired[at, :, measured] = shared[number[at, measured], :, measured]
-        found = np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0]
-        return PairedSolution(
-            np.take_along_axis(frequencies, chosen, axis=1),
-            paired,
-            Pairing(found, chosen + 1, found < self.min_mac),
+        d_frequencies, d_shapes = (
+            np.moveaxis(tangents[name], -1, 1) for name in ("frequency", "shapes")
         )
+        d_frequencies = d_frequencies[..., : self.candidates]
+        modes = frequencies, shapes, d_frequencies, self._at_sensors(d_shapes)
+        chosen, paired, mac, d_mac = _pair_modes(
+            self._shapes, Candidates(*modes), self.min_gap
+        )
+        parts = paired.d_frequencies, paired.d_shapes, d_mac
+        slopes: Derivatives = {"model_mode": {}, "unpaired": {}}
+        for variable, part in zip(("frequency", "shapes", "mac"), parts, strict=True):
+            slopes[variable] = {name: part[:, i] for i, name in enumerate(names)}
+        pairing = Pairing(mac, chosen + 1, mac < self.min_mac)
+        return PairedSolution(paired.frequencies, paired.shapes, pairing), slopes
 
-    def read_candidates(self, response: Any) -> tuple[Floats, Floats]:
+    def read_candidates(self, response: Response) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of a response's candidates."""
         try:
-            found = [read(response, name) for name in ("frequency", "shapes")]
+            frequencies, shapes = (
+                np.asarray(read(response, name), dtype=np.float64)
+                for name in ("frequency", "shapes")
+            )
         except TypeError as error:
             raise ValueError(
                 f"{error}; modes are paired by their shapes: ask for them (shapes=True)"
             ) from None
-        frequencies, shapes = map(_check_floats, found)
         if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
             raise ValueError(
                 "model: expected frequencies (n, n_modes) and shapes (n, n_dof, "
@@ -243,19 +201,32 @@ class PairedModel:
             )
         if not np.isfinite(shapes).all():
             raise SolveError("not finite", "model: expected finite shapes")
-        n_modes = frequencies.shape[1]
-        if n_modes < self.candidates:
-            raise _too_few(self.candidates, self.measurements.n_modes, n_modes)
-        wanted = slice(self.candidates)
-        return frequencies[:, wanted], self._at_sensors(shapes)[:, :, wanted]
+        self._check_count(frequencies.shape[1])
+        return frequencies[:, : self.candidates], self._at_sensors(shapes)
+
+    def _check_count(self, available: int) -> None:
+        """Raise ValueError if the model returns fewer modes than are searched."""
+        wanted, measured = self.candidates, self.measurements.n_modes
+        if available < wanted:
+            enough = available >= measured
+            remedy = f", or give PairedModel(candidates={available})" if enough else ""
+            raise ValueError(
+                f"candidates: {wanted} modes are searched for {measured} measured "
+                f"ones, but the model returns {available}; let it return "
+                f"{wanted}{remedy}"
+            )
 
     def _at_sensors(self, shapes: Floats) -> Floats:
+        """Return the candidates' shapes ``(..., rows, modes)`` at the sensors."""
+        shapes = shapes[..., : self.candidates]
         if self._rows is None:
             return at_sensors(shapes, self.measurements.dofs, len(self._shapes))
-        return np.ascontiguousarray(shapes[:, self._rows])
+        return shapes[..., self._rows, :]
 
 
-def _match_rows(variables: Any, measurements: Measurements) -> NDArray[np.intp] | None:
+def _match_rows(
+    variables: Mapping[str, Variable] | None, measurements: Measurements
+) -> NDArray[np.intp] | None:
     """Return where the sensors are among the model's rows, None if unknown."""
     if variables is None:
         return None
@@ -278,17 +249,221 @@ def _match_rows(variables: Any, measurements: Measurements) -> NDArray[np.intp] 
     return np.array([places[dof] for dof in sensors])
 
 
-def _check_floats(part: Any) -> Floats:
-    """Return an array of floats, as it is if it is one."""
-    if type(part) is np.ndarray and part.dtype == np.float64:
-        return part
-    return checks.numeric_array("model", part)
+class Candidates(NamedTuple):
+    """Modes of a model at the sensors, and their derivatives by d parameters.
+
+    Attributes:
+        frequencies: ``(n, q)``.
+        shapes: ``(n, r, q)``.
+        d_frequencies: ``(n, d, q)``.
+        d_shapes: ``(n, d, r, q)``.
+    """
+
+    frequencies: Floats
+    shapes: Floats
+    d_frequencies: Floats
+    d_shapes: Floats
 
 
-def _too_few(candidates: int, measured: int, available: int) -> ValueError:
-    enough = available >= measured
-    remedy = f", or give PairedModel(candidates={available})" if enough else ""
-    return ValueError(
-        f"candidates: {candidates} modes are searched for {measured} measured ones, "
-        f"but the model returns {available}; let it return {candidates}{remedy}"
+def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) -> Floats:
+    """Return the rows of a model's shapes that belong to the sensors, in their order.
+
+    Args:
+        shapes: ``(..., n_rows, n_modes)``, at all DOFs of the model or at the sensors.
+        dofs: The sensors' rows among all DOFs; None if rows and sensors correspond.
+        n_sensors: The number of sensors.
+
+    Raises:
+        ValueError: If the rows cannot be told: too few, or dofs that reorder as many
+            rows as there are sensors.
+    """
+    n_rows = shapes.shape[-2]
+    numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
+    if n_rows == n_sensors:
+        order = [] if numbers is None else numbers.tolist()
+        if sorted(order) == [*range(n_rows)] != order:
+            raise ValueError(
+                f"dofs: {n_rows} sensors at all {n_rows} rows of the model's shapes, "
+                f"in another order ({order}): are the rows DOFs, or sensors already? "
+                "List the sensors in the order of the DOFs"
+            )
+        return shapes
+    if numbers is None or numbers.max() >= n_rows:
+        given = "None" if dofs is None else str(dofs.tolist())
+        remedy = "; give Measurements(dofs=[...])" if dofs is None else ""
+        raise ValueError(
+            f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
+            f"model's shapes, got {given}{remedy}"
+        )
+    return shapes[..., numbers, :]
+
+
+def _pair_modes(
+    measured: Floats, modes: Candidates, min_gap: float
+) -> tuple[NDArray[np.intp], Candidates, Floats, Floats]:
+    """Return one of the candidates for each measured mode, one-to-one by their MAC.
+
+    Args:
+        measured: Unit shapes ``(r, p)``.
+        modes: The candidates.
+        min_gap: See :class:`PairedModel`.
+
+    Returns:
+        The number of each, 0 = the lowest, ``(n, p)``; frequencies, shapes and their
+        derivatives in that order; the MAC of every pair ``(n, p)``, and its derivatives
+        ``(n, d, p)``.
+    """
+    unit, bends = _normalise(modes.shapes, modes.d_shapes)
+    along = measured.T @ unit  # (n, p, q)
+    mac, d_mac = along**2, 2 * along[:, None] * (measured.T @ bends)
+    score = mac.copy()
+    shared = np.full(modes.frequencies.shape, -1)  # numbers of those that share a space
+    with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
+        gaps = np.diff(modes.frequencies)
+        close = (gaps < min_gap * modes.frequencies[:, :-1]).any(axis=1)
+    if rows := np.flatnonzero(close).tolist():
+        coupling, fading = _couple_modes(
+            modes.frequencies[rows], modes.d_frequencies[rows], min_gap
+        )
+        at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
+        row = np.array(rows)[at]
+        shared[row, mode] = np.arange(len(row))
+        mac[row, :, mode], shapes, d_mac[row, :, :, mode], d_shapes = _share_shapes(
+            measured, (unit[row], bends[row]), (coupling[at, mode], fading[at, :, mode])
+        )
+        score = mac + TIE_BREAK * score
+    chosen = _choose_one_to_one(score)
+    pick = chosen[:, None]  # (n, 1, p)
+    paired = Candidates(
+        np.take_along_axis(modes.frequencies, chosen, axis=1),
+        np.take_along_axis(modes.shapes, pick, axis=2),
+        np.take_along_axis(modes.d_frequencies, pick, axis=2),
+        np.take_along_axis(modes.d_shapes, pick[:, None], axis=3),
     )
+    number = np.take_along_axis(shared, chosen, axis=1)
+    row, which = np.nonzero(number >= 0)
+    if len(row):  # the projection of each measured shape on the space of its mode
+        number = number[row, which]
+        paired.shapes[row, :, which] = shapes[number, :, which]
+        paired.d_shapes[row, :, :, which] = d_shapes[number, :, :, which]
+    own = np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0]
+    d_own = np.take_along_axis(d_mac, pick[..., None], axis=3)[..., 0]
+    return chosen, paired, own, d_own
+
+
+def _choose_one_to_one(score: Floats) -> NDArray[np.intp]:
+    """Return the columns ``(n, p)`` of the best one-to-one choices of ``(n, p, q)``."""
+    best: NDArray[np.intp] = score.argmax(axis=2)
+    ordered = np.sort(best, axis=1)
+    # Where the best ones differ they are the answer, and usually they do.
+    repeated = ordered[:, 1:] == ordered[:, :-1]
+    for row in np.flatnonzero(repeated.any(axis=1)):
+        best[row] = linear_sum_assignment(score[row], maximize=True)[1]
+    return best
+
+
+def _normalise(shapes: Floats, slopes: Floats) -> tuple[Floats, Floats]:
+    """Return unit shapes ``(n, r, q)`` and their derivatives ``(n, d, r, q)``."""
+    norms = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
+    inverse = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    unit = (shapes * inverse)[:, None]
+    bends = slopes * inverse[:, None]
+    return unit[:, 0], bends - unit * (unit * bends).sum(axis=2, keepdims=True)
+
+
+def _couple_modes(
+    frequencies: Floats, slopes: Floats, min_gap: float
+) -> tuple[Floats, Floats]:
+    """Return how far each mode shares its space with each other, and derivatives.
+
+    1 for neighbours nearer than half of ``min_gap``, 0 beyond it, a smooth passage
+    between; along a row of close neighbours the weakest link counts.
+
+    Args:
+        frequencies: ``(n, q)``.
+        slopes: Their derivatives ``(n, d, q)``.
+        min_gap: See :class:`PairedModel`.
+
+    Returns:
+        ``(n, q, q)`` and ``(n, d, q, q)``.
+    """
+    n, d, q = slopes.shape
+    below = min_gap * frequencies[:, :-1]
+    with np.errstate(invalid="ignore"):
+        gaps = np.diff(frequencies) / below
+        d_gaps = np.diff(slopes) - (gaps * min_gap)[:, None] * slopes[:, :, :-1]
+        d_gaps = d_gaps / below[:, None]
+    x = np.clip(2.0 * np.nan_to_num(gaps, nan=np.inf) - 1.0, 0.0, 1.0)
+    links = 1.0 - x * x * (3.0 - 2.0 * x)  # (n, q - 1)
+    d_links = (-12.0 * x * (1.0 - x))[:, None] * d_gaps
+    link, mode = np.arange(q - 1), np.arange(q)
+    low, high = (each.outer(mode, mode) for each in (np.minimum, np.maximum))
+    between = (link >= low[:, :, None]) & (link < high[:, :, None])
+    weakest = np.where(between, links[:, None, None], np.inf).argmin(axis=3)
+    weakest = weakest.reshape(n, 1, q * q)
+    coupling = np.take_along_axis(links, weakest[:, 0], axis=1).reshape(n, q, q)
+    fading = np.take_along_axis(d_links, weakest, axis=2).reshape(n, d, q, q)
+    coupling[:, mode, mode], fading[:, :, mode, mode] = 1.0, 0.0
+    return coupling, fading
+
+
+def _share_shapes(
+    measured: Floats, modes: tuple[Floats, Floats], coupling: tuple[Floats, Floats]
+) -> tuple[Floats, Floats, Floats, Floats]:
+    r"""Return MAC and shape of coupled modes, widened by those they are coupled to.
+
+    .. math:: v = \sum_k c_k q_k q_k^T \phi^m, \qquad
+        MAC = \frac{(\sum_k c_k t_k^2)^2}{\sum_k c_k^2 t_k^2}, \quad
+        t_k = q_k^T \phi^m
+
+    with the orthonormal :math:`q_k` of the mode itself and its neighbours, in the order
+    of their coupling, so that one whose coupling fades takes nothing with it.
+
+    Args:
+        measured: Unit shapes ``(r, p)``.
+        modes: Unit shapes of all modes, of m rows, ``(m, r, q)``, and their derivatives
+            ``(m, d, r, q)``.
+        coupling: Of one mode of each row with all, ``(m, q)``, and its derivatives
+            ``(m, d, q)``.
+
+    Returns:
+        MAC ``(m, p)``, shapes ``(m, r, p)``, and derivatives of both.
+    """
+    (unit, bends), (weights, fading) = modes, coupling
+    (m, d, r, _), p, row = bends.shape, measured.shape[1], np.arange(len(unit))
+    order = np.argsort(-weights, axis=1, kind="stable")  # itself first
+    most = int((weights > 0).sum(axis=1).max(initial=0))
+    known: list[tuple[Floats, Floats]] = []  # orthonormal shapes, their derivatives
+    first, second = np.zeros((2, m, 1, p))
+    d_first, d_second = np.zeros((2, m, d, p))
+    shapes, d_shapes = np.zeros((m, r, p)), np.zeros((m, d, r, p))
+    for place in order.T[:most]:
+        q, dq = unit[row, :, place][:, None], bends[row, :, :, place]
+        for base, slope in known * 2:  # Gram-Schmidt, twice for accuracy
+            dot = _dot(base, q)
+            dq = dq - slope * dot - base * (_dot(slope, q) + _dot(base, dq))
+            q = q - base * dot
+        length = np.sqrt(_dot(q, q))
+        inverse = np.divide(
+            1.0, length, out=np.zeros_like(length), where=length > DEPENDENT
+        )
+        q = q * inverse
+        dq = (dq - q * _dot(q, dq)) * inverse
+        known.append((q, dq))
+        w, dw = weights[row, place][:, None, None], fading[row, :, place][:, :, None]
+        t, dt = q @ measured, dq @ measured
+        wt, dwt = w * t, dw * t + w * dt
+        first += wt * t
+        second += wt**2
+        d_first += dw * t**2 + 2 * wt * dt
+        d_second += 2 * wt * dwt
+        shapes += q.swapaxes(1, 2) * wt
+        d_shapes += dq[..., None] * wt[:, :, None] + q[..., None] * dwt[:, :, None]
+    share = np.divide(first, second, out=np.zeros_like(first), where=second > 0)
+    d_mac = share * (2 * d_first - share * d_second)
+    return (share * first)[:, 0], shapes, d_mac, d_shapes
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    product: Floats = (a * b).sum(axis=2, keepdims=True)
+    return product

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Variable
+from ..interfaces import Derivatives, Floats, Parameters, Variable
 from ..measurements.spectra import KINDS, Spectra
-from .eigen.sensitivity import Derivatives
 
 WIDEST_DAMPING = (1e-4, 0.2)
 LARGEST_COMPONENT = 2.0  # of a shape, over the reference
+STEP = 1e-5  # of a parameter, relative: no solve adds noise
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -46,7 +46,7 @@ class SpectrumModel:
 
     Examples:
         >>> import numpy as np
-        >>> from emcee_femu import Spectra, SpectrumModel
+        >>> from emcee_femu.spectra import Spectra, SpectrumModel
         >>> spectra = Spectra([0.9, 1.0], np.eye(2) + np.zeros((2, 2, 2)), averages=9)
         >>> model = SpectrumModel(spectra, reference="s2")
         >>> model.names
@@ -103,14 +103,10 @@ class SpectrumModel:
         return len(self.reference)
 
     @property
-    def required(self) -> tuple[str, ...]:
-        """All parameters, for without each of them there is no response."""
-        return self.names
-
-    @property
-    def positive(self) -> tuple[str, ...]:
-        """The parameters that must stay above zero."""
-        return tuple(f"{key}{end}" for end in self._ends for key in ("f", "zeta"))
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Frequencies and damping ratios stay above zero."""
+        names = [f"{key}{end}" for end in self._ends for key in ("f", "zeta")]
+        return dict.fromkeys(names, (0.0, np.inf))
 
     @property
     def _ends(self) -> tuple[str, ...]:
@@ -120,7 +116,7 @@ class SpectrumModel:
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return the modes and their spectral densities."""
         values, n = checks.batch({name: parameters[name] for name in self.names})
-        shapes = [self._scaled(values, i)[0] for i in range(self.n_modes)]
+        shapes = [self._scaled(values, i) for i in range(self.n_modes)]
         S = np.exp([values[f"ln_S{end}"] for end in self._ends])
         force = np.zeros((n, self.n_modes, self.n_modes, 2))
         for i, own in enumerate(S):
@@ -143,34 +139,20 @@ class SpectrumModel:
     def jacobian(self, parameters: Parameters) -> tuple[dict[str, Floats], Derivatives]:
         """Return the response and its derivatives, ``{variable: {parameter: ...}}``."""
         response = self(parameters)
-        found: Derivatives = {key: {} for key in self.variables}
-        found["noise_psd"]["ln_S_e"] = response["noise_psd"]
-        force = response["force_psd"]
-        for i, end in enumerate(self._ends):
-            unit = np.zeros((len(force), self.n_modes))
-            unit[:, i] = 1.0
-            found["frequency"][f"f{end}"] = found["damping_ratio"][f"zeta{end}"] = unit
-            halves = 0.5 * np.ones(self.n_modes) * unit[0]
-            weights = (halves[:, None] + halves)[..., None]
-            found["force_psd"][f"ln_S{end}"] = force * weights
-            phi, length = self._scaled(parameters, i)
-            for j, sensor in enumerate(self.sensors):
-                if sensor != self.reference[i]:
-                    slope = np.zeros_like(response["shapes"])
-                    slope[:, :, i] = -phi * phi[:, j : j + 1] / length
-                    slope[:, j, i] += 1 / length[:, 0]
-                    found["shapes"][f"phi{end}_{sensor}"] = slope
-        if self.n_modes == 2:
-            size = np.sqrt(force[:, 0, 0, 0] * force[:, 1, 1, 0])
-            for part, name in enumerate(("coherence_re", "coherence_im")):
-                slope = np.zeros_like(force)
-                slope[:, 0, 1, part] = size
-                slope[:, 1, 0, part] = -size if part else size
-                found["force_psd"][name] = slope
-        return response, found
+        derivatives: Derivatives = {variable: {} for variable in response}
+        for name in self.names:
+            step = STEP * np.maximum(np.abs(parameters[name]), 1e-3)
+            ahead, behind = (
+                self({**parameters, name: parameters[name] + by})
+                for by in (step, -step)
+            )
+            for variable, value in ahead.items():
+                width = 2 * step.reshape(-1, *[1] * (value.ndim - 1))
+                derivatives[variable][name] = (value - behind[variable]) / width
+        return response, derivatives
 
-    def _scaled(self, parameters: Parameters, i: int) -> tuple[Floats, Floats]:
-        """Return the shape of a mode, ``(n, sensors)``, and its length before."""
+    def _scaled(self, parameters: Parameters, i: int) -> Floats:
+        """Return the shape of a mode, of unit length, ``(n, sensors)``."""
         end, reference = self._ends[i], self.reference[i]
         ones = np.ones(len(parameters["ln_S_e"]))
         columns = [
@@ -178,8 +160,8 @@ class SpectrumModel:
             for sensor in self.sensors
         ]
         shape = np.stack(columns, axis=1)
-        length = np.linalg.norm(shape, axis=1, keepdims=True)
-        return shape / length, length
+        scaled: Floats = shape / np.linalg.norm(shape, axis=1, keepdims=True)
+        return scaled
 
     def _find_ranges(self, measured: Spectra) -> dict[str, tuple[float, float]]:
         """Return wide ranges of the parameters, by the level of the spectra."""

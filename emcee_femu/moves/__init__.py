@@ -1,10 +1,8 @@
 """Proposals: each a plain emcee Move, usable in any ``emcee.EnsembleSampler``."""
 
-from .crossover import CrossoverMove as CrossoverMove
 from .delayed_acceptance import DelayedAcceptanceMove as DelayedAcceptanceMove
 from .demc import DEMCMove as DEMCMove
 from .hamiltonian import HamiltonianMove as HamiltonianMove
 from .independence import IndependenceMove as IndependenceMove
 from .metropolis import MetropolisMove as MetropolisMove
-from .snooker import SnookerMove as SnookerMove
 from .tempering import TemperedMove as TemperedMove

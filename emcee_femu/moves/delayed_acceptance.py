@@ -1,18 +1,16 @@
 """Delayed acceptance: a cheap posterior screens what the full one then decides."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
+from emcee.moves import Move
 from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
 from ..table import Parts, Report
-from .acceptance import Batch, Propose, ProposingMove
-from .stock_faults import refuse_sequential
-from .stock_proposals import only_propose
+from .proposing import Batch, Propose, ProposingMove, only_propose, refresh
 
 
 class DelayedAcceptanceMove(ProposingMove, Report):
@@ -31,7 +29,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     With ``steps`` the first factor is applied that many times, one cheap step after the
     other, and only where the walker is then is solved in full: the longer the subchain,
     the less the solves depend on each other. The walkers that guide it stand still
-    until that solve has decided.
+    until that solve has decided; inner may read no others.
 
     Attributes:
         proposed: Number of proposals so far.
@@ -52,10 +50,8 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     Raises:
         TypeError: If inner is another kind of move, cheap is not callable, or steps are
             not whole numbers.
-        ValueError: If steps are below 1 or not in order, or inner counts its own steps
-            where several are made. When it proposes: if cheap is not finite at a
-            walker, NaN or +inf at a proposal, or of another length; or if several steps
-            are made and inner reads other walkers than those at rest.
+        ValueError: If steps are below 1 or not in order. When it proposes: if cheap is
+            not finite at a walker, NaN or +inf at a proposal, or of another length.
 
     Source: Christen and Fox (2005), doi:10.1198/106186005X76983; for steps, Lykkegaard
     et al. (2023), doi:10.1137/22M1476770.
@@ -63,7 +59,8 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     Examples:
         >>> import emcee
         >>> import numpy as np
-        >>> from emcee_femu import DelayedAcceptanceMove, DEMCMove
+        >>> from emcee_femu import DEMCMove
+        >>> from emcee_femu.moves import DelayedAcceptanceMove
         >>> full = lambda theta: -0.5 * (theta**2).sum(axis=1)  # the expensive one
         >>> cheap = lambda theta: 0.9 * full(theta)
         >>> move = DelayedAcceptanceMove(DEMCMove(), cheap)
@@ -75,7 +72,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
 
     def __init__(
         self,
-        inner: Any,
+        inner: Move,
         cheap: Callable[[Floats], ArrayLike],
         steps: int | tuple[int, int] = 1,
     ) -> None:
@@ -83,14 +80,9 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
         if isinstance(inner, DelayedAcceptanceMove):
             raise TypeError(f"inner: expected no delayed acceptance in it, got {inner}")
-        self.inner = inner
-        self.cheap = cheap
-        self._lengths = convert_steps(steps)
-        low, high = self._lengths
+        self.inner, self.cheap = inner, cheap
+        low, high = self._lengths = _read_steps(steps)
         self.steps = low if low == high else (low, high)
-        self._trusted = high == 1  # one step is inner's own affair
-        if not self._trusted:
-            refuse_sequential("inner", inner)
         self.proposed = self.full_solves = self.accepted = 0
         self._proposing = only_propose(inner)
         self._known: tuple[Floats, Floats] | None = None
@@ -110,19 +102,23 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         self._proposing.check(nwalkers, ndim)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield where subchains ended, with the ratio that makes amends for them."""
-        cheap = self._cheap_at_walkers(coords)
+        """Yield where subchains ended, and the log-factors that correct for them."""
+        cheap = refresh(self._known, coords, self._evaluate)
+        if not np.isfinite(cheap).all():
+            walker = int(np.argmin(np.isfinite(cheap)))
+            raise ValueError(
+                f"cheap: {cheap[walker]} at walker {walker}, "
+                f"{coords[walker].tolist()}; it must be finite wherever the posterior "
+                "is (are its bounds narrower?)"
+            )
         for walkers, propose in self._proposing.parts(coords, random):
-            ends, new = coords.take(walkers, axis=0), cheap[walkers]
-            if not self._trusted and len(walkers) > 1:
-                refuse_coupled(propose, ends, random)
-                self._trusted = True
-            passed = self._walk(propose, ends, new, random)
-            walkers, ends, new = walkers[passed], ends[passed], new[passed]
+            ends, values = coords.take(walkers, axis=0), cheap[walkers]
+            passed = self._walk(propose, ends, values, random)
+            walkers, ends, values = walkers[passed], ends[passed], values[passed]
             self.full_solves += len(walkers)
-            yield walkers, ends, cheap[walkers] - new
+            yield walkers, ends, cheap[walkers] - values
             moved = (coords[walkers] == ends).all(axis=1)
-            cheap[walkers[moved]] = new[moved]
+            cheap[walkers[moved]] = values[moved]
             self.accepted += int(moved.sum())
         self._known = coords.copy(), cheap
 
@@ -135,44 +131,21 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         """
         low, high = self._lengths
         length = random.randint(low, high + 1) if low < high else low
-        moved = np.zeros(len(theta), dtype=bool)
+        ever = np.zeros(len(theta), dtype=bool)
         for _ in range(length):
-            moved |= self._step(propose, theta, values, random)
-        return moved
-
-    def _step(
-        self, propose: Propose, theta: Floats, values: Floats, random: RandomState
-    ) -> NDArray[np.bool_]:
-        """Do one cheap step in place; return who moved."""
-        proposed, log_factors = propose(theta)
-        new = self._evaluate(proposed)
-        threshold = values - random.standard_exponential(len(values))
-        if log_factors is not None:
-            threshold -= log_factors
-        passed: NDArray[np.bool_] = new > threshold
-        theta[passed], values[passed] = proposed[passed], new[passed]
-        self.proposed += len(theta)
-        return passed
-
-    def _cheap_at_walkers(self, coords: Floats) -> Floats:
-        """Return c of the walkers; only those that another move changed cost a call."""
-        if self._known is None or self._known[0].shape != coords.shape:
-            changed, values = np.arange(len(coords)), np.empty(len(coords))
-        else:
-            changed = (self._known[0] != coords).any(axis=1).nonzero()[0]
-            values = self._known[1].copy()  # kept should the full model raise
-        if len(changed):
-            values[changed] = self._evaluate(coords[changed])
-        if not np.isfinite(values).all():
-            walker = int(np.argmin(np.isfinite(values)))
-            raise ValueError(
-                f"cheap: {values[walker]} at walker {walker}, "
-                f"{coords[walker].tolist()}; it must be finite wherever the posterior "
-                "is (are its bounds narrower?)"
-            )
-        return values
+            proposed, log_factors = propose(theta)
+            new = self._evaluate(proposed)
+            threshold = values - random.standard_exponential(len(values))
+            if log_factors is not None:
+                threshold -= log_factors
+            moved = new > threshold
+            theta[moved], values[moved] = proposed[moved], new[moved]
+            ever |= moved
+        self.proposed += length * len(theta)
+        return ever
 
     def _evaluate(self, theta: Floats) -> Floats:
+        """Return the values of c ``(n,)``, finite or -inf."""
         rows = checks.numeric_array("cheap", self.cheap(theta))
         log_prob: Floats = rows[:, 0] if rows.ndim == 2 and rows.size else rows
         if log_prob.shape != (len(theta),):
@@ -186,36 +159,13 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         return log_prob
 
 
-def convert_steps(steps: Any) -> tuple[int, int]:
+def _read_steps(steps: int | tuple[int, int]) -> tuple[int, int]:
     """Return the least and the largest length that ``steps`` of a move allow."""
-    if not isinstance(steps, tuple | list | np.ndarray):
-        length = checks.whole_number("steps", steps, 1)
-        return length, length
-    ends = [checks.whole_number("steps", end, 1) for end in steps]
-    if len(ends) != 2 or ends[0] > ends[1]:
+    ends = steps if isinstance(steps, tuple | list | np.ndarray) else (steps, steps)
+    numbers = [checks.whole_number("steps", end, 1) for end in ends]
+    if len(numbers) != 2 or numbers[0] > numbers[1]:
         raise ValueError(
             "steps: expected a whole number, or an interval (low, high) of them with "
             f"low <= high, got {steps!r}"
         )
-    return ends[0], ends[1]
-
-
-def refuse_coupled(propose: Propose, theta: Floats, random: RandomState) -> None:
-    """Refuse proposals for walkers that read the others of ``theta (k, ndim)``.
-
-    These move too, and the way back would be another one than the way there. The first
-    walker is moved: the same random numbers must give all others the same proposals.
-    """
-    stream, other = random.get_state(), theta.copy()
-    other[0] = theta[-1]
-    proposed = []
-    for walkers in (theta, other):
-        random.set_state(stream)
-        proposed.append(propose(walkers.copy())[0][1:])
-    random.set_state(stream)
-    if not np.array_equal(proposed[0], proposed[1]):
-        raise ValueError(
-            "inner: expected proposals from a walker's own place, the walkers at rest "
-            "and the given random numbers, but they change when another walker of the "
-            "part that moves does; use DEMCMove()"
-        )
+    return numbers[0], numbers[1]

@@ -2,21 +2,20 @@
 
 import math
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.random import RandomState
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .guides import convert_sigma, draw_noise
-from .red_blue import VectorizedRedBlueMove
+from .proposing import GuidedMove, Indices, Proposal
 
-MOST_TABLED = 256  # guides up to which the pairs are looked up, in 1 MB
+DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
+MOST_TABLED = 256  # guides up to which pairs are looked up, in 1 MB and half the time
 
 
-class DEMCMove(VectorizedRedBlueMove):
+class DEMCMove(GuidedMove):
     r"""Add a scaled difference of two other walkers, and a little noise (Equation 3.2).
 
     .. math:: \theta^* = \theta_i + \gamma (\theta_a - \theta_b) + \varepsilon,
@@ -70,7 +69,13 @@ class DEMCMove(VectorizedRedBlueMove):
         mode_jump: float = 0.0,
     ) -> None:
         super().__init__(nsplits, randomize_split, live_dangerously)
-        self.sigma = convert_sigma(sigma)
+        self.sigma = None if sigma is None else checks.real_array("sigma", sigma)
+        if self.sigma is not None:
+            if self.sigma.ndim > 1 or not self.sigma.size or (self.sigma < 0).any():
+                raise ValueError(
+                    "sigma: expected a number or (ndim,) numbers not below zero, got "
+                    f"{sigma!r}"
+                )
         self.gamma0 = (
             None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
         )
@@ -78,41 +83,67 @@ class DEMCMove(VectorizedRedBlueMove):
         if self.mode_jump > 1:
             raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")
 
-    def get_proposal(
-        self, s: Floats, c: list[Floats], random: RandomState
-    ) -> tuple[Floats, None]:
+    def check(self, nwalkers: int, ndim: int) -> None:
+        """Refuse an ensemble that is too small, or that sigma does not fit."""
+        super().check(nwalkers, ndim)
+        if self.sigma is not None and self.sigma.shape not in ((), (ndim,)):
+            raise ValueError(
+                f"sigma: expected one number or shape ({ndim},) for {ndim} parameters, "
+                f"got shape {self.sigma.shape}"
+            )
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).
 
         The proposal is symmetric, so that there is no Hastings factor.
         """
-        guides = np.concatenate(c) if len(c) > 1 else c[0]
+        (guides,) = c
         moving, ndim = s.shape
         n = len(guides)
         # One of the n (n - 1) ordered pairs: a, and b among the others.
-        pair = (random.random_sample((moving,)) * (n * (n - 1))).astype(np.intp)
+        pair: Indices = (random.random_sample((moving,)) * (n * (n - 1))).astype(int)
         if n <= MOST_TABLED:
-            first, second = _pairs(n)
+            first, second = tabled_pairs(n)
             a, b = first.take(pair), second.take(pair)
         else:
-            a, b = np.divmod(pair, n - 1)
-            b += b >= a
-
-        gamma: Any = 2.38 / math.sqrt(2 * ndim) if self.gamma0 is None else self.gamma0
+            a, b = find_pairs(pair, n)
+        gamma: float | Floats
+        gamma = 2.38 / math.sqrt(2 * ndim) if self.gamma0 is None else self.gamma0
         if self.mode_jump:
             jumps = random.random_sample((moving, 1)) < self.mode_jump
             gamma = np.where(jumps, 1.0, gamma)
-        eps = draw_noise(self.sigma, guides, moving, random)
-        step = guides.take(a, axis=0)
+        step: Floats = guides.take(a, axis=0)
         step -= guides.take(b, axis=0)
         step *= gamma
-        step += eps
+        noise = random.standard_normal((moving, ndim))
+        noise *= DEFAULT_NOISE * spread(guides) if self.sigma is None else self.sigma
+        step += noise
         step += s
         return step, None
 
 
-@lru_cache(maxsize=4)
-def _pairs(n: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first and the second walker of all ordered pairs of n."""
-    first, second = np.divmod(np.arange(n * (n - 1)), n - 1)
+def find_pairs(numbers: Indices, n: int) -> tuple[Indices, Indices]:
+    """Return both members of ordered pairs of n, by the numbers of the pairs."""
+    first, second = np.divmod(numbers, n - 1)
     second += second >= first
     return first, second
+
+
+@lru_cache(maxsize=4)
+def tabled_pairs(n: int) -> tuple[Indices, Indices]:
+    """Return both members of all ordered pairs of n, to be looked up."""
+    return find_pairs(np.arange(n * (n - 1)), n)
+
+
+def spread(walkers: Floats) -> Floats:
+    """Return the standard deviations of ``walkers (n, ndim)``, to 1e-8 of the means.
+
+    By the textbook difference of moments, in a third of the time of ``walkers.std``;
+    its rounding matters only to a scale that is 1e-8 of the parameter's value.
+    """
+    weights = np.full(len(walkers), 1 / len(walkers))
+    mean = weights.dot(walkers)
+    variance = weights.dot(walkers * walkers)
+    variance -= mean * mean
+    result: Floats = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
+    return result

@@ -1,24 +1,36 @@
 """Hamiltonian Monte Carlo: trajectories along gradients, for many parameters."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
-from emcee.ensemble import _FunctionWrapper
+from emcee import State
+from emcee.model import Model
 from emcee.moves import Move
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from .. import checks
 from ..interfaces import Floats
-from ..posterior.linearize import split
-from .acceptance import ProposingMove, check_state, overwrite
-from .hamiltonian_tuning import tune_steps
-from .leapfrog import Evaluate, Points, energies_of, leap
-from .metropolis import factorize
+from .proposing import Indices, ProposingMove, check_state, overwrite, refresh
 
 JITTER = 0.2  # of the step size, against trajectories that come back to their start
 # Share of trajectories with steps down to a thirtieth: far from the posterior, in
 # valleys that are narrower than it, no other would be accepted.
 CAREFUL, LEAST = 0.1, 1 / 30
+# Of the tuning.
+FEWEST = 8  # samples
+ACCEPTED = 0.8  # share of proposals at which the step size is best, or nearly so
+ROUNDS = 5  # of trajectories that adjust the step size
+RECORDED = 4  # of those that choose the number of steps
+FIRST = 0.4  # step size of the first round
+LONGEST = 3.3  # sum of the steps: half a period of the slowest oscillation, if it fits
+MOST = 64  # steps, should the metric fit badly
+
+# Points (k, d) to rows (k, columns), which begin with the log density, and its
+# gradients (k, d).
+Evaluate: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
 
 
 class HamiltonianMove(Move):
@@ -35,9 +47,11 @@ class HamiltonianMove(Move):
     tails might never move.
 
     For a :class:`LogPosterior` whose models have ``jacobian``: a gradient then costs
-    one solve, and a proposal ``steps`` of them. All walkers move at once, each on its
-    own; one is enough. A trajectory that leaves the bounds, or comes where a solve
-    fails, is rejected there and costs no more.
+    one solve, and a proposal ``steps`` of them. Another log-probability function may
+    have a method ``gradient(theta (n, d))`` that returns rows ``(n, columns)``, the
+    log-probability and its blobs, and gradients ``(n, d)``. All walkers move at once,
+    each on its own; one is enough. A trajectory that leaves the bounds, or comes where
+    a solve fails, is rejected there and costs no more.
 
     From ten parameters on, nothing else is as efficient if the metric is near the
     posterior's covariance. Take it from a Laplace approximation or earlier draws,
@@ -53,75 +67,57 @@ class HamiltonianMove(Move):
             metric that fits.
         step_size: Mean step size h, in standard deviations of the metric. Accepting 80
             % of the proposals is good; steps of more than 2 diverge.
-        reciprocal_about: A value of each parameter ``(ndim,)``, such as the maximum of
-            the posterior, about which its reciprocal moves: trajectories are then those
-            of flexibilities, in which posteriors of stiffnesses are less curved. Zero
-            for what moves as it is, such as masses and standard deviations; None for
-            all of them. The metric remains a covariance of the parameters themselves.
 
     Raises:
         TypeError: If an argument does not hold numbers; when it proposes: if the
-            log-probability is no LogPosterior with gradients.
+            log-probability function has no gradients.
         ValueError: If the metric is not positive definite, steps or step_size not above
             zero, or (when it proposes) a shape does not fit ndim.
 
     Source: Neal (2011), doi:10.1201/b10905-6.
 
     Examples:
-        >>> from emcee_femu import HamiltonianMove
+        >>> from emcee_femu.moves import HamiltonianMove
         >>> HamiltonianMove([4.0], steps=3)
-        HamiltonianMove(metric=[4.0], steps=3, step_size=0.25, reciprocal_about=None)
+        HamiltonianMove(metric=[4.0], steps=3, step_size=0.25)
     """
 
     __repr__ = ProposingMove.__repr__
 
     def __init__(
-        self,
-        metric: ArrayLike | None = None,
-        steps: int = 8,
-        step_size: float = 0.25,
-        reciprocal_about: ArrayLike | None = None,
+        self, metric: ArrayLike | None = None, steps: int = 8, step_size: float = 0.25
     ) -> None:
         self.metric = None if metric is None else checks.real_array("metric", metric)
         self.steps = checks.whole_number("steps", steps, 1)
         self.step_size = checks.positive_array("step_size", step_size, 0).item()
         self._factor: Floats | None = None
-        if self.metric is not None and not self.metric.size:
-            raise ValueError("metric: expected one row per parameter, got none")
-        if self.metric is not None and self.metric.ndim == 1:
-            self._factor = np.sqrt(checks.positive_array("metric", self.metric))
-        elif self.metric is not None:
-            self._factor = factorize("metric", self.metric)
-        self.reciprocal_about = (
-            None
-            if reciprocal_about is None
-            else checks.real_array("reciprocal_about", reciprocal_about, 1)
-        )
+        if self.metric is not None:
+            if not self.metric.size:
+                raise ValueError("metric: expected one row per parameter, got none")
+            matrix = np.diag(self.metric) if self.metric.ndim == 1 else self.metric
+            self._factor = checks.covariance_factor("metric", matrix)
         self._known: tuple[Floats, Floats] | None = None
 
     @classmethod
     def tuned(
         cls,
-        posterior: Any,
+        posterior: object,
         samples: ArrayLike,
         metric: ArrayLike | None = None,
         *,
         seed: int,
-        reciprocal_about: ArrayLike | None = None,
-    ) -> "HamiltonianMove":
+    ) -> Self:
         """Return the move with steps that were tried out on a posterior, then frozen.
 
         The step size is that of 80 % acceptance, the number of steps the one with most
         effective samples per gradient. It takes some 70 gradients per sample.
 
         Args:
-            posterior: A :class:`LogPosterior`; or what evaluates one, with its
-                ``linearize``.
+            posterior: A :class:`LogPosterior`, or what else has its ``gradient``.
             samples: Draws of the posterior ``(n, ndim)``, about 20 of them, from a
                 burn-in that is not used for estimates.
             metric: See the class.
             seed: A whole number.
-            reciprocal_about: See the class.
 
         Returns:
             The move, with fixed steps.
@@ -136,82 +132,52 @@ class HamiltonianMove(Move):
             >>> posterior = ef.paper.mass_spring().posterior
             >>> found = ef.find_map(posterior, 4, seed=1, check=0)
             >>> draws, metric = found.draw(8, seed=1), found.maxima[0].covariance
-            >>> move = ef.HamiltonianMove.tuned(posterior, draws, metric, seed=1)
+            >>> move = ef.moves.HamiltonianMove.tuned(posterior, draws, metric, seed=1)
             >>> move.steps >= 1, 0.0 < move.step_size < 2.0
             (True, True)
         """
         draws = checks.real_array("samples", samples, 2)
-        move = cls(metric, reciprocal_about=reciprocal_about)
+        move = cls(metric)
         move.check(*draws.shape)
-        bare = getattr(posterior, "posterior", posterior)
-        move.check_with(bare)
-        factor = bare.scale if move._factor is None else move._factor
-
-        def evaluate(theta: Floats) -> tuple[Floats, Floats]:
-            if bare is posterior:
-                rows, gradient = posterior.gradient(theta)
-            else:
-                rows, gradient, _ = posterior.linearize(theta)
-            return rows, gradient
-
         rng = np.random.default_rng(checks.whole_number("seed", seed))
-        about = move.reciprocal_about
-        steps, step_size = tune_steps(evaluate, draws, factor, JITTER, rng, about)
-        return cls(metric, steps, step_size, about)
+        return cls(metric, *tune_steps(move.leapfrog(posterior), draws, rng))
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the known gradients, which are found again."""
         return {**vars(self), "_known": None}
 
-    @property
-    def cost(self) -> int:
-        """Evaluations per walker and generation, a gradient for each step."""
-        return self.steps
-
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the metric or the centre does not have."""
-        parts = {"metric": self._factor, "reciprocal_about": self.reciprocal_about}
-        for argument, part in parts.items():
-            if part is not None and len(part) != ndim:
-                raise ValueError(
-                    f"{argument}: expected that of {ndim} parameters, got shape "
-                    f"{part.shape}"
-                )
-
-    def check_with(self, posterior: Any) -> None:
-        """Refuse a log-probability function without gradients."""
-        if not hasattr(posterior, "stack_gradient"):
-            raise TypeError(
-                "posterior (log_prob_fn): HamiltonianMove needs a LogPosterior, which "
-                f"has gradients, got {type(posterior).__name__}; use DEMCMove(), or "
-                "write the density as a likelihood term"
-            )
-        if not posterior.differentiable:
-            raise TypeError(
-                "posterior: HamiltonianMove needs models with jacobian(parameters), or "
-                "every gradient would take 2 d + 1 solves; give the models one (see "
-                "interfaces), or use moves='auto'"
+        """Refuse a dimension that the metric does not have."""
+        if self._factor is not None and len(self._factor) != ndim:
+            raise ValueError(
+                f"metric: expected that of {ndim} parameters, got one of "
+                f"{len(self._factor)}"
             )
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
         """Move every walker once; return the state and who was accepted."""
         n, ndim = state.coords.shape
         self.check(n, ndim)
         check_state(state)
-        posterior, evaluate = self._evaluation(model)
-        factor = posterior.scale if self._factor is None else self._factor
-        momenta = model.random.standard_normal((n, ndim))
-        sizes = self.step_size * draw_factors(model.random, n)
-        gradient = self._gradient_at(state.coords, evaluate)
-        rows, about = state.log_prob[:, None], self.reciprocal_about
+        function = getattr(model.log_prob_fn, "f", model.log_prob_fn)  # in emcee's call
+        leapfrog = self.leapfrog(function)
+        random = model.random
+        momenta = random.standard_normal((n, ndim))
+        usual = random.uniform(1 - JITTER, 1 + JITTER, n)
+        careful = LEAST ** random.uniform(0, 1, n)
+        factors = np.where(random.uniform(0, 1, n) < CAREFUL, careful, usual)
+        sizes = self.step_size * factors
+        # Only those that moved cost a solve. The rest is not stored with the state: a
+        # resumed run finds it again, to the bit.
+        gradient = refresh(self._known, state.coords, lambda x: leapfrog.evaluate(x)[1])
+        rows = state.log_prob[:, None]
         here = Points(np.arange(n), state.coords, momenta, rows, gradient)
         # log U = -Exp(1)
-        threshold = energies_of(here, about) - model.random.standard_exponential(n)
+        threshold = here.log_density - random.standard_exponential(n)
         here = here.finite()  # no walker moves from where the posterior is zero
         for _ in range(self.steps):
-            here = leap(evaluate, here, sizes, factor, about)
-        energy = energies_of(here, about)
-        new = here.take(energy > threshold[here.walkers])
+            here = leapfrog.step(here, sizes)
+        new = here.take(here.log_density > threshold[here.walkers])
         accepted = np.zeros(n, dtype=bool)
         accepted[new.walkers] = True
         blobs = new.rows[:, 1:] if new.rows.shape[1] > 1 else None
@@ -220,41 +186,183 @@ class HamiltonianMove(Move):
         self._known = state.coords.copy(), gradient
         return state, accepted
 
-    def _evaluation(self, model: Any) -> tuple[Any, Evaluate]:
-        """Return the posterior, and what gives its rows and gradients."""
-        function = model.log_prob_fn
-        if isinstance(function, _FunctionWrapper) and not function.args:
-            function = function.f
-        posterior = getattr(function, "posterior", function)  # behind its guard
-        self.check_with(posterior)
+    def leapfrog(self, function: object) -> "Leapfrog":
+        """Return the steps along the gradients of a log-probability function.
 
-        def evaluate(theta: Floats) -> tuple[Floats, Floats]:
-            if model.map_fn is map:
-                stacked = function.stack_gradient(theta)
-            else:
-                stacked = np.array([*model.map_fn(function.stack_gradient, theta)])
-            return split(posterior, stacked)
-
-        return posterior, evaluate
-
-    def _gradient_at(self, coords: Floats, evaluate: Evaluate) -> Floats:
-        """Return the gradients at the walkers; only those that moved cost a solve.
-
-        What is known saves solves and nothing else: it is not stored with the state, so
-        a resumed run finds it again, to the bit.
+        Raises:
+            TypeError: If it has none, or only by differences, of 2 d + 1 solves each.
         """
-        if self._known is None or self._known[0].shape != coords.shape:
-            return evaluate(coords)[1].copy()
-        changed = (self._known[0] != coords).any(axis=1)
-        gradient = self._known[1].copy()  # kept should the model raise
-        if changed.any():
-            gradient[changed] = evaluate(coords[changed])[1]
-        return gradient
+        gradient: Evaluate | None = getattr(function, "gradient", None)
+        if gradient is None or not getattr(function, "differentiable", True):
+            raise TypeError(
+                "posterior (log_prob_fn): HamiltonianMove needs a LogPosterior whose "
+                "models have jacobian(parameters) (see interfaces), or a function with "
+                f"gradient(theta), got {type(function).__name__}; use DEMCMove()"
+            )
+        if self._factor is not None:
+            return Leapfrog(gradient, self._factor)
+        scale: Floats | None = getattr(function, "scale", None)
+        if scale is None:
+            raise ValueError(
+                "metric: expected a covariance, for the log-probability function has "
+                "no scale to take in its place"
+            )
+        return Leapfrog(gradient, np.diag(scale))
 
 
-def draw_factors(random: Any, n: int) -> Floats:
-    """Return by what the step sizes of ``n`` trajectories differ, ``(n,)``."""
-    usual = random.uniform(1 - JITTER, 1 + JITTER, n)
-    careful = LEAST ** random.uniform(0, 1, n)
-    result: Floats = np.where(random.uniform(0, 1, n) < CAREFUL, careful, usual)
-    return result
+class Points(NamedTuple):
+    """Where walkers are on their trajectories.
+
+    Attributes:
+        walkers: Which of the walkers, ``(k,)``; the trajectories of others have ended.
+        coords: Positions, ``(k, d)``.
+        momenta: Standardised momenta, ``(k, d)``: normal with unit covariance.
+        rows: Rows of the posterior there, ``(k, columns)``.
+        gradient: Gradients of the log-posterior there, ``(k, d)``.
+    """
+
+    walkers: Indices
+    coords: Floats
+    momenta: Floats
+    rows: Floats
+    gradient: Floats
+
+    @property
+    def log_density(self) -> Floats:
+        """The joint log density of positions and momenta, ``(k,)``."""
+        kinetic = 0.5 * np.einsum("nd,nd->n", self.momenta, self.momenta)
+        density: Floats = self.rows[:, 0] - kinetic
+        return density
+
+    def take(self, chosen: NDArray[np.bool_]) -> "Points":
+        """Return some of them, all if all are chosen."""
+        return self if chosen.all() else Points._make(part[chosen] for part in self)
+
+    def finite(self) -> "Points":
+        """Return those whose position and gradient are finite."""
+        known = np.isfinite(self.coords + self.gradient)
+        return self.take(np.logical_and.reduce(known, axis=1))
+
+
+class Leapfrog(NamedTuple):
+    r"""Steps of trajectories by the leapfrog scheme.
+
+    .. math:: u \mathrel{+}= \tfrac h2 L^T \nabla \ln p(\theta), \qquad
+        \theta \mathrel{+}= h L u, \qquad
+        u \mathrel{+}= \tfrac h2 L^T \nabla \ln p(\theta)
+
+    A trajectory ends where the posterior is zero: out of bounds, where nothing is
+    solved, or where a solve failed. Whether it ends is told by the points on it alone,
+    in whichever direction they are passed; so to reject then is reversible.
+
+    Attributes:
+        evaluate: Rows and gradients of points; a row begins with the log-posterior.
+        factor: L, ``(d, d)``.
+    """
+
+    evaluate: Evaluate
+    factor: Floats
+
+    def step(self, start: Points, sizes: Floats) -> Points:
+        """Return where trajectories are after a step, without those that ended.
+
+        Args:
+            start: Where they are.
+            sizes: Step sizes h of all walkers, also of those that ended, ``(n,)``.
+        """
+        h = sizes[start.walkers, None]
+        with np.errstate(over="ignore", invalid="ignore"):  # such a trajectory ends
+            momenta = start.momenta + 0.5 * h * (start.gradient @ self.factor)
+            coords = start.coords + h * (momenta @ self.factor.T)
+        moved = start._replace(coords=coords, momenta=momenta).finite()
+        if not len(moved.walkers):
+            return moved
+        rows, gradient = self.evaluate(moved.coords)
+        here = moved._replace(rows=rows, gradient=gradient).finite()
+        kick = 0.5 * sizes[here.walkers, None] * (here.gradient @ self.factor)
+        return here._replace(momenta=here.momenta + kick)
+
+
+def tune_steps(leapfrog: Leapfrog, theta: Floats, rng: Generator) -> tuple[int, float]:
+    r"""Return the number of steps and the step size, by some 70 gradients per walker.
+
+    The step size h is adjusted until 80 % of the proposals would be accepted. In theory
+    the accepted share is ``2 Phi(-c h^2)``, so that each round tells the next h. With
+    it longer trajectories are recorded. A proposal may end at any of their points; the
+    number of steps is the one with most effective samples per gradient,
+
+    .. math:: \frac{1 - \rho}{(1 + \rho) \, steps}, \qquad
+        \rho_j = 1 - \frac{E[\alpha \, (\theta^*_j - \theta_j)^2]}{2 \sigma_j^2}
+
+    with the probability alpha of acceptance, in the worst quarter of the parameters.
+
+    Args:
+        leapfrog: The steps along a gradient.
+        theta: Points of the posterior ``(n, d)``, such as the walkers of a burn-in.
+        rng: The random stream.
+
+    Source: Beskos et al. (2013), doi:10.3150/12-BEJ414, for the accepted share.
+    """
+    rows, gradient = leapfrog.evaluate(theta)
+    here = Points(np.arange(len(theta)), theta, 0 * theta, rows, gradient).finite()
+    n = len(here.walkers)
+    if n < FEWEST:
+        raise ValueError(
+            f"samples: expected at least {FEWEST} where the posterior is above zero, "
+            f"got {n}"
+        )
+    here = here._replace(walkers=np.arange(n))
+    size, sizes = FIRST, []
+    for _ in range(ROUNDS):
+        end, chance = _travel(leapfrog, here, LONGEST / 2, size, rng)[-1]
+        # Those that left the bounds say nothing of h, unless most of them did.
+        most_left = len(end.walkers) < n / 2
+        accepted = chance.sum() / (n if most_left else max(1, len(end.walkers)))
+        ratio = ndtri(ACCEPTED / 2) / ndtri(np.clip(accepted, 0.02, 0.98) / 2)
+        size *= float(np.clip(np.sqrt(ratio), 0.3, 1.6))
+        sizes.append(size)
+        here = _accept(here, end, chance, rng)
+    size = float(np.exp(np.mean(np.log(sizes[-3:]))))  # each is as uncertain as another
+
+    places, squares = [], []
+    for _ in range(RECORDED):
+        path = _travel(leapfrog, here, LONGEST, size, rng)
+        jumps = [end.coords - here.coords[end.walkers] for end, _ in path]
+        pairs = zip(path, jumps, strict=True)
+        squares.append([chance @ jump**2 / n for (_, chance), jump in pairs])
+        places.append(here.coords)
+        here = _accept(here, *path[len(path) // 2], rng)
+    visited = np.concatenate(places)
+    metric = (leapfrog.factor**2).sum(axis=1)  # its diagonal
+    # The metric's, where all walkers are at one place, which nothing was accepted from.
+    apart = np.ptp(visited, axis=0) > 0
+    variance = np.where(apart, visited.var(axis=0), metric)
+    rho = 1 - np.mean(squares, axis=0) / (2 * variance)  # (steps, d)
+    # Where rho is below zero the squares mix worse than the parameters: rho^2 tells it.
+    rho = np.where(rho < 0, rho**2, rho)
+    efficiency = np.sort((1 - rho) / (1 + rho), axis=1)
+    worst = efficiency[:, : -(-rho.shape[1] // 4)].mean(axis=1)
+    return int(np.argmax(worst / np.arange(1, len(rho) + 1))) + 1, size
+
+
+def _travel(
+    leapfrog: Leapfrog, start: Points, length: float, size: float, rng: Generator
+) -> list[tuple[Points, Floats]]:
+    """Return the points of trajectories, and how likely each would be accepted."""
+    sizes = size * rng.uniform(1 - JITTER, 1 + JITTER, len(start.walkers))
+    here = start._replace(momenta=rng.standard_normal(start.coords.shape))
+    before, path = here.log_density, []
+    for _ in range(int(np.clip(np.ceil(length / size), 1, MOST))):
+        here = leapfrog.step(here, sizes)
+        gain = here.log_density - before[here.walkers]
+        path.append((here, np.exp(np.minimum(gain, 0))))
+    return path
+
+
+def _accept(here: Points, end: Points, chance: Floats, rng: Generator) -> Points:
+    """Return where the walkers are after a Metropolis step."""
+    moved = end.take(rng.random(len(here.walkers))[end.walkers] < chance)
+    parts = Points._make(part.copy() for part in here)
+    for part, new in zip(parts, moved, strict=True):
+        part[moved.walkers] = new
+    return parts

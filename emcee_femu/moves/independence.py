@@ -1,22 +1,20 @@
-"""Metropolized independence: proposals from a frozen fit to earlier draws."""
+"""Proposals from a mixture that was fitted to earlier draws, and steps by its parts."""
 
-from collections.abc import Iterator
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.random import RandomState
 from numpy.typing import ArrayLike
-from scipy.special import gammaln
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import Batch, ProposingMove
-from .metropolis import factorize
-from .mixture_em import invert_factors
-from .mixture_fit import fit_mixture
+from .mixture import Mixture
+from .proposing import Proposal, ProposingMove
 
 
 class IndependenceMove(ProposingMove):
-    r"""Propose from a mixture of multivariate Student-t laws, wherever the walker is.
+    r"""Propose from a mixture of Student-t distributions, wherever the walker is.
 
     .. math:: \theta^* \sim q = \sum_k w_k\, t_\nu(\mu_k, S_k), \qquad
         r = \min\left\{1, \frac{p(\theta^*)\, q(\theta_i)}
@@ -26,6 +24,9 @@ class IndependenceMove(ProposingMove):
     independent of the walker's past: no random walk can be as efficient. Where q lacks
     a region that the posterior has, walkers there stay long: mix the move with
     :class:`DEMCMove`. The settings are frozen, so the chain is an exact Markov chain.
+
+    Attributes:
+        mixture: The proposal q, with ``log_density``, ``draw`` and more.
 
     Args:
         weights: Mixture weights, ``(k,)``, above zero; they are normalised.
@@ -67,22 +68,12 @@ class IndependenceMove(ProposingMove):
                 f"({k}, {ndim}, {ndim}) for means of shape {self.means.shape}, got "
                 f"{self.weights.shape} and {self.scale_matrices.shape}"
             )
+        for matrix in self.scale_matrices:
+            checks.covariance_factor("scale_matrices", matrix)
         total = self.weights.sum()
         if abs(total - 1) > 1e-12:  # repr and pickle give these weights again
             self.weights /= total
-        self.factors = np.array(
-            [factorize("scale_matrices", S) for S in self.scale_matrices]
-        )
-        self.inverses = invert_factors(self.factors)
-        diagonals = np.diagonal(self.factors, axis1=1, axis2=2)
-        self._log_constants = (
-            np.log(self.weights)
-            - np.log(diagonals).sum(axis=1)
-            + gammaln((self.df + ndim) / 2)
-            - gammaln(self.df / 2)
-            - 0.5 * ndim * np.log(self.df * np.pi)
-        )
-        self._edges = np.cumsum(self.weights)[:-1]
+        self.mixture = Mixture(self.weights, self.means, self.scale_matrices, self.df)
 
     @classmethod
     def fit(
@@ -120,10 +111,11 @@ class IndependenceMove(ProposingMove):
         """
         draws = checks.real_array("samples", samples, 2)
         df = checks.positive_array("df", df, 0).item()
-        if not (isinstance(components, str) and components == "auto"):
-            components = checks.whole_number("components", components, 1)
-        weights, means, scale_matrices = fit_mixture(draws, components, df)
-        return cls(weights, means, scale_matrices, df)
+        count: int | Literal["auto"] = "auto"
+        if not isinstance(components, str) or components != "auto":
+            count = checks.whole_number("components", components, 1)
+        fitted = Mixture.fit(draws, count, df)
+        return cls(fitted.weights, fitted.means, fitted.matrices, df)
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that the mixture does not have."""
@@ -135,31 +127,57 @@ class IndependenceMove(ProposingMove):
 
     def log_density(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of q at ``theta (n, ndim)``."""
-        # A hundred times as fast for few walkers as logsumexp of SciPy.
-        total: Floats = np.logaddexp.reduce(self.log_parts(theta), axis=0)
-        return total
+        return self.mixture.log_density(theta)
 
-    def log_parts(self, theta: Floats) -> Floats:
-        """Return the log of each component's share of q at ``theta``, ``(k, n)``."""
-        ndim = theta.shape[1]
-        standard = (theta - self.means[:, None]) @ self.inverses.transpose(0, 2, 1)
-        distance = np.einsum("knd,knd->kn", standard, standard)
-        tails = np.log1p(distance / self.df)
-        log_parts: Floats = (
-            self._log_constants[:, None] - 0.5 * (self.df + ndim) * tails
-        )
+    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
+        """Propose a draw of q for each walker ``s (k, ndim)`` (emcee's contract)."""
+        n = len(s)
+        proposed = self.mixture.draw(random, n)
+        densities = self.log_density(np.concatenate([s, proposed]))
+        return proposed, densities[:n] - densities[n:]
+
+
+class ComponentWalk(ProposingMove):
+    r"""Random walk by the covariance of the mixture component a walker belongs to.
+
+    .. math:: \theta^* = \theta_i + s\, L_k z, \quad z \sim N(0, I), \quad
+        P(k) = r_k(\theta_i), \qquad
+        F = \ln \frac{\sum_k r_k(\theta^*) N(\theta^* - \theta_i; 0, s^2 S_k)}
+        {\sum_k r_k(\theta_i) N(\theta^* - \theta_i; 0, s^2 S_k)}
+
+    r are the responsibilities of the components, S = L L^T their scale matrices and F
+    the log-factor of the step. A narrow mode gets narrow steps, a wide one wide ones.
+
+    Args:
+        mixture: The components.
+        scale: The factor s, times :math:`2.38 / \sqrt{ndim}`.
+    """
+
+    def __init__(self, mixture: Mixture, scale: float = 1.0) -> None:
+        self.mixture, self.scale = mixture, scale
+        self._steps = replace(mixture, means=np.zeros_like(mixture.means))
+        diagonals = np.diagonal(mixture.factors, axis1=1, axis2=2)
+        self._log_dets = np.log(diagonals).sum(axis=1)
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
+        """Propose a step of each walker ``s (k, ndim)`` (emcee's contract)."""
+        n, ndim = s.shape
+        size = 2.38 / np.sqrt(ndim) * self.scale
+        here = self._log_responsibilities(s)
+        edges = np.cumsum(np.exp(here), axis=1)[:, :-1]
+        component = (edges < random.random_sample((n, 1))).sum(axis=1)
+        normal = size * random.standard_normal((n, ndim))
+        jumps = np.einsum("nij,nj->ni", self.mixture.factors[component], normal)
+        proposed = s + jumps
+        there = self._log_responsibilities(proposed)
+        log_steps = -0.5 * self._steps.squared_distances(jumps) / size**2
+        log_steps -= self._log_dets
+        factors = np.logaddexp.reduce(there + log_steps, axis=1)
+        factors -= np.logaddexp.reduce(here + log_steps, axis=1)
+        return proposed, factors
+
+    def _log_responsibilities(self, theta: Floats) -> Floats:
+        """Return the log of the responsibilities ``(n, k)``."""
+        log_parts = self.mixture.log_parts(theta)
+        log_parts -= np.logaddexp.reduce(log_parts, axis=1)[:, None]
         return log_parts
-
-    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield one draw of q for every walker."""
-        n = len(coords)
-        normal = random.standard_normal(coords.shape)
-        normal *= np.sqrt(self.df / random.chisquare(self.df, n))[:, None]
-        if len(self.weights) == 1:
-            proposed = normal @ self.factors[0].T + self.means[0]
-        else:
-            component = np.searchsorted(self._edges, random.random_sample(n))
-            proposed = np.einsum("nij,nj->ni", self.factors[component], normal)
-            proposed += self.means[component]
-        densities = self.log_density(np.concatenate([coords, proposed]))
-        yield np.arange(n), proposed, densities[:n] - densities[n:]

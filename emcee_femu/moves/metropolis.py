@@ -1,14 +1,12 @@
 """Metropolis-Hastings with a Gaussian random walk, the paper's baseline."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.random import RandomState
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .acceptance import Batch, ProposingMove
+from .proposing import Proposal, ProposingMove
 
 
 class MetropolisMove(ProposingMove):
@@ -39,8 +37,8 @@ class MetropolisMove(ProposingMove):
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
         >>> move = ef.MetropolisMove(sd=[20.0, 20.0, 20.0, 30.0, 20.0])  # N/m
-        >>> (sampler,) = ef.run(posterior, move, nwalkers=4, nsteps=50, seed=1)
-        >>> sampler.get_chain().shape
+        >>> (run,) = ef.run(posterior, move, nwalkers=4, steps=50, seed=1, ensembles=1)
+        >>> run.get_chain().shape
         (50, 4, 5)
     """
 
@@ -64,7 +62,7 @@ class MetropolisMove(ProposingMove):
         elif self.cov is not None and self.cov.ndim < 2:
             self._factor = np.sqrt(checks.positive_array("cov", self.cov))
         elif self.cov is not None:
-            self._factor = factorize("cov", self.cov)
+            self._factor = checks.covariance_factor("cov", self.cov)
 
     @classmethod
     def tuned(cls, samples: ArrayLike) -> "MetropolisMove":
@@ -98,7 +96,7 @@ class MetropolisMove(ProposingMove):
                 f"samples: expected more draws than {ndim} parameters, got {n}"
             )
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
-        factorize("samples (their covariance)", covariance)
+        checks.covariance_factor("samples (their covariance)", covariance)
         return cls(cov=2.38**2 / ndim * covariance)
 
     def check(self, nwalkers: int, ndim: int) -> None:
@@ -110,41 +108,12 @@ class MetropolisMove(ProposingMove):
                 f"{self._factor.shape}"
             )
 
-    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield one step of all walkers."""
-        normal = random.standard_normal(coords.shape)
+    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
+        """Propose a step of each walker ``s (k, ndim)`` (emcee's contract)."""
+        steps = random.standard_normal(s.shape)
         if self._factor.ndim == 2:
-            steps = normal @ self._factor.T
+            steps = steps @ self._factor.T
         else:
-            steps = normal * self._factor
-        yield np.arange(len(coords)), coords + steps, None
-
-
-def factorize(argument: str, covariance: Floats) -> Floats:
-    """Return L with ``L L^T = covariance``, exact for scales that differ by 1e11.
-
-    Raises:
-        ValueError: If covariance is not square, symmetric and positive definite.
-    """
-    if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
-        raise ValueError(
-            f"{argument}: expected a square matrix, got shape {covariance.shape}"
-        )
-    variances = np.diag(covariance)
-    if not (variances > 0).all():
-        raise ValueError(
-            f"{argument}: expected variances above zero, got {variances.tolist()}"
-        )
-    scale = np.sqrt(variances)
-    correlation = covariance / np.outer(scale, scale)
-    if np.abs(correlation - correlation.T).max() > 1e-8:
-        raise ValueError(f"{argument}: expected a symmetric matrix")
-    try:
-        factor = np.linalg.cholesky(correlation)
-    except np.linalg.LinAlgError:
-        raise ValueError(
-            f"{argument}: expected a positive definite matrix; its correlations are "
-            f"{correlation.round(6).tolist()}"
-        ) from None
-    result: Floats = scale[:, None] * factor
-    return result
+            steps *= self._factor
+        steps += s
+        return steps, None

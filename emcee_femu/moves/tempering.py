@@ -5,15 +5,22 @@ temperature, and the move hides nothing: a run resumed from a file goes on to th
 """
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
+from emcee import State
+from emcee.model import Model
 from emcee.moves import Move
+from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from .acceptance import accept_or_reject, check_state, subtract_log_prior
-from .stock_proposals import only_propose
+from .proposing import (
+    ProposingMove,
+    accept_or_reject,
+    check_state,
+    only_propose,
+    subtract_log_prior,
+)
 
 
 class TemperedMove(Move):
@@ -51,13 +58,16 @@ class TemperedMove(Move):
     (2005), doi:10.1039/B509983H.
 
     Examples:
-        >>> from emcee_femu import DEMCMove, TemperedMove
+        >>> from emcee_femu import DEMCMove
+        >>> from emcee_femu.moves import TemperedMove
         >>> move = TemperedMove(DEMCMove(mode_jump=0.1), betas=[1.0, 0.3, 0.0])
         >>> move.cold(nwalkers=36)
         slice(0, 12, None)
     """
 
-    def __init__(self, inner: Any, betas: ArrayLike) -> None:
+    __repr__ = ProposingMove.__repr__
+
+    def __init__(self, inner: Move, betas: ArrayLike) -> None:
         self.inner = inner
         self._proposing = only_propose(inner)
         self.betas = checks.real_array("betas", betas, 1)
@@ -67,10 +77,6 @@ class TemperedMove(Move):
                 "betas: expected at least two powers that descend from 1 to no less "
                 f"than 0, such as [1.0, 0.3, 0.0], got {self.betas.tolist()}"
             )
-
-    def __repr__(self) -> str:
-        """Return the call that makes an equal move."""
-        return f"TemperedMove({self.inner!r}, betas={self.betas.tolist()})"
 
     def cold(self, nwalkers: int) -> slice:
         """Return which of ``nwalkers`` walkers sample the posterior itself."""
@@ -97,13 +103,12 @@ class TemperedMove(Move):
         try:
             self._proposing.check(block, ndim)
         except (ValueError, RuntimeError) as error:
-            self._proposing.check(max(block, usual // rungs), ndim)  # or no remedy
             raise type(error)(
                 f"nwalkers: expected more than {nwalkers}, which leaves {block} for "
-                f"each of {rungs} betas; {usual} would be usual"
+                f"each of {rungs} betas; {usual} would be usual ({error})"
             ) from error
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
         """Move every block, then exchange; return the state and whom inner accepted."""
         nwalkers, ndim = state.coords.shape
         self.check(nwalkers, ndim)
@@ -121,7 +126,7 @@ class TemperedMove(Move):
             self._exchange(model.random, state, block, first)
         return state, accepted
 
-    def _move(self, model: Any, state: Any, block: int) -> NDArray[np.bool_]:
+    def _move(self, model: Model, state: State, block: int) -> NDArray[np.bool_]:
         """Move all blocks in place, evaluating a split of each of them in one call."""
         accepted = np.zeros(len(state.coords), dtype=bool)
         starts, betas = range(0, len(accepted), block), self.betas.repeat(block)
@@ -129,15 +134,18 @@ class TemperedMove(Move):
         blocks = [state.coords[start : start + block] for start in starts]
         streams = [self._proposing.batches(coords, model.random) for coords in blocks]
         for batches in zip(*streams, strict=True):
-            own, proposed, factors = zip(*batches, strict=True)
-            walkers = np.concatenate([i + s for i, s in zip(own, starts, strict=True)])
-            targets = np.concatenate(proposed)
+            numbers, proposed, factors = zip(*batches, strict=True)
+            pairs = zip(numbers, starts, strict=True)
+            walkers = np.concatenate([number + start for number, start in pairs])
+            proposal = np.concatenate(proposed)
             factor = None if factors[0] is None else np.concatenate(factors)
-            step = walkers, targets, factor, betas[walkers]
+            step = walkers, proposal, factor, betas[walkers]
             accepted[accept_or_reject(model, state, *step)] = True
         return accepted
 
-    def _exchange(self, random: Any, state: Any, block: int, first: int) -> None:
+    def _exchange(
+        self, random: RandomState, state: State, block: int, first: int
+    ) -> None:
         """Offer walkers of every second pair of neighbouring blocks an exchange."""
         colder = np.arange(first, len(self.betas) - 1, 2)
         shape = (len(colder), block)
@@ -155,21 +163,21 @@ class TemperedMove(Move):
             values[there] = values[back]
 
 
-def find_ladder(moves: Iterable[Any]) -> TemperedMove | None:
+def find_ladder(moves: Iterable[Move]) -> TemperedMove | None:
     """Return the tempered move whose blocks all ``moves`` share, None if untempered.
 
     Raises:
         ValueError: If tempered moves are mixed with others, or their betas differ.
     """
-    given = list(moves)
-    tempered = [move for move in given if isinstance(move, TemperedMove)]
+    listed = list(moves)
+    tempered = [move for move in listed if isinstance(move, TemperedMove)]
     if not tempered:
         return None
     same = [np.array_equal(move.betas, tempered[0].betas) for move in tempered]
-    if len(tempered) < len(given) or not all(same):
+    if len(tempered) < len(listed) or not all(same):
         raise ValueError(
             "moves: expected every move to be a TemperedMove with the same betas, as a "
-            f"walker has one temperature, got {given}; write [(TemperedMove(a, betas), "
-            "0.9), (TemperedMove(b, betas), 0.1)]"
+            f"walker has one temperature, got {listed}; write "
+            "[(TemperedMove(a, betas), 0.9), (TemperedMove(b, betas), 0.1)]"
         )
     return tempered[0]

@@ -4,267 +4,219 @@ r"""The likelihood of a population, from the draws of each test's own posterior.
     \frac1S \sum_s \frac{N(\theta_{ts}; \phi)}{\pi_t(\theta_{ts})}
 
 with theta_ts the draws under the prior pi_t. As a model its response is the logarithm
-of that for each test, and no FE solve is needed. Where a normal law q_t resembles the
-likelihood at the draws, the part of it that q_t explains is taken in closed form, and
-the draws only correct it:
-
-.. math:: \int N(\theta; \phi) q_t(\theta) d\theta \;
-    \frac{\sum_s w_s}{\sum_s w_s r_s}, \qquad
-    w_s = \frac{N(\theta_{ts}; \phi)}{\pi_t(\theta_{ts})}, \quad
-    r_s = \frac{q_t(\theta_{ts})}{L_t(\theta_{ts})},
-
-which is exact for a normal likelihood, however far the population pulls and in any
-dimension. Both are consistent: the more draws, the smaller their error, whatever the
-likelihood. Where less than 10 draws would be effective, the weights of that correction
-are tempered, ``w_s^tau``.
+of that for each test, and no FE solve is needed. It is consistent: the more draws, the
+smaller its error, whatever the likelihood.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from itertools import combinations
-from typing import Any
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.special import ndtr
 
-from .. import checks
-from ..interfaces import Floats, Parameters, Variable
-from .box import log_mass
-from .draws import Drawn
-from .normal import FLOOR, NormalPopulation
-from .normal_law import NormalLaw, fit_normal_law
-from .tempering import choose_powers
+from ..interfaces import Floats, Parameters, Response, Variable
+from ..likelihoods.term import Term
+from ..results.arviz_objects import Dataset, InferenceData, dataset, samples
+from .normal import NormalPopulation
 
-BLOCK = 250_000  # densities at once, that they stay near the processor
-ABSENT = -1e30  # log weight of a draw that is not there
-LN_2PI = np.log(2 * np.pi)
+FEWEST = 100  # draws of a test
+RESOLVED = 20  # draws that lie within the narrowest population that they can tell
+TINY = 1e-300
+# The share of each parameter's population that lies inside the bounds, at least: what
+# is left of less would hang on the bound.
+LEAST_INSIDE = 0.1
+STEEP = 1_000.0
 
 
-@dataclass(frozen=True, eq=False, init=False)
+class Draws(NamedTuple):
+    """The draws of one test's pooled parameters.
+
+    Attributes:
+        theta: The draws, ``(S, d)``.
+        log_prior: Of these parameters alone, ``(S,)``.
+        bounds: Theirs, ``(d, 2)``.
+        prior: Their mean and standard deviation under the prior, ``(2, d)``.
+    """
+
+    theta: Floats
+    log_prior: Floats
+    bounds: Floats
+    prior: Floats
+
+    @property
+    def resolved(self) -> Floats:
+        """The spread below which some few draws alone would decide, ``(d,)``.
+
+        A narrower population counts as one of this spread: a small part of what the
+        test itself leaves open, the smaller the more draws there are.
+        """
+        number, d = self.theta.shape
+        scatter: Floats = self.theta.std(axis=0)
+        scatter *= min(1.0, RESOLVED / number) ** (1 / d)
+        return scatter
+
+
+def read_tests(
+    tests: Mapping[str, InferenceData], names: tuple[str, ...], number: int
+) -> dict[str, Draws]:
+    """Return the draws of each test, thinned evenly to a number.
+
+    Raises:
+        TypeError: If tests is no mapping of ArviZ objects.
+        ValueError: If there are fewer than two, or one does not fit; with its name.
+    """
+    if not isinstance(tests, Mapping):
+        raise TypeError(
+            f"tests: expected {{name: what to_inference_data returns}}, got {tests!r}"
+        )
+    if len(tests) < 2:
+        raise ValueError(f"tests: expected at least two, got {list(tests)}")
+    draws = {}
+    for test, idata in tests.items():
+        if not isinstance(test, str) or not test:
+            raise TypeError(f"tests: expected names, got {test!r}")
+        try:
+            draws[test] = _read_test(idata, names, number)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"tests[{test!r}]: {error}") from None
+        bounds = next(iter(draws.values())).bounds
+        if not np.array_equal(draws[test].bounds, bounds):
+            raise ValueError(
+                f"tests[{test!r}]: its parameters {list(names)} have the bounds "
+                f"{draws[test].bounds.tolist()}, but others have {bounds.tolist()}; "
+                "sample all tests within the same, for there is one population"
+            )
+    return draws
+
+
+def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Draws:
+    sampled, chains = samples(idata)
+    missing = [name for name in names if name not in sampled]
+    if missing:
+        raise ValueError(f"it has no parameter {missing}; there are {sampled}")
+    flat = chains.reshape(-1, len(sampled))
+    if len(flat) < FEWEST:
+        raise ValueError(f"expected at least {FEWEST} draws, got {len(flat)}")
+    still = [n for n, ptp in zip(sampled, np.ptp(flat, axis=0), strict=True) if not ptp]
+    if still:
+        raise ValueError(f"every draw of {still} is the same; run it longer")
+    kept = np.linspace(0, len(flat) - 1, min(number, len(flat))).astype(int)
+
+    def take(group: Dataset, name: str) -> Floats:
+        values: Floats = group[name].transpose("chain", "draw").values.reshape(-1)[kept]
+        return values
+
+    try:
+        if len(names) == len(sampled):
+            log_prior = take(dataset(idata, "sample_stats"), "log_prior")
+        else:  # the others' prior stays, and must not be divided out
+            by_parameter = dataset(idata, "log_prior")
+            log_prior = np.sum([take(by_parameter, name) for name in names], axis=0)
+    except (KeyError, ValueError):
+        raise ValueError(
+            "it lacks the log-prior of its draws, in sample_stats, or by parameter, in "
+            "the group log_prior, where some parameters are not pooled; convert its "
+            "run with to_inference_data, from a GaussianPrior or IndependentPrior"
+        ) from None
+    if not np.isfinite(log_prior).all():
+        raise ValueError("log_prior of a draw is not finite")
+    constant = dataset(idata, "constant_data").reindex(parameter=list(names))
+    return Draws(
+        theta=flat[kept][:, [sampled.index(name) for name in names]],
+        log_prior=log_prior,
+        bounds=np.column_stack([constant["lower"].values, constant["upper"].values]),
+        prior=np.stack([constant["prior_mean"].values, constant["prior_sd"].values]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
 class PopulationModel:
     """The parameters of a population to the log-likelihood of each test.
 
-    Args:
-        population: With all hyperpriors.
-        draws: Of each test, by its name.
-        use_laws: Whether normal laws may stand for what they explain.
-
     Attributes:
-        tests: Their names.
-        names: The population's own parameters.
-        laws: The normal law of each test.
-        powers: By which the weights of each test's correction are tempered, ``(T,)``.
+        population: With all hyperpriors.
+        tests: The draws of each test, by its name.
     """
 
     population: NormalPopulation
-    tests: tuple[str, ...]
-    draws: tuple[Drawn, ...]
-    names: tuple[str, ...]
-    variables: Mapping[str, Variable]
-    laws: tuple[NormalLaw, ...]
-    powers: Floats
-    bounds_of: Floats
-    centred: Floats
-    _unit: tuple[Floats, Floats] = field(repr=False)
-    _features: Floats = field(repr=False)
-    _offsets: Floats = field(repr=False)
-    _sums: Floats = field(repr=False)
-    _quadratics: tuple[Floats, Floats, Floats] = field(repr=False)
-
-    def __init__(
-        self,
-        population: NormalPopulation,
-        draws: Mapping[str, Drawn],
-        use_laws: bool = True,
-    ) -> None:
-        tests, found = tuple(draws), tuple(draws.values())
-        covariates = {
-            name: [own[test] for test in tests]
-            for name, own in population.covariates.items()
-        }
-        centred = population.centre(covariates)
-        variables = {"log_marginal": Variable({"test": tests})}
-        if population.correlated:
-            pairs = _name_pairs(population.names)
-            variables["correlation"] = Variable({"pair": pairs})
-        everywhere = np.concatenate([own.theta for own in found])
-        centre, scale = everywhere.mean(axis=0), everywhere.std(axis=0)
-        laws = tuple(fit_normal_law(own) for own in found)
-        if not use_laws:
-            laws = tuple(law._replace(good=False) for law in laws)
-        powers = choose_powers(found, laws, centred)
-        checks.set_fields(
-            self,
-            population=population,
-            tests=tests,
-            draws=found,
-            names=population.parameters,
-            variables=variables,
-            laws=laws,
-            powers=powers,
-            bounds_of=found[0].bounds,
-            centred=centred,
-            _unit=(centre, scale),
-        )
-        self._prepare()
-
-    def _prepare(self) -> None:
-        """Arrange draws and laws in arrays, in units of all tests' scatter."""
-        centre, scale = self._unit
-        d, longest = len(centre), max(len(own.theta) for own in self.draws)
-        pairs = self._pairs
-        features = np.zeros((len(self.draws), d + len(pairs[0]), longest))
-        offsets = np.full((len(self.draws), longest), ABSENT)
-        sums = np.ones((len(self.draws), longest, 2))
-        for t, (own, law) in enumerate(zip(self.draws, self.laws, strict=True)):
-            s = len(own.theta)
-            z = ((own.theta - centre) / scale).T
-            features[t, :, :s] = [*z, *(z[pairs[0]] * z[pairs[1]])]
-            offsets[t, :s] = -own.log_prior
-            if law.good:
-                sums[t, :s, 1] = np.exp(law.log_ratio)
-            else:
-                offsets[t, :s] -= np.log(s)
-        powers = self.powers[:, None]
-        checks.set_fields(
-            self,
-            _features=features * powers[:, :, None],
-            _offsets=offsets * powers,
-            _sums=sums,
-            _quadratics=(
-                np.stack([(law.centre - centre) / scale for law in self.laws]),
-                np.stack([law.slope * scale for law in self.laws]),
-                np.stack([law.curvature * np.outer(scale, scale) for law in self.laws]),
-            ),
-        )
+    tests: Mapping[str, Draws]
 
     @property
-    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The products of parameters on which a log density depends."""
-        d = len(self.population.names)
-        if self.population.correlated:
-            return np.triu_indices(d)
-        return np.arange(d), np.arange(d)
+    def names(self) -> tuple[str, ...]:
+        """The population's own parameters."""
+        return self.population.parameters
 
     @property
-    def required(self) -> tuple[str, ...]:
-        """All its parameters."""
-        return self.names
+    def variables(self) -> dict[str, Variable]:
+        """The log-likelihood of each test, and the least share inside the bounds."""
+        by_test = Variable({"test": tuple(self.tests)})
+        return {"log_marginal": by_test, "inside": Variable({}, stored=False)}
+
+    @property
+    def bounds_of(self) -> Floats:
+        """The bounds of the pooled parameters, ``(d, 2)``."""
+        return next(iter(self.tests.values())).bounds
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
-        """Return ``log_marginal (n, T)``, and correlations where there are any.
+        """Return ``log_marginal (n, T)``, each known but for a constant."""
+        location = self._locate(parameters)
+        sd = np.maximum(self.population.spread(parameters), TINY)[:, None]
+        low, high = (self.bounds_of.T[:, None, None] - location) / sd
+        mass = np.maximum(ndtr(high) - ndtr(low), TINY)
+        log_marginal = -np.log(mass).sum(axis=2)
+        for t, weights in enumerate(self.log_weights(parameters)):
+            top = weights.max(axis=1)
+            weights -= top[:, None]
+            np.exp(weights, out=weights)
+            log_marginal[:, t] += top + np.log(weights.sum(axis=1))
+        return {"log_marginal": log_marginal, "inside": mass.min(axis=(1, 2))}
 
-        Each test's is known but for a constant.
-        """
-        location, factor = self._standardize(parameters)
-        coefficients, constant = self._expand(location, factor)
-        sums, top = self._sum(coefficients)
-        good = np.array([law.good for law in self.laws])
-        with np.errstate(divide="ignore"):
-            log_sums = np.log(sums)
-        # A law's own integral holds the constant of the population's density.
-        found = np.where(good, 0.0, constant + top + log_sums[:, :, 0])
-        if good.any():
-            closed, _, _ = self._integrate(location, factor)
-            corrected = closed + log_sums[:, :, 0] - log_sums[:, :, 1]
-            found = np.where(good, corrected, found)
-        found -= self._log_mass(location, factor)
-        result = {"log_marginal": found}
-        if self.population.correlated:
-            root = self.population.correlation_factor(parameters)
-            whole = root @ root.transpose(0, 2, 1)
-            i, j = np.triu_indices(len(self.population.names), 1)
-            result["correlation"] = whole[:, i, j]
-        return result
+    def log_weights(self, parameters: Parameters) -> Iterator[Floats]:
+        """Yield the logarithm of density over prior at each test's draws ``(n, S)``."""
+        location, spread = self._locate(parameters), self.population.spread(parameters)
+        for t, own in enumerate(self.tests.values()):
+            sd = np.maximum(spread, own.resolved)
+            # About the draws' middle, where the squares hardly cancel.
+            middle = own.theta.mean(axis=0)
+            theta, away = own.theta - middle, location[:, t] - middle
+            coefficients = np.hstack([away, np.full_like(sd, -0.5)]) / np.tile(sd**2, 2)
+            log_density = coefficients @ np.hstack([theta, theta**2]).T
+            log_density -= (np.log(sd) + (away / sd) ** 2 / 2).sum(axis=1)[:, None]
+            log_density -= own.log_prior
+            yield log_density
 
-    def weights(self, parameters: Parameters) -> Floats:
-        """Return each test's weights of its draws, ``(n, T, S)``, which sum to one."""
-        coefficients, _ = self._expand(*self._standardize(parameters))
-        powers = self.powers[:, None, None]
-        own = (coefficients @ self._features + self._offsets[:, None]) / powers
-        own -= own.max(axis=2, keepdims=True)
-        np.exp(own, out=own)
-        own /= own.sum(axis=2, keepdims=True)
-        result: Floats = own.swapaxes(0, 1)
-        return result
-
-    def draw_from_laws(self, rng: np.random.Generator, parameters: Parameters) -> Any:
-        """Draw each test's parameters by its normal law, ``(n, T, d)``."""
-        location, factor = self._standardize(parameters)
-        _, mean, precision = self._integrate(location, factor)
-        root = np.linalg.cholesky(precision).swapaxes(2, 3)
-        normal = rng.standard_normal((*mean.shape, 1))
-        standard = mean + np.linalg.solve(root, normal)[..., 0]
-        theta = location + np.einsum("nij,ntj->nti", factor, standard)
-        return self._unit[0] + self._unit[1] * theta
-
-    def _standardize(self, parameters: Parameters) -> tuple[Floats, Floats]:
-        """Return means ``(n, T or 1, d)`` and factors ``(n, d, d)``, in the units."""
-        centre, scale = self._unit
-        location = (self.population.locate(parameters, self.centred) - centre) / scale
-        factor = self.population.factor(parameters) / scale[:, None]
-        diagonal = np.arange(len(scale))
-        floored = np.maximum(factor[:, diagonal, diagonal], FLOOR)
-        factor[:, diagonal, diagonal] = floored
-        return location, factor
-
-    def _expand(self, location: Floats, factor: Floats) -> tuple[Floats, Floats]:
-        """Return ln N as coefficients of the features, and its constant ``(n, T)``."""
-        root = np.linalg.inv(factor)
-        precision = root.swapaxes(1, 2) @ root
-        pull = np.einsum("nij,ntj->tni", precision, location)
-        i, j = self._pairs
-        bend = -precision[:, i, j] * np.where(i == j, 0.5, 1.0)
-        bends = np.broadcast_to(bend, (len(pull), *bend.shape))
-        size = np.einsum("tni,nti->nt", pull, location)
-        diagonals = np.diagonal(factor, axis1=1, axis2=2)
-        log_scale = np.log(diagonals).sum(axis=1) + 0.5 * factor.shape[1] * LN_2PI
-        return np.concatenate([pull, bends], 2), -size / 2 - log_scale[:, None]
-
-    def _sum(self, coefficients: Floats) -> tuple[Floats, Floats]:
-        """Return sums over the draws ``(n, T, 2)``, divided by exp of ``(n, T)``."""
-        n, tests = coefficients.shape[1], len(self.draws)
-        sums, top = np.empty((tests, n, 2)), np.empty((tests, n))
-        step = max(1, BLOCK // (n * self._offsets.shape[1]))
-        for start in range(0, tests, step):
-            block = slice(start, start + step)
-            own = coefficients if len(coefficients) == 1 else coefficients[block]
-            log_weights = own @ self._features[block]
-            log_weights += self._offsets[block, None]
-            top[block] = log_weights.max(axis=2)
-            log_weights -= top[block, :, None]
-            weights = np.exp(log_weights, out=log_weights)
-            sums[block] = weights @ self._sums[block]
-        return sums.swapaxes(0, 1), top.T
-
-    def _integrate(
-        self, location: Floats, factor: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        r"""Return ``ln \int N q (n, T)``, and mean and precision of the law ``N q``.
-
-        Of eps in ``theta = location + factor eps``, of which N is the standard normal.
-        """
-        centre, slope, curvature = self._quadratics
-        away = location - centre
-        bent = np.einsum("tij,ntj->nti", curvature, away)
-        at_mean = np.einsum("nti,nti->nt", away, slope - bent / 2)
-        pull = np.einsum("nji,ntj->nti", factor, slope - bent)
-        if self.population.correlated:
-            inner = factor.swapaxes(1, 2)[:, None] @ curvature @ factor[:, None]
-        else:
-            sd = np.diagonal(factor, axis1=1, axis2=2)
-            inner = curvature * (sd[:, :, None] * sd[:, None])[:, None]
-        inner = inner + np.eye(inner.shape[-1])
-        root = np.linalg.cholesky(inner)
-        mean = np.linalg.solve(inner, pull[..., None])[..., 0]
-        log_det = 2 * np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
-        closed = at_mean + (np.einsum("nti,nti->nt", pull, mean) - log_det) / 2
-        return closed, mean, inner
-
-    def _log_mass(self, location: Floats, factor: Floats) -> Floats:
-        bounds = (self.bounds_of - self._unit[0][:, None]) / self._unit[1][:, None]
-        return log_mass(location, factor, bounds)
+    def _locate(self, parameters: Parameters) -> Floats:
+        """Return the population's means at every test, ``(n, T, d)``."""
+        covariates = {
+            name: np.array([values[test] for test in self.tests])
+            for name, values in self.population.covariates.items()
+        }
+        location = self.population.locate(parameters, covariates)
+        n, _, d = location.shape
+        return np.broadcast_to(location, (n, len(self.tests), d))
 
 
-def _name_pairs(names: Sequence[str]) -> tuple[str, ...]:
-    return tuple(f"{a}, {b}" for a, b in combinations(names, 2))
+@dataclass(frozen=True)
+class PopulationTerm(Term):
+    """The sum of what the tests say; the tests are its data, one by one.
+
+    Next to nothing where less than a tenth of a parameter's population is inside the
+    bounds, but by a slope that leads a search back.
+    """
+
+    reads: Mapping[str, Variable]
+    name: str = "tests"
+    names: tuple[str, ...] = ()
+
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
+        """Return the log-likelihood ``(n,)``."""
+        outside = np.maximum(np.log(LEAST_INSIDE / response["inside"]), 0.0)
+        log_likelihood: Floats = response["log_marginal"].sum(axis=1) - STEEP * outside
+        return log_likelihood
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """Return the log-likelihood of each test, so that one may be left out."""
+        return {"log_marginal": stored["log_marginal"]}

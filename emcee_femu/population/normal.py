@@ -1,7 +1,7 @@
-"""The normal law from which the parameters of a structure come, test after test."""
+"""The normal distribution of a structure's parameters, test after test."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -9,29 +9,22 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Parameters
-from ..posterior.prior_table import say
-from ..posterior.priors import IndependentPrior
+from ..posterior.priors import IndependentPrior, describe_marginal
 from ..table import Parts, Report, Table
 
-TINY = 1e-300
-FLOOR = 1e-8  # of a standard deviation's scale: a spread of exactly zero has no density
 
-
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False)
 class NormalPopulation(Report):
-    r"""Parameters that differ from test to test by a normal law, cut at their bounds.
+    r"""Parameters that differ from test to test by normal distributions, cut at bounds.
 
-    .. math:: \theta_t \sim N(\mu + B (x_t - \bar x), \Sigma) \quad
-        \text{inside the bounds}, \qquad
-        \Sigma = \mathrm{diag}(s) \, R \, \mathrm{diag}(s)
+    .. math:: \theta_t \sim N(\mu + B (x_t - \bar x), \mathrm{diag}(s^2)) \quad
+        \text{inside the bounds}
 
     Its own parameters, which :func:`pool_tests` infers, are ``mean k1``, the mean at
-    the average of the covariates; ``sd k1``, the spread from test to test; ``k1 per T``
-    for each covariate; and, where asked for, ``correlation k1, k2``. Of three
-    parameters and more the last of these are partial ones, ``correlation k2, k3 | k1``,
-    given all parameters before, so that they are free of each other; the correlations
-    themselves go into the results. Where the bounds cut, mean and sd are those of the
-    law before the cut; of each parameter a tenth of it is inside, at every test.
+    the average of the covariates; ``sd k1``, the spread from test to test; and
+    ``k1 per T`` for each covariate. Where the bounds cut, mean and sd are those of the
+    distribution before the cut; of each parameter a tenth of it is inside, at every
+    test.
 
     Hyperpriors are proper. Where none is given, with m and s the mean and standard
     deviation of the prior under which the tests were sampled (its average over them):
@@ -40,97 +33,66 @@ class NormalPopulation(Report):
     ``mean k1``     normal(m, s): what was believed of the structure
     ``sd k1``       half-normal(s): the tests differ by less than that
     ``k1 per T``    normal(0, s / sd of T over the tests)
-    ``correlation`` all correlation matrices are equally probable
     =============== =================================================================
 
     Args:
         names: The parameters that have a population; each test may have others.
-        correlated: Whether their correlations are inferred, ``d (d - 1) / 2`` numbers.
         covariates: ``{"T": {"test 1": 12.0, ...}}``, by covariate and test.
-        hyperpriors: ``{"sd k1": a frozen scipy.stats distribution}``, in place of the
-            defaults; parameters of the population that are not named keep those.
+        hyperpriors: ``{"sd k1": a frozen scipy.stats distribution}``, or a pair
+            ``(low, high)`` for a uniform one, in place of the defaults; parameters of
+            the population that are not named keep those.
 
     Raises:
         TypeError: If an argument is of another type, such as a distribution that is
             not frozen.
-        ValueError: If names are repeated, a hyperprior is of no parameter, one of a
-            spread admits negative values, or correlations are asked of one parameter.
-
-    Source: Lewandowski, Kurowicka and Joe (2009), doi:10.1016/j.jmva.2009.04.008, on
-    correlation matrices by partial correlations.
+        ValueError: If names are repeated, a hyperprior is of no parameter, or one of a
+            spread admits negative values.
 
     Examples:
-        >>> from emcee_femu import NormalPopulation
-        >>> NormalPopulation(["k1", "k2"], correlated=True).parameters
-        ('mean k1', 'mean k2', 'sd k1', 'sd k2', 'correlation k1, k2')
+        >>> from emcee_femu.population import NormalPopulation
+        >>> NormalPopulation(["k1", "k2"]).parameters
+        ('mean k1', 'mean k2', 'sd k1', 'sd k2')
     """
 
-    names: tuple[str, ...]
-    correlated: bool
-    covariates: Mapping[str, Mapping[str, float]]
-    hyperpriors: Mapping[str, Any]
+    names: Sequence[str]
+    _: KW_ONLY
+    covariates: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    hyperpriors: Mapping[str, Any] = field(default_factory=dict)
 
-    def __init__(
-        self,
-        names: Sequence[str],
-        *,
-        correlated: bool = False,
-        covariates: Mapping[str, Mapping[str, float]] | None = None,
-        hyperpriors: Mapping[str, Any] | None = None,
-    ) -> None:
-        names = checks.parameter_names("names", names)
-        correlated = checks.flag("correlated", correlated)
-        if correlated and len(names) < 2:
-            raise ValueError(
-                f"correlated: of the names there is but {names[0]!r}, which has no "
-                "correlation; omit it"
-            )
-        checks.set_fields(self, names=names, correlated=correlated)
-        checks.set_fields(self, covariates=_check_covariates(covariates))
-        given = {} if hyperpriors is None else hyperpriors
-        given = checks.by_name("hyperpriors", given, self.parameters)
-        for name, law in given.items():
-            proper = not isinstance(law, stats.rv_continuous) and hasattr(law, "rvs")
-            if not (proper and hasattr(law, "logpdf") and hasattr(law, "support")):
-                raise TypeError(
-                    f"hyperpriors[{name!r}]: expected a frozen continuous distribution "
-                    f"such as scipy.stats.halfnorm(scale=1.0), got {law!r}"
-                )
-            low, high = law.support()
-            if name in self._block("sd") and low < 0:
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        checks.set_fields(
+            self,
+            names=checks.parameter_names("names", self.names),
+            covariates=_check_covariates(self.covariates),
+        )
+        argument = f"hyperpriors of the names {list(self.names)}"
+        hyperpriors = checks.by_name(argument, self.hyperpriors, self.parameters)
+        for name, hyperprior in hyperpriors.items():
+            try:
+                prior = IndependentPrior({name: hyperprior})
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"hyperpriors: {error}") from None
+            hyperpriors[name] = prior.marginals[name]
+            if name.startswith("sd ") and prior.bounds[0, 0] < 0:
                 raise ValueError(
-                    f"hyperpriors[{name!r}]: a spread is not negative, but this law "
-                    f"begins at {low:g}; take halfnorm or lognorm"
+                    f"hyperpriors[{name!r}]: a spread is not negative, but this "
+                    f"distribution begins at {prior.bounds[0, 0]:g}; take halfnorm or "
+                    "lognorm"
                 )
-            if name in self.pairs.values() and not -1 <= low < high <= 1:
-                raise ValueError(
-                    f"hyperpriors[{name!r}]: a correlation lies between -1 and 1, but "
-                    f"this law between {low:g} and {high:g}"
-                )
-        checks.set_fields(self, hyperpriors=given)
+        checks.set_fields(self, hyperpriors=hyperpriors)
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """The names of the population's own parameters."""
-        slopes = [name for cov in self.covariates for name in self._block("per", cov)]
-        blocks = (*self._block("mean"), *self._block("sd"), *slopes)
-        return (*blocks, *self.pairs.values())
+        slopes = [f"{name} per {x}" for x in self.covariates for name in self.names]
+        means = [f"mean {name}" for name in self.names]
+        return (*means, *(f"sd {name}" for name in self.names), *slopes)
 
     @property
-    def pairs(self) -> dict[tuple[int, int], str]:
-        """The names of the partial correlations, by the numbers of the parameters."""
-        d = len(self.names) if self.correlated else 0
-        found = {}
-        for i in range(d):
-            given = f" | {', '.join(self.names[:i])}" if i else ""
-            for j in range(i + 1, d):
-                found[i, j] = f"correlation {self.names[i]}, {self.names[j]}{given}"
-        return found
-
-    def _block(self, what: str, covariate: str = "") -> list[str]:
-        if covariate:
-            return [f"{name} per {covariate}" for name in self.names]
-        return [f"{what} {name}" for name in self.names]
+    def averages(self) -> dict[str, float]:
+        """The average of each covariate over the tests."""
+        return {x: float(np.mean([*v.values()])) for x, v in self.covariates.items()}
 
     def complete(self, mean: Floats, sd: Floats) -> Self:
         """Return the population with all its hyperpriors.
@@ -139,22 +101,16 @@ class NormalPopulation(Report):
             mean: Of the priors under which the tests were sampled, ``(d,)``.
             sd: Their standard deviations, ``(d,)``.
         """
-        laws = dict(zip(self._block("mean"), map(stats.norm, mean, sd), strict=True))
-        for name, scale in zip(self._block("sd"), sd, strict=True):
-            laws[name] = stats.halfnorm(scale=scale)
-        for covariate, values in self.covariates.items():
-            unit = float(np.std([*values.values()]))
-            for name, scale in zip(self._block("per", covariate), sd, strict=True):
-                laws[name] = stats.norm(0.0, scale / unit)
-        for (i, _), name in self.pairs.items():
-            shape = 1 + (len(self.names) - 2 - i) / 2
-            laws[name] = stats.beta(shape, shape, loc=-1, scale=2)
-        laws = {name: self.hyperpriors.get(name, laws[name]) for name in laws}
+        defaults: dict[str, Any] = {}
+        for name, m, s in zip(self.names, mean, sd, strict=True):
+            defaults[f"mean {name}"] = stats.norm(m, s)
+            defaults[f"sd {name}"] = stats.halfnorm(scale=s)
+            for covariate, values in self.covariates.items():
+                unit = np.std([*values.values()])
+                defaults[f"{name} per {covariate}"] = stats.norm(0.0, s / unit)
+        hyperpriors = defaults | dict(self.hyperpriors)
         return type(self)(
-            self.names,
-            correlated=self.correlated,
-            covariates=self.covariates,
-            hyperpriors=laws,
+            self.names, covariates=self.covariates, hyperpriors=hyperpriors
         )
 
     @property
@@ -172,49 +128,27 @@ class NormalPopulation(Report):
             )
         return IndependentPrior({n: self.hyperpriors[n] for n in self.parameters})
 
-    def centre(self, values: Mapping[str, Any]) -> Floats:
-        """Return covariates less their averages, ``(m, q)``, of ``{name: (m,)}``."""
-        average = [np.mean([*own.values()]) for own in self.covariates.values()]
-        columns = [np.atleast_1d(values[name]) for name in self.covariates]
-        if not columns:
-            return np.zeros((1, 0))
-        centred: Floats = np.column_stack(columns) - average
-        return centred
+    def locate(self, parameters: Parameters, covariates: Parameters) -> Floats:
+        """Return the means ``(n, m, d)`` at covariates ``{name: (m,)}``; m = 1 of none.
 
-    def locate(self, parameters: Parameters, centred: Floats) -> Floats:
-        """Return the means ``(n, m, d)`` at covariates ``(m, q)``; m is 1 for none."""
-        mean = np.stack([parameters[name] for name in self._block("mean")], axis=-1)
-        location = mean[:, None]
-        for column, covariate in zip(centred.T, self.covariates, strict=True):
-            block = self._block("per", covariate)
-            slope = np.stack([parameters[name] for name in block], axis=-1)
-            location = location + column[:, None] * slope[:, None]
+        Args:
+            parameters: The population's own, each ``(n,)``.
+            covariates: Where to find the means.
+        """
+        location = self._gather("mean {}", parameters)[:, None]
+        for covariate, average in self.averages.items():
+            slope = self._gather(f"{{}} per {covariate}", parameters)
+            away = np.atleast_1d(covariates[covariate]) - average
+            location = location + away[:, None] * slope[:, None]
         return location
 
     def spread(self, parameters: Parameters) -> Floats:
         """Return the standard deviations, ``(n, d)``."""
-        sd = np.stack([parameters[name] for name in self._block("sd")], axis=-1)
-        result: Floats = np.maximum(sd, TINY)
-        return result
+        return self._gather("sd {}", parameters)
 
-    def factor(self, parameters: Parameters) -> Floats:
-        """Return the Cholesky factors of the covariance, ``(n, d, d)``."""
-        return self.spread(parameters)[:, :, None] * self.correlation_factor(parameters)
-
-    def correlation_factor(self, parameters: Parameters) -> Floats:
-        """Return the Cholesky factors of the correlations, ``(n, d, d)``."""
-        n, d = len(parameters[self._block("sd")[0]]), len(self.names)
-        factor = np.tile(np.eye(d), (n, 1, 1))
-        if not self.correlated:
-            return factor
-        left = np.ones((n, d))  # of each row's squared length
-        for (i, j), name in self.pairs.items():
-            factor[:, j, i] = parameters[name] * np.sqrt(left[:, j])
-            left[:, j] -= factor[:, j, i] ** 2
-            left[:, j] = np.maximum(left[:, j], FLOOR**2)
-        diagonal = np.arange(d)
-        factor[:, diagonal, diagonal] = np.sqrt(left)
-        return factor
+    def _gather(self, form: str, parameters: Parameters) -> Floats:
+        columns = [parameters[form.format(name)] for name in self.names]
+        return np.stack(columns, axis=-1)
 
     def _parts(self) -> Parts:
         return (self.table,)
@@ -222,50 +156,39 @@ class NormalPopulation(Report):
     @property
     def table(self) -> Table:
         """The hyperpriors, with the 95 % intervals that they state."""
-        rows = []
+        rows: list[tuple[Any, ...]] = []
         for name in self.parameters:
-            law = self.hyperpriors.get(name)
-            ends = (np.nan, np.nan) if law is None else _interval(law)
-            rows.append((name, "by the tests" if law is None else say(law), *ends))
+            if name in self.hyperpriors:
+                hyperprior = self.hyperpriors[name]
+                ends = hyperprior.ppf([0.025, 0.975]).tolist()
+                rows.append((name, describe_marginal(hyperprior), *ends))
+            else:
+                rows.append((name, "by the tests", np.nan, np.nan))
         title = f"Population of {', '.join(self.names)}: hyperpriors"
-        columns = ("parameter", "law", "2.5 %", "97.5 %")
+        columns = ("parameter", "distribution", "2.5 %", "97.5 %")
         return Table(title, columns, ("", "", ".4g", ".4g"), tuple(rows))
 
 
-def _check_covariates(covariates: Any) -> dict[str, dict[str, float]]:
+def _check_covariates(covariates: object) -> dict[str, dict[str, float]]:
     """Return ``{covariate: {test: number}}``; the tests are compared by pool_tests."""
-    if covariates is None:
-        return {}
     if not isinstance(covariates, Mapping):
         raise TypeError(
             f"covariates: expected {{name: {{test: number}}}}, got {covariates!r}"
         )
-    found = {}
+    checked = {}
     for name, values in covariates.items():
-        if not isinstance(name, str) or not name:
-            raise TypeError(f"covariates: expected names, got {name!r}")
-        if not isinstance(values, Mapping):
+        names = [name, *values] if isinstance(values, Mapping) else [None]
+        if not all(isinstance(text, str) for text in names):
             raise TypeError(
-                f"covariates[{name!r}]: expected {{test: number}}, got {values!r}; "
-                "write dict(zip(tests, values))"
+                f"covariates[{name!r}]: expected {{test: number}} by the name of the "
+                f"covariate, got {values!r}; write dict(zip(tests, values))"
             )
-        for test in values:
-            if not isinstance(test, str):
-                raise TypeError(
-                    f"covariates[{name!r}]: expected names of tests, got {test!r}"
-                )
-        own = {
+        checked[name] = {
             test: checks.real_number(f"covariates[{name!r}][{test!r}]", value)
             for test, value in values.items()
         }
-        if len({*own.values()}) < 2:
+        if len({*checked[name].values()}) < 2:
             raise ValueError(
-                f"covariates: {name!r} must differ between the tests, got {own}"
+                f"covariates: {name!r} must differ between the tests, got {values!r}"
             )
-        found[name] = own
-    return found
-
-
-def _interval(law: Any) -> tuple[float, float]:
-    low, high = law.ppf([0.025, 0.975])
-    return float(low), float(high)
+    return checked

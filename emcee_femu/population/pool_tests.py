@@ -1,30 +1,220 @@
 """Pool the posteriors of many tests: what is common to them, and how they differ."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from .. import checks
+from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..results.diagnostics import diagnose
-from ..results.inference_data import to_inference_data
-from ..sampling.run import run
-from .draws import Drawn, read_tests
-from .hyperprior import PopulationPrior
-from .marginal import PopulationModel
+from ..posterior.priors import GaussianPrior, IndependentPrior
+from ..results.arviz_objects import InferenceData, samples
+from ..results.diagnose import diagnose
+from ..results.tables import INTERVAL
+from ..results.to_arviz import to_inference_data
+from ..sampling.importance import GOOD_K, kish_share, normalise, pareto_k
+from ..sampling.run import Run, run
+from ..table import Column, Parts, Report, Table
+from .marginal import Draws, PopulationModel, PopulationTerm, read_tests
 from .normal import NormalPopulation
-from .pooled import PooledTests
-from .shrink import shrink
-from .term import PopulationTerm
+
+DRAWS = 1_000  # of the population and of each test's parameters, together
+JUDGED = 32  # draws of the population under which weights are judged
+QUARTILE = 0.25
+WIDER = 1.2  # a prior than the population, so that weights towards it stay even
+
+
+@dataclass(frozen=True, eq=False)
+class PooledTests(Report):
+    """What :func:`.pool_tests` returns; ``print`` it for tables and what to do.
+
+    Attributes:
+        population: The population with all its hyperpriors.
+        model: The likelihood of each test given the population.
+        run: The run of the population's parameters, for :func:`.diagnose`.
+        idata: Its ArviZ object, for :func:`.parameter_table` and others; its
+            ``log_likelihood`` holds that of each test (``arviz.loo`` leaves one out).
+        hyperdraws: 1,000 draws of the population's parameters, ``{name: (1000,)}``.
+        theta: With each of them a draw of every test's parameters, ``(1000, T, d)``.
+        pareto_k: Of each test's weights under the population, ``(T,)``.
+        effective: Its effective draws, ``(T,)``.
+        verdict: Of :func:`.diagnose`, on the chains.
+    """
+
+    population: NormalPopulation
+    model: PopulationModel
+    run: Run
+    idata: InferenceData
+    hyperdraws: Mapping[str, Floats]
+    theta: Floats
+    pareto_k: Floats
+    effective: Floats
+    verdict: str
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """The names of the tests."""
+        return tuple(self.model.tests)
+
+    @property
+    def unreached(self) -> tuple[str, ...]:
+        """Tests that have to be sampled again under the population."""
+        judged = zip(self.tests, self.pareto_k, strict=True)
+        return tuple(test for test, k in judged if k > GOOD_K)
+
+    def draws(self, test: str) -> dict[str, Floats]:
+        """Return the parameters of a test given all tests, ``{name: (1000,)}``.
+
+        Args:
+            test: Its name.
+
+        Raises:
+            ValueError: If there is no such test.
+        """
+        if test not in self.tests:
+            raise ValueError(f"test: expected one of {list(self.tests)}, got {test!r}")
+        columns = self.theta[:, self.tests.index(test)].T
+        return dict(zip(self.population.names, columns, strict=True))
+
+    def next_test(self, **covariates: float) -> dict[str, Floats]:
+        """Return the parameters of a test not yet made, ``{name: (1000,)}``.
+
+        Args:
+            covariates: Their values there, ``T=25.0``; the average where one is left
+                out.
+
+        Returns:
+            Draws of the parameters of that test.
+
+        Raises:
+            ValueError: If there is no such covariate.
+        """
+        at = self.population.averages
+        for name, value in checks.by_name("covariates", covariates, [*at]).items():
+            at[name] = checks.real_number(name, value)
+        by_name = {name: np.array([value]) for name, value in at.items()}
+        mean = self.population.locate(self.hyperdraws, by_name)[:, 0]
+        sd = self.population.spread(self.hyperdraws)
+        low, high = (self.model.bounds_of.T[:, None] - mean) / sd
+        rng = np.random.default_rng(0)
+        theta = stats.truncnorm.rvs(low, high, mean, sd, random_state=rng)
+        return dict(zip(self.population.names, theta.T, strict=True))
+
+    def under_population(self, test: str, posterior: LogPosterior) -> LogPosterior:
+        """Return a test's posterior with the population as it is known for its prior.
+
+        A normal distribution with the mean and 1.2 times the standard deviation of the
+        prediction there, cut at the same bounds; parameters that are not pooled keep
+        their priors. ``run`` it, and pool again, with this result's ``population``:
+        :func:`.pool_tests` divides out whatever prior a test was sampled under.
+
+        Args:
+            test: Its name.
+            posterior: Under which it was sampled.
+
+        Raises:
+            TypeError: If posterior is no LogPosterior, or its prior neither a
+                GaussianPrior nor an IndependentPrior.
+            ValueError: If there is no such test, or the posterior has other parameters.
+        """
+        self.draws(test)  # refuses another
+        prior = checks.instance("posterior", posterior, LogPosterior).prior
+        missing = [name for name in self.population.names if name not in prior.names]
+        if missing:
+            raise ValueError(
+                f"posterior: it has no parameter {missing}; there are {prior.names}"
+            )
+        cut: Sequence[str] = self.population.names
+        if isinstance(prior, IndependentPrior):
+            marginals = dict(prior.marginals)
+        elif isinstance(prior, GaussianPrior):
+            moments = zip(prior.names, prior.mean, prior.sd, strict=True)
+            marginals = {name: stats.norm(mean, sd) for name, mean, sd in moments}
+            cut = prior.names
+        else:
+            raise TypeError(
+                "posterior: expected a GaussianPrior or an IndependentPrior, whose "
+                f"marginals are known, got {type(prior).__name__}; sample the test "
+                "again under a prior of your own like the population's, and pool again"
+            )
+        covariates = self.population.covariates.items()
+        drawn = self.next_test(**{name: values[test] for name, values in covariates})
+        for name, values in drawn.items():
+            marginals[name] = stats.norm(values.mean(), WIDER * values.std())
+        bounds = dict(zip(prior.names, prior.bounds.tolist(), strict=True))
+        restated = IndependentPrior(marginals, {name: bounds[name] for name in cut})
+        experiments = {e.name: (e.model, e.terms) for e in posterior.experiments}
+        if "" in experiments:
+            return LogPosterior(*experiments[""], restated)
+        return LogPosterior.joint(experiments, restated)
+
+    @property
+    def table(self) -> Table:
+        """Means, spreads and slopes of the population, and a next test."""
+        sampled = {n: self.idata.posterior[n].values.ravel() for n in self.model.names}
+        coming = {f"next test's {n}": values for n, values in self.next_test().items()}
+        rows = [
+            (name, values.mean(), values.std(ddof=1), *np.quantile(values, INTERVAL))
+            for name, values in (sampled | coming).items()
+        ]
+        title = f"Population of {len(self.tests)} tests"
+        averages = [f"{name} = {x:.4g}" for name, x in self.population.averages.items()]
+        if averages:
+            title += f"; means and the next test at {', '.join(averages)}"
+        columns = ("parameter", "mean", "sd", "2.5 %", "97.5 %")
+        return Table(title, columns, ("", ".5g", ".3g", ".5g", ".5g"), tuple(rows))
+
+    @property
+    def test_table(self) -> Table:
+        """Each test's parameters, alone and given all tests, and its weights."""
+        columns: list[Column] = [("test", "", list(self.tests))]
+        for i, name in enumerate(self.population.names):
+            alone = [own.theta[:, i] for own in self.model.tests.values()]
+            columns += [
+                (f"{name} alone", ".5g", [float(x.mean()) for x in alone]),
+                ("sd", ".3g", [float(x.std()) for x in alone]),
+                (f"{name} pooled", ".5g", self.theta[:, :, i].mean(axis=0)),
+                ("sd ", ".3g", self.theta[:, :, i].std(axis=0)),
+            ]
+        columns += [
+            ("Pareto k", ".2f", self.pareto_k),
+            ("effective draws", ".0f", self.effective),
+        ]
+        return Table.from_columns("Tests, each alone and given all tests", columns)
+
+    @property
+    def conclusion(self) -> str:
+        """What to do about tests out of reach, and about the chains."""
+        worst = self.pareto_k.max()
+        if not self.unreached:
+            reach = (
+                "The draws of every test reach where the population puts it (Pareto k "
+                f"at most {worst:.2f})."
+            )
+        else:
+            shown, first = ", ".join(self.unreached[:5]), self.unreached[0]
+            more = len(self.unreached) - 5
+            reach = (
+                f"{shown}{f' and {more} more' if more > 0 else ''}: do not trust this "
+                "result. The draws do not reach where the population puts them (Pareto "
+                f"k up to {worst:.2f}). Sample these tests again under the population: "
+                f"posteriors={{{first!r}: posterior}}, or run under_population("
+                f"{first!r}, posterior), and pool again."
+            )
+        return f"{reach}\n{self.verdict}"
+
+    def _parts(self) -> Parts:
+        return self.table, self.test_table, self.conclusion
 
 
 def pool_tests(
-    tests: Mapping[str, Any],
+    tests: Mapping[str, InferenceData],
     population: NormalPopulation,
     *,
     seed: int,
-    nsteps: int = 300,
+    steps: int = 300,
     ensembles: int = 4,
     draws: int = 1_000,
     posteriors: Mapping[str, LogPosterior] | None = None,
@@ -40,26 +230,25 @@ def pool_tests(
     are sampled with ``run(..., "auto")``.
 
     A test is judged by the Pareto k of its weights under the population. Above 0.7 its
-    draws hardly reach where the population puts it, and a normal law that resembles
-    them stands in, or, where none does, the result is not to be trusted: the test has
-    to be sampled again under the population. That is done here if its posterior is
-    given; with pools and files of your own run ``result.under_population(test,
-    posterior)`` and pool again.
+    draws hardly reach where the population puts it, and the result is not to be
+    trusted: the test has to be sampled again under the population. That is done here
+    if its posterior is given; with pools and files of your own run
+    ``result.under_population(test, posterior)`` and pool again.
 
     Args:
         tests: Of two tests at least, by name, what :func:`to_inference_data` returned;
             their priors may differ, but not the bounds of the pooled parameters.
-        population: The population's law.
+        population: The population's distribution, a :class:`.NormalPopulation`.
         seed: A whole number.
-        nsteps: Stored steps of each ensemble.
+        steps: Stored steps of each ensemble.
         ensembles: Independent ensembles.
         draws: Draws of each test that are used, evenly spaced.
         posteriors: By name, posteriors of tests that may be sampled again, once, with
-            as many FE solves as ``run(posterior, "auto", nsteps=1_000)`` takes.
+            as many FE solves as ``run(posterior, "auto", steps=1_000)`` takes.
 
     Returns:
-        Samplers and an ArviZ object of the population, each test's parameters in its
-        light, and tables; ``print`` it.
+        The run and its ArviZ object, each test's parameters given all tests, and
+        tables; ``print`` it.
 
     Raises:
         TypeError: If an argument is of another type.
@@ -78,10 +267,11 @@ def pool_tests(
         >>> for name, f in {"May": 2.95, "June": 3.05}.items():
         ...     term = ef.FrequencyTerm([f], sd=0.01)
         ...     posterior = ef.LogPosterior(model, term, prior)
-        ...     samplers = ef.run(posterior, nwalkers=16, nsteps=60, seed=1)
+        ...     samplers = ef.run(posterior, ef.DEMCMove(), 16, 60, ensembles=1, seed=1)
         ...     tests[name] = ef.to_inference_data(samplers, posterior, discard=30)
-        >>> pooled = ef.pool_tests(tests, ef.NormalPopulation(["k"]), seed=1, nsteps=50,
-        ...                        ensembles=1, draws=100)
+        >>> population = ef.population.NormalPopulation(["k"])
+        >>> pooled = ef.pool_tests(tests, population, seed=1, steps=50, ensembles=1,
+        ...                        draws=100)
         >>> bool(abs(pooled.hyperdraws["mean k"].mean() - 9.0) < 0.2)
         True
         >>> len(pooled.next_test()["k"])  # draws of a test not yet made
@@ -93,71 +283,73 @@ def pool_tests(
             f"{type(population).__name__}; write NormalPopulation(names)"
         )
     number = checks.whole_number("draws", draws, 100)
-    settings = {
-        "seed": checks.whole_number("seed", seed),
-        "nsteps": checks.whole_number("nsteps", nsteps, 1),
-        "ensembles": checks.whole_number("ensembles", ensembles, 1),
-    }
-    found = read_tests(tests, population.names, number)
-    _check_covariates(population, [*found])
-    given = {} if posteriors is None else _check_posteriors(posteriors, found)
-    mean, second = (
-        np.mean([own.prior[0] for own in found.values()], axis=0),
-        np.mean([own.prior[1] ** 2 for own in found.values()], axis=0),
-    )
-    complete = population.complete(mean, np.sqrt(second))
-    pooled = _pool(found, complete, settings)
-    again = [t for t in (*pooled.unreached, *pooled.by_law) if t in given]
-    for test in again:
-        under = pooled.under_population(test, given[test])
-        idata = to_inference_data(run(under, "auto", nsteps=1_000, seed=seed), under)
-        found |= read_tests({**tests, test: idata}, population.names, number)
-    return _pool(found, complete, settings) if again else pooled
+    seed = checks.whole_number("seed", seed)
+    steps = checks.whole_number("steps", steps, 1)
+    ensembles = checks.whole_number("ensembles", ensembles, 1)
+    names = tuple(population.names)
+    by_test = read_tests(tests, names, number)
+    for name, values in population.covariates.items():
+        if {*values} != {*by_test}:
+            raise ValueError(
+                f"population: its covariate {name!r} is given for {list(values)}; "
+                f"expected one number for each of {list(by_test)}"
+            )
+    again = {} if posteriors is None else posteriors
+    again = checks.by_name("posteriors", again, [*by_test])
+    for test, posterior in again.items():
+        checks.instance(f"posteriors[{test!r}]", posterior, LogPosterior)
+    mean, sd = np.transpose([own.prior for own in by_test.values()], (1, 0, 2))
+    complete = population.complete(mean.mean(axis=0), np.sqrt((sd**2).mean(axis=0)))
+    pooled = _pool(by_test, complete, seed, steps, ensembles)
+    renewed = [test for test in pooled.unreached if test in again]
+    for test in renewed:
+        under = pooled.under_population(test, again[test])
+        idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
+        by_test |= read_tests({**tests, test: idata}, names, number)
+    return _pool(by_test, complete, seed, steps, ensembles) if renewed else pooled
 
 
 def _pool(
-    found: Mapping[str, Drawn], population: NormalPopulation, settings: Any
+    tests: Mapping[str, Draws],
+    population: NormalPopulation,
+    seed: int,
+    steps: int,
+    ensembles: int,
 ) -> PooledTests:
-    model = PopulationModel(population, found)
-    prior = PopulationPrior(population, model.bounds_of, model.centred)
-    posterior = LogPosterior(model, PopulationTerm(model.tests), prior)
-    samplers = run(posterior, "auto", **settings)
-    idata = to_inference_data(samplers, posterior)
-    reached = shrink(idata, model, np.random.default_rng(settings["seed"]))
+    """Sample the population, and each test's parameters given it.
+
+    Given the population the tests are independent: of each a draw is taken by its
+    weights. They are judged under the one, of some draws of the population, for which
+    a quarter leaves fewer draws effective.
+    """
+    model = PopulationModel(population, tests)
+    posterior = LogPosterior(model, PopulationTerm(model.variables), population.prior)
+    sampled = run(posterior, steps=steps, ensembles=ensembles, seed=seed)
+    idata = to_inference_data(sampled)
+    names, chains = samples(idata)
+    flat = chains.reshape(-1, len(names))
+    rng = np.random.default_rng(seed)
+    chosen = flat[rng.choice(len(flat), DRAWS, replace=len(flat) < DRAWS)]
+    hyperdraws = dict(zip(names, chosen.T, strict=True))
+    theta = np.empty((DRAWS, len(tests), len(population.names)))
+    k, effective = np.empty((2, len(tests)))
+    pairs = zip(tests.values(), model.log_weights(hyperdraws), strict=True)
+    for t, (own, log_weights) in enumerate(pairs):
+        cumulative = np.array([normalise(row) for row in log_weights]).cumsum(axis=1)
+        level = rng.random((DRAWS, 1)) * cumulative[:, -1:]
+        theta[:, t] = own.theta[(cumulative < level).sum(axis=1)]
+        shares = np.array([kish_share(row) for row in log_weights[:JUDGED]])
+        judged = np.argsort(shares)[int(QUARTILE * JUDGED)]
+        k[t] = pareto_k(log_weights[judged])
+        effective[t] = shares[judged] * len(own.theta)
     return PooledTests(
         population=population,
-        posterior=posterior,
-        samplers=samplers,
-        idata=idata,
         model=model,
+        run=sampled,
+        idata=idata,
+        hyperdraws=hyperdraws,
+        theta=theta,
+        pareto_k=k,
+        effective=effective,
         verdict=diagnose(idata).verdict,
-        **reached,
     )
-
-
-def _check_covariates(population: NormalPopulation, tests: list[str]) -> None:
-    for name, values in population.covariates.items():
-        missing = [test for test in tests if test not in values]
-        unknown = [test for test in values if test not in tests]
-        if missing or unknown:
-            raise ValueError(
-                f"population: its covariate {name!r} is not given for {missing}, and "
-                f"given for {unknown}, which are no tests; give it for {tests}"
-            )
-
-
-def _check_posteriors(posteriors: Any, tests: Mapping[str, Drawn]) -> dict[str, Any]:
-    if not isinstance(posteriors, Mapping):
-        raise TypeError(
-            f"posteriors: expected {{test: LogPosterior}}, got {posteriors!r}"
-        )
-    for test, posterior in posteriors.items():
-        if test not in tests:
-            raise ValueError(
-                f"posteriors: there is no test {test!r}; there are {list(tests)}"
-            )
-        if not isinstance(posterior, LogPosterior):
-            raise TypeError(
-                f"posteriors[{test!r}]: expected a LogPosterior, got {posterior!r}"
-            )
-    return dict(posteriors)

@@ -1,27 +1,30 @@
 """Whether model, likelihood terms and prior fit together, before the first FE solve."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import checks
-from ..interfaces import Prior, Variable, declared_variables
+from ..interfaces import Model, Prior, Variable, read_declared
+from ..likelihoods.term import Term
+
+if TYPE_CHECKING:
+    from .experiments import Experiment
 
 # Names that ArviZ objects have for other things.
 RESERVED = {"chain", "draw", "step", "ensemble", "walker", "parameter"}
 CONSTANTS = {"lower", "upper", "initial", "prior_mean", "prior_sd", "is_error"}
+# What a model was perhaps not asked for.
+REMEDIES = {"shapes": "; ask it for shapes (shapes=True, or the DOFs of the sensors)"}
+REMEDIES |= dict.fromkeys(
+    ("receptance", "mobility", "accelerance"),
+    "; kind= of FRFModel must be that of the measurements",
+)
 
 
-def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
-    """Refuse what is not a model, a sequence of terms, or a prior."""
-    if not callable(model):
-        raise TypeError(f"model: expected a callable, got {model!r}")
-    if not terms:
-        raise ValueError("terms: expected at least one likelihood term, got none")
-    for term in terms:
-        if not callable(term):
-            raise TypeError(f"terms: expected callables, got {term!r}")
+def check_prior(prior: Prior) -> None:
+    """Refuse what is not a prior."""
     for attribute in ("names", "bounds", "logpdf", "sample"):
         if not hasattr(prior, attribute):
             raise TypeError(
@@ -36,66 +39,70 @@ def check_types(model: Any, terms: tuple[Any, ...], prior: Any) -> None:
         )
 
 
-def name_terms(terms: tuple[Any, ...]) -> tuple[str, ...]:
-    """Return the distinct labels of terms: their name, or that of the function."""
-    given = [
-        str(getattr(term, "name", None) or getattr(term, "__name__", ""))
-        for term in terms
-    ]
-    # Of a lambda it would be one that netCDF does not take.
-    names = tuple(
-        f"term{i}" if name in ("", "<lambda>") else name for i, name in enumerate(given)
-    )
+def check_terms(model: object, terms: Sequence[object]) -> None:
+    """Refuse what is not a model, or a sequence of terms."""
+    if not callable(model):
+        raise TypeError(f"model: expected a callable, got {model!r}")
+    if not terms:
+        raise ValueError("terms: expected at least one likelihood term, got none")
+    for term in terms:
+        if not callable(term):
+            raise TypeError(f"terms: expected callables, got {term!r}")
+
+
+def name_terms(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Return the distinct labels of terms."""
+    names = [term.name or f"term{i}" for i, term in enumerate(terms)]
     return checks.parameter_names("terms (their names)", names)
 
 
-def check_parameters(models: tuple[Any, ...], terms: Sequence[Any], prior: Any) -> None:
+def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
     """Refuse a prior whose names or bounds do not fit the models and terms."""
-    lower = dict(zip(prior.names, prior.bounds[:, 0].tolist(), strict=True))
-    for reader in (*models, *terms):
-        for name in getattr(reader, "positive", ()):
-            if lower.get(name, 0.0) < 0:
-                raise ValueError(
-                    f"prior: {name!r} must stay above zero for "
-                    f"{type(reader).__name__}, but its lower bound is "
-                    f"{lower[name]:g}; give it bounds with low >= 0"
-                )
-    for model in models:
-        _check_model_bounds(getattr(model, "bounds", None), prior)
-    read = {name for term in terms for name in getattr(term, "names", ())}
-    required = {name for model in models for name in getattr(model, "required", ())}
-    missing = sorted((read | required) - set(prior.names))
-    if missing:
-        raise ValueError(f"prior: no parameter {missing}, which model or terms need")
-    for model in models:
-        known = getattr(model, "names", None)
-        if known is None:  # the model reads what it likes
-            return
-        read |= set(known)
+    readers: list[Model | Term] = [e.model for e in experiments]
+    readers += [term for e in experiments for term in e.terms]
+    read: set[str] = set()
+    open_ended = False  # whether a model reads what it likes
+    for reader in readers:
+        names = read_declared(reader, "names")
+        open_ended |= names is None and not isinstance(reader, Term)
+        bounds = read_declared(reader, "bounds") or {}
+        missing = {*(names or ())} - {*prior.names}
+        if missing:
+            raise ValueError(
+                f"prior: no parameter {sorted(missing)}, which model or terms need"
+            )
+        read |= {*(names or ()), *bounds}
+        for name in bounds.keys() & {*prior.names}:
+            ends = prior.bounds[prior.names.index(name)].tolist()
+            _check_bounds(type(reader).__name__, name, ends, *bounds[name])
     unread = [name for name in prior.names if name not in read]
-    if unread:
+    if unread and not open_ended:
         raise ValueError(
             f"prior: neither a model nor a term reads {unread}; they read "
             f"{sorted(read)}"
         )
 
 
-def _check_model_bounds(bounds: Any, prior: Prior) -> None:
-    """Refuse a prior that reaches beyond where the model holds."""
-    for name, (low, high) in (bounds or {}).items():
-        if name not in prior.names:
-            continue  # named by the check of what the model needs
-        least, most = prior.bounds[prior.names.index(name)].tolist()
-        if least < low or most > high:
-            raise ValueError(
-                f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model "
-                f"holds within ({low:g}, {high:g}); give the prior such bounds, as in "
-                f"IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, {high:g})}}), "
-                "or widen the model"
-            )
+def _check_bounds(
+    reader: str, name: str, ends: Sequence[float], low: float, high: float
+) -> None:
+    """Refuse a prior that reaches beyond where a model or term holds."""
+    least, most = ends
+    if (low, high) == (0.0, np.inf) and least < 0:
+        raise ValueError(
+            f"prior: {name!r} must stay above zero for {reader}, but its lower bound "
+            f"is {least:g}; give it bounds with low >= 0"
+        )
+    if least < low or most > high:
+        raise ValueError(
+            f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model holds "
+            f"within ({low:g}, {high:g}); give the prior such bounds, as in "
+            f"IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, {high:g})}}), "
+            "or widen the model"
+        )
 
 
-def declare(model: Any, terms: Sequence[Any]) -> dict[str, Variable]:
+def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
     """Return the variables of a model's response, and check that they suffice.
 
     A model that declares none is taken at the word of the terms that read it.
@@ -104,105 +111,79 @@ def declare(model: Any, terms: Sequence[Any]) -> dict[str, Variable]:
         TypeError: If something declared is not a :class:`Variable`.
         ValueError: If nothing is declared, or a term needs what is not declared.
     """
-    declared = declared_variables(model)
-    needed: dict[str, Variable] = {}
-    for term in terms:
-        for name, variable in getattr(term, "reads", {}).items():
-            if declared is not None:
-                _check_read(term, name, variable, declared)
-            elif name not in needed or needed[name].size < variable.size:
-                needed[name] = variable
+    needs = [(t, *item) for t in terms for item in (t.reads or {}).items()]
+    declared: Mapping[str, Variable] | None = read_declared(model, "variables")
+    if declared is None and not needs:
+        raise ValueError(
+            "model: what does it return? Neither it nor a term declares variables; "
+            "write FunctionModel(function, n_modes=...) or FunctionModel(function, "
+            "variables={name: Variable(...)}), or give it an attribute variables"
+        )
     if declared is None:
-        declared = needed
-        if not needed:
-            raise ValueError(
-                "model: what does it return? Neither it nor a term declares variables; "
-                "write FunctionModel(function, n_modes=...) or FunctionModel(function, "
-                "variables={name: Variable(...)}), or give it an attribute variables"
-            )
+        largest: dict[str, Variable] = {}
+        for _, name, variable in needs:
+            if name not in largest or largest[name].size < variable.size:
+                largest[name] = variable
+        declared = largest
     for name, variable in declared.items():
-        if not isinstance(variable, Variable):
-            raise TypeError(
-                f"model: expected a Variable for {name!r} of its variables, got "
-                f"{variable!r}"
-            )
-    for term in terms:
-        _check_observed(term, declared)
-    return dict(declared)
-
-
-def _check_observed(term: Any, declared: Mapping[str, Variable]) -> None:
-    """Refuse measured values that no variable has room for."""
-    for name, values in getattr(term, "observed", {}).items():
-        variable = getattr(term, "reads", {}).get(name) or declared.get(name)
-        expected = None if variable is None else variable.shape
-        if np.shape(values) != expected:
+        checks.instance(f"model (its variables, {name!r})", variable, Variable)
+    for term, name, variable in needs:
+        if name not in declared:
             raise ValueError(
-                f"terms: {getattr(term, 'name', term)!r} observed {name!r} of shape "
-                f"{np.shape(values)}, but it is read or returned with {expected}; "
-                f"there are {list(declared)}"
+                f"terms: {term.name!r} reads {name!r}, which the model does not "
+                f"return; it returns {list(declared)}" + REMEDIES.get(name, "")
             )
+        wrong = _compare(variable, declared[name])
+        if wrong:
+            raise ValueError(f"terms: {term.name!r} reads {name!r} {wrong}")
+    for term in terms:
+        for name, values in term.observed.items():
+            known = (term.reads or {}).get(name) or declared.get(name)
+            if known is None or np.shape(values) != known.shape:
+                raise ValueError(
+                    f"terms: {term.name!r} observed {name!r} of shape "
+                    f"{np.shape(values)}, but it is read or returned with "
+                    f"{known and known.shape}; there are {list(declared)}"
+                )
+    return declared
 
 
-def _check_read(
-    term: Any, name: str, needed: Variable, declared: Mapping[str, Variable]
-) -> None:
-    label = repr(getattr(term, "name", term))
-    if name not in declared:
-        raise ValueError(
-            f"terms: {label} reads {name!r}, which the model does not return; it "
-            f"returns {list(declared)}" + _REMEDIES.get(name, "")
-        )
-    given = declared[name]
+def _compare(needed: Variable, given: Variable) -> str:
+    """Return in which way a variable is not what a term reads, empty if it is."""
     if not given.stored and not given.coords:  # of a shape that is not known
-        return
+        return ""
     if given.dims != needed.dims:
-        raise ValueError(
-            f"terms: {label} reads {name!r} with the dimensions {needed.dims}, but the "
-            f"model returns {given.dims}"
-        )
-    if given.unit != needed.unit and given.unit and needed.unit:
-        raise ValueError(
-            f"terms: {label} measured {name!r} in {needed.unit}, but the model returns "
-            f"it in {given.unit}; convert what was measured, or say unit= where both "
-            "are the same"
+        return f"with dimensions {needed.dims}, but the model returns {given.dims}"
+    if given.unit and needed.unit and given.unit != needed.unit:
+        return (
+            f"measured in {needed.unit}, but the model returns it in {given.unit}; "
+            "convert what was measured, or say unit= where both are the same"
         )
     for dim, labels in needed.coords.items():
         there = list(given.coords[dim])
         if len(labels) > len(there):
-            raise ValueError(
-                f"terms: {label} compares {len(labels)} of {name!r} along {dim!r}, but "
-                f"the model returns {len(there)}; ask it for more"
+            return (
+                f"at {len(labels)} {dim}s, but the model returns {len(there)}; ask it "
+                "for more"
             )
-        if None in labels:  # known by their places only
-            continue
         # Terms read by place, the first of the modes for instance; only DOFs that are
-        # all there are picked by their numbers.
+        # all there are picked by their numbers. None is known by its place only.
         picked = dim == "dof" and there == list(range(len(there)))
-        if list(labels) != there[: len(labels)] and not (
-            picked and set(labels) <= set(there)
-        ):
-            measured, returned = list(labels), there
-            if len(measured) > MOST_SHOWN:  # the first that differ
-                pairs = zip(measured, there, strict=False)
-                at = [one != other for one, other in pairs].index(True)
-                measured, returned = measured[at : at + 3], there[at : at + 3]
-            raise ValueError(
-                f"terms: {label} was measured at {dim} {measured}, but the model "
-                f"returns {name!r} at {returned}; give both the same, in the same order"
+        differs = [
+            label not in there if picked else label != other
+            for label, other in zip(labels, there, strict=False)
+        ]
+        if None not in labels and any(differs):
+            shown = slice(differs.index(True), differs.index(True) + 3)
+            return (
+                f"measured at {dim} {list(labels[shown])}, but the model returns it at "
+                f"{there[shown]}; give both the same, in the same order"
             )
-
-
-MOST_SHOWN = 20
-_REMEDIES = {"shapes": "; ask it for shapes (shapes=True, or the DOFs of the sensors)"}
-_REMEDIES |= dict.fromkeys(
-    ("receptance", "mobility", "accelerance"),
-    "; kind= of FRFModel must be that of the measurements",
-)
+    return ""
 
 
 def check_names(
-    prior: Any, variables: Mapping[str, Variable], terms: Sequence[str]
+    prior: Prior, variables: Mapping[str, Variable], terms: Sequence[str]
 ) -> None:
     """Refuse names that ArviZ objects need, and dimensions with two meanings."""
     for what, names in (("prior", prior.names), ("model", variables), ("terms", terms)):
@@ -212,19 +193,13 @@ def check_names(
                     f"{what}: ArviZ has no place for the name {name!r} (nor for any of "
                     f"{sorted(RESERVED)}, or with a slash); rename it"
                 )
-    known: dict[str, list[Any]] = {}
+    known: dict[str, Sequence[object]] = {}
+    taken = RESERVED | CONSTANTS | {*variables, *prior.names}
     for name, variable in variables.items():
         for dim, labels in variable.coords.items():
-            if dim in RESERVED | CONSTANTS or "/" in dim or dim in variables:
+            same = list(known.setdefault(dim, labels)) == list(labels)
+            if dim in taken or "/" in dim or not same:
                 raise ValueError(
-                    f"model: ArviZ needs the name of the dimension {dim!r} of {name!r} "
-                    "for something else; rename it"
+                    f"model: the name of the dimension {dim!r} of {name!r} stands for "
+                    "something else too, such as other labels; rename it"
                 )
-            if known.setdefault(dim, list(labels)) != list(labels):
-                raise ValueError(
-                    f"model: the dimension {dim!r} of {name!r} has other labels than "
-                    "that of another variable; give it a name of its own"
-                )
-    taken = sorted(set(known) & set(prior.names))
-    if taken:
-        raise ValueError(f"prior: {taken} are names of dimensions; rename them")

@@ -1,7 +1,7 @@
 """One test of the structure: a model, and the terms that compare its response."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -12,124 +12,151 @@ from ..interfaces import (
     LikelihoodTerm,
     Model,
     Parameters,
+    Response,
     SolveError,
-    Variable,
     add_place,
+    gather_tangents,
     read,
+    read_declared,
 )
-from .compatibility import check_types, declare, name_terms
-from .differences import gather_tangents
-from .marginal import marginalize
+from ..likelihoods.term import Term, as_term
+from .compatibility import check_terms, declare, name_terms
+from .emulator_error import Directions, average
+
+Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
+Ask: TypeAlias = Callable[[Parameters], tuple[Response, Directions]]
+
+SHOWN = 8  # parameter sets of a batch in a message
 
 
-class Experiment(NamedTuple):
-    """A model, its terms and what is stored of its response.
+class Solved(NamedTuple):
+    """What one experiment gave for n parameter sets.
 
     Attributes:
-        name: Its name in a joint posterior; empty for a single experiment.
-        model: Parameters to response.
-        terms: Likelihood terms.
-        term_names: Their labels.
-        variables: The stored variables of the response, by their own names.
-        exact: Whether the model declared them, and must keep to their shapes.
+        response: That of the model.
+        log_likelihoods: One ``(n,)`` for each term.
+        stored: One ``(n, size)`` for each stored variable.
+        tangents: Derivatives ``(n, *shape, d)`` by variable; empty without.
     """
 
-    name: str
-    model: Model
-    terms: tuple[LikelihoodTerm, ...]
-    term_names: tuple[str, ...]
-    variables: Mapping[str, Variable]
-    exact: bool
+    response: Response
+    log_likelihoods: list[Floats]
+    stored: list[Floats]
+    tangents: dict[str, Floats]
+
+
+class Experiment:
+    """A model, its terms and what is stored of its response.
+
+    Args:
+        name: Its name in a joint posterior; empty for a single experiment.
+        model: Parameters to response.
+        terms: Likelihood terms, or one.
+
+    Attributes:
+        term_names: The labels of the terms.
+        variables: The stored variables of the response, by their own names.
+        exact: Whether the model declared them, and must keep to their shapes.
+        jacobian: What returns response and derivatives, None if the model has none.
+        spread: What returns response and uncertainty, None if the model claims none.
+    """
+
+    def __init__(self, name: str, model: Model, terms: Terms) -> None:
+        sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
+        check_terms(model, sequence)
+        self.name, self.model = name, model
+        self.terms = tuple(map(as_term, sequence))
+        self.term_names = name_terms(self.terms)
+        declared = declare(model, self.terms)
+        self.variables = {name: v for name, v in declared.items() if v.stored}
+        self.exact = read_declared(model, "variables") is not None
+        self.jacobian: Ask | None = read_declared(model, "jacobian")
+        self.spread: Ask | None = read_declared(model, "spread")
 
     def full_name(self, name: str) -> str:
         """Return a name with that of the experiment before it."""
         return f"{self.name}.{name}" if self.name else name
 
     def solve(
-        self,
-        own: Parameters,
-        parameters: Parameters,
-        n: int,
-        describe: Callable[[], Any],
-    ) -> tuple[list[Floats], list[Floats]]:
-        """Return each term's log-likelihoods ``(n,)``, and each variable ``(n, size)``.
+        self, parameters: Parameters, names: Sequence[str], derivatives: bool = False
+    ) -> Solved:
+        """Solve the model once for each parameter set, and compare what it returns.
 
         Args:
-            own: ``{name: (n,)}``, for the model.
-            parameters: The same, for the terms.
-            n: Number of parameter sets.
-            describe: Returns them by name, for messages.
+            parameters: ``{name: (n,)}``.
+            names: All parameters of the posterior, in its order.
+            derivatives: Whether to ask the model's jacobian for derivatives.
         """
-        spread = getattr(self.model, "spread", None)
-        if spread is None:
-            response = self.respond(self.model, own, describe)
-            return self.compare(response, parameters, n, describe)
-        response, directions = self.respond(spread, own, describe)
-        return self.compare(response, parameters, n, describe, directions)
-
-    def compare(
-        self,
-        response: Any,
-        parameters: Parameters,
-        n: int,
-        describe: Callable[[], Any],
-        directions: Any = None,
-    ) -> tuple[list[Floats], list[Floats]]:
-        """Return what :meth:`solve` does, of a response and its ``spread``."""
-        spread = getattr(self.model, "spread", None)
-        if spread is not None and directions is None:
-            own = {name: value.copy() for name, value in parameters.items()}
-            response, directions = self.respond(spread, own, describe)
-        stored = [  # first, because it says best what is wrong with a response
-            self._extract(response, name, (n, *variable.shape), describe)
-            for name, variable in self.variables.items()
-        ]
+        response, tangents, directions, stored = self._respond(
+            parameters, names, derivatives
+        )
         values = [
-            self._evaluate(term, name, parameters, response, n)
+            self._evaluate(term, name, parameters, response)
             for term, name in zip(self.terms, self.term_names, strict=True)
         ]
         if directions is not None:
-            labels = dict.fromkeys(d for found in directions.values() for d in found)
             label = f"{self.full_name('model')}: spread"
-            tangents = gather_tangents(label, response, directions, [*labels])
-            still = dict.fromkeys(parameters, np.zeros((n, len(labels))))
-            values = marginalize(
-                self.terms, parameters, response, tangents | still, values
+            values = average(
+                label, self.terms, parameters, response, directions, values
             )
-        return values, stored
+        return Solved(response, values, stored, tangents)
 
-    def respond(
-        self, model: Any, parameters: Parameters, describe: Callable[[], Any]
-    ) -> Any:
-        """Return what the model returns, or its ``jacobian``; errors say where."""
+    def _respond(
+        self, parameters: Parameters, names: Sequence[str], derivatives: bool
+    ) -> tuple[Response, dict[str, Floats], Directions | None, list[Floats]]:
+        """Return response, tangents, uncertainty and what is stored; errors say where.
+
+        A model may overwrite its parameters: it is given copies.
+        """
+        tangents, directions, label = {}, None, self.full_name("model")
+        n = len(next(iter(parameters.values())))
+
+        def copies() -> Parameters:
+            return {name: value.copy() for name, value in parameters.items()}
+
         try:
-            return model(parameters)
-        except (StopIteration, SystemExit) as error:
+            if derivatives and self.jacobian is not None:
+                response, slopes = self.jacobian(copies())
+                tangents = gather_tangents(
+                    f"{label}: jacobian", response, slopes, names
+                )
+                reads = {name for term in self.terms for name in term.reads or ()}
+                if missing := reads - {*tangents}:
+                    raise ValueError(
+                        f"{label}: jacobian returned no derivatives of {missing}, "
+                        f"which the terms {self.term_names} read; return {{variable: "
+                        "{parameter: array}}, {} for one that does not change"
+                    )
+            if self.spread is not None:  # an emulator: its second call costs nothing
+                response, directions = self.spread(copies())
+            elif not derivatives:
+                response = self.model(copies())
+            stored = [
+                self._extract(response, name, variable.shape, n)
+                for name, variable in self.variables.items()
+            ]
+        except (Exception, SystemExit) as error:
+            if not any(PLACE in note for note in getattr(error, "__notes__", ())):
+                add_place(error, name_sets(parameters), [*parameters])
+            if self.name:
+                error.add_note(f"in the experiment {self.name!r}")
+            if not isinstance(error, StopIteration | SystemExit):
+                raise
             # The one would lose its notes in emcee's generator, the other end the
             # program without a word, and with exit code 0.
             raise RuntimeError(
-                f"{self.full_name('model')}: it raised {error!r} at {describe()}"
+                f"{label}: it raised {error!r}, {', '.join(error.__notes__)}"
             ) from error
-        except Exception as error:
-            notes = getattr(error, "__notes__", ())
-            if not any(note.startswith(PLACE) for note in notes):
-                add_place(error, describe(), [*parameters])
-            if self.name:
-                error.add_note(f"in the experiment {self.name!r}")
-            raise
+        return response, tangents, directions, stored
 
     def _evaluate(
-        self,
-        term: LikelihoodTerm,
-        name: str,
-        parameters: Parameters,
-        response: Any,
-        n: int,
+        self, term: Term, name: str, parameters: Parameters, response: Response
     ) -> Floats:
         value = term(parameters, response)
         label = self.full_name(name)
         if type(value) is not np.ndarray or value.dtype != np.float64:
             value = checks.numeric_array(f"terms ({label!r})", value)
+        n = len(next(iter(parameters.values())))
         if value.shape != (n,):  # one number would do for all rows, unseen
             raise ValueError(
                 f"terms: expected {n} log-likelihoods of {label!r}, got shape "
@@ -138,68 +165,34 @@ class Experiment(NamedTuple):
         return value
 
     def _extract(
-        self,
-        response: Any,
-        name: str,
-        extent: tuple[int, ...],
-        describe: Callable[[], Any],
+        self, response: Response, name: str, shape: tuple[int, ...], n: int
     ) -> Floats:
-        """Return a variable of the response, in the declared extent."""
-        value = read(response, name)
+        """Return a variable of the response, in the declared shape, ``(n, size)``."""
+        value = part = read(response, name)
         if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiub":
             raise TypeError(
                 f"{self.full_name('model')}: expected an array of real numbers for "
-                f"{name!r}, got {value!r} at {describe()}"
+                f"{name!r}, got {value!r}"
             )
-        if value.shape != extent:
+        if value.ndim == 1 + len(shape) and not self.exact:
             # Of what was not declared a term may read the first part only.
-            larger = len(value.shape) == len(extent) and value.shape[0] == extent[0]
-            if self.exact or not larger or (np.array(value.shape) < extent).any():
-                raise SolveError(
-                    "wrong shape",
-                    f"{self.full_name('model')}: expected {name!r} of shape {extent}, "
-                    f"got {value.shape}: one value for each that was measured; let the "
-                    f"model return more, or give its term fewer; at {describe()}",
-                )
-            value = value[tuple(map(slice, extent))]  # such as modes beyond those read
-        array: Floats = value.reshape(len(value), -1)
-        return array
-
-
-def gather_experiments(
-    given: Mapping[str, tuple[Any, Any]], prior: Any
-) -> tuple[Experiment, ...]:
-    """Return experiments of ``{name: (model, terms)}``, checked one by one."""
-    experiments = []
-    for name, (model, terms) in given.items():
-        sequence = tuple(terms) if isinstance(terms, Sequence) else (terms,)
-        check_types(model, sequence, prior)
-        declared = declare(model, sequence)
-        stored = {
-            key: variable for key, variable in declared.items() if variable.stored
-        }
-        experiments.append(
-            Experiment(
-                name,
-                model,
-                sequence,
-                name_terms(sequence),
-                stored,
-                exact=getattr(model, "variables", None) is not None,
+            part = value[(slice(None), *map(slice, shape))]
+        if part.shape != (n, *shape):
+            raise SolveError(
+                "wrong shape",
+                f"{self.full_name('model')}: expected {name!r} of shape "
+                f"{(n, *shape)}, got {value.shape}: one value for each that was "
+                "measured; let the model return more, or give its term fewer",
             )
-        )
-    return tuple(experiments)
+        return part.reshape(n, -1)
 
 
-def check_joint(experiments: Any) -> None:
+def check_joint(experiments: object) -> None:
     """Refuse what is not ``{name: (model, terms)}``."""
-    if not isinstance(experiments, Mapping):
+    if not isinstance(experiments, Mapping) or not experiments:
         raise TypeError(
-            "experiments: expected {name: (model, terms)}, got "
-            f"{type(experiments).__name__}"
+            f"experiments: expected {{name: (model, terms)}}, got {experiments!r}"
         )
-    if not experiments:
-        raise ValueError("experiments: expected at least one, got none")
     for name, pair in experiments.items():
         if not isinstance(name, str) or not name or set(name) & set("./"):
             raise ValueError(
@@ -209,3 +202,14 @@ def check_joint(experiments: Any) -> None:
             raise TypeError(
                 f"experiments: expected (model, terms) for {name!r}, got {pair!r}"
             )
+
+
+def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
+    """Return parameter sets by name, and not all of many."""
+    n = len(next(iter(parameters.values())))
+    sets = [
+        {name: float(values[i]) for name, values in parameters.items()}
+        for i in range(min(n, SHOWN))
+    ]
+    rest = [f"{n - SHOWN} more"] if n > SHOWN else []
+    return sets[0] if n == 1 else [*sets, *rest]

@@ -1,36 +1,43 @@
 """The log-posterior: models, likelihood terms and prior, for a batch of walkers."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import product
-from typing import Any, ClassVar, Self
+from typing import Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from .. import checks
 from ..interfaces import (
     Floats,
-    LikelihoodTerm,
     Linearization,
     Model,
     Parameters,
     Prior,
+    SolveError,
     Variable,
+    read_declared,
 )
 from ..table import Parts, Report
-from .compatibility import check_names, check_parameters
-from .differences import prior_scale
-from .experiments import Experiment, check_joint, gather_experiments
-from .linearize import linearize, split, unstack
-from .messages import name_sets, not_finite
-from .numerical import difference, extend
-from .prior_table import tabulate_prior
-from .starting import check_inside, draw_start
+from .compatibility import check_names, check_parameters, check_prior
+from .derivatives import along_tangents, difference, prior_scale, unstack
+from .experiments import (
+    Experiment,
+    Solved,
+    Terms,
+    check_joint,
+    name_sets,
+)
+from .priors import summarize_prior, tabulate_prior
+
+# What is evaluated at a point, side by side in one row that a pool or a file can hold:
+# its row; with the gradient behind it; with the information behind that; or the row
+# with the deviations of Gaussian terms and their standard deviations behind it.
+Kind: TypeAlias = Literal["rows", "gradient", "linearization", "deviations"]
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class LogPosterior(Report):
     r"""Log-posterior of one model or several, given data, for a batch of walkers.
 
@@ -52,7 +59,10 @@ class LogPosterior(Report):
         experiments: Models, terms and stored variables; one unless made by
             :meth:`joint`.
         prior: The prior.
-        term_names: Labels of all terms.
+        term_names: Their labels.
+        names: Parameter names, in the order of the sampled vector.
+        ndim: Number of parameters.
+        terms: The likelihood terms of all experiments.
         variables: All stored variables, ``{name: Variable}``.
         columns: Where they are in a row, ``{name: slice}``, after "densities".
 
@@ -77,24 +87,13 @@ class LogPosterior(Report):
         [0.8508, -1.7369, 2.5876, 3.0]
     """
 
-    experiments: tuple[Experiment, ...]
-    prior: Prior
-    term_names: tuple[str, ...] = field(repr=False)
-    variables: dict[str, Variable] = field(repr=False)
-    columns: dict[str, slice] = field(repr=False)
-    _width: int = field(repr=False)
-    takes_batches: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        model: Model,
-        terms: LikelihoodTerm | Sequence[LikelihoodTerm],
-        prior: Prior,
-    ) -> None:
+    def __init__(self, model: Model, terms: Terms, prior: Prior) -> None:
         self._set({"": (model, terms)}, prior)
 
     @classmethod
-    def joint(cls, experiments: Mapping[str, tuple[Model, Any]], prior: Prior) -> Self:
+    def joint(
+        cls, experiments: Mapping[str, tuple[Model, Terms]], prior: Prior
+    ) -> Self:
         r"""Return the posterior of several experiments that share parameters.
 
         .. math:: \ln p(\theta | D) = \ln p(\theta)
@@ -132,38 +131,37 @@ class LogPosterior(Report):
         self._set(experiments, prior)
         return self
 
-    def _set(self, given: Mapping[str, tuple[Model, Any]], prior: Prior) -> None:
-        experiments = gather_experiments(given, prior)
-        names = [e.full_name(name) for e in experiments for name in e.term_names]
-        variables = {
-            e.full_name(name): Variable(
-                {e.full_name(dim): labels for dim, labels in own.coords.items()},
-                own.unit,
-            )
-            for e in experiments
-            for name, own in e.variables.items()
-        }
-        check_names(prior, variables, names)
-        terms = [term for e in experiments for term in e.terms]
-        check_parameters(tuple(e.model for e in experiments), terms, prior)
-        ends = np.cumsum([2 + len(terms), *(v.size for v in variables.values())])
-        slices = map(slice, (0, *ends[:-1].tolist()), ends.tolist())
-        checks.set_fields(
-            self,
-            experiments=experiments,
-            prior=prior,
-            term_names=tuple(names),
-            variables=variables,
-            columns=dict(zip(["densities", *variables], slices, strict=True)),
-            _width=int(ends[-1]),
+    def _set(self, pairs: Mapping[str, tuple[Model, Terms]], prior: Prior) -> None:
+        check_prior(prior)
+        self.prior, self.names, self.ndim = prior, prior.names, len(prior.names)
+        self.experiments = tuple(Experiment(name, *pairs[name]) for name in pairs)
+        self.terms = tuple(term for e in self.experiments for term in e.terms)
+        self.term_names = tuple(
+            e.full_name(name) for e in self.experiments for name in e.term_names
         )
+        self.variables = {
+            e.full_name(name): Variable(
+                {e.full_name(dim): labels for dim, labels in variable.coords.items()},
+                variable.unit,
+            )
+            for e in self.experiments
+            for name, variable in e.variables.items()
+        }
+        check_names(prior, self.variables, self.term_names)
+        check_parameters(self.experiments, prior)
+        end = 2 + len(self.terms)
+        self.columns = {"densities": slice(0, end)}
+        for name, variable in self.variables.items():
+            self.columns[name] = slice(end, end := end + variable.size)
 
     def _parts(self) -> Parts:
         yield tabulate_prior("Log-posterior", self.prior)
-        for one in self.experiments:
-            name = f"{one.name}: " if one.name else ""
-            terms, stored = ", ".join(one.term_names), ", ".join(one.variables)
-            yield f"{name}{type(one.model).__name__}; terms: {terms}; stored: {stored}"
+        for experiment in self.experiments:
+            name = f"{experiment.name}: " if experiment.name else ""
+            terms = ", ".join(experiment.term_names)
+            stored = ", ".join(experiment.variables)
+            model = type(experiment.model).__name__
+            yield f"{name}{model}; terms: {terms}; stored: {stored}"
 
     @property
     def model(self) -> Model:
@@ -180,49 +178,31 @@ class LogPosterior(Report):
         return self.experiments[0].model
 
     @property
-    def terms(self) -> tuple[LikelihoodTerm, ...]:
-        """The likelihood terms of all experiments, in the order of ``term_names``."""
-        return tuple(term for e in self.experiments for term in e.terms)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Parameter names, in the order of the sampled vector."""
-        return self.prior.names
-
-    @property
-    def ndim(self) -> int:
-        """Number of parameters."""
-        return len(self.prior.names)
-
-    @property
     def error_names(self) -> tuple[str, ...]:
         """Parameters that only terms read, such as errors and discrepancies."""
-        read_by_models = {n for e in self.experiments for n in _names(e.model)}
-        by_terms = {n for term in self.terms for n in _names(term)}
-        return tuple(n for n in self.names if n in by_terms - read_by_models)
-
-    @property
-    def one_by_one(self) -> bool:
-        """Whether a model solves one parameter set after another."""
-        return any(getattr(e.model, "one_by_one", False) for e in self.experiments)
+        models = [read_declared(e.model, "names") or () for e in self.experiments]
+        by_terms = {name for term in self.terms for name in term.names or ()}
+        errors = by_terms.difference(*models)
+        return tuple(name for name in self.names if name in errors)
 
     @property
     def labels(self) -> tuple[str, ...]:
         """What each column of a row is, such as ``frequency[1]``."""
-        densities = ["log_posterior", "log_prior"]
-        densities += [f"log_likelihood[{name}]" for name in self.term_names]
-        numbers = [
-            name + (f"[{', '.join(map(str, where))}]" if where else "")
-            for name, variable in self.variables.items()
-            for where in product(*variable.coords.values())
-        ]
-        return (*densities, *numbers)
+        labels = ["log_posterior", "log_prior"]
+        labels += [f"log_likelihood[{name}]" for name in self.term_names]
+        for name, variable in self.variables.items():
+            for where in product(*variable.coords.values()):
+                labels.append(
+                    f"{name}[{', '.join(map(str, where))}]" if where else name
+                )
+        return tuple(labels)
 
     def with_models(self, wrap: Callable[[Model], Model]) -> Self:
         """Return the same posterior with wrapped models, which may count solves."""
         other = type(self).__new__(type(self))
-        given = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
-        other._set(given, self.prior)
+        other._set(
+            {e.name: (wrap(e.model), e.terms) for e in self.experiments}, self.prior
+        )
         return other
 
     def parameters(self, theta: Floats) -> Parameters:
@@ -238,55 +218,7 @@ class LogPosterior(Report):
 
     def __call__(self, theta: ArrayLike) -> Floats:
         """Return the row or the rows of ``theta``, see the class."""
-        batch = self._batch(theta)
-        if batch.ndim == 1:
-            single: Floats = self._rows(batch[None])[0]
-            return single
-        return self._rows(batch)
-
-    def _batch(self, theta: ArrayLike) -> Floats:
-        # A copy in rows, so that sums round alike.
-        if type(theta) is not np.ndarray or theta.dtype != np.float64:
-            theta = checks.numeric_array("theta", theta)
-        batch = np.array(theta, order="C")
-        if batch.ndim not in (1, 2) or batch.shape[-1] != self.ndim:
-            raise ValueError(
-                f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
-                f"{self.names}, got {batch.shape}"
-            )
-        return batch
-
-    def _rows(self, theta: Floats) -> Floats:
-        log_prior, supported = self.support(theta)
-        n_supported = np.count_nonzero(supported)
-        if n_supported == len(theta) > 0:
-            return self.solve(theta, log_prior)
-        rows = np.tile(self.rejected(), (len(theta), 1))
-        if n_supported:
-            rows[supported] = self.solve(theta[supported], log_prior[supported])
-        return rows
-
-    def support(self, theta: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the log-prior, and where there is one, each ``(n,)``."""
-        log_prior = self.prior.logpdf(theta)
-        supported: NDArray[np.bool_] = log_prior > -np.inf
-        if not supported.all() and np.isnan(log_prior).any():
-            row = int(np.argmax(np.isnan(log_prior)))
-            values = name_sets(self.names, theta[row : row + 1])
-            raise ValueError(f"prior: its log-density is NaN at {values}")
-        return log_prior, supported
-
-    @property
-    def differentiable(self) -> bool:
-        """Whether every model has ``jacobian``, so that gradients take one solve."""
-        return all(
-            getattr(e.model, "jacobian", None) is not None for e in self.experiments
-        )
-
-    @cached_property
-    def scale(self) -> Floats:
-        """The scale of each parameter under the prior ``(d,)``."""
-        return prior_scale(self.prior)
+        return self.stack(theta, "rows")
 
     def gradient(self, theta: ArrayLike) -> tuple[Floats, Floats]:
         r"""Return the rows of ``theta (n, d)`` and the gradients ``(n, d)``.
@@ -312,88 +244,141 @@ class LogPosterior(Report):
             >>> bool(np.abs(gradient * 100).max() < 1)  # per 100 N/m: near the maximum
             True
         """
-        return split(self, self.stack_gradient(theta))
+        stacked = self.stack(theta, "gradient")
+        rows, gradient, _ = unstack(self, np.atleast_2d(stacked))
+        return (rows, gradient) if stacked.ndim == 2 else (rows[0], gradient[0])
 
     def linearize(self, theta: ArrayLike) -> Linearization:
         r"""Return rows, gradients and information of ``theta (n, d)``.
 
         The information is that of Fisher of the likelihood, minus the Hessian of the
         log-prior: ``-information`` is near the Hessian of the log-posterior where the
-        model fits (Gauss-Newton). None if a term has neither ``linearize`` with scores
-        nor ``deviations``. See also :meth:`gradient`.
+        model fits (Gauss-Newton). None if a term has no ``deviations``. See also
+        :meth:`gradient`.
         """
-        return unstack(self, self.stack_linearization(np.atleast_2d(theta)))
+        return unstack(self, self.stack(np.atleast_2d(theta), "linearization"))
 
-    def stack_gradient(self, theta: ArrayLike) -> Floats:
-        """Return rows with the gradients behind them, which a pool can carry."""
-        return self._stack(theta, False)
+    def stack(self, theta: ArrayLike, kind: Kind) -> Floats:
+        """Return all that is evaluated at each of ``theta (n, d)`` as one row.
 
-    def stack_linearization(self, theta: ArrayLike) -> Floats:
-        """Return rows with gradients and information behind them."""
-        return self._stack(theta, True)
-
-    def stack_deviations(self, theta: ArrayLike) -> Floats:
-        """Return rows with the terms' deviations behind them, to be differenced."""
-        batch = self._batch(theta)
-        result = extend(self, np.atleast_2d(batch))
-        return result[0] if batch.ndim == 1 else result
-
-    def _stack(self, theta: ArrayLike, information: bool) -> Floats:
-        batch = self._batch(theta)
-        points = np.atleast_2d(batch)
-        if self.differentiable:
-            result = linearize(self, points, information)
+        Rows outside the prior's support are -inf, then NaN.
+        """
+        points = checks.numeric_array("theta", theta)
+        if points.ndim not in (1, 2) or points.shape[-1] != self.ndim:
+            raise ValueError(
+                f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
+                f"{self.names}, got {points.shape}"
+            )
+        batch = np.atleast_2d(points)
+        log_prior, supported = self.support(batch)
+        if supported.all() and len(batch):  # as nearly always: no copies
+            stacked = self._stack(batch, log_prior, kind)
         else:
-            result = difference(self, points, self.stack_deviations, information)
-        return result[0] if batch.ndim == 1 else result
+            rejected = self.rejected()
+            values = rejected[None][:0]
+            if supported.any():
+                values = self._stack(batch[supported], log_prior[supported], kind)
+            stacked = np.full((len(batch), values.shape[1]), np.nan)
+            stacked[:, : len(rejected)] = rejected
+            stacked[supported] = values
+        return stacked if points.ndim == 2 else stacked[0]
+
+    def _stack(self, theta: Floats, log_prior: Floats, kind: Kind) -> Floats:
+        """Return what :meth:`stack` does, inside the prior's support."""
+        information = kind == "linearization"
+        derivatives = information or kind == "gradient"
+        if derivatives and not self.differentiable:
+            around = partial(self.stack, kind="deviations")
+            return difference(self, theta, around, information)
+        parameters, solved = self.parameters(theta), []
+        for experiment in self.experiments:
+            solved.append(experiment.solve(parameters, self.names, derivatives))
+        rows = self._gather(theta, log_prior, solved)
+        if derivatives:
+            rest = along_tangents(self, theta, rows, solved, information)
+            return np.hstack([rows, rest])
+        if kind == "rows":
+            return rows
+        pairs = [
+            term.deviations(parameters, own.response)
+            for experiment, own in zip(self.experiments, solved, strict=True)
+            for term in experiment.terms
+            if term.gaussian
+        ]
+        known = [pair for pair in pairs if pair is not None]
+        return np.hstack([rows, *(r for r, _ in known), *(sd for _, sd in known)])
+
+    def _gather(
+        self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
+    ) -> Floats:
+        """Return the rows of what experiments gave, refusing NaN and infinity."""
+        values = [value for own in solved for value in own.log_likelihoods]
+        stored = [value for own in solved for value in own.stored]
+        total = sum(values, start=log_prior)
+        densities = [column[:, None] for column in (total, log_prior, *values)]
+        rows: Floats = np.concatenate([*densities, *stored], axis=1)
+        # NaN and infinity survive a sum: one look finds them anywhere.
+        first = self.columns["densities"].stop
+        if np.isfinite(rows[:, first:].sum()) and total.max() < np.inf:
+            return rows
+        wrong = ~(rows < np.inf)
+        wrong[:, first:] |= ~np.isfinite(rows[:, first:])
+        if wrong.any():  # else the sum overflowed, not a number
+            row = int(np.argmax(wrong.any(axis=1)))
+            said = zip(self.labels, rows[row].tolist(), wrong[row], strict=True)
+            raise SolveError(
+                "not finite",
+                f"at {name_sets(self.parameters(theta[row : row + 1]))}: "
+                f"{ {label: number for label, number, bad in said if bad} }; a model "
+                "must return finite numbers, a term finite ones, or -inf to reject. If "
+                "the parameters make no sense, give the prior bounds",
+            )
+        return rows
 
     def rejected(self) -> Floats:
         """Return the row of a point that is not evaluated: -inf, then NaN."""
-        row = np.full(self._width, np.nan)
+        *_, last = self.columns.values()
+        row = np.full(last.stop, np.nan)
         row[self.columns["densities"]] = -np.inf
         return row
 
-    def solve(
-        self, theta: Floats, log_prior: Floats, solve: Any = Experiment.solve
-    ) -> Floats:
-        """Return the rows of parameter sets inside the prior's support.
+    def support(self, theta: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return the log-prior, and where it is finite, each ``(n,)``."""
+        log_prior = self.prior.logpdf(theta)
+        if np.isnan(log_prior).any():
+            row = int(np.argmax(np.isnan(log_prior)))
+            values = name_sets(self.parameters(theta[row : row + 1]))
+            raise ValueError(f"prior: its log-density is NaN at {values}")
+        return log_prior, log_prior > -np.inf
 
-        Args:
-            theta: Parameter sets ``(n, d)``.
-            log_prior: Their log-prior ``(n,)``.
-            solve: What ``Experiment.solve`` does, and perhaps more.
-        """
-        rows = np.empty((len(theta), self._width))
-        rows[:, 1] = total = log_prior
-        parameters = self.parameters(theta)
-        column, first = 2, self.columns["densities"].stop
-        end = first
-        for experiment in self.experiments:
-            own = self.parameters(theta.copy())  # which a model may overwrite
-            values, stored = solve(
-                experiment,
-                own,
-                parameters,
-                len(theta),
-                lambda: name_sets(self.names, theta),
-            )
-            for value in values:
-                rows[:, column] = value
-                total = total + value
-                column += 1
-            for value in stored:
-                start, end = end, end + value.shape[1]
-                rows[:, start:end] = value
-        rows[:, 0] = total
-        # NaN and infinity survive a sum: one look finds them anywhere.
-        if not np.isfinite(np.add.reduce(rows[:, first:], axis=None)) or not (
-            np.maximum.reduce(total) < np.inf
-        ):
-            raise not_finite(self, rows, theta)
-        return rows
+    @property
+    def one_by_one(self) -> bool:
+        """Whether a model solves one parameter set after another."""
+        return any(read_declared(e.model, "one_by_one") for e in self.experiments)
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether every model has ``jacobian``, so that gradients take one solve."""
+        return all(e.jacobian is not None for e in self.experiments)
+
+    @property
+    def informative(self) -> bool:
+        """Whether Fisher's information comes with the gradient."""
+        return all(
+            term.gaussian or (term.scored and self.differentiable)
+            for term in self.terms
+        )
+
+    @cached_property
+    def scale(self) -> Floats:
+        """The scale of each parameter under the prior ``(d,)``."""
+        return prior_scale(self.prior)
 
     def start(
-        self, nwalkers: int, seed: Any, around: ArrayLike | None = None
+        self,
+        nwalkers: int,
+        seed: int | np.random.SeedSequence | np.random.Generator,
+        around: ArrayLike | None = None,
     ) -> Floats:
         """Draw starting positions ``(nwalkers, d)``, all inside the bounds.
 
@@ -416,12 +401,37 @@ class LogPosterior(Report):
             >>> posterior.start(20, seed=1).shape
             (20, 5)
         """
-        return draw_start(self.prior, nwalkers, seed, around)
+        nwalkers = checks.whole_number("nwalkers", nwalkers, 1)
+        try:
+            rng = np.random.default_rng(seed)
+        except (TypeError, ValueError) as error:
+            raise type(error)(
+                f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
+                f"({error})"
+            ) from None
+        if around is None:
+            return self.prior.sample(rng, nwalkers)
+        centre = checks.real_array("around", around, 1)
+        self.check_inside("around", centre[None])
+        spread = 0.1 * summarize_prior(self.prior)[1]
+        low, high = (self.prior.bounds.T - centre) / spread
+        shape = (nwalkers, len(centre))
+        standard = stats.truncnorm.rvs(low, high, size=shape, random_state=rng)
+        # Rounding alone can pass a bound, by an ulp.
+        drawn: Floats = np.clip(centre + spread * standard, *self.prior.bounds.T)
+        return drawn
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
-        check_inside(self.prior, argument, theta)
-
-
-def _names(reader: Any) -> tuple[str, ...]:
-    return tuple(getattr(reader, "names", None) or ())
+        if theta.ndim != 2 or theta.shape[1] != self.ndim:
+            raise ValueError(
+                f"{argument}: expected one number for each of {self.names}, "
+                f"got shape {theta.shape}"
+            )
+        low, high = self.prior.bounds.T
+        outside = np.argwhere(~((theta >= low) & (theta <= high)))
+        for row, column in outside[:1]:
+            raise ValueError(
+                f"{argument}: {self.names[column]} = {theta[row, column]:g} of point "
+                f"{row} is outside its bounds ({low[column]:g}, {high[column]:g})"
+            )

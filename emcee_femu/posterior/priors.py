@@ -1,7 +1,6 @@
 """Priors: a bounded Gaussian (Eq. 2.3), or independent scipy.stats marginals."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,9 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Prior
-from ..table import Parts, Report
-from .differences import difference_density, prior_scale
-from .prior_table import say, tabulate_prior
-from .slopes import slope
+from ..table import Column, Parts, Report, Table
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class GaussianPrior(Report):
     r"""Independent Gaussians, cut at bounds and normalised inside them (Equation 2.3).
 
@@ -44,12 +39,6 @@ class GaussianPrior(Report):
         [-13.92, -inf]
     """
 
-    names: tuple[str, ...]
-    mean: Floats
-    sd: Floats
-    bounds: Floats
-    _log_constant: float = field(repr=False)
-
     def __init__(
         self,
         names: Sequence[str],
@@ -57,27 +46,28 @@ class GaussianPrior(Report):
         sd: ArrayLike,
         bounds: ArrayLike | None = None,
     ) -> None:
-        names = checks.parameter_names("names", names)
-        mean = checks.real_array("mean", mean, 1)
+        self.names = checks.parameter_names("names", names)
+        self.mean = mean = checks.real_array("mean", mean, 1)
         sd = checks.positive_array("sd", sd)
-        d = len(names)
-        if mean.shape != (d,):
-            raise ValueError(f"mean: expected one per {d} names, got {mean.shape}")
-        if sd.shape not in ((), (d,)):
-            raise ValueError(f"sd: expected one number or {d} of them, got {sd.shape}")
-        sd = np.broadcast_to(sd, (d,)).copy()
+        d = len(self.names)
+        if mean.shape != (d,) or sd.shape not in ((), (d,)):
+            raise ValueError(
+                f"mean, sd: expected {d} numbers, one for each of names, got shapes "
+                f"{mean.shape} and {sd.shape}"
+            )
+        self.sd = sd = np.broadcast_to(sd, (d,)).copy()
         free = np.tile([-np.inf, np.inf], (d, 1))
-        bounds = check_bounds(free if bounds is None else bounds, names)
-        low, high = _standardize(bounds, mean, sd)
+        self.bounds = check_bounds(free if bounds is None else bounds, self.names)
+        low, high = _standardize(self.bounds, mean, sd)
         nearest = np.clip(0.0, low, high)  # the densest point of the cut Gaussian
         cut = stats.truncnorm.logpdf(nearest, low, high)
         log_mass = stats.norm.logpdf(nearest) - cut
         constant = -np.log(sd).sum() - 0.5 * d * np.log(2 * np.pi) - log_mass.sum()
-        checks.set_fields(self, names=names, mean=mean, sd=sd, bounds=bounds)
-        checks.set_fields(self, _log_constant=float(constant))
+        self._log_constant = float(constant)
 
     @property
-    def _laws(self) -> list[str]:
+    def distributions(self) -> list[str]:
+        """The marginals before they are cut, as scipy writes them."""
         pairs = zip(self.mean, self.sd, strict=True)
         return [f"norm({mean:.4g}, {sd:.4g})" for mean, sd in pairs]
 
@@ -87,10 +77,7 @@ class GaussianPrior(Report):
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
         standard = (theta - self.mean) / self.sd
-        standard *= standard
-        log_density: Floats = np.add.reduce(standard, axis=1)
-        log_density *= -0.5
-        log_density += self._log_constant
+        log_density: Floats = self._log_constant - 0.5 * (standard**2).sum(axis=1)
         log_density[~inside(theta, self.bounds)] = -np.inf
         return log_density
 
@@ -99,11 +86,6 @@ class GaussianPrior(Report):
         low, high = _standardize(self.bounds, self.mean, self.sd)
         own: Floats = stats.truncnorm.logpdf(theta, low, high, self.mean, self.sd)
         return own
-
-    def gradient(self, theta: Floats) -> Floats:
-        """Return the gradient ``(n, d)`` of the log density inside the bounds."""
-        gradient: Floats = (self.mean - theta) / self.sd**2
-        return gradient
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
@@ -116,16 +98,16 @@ class GaussianPrior(Report):
         return result
 
 
-@dataclass(frozen=True, eq=False, init=False)
 class IndependentPrior(Report):
     """Independent marginals, each a frozen continuous distribution of scipy.stats.
 
     ``p(theta) = prod_i p_i(theta_i)``, normalised inside the bounds. scipy writes a
-    uniform on [1000, 5000] as ``uniform(loc=1000, scale=4000)``;
-    ``uniform_between(1000, 5000)`` says the same and cannot be misread.
+    uniform on [1000, 5000] as ``uniform(loc=1000, scale=4000)``; the pair
+    ``(1000, 5000)`` says the same and cannot be misread.
 
     Args:
-        marginals: ``{name: frozen distribution}``; their order is that of the vector.
+        marginals: ``{name: frozen distribution}``, or ``{name: (low, high)}`` for a
+            uniform one; their order is that of the vector.
         bounds: ``{name: (low, high)}`` at which marginals are cut, such as those within
             which a reduced model holds; the others keep their supports.
 
@@ -136,15 +118,11 @@ class IndependentPrior(Report):
 
     Examples:
         >>> from scipy import stats
-        >>> from emcee_femu import IndependentPrior, uniform_between
-        >>> marginals = {"E": stats.lognorm(0.2), "k1": uniform_between(1e3, 5e3)}
+        >>> from emcee_femu import IndependentPrior
+        >>> marginals = {"E": stats.lognorm(0.2), "k1": (1e3, 5e3)}
         >>> IndependentPrior(marginals, bounds={"E": (0.5, 1.5)}).bounds.tolist()
         [[0.5, 1.5], [1000.0, 5000.0]]
     """
-
-    marginals: Mapping[str, Any]
-    names: tuple[str, ...]
-    bounds: Floats
 
     def __init__(
         self,
@@ -154,27 +132,32 @@ class IndependentPrior(Report):
         if not isinstance(marginals, Mapping):
             got = type(marginals).__name__
             raise TypeError(f"marginals: expected {{name: distribution}}, got {got}")
-        names = checks.parameter_names("marginals", list(marginals))
+        self.names = names = checks.parameter_names("marginals", list(marginals))
+        ends = checks.by_name("bounds", {} if bounds is None else bounds, names)
+        if ends:
+            limits = check_bounds([*ends.values()], (*ends,)).tolist()
+            ends = dict(zip(ends, limits, strict=True))
+        self.marginals: dict[str, Any] = {}
         for name, marginal in marginals.items():
+            if np.shape(marginal) == (2,):
+                marginal = _uniform(name, marginal)
             frozen = not isinstance(marginal, stats.rv_continuous)
-            methods = ("logpdf", "rvs", "support")
-            if not (frozen and all(hasattr(marginal, m) for m in methods)):
+            if not (frozen and {"logpdf", "rvs", "support"} <= {*dir(marginal)}):
                 raise TypeError(
                     f"marginals[{name!r}]: expected a frozen continuous distribution "
-                    f"such as scipy.stats.norm(0, 1), got {marginal!r}"
+                    "such as scipy.stats.norm(0, 1), or a pair (low, high), got "
+                    f"{marginal!r}"
                 )
-        cut = dict(marginals)
-        given = checks.by_name("bounds", {} if bounds is None else bounds, names)
-        if given:
-            ends = check_bounds([*given.values()], (*given,))
-            for name, (low, high) in zip(given, ends.tolist(), strict=True):
-                cut[name] = _Cut(name, marginals[name], low, high)
-        supports = check_bounds([one.support() for one in cut.values()], names)
-        checks.set_fields(self, marginals=cut, names=names, bounds=supports)
+            if name in ends:
+                marginal = _Cut(name, marginal, *ends[name])
+            self.marginals[name] = marginal
+        supports = [marginal.support() for marginal in self.marginals.values()]
+        self.bounds = check_bounds(supports, names)
 
     @property
-    def _laws(self) -> list[str]:
-        return [say(law) for law in self.marginals.values()]
+    def distributions(self) -> list[str]:
+        """The marginals before they are cut, as scipy writes them."""
+        return [describe_marginal(marginal) for marginal in self.marginals.values()]
 
     def _parts(self) -> Parts:
         return (tabulate_prior("Prior", self),)
@@ -190,21 +173,6 @@ class IndependentPrior(Report):
         """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
         pairs = zip(theta.T, self.marginals.values(), strict=True)
         return np.column_stack([marginal.logpdf(column) for column, marginal in pairs])
-
-    def gradient(self, theta: Floats) -> Floats:
-        """Return the gradient ``(n, d)`` of the log density inside the bounds.
-
-        In closed form for the usual distributions, by differences for others.
-        """
-        columns = []
-        for name, column in zip(self.names, theta.T, strict=True):
-            marginal = self.marginals[name]
-            own = slope(getattr(marginal, "marginal", marginal), column)
-            if own is None:
-                alone = IndependentPrior({name: marginal})
-                own = difference_density(alone, column[:, None], prior_scale(alone))
-            columns.append(own.reshape(-1))
-        return np.column_stack(columns)
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
@@ -246,27 +214,11 @@ class _Cut:
         return self.low, self.high
 
 
-def uniform_between(low: float, high: float) -> Any:
-    """Return the scipy.stats uniform distribution on ``[low, high]``.
-
-    Args:
-        low: The lower end.
-        high: The upper end.
-
-    Returns:
-        A frozen distribution.
-
-    Raises:
-        ValueError: If a bound is not finite or low >= high.
-
-    Examples:
-        >>> from emcee_femu import uniform_between
-        >>> uniform_between(1000.0, 5000.0).support()
-        (np.float64(1000.0), np.float64(5000.0))
-    """
-    low, high = checks.real_number("low", low), checks.real_number("high", high)
-    if low >= high:
-        raise ValueError(f"low: expected below high = {high:g}, got {low:g}")
+def _uniform(name: str, ends: Any) -> Any:
+    """Return the uniform distribution between two numbers."""
+    low, high = checks.real_array(f"marginals[{name!r}]", ends, 1)
+    if not low < high:
+        raise ValueError(f"marginals[{name!r}]: expected low < high, got {ends!r}")
     return stats.uniform(low, high - low)
 
 
@@ -278,11 +230,6 @@ def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
 
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     """Return bounds as ``(d, 2)``, refusing NaN and low >= high by name."""
-    if isinstance(bounds, Mapping):
-        raise TypeError(
-            "bounds: expected a pair (low, high) per name, in the order of names, got "
-            f"{bounds!r}"
-        )
     array = checks.numeric_array("bounds", bounds)
     if array.shape != (len(names), 2):
         raise ValueError(
@@ -312,3 +259,30 @@ def summarize_prior(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
     """
     sample = prior.sample(np.random.default_rng(0), draws)
     return sample.mean(axis=0), sample.std(axis=0)
+
+
+def prior_centre(prior: Prior) -> Floats:
+    """Return the parameters before updating: of a Gaussian its mean before the cut."""
+    if isinstance(prior, GaussianPrior):
+        return prior.mean
+    return summarize_prior(prior)[0]
+
+
+def tabulate_prior(title: str, prior: Prior) -> Table:
+    """Return names and bounds of any prior, and the marginals of this package's."""
+    columns: list[Column] = [("parameter", "", list(prior.names))]
+    if isinstance(prior, GaussianPrior | IndependentPrior):
+        columns.append(("prior", "", prior.distributions))
+    low, high = np.transpose(prior.bounds)
+    columns += [("lower", ".4g", low), ("upper", ".4g", high)]
+    return Table.from_columns(title, columns)
+
+
+def describe_marginal(marginal: Any) -> str:
+    """Write a frozen distribution as scipy does: its name and arguments."""
+    whole = getattr(marginal, "marginal", marginal)  # of one that is cut
+    kind = getattr(whole, "dist", whole)
+    arguments = [f"{value:.4g}" for value in getattr(whole, "args", ())]
+    keywords = getattr(whole, "kwds", {}).items()
+    arguments += [f"{key}={value:.4g}" for key, value in keywords]
+    return f"{getattr(kind, 'name', type(kind).__name__)}({', '.join(arguments)})"

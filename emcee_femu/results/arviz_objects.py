@@ -6,13 +6,17 @@ used.
 
 import warnings
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
+from ..sampling.importance import resample
+
+InferenceData: TypeAlias = Any  # before version 1 its own class, since then a DataTree
+Dataset: TypeAlias = Any  # xarray's
 
 # Groups whose draws may have weights.
 SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response"}
@@ -29,6 +33,11 @@ def load_arviz() -> Any:
     return arviz
 
 
+def is_arviz(source: object) -> bool:
+    """Return whether something is an ArviZ object."""
+    return hasattr(source, "children") or hasattr(source, "groups")
+
+
 def wrap(datasets: Mapping[str, Any]) -> Any:
     """Return xarray Datasets as the installed ArviZ's own container."""
     import xarray
@@ -39,7 +48,7 @@ def wrap(datasets: Mapping[str, Any]) -> Any:
     return xarray.DataTree.from_dict(dict(datasets))
 
 
-def dataset(idata: Any, group: str) -> Any:
+def dataset(idata: InferenceData, group: str) -> Any:
     """Return a group as an xarray Dataset, whatever ArviZ made of it.
 
     Weighted draws, which :func:`certify` makes, are repeated as their weights say:
@@ -49,7 +58,7 @@ def dataset(idata: Any, group: str) -> Any:
         TypeError: If idata is not what :func:`to_inference_data` returns.
         ValueError: If it lacks the group.
     """
-    if not hasattr(idata, "children") and not hasattr(idata, "groups"):
+    if not is_arviz(idata):
         raise TypeError(
             "idata: expected what to_inference_data returns, got "
             f"{type(idata).__name__}"
@@ -57,32 +66,37 @@ def dataset(idata: Any, group: str) -> Any:
     try:
         found = _group(idata, group)
     except KeyError:
-        raise ValueError(f"idata: it has no group {group!r}") from None
+        raise ValueError(
+            f"idata: it has no group {group!r}; to_inference_data(samplers, posterior) "
+            "makes it"
+        ) from None
     if group in SAMPLED and is_weighted(idata):
         weights = _group(idata, "sample_stats")["weight"].values.ravel()
-        found = found.isel(draw=_resample(weights))
+        size = max(FEWEST_RESAMPLED, COPIES * len(weights))
+        # So often that rounding is none.
+        found = found.isel(draw=resample(weights, size, 0.5))
     return found
 
 
-def groups(idata: Any) -> dict[str, Any]:
+def groups(idata: InferenceData) -> dict[str, Any]:
     """Return all groups as xarray Datasets."""
     tree = hasattr(idata, "children")
     names = list(idata.children) if tree else [*idata.groups()]
     return {name: _group(idata, name) for name in names}
 
 
-def describe_certificate(idata: Any) -> str:
+def describe_certificate(idata: InferenceData) -> str:
     """Return what :func:`certify` said, as a title has it; an empty string without."""
     text = dataset(idata, "posterior").attrs.get("certificate", "")
     return f" ({text})" if text else ""
 
 
-def _group(idata: Any, group: str) -> Any:
+def _group(idata: InferenceData, group: str) -> Any:
     found = idata[group]
     return found.to_dataset() if hasattr(found, "to_dataset") else found
 
 
-def is_weighted(idata: Any) -> bool:
+def is_weighted(idata: InferenceData) -> bool:
     """Return whether the draws have weights, as :func:`certify` gives them."""
     try:
         return "weight" in _group(idata, "sample_stats")
@@ -90,42 +104,41 @@ def is_weighted(idata: Any) -> bool:
         return False
 
 
-def _resample(weights: Floats) -> NDArray[np.intp]:
-    """Return draws as often as their weights say, so often that rounding is none."""
-    n = len(weights)
-    size = max(FEWEST_RESAMPLED, COPIES * n)
-    edges = np.cumsum(weights)
-    places = (np.arange(size) + 0.5) / size * edges[-1]
-    kept: NDArray[np.intp] = np.searchsorted(edges, places, side="right")
-    return np.minimum(kept, n - 1)
-
-
 def samples(
-    idata: Any, var_names: Sequence[str] | None = None
+    idata: InferenceData, var_names: Sequence[str] | None = None
 ) -> tuple[list[str], Floats]:
     """Return names and draws ``(chains, draws, d)`` of the posterior.
 
     Args:
         idata: What :func:`to_inference_data` returns.
-        var_names: Which; None for the sampled parameters. Derived quantities that were
-            added to the group must be numbers.
+        var_names: Which, of derived quantities that were added to the group too; None
+            for the sampled parameters. Vectors, as ``arviz.from_emcee`` may hold, are
+            columns ``x[0]``, ``x[1]``, ...
 
     Raises:
-        ValueError: If the group has no such variable, or one has more dimensions.
+        ValueError: If the group has no such variable.
     """
     posterior = dataset(idata, "posterior")
     wanted: Any = [var_names] if isinstance(var_names, str) else var_names
     if var_names is None:
         wanted = np.atleast_1d(posterior.attrs.get("sampled", list(posterior)))
-    names = list(checks.parameter_names("var_names", wanted))
-    for name in names:
-        if name not in posterior or set(posterior[name].dims) != {"chain", "draw"}:
+    columns: dict[str, Floats] = {}
+    for name in checks.parameter_names("var_names", wanted):
+        if name not in posterior:
             raise ValueError(
-                f"var_names: expected numbers of the posterior group, got {name!r}; "
-                f"there are {[str(n) for n in posterior.data_vars]}"
+                f"var_names: expected some of the posterior group, got {name!r}; there "
+                f"are {[str(n) for n in posterior.data_vars]}"
             )
-    ordered = [posterior[name].transpose("chain", "draw").values for name in names]
-    return names, np.stack(ordered, axis=-1)
+        values = posterior[name].transpose("chain", "draw", ...).values
+        for place in np.ndindex(values.shape[2:]):
+            label = f"{name}[{', '.join(map(str, place))}]" if place else name
+            columns[label] = values[:, :, *place]
+    return list(columns), np.stack([*columns.values()], axis=-1)
+
+
+def spread_out(n: int, most: int) -> NDArray[np.intp]:
+    """Return which of n draws to take where ``most`` will do, evenly spread."""
+    return np.linspace(0, n - 1, min(n, most)).astype(np.intp)
 
 
 def rhat(chains: Floats) -> Floats:

@@ -1,14 +1,27 @@
-"""What full solves say of an emulated posterior, as a table and sentences."""
+"""What full solves say of an emulated posterior: numbers, verdict, an ArviZ object."""
 
-from dataclasses import dataclass, field
-from typing import Any
+import json
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..interfaces import Floats
+from ..interfaces import Floats, Prior
+from ..posterior.log_posterior import LogPosterior
 from ..sampling.importance import GOOD_K
 from ..table import Parts, Report, Table
+from .arviz_objects import InferenceData, groups, wrap
+from .chains import Chains
+from .to_arviz import convert
 
+if TYPE_CHECKING:
+    from .certify import EmulatedChain
+
+PER_TERM = 5  # draws for each term of a quadratic with products
+ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
+PRIOR_DRAWS = 20_000  # which cost no solve
+LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
+NEAR, PRESSED = 0.1, 0.005  # standard deviations from a bound; share of draws there
 EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no matter
 FEWEST = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
@@ -22,8 +35,6 @@ class Certificate(Report):
 
     Attributes:
         names: Parameter names, ``d`` of them.
-        short: "certified", "corrected" or "refused".
-        verdict: The verdict in one sentence, with what to do.
         solves: Full solves spent, all of them.
         failed_solves: Of these, how many failed and were taken for impossible.
         efficiency: Effective share of the weights (Kish): 1 where all are equal.
@@ -41,7 +52,9 @@ class Certificate(Report):
         theta: The draws that were solved in full, ``(n, d)``.
         weights: Their weights, of mean one, ``(n,)``.
         log_posterior: The true log-posterior there, ``(n,)``.
-        findings: Plain sentences.
+        faults: What is wrong with the bounds or the chain of the emulated posterior.
+        missed: What a search came upon that the draws lack.
+        notes: What else to know.
         idata: The ArviZ object to go on with. If corrected, its draws are those that
             were solved in full, with their weights in ``sample_stats``, and tables and
             figures show the weighted draws; else it is a copy of what was given. Either
@@ -49,8 +62,6 @@ class Certificate(Report):
     """
 
     names: tuple[str, ...]
-    short: str
-    verdict: str
     solves: int
     failed_solves: int
     efficiency: float
@@ -67,8 +78,97 @@ class Certificate(Report):
     theta: Floats = field(repr=False)
     weights: Floats = field(repr=False)
     log_posterior: Floats = field(repr=False)
-    findings: tuple[str, ...] = ()
-    idata: Any = field(default=None, repr=False)
+    faults: tuple[str, ...] = field(default=(), repr=False)
+    missed: tuple[str, ...] = field(default=(), repr=False)
+    notes: tuple[str, ...] = field(default=(), repr=False)
+    idata: InferenceData | None = field(default=None, repr=False)
+
+    @property
+    def short(self) -> str:
+        """The verdict in one word, "certified", "corrected" or "refused"."""
+        if self._reasons:
+            return REFUSED
+        shift, off = self._differences
+        good = self.efficiency >= EQUAL and max(shift, off) <= CLOSE
+        return CERTIFIED if good else CORRECTED
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in one sentence, with what to do."""
+        facts = (
+            f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, Pareto k "
+            f"{self.pareto_k:.2f} ({self.curvature_k:.2f} by the curvature of the "
+            f"weights), largest weight {self.largest:.2g} times the mean"
+        )
+        if reasons := self._reasons:
+            return f"Refused: {reasons[0]} ({facts})."
+        shift, off = self._differences
+        differences = (
+            f"means differ by up to {shift:.3f} standard deviations, standard "
+            f"deviations by up to {100 * off:.1f} %"
+        )
+        if self.short == CERTIFIED:
+            return (
+                "Certified: as far as full solves at its draws can tell, the emulated "
+                f"posterior is the true one; {differences} ({facts})."
+            )
+        return (
+            f"Corrected: {differences}, which the weights repair; use the idata, mean "
+            "and sd of the certificate, or emulate with more solves "
+            f"({facts})."
+        )
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Further faults in plain sentences, and what else to know."""
+        return (*(f"Also: {reason}." for reason in self._reasons[1:]), *self.notes)
+
+    @property
+    def _differences(self) -> tuple[float, float]:
+        """The largest of the means, in sds, and of the standard deviations."""
+        shift = np.abs(self.mean - self.emulated_mean) / self.sd
+        off = np.abs(self.emulated_sd / self.sd - 1)
+        return float(shift.max()), float(off.max())
+
+    @property
+    def _reasons(self) -> list[str]:
+        """Why the emulated posterior is refused, the plainest first."""
+        weakness = self._find_weakness()
+        return [*self.faults, *([weakness] if weakness else []), *self.missed]
+
+    def _find_weakness(self) -> str:
+        """Return why the weights cannot be trusted, the plainest reason; or nothing."""
+        n = len(self.weights)
+        k = max(self.pareto_k, self.curvature_k)
+        better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
+        if n < FEWEST or not np.isfinite(self.effective):
+            return (
+                f"too few solves, {FEWEST} draws are the least that tell anything; "
+                "certify with more"
+            )
+        if not self.largest < np.inf:
+            return f"the true posterior is zero at all draws; {better}"
+        heavy = self.efficiency < EQUAL
+        if heavy and k > GOOD_K:
+            return (
+                "the weights have so heavy a tail that no mean over them can be "
+                f"believed; {better}"
+            )
+        needed = FEWEST_EFFECTIVE if heavy else FEWEST
+        if self.effective < needed:
+            more = self.solves * needed / max(self.effective, 1.0)
+            return (
+                f"too few solves: the weighted draws are worth {self.effective:.0f} "
+                f"independent ones, and {needed} are needed; {better}, or certify with "
+                f"{_round_up(more)} solves"
+            )
+        if heavy and k > 1 - 1 / np.log10(n):
+            return (
+                "too few solves for so heavy a tail of the weights; certify with "
+                f"{_round_up(self.solves / n * 10 ** (1 / (1 - k)))} solves, or "
+                "emulate with more"
+            )
+        return ""
 
     @property
     def table(self) -> Table:
@@ -92,82 +192,164 @@ class Certificate(Report):
     def _parts(self) -> Parts:
         return self.table, self.verdict, *self.findings
 
+    def sealed(
+        self,
+        idata: InferenceData,
+        posterior: LogPosterior,
+        rows: Floats,
+        log_emulated: Floats,
+    ) -> "Certificate":
+        """Return the certificate with the ArviZ object to go on with.
 
-def judge(
-    found: Certificate, bounds: list[str], missed: list[str]
-) -> tuple[str, str, list[str]]:
-    """Return the verdict in one word and in one sentence, and what else is wrong.
+        Args:
+            idata: Of the emulated posterior.
+            posterior: The true one.
+            rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
+            log_emulated: The emulated log-posterior there, ``(n,)``.
+        """
+        import xarray
 
-    Args:
-        found: All that is known but the verdict.
-        bounds: What is wrong with the emulated posterior's bounds or chain.
-        missed: What a search found that the draws lack.
-    """
-    n = len(found.weights)
-    facts = (
-        f"{n} draws, efficiency {found.efficiency:.2f}, Pareto k {found.pareto_k:.2f} "
-        f"({found.curvature_k:.2f} by the curvature of the weights), "
-        f"largest weight {found.largest:.2g} times the mean"
-    )
-    faults = [*bounds, *_weak_weights(found), *missed]
-    if faults:
-        more = [f"Also: {fault}." for fault in faults[1:]]
-        return REFUSED, f"Refused: {faults[0]} ({facts}).", more
-    shift = np.abs(found.mean - found.emulated_mean) / found.sd
-    off = np.abs(found.emulated_sd / found.sd - 1)
-    differences = (
-        f"means differ by up to {shift.max():.3f} standard deviations, standard "
-        f"deviations by up to {100 * off.max():.1f} %"
-    )
-    if found.efficiency >= EQUAL and max(shift.max(), off.max()) <= CLOSE:
-        verdict = (
-            "Certified: as far as full solves at its draws can tell, the emulated "
-            f"posterior is the true one; {differences} ({facts})."
+        text, held = f"{self.short} by {self.solves} full solves", groups(idata)
+        if self.short == CORRECTED:
+            text = f"corrected by the weights of {len(self.weights)} full solves"
+            possible = self.weights > 0
+            solved = rows[possible, None, None]
+            chains = Chains(
+                posterior.names,
+                self.theta[possible, None, None],
+                solved[..., 0],
+                solved[..., 1:],
+                posterior=posterior,
+                kind="weighted",
+                seed="unknown (solved at chosen draws)",
+                origin="draws of an emulated posterior, solved in full and weighted",
+            )
+            held = groups(convert(chains))
+            weight = ("chain", "draw"), self.weights[possible][None]
+            held["sample_stats"] = held["sample_stats"].assign(weight=weight)
+        held["posterior"] = held["posterior"].assign_attrs(certificate=text)
+        values = {
+            "theta": (("solve", "parameter"), self.theta),
+            "weight": ("solve", self.weights),
+            "lp": ("solve", self.log_posterior),
+            "lp_emulated": ("solve", log_emulated),
+        }
+        held["certificate"] = xarray.Dataset(
+            values,
+            {"solve": np.arange(len(self.theta)), "parameter": list(self.names)},
+            {
+                "verdict": self.verdict,
+                "short": self.short,
+                "solves": self.solves,
+                "efficiency": self.efficiency,
+                "pareto_k": self.pareto_k,
+                "findings": json.dumps(self.findings),
+            },
         )
-        return CERTIFIED, verdict, []
-    verdict = (
-        f"Corrected: {differences}, which the weights repair; use the idata, mean and "
-        f"sd of the certificate, or emulate with more solves ({facts})."
-    )
-    return CORRECTED, verdict, []
-
-
-def _weak_weights(found: Certificate) -> list[str]:
-    """Return why the weights cannot be trusted, the plainest first."""
-    n = len(found.weights)
-    k = max(found.pareto_k, found.curvature_k)
-    better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
-    if n < FEWEST or not np.isfinite(found.effective):
-        return [
-            f"too few solves, {FEWEST} draws are the least that tell anything; certify "
-            "with more"
-        ]
-    if not found.largest < np.inf:
-        return [f"the true posterior is zero at all draws; {better}"]
-    heavy = found.efficiency < EQUAL
-    if heavy and k > GOOD_K:
-        return [
-            "the weights have so heavy a tail that no mean over them can be believed; "
-            f"{better}"
-        ]
-    needed = FEWEST_EFFECTIVE if heavy else FEWEST
-    if found.effective < needed:
-        more = found.solves * needed / max(found.effective, 1.0)
-        return [
-            f"too few solves: the weighted draws are worth {found.effective:.0f} "
-            f"independent ones, and {needed} are needed; {better}, or certify with "
-            f"{_round_up(more)} solves"
-        ]
-    if heavy and k > 1 - 1 / np.log10(n):
-        return [
-            "too few solves for so heavy a tail of the weights; certify with "
-            f"{_round_up(found.solves / n * 10 ** (1 / (1 - k)))} solves, or emulate "
-            "with more"
-        ]
-    return []
+        return replace(self, idata=wrap(held))
 
 
 def _round_up(solves: float) -> int:
     """Return a number of two digits."""
     size = 10 ** max(0, int(np.log10(solves)) - 1)
     return int(-(-solves // size) * size)
+
+
+def correct_moments(
+    chain: "EmulatedChain", theta: Floats, shares: Floats, weights: Floats
+) -> Floats:
+    r"""Return means and sds of the true posterior with standard errors, ``(4, d)``.
+
+    .. math:: \hat f = \overline f + \sum_i (w_i - c_i) f_i
+
+    with means over the whole chain, and the shares of the solved draws as draws of the
+    emulated posterior, c, and of the true one, w: where all weights are equal it is the
+    mean over the chain. A standard deviation is NaN where one draw has all the weight.
+
+    Args:
+        chain: Of the emulated posterior.
+        theta: The draws that were solved in full, ``(n, d)``.
+        shares: c, ``(n,)``.
+        weights: w, ``(n,)``.
+    """
+    n, centre = len(theta), chain.draws.mean(axis=0)
+    moved = weights - shares
+
+    def influence(at_draws: Floats, of_chain: Floats, size: Floats) -> list[Floats]:
+        """Return a mean, and how each solved draw and the chain move it."""
+        mean = of_chain.mean(axis=0) + moved @ at_draws
+        by_draws = moved[:, None] * (at_draws - mean)
+        return [mean, by_draws, (of_chain - mean) / np.sqrt(size)]
+
+    def error(by_draws: Floats, by_chain: Floats) -> Floats:
+        square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / (n - 1)
+        return np.asarray(np.sqrt(square + by_chain.var(axis=0)))
+
+    at, apart = theta - centre, chain.draws - centre
+    shift, *of_mean = influence(at, apart, chain.mean_sizes[0])
+    squares, *of_squares = influence(at**2, apart**2, chain.mean_sizes[1])
+    mean_error = error(*of_mean)
+    variance = squares - shift**2 + mean_error**2
+    left = 1 - (weights**2).sum()
+    if left > ALONE:  # of the weighted draws alone
+        alone = weights @ (theta - weights @ theta) ** 2 / left
+        variance = np.where(variance > 0, variance, alone)
+    sd = np.sqrt(np.where(variance > 0, variance, np.nan))
+    by_sd = [
+        (square - 2 * shift * mean) / (2 * sd)
+        for square, mean in zip(of_squares, of_mean, strict=True)
+    ]
+    return np.array([centre + shift, mean_error, sd, error(*by_sd)])
+
+
+def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> float:
+    """Return the Pareto k that the curvature of ln w implies: its largest eigenvalue.
+
+    Where the chain is standard normal, weights ``exp(k z^2 / 2)`` have the tail of a
+    Pareto distribution of shape k. All weights tell of it, not the largest ones alone;
+    -inf where there are too few.
+    """
+    possible, d = np.isfinite(log_weights), theta.shape[1]
+    i, j = np.triu_indices(d)
+    if len(theta) < PER_TERM * (1 + d + len(i)):
+        i = j = np.arange(d)  # squares alone
+    z = chain.whiten(theta[possible])
+    terms = np.column_stack([np.ones(len(z)), z, z[:, i] * z[:, j]])
+    if len(z) < 2 * terms.shape[1]:
+        return -np.inf
+    fit = np.linalg.lstsq(terms, log_weights[possible])[0][1 + d :]
+    hessian = np.zeros((d, d))
+    hessian[i, j] += fit
+    hessian[j, i] += fit
+    return float(np.linalg.eigvalsh(hessian)[-1])
+
+
+def compare_bounds(
+    chain: "EmulatedChain", prior: Prior, rng: np.random.Generator
+) -> list[str]:
+    """Return what is wrong with the emulated posterior's bounds, without a solve."""
+    faults = []
+    theta = prior.sample(rng, PRIOR_DRAWS)
+    low, high = chain.bounds.T
+    left_out = 1 - ((theta >= low) & (theta <= high)).all(axis=1).mean()
+    if left_out > LEFT_OUT:
+        faults.append(
+            f"the emulated posterior's bounds leave out {100 * left_out:.2g} % of the "
+            "prior, and of what is there nothing is known; emulate within the bounds "
+            "of the prior, or certify against a posterior whose prior is cut at those "
+            "of the emulator"
+        )
+    sd = chain.draws.std(axis=0)
+    for i, name in enumerate(chain.names):
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            bound, beyond = chain.bounds[i, end], prior.bounds[i, end]
+            if bound == beyond or not sign * (bound - beyond) > NEAR * NEAR * sd[i]:
+                continue
+            share = (sign * (chain.draws[:, i] - bound) < NEAR * sd[i]).mean()
+            if share > PRESSED:
+                faults.append(
+                    f"the draws press against {name} = {bound:.5g} ({100 * share:.2g} "
+                    f"% of them within {NEAR:g} standard deviations), where the "
+                    "emulator ends but the prior does not; emulate within wider bounds"
+                )
+    return faults

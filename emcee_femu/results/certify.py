@@ -1,47 +1,69 @@
-"""Hold an emulated posterior to full solves at its own draws."""
+"""Check an emulated posterior against full solves at its own draws.
 
-from dataclasses import replace
+Weights at the draws cannot see what the emulator excludes. Three things can: bounds
+narrower than the prior's, draws that press against such a bound, and climbs of the true
+posterior from draws of the prior.
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from .. import checks
-from ..interfaces import Floats
+from ..evaluation.resume import open_evaluator
+from ..interfaces import Evaluator, Floats
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.arguments import check_file
-from ..sampling.evaluation import Evaluation
-from ..sampling.importance import GOOD_K, kish_share, smooth_tail
-from ..sampling.journal import Journal
-from ..sampling.manifest import describe
-from ..sampling.pools.own_processes import open_pool
-from .arviz_objects import dataset, samples
-from .certificate import EQUAL, Certificate, judge
-from .certified_idata import with_certificate
-from .corrected_moments import Moments, correct_moments, curvature_k, spread_factor
-from .diagnostics import FEWEST_STEPS, diagnose
-from .frequencies import check_sampled
-from .outside import MOST, SHARE, Search, compare_bounds, find_missed, look_elsewhere
-from .solved_draws import ChosenDraws, EmulatedChain, choose_draws, read_chain
+from ..sampling.climbing import Maximum, climb
+from ..sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
+from .arviz_objects import (
+    InferenceData,
+    dataset,
+    effective_sizes,
+    is_weighted,
+    mean_sizes,
+    samples,
+)
+from .certificate import (
+    EQUAL,
+    Certificate,
+    compare_bounds,
+    correct_moments,
+    curvature_k,
+)
+from .diagnose import FEWEST_STEPS, diagnose
+from .to_arviz import check_sampled
 
 FEWEST_SOLVES = 10
 APART = 1.1  # R-hat of walkers or ensembles that are in different places
+SHARE, MOST = 4, 30  # solves for the search: at most a quarter, and no more than these
+FIRST = 8  # starts that are put in order
+STEPS = 3  # of a climb, below which it says nothing
+MISSED = 0.01  # share of the posterior that may be missing
+FOUND = 0.25  # of a maximum's share, below which the draws lack it
+GAPS = 1.5  # times the largest gap between draws: farther than any of them
+SHOWN = 2_000  # draws of the chain that are compared
 
 
 def certify(
-    idata: Any,
+    idata: InferenceData,
     posterior: LogPosterior,
     solves: int = 100,
     *,
     seed: int,
     workers: int | None = None,
-    pool: Any = None,
+    pool: object = None,
     on_failure: str = "raise",
-    max_failures: float = 0.1,
+    max_failures: float = 0.2,
     backend: str | PathLike[str] | None = None,
+    resume: bool = False,
     probe_tolerance: float = 1e-6,
 ) -> Certificate:
-    r"""Hold the posterior of an emulator to full solves at independent draws of it.
+    r"""Check an emulated posterior against full solves at independent draws of it.
 
     .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
         \hat f = \sum_i w_i f(\theta_i) \Big/ \sum_i w_i
@@ -49,7 +71,8 @@ def certify(
     with the true posterior over the emulated one, :math:`\tilde p`, which idata holds.
     Draws are taken from the chain at equal distances, none twice. The effective share
     of the weights and their Pareto k tell how good the emulated posterior is; corrected
-    means and standard deviations use the whole chain beside the weights. The verdict is
+    means and standard deviations are those of the whole chain, moved by what the
+    weights change at the solved draws. The verdict is
 
     - *certified*: efficiency at least .9, and means and standard deviations within a
       tenth of a standard deviation;
@@ -58,7 +81,7 @@ def certify(
       tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), or something
       missing.
 
-    Weights that are nearly equal (efficiency above .9) are believed whatever their k,
+    Weights that are nearly equal (efficiency above .9) are trusted regardless of k,
     which fewer than 100 of them do not tell well. Where k is at most .7 unequal weights
     are smoothed (PSIS).
 
@@ -83,8 +106,9 @@ def certify(
             has no weight.
         max_failures: Fraction of failed solves above which "reject" stops.
         backend: Name of a file that keeps every solve as it arrives, such as
-            "beam.certificate"; None for none. If it is there, the solves in it are not
-            repeated.
+            "beam.certificate"; None for none.
+        resume: Whether to go on with the file if it is there, as in :func:`run`; the
+            solves in it are not repeated.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another.
 
@@ -98,7 +122,8 @@ def certify(
         RuntimeError: If too many solves failed.
 
     Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
-    sampling", JMLR 25(72); Kish (1965), Survey Sampling (efficiency).
+    sampling", JMLR 25(72); Kish (1965), Survey Sampling (efficiency); Owen (2013),
+    Monte Carlo theory, methods and examples, chapter 8 (the difference estimator).
 
     Examples:
         >>> import emcee_femu as ef
@@ -109,7 +134,7 @@ def certify(
         ... )
         >>> near = ef.FunctionModel(lambda p: [3 + (p["k"] - 9) / 6], n_modes=1)
         >>> emulated = ef.LogPosterior(near, term, prior)
-        >>> sampler = ef.run(emulated, nwalkers=20, nsteps=400, seed=1)
+        >>> sampler = ef.run(emulated, ef.DEMCMove(), 20, 400, ensembles=1, seed=1)
         >>> idata = ef.to_inference_data(sampler, emulated, discard=100)
         >>> certificate = ef.certify(idata, true, 60, seed=2)
         >>> certificate.short, certificate.solves <= 60
@@ -118,106 +143,287 @@ def certify(
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
-    path = check_file(backend, False)
-    tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
     rng = np.random.default_rng(seed)
-    chain = read_chain(idata, rng)
-    with open_pool(pool, workers, posterior.one_by_one) as evaluators:
-        evaluation = Evaluation.of(posterior, evaluators, on_failure, max_failures)
-        settings = {"moves": "certify", "solves": solves, "seed": seed}
-        manifest = describe(posterior, **settings, emulated_draws=chain.draws)
-        journal = Journal(evaluation, path, {"manifest": manifest})
-        journal.probe(tolerance)
-        search = look_elsewhere(chain, journal, min(solves // SHARE, MOST), rng)
-        chosen = choose_draws(chain, solves - search.solves, rng)
-        if evaluators is None and not posterior.one_by_one:
-            rows = journal.rows(chosen.theta)  # a batch takes little longer than one
-        else:
-            solved = dict(journal.each(chosen.theta))
-            rows = np.array([solved[i] for i in range(len(chosen.theta))])
-    log = evaluation.failures
-    found = _weigh(
-        chain, chosen, rows, journal.solves, 0 if log is None else log.causes.total()
-    )
-    bounds = compare_bounds(chain, posterior.prior, rng)
-    shares = found.weights / len(found.weights)
-    missed = find_missed(chain, search, found.log_posterior, shares)
-    unsound, said = _judge_chain(idata)
-    short, verdict, also = judge(found, [*bounds, *unsound], missed)
-    findings = (*also, *_find(chain, found, search), *said)
-    found = replace(found, short=short, verdict=verdict, findings=findings)
-    made = with_certificate(idata, posterior, found, rows, chosen.log_posterior)
-    return replace(found, idata=made)
-
-
-def _weigh(
-    chain: EmulatedChain, chosen: ChosenDraws, rows: Floats, solves: int, failed: int
-) -> Certificate:
-    """Return a certificate without a verdict."""
-    n, d = chosen.theta.shape
-    mean, sd = chain.draws.mean(axis=0), chain.draws.std(axis=0, ddof=1)
-    log_weights = rows[:, 0] - chosen.log_posterior
-    counted = log_weights + np.log(chosen.counts)
+    chain = EmulatedChain.of(idata, rng)
+    asked = {"moves": "certify", "solves": solves, "seed": seed}
+    with open_evaluator(
+        posterior,
+        asked | {"emulated draws": chain.draws},
+        workers=workers,
+        pool=pool,
+        on_failure=on_failure,
+        max_failures=max_failures,
+        backend=backend,
+        resume=resume,
+        probe_tolerance=probe_tolerance,
+    ) as evaluator:
+        maxima = _look_elsewhere(chain, evaluator, min(solves // SHARE, MOST), rng)
+        searched = evaluator.solves
+        places, counts = chain.choose(solves - searched, rng)
+        theta, emulated = chain.draws[places], chain.log_posterior[places]
+        by_number = dict(evaluator.each(theta))
+        rows = np.array([by_number[i] for i in range(len(theta))])
+    n, log_posterior = len(theta), rows[:, 0]
+    log_weights = log_posterior - emulated
+    counted = log_weights + np.log(counts)
     efficiency = kish_share(counted)
-    smoothed, k = smooth_tail(counted)
-    if efficiency < EQUAL and k <= GOOD_K:
+    smoothed, pareto_k = smooth_tail(counted)
+    if efficiency < EQUAL and pareto_k <= GOOD_K:
         counted = smoothed
-    top = counted.max()
-    weights, moments = np.zeros(n), Moments(*np.full((4, d), np.nan))
-    if top > -np.inf:
-        weights = np.exp(counted - top)
-        weights /= weights.sum()
-        plain = chosen.counts / chosen.counts.sum()
-        moments = correct_moments(chain, chosen.theta, plain, weights)
-    return Certificate(
+    weights, moments = np.zeros(n), np.full((4, len(chain.names)), np.nan)
+    possible = bool(counted.max() > -np.inf)
+    if possible:
+        weights = normalise(counted)
+        moments = correct_moments(chain, theta, counts / counts.sum(), weights)
+    unsound, warned = _judge_chain(idata)
+    notes = _note(chain, n, maxima, searched, evaluator.solves, evaluator.failed)
+    certificate = Certificate(
         names=chain.names,
-        short="",
-        verdict="",
-        solves=solves,
-        failed_solves=failed,
+        solves=evaluator.solves,
+        failed_solves=evaluator.failed,
         efficiency=efficiency,
-        effective=n * efficiency / spread_factor(chain.size, n),
-        pareto_k=k,
-        curvature_k=curvature_k(chain, chosen.theta, log_weights),
-        largest=float(n * weights.max()) if top > -np.inf else np.inf,
-        **moments._asdict(),
-        emulated_mean=mean,
-        emulated_sd=sd,
-        theta=chosen.theta,
+        effective=n * efficiency / chain.excess(n),
+        pareto_k=pareto_k,
+        curvature_k=curvature_k(chain, theta, log_weights),
+        largest=float(n * weights.max()) if possible else np.inf,
+        mean=moments[0],
+        mean_error=moments[1],
+        sd=moments[2],
+        sd_error=moments[3],
+        emulated_mean=chain.draws.mean(axis=0),
+        emulated_sd=chain.draws.std(axis=0, ddof=1),
+        theta=theta,
         weights=n * weights,
-        log_posterior=rows[:, 0],
+        log_posterior=log_posterior,
+        faults=(*compare_bounds(chain, posterior.prior, rng), *unsound),
+        missed=_find_missed(chain, maxima, log_posterior, weights),
+        notes=(*notes, *warned),
     )
+    return certificate.sealed(idata, posterior, rows, emulated)
 
 
-def _judge_chain(idata: Any) -> tuple[list[str], list[str]]:
-    """Return what forbids to trust the emulated posterior's chain, and a finding."""
+@dataclass(frozen=True, eq=False)
+class EmulatedChain:
+    """What an ArviZ object holds of the emulated posterior.
+
+    Attributes:
+        names: Parameter names, ``d`` of them.
+        draws: All draws, step by step, ``(n, d)``.
+        log_posterior: The emulated log-posterior there, ``(n,)``.
+        bounds: Of the emulated posterior's prior, ``(d, 2)``.
+        size: As many independent draws would know the centre as well, the worst
+            parameter's.
+        mean_sizes: The same for each parameter's mean and mean square, ``(2, d)``.
+    """
+
+    names: tuple[str, ...]
+    draws: Floats
+    log_posterior: Floats
+    bounds: Floats
+    size: float
+    mean_sizes: Floats
+
+    @classmethod
+    def of(cls, idata: InferenceData, rng: np.random.Generator) -> "EmulatedChain":
+        """Return the chain; walkers are in random order at each step.
+
+        Raises:
+            ValueError: If idata lacks the log-posterior or the bounds, or is not a
+                chain but what an earlier certificate corrected.
+        """
+        names, chains = samples(idata)
+        stats = dataset(idata, "sample_stats")
+        constant = dataset(idata, "constant_data")
+        if "lp" not in stats or not {"lower", "upper"} <= set(constant):
+            raise ValueError(
+                "idata: expected what to_inference_data returns of the emulated "
+                "posterior, with its log-posterior and its bounds"
+            )
+        if is_weighted(idata):
+            raise ValueError(
+                "idata: expected draws of the emulated posterior, got those that a "
+                "certificate has weighted; give it the object that you certified"
+            )
+        m, n, d = chains.shape
+        order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
+        steps = np.arange(n)[:, None]
+        draws = chains[order, steps].reshape(-1, d)
+        for name, column in zip(names, draws.T, strict=True):
+            if np.ptp(column) == 0:
+                raise ValueError(f"idata: every draw of {name!r} is {column[0]:g}")
+        lp = stats["lp"].transpose("chain", "draw").values
+        constant = constant.reindex(parameter=names)
+        bulk = effective_sizes(chains)[0]
+        if len(json.loads(dataset(idata, "posterior").attrs.get("betas", "[1.0]"))) > 1:
+            # Exchanges hand states over, which walker by walker look independent.
+            bulk = diagnose(idata).ess_bulk
+        both = chains, (chains - draws.mean(axis=0)) ** 2
+        # At least one; NaN is that of a chain too short.
+        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_sizes, both)], nan=1.0), 1.0)
+        return cls(
+            names=tuple(names),
+            draws=draws,
+            log_posterior=lp[order, steps].ravel(),
+            bounds=np.column_stack(
+                [constant["lower"].values, constant["upper"].values]
+            ),
+            size=float(min(sizes[0].min(), m * n)),
+            mean_sizes=sizes[1:],
+        )
+
+    @cached_property
+    def root(self) -> Floats:
+        """The Cholesky factor of the covariance of the draws, ``(d, d)``."""
+        scale = np.atleast_2d(np.cov(self.draws, rowvar=False))
+        return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
+
+    def whiten(self, theta: Floats) -> Floats:
+        """Return coordinates ``(n, d)`` in which the draws are white."""
+        return np.asarray(np.linalg.solve(self.root, (theta - self.draws.mean(0)).T).T)
+
+    def distance(self, theta: Floats) -> Floats:
+        """Return how far points ``(n, d)`` are from draws, in their largest gaps."""
+        some = np.unique(self.draws[:: -(-len(self.draws) // SHOWN)], axis=0)
+        tree = cKDTree(self.whiten(some))
+        gaps = tree.query(tree.data, k=2)[0][:, 1]
+        return np.asarray(tree.query(self.whiten(theta))[0] / (GAPS * gaps.max()))
+
+    def choose(
+        self, n: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return places of ``n`` different draws at equal distances, or of fewer.
+
+        Every draw of the chain is as likely to be taken as any other. A walker that
+        stood still may be met again: its draw is solved once and counts as often as it
+        was met, which is returned too.
+        """
+        total, start = len(self.draws), rng.random()
+        taken = min(n, total)
+        while True:
+            places = ((start + np.arange(taken)) * total / taken).astype(int)
+            places = np.minimum(places, total - 1)
+            _, first, counts = np.unique(
+                self.draws[places], axis=0, return_index=True, return_counts=True
+            )
+            if len(first) >= n or taken == total:
+                break
+            taken = min(taken + max(n - len(first), taken // 8), total)
+        kept = np.sort(rng.permutation(len(first))[:n])
+        return places[first[kept]], counts[kept]
+
+    def excess(self, n: int) -> float:
+        """Return by how much a mean of n draws varies more than of independent ones.
+
+        ``coth(size / n)`` is exact for draws at equal distances of an AR(1) chain that
+        is worth ``size`` independent ones.
+        """
+        return float(1 / np.tanh(self.size / n))
+
+
+def _look_elsewhere(
+    chain: EmulatedChain, evaluator: Evaluator, most: int, rng: np.random.Generator
+) -> list[Maximum]:
+    """Return where climbs end that start from the prior away from the chain's draws.
+
+    They stop when their solves are spent; where these are too few for a few steps there
+    is none.
+    """
+    prior, maxima = evaluator.posterior.prior, []
+    starts = prior.sample(rng, 20 * most)
+    away = chain.distance(starts)
+    starts, away = starts[away > 1], away[away > 1]
+    # The first climb begins where the draws are farthest of a few starts, since near
+    # ones lead to the maximum that is known.
+    order = np.argsort(-away[:FIRST])
+    price = 1 if evaluator.posterior.differentiable else evaluator.posterior.ndim + 1
+    for start in np.concatenate([starts[:FIRST][order], starts[FIRST:]]):
+        left = most - evaluator.solves
+        if left < STEPS * price:
+            break
+        maxima += climb(evaluator, start[None], most=left)
+    return maxima
+
+
+def _find_missed(
+    chain: EmulatedChain, maxima: list[Maximum], log_posterior: Floats, weights: Floats
+) -> tuple[str, ...]:
+    """Return the plainest of what climbs came upon that the draws lack.
+
+    Args:
+        chain: Of the emulated posterior.
+        maxima: Of the true one, where climbs ended.
+        log_posterior: The true log-posterior at the solved draws, ``(n,)``.
+        weights: Their shares of the true posterior, ``(n,)``.
+    """
+    d = chain.draws.shape[1]
+    log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
+    heights = np.where(weights > 0, log_posterior, 0.0)
+    known = float(weights @ heights) + log_volume  # the log evidence of a Gaussian
+    for top in maxima:
+        if not top.converged:  # on its way, perhaps to what is known
+            continue
+        share = 1 / (1 + np.exp(np.clip(known - top.log_evidence, -500, 500)))
+        if share < MISSED:
+            continue
+        offset = chain.draws - top.theta
+        squares = np.einsum(
+            "ni,ij,nj->n", offset, np.linalg.inv(top.covariance), offset
+        )
+        if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
+            return (
+                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
+                f"about {100 * share:.0f} % of it by Laplace's approximation, where "
+                "the emulated one has hardly a draw; emulate with a start there",
+            )
+    middle = np.median(log_posterior)
+    for top in sorted(maxima, key=lambda top: -top.log_posterior):
+        if top.log_posterior > middle and chain.distance(top.theta[None])[0] > 1:
+            return (
+                "far from all draws of the emulated posterior the true one is as high "
+                f"as at half of them, at {_name(chain, top.theta)}; emulate with a "
+                "start there",
+            )
+    return ()
+
+
+def _name(chain: EmulatedChain, theta: Floats) -> str:
+    pairs = zip(chain.names, theta.tolist(), strict=True)
+    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)
+
+
+def _judge_chain(idata: InferenceData) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return why the emulated posterior's chain cannot be trusted, or a finding."""
     group = dataset(idata, "posterior")
-    known = "ensemble" in group.coords and not group.attrs.get("population")
+    known = "ensemble" in group.coords and not group.attrs.get("kind") == "population"
     if not known or group.sizes["draw"] < FEWEST_STEPS:
-        return [], []
-    found = diagnose(idata)
-    if not found.verdict.startswith("Not converged"):
-        return [], []
-    apart = np.nan_to_num([found.rhat_within.max(), found.rhat_between.max()])
-    if found.stuck or apart.max() > APART:
-        return [
-            "the chain of the emulated posterior is in several parts, which no weight "
-            "brings together; run it longer, without its burn-in, until diagnose finds "
-            "no walkers or ensembles apart"
-        ], []
-    return [], [
-        f"The chain of the emulated posterior itself: {found.verdict} What it has not "
-        "visited, no weight brings back."
-    ]
+        return (), ()
+    diagnosis = diagnose(idata)
+    apart = np.nan_to_num([diagnosis.rhat_within.max(), diagnosis.rhat_between.max()])
+    if not diagnosis.verdict.startswith("Not converged"):
+        return (), ()
+    if not diagnosis.stuck and apart.max() <= APART:
+        text = f"The chain of the emulated posterior itself: {diagnosis.verdict}"
+        return (), (f"{text} What it has not visited, no weight brings back.",)
+    return (
+        "the chain of the emulated posterior is in several parts, which no weight "
+        "brings together; run it longer, without its burn-in, until diagnose finds "
+        "no walkers or ensembles apart",
+    ), ()
 
 
-def _find(chain: EmulatedChain, found: Certificate, search: Search) -> tuple[str, ...]:
+def _note(
+    chain: EmulatedChain,
+    n: int,
+    maxima: list[Maximum],
+    searched: int,
+    solves: int,
+    failed: int,
+) -> list[str]:
     """Return what else to know, in sentences."""
-    n = len(found.theta)
     sentences = []
-    if found.failed_solves:
+    if failed:
         sentences.append(
-            f"{found.failed_solves} of {found.solves} solves failed; the posterior is "
+            f"{failed} of {solves} solves failed; the posterior is "
             "taken for zero there, of which the emulator knows nothing: cut the prior "
             "to where the model can be solved, and emulate again."
         )
@@ -226,10 +432,10 @@ def _find(chain: EmulatedChain, found: Certificate, search: Search) -> tuple[str
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
             f"{n} solves: run it longer; the errors allow for it."
         )
-    if search.solves:
-        ends = len(search.maxima)
+    if searched:
+        ends = sum(maximum.converged for maximum in maxima)
         sentences.append(
-            f"{search.solves} solves went into climbs from elsewhere, of which {ends} "
+            f"{searched} solves went into climbs from elsewhere, of which {ends} "
             "came to an end; what neither they nor the draws came upon stays unseen."
         )
     else:
@@ -238,4 +444,4 @@ def _find(chain: EmulatedChain, found: Certificate, search: Search) -> tuple[str
             "part of the posterior far from all draws would not be seen; find_map "
             "looks for one."
         )
-    return tuple(sentences)
+    return sentences

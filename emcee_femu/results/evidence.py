@@ -1,18 +1,20 @@
 """The evidence of a model class, from what its posterior's samplers stored."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from ..interfaces import Floats
-from ..moves import IndependenceMove
+from ..sampling.anneal import Annealed
+from ..sampling.importance import bridge
 from ..table import Parts, Report
-from .chains import list_runs, stack_chains
-from .evidence_bridge import bridge_evidence
-from .evidence_ladder import check_betas, tempered_evidence
-from .stored_runs import read_runs
+from .chains import Chains, autocorrelation_time, read_chains
+
+FEWEST_STEPS = 8
+ENOUGH_TAU = 20  # of a series, below which neither tau nor its error can be believed
+ENOUGH_OVERLAP = 0.1
+LEVEL = 0.01  # of ensembles that scatter more than their series allow
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,10 +26,8 @@ class Evidence(Report):
         log_evidence_error: Its standard error; infinite where none can be claimed.
         method: Where it comes from, in words.
         problems: Why no standard error can be claimed; usually none.
-        overlaps: Of neighbouring betas, 1 where their laws are the same,
+        overlaps: Of neighbouring betas, 1 where their distributions are the same,
             ``(n_betas - 1,)``; empty for other methods.
-        better_betas: The powers to temper by next time, at equal distances by this
-            run's log-likelihoods; empty for other methods.
         failed_solves: Number of solves that were rejected because they failed.
     """
 
@@ -36,7 +36,6 @@ class Evidence(Report):
     method: str
     problems: tuple[str, ...] = ()
     overlaps: Floats = field(default_factory=lambda: np.empty(0))
-    better_betas: Floats = field(default_factory=lambda: np.empty(0))
     failed_solves: int = 0
 
     def _parts(self) -> Parts:
@@ -60,7 +59,7 @@ class Evidence(Report):
         return lines
 
 
-def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
+def log_evidence(source: object, discard: int = 0) -> Evidence:
     r"""Estimate the log evidence of a model class by bridge sampling.
 
     .. math:: \ln Z = \sum_t \ln \frac{Z_t}{Z_{t+1}}, \qquad
@@ -85,14 +84,14 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
     autocorrelation time includes what exchanges carry between them. With several
     ensembles their spread is taken where chance does not explain that it is larger: it
     sees a mode that one missed.
-    None is claimed where neighbouring betas hardly overlap (less than 0.1: temper by
-    ``better_betas``), or where the series is shorter than 20 of its autocorrelation
-    times, as it also is where it still drifts.
+    None is claimed where neighbouring betas hardly overlap (less than 0.1), or where
+    the series is shorter than 20 of its autocorrelation times, as it also is where it
+    still drifts.
 
     Args:
-        samplers: What :func:`run` returned for a ``TemperedMove`` with betas to 0 or
-            for "auto", one of them, or their files as opened again; also what
-            ``anneal`` returns, whose own estimate is handed on, and for "auto" the
+        source: What :func:`run` returned for a ``TemperedMove`` with betas to 0 or for
+            "auto", one of its samplers, or the name of its file; also what
+            :func:`anneal` returns, whose own estimate is handed on, and for "auto" the
             ArviZ object of the run, perhaps from a netCDF file.
         discard: Stored steps to drop as burn-in.
 
@@ -115,68 +114,148 @@ def log_evidence(samplers: Any, discard: int = 0) -> Evidence:
         >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
         >>> term = ef.FrequencyTerm([3.0], relative_sd=0.1)
         >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> move = ef.TemperedMove(ef.DEMCMove(), betas=[1.0, 0.3, 0.0])
+        >>> move = ef.moves.TemperedMove(ef.DEMCMove(), betas=[1.0, 0.3, 0.0])
         >>> posterior = ef.LogPosterior(model, term, prior)
-        >>> samplers = ef.run(posterior, move, nsteps=300, seed=1)
-        >>> round(ef.log_evidence(samplers, discard=50).log_evidence, 1)
+        >>> run = ef.run(posterior, move, steps=300, seed=1, ensembles=1)
+        >>> round(ef.log_evidence(run, discard=50).log_evidence, 1)
         -0.2
     """
-    if hasattr(samplers, "log_evidence_error"):
+    if isinstance(source, Evidence):
+        return source
+    if isinstance(source, Annealed):
         return Evidence(
-            float(samplers.log_evidence),
-            float(samplers.log_evidence_error),
+            source.log_evidence,
+            source.log_evidence_error,
             method="as it was given",
-            problems=tuple(getattr(samplers, "problems", ())),
+            problems=source.problems,
+            failed_solves=source.failed_solves,
         )
-    stored = hasattr(samplers, "children") or hasattr(samplers, "groups")
-    runs = read_runs(samplers) if stored else list_runs(samplers)
-    # The ensembles of one run share a log of failures.
-    logs = {id(log): log for run in runs if (log := getattr(run, "failures", None))}
-    failed = sum(log.causes.total() for log in logs.values())
-    log_prob = _finite_log_prob(runs, discard)
-    record = _record(runs[0])
-    if record is not None:
-        move = IndependenceMove(*record["proposal"])
-        chain = stack_chains(runs, "chain", discard)
-        log_q = move.log_density(chain.reshape(-1, chain.shape[3]))
-        weights = [-np.inf if w is None else w for w in record["log_weights"]]
-        value, error, problems = bridge_evidence(
-            log_prob - log_q.reshape(log_prob.shape), np.array(weights)
-        )
-        found: dict[str, Any] = {"method": "by a bridge from the frozen proposal"}
-    else:
-        betas = check_betas(runs)
-        log_prior = stack_chains(runs, "blobs", discard, hot=True)[..., 0]
-        shape = (*log_prob.shape[:2], len(betas), -1)
-        log_likelihood = (log_prob - log_prior).reshape(shape)
-        value, error, problems, found = tempered_evidence(log_likelihood, betas)
-        found["method"] = f"by bridges between {len(betas)} betas"
-    if problems:
-        error = np.inf
-    return Evidence(value, error, problems=problems, failed_solves=failed, **found)
-
-
-def _record(run: Any) -> dict[str, Any] | None:
-    """Return what "auto" recorded of its proposal, None if it did not run."""
-    manifest = getattr(getattr(run, "backend", run), "manifest", {})  # of a run's file
-    stored = manifest.get("recipe", {}).get("record")
-    record: dict[str, Any] | None
-    record = getattr(getattr(run, "recipe", None), "record", stored)
-    return record
-
-
-def _finite_log_prob(runs: Sequence[Any], discard: int) -> Floats:
-    """Return the log-posteriors ``(steps, ensembles, walkers)`` of all walkers."""
-    log_prob = stack_chains(list(runs), "log_prob", discard, hot=True)
-    if len(log_prob) < 8:
+    chains = read_chains(source, discard=discard, blobs=True, hot=True)
+    if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(
-            f"discard: expected at least 8 steps to judge, left {len(log_prob)}"
+            "source: expected a run of 'auto' or of a TemperedMove, from which the "
+            f"evidence can be had, got a {chains.kind} of {chains.moves}; give what "
+            "run or anneal returned"
+        )
+    log_prob = chains.log_prob
+    if len(log_prob) < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, left "
+            f"{len(log_prob)}"
         )
     if not np.isfinite(log_prob).all():
         step, ensemble, walker = map(int, np.argwhere(~np.isfinite(log_prob))[0])
         raise ValueError(
-            f"samplers: the log-posterior of walker {walker} of ensemble {ensemble} is "
+            f"source: the log-posterior of walker {walker} of ensemble {ensemble} is "
             f"{log_prob[step, ensemble, walker]} at step {step} after discard; start "
             "where it is finite, or discard more"
         )
-    return log_prob
+    failed = sum(chains.failures.values())
+    overlaps, method = np.empty(0), "by a bridge from the frozen proposal"
+    if chains.search is not None:
+        flat = chains.draws.reshape(-1, chains.draws.shape[-1])
+        log_q = chains.search.mixture.log_density(flat).reshape(log_prob.shape)
+        value, error, problems = _bridge(log_prob - log_q, chains.search.log_weights)
+    else:
+        value, error, problems, overlaps = _climb_ladder(chains)
+        method = f"by bridges between {len(chains.betas)} betas"
+    if problems:
+        error = np.inf
+    return Evidence(value, error, method, problems, overlaps, failed)
+
+
+def _bridge(
+    at_posterior: Floats, at_proposal: Floats
+) -> tuple[float, float, tuple[str, ...]]:
+    """Return the log evidence from chains and independent draws of a proposal q.
+
+    Args:
+        at_posterior: ln of the unnormalised posterior over q, at the chains'
+            draws, ``(steps, ensembles, walkers)``.
+        at_proposal: The same at independent draws of q, ``(n,)``; -inf where the
+            posterior is zero.
+
+    Returns:
+        The log evidence, its standard error, and what forbids to claim one.
+
+    Source: Meng and Wong (1996) for the bridge; Fruehwirth-Schnatter (2004),
+    doi:10.1111/j.1368-423X.2004.00125.x, for the error from a correlated chain.
+    """
+    n = at_proposal.size
+    share = at_posterior.size / (at_posterior.size + n)
+    for _ in range(3):  # with shares by the effective size of the chain
+        ratio = bridge(at_posterior, at_proposal, share)
+        chain_error, problems = standard_error(ratio.from_f.mean(axis=2))
+        scatter = ratio.from_f.var()
+        size = max(scatter / chain_error**2, 1.0) if chain_error > 0 else 1.0
+        share = size / (size + n)
+    error = np.hypot(chain_error, ratio.from_g.std() / np.sqrt(n))
+    if ratio.overlap < ENOUGH_OVERLAP:
+        thin = f"the proposal and the chain hardly overlap ({ratio.overlap:.3f} of 1)"
+        problems = (*problems, thin)
+    return ratio.log_ratio, float(error), problems
+
+
+def _climb_ladder(chains: Chains) -> tuple[float, float, tuple[str, ...], Floats]:
+    """Return the log evidence along betas, its error, what forbids it, overlaps."""
+    betas, blobs = chains.betas, chains.blobs
+    if betas[-1] != 0 or blobs is None:
+        raise ValueError(
+            "source: expected betas that end at 0, the prior, from which the "
+            f"evidence starts, got {betas.tolist()}"
+        )
+    log_likelihood = chains.log_prob - blobs[..., 0]
+    steps, ensembles, _ = log_likelihood.shape
+    by_rung = np.moveaxis(
+        log_likelihood.reshape(steps, ensembles, len(betas), -1), 2, 0
+    )
+    if not (by_rung.var(axis=(1, 3)) > 0).all():
+        raise ValueError(
+            "source: the log-likelihoods of an ensemble never changed; see diagnose"
+        )
+    total, series, overlaps = 0.0, np.zeros((steps, ensembles)), []
+    for rung, gap in enumerate(betas[:-1] - betas[1:]):
+        ratio = bridge(gap * by_rung[rung], gap * by_rung[rung + 1])
+        total += ratio.log_ratio
+        # One series, for exchanges carry errors from rung to rung.
+        series += (ratio.from_f + ratio.from_g).mean(axis=2)
+        overlaps.append(ratio.overlap)
+    error, problems = standard_error(series)
+    worst = int(np.argmin(overlaps))
+    if overlaps[worst] < ENOUGH_OVERLAP:
+        gap = (
+            f"betas {betas[worst]:.3g} and {betas[worst + 1]:.3g} hardly overlap "
+            f"({overlaps[worst]:.3f} of 1): run again with one between them"
+        )
+        problems = (*problems, gap)
+    return total, error, problems, np.array(overlaps)
+
+
+def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
+    """Return the standard error of the mean of ``series (steps, ensembles)``.
+
+    With several ensembles their spread is taken where it is larger than chance makes
+    it: it sees a mode that one missed. The larger of the two, without a test, is 1.2
+    times too large with two ensembles.
+
+    Returns:
+        The error, and what forbids to believe it.
+    """
+    steps, ensembles = series.shape
+    variances = series.var(axis=0)
+    tau = np.ones(ensembles)
+    for i in np.flatnonzero(variances > 0):
+        tau[i] = max(autocorrelation_time(series[:, i, None, None])[0], 1.0)
+    error = np.sqrt((variances * tau).sum() / steps) / ensembles
+    if ensembles > 1:
+        between = series.mean(axis=0).std(ddof=1) / np.sqrt(ensembles)
+        most = stats.chi2.isf(LEVEL, ensembles - 1) / (ensembles - 1)
+        if between**2 > most * error**2:
+            error = between
+    per_tau = steps / tau.mean()  # a drift makes it small, too
+    if per_tau >= ENOUGH_TAU:
+        return float(error), ()
+    return float(error), (
+        f"the chain is only {per_tau:.0f} autocorrelation times of the evidence long "
+        f"({ENOUGH_TAU} are needed)",
+    )

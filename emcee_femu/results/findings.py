@@ -1,8 +1,14 @@
-"""What the samples say about the parameters, in sentences."""
+"""What the data say about the parameters, in sentences."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
+
+from ..interfaces import Floats
+
+if TYPE_CHECKING:
+    from .identifiability import Identifiability
 
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 MOVED = 0.5  # prior sds; data that leave 0.9 of the sd move the mean by 0.4 or so
@@ -17,47 +23,60 @@ CLOSE = 3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 
 
-def describe_findings(found: Any) -> list[str]:
-    """Return sentences about an ``Identifiability``."""
-    uninformed = np.flatnonzero(found.sd_ratio > UNINFORMED)
-    together = np.abs(found.correlation) > TOGETHER
-    sentences = [_name_unknown(found, i, together[i].sum() == 1) for i in uninformed]
-    sentences += [_pair(found, i, j) for i, j in np.argwhere(np.triu(together, 1))]
-    # A narrow posterior may lie within 1 % of a wide range, and far from its bound.
-    crowded = np.argwhere((found.at_bound > CROWDED) & (found.from_bound < CLOSE))
-    small = [i for i, side in crowded if found.is_error[i] and side == 0]
-    pressed = [(i, side) for i, side in crowded if not found.is_error[i] or side]
+def describe_findings(result: "Identifiability") -> list[str]:
+    """Return sentences."""
+    names, is_error = result.names, result.is_error
+    uninformed = np.flatnonzero(result.sd_ratio > UNINFORMED)
+    together = np.abs(result.correlation) > TOGETHER
+    sentences = [_name_unknown(result, i, together[i].sum() == 1) for i in uninformed]
+    sentences += [_pair(result, pair) for pair in np.argwhere(np.triu(together, 1))]
+    crowded = np.argwhere((result.at_bound > CROWDED) & (result.from_bound < CLOSE))
+    pressed = any(side or not is_error[i] for i, side in crowded)
     if not sentences and not pressed:
-        least = int(found.sd_ratio.argmax())
+        least = int(result.sd_ratio.argmax())
         sentences = [
-            f"The data inform every parameter, {found.names[least]} least (sd "
-            f"ratio {found.sd_ratio[least]:.2f})."
+            f"The data inform every parameter, {names[least]} least (sd "
+            f"ratio {result.sd_ratio[least]:.2f})."
         ]
-    if (~found.is_error[uninformed]).sum() >= MANY:
-        sentences += _combinations(found)
+    if (~is_error[uninformed]).sum() >= MANY:
+        sentences += _combinations(result)
     sentences += [
-        f"{found.names[i]} is inferred {found.shift[i]:.1f} prior standard deviations "
+        f"{names[i]} is inferred {result.shift[i]:.1f} prior standard deviations "
         "above its prior mean: model and data disagree by more than was expected. Look "
         "for what the model lacks, or widen this prior."
-        for i in np.flatnonzero(found.is_error & (found.shift > SURPRISING))
+        for i in np.flatnonzero(is_error & (result.shift > SURPRISING))
     ]
-    sentences += [_say_small(found, i) for i in small]
-    sentences = [_press(found, i, side) for i, side in pressed] + sentences
-    sentences += [
-        f"The sensitivities of {found.modes[i]} are rough, for ln(lambda) is not a "
-        f"quadratic over the samples (R^2 {found.r_squared[i]:.2f})."
-        for i in np.flatnonzero(found.r_squared < GOOD_FIT)
+    what = "the Gaussian's draws" if result.local else "the samples"
+    press = []
+    # A narrow posterior may lie within 1 % of a wide range, and far from its bound.
+    for i, side in crowded:
+        share = f"{100 * result.at_bound[i, side]:.0f} % of {what}"
+        bound = f"{('lower', 'upper')[side]} bound {result.bounds[i, side]:.5g}"
+        if is_error[i] and side == 0:
+            sentences.append(
+                f"{names[i]} may well be as small as its {bound}, where {share} lie: "
+                "the data do not need so large an error as the prior admits."
+            )
+        else:
+            press.append(
+                f"{names[i]} is pressed against its {bound}: {share} lie within 1 % of "
+                "the range from it. Widen the bounds, or doubt the model."
+            )
+    rough = [
+        f"The sensitivities of {result.modes[i]} are rough, for ln(lambda) is not a "
+        f"quadratic over the samples (R^2 {result.r_squared[i]:.2f})."
+        for i in np.flatnonzero(result.r_squared < GOOD_FIT)
     ]
-    if found.modes and not found.local and np.isnan(found.sensitivities).all():
-        sentences.append(
+    if result.modes and not result.local and np.isnan(result.sensitivities).all():
+        rough.append(
             "There are no sensitivities: the samples do not span all directions of "
             "the parameters. Run longer, or with more walkers."
         )
-    return sentences
+    return [*press, *sentences, *rough]
 
 
-def _name_unknown(found: Any, i: Any, alone: bool) -> str:
-    name, shift, ratio = found.names[i], found.shift[i], found.sd_ratio[i]
+def _name_unknown(result: "Identifiability", i: np.intp, alone: bool) -> str:
+    name, shift, ratio = result.names[i], result.shift[i], result.sd_ratio[i]
     if abs(shift) >= MOVED:  # never for NaN
         how = "more uncertain than" if ratio > WIDER else "as uncertain as"
         return (
@@ -65,8 +84,8 @@ def _name_unknown(found: Any, i: Any, alone: bool) -> str:
             f"leave it {how} before (sd ratio {ratio:.2f})."
         )
     reason = ""
-    largest = np.abs(found.sensitivities[:, i]).max(initial=0.0)
-    if found.modes and not np.isnan(largest):
+    largest = np.abs(result.sensitivities[:, i]).max(initial=0.0)
+    if result.modes and not np.isnan(largest):
         reason = (
             "; a prior standard deviation of it changes the eigenvalues by "
             f"{100 * largest:.2g} % at most"
@@ -77,23 +96,22 @@ def _name_unknown(found: Any, i: Any, alone: bool) -> str:
     )
 
 
-def _pair(found: Any, i: int, j: int) -> str:
+def _pair(result: "Identifiability", pair: NDArray[np.intp]) -> str:
     """Say which combination of two parameters is known best, by their prior sds."""
-    pair = [i, j]
-    variances, directions = _principal(found, pair)
-    first, second = directions[:, 0] / found.prior_sd[pair]
-    (a, b), ratios = (found.names[k] for k in pair), found.sd_ratio[pair]
+    variances, directions = _principal(result, pair)
+    first, second = directions[:, 0] / result.prior_sd[pair]
+    (a, b), ratios = (result.names[k] for k in pair), result.sd_ratio[pair]
     return (
         f"Only {a} {_sign(second / first)} {b} is known well, not {a} and {b} by "
         f"themselves: sd ratio {np.sqrt(variances[0]):.2g}, against {ratios[0]:.2g} "
-        f"and {ratios[1]:.2g} (correlation {found.correlation[i, j]:+.3f})."
+        f"and {ratios[1]:.2g} (correlation {result.correlation[*pair]:+.3f})."
     )
 
 
-def _combinations(found: Any) -> list[str]:
+def _combinations(result: "Identifiability") -> list[str]:
     """Name the directions in which the posterior is narrowest, in prior sds."""
-    structural = np.flatnonzero(~found.is_error)
-    variances, directions = _principal(found, structural)
+    structural = np.flatnonzero(~result.is_error)
+    variances, directions = _principal(result, structural)
     known = np.flatnonzero(np.sqrt(variances) < INFORMED)
     if not len(known):
         return ["No combination of the parameters is known well either."]
@@ -103,9 +121,9 @@ def _combinations(found: Any) -> list[str]:
         parts = np.argsort(-np.abs(vector))[:MOST_PARTS]
         parts = parts[np.abs(vector[parts]) >= SMALL_PART]
         vector = vector * np.sign(vector[parts[0]])
-        text = f"{vector[parts[0]]:.2f} {found.names[structural[parts[0]]]}"
+        text = f"{vector[parts[0]]:.2f} {result.names[structural[parts[0]]]}"
         for i in parts[1:]:
-            text += f" {_sign(vector[i], '.2f')} {found.names[structural[i]]}"
+            text += f" {_sign(vector[i], '.2f')} {result.names[structural[i]]}"
         words.append(f"{text} (sd ratio {np.sqrt(variances[k]):.2g})")
     return [
         f"{len(known)} of {len(structural)} independent combinations are known well "
@@ -114,36 +132,15 @@ def _combinations(found: Any) -> list[str]:
     ]
 
 
-def _principal(found: Any, which: Any) -> Any:
+def _principal(
+    result: "Identifiability", which: NDArray[np.intp]
+) -> tuple[Floats, Floats]:
     """Return variances and directions of parameters in prior sds, narrowest first."""
-    ratios = found.sd_ratio[which]
-    within = found.correlation[np.ix_(which, which)]
+    ratios = result.sd_ratio[which]
+    within = result.correlation[np.ix_(which, which)]
     variances, directions = np.linalg.eigh(np.outer(ratios, ratios) * within)
     return np.maximum(variances, 0.0), directions
 
 
 def _sign(value: float, spec: str = ".3g") -> str:
     return f"{'+' if value > 0 else '-'} {abs(value):{spec}}"
-
-
-def _say_small(found: Any, i: int) -> str:
-    share, what = _crowd(found, i, 0)
-    return (
-        f"{found.names[i]} may well be as small as its lower bound "
-        f"{found.bounds[i, 0]:.5g}, where {share} of {what} lie: the data do not need "
-        "so large an error as the prior admits."
-    )
-
-
-def _press(found: Any, i: int, side: int) -> str:
-    share, what = _crowd(found, i, side)
-    return (
-        f"{found.names[i]} is pressed against its {('lower', 'upper')[side]} bound "
-        f"{found.bounds[i, side]:.5g}: {share} of {what} lie within 1 % of the range "
-        "from it. Widen the bounds, or doubt the model."
-    )
-
-
-def _crowd(found: Any, i: int, side: int) -> tuple[str, str]:
-    what = "the Gaussian's draws" if found.local else "the samples"
-    return f"{100 * found.at_bound[i, side]:.0f} %", what

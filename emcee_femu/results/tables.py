@@ -1,24 +1,34 @@
-"""Tables of parameters and frequencies."""
+"""Tables of parameters, frequencies and any other prediction, and of paired modes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..table import Table
-from .arviz_objects import dataset, describe_certificate, samples
-from .frequencies import check_sampled, total_average_error
-from .measured import at_places, measured_frequencies
+from ..table import Column, Table
+from .arviz_objects import InferenceData, dataset, describe_certificate, samples
+from .measured import (
+    Measured,
+    at_places,
+    mac_at_places,
+    measured_frequencies,
+    measured_variables,
+    measurement_sd,
+    total_average_error,
+)
+from .to_arviz import read_samples
 
 INTERVAL = (0.025, 0.975)
+OF_PRIOR = "prior mean", "error %", "sd/prior sd"  # columns
+LOW_MAC = 0.5  # the default of PairedModel, below which a pair does not mean much
 
 
 def parameter_table(
-    idata: Any,
+    idata: object,
     nominal: Mapping[str, float] | None = None,
     published: Mapping[str, Mapping[str, float]] | None = None,
     var_names: Sequence[str] | None = None,
@@ -28,10 +38,11 @@ def parameter_table(
     Columns: the prior mean, nominal and relative errors where the nominal is known,
     posterior mean, its 95 % interval (the 2.5 % and 97.5 % quantiles), c.o.v. = sd /
     mean in percent, and the ratio of posterior to prior standard deviation: near 1 the
-    data said nothing about the parameter.
+    data said nothing about the parameter. Without a prior, as in objects of
+    ``arviz.from_emcee``, its columns are left out.
 
     Args:
-        idata: What :func:`to_inference_data` returns.
+        idata: What :func:`to_inference_data` returns or takes, such as a run.
         nominal: Known true values by parameter name; None for a real structure.
         published: Further columns, ``{title: {parameter: value}}``.
         var_names: Rows, with quantities that were added to the ``posterior`` group;
@@ -41,44 +52,44 @@ def parameter_table(
         The table, one row per parameter.
 
     Raises:
-        TypeError: If nominal or published is not such a mapping.
+        TypeError: If idata holds no samples, or nominal or published is not such a
+            mapping.
         ValueError: If nominal, a published column or var_names names an unknown
             parameter.
 
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
-        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> idata = ef.to_inference_data(run, discard=50)
         >>> table = ef.parameter_table(idata)
         >>> [round(mean / 1e3) for mean in table.column("mean")[:3]]  # N/mm
         [4, 2, 2]
     """
+    idata, _ = read_samples(idata)
     names, chains = samples(idata, var_names)
     draws = chains.reshape(-1, len(names))
-    constants = dataset(idata, "constant_data").reindex(parameter=names)
-    initial, prior_sd = constants["initial"].values, constants["prior_sd"].values
-    mean, sd = draws.mean(axis=0), draws.std(axis=0, ddof=1)
-    low, high = np.quantile(draws, INTERVAL, axis=0)
-    columns: list[tuple[str, str, Any]] = [
+    mean, low, high = summarize(draws)
+    sd = draws.std(axis=0, ddof=1)
+    unknown = np.full(len(names), np.nan)
+    prior = _prior(idata, names)
+    initial, prior_sd = (unknown, unknown) if prior is None else prior
+    columns: list[Column] = [
         ("parameter", "", names),
         ("prior mean", ".5g", initial),
-    ]
-    if nominal is not None:
-        known = _by_name("nominal", nominal, names)
-        columns += [
-            ("nominal", ".5g", known),
-            ("error %", ".2f", _percent_off(initial, known)),
-        ]
-    columns.append(("mean", ".5g", mean))
-    if nominal is not None:
-        columns.append(("error % ", ".2f", _percent_off(mean, known)))
-    columns += [
+        ("mean", ".5g", mean),
         ("2.5 %", ".5g", low),
         ("97.5 %", ".5g", high),
         ("c.o.v. %", ".2f", 100 * sd / np.abs(mean)),
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
+    if nominal is not None:
+        known = _by_name("nominal", nominal, names)
+        columns.insert(3, ("error % ", ".2f", _percent_off(mean, known)))
+        columns.insert(2, ("error %", ".2f", _percent_off(initial, known)))
+        columns.insert(2, ("nominal", ".5g", known))
+    if prior is None:
+        columns = [column for column in columns if column[0] not in OF_PRIOR]
     for title, values in _columns(published):
         columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
     title = f"Updating parameters{describe_certificate(idata)}"
@@ -86,7 +97,7 @@ def parameter_table(
 
 
 def frequency_table(
-    idata: Any,
+    idata: object,
     posterior: LogPosterior | None = None,
     published: Mapping[str, Sequence[float]] | None = None,
     experiment: str | None = None,
@@ -94,14 +105,14 @@ def frequency_table(
     r"""Tabulate measured, initial and updated frequencies, as Tables 4.2 and 5.2.
 
     The initial frequencies are those at the prior mean of the parameters. The updated
-    ones are the means of the predictions at all samples; with ``posterior`` they are
-    those of the model at the posterior mean of the parameters, as in the paper (one FE
-    solve). Errors are ``100 |f_m - f| / f_m``; the last row holds their mean, the total
-    average error TAE.
+    ones are the means of the predictions at all samples; with ``posterior``, which a
+    run knows, they are those of the model at the posterior mean of the parameters, as
+    in the paper (one FE solve). Errors are ``100 |f_m - f| / f_m``; the last row holds
+    their mean, the total average error TAE.
 
     Args:
-        idata: What :func:`to_inference_data` returns.
-        posterior: The sampled posterior, or None.
+        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        posterior: The sampled posterior, or None; known of a run.
         published: Further columns, ``{title: one number per measured mode}``.
         experiment: Name of one experiment of a joint posterior.
 
@@ -117,24 +128,23 @@ def frequency_table(
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, seed=1)
-        >>> idata = ef.to_inference_data(samplers, posterior, discard=50)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> idata = ef.to_inference_data(run, discard=50)
         >>> table = ef.frequency_table(idata)
         >>> table.column("mode")
         ['1', '2', '3', '4', '5', 'TAE']
     """
-    found = measured_frequencies(idata, experiment)
-    measured, m = found.values, len(found.values)
-    draws = at_places(idata, "response", found.variable, found)
-    initial = at_places(idata, "constant_data", f"initial_{found.variable}", found)
+    idata, posterior = read_samples(idata, posterior)
+    of = measured_frequencies(idata, experiment)
+    measured, m = of.values, len(of.values)
+    draws = at_places(idata, "response", of.variable, of)
+    initial = at_places(idata, "constant_data", f"initial_{of.variable}", of)
     if draws is None or initial is None:
-        raise ValueError(f"idata: its response does not hold {found.name!r}")
+        raise ValueError(f"idata: its response does not hold {of.name!r}")
     updated, what = draws.mean(axis=0), "mean of samples"
     if posterior is not None:
-        names, chains = samples(idata)
-        check_sampled(posterior, names)
-        at_mean = posterior(chains.mean(axis=(0, 1)))
-        updated = at_mean[posterior.columns[found.variable]][:m]
+        at_mean = posterior(samples(idata)[1].mean(axis=(0, 1)))
+        updated = at_mean[posterior.columns[of.variable]][:m]
         what = "at posterior mean"
 
     def pad(values: ArrayLike) -> Floats:
@@ -144,8 +154,8 @@ def frequency_table(
         errors = 100 * np.abs(values / measured - 1)
         return np.append(errors, total_average_error(measured, values))
 
-    columns: list[tuple[str, str, Any]] = [
-        (found.dims, "", [*found.labels, "TAE"]),
+    columns: list[Column] = [
+        (of.dims, "", [*of.labels, "TAE"]),
         ("measured Hz", ".3f", pad(measured)),
         ("at prior mean Hz", ".3f", pad(initial[0])),
         ("error %", ".2f", with_tae(initial[0])),
@@ -154,16 +164,202 @@ def frequency_table(
         ("error % ", ".3f", with_tae(updated)),
     ]
     for title, values in _columns(published):
-        given = checks.numeric_array(f"published[{title!r}]", values)
-        if given.shape not in ((m,), (m + 1,)):
+        column = checks.numeric_array(f"published[{title!r}]", values)
+        if column.shape not in ((m,), (m + 1,)):
             raise ValueError(
                 f"published[{title!r}]: expected {m} numbers, or {m + 1} with the "
-                f"TAE, got shape {given.shape}"
+                f"TAE, got shape {column.shape}"
             )
-        columns.append((title, ".4g", given if len(given) > m else pad(given)))
+        columns.append((title, ".4g", column if len(column) > m else pad(column)))
     words = f" of {experiment!r}" if experiment else ""
     words += describe_certificate(idata)
     return Table.from_columns(f"Natural frequencies{words}", columns)
+
+
+def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Table:
+    r"""Tabulate what was measured against the posterior's predictions.
+
+    One row per measured value of the response: mean and 95 % interval (the 2.5 % and
+    97.5 % quantiles) of the prediction, and whether the measured value lies inside.
+    Without ``posterior``, which a run knows, the prediction is the model's at every
+    sample, and the interval is how uncertain the parameters leave it; the measured
+    value, with its error, need not lie inside. With ``posterior`` it is a new
+    measurement, such as
+
+    .. math:: \tilde f_i = f_i(\theta) + f_i^m (\eta_i + \sigma_d \varepsilon_i),
+        \qquad \eta \sim N(0, R), \quad \varepsilon \sim N(0, I),
+
+    with the measurement error R and discrepancy :math:`\sigma_d` of a
+    :class:`FrequencyTerm`; at least 95 % of the measured values, which the posterior
+    has seen, should lie inside. The column ``sd`` holds :math:`f_i^m R_{ii}^{1/2}`
+    where it is known. Where modes were paired, there are the mean and the 5 % quantile
+    of the MAC too.
+
+    Args:
+        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        posterior: The sampled posterior, or None for the model's prediction only; known
+            of a run.
+
+    Returns:
+        The table, one row per measured value.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior.
+        ValueError: If nothing of the response was measured, or posterior has other
+            parameters or no term that draws new measurements.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> idata = ef.to_inference_data(run, discard=50)
+        >>> ef.predictive_table(idata, posterior).column("inside")
+        ['yes', 'yes', 'yes', 'yes', 'yes']
+    """
+    asked = posterior is not None
+    idata, posterior = read_samples(idata, posterior)
+    parts = measured_variables(idata)
+    drawn = [at_places(idata, "posterior_predictive", p.name, p) for p in parts]
+    what = "a new measurement, with its error and the discrepancy"
+    if posterior is None or any(new is None for new in drawn):
+        if asked:
+            missing = [p.name for p, d in zip(parts, drawn, strict=True) if d is None]
+            raise ValueError(
+                f"posterior: no term draws new measurements of {missing}, so that "
+                "their error is not known; leave posterior out"
+            )
+        posterior, what = None, "the model alone"
+        drawn = [at_places(idata, "response", p.variable, p) for p in parts]
+    draws = np.concatenate([new for new in drawn if new is not None], axis=1)
+    measured = np.concatenate([part.values for part in parts])
+    mean, low, high = summarize(draws)
+    title, labels, unit = _name_rows(parts)
+    spec = ".3f" if unit == " Hz" else ".5g"
+    columns: list[Column] = [
+        (title, "", labels),
+        (f"measured{unit}", spec, measured),
+        (f"predicted{unit}", spec, mean),
+        ("2.5 %", spec, low),
+        ("97.5 %", spec, high),
+        ("inside", "", np.where((low <= measured) & (measured <= high), "yes", "no")),
+    ]
+    if posterior is not None:
+        sd = np.concatenate([measurement_sd(part, posterior) for part in parts])
+        columns.insert(2, (f"sd{unit}", ".3g", sd))
+    mac = np.concatenate([_mac(idata, part) for part in parts], axis=1)
+    if np.isfinite(mac).any():
+        columns += [("MAC", ".3f", mac[0]), ("MAC 5 %", ".3f", mac[1])]
+    what += describe_certificate(idata)
+    return Table.from_columns(f"Predictions, 95 % intervals of {what}", columns)
+
+
+def pairing_table(idata: object, experiment: str | None = None) -> Table:
+    """Tabulate which of the model's modes were paired with the measured ones.
+
+    One row per measured mode: the number of the model's mode that it has in most
+    samples, the share of samples in which it has another, mean and 5 % quantile of the
+    MAC, the share of samples with a MAC below 0.5, and the share in which a comparison
+    in ascending order, the i-th measured with the model's i-th, takes another mode.
+
+    In the last row the shares are those of samples in which this holds for any mode.
+    The order of the modes is the list of all numbers; the title says in which share of
+    the samples it is not the most frequent one.
+
+    Args:
+        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        experiment: Name of one experiment of a joint posterior.
+
+    Returns:
+        The table, one row per measured mode, and one for all.
+
+    Raises:
+        ValueError: If the model does not pair modes.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+        >>> model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+        >>> measured = ef.Measurements([0.66], sd=[0.01], shapes=[[1.9], [-1.0]])
+        >>> prior = ef.GaussianPrior(["k1"], [10.0], [2.0], [(5.0, 20.0)])
+        >>> paired = ef.PairedModel(model, measured)
+        >>> posterior = ef.LogPosterior(paired, ef.FrequencyTerm(measured), prior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 16, 50, ensembles=1, seed=1)
+        >>> table = ef.pairing_table(run)
+        >>> table.column("model's mode")
+        ['2', '']
+    """
+    idata, _ = read_samples(idata)
+    response = dataset(idata, "response")
+    names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
+    if not set(names) <= set(response.data_vars):
+        paired = [v[: -len(".mac")] for v in map(str, response) if v.endswith(".mac")]
+        remedy = "the model pairs no modes; wrap the model in a PairedModel"
+        if paired:
+            remedy = f"name one of {paired} with experiment="
+        raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
+    mac, model_mode = (
+        response[name].transpose("chain", "draw", ...).values for name in names
+    )
+    n, m = mac.shape[0] * mac.shape[1], mac.shape[2]
+    mac, numbers = mac.reshape(n, m), model_mode.reshape(n, m).astype(int)
+    usual = np.array([np.bincount(column).argmax() for column in numbers.T])
+    orders, counts = np.unique(numbers, axis=0, return_counts=True)
+    changed = (numbers != orders[counts.argmax()]).any(axis=1)
+
+    def percent(
+        happened: NDArray[np.bool_], in_any: NDArray[np.bool_] | None = None
+    ) -> Floats:
+        for_any = happened.any(axis=1) if in_any is None else in_any
+        return 100 * np.append(happened.mean(axis=0), for_any.mean())
+
+    columns: list[Column] = [
+        ("mode", "", [*map(str, range(1, m + 1)), "any"]),
+        ("model's mode", "", [*map(str, usual), ""]),
+        ("another in %", ".2f", percent(numbers != usual, changed)),
+        ("MAC", ".3f", np.append(mac.mean(axis=0), np.nan)),
+        ("MAC 5 %", ".3f", np.append(np.quantile(mac, 0.05, axis=0), np.nan)),
+        ("MAC < 0.5 in %", ".2f", percent(mac < LOW_MAC)),
+        ("wrong by index in %", ".2f", percent(numbers != np.arange(1, m + 1))),
+    ]
+    title = (
+        "Pairing with the model's modes: their order changed in "
+        f"{100 * changed.mean():.3g} % of {n} samples{describe_certificate(idata)}"
+    )
+    return Table.from_columns(title, columns)
+
+
+def summarize(draws: Floats) -> Floats:
+    """Return mean and ends of the 95 % interval of ``draws (n, m)``, ``(3, m)``."""
+    return np.stack([draws.mean(axis=0), *np.quantile(draws, INTERVAL, axis=0)])
+
+
+def _prior(idata: InferenceData, names: list[str]) -> tuple[Floats, Floats] | None:
+    """Return initial values and prior sds; None where there is no prior."""
+    try:
+        constants = dataset(idata, "constant_data")
+    except ValueError:  # chains from elsewhere
+        return None
+    by_name = constants.reindex(parameter=names)
+    return by_name["initial"].values, by_name["prior_sd"].values
+
+
+def _mac(idata: InferenceData, part: Measured) -> Floats:
+    """Return mean and 5 % quantile of the MAC, NaN where no modes were paired."""
+    mac = mac_at_places(idata, part)
+    if mac is None:
+        return np.full((2, len(part.values)), np.nan)
+    return np.stack([mac.mean(axis=0), np.quantile(mac, 0.05, axis=0)])
+
+
+def _name_rows(parts: list[Measured]) -> tuple[str, list[str], str]:
+    """Return title and labels of the rows, and the unit for the titles of columns."""
+    if len(parts) == 1:
+        (only,) = parts
+        return only.dims or "quantity", list(only.labels), f" {only.unit}".rstrip()
+    labels = [
+        f"{part.name}[{place}] {part.unit}" for part in parts for place in part.labels
+    ]
+    return "quantity", [label.rstrip().replace("[]", "") for label in labels], ""
 
 
 def _columns(published: Any) -> list[tuple[str, Any]]:

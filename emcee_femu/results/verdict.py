@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from ..interfaces import Floats
 from ..sampling.importance import FAIR_SHARE, GOOD_K
-from .groups import Groups
+from .modes import ModeWeights
 
 if TYPE_CHECKING:
-    from .diagnostics import Diagnosis
+    from .diagnose import Diagnosis
 
 ENOUGH_TAU = 50  # steps per autocorrelation time below which tau itself is unreliable
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
@@ -29,111 +30,103 @@ CONVERGED = "converged"
 Complaint: TypeAlias = tuple[str, str]
 
 
-def judge(found: "Diagnosis", starts_given: bool) -> Complaint:
+def judge(diagnosis: "Diagnosis", starts_given: bool) -> Complaint:
     """Return the verdict in a few words and in a sentence."""
-    for short, sentence in _complaints(found):
+    for short, sentence in _complaints(diagnosis):
         return short, f"Not converged: {sentence}."
     length = (
-        f"{found.steps_per_tau.min():.0f} autocorrelation times, ESS at least "
-        f"{found.ess_bulk.min():.0f}"
+        f"{diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at least "
+        f"{diagnosis.ess_bulk.min():.0f}"
     )
-    if len(found.tau) == 1:
+    if len(diagnosis.tau) == 1:
         return "one ensemble", (
             "Well mixed, but one ensemble cannot show a missed mode: "
             f"{length}; run ensembles=4 to be sure."
         )
-    rhat = found.rhat_between.max()
-    agreement = f"{len(found.tau)} ensembles agree (R-hat at most {rhat:.3f}), {length}"
+    rhat = diagnosis.rhat_between.max()
+    agreement = (
+        f"{len(diagnosis.tau)} ensembles agree (R-hat at most {rhat:.3f}), {length}"
+    )
     if starts_given:
         return "starts given", (
             f"Well mixed from the given starts: {agreement}; starts from the prior "
             "would show modes that none of these was near."
         )
     limit = ""
-    if found.groups is not None and found.groups.searched:
+    if diagnosis.modes is not None and (searched := diagnosis.modes.searched):
         limit = (
-            f" The search had {found.groups.searched} points: a mode that fewer than "
-            f"one in {found.groups.searched // HITS} would hit may be missing."
+            f" The search had {searched} points: a mode that fewer than one in "
+            f"{searched // HITS} would hit may be missing."
         )
     return CONVERGED, f"Converged by every check: {agreement}.{limit}"
 
 
-def _complaints(found: "Diagnosis") -> Iterator[Complaint]:
+def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
-    yield from _mixing(found)
-    yield from _agreement(found)
-    if found.groups is not None:
-        yield from _weights(found.groups)
-        yield from _proposal(found.groups, found.steps)
-
-
-def _mixing(found: "Diagnosis") -> Iterator[Complaint]:
-    if found.stuck:
+    names, stuck = diagnosis.names, diagnosis.stuck
+    if stuck:
         yield (
-            f"{len(found.stuck)} walkers stuck",
-            f"{len(found.stuck)} walkers never moved (ensemble, walker): "
-            f"{list(found.stuck[:5])}",
+            f"{len(stuck)} walkers stuck",
+            (f"{len(stuck)} walkers never moved (ensemble, walker): {list(stuck[:5])}"),
         )
-    worst = int(np.argmin(found.steps_per_tau))
-    per_tau = found.steps_per_tau[worst]
+    worst = int(np.argmin(diagnosis.steps_per_tau))
+    per_tau = diagnosis.steps_per_tau[worst]
     if per_tau < ENOUGH_TAU:
         length = min(round(per_tau), ENOUGH_TAU - 1)  # as in the table, but not enough
         yield (
             f"too short: {length} tau",
-            f"the chain is {length} autocorrelation times long for "
-            f"{found.names[worst]} ({ENOUGH_TAU} are needed); run longer",
+            f"the chain is {length} autocorrelation times long for {names[worst]} "
+            f"({ENOUGH_TAU} are needed); run longer",
         )
-    worst = int(np.argmax(found.rhat_within))
-    rhat = found.rhat_within[worst]
-    if rhat > WALKERS_APART:
+    for i, rhat in _worst_above(WALKERS_APART, diagnosis.rhat_within):
         yield (
             "walkers stay apart",
-            f"the walkers of one ensemble stay apart in {found.names[worst]} (R-hat "
-            f"{rhat:.3f} over walkers), as they do between several modes; try "
+            f"the walkers of one ensemble stay apart in {names[i]} (R-hat {rhat:.3f} "
+            "over walkers), as they do between several modes; try "
             "DEMCMove(mode_jump=0.1)",
         )
-    worst = int(np.argmax(found.sd_error))
-    error = found.sd_error[worst]
-    if error > SD_KNOWN_TO:
+    for i, error in _worst_above(SD_KNOWN_TO, diagnosis.sd_error):
         yield (
             "sd unknown",
-            f"the standard deviation of {found.names[worst]} is known to "
-            f"{100 * error:.0f} % only, by the ESS of its squared deviations, as where "
-            "tails are heavy or a mode is rarely visited; run longer, or sample its "
-            "logarithm",
+            f"the standard deviation of {names[i]} is known to {100 * error:.0f} % "
+            "only, by the ESS of its squared deviations, as where tails are heavy or a "
+            "mode is rarely visited; run longer, or sample its logarithm",
         )
-
-
-def _agreement(found: "Diagnosis") -> Iterator[Complaint]:
-    worst = int(np.argmax(found.rhat_between))
-    rhat = found.rhat_between[worst]
-    if rhat > GOOD_RHAT:
+    for i, rhat in _worst_above(GOOD_RHAT, diagnosis.rhat_between):
         yield (
             "ensembles disagree",
-            f"the ensembles disagree about {found.names[worst]} (R-hat {rhat:.3f}, at "
-            f"most {GOOD_RHAT} is good); run longer, or try DEMCMove(mode_jump=0.1) if "
+            f"the ensembles disagree about {names[i]} (R-hat {rhat:.3f}, at most "
+            f"{GOOD_RHAT} is good); run longer, or try DEMCMove(mode_jump=0.1) if "
             "there are several modes",
         )
-    worst = int(np.argmax(found.scatter))
-    if found.scatter[worst] > 1:
+    for i, _ in _worst_above(1.0, diagnosis.scatter):
         yield (
             "ensembles scatter",
-            f"the ensembles' means or variances of {found.names[worst]} scatter more "
-            "than their autocorrelation times allow: something slower than tau is "
-            "going on, as between modes or in heavy tails; run longer",
+            f"the ensembles' means or variances of {names[i]} scatter more than their "
+            "autocorrelation times allow: something slower than tau is going on, as "
+            "between modes or in heavy tails; run longer",
         )
+    if diagnosis.modes is not None:
+        yield from _weights(diagnosis.modes)
+        yield from _proposal(diagnosis.modes, diagnosis.steps)
 
 
-def _weights(groups: Groups) -> Iterator[Complaint]:
-    """Yield groups that are lost, or weigh otherwise than they should."""
-    chain, exact = groups.weights.mean(axis=0), groups.importance
-    errors = np.hypot(groups.errors, groups.importance_errors)
+def _worst_above(limit: float, values: Floats) -> list[tuple[int, float]]:
+    """Return the place of the largest value and it, nothing if it is below a limit."""
+    i = int(np.argmax(values))
+    return [(i, values[i])] if values[i] > limit else []  # never for NaN
+
+
+def _weights(modes: ModeWeights) -> Iterator[Complaint]:
+    """Yield modes that are lost, or weigh otherwise than they should."""
+    chain, exact = modes.weights.mean(axis=0), modes.importance
+    errors = np.hypot(modes.errors, modes.importance_errors)
     for g, (share, weight, error) in enumerate(zip(chain, exact, errors, strict=True)):
-        if share == 0 and groups.found[g] and not weight < SMALL:
-            known = f"{weight:.3f} +- {groups.importance_errors[g]:.3f}"
+        if share == 0 and modes.found[g] and not weight < SMALL:
+            known = f"{weight:.3f} +- {modes.importance_errors[g]:.3f}"
             yield (
                 "a mode is lost",
-                f"no walker is in group {g + 1}, where a search ended or a walker "
+                f"no walker is in mode {g + 1}, where a search ended or a walker "
                 "started, and its weight by importance sampling is "
                 f"{'not known' if np.isnan(weight) else known}; run again with more "
                 "walkers, or with a TemperedMove",
@@ -142,45 +135,43 @@ def _weights(groups: Groups) -> Iterator[Complaint]:
         if apart > SMALL and apart > ERRORS_APART * error:
             yield (
                 "weights disagree",
-                f"group {g + 1} holds {share:.3f} of the chain (+- "
-                f"{groups.errors[g]:.3f}) but {weight:.3f} (+- "
-                f"{groups.importance_errors[g]:.3f}) by importance sampling; run "
+                f"mode {g + 1} holds {share:.3f} of the chain (+- "
+                f"{modes.errors[g]:.3f}) but {weight:.3f} "
+                f"(+- {modes.importance_errors[g]:.3f}) by importance sampling; run "
                 "longer, and again with another seed",
             )
-    worst = int(np.argmax(np.nan_to_num(groups.scatter)))
-    if groups.scatter[worst] > 1 and chain[worst] > SMALL:
-        yield (
-            "weights disagree",
-            f"the ensembles disagree about the weight of group {worst + 1} "
-            f"({groups.weights[:, worst].round(3).tolist()}); run longer, or try a "
-            "TemperedMove",
-        )
-    best = np.fmin(groups.errors, groups.importance_errors)
-    worst = int(np.argmax(best))
-    if best[worst] > WEIGHT_KNOWN_TO:
+    for i, _ in _worst_above(1.0, np.nan_to_num(modes.scatter)):
+        if chain[i] > SMALL:
+            yield (
+                "weights disagree",
+                f"the ensembles disagree about the weight of mode {i + 1} "
+                f"({modes.weights[:, i].round(3).tolist()}); run longer, or try a "
+                "TemperedMove",
+            )
+    best = np.fmin(modes.errors, modes.importance_errors)
+    for i, error in _worst_above(WEIGHT_KNOWN_TO, best):
         yield (
             "weights unknown",
-            f"the weight of group {worst + 1} is known to +- {best[worst]:.3f} only; "
-            "run longer",
+            (f"the weight of mode {i + 1} is known to +- {error:.3f} only; run longer"),
         )
 
 
-def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
+def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
-    several = len(groups.importance) > 1
-    accepted = np.nan_to_num(groups.acceptance, nan=1.0) * groups.share * steps
+    several = len(modes.importance) > 1
+    accepted = np.nan_to_num(modes.acceptance, nan=1.0) * modes.share * steps
     worst = int(np.argmin(accepted))
-    if several and groups.share and accepted[worst] < ENOUGH_VISITS:
+    if several and modes.share and accepted[worst] < ENOUGH_VISITS:
         yield (
-            "a group is left too rarely",
-            f"a frozen proposal is accepted from group {worst + 1} only "
+            "a mode is left too rarely",
+            f"a frozen proposal is accepted from mode {worst + 1} only "
             f"{accepted[worst]:.1f} times in {steps} steps; run longer, or with a "
             "TemperedMove",
         )
     # Weights that are nearly equal have a tail too, but not one that matters.
-    narrow = not groups.efficiency > FAIR_SHARE
-    for k, where in ((groups.pareto_k, "its own"), (groups.chain_k, "the chain's")):
-        if k > GOOD_K and narrow and (groups.share or several):
+    narrow = not modes.efficiency > FAIR_SHARE
+    for k, where in ((modes.pareto_k, "its own"), (modes.chain_k, "the chain's")):
+        if k > GOOD_K and narrow and (modes.share or several):
             yield (
                 "proposal too narrow",
                 f"the frozen proposal lacks part of the posterior (Pareto k {k:.2f} of "
@@ -188,9 +179,9 @@ def _proposal(groups: Groups, steps: int) -> Iterator[Complaint]:
                 "where walkers stay long; run again with more walkers or steps, which "
                 "fits it anew, or with DEMCMove()",
             )
-    rare = groups.slowest * groups.share * steps
-    uneven = not groups.efficiency > HIGH_SHARE
-    if uneven and groups.share > 0.5 and rare < ENOUGH_WAITS:
+    rare = modes.slowest * modes.share * steps
+    uneven = not modes.efficiency > HIGH_SHARE
+    if uneven and modes.share > 0.5 and rare < ENOUGH_WAITS:
         yield (
             "walkers wait too long",
             "from where a walker was a frozen proposal is accepted only "

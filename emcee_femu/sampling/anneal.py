@@ -1,21 +1,104 @@
-"""TMCMC for its users: a population of the posterior and the evidence, in one call."""
+"""TMCMC: carry a population from the prior to the posterior, power by power.
 
-from dataclasses import replace
+The population is two halves. Each is resampled within itself, and moved by proposals
+that were fitted to the other: a fit to the members that it then moves follows their
+accidents, which made the evidence 1.3 too large in ten dimensions.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any
 
 import numpy as np
+from numpy.random import RandomState
+from numpy.typing import NDArray
 
 from .. import checks
+from ..evaluation.resume import open_evaluator
+from ..interfaces import Evaluator, Floats
+from ..moves.independence import ComponentWalk, IndependenceMove
 from ..posterior.log_posterior import LogPosterior
-from .annealing import Annealed, anneal_population
-from .arguments import check_file
-from .evaluation import Evaluation
-from .journal import Journal
-from .manifest import describe
-from .pools.own_processes import open_pool
-from .renewing import fewest_members
-from .run_file.log import check_new
+from ..table import Column, Parts, Report, Table
+from .coordinates import Coordinates
+from .importance import (
+    FAIR_SHARE,
+    GOOD_K,
+    bridge,
+    kish_share,
+    normalise,
+    pareto_k,
+    resample,
+)
+
+MOST_DRAWS = 20  # times the size, for a population of finite likelihood
+LAST = 2  # powers whose proposals tell of what is missing; early ones may fit badly
+RENEWED = 0.8  # of the members are to be independent of their ancestors
+MOST_SWEEPS = 20  # at one power
+MOST_COMPONENTS = 6
+PER_COMPONENT = 10  # members of a half for each parameter and component
+
+
+@dataclass(frozen=True, eq=False)
+class Annealed(Report):
+    """A population of the posterior, and how it got there; ``print`` it.
+
+    Attributes:
+        names: Parameter names.
+        theta: The members, ``(size, d)``, of equal weight.
+        rows: Their rows as a LogPosterior returns them, ``(size, columns)``.
+        powers: Powers of the likelihood from 0 to 1, ``(stages + 1,)``.
+        acceptance: Share of the proposals that were accepted after each, ``(stages,)``.
+        sweeps: How often all members were moved, ``(stages,)``.
+        log_evidence: Natural logarithm of the evidence.
+        log_evidence_error: Its Monte Carlo standard error; infinite where none can be
+            claimed.
+        effective_size: As many independent draws would know the mean as well, ``(d,)``.
+        solves: Model solves spent.
+        failed_solves: Of these, how many failed and were taken for impossible.
+        problems: Why no standard error can be claimed; usually none.
+    """
+
+    names: tuple[str, ...]
+    theta: Floats
+    rows: Floats
+    powers: Floats
+    acceptance: Floats
+    sweeps: NDArray[np.intp]
+    log_evidence: float
+    log_evidence_error: float
+    effective_size: Floats
+    solves: int
+    failed_solves: int = 0
+    problems: tuple[str, ...] = ()
+
+    @property
+    def table(self) -> Table:
+        """Mean, standard deviation and effective size, one row per parameter."""
+        columns: list[Column] = [
+            ("parameter", "", list(self.names)),
+            ("mean", ".5g", self.theta.mean(axis=0)),
+            ("sd", ".4g", self.theta.std(axis=0, ddof=1)),
+            ("effective size", ".0f", self.effective_size),
+        ]
+        return Table.from_columns(f"Population of {len(self.theta)}", columns)
+
+    def _parts(self) -> Parts:
+        error = f"+- {self.log_evidence_error:.3f}"
+        if self.problems:
+            error = "(no standard error can be claimed)"
+        yield self.table
+        yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
+        yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
+        yield (
+            f"{len(self.sweeps)} powers of the likelihood, {self.solves} solves, "
+            f"{100 * self.acceptance.min():.0f} to {100 * self.acceptance.max():.0f} % "
+            "of the proposals accepted"
+        )
+        if self.failed_solves:
+            yield (
+                f"{self.failed_solves} solves failed: the evidence takes the "
+                "likelihood for zero there"
+            )
 
 
 def anneal(
@@ -24,9 +107,9 @@ def anneal(
     *,
     seed: int,
     workers: int | None = None,
-    pool: Any = None,
+    pool: object = None,
     on_failure: str = "raise",
-    max_failures: float = 0.1,
+    max_failures: float = 0.2,
     backend: str | PathLike[str] | None = None,
     resume: bool = False,
     probe_tolerance: float = 1e-6,
@@ -92,10 +175,7 @@ def anneal(
         >>> population.theta.shape, bool(abs(population.theta.mean() - 9.0) < 0.1)
         ((200, 1), True)
     """
-    if not isinstance(posterior, LogPosterior):
-        raise TypeError(
-            f"posterior: expected a LogPosterior, got {type(posterior).__name__}"
-        )
+    posterior = checks.instance("posterior", posterior, LogPosterior)
     fewest = fewest_members(posterior.ndim)
     size = checks.whole_number("size", size, 1)
     if size < fewest:
@@ -104,16 +184,252 @@ def anneal(
             f"parameters, got {size}"
         )
     seed = checks.whole_number("seed", seed)
-    path = check_file(backend, checks.flag("resume", resume))
-    if path is not None and not resume:
-        check_new(path)
-    tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
-    with open_pool(pool, workers, posterior.one_by_one) as evaluators:
-        evaluation = Evaluation.of(posterior, evaluators, on_failure, max_failures)
-        manifest = describe(posterior, moves="anneal", size=size, seed=seed)
-        journal = Journal(evaluation, path, {"manifest": manifest})
-        journal.probe(tolerance)
+    asked = {"moves": "anneal", "size": size, "seed": seed}
+    with open_evaluator(
+        posterior,
+        asked,
+        workers=workers,
+        pool=pool,
+        on_failure=on_failure,
+        max_failures=max_failures,
+        backend=backend,
+        resume=resume,
+        probe_tolerance=probe_tolerance,
+    ) as evaluator:
+        plain = Coordinates.plain(posterior.prior)
         rng = np.random.default_rng(seed)
-        found = anneal_population(journal, posterior.prior, rng, size)
-    log = evaluation.failures
-    return replace(found, failed_solves=0 if log is None else log.causes.total())
+        population = anneal_population(evaluator, plain, rng, size)
+    return replace(population, failed_solves=evaluator.failed)
+
+
+def anneal_population(
+    evaluator: Evaluator,
+    coordinates: Coordinates,
+    rng: np.random.Generator,
+    size: int,
+) -> Annealed:
+    """Return the population at the power 1; see :func:`anneal`.
+
+    Args:
+        evaluator: Of points in the coordinates.
+        coordinates: In which the population moves, and its prior.
+        rng: The same stream gives the same population.
+        size: Members, at least ``fewest_members(d)``.
+
+    Raises:
+        ValueError: If too few draws of the prior have a finite likelihood.
+        RuntimeError: If no power above the last one can be told from it.
+    """
+    before = evaluator.solves
+    random = RandomState(rng.bit_generator)
+    theta, rows, share, draws = _draw(evaluator, coordinates, rng, size)
+    halves = [np.arange(size // 2), np.arange(size // 2, size)]
+    fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
+    ancestors, influence = np.arange(size), np.zeros(size)
+    log_evidence, powers = float(np.log(share)), [0.0]
+    moved, tried = [], []
+    while powers[-1] < 1:
+        low = rows[:, 0] - rows[:, 1]
+        step = _next_step(low, 1 - powers[-1])
+        if powers[-1] + step == powers[-1]:
+            raise RuntimeError(
+                f"posterior: the likelihood still varies by {np.ptp(low):g} at its "
+                f"power {powers[-1]:g}, and no larger one can be reached; is it a "
+                "function of the parameters alone?"
+            )
+        powers.append(1.0 if step == 1 - powers[-1] else powers[-1] + step)
+        weights = normalise(step * low)
+        kept = np.concatenate(
+            [half[resample(weights[half], len(half), rng.random())] for half in halves]
+        )
+        parents, ancestors = ancestors, ancestors[kept]
+        theta, rows = theta[kept], rows[kept]
+        first, second = (theta[half] for half in halves)
+        fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
+        theta, rows, accepted, log_weights = _renew(
+            evaluator, theta, rows, halves, powers[-1], random, fits
+        )
+        moved.append(accepted)
+        tried.append(log_weights)
+        high = rows[:, 0] - rows[:, 1]
+        ratio = bridge(step * high, step * low)
+        log_evidence += ratio.log_ratio
+        np.add.at(influence, parents, ratio.from_g / len(low))
+        np.add.at(influence, ancestors, ratio.from_f / len(high))
+    variance = (influence**2).sum() + (1 - share) / (share * draws)
+    problems = _find_problems(tried[-LAST:])
+    return Annealed(
+        names=evaluator.posterior.names,
+        theta=theta,
+        rows=rows,
+        powers=np.array(powers),
+        acceptance=np.array([np.mean(shares) for shares in moved]),
+        sweeps=np.array([len(shares) for shares in moved]),
+        log_evidence=log_evidence,
+        log_evidence_error=np.inf if problems else float(np.sqrt(variance)),
+        effective_size=_effective_size(theta, ancestors),
+        solves=evaluator.solves - before,
+        problems=problems,
+    )
+
+
+def fewest_members(ndim: int) -> int:
+    """Return the smallest population that a mixture can be fitted to, in halves."""
+    return 2 * PER_COMPONENT * ndim
+
+
+def _find_problems(tried: list[Floats]) -> tuple[str, ...]:
+    """Return what the weights of independence proposals at some powers forbid.
+
+    A region that the population missed is in none of the fits to it, and the few
+    proposals that come upon it have weights far above all others.
+    """
+    k = max((pareto_k(w) for w in tried if kish_share(w) < FAIR_SHARE), default=0.0)
+    if k <= GOOD_K:
+        return ()
+    return (
+        "a region of the posterior may be missing, for the weights of proposals fitted "
+        f"to the population have a heavy tail (Pareto k {k:.2f}, {GOOD_K} is the "
+        'limit); a larger size may find it, and "auto" does in some cases',
+    )
+
+
+def _draw(
+    evaluator: Evaluator,
+    coordinates: Coordinates,
+    rng: np.random.Generator,
+    size: int,
+) -> tuple[Floats, Floats, float, int]:
+    """Return members of finite likelihood, their rows, their share of the prior."""
+    theta = coordinates.sample(rng, size)
+    rows = evaluator.rows(theta)
+    for draws in range(size, (MOST_DRAWS + 1) * size, size):
+        finite = rows[:, 0] > -np.inf
+        if (number := int(finite.sum())) >= size:
+            keep = np.flatnonzero(finite)[:size]
+            return theta[keep], rows[keep], number / draws, draws
+        more = coordinates.sample(rng, size)
+        theta = np.concatenate([theta[finite], more])
+        rows = np.concatenate([rows[finite], evaluator.rows(more)])
+    raise ValueError(
+        f"posterior: only {number} of {draws} draws of the prior have a finite "
+        "likelihood; narrow the prior to where the model can be solved"
+    )
+
+
+def _next_step(log_likelihood: Floats, most: float) -> float:
+    """Return the increment whose weights have a coefficient of variation of 1."""
+    centred = log_likelihood - log_likelihood.max()
+
+    def variation(step: float) -> float:
+        weights = np.exp(step * centred)
+        return float(weights.std() / weights.mean())
+
+    if variation(most) <= 1:
+        return most
+    low, high = 0.0, most
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        low, high = (middle, high) if variation(middle) < 1 else (low, middle)
+    return low
+
+
+def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceMove:
+    """Return a mixture with as many components as make the others more likely.
+
+    Where a thin part of the prior holds nearly all of the likelihood, a half may become
+    copies of one member, which have no covariance: then the last fit serves again.
+    """
+    most = min(MOST_COMPONENTS, len(draws) // (PER_COMPONENT * draws.shape[1]))
+    try:
+        best = IndependenceMove.fit(draws)
+    except ValueError:
+        return last
+    score = best.mixture.log_density(others).mean()
+    for components in range(2, most + 1):
+        try:
+            fitted = IndependenceMove.fit(draws, components)
+        except ValueError:  # a component died
+            break
+        if (new := fitted.mixture.log_density(others).mean()) <= score:
+            break
+        best, score = fitted, new
+    return best
+
+
+def _renew(
+    evaluator: Evaluator,
+    theta: Floats,
+    rows: Floats,
+    halves: Sequence[NDArray[np.intp]],
+    power: float,
+    random: RandomState,
+    fits: Sequence[IndependenceMove],
+) -> tuple[Floats, Floats, list[float], Floats]:
+    """Return members far from where they were, with their rows.
+
+    Sweeps of independence proposals alternate with a random walk, whichever renews
+    more members having three quarters of them.
+
+    Returns:
+        Members, rows, the share of accepted proposals of each sweep, and ln(p / q) of
+        all independence proposals.
+    """
+    (n, ndim), renewed = theta.shape, np.zeros(len(theta))
+    walks = [ComponentWalk(fit.mixture) for fit in fits]
+    accepted: list[float] = []
+    log_weights: list[Floats] = []
+    # An accepted step of the walk is worth 2.38**2 / (2 ndim) independent draws.
+    worth = min(1.0, 2.8 / ndim)
+    rates = [1.0, 0.25 * worth]
+    for sweep in range(MOST_SWEEPS):
+        better = rates[1] > rates[0]
+        walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
+        batches = [
+            next(move.batches(theta[half], random))
+            for move, half in zip(walks if walking else fits, halves, strict=True)
+        ]
+        proposed = np.concatenate([batch[1] for batch in batches])
+        factors = np.concatenate([batch[2] for batch in batches])
+        new = evaluator.rows(proposed)
+        target = _temper(new, power)
+        if not walking:
+            log_q = [
+                fit.mixture.log_density(proposed[half])
+                for fit, half in zip(fits, halves, strict=True)
+            ]
+            log_weights.append(target - np.concatenate(log_q))
+        threshold = _temper(rows, power) - random.standard_exponential(n) - factors
+        better_ones = target > threshold
+        theta = np.where(better_ones[:, None], proposed, theta)
+        rows = np.where(better_ones[:, None], new, rows)
+        accepted.append(float(better_ones.mean()))
+        rates[walking] = accepted[-1] * (worth if walking else 1.0)
+        renewed[better_ones] += worth if walking else 1.0
+        if walking:
+            for walk in walks:
+                walk.scale *= np.exp(accepted[-1] - 0.25)
+        if np.minimum(renewed, 1).mean() > RENEWED:
+            break
+    return theta, rows, accepted, np.concatenate(log_weights)
+
+
+def _temper(rows: Floats, power: float) -> Floats:
+    """Return the log density with a power of the likelihood; -inf stays -inf."""
+    log_p = np.full(len(rows), -np.inf)
+    possible = rows[:, 0] > -np.inf
+    total, log_prior = rows[possible, 0], rows[possible, 1]
+    log_p[possible] = log_prior + power * (total - log_prior)
+    return log_p
+
+
+def _effective_size(theta: Floats, ancestors: NDArray[np.intp]) -> Floats:
+    """Return the variance of each parameter by that of its mean, by lineages."""
+    n = len(theta)
+    centred = theta - theta.mean(axis=0)
+    sums = np.zeros((n, theta.shape[1]))
+    np.add.at(sums, ancestors, centred)
+    size: Floats = n * (centred**2).sum(axis=0) / (sums**2).sum(axis=0)
+    return np.minimum(size, n)

@@ -1,23 +1,21 @@
-"""The recipe behind ``run(..., moves="auto")``: search, refine, freeze."""
+"""``run(..., moves="auto")``: search, refine a proposal, freeze it, start from it."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Floats
+from ..interfaces import Evaluator, Floats
 from ..moves import HamiltonianMove
-from ..moves.mixture_em import Mixture, draw
-from ..moves.mixture_fit import fit_mixture
-from .annealing import anneal_population, fewest_members
-from .arguments import Settings
-from .groups import count_shares, label
-from .journal import Journal
-from .recipe import BESIDE, Recipe, describe, make_moves, write_sentence
-from .refine import refine, uncover
+from ..moves.mixture import Mixture
+from .anneal import anneal_population, fewest_members
+from .coordinates import Coordinates
+from .importance import normalise, resample
+from .proposals import Trial, refine, uncover
 from .search import Search
-from .trial import Trial, try_out
+from .search_record import Labels, SearchRecord, label, separate
 
 SEARCHED = 0.2  # of the evaluations of the chain
 FEWEST = 1_000  # points of a search
@@ -28,6 +26,8 @@ POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR = 0.2  # acceptance below which gradients do better
 TUNED = 24  # draws from which Hamiltonian moves are tuned
 MISSED = 1.0  # log evidence by which one proposal finds more than another
+
+Population = tuple[Floats, Floats]  # members and their rows
 
 
 class Budget(NamedTuple):
@@ -41,144 +41,163 @@ class Budget(NamedTuple):
     points: int
     draws: int
 
+    @classmethod
+    def of(cls, evaluations: int) -> "Budget":
+        """Return the budget by the evaluations of the chain."""
+        points = max(FEWEST, round(SEARCHED * evaluations))
+        return cls(points, max(REFINED, evaluations // 2))
 
-def plan(settings: Settings) -> Budget:
-    """Return the budget of a search, by the evaluations of the chain."""
-    generations = settings.nsteps * settings.thin_by
-    chain = generations * settings.nwalkers * settings.ensembles
-    return Budget(max(FEWEST, round(SEARCHED * chain)), max(REFINED, chain // 2))
 
-
-def find_recipe(journal: Journal, settings: Settings, budget: Budget) -> Recipe:
+def search_and_start(
+    evaluator: Evaluator,
+    nwalkers: int,
+    ensembles: int,
+    seed: int,
+    budget: Budget,
+    starts: Floats | None,
+) -> tuple[SearchRecord, list[emcee.State]]:
     """Search for the modes, refine a proposal, and draw the starts from it.
 
     The modes that any ensemble found are components of one proposal, from which each
     ensemble draws with its own stream. Its walkers start from its own draws, by their
-    importance weights, in those groups that it found itself: it is the chain that has
+    importance weights, in those modes that it found itself: it is the chain that has
     to bring the ensembles to agree. Where no proposal is good, annealed populations
     are a second way to one, and each ensemble starts from its own.
 
     Args:
-        journal: Evaluates.
-        settings: What was asked for.
+        evaluator: What evaluates, and stores where there is a file.
+        nwalkers: Walkers per ensemble.
+        ensembles: How many there are.
+        seed: Of the run.
         budget: What the search may spend.
-    """
-    ndim, nwalkers = settings.posterior.ndim, settings.nwalkers
-    seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles)
-    streams = [np.random.default_rng(seed.spawn(1)[0]) for seed in seeds]
-    search = Search(journal, settings.posterior.prior, streams)
-    search.run(budget.points, settings.initial)
+        starts: Points that are searched too, ``(ensembles, n, d)``.
 
-    def propose(law: Mixture, number: int) -> tuple[Floats, Floats]:
+    Returns:
+        What was found, and the evaluated start of each ensemble with its random
+        stream.
+    """
+    ndim = evaluator.posterior.ndim
+    seeds = np.random.SeedSequence(seed).spawn(ensembles)
+    streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
+    search = Search(evaluator, streams)
+    search.run(budget.points, starts)
+
+    def propose(mixture: Mixture, number: int) -> tuple[Floats, Floats]:
         each = -(-number // len(streams))
-        theta = np.concatenate([draw(rng, law, each) for rng in streams])
-        return theta, journal.rows(theta)
+        theta = np.concatenate([mixture.draw(rng, each) for rng in streams])
+        return theta, evaluator.rows(theta)
 
     size = max(ROUND, 10 * ndim)
-    final = max(TRIED, 2 * size, 4 * nwalkers * len(streams))
+    final = max(TRIED, 2 * size, 4 * nwalkers * ensembles)
 
-    def attempt(law: Mixture) -> Trial:
-        refined = refine(search.draws, law, size, budget.draws, propose)
-        return try_out(refined, final, propose)
+    def attempt(mixture: Mixture) -> Trial:
+        refined = refine(search.draws, mixture, size, budget.draws, propose)
+        return Trial.of(refined, final, propose)
 
-    trial = attempt(search.law())
-    populations = None
-    gradients = settings.posterior.differentiable and trial.acceptance < POOR
-    if trial.narrow and not (gradients and trial.share):
+    trial = attempt(search.mixture())
+    populations: list[Population] = []
+    gradients = evaluator.posterior.differentiable and trial.acceptance < POOR
+    if trial.narrow and not (gradients and trial.efficiency):
         if trial.acceptance < POOR:  # the shapes of the modes say too little
-            populations = anneal_each(journal, search)
-            law = fit_population(np.concatenate([theta for theta, _ in populations]))
+            populations = _anneal_each(search)
+            members = np.concatenate([theta for theta, _ in populations])
+            second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
         else:
-            law = uncover(trial.law)
-        other = attempt(law)
-        trial = other if is_better(other, trial) else trial
-    record = describe(search, trial)
-    group_of, count = np.array(record["group_of"]), len(record["weights"])
-    record["start"], states = [], []
-    for number, (rng, seed) in enumerate(zip(streams, seeds, strict=True)):
-        if trial.narrow and populations is not None:
-            theta, rows = populations[number]
+            second = attempt(uncover(trial.mixture))
+        trial = second if is_better(second, trial) else trial
+    places = _choose_starts(search, trial, populations, nwalkers)
+    states = []
+    for child, (theta, rows) in zip(seeds, places, strict=True):
+        random = np.random.RandomState(np.random.MT19937(child)).get_state()
+        states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
+    trajectories = None
+    if gradients:
+        draws = np.concatenate([theta for theta, _ in places])
+        trajectories = _tune_trajectories(evaluator, trial.mixture, draws)
+    coords = [theta for theta, _ in places]
+    annealed = bool(populations)
+    return SearchRecord.of(search, trial, coords, annealed, trajectories), states
+
+
+def is_better(second: Trial, first: Trial) -> bool:
+    """Return whether a proposal finds more of the posterior, or fits it better."""
+    if not (first.efficiency and second.efficiency):  # one never met the posterior
+        return second.efficiency > first.efficiency
+    gain = second.log_evidence - first.log_evidence
+    better = second.efficiency > first.efficiency
+    return gain > MISSED or (gain > -MISSED and better)
+
+
+def _tune_trajectories(
+    evaluator: Evaluator, mixture: Mixture, draws: Floats
+) -> tuple[Floats, int, float]:
+    """Return metric, number of steps and step size of Hamiltonian moves."""
+    narrow = uncover(mixture)
+    metric = np.einsum("k,kij->ij", narrow.weights, narrow.matrices)
+    some = draws[:: -(-len(draws) // TUNED)]
+    move = HamiltonianMove.tuned(evaluator, some, metric, seed=0)
+    return metric, move.steps, move.step_size
+
+
+def _anneal_each(search: Search) -> list[Population]:
+    """Return an annealed population, and its rows, of each ensemble."""
+    posterior = search.evaluator.posterior
+    size = max(fewest_members(posterior.ndim), POPULATION // len(search.streams))
+    plain = Coordinates.plain(posterior.prior)
+    annealed = [
+        anneal_population(search.evaluator, plain, rng, size) for rng in search.streams
+    ]
+    return [(population.theta, population.rows) for population in annealed]
+
+
+def _choose_starts(
+    search: Search, trial: Trial, populations: Sequence[Population], nwalkers: int
+) -> list[Population]:
+    """Return where the walkers of each ensemble start, with their rows."""
+    mode_of = separate(trial.mixture)
+    tops = np.array([maximum.theta for maximum in search.maxima])
+    modes = label(tops, trial.mixture, mode_of)
+    places = []
+    for ensemble, rng in enumerate(search.streams):
+        if trial.narrow and populations:
+            theta, rows = populations[ensemble]
             chosen = rng.choice(len(theta), nwalkers, replace=nwalkers > len(theta))
         else:
             theta, rows = trial.theta, trial.rows
-            found = np.array(record["found_by"][number]) > 0
-            chosen = choose_starts(
-                rng, trial, number, len(streams), group_of, found, nwalkers
+            by = np.array([climbs[ensemble] > 0 for climbs in search.found_by])
+            known = np.isin(np.arange(int(mode_of.max()) + 1), modes[by])
+            parts = np.array_split(np.arange(len(theta)), len(search.streams))
+            chosen = _choose_draws(
+                rng, trial, parts[ensemble], mode_of, known, nwalkers
             )
-        coords, rows = theta[chosen], rows[chosen]
-        record["start"].append(count_shares(label(coords, trial.law, group_of), count))
-        random = np.random.RandomState(np.random.MT19937(seed)).get_state()
-        states.append(emcee.State(coords, rows[:, 0], rows[:, 1:], random))
-    if gradients:
-        record["hamiltonian"] = tune_hamiltonian(journal, trial.law, states)
-        record["share"] = BESIDE if count > 1 else 0.0  # for jumps between groups
-    solves = journal.solves
-    return Recipe(
-        make_moves(record),
-        states,
-        -(-solves // len(streams)),
-        write_sentence(record, populations is not None, solves),
-        record,
-    )
+        places.append((theta[chosen], rows[chosen]))
+    return places
 
 
-def tune_hamiltonian(
-    journal: Journal, law: Mixture, states: list[emcee.State]
-) -> list[Any]:
-    """Return metric, number of steps and step size of Hamiltonian moves."""
-    own = uncover(law)
-    metric = np.einsum("k,kij->ij", own.weights, own.matrices)
-    draws = np.concatenate([state.coords for state in states])
-    some = draws[:: -(-len(draws) // TUNED)]
-    move = HamiltonianMove.tuned(journal, some, metric, seed=0)
-    return [metric.tolist(), move.steps, move.step_size]
-
-
-def is_better(other: Trial, trial: Trial) -> bool:
-    """Return whether a proposal finds more of the posterior, or fits it better."""
-    if not (trial.share and other.share):  # one never met the posterior
-        return other.share > trial.share
-    gain = other.log_evidence - trial.log_evidence
-    return gain > MISSED or (gain > -MISSED and other.share > trial.share)
-
-
-def anneal_each(journal: Journal, search: Search) -> list[tuple[Floats, Floats]]:
-    """Return an annealed population, and its rows, of each ensemble."""
-    fewest = fewest_members(len(search.prior.names))
-    size = max(fewest, POPULATION // len(search.streams))
-    found = [
-        anneal_population(journal, search.prior, rng, size) for rng in search.streams
-    ]
-    return [(one.theta, one.rows) for one in found]
-
-
-def fit_population(theta: Floats) -> Mixture:
-    """Return a mixture fitted to draws of equal weight."""
-    return Mixture(*fit_mixture(theta, "auto", POPULATION_DF), POPULATION_DF)
-
-
-def choose_starts(
+def _choose_draws(
     rng: np.random.Generator,
     trial: Trial,
-    number: int,
-    ensembles: int,
-    group_of: NDArray[np.intp],
-    found: NDArray[np.bool_],
+    draws: NDArray[np.intp],
+    mode_of: Labels,
+    known: NDArray[np.bool_],
     nwalkers: int,
 ) -> NDArray[np.intp]:
     """Return which draws an ensemble's walkers start from, by importance weights.
 
-    They are its own, in the groups that it found, as far as there are any.
+    If it has none in the modes that it found, from any of its draws.
     """
-    own = np.array_split(np.arange(len(trial.theta)), ensembles)[number]
-    if not np.isfinite(trial.log_weights[own]).any():
-        own = np.arange(len(trial.theta))
-    log_weights = trial.log_weights[own]
-    inside = found[label(trial.theta[own], trial.law, group_of)]
+    if not np.isfinite(trial.log_weights[draws]).any():
+        draws = np.arange(len(trial.theta))
+    log_weights = trial.log_weights[draws]
+    if not np.isfinite(log_weights).any():
+        raise ValueError(
+            f"posterior: it is zero at all of {len(draws)} draws of the proposal that "
+            "was fitted to it; is nearly all of it at its bounds? Narrow the prior, or "
+            "use DEMCMove()"
+        )
+    inside = known[label(trial.theta[draws], trial.mixture, mode_of)]
     if np.isfinite(log_weights[inside]).any():
         log_weights = np.where(inside, log_weights, -np.inf)
-    weights = np.exp(log_weights - log_weights.max())
-    edges = np.cumsum(weights) / weights.sum()
-    places = (np.arange(nwalkers) + rng.random(nwalkers)) / nwalkers  # stratified
-    chosen = np.minimum(np.searchsorted(edges, places, side="right"), len(own) - 1)
-    return rng.permutation(own[chosen])
+    weights = normalise(log_weights)
+    chosen = draws[resample(weights, nwalkers, rng.random(nwalkers))]  # stratified
+    return rng.permutation(chosen)

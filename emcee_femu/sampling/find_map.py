@@ -1,22 +1,172 @@
 """The maxima of a posterior, before any sampling: a start, and a quick look."""
 
 from collections import Counter
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy import special
+from numpy.typing import ArrayLike, NDArray
+from scipy import special, stats
 
 from .. import checks
+from ..evaluation.evaluator import Evaluation
 from ..interfaces import Floats
-from ..posterior.climbing import Maximum, climb_each, distinct
 from ..posterior.log_posterior import LogPosterior
-from .evaluation import Evaluation
-from .found_map import FoundMap, draw_inside
-from .importance import kish_share, pareto_k
-from .pools.own_processes import open_pool
+from ..posterior.priors import inside, prior_centre, summarize_prior
+from ..table import Column, Parts, Report, Table
+from .climbing import Maximum, climb, distinct
+from .importance import GOOD_K, kish_share, pareto_k
+from .quadratic import moments_inside
 
 FEWEST = 25  # draws of a check; from fewer there is no Pareto k
+SHOWN = 4  # maxima in the tables
+TRIALS = 100  # draws for each that is to lie inside the bounds
+EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMap(Report):
+    """What :func:`.find_map` found; ``print`` it for tables and what to think of them.
+
+    Attributes:
+        posterior: The posterior.
+        maxima: Its distinct maxima, that of the largest weight first
+            (:class:`.Maximum`): ``theta``, ``covariance``,
+            ``log_evidence``, ``at_bound``, ...
+        weights: Their shares of the posterior by Laplace's evidence, ``(k,)``.
+        climbs: How many climbs ended in each, ``(k,)``.
+        lost: Why other starts led nowhere, one sentence each.
+        solves: Model solves spent, those of the check included.
+        draws: Draws of the check, 0 without one.
+        pareto_k: Of their importance weights; NaN without a check.
+        efficiency: Their effective share (Kish); NaN without a check.
+    """
+
+    posterior: LogPosterior
+    maxima: tuple[Maximum, ...]
+    weights: Floats
+    climbs: NDArray[np.int_]
+    lost: tuple[str, ...]
+    solves: int
+    draws: int = 0
+    pareto_k: float = np.nan
+    efficiency: float = np.nan
+
+    def draw(self, n: int, seed: int) -> Floats:
+        """Return draws ``(n, d)`` of the gaussians, by weight, inside the bounds.
+
+        As starts of a chain: ``run(..., starts=found.draw(nwalkers, seed))``. They
+        are no draws of the posterior; where it is wider, give them more time.
+
+        Args:
+            n: How many.
+            seed: A whole number.
+
+        Returns:
+            The draws, ``(n, d)``.
+
+        Raises:
+            TypeError: If an argument is not a whole number.
+            ValueError: If n is below 1, or hardly any draw is inside the bounds.
+
+        Examples:
+            >>> import emcee_femu as ef
+            >>> posterior = ef.paper.mass_spring().posterior
+            >>> found = ef.find_map(posterior, 4, seed=1, check=0)
+            >>> starts = found.draw(20, seed=1)
+            >>> (sampler,) = ef.run(posterior, steps=20, seed=1, starts=starts,
+            ...                       moves=ef.DEMCMove(), ensembles=1)
+            >>> starts.shape
+            (20, 5)
+        """
+        n = checks.whole_number("n", n, 1)
+        rng = np.random.default_rng(checks.whole_number("seed", seed))
+        bounds = self.posterior.prior.bounds
+        draws, _ = _draw_inside(self.maxima, self.weights, bounds, n, rng)
+        if len(draws) < n:
+            raise ValueError(
+                f"n: of {TRIALS * n} draws of the gaussians only {len(draws)} are "
+                f"inside the bounds, fewer than {n}; start from the prior"
+            )
+        return draws
+
+    @property
+    def table(self) -> Table:
+        """The prior, then maxima and sds inside the bounds, one row per parameter."""
+        sd = summarize_prior(self.posterior.prior)[1]
+        bounds = self.posterior.prior.bounds.T
+        columns: list[Column] = [
+            ("parameter", "", list(self.posterior.names)),
+            ("prior mean", ".5g", prior_centre(self.posterior.prior)),
+            ("prior sd", ".3g", sd),
+        ]
+        for number, maximum in enumerate(self.maxima[:SHOWN], 1):
+            columns.append((f"maximum {number}", ".5g", maximum.theta))
+            inside = moments_inside(maximum.theta, maximum.covariance, *bounds)[1]
+            columns.append((f"sd {number}", ".3g", np.sqrt(np.diag(inside))))
+        return Table.from_columns("Maxima of the posterior", columns)
+
+    @property
+    def maxima_table(self) -> Table:
+        """Weight, height, evidence and climbs that ended there, one row per maximum."""
+        shown = self.maxima[:SHOWN]
+        names = np.array(self.posterior.names)
+        columns: list[Column] = [
+            ("maximum", "d", [*range(1, len(shown) + 1)]),
+            ("weight", ".3f", self.weights[:SHOWN]),
+            ("log-posterior", ".2f", [maximum.log_posterior for maximum in shown]),
+            ("log evidence", ".2f", [maximum.log_evidence for maximum in shown]),
+            ("climbs", "d", self.climbs[:SHOWN]),
+            (
+                "at a bound",
+                "",
+                [" ".join(names[maximum.at_bound]) for maximum in shown],
+            ),
+            (
+                "converged",
+                "",
+                ["yes" if maximum.converged else "no" for maximum in shown],
+            ),
+        ]
+        return Table.from_columns("Gaussians about them (Laplace)", columns)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What to think of it, in sentences."""
+        k, n = len(self.maxima), int(self.climbs.sum()) + len(self.lost)
+        sentences = [
+            f"A start and a quick look: {k} maxim{'a' if k > 1 else 'um'} from {n} "
+            f"climb{'s' if n > 1 else ''} and {self.solves} solves."
+        ]
+        if k > SHOWN:
+            sentences.append(f"{k - SHOWN} of smaller weight are not shown.")
+        for reason, count in Counter(self.lost).items():
+            sentences.append(f"{count} of {n} starts led nowhere: {reason}.")
+        stopped = [maximum.message for maximum in self.maxima if not maximum.converged]
+        for reason, count in Counter(stopped).items():
+            sentences.append(f"{count} of {k} are perhaps no maxima: {reason}.")
+        return (*sentences, self._judge())
+
+    def _judge(self) -> str:
+        if not self.draws:
+            return (
+                "Whether the posterior is Gaussian about them was not checked: "
+                "check=100 does, by as many solves. Standard deviations and weights "
+                "are those of gaussians; sample the posterior before you report any."
+            )
+        statistics = (
+            f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "
+            f"of {self.draws} draws"
+        )
+        if not (self.pareto_k < GOOD_K and self.efficiency > EFFECTIVE):
+            return (
+                f"The posterior is not Gaussian about them ({statistics}): take "
+                "neither standard deviations nor weights from here; sample it."
+            )
+        return f"The posterior is nearly Gaussian about them ({statistics})."
+
+    def _parts(self) -> Parts:
+        return self.table, self.maxima_table, *self.findings
 
 
 def find_map(
@@ -26,9 +176,9 @@ def find_map(
     seed: int,
     check: int = 0,
     workers: int | None = None,
-    pool: Any = None,
+    pool: object = None,
     on_failure: str = "raise",
-    max_failures: float = 0.1,
+    max_failures: float = 0.2,
 ) -> FoundMap:
     r"""Find the maxima of the posterior, each with the Gaussian that fits it there.
 
@@ -77,9 +227,7 @@ def find_map(
         >>> best.theta.round(2).tolist(), (best.covariance**0.5).round(2).tolist()
         ([8.99], [[0.18]])
     """
-    if not isinstance(posterior, LogPosterior):
-        got = type(posterior).__name__
-        raise TypeError(f"posterior: expected a LogPosterior, got {got}")
+    posterior = checks.instance("posterior", posterior, LogPosterior)
     for_starts, for_check = np.random.SeedSequence(
         checks.whole_number("seed", seed)
     ).spawn(2)
@@ -87,9 +235,10 @@ def find_map(
     check = checks.whole_number("check", check)
     if 0 < check < FEWEST:
         raise ValueError(f"check: expected 0 or at least {FEWEST} draws, got {check}")
-    with open_pool(pool, workers, posterior.one_by_one) as evaluators:
-        evaluation = Evaluation.of(posterior, evaluators, on_failure, max_failures)
-        ends = climb_each(evaluation, points, posterior.prior)
+    with Evaluation.open(
+        posterior, workers, pool, on_failure, max_failures
+    ) as evaluation:
+        ends = climb(evaluation, points)
         reached = [end for end in ends if end.log_evidence > -np.inf]
         lost = [end.message for end in ends if end.log_evidence == -np.inf]
         if not reached:
@@ -100,11 +249,14 @@ def find_map(
         groups = distinct(reached)
         groups.sort(key=lambda group: -reached[group[0]].log_evidence)
         maxima = [reached[group[0]] for group in groups]
-        log_evidence = np.array([own.log_evidence for own in maxima])
-        weights = special.softmax(log_evidence)
-        found = 0, np.nan, np.nan
+        weights = special.softmax([maximum.log_evidence for maximum in maxima])
+        n, k, share = 0, np.nan, np.nan
         if check:
-            found = _check(evaluation, maxima, weights, check, for_check)
+            rng = np.random.default_rng(for_check)
+            bounds = posterior.prior.bounds
+            draws, log_q = _draw_inside(maxima, weights, bounds, check, rng)
+            log_weights = evaluation.rows(draws)[:, 0] - log_q
+            n, k, share = len(draws), pareto_k(log_weights), kish_share(log_weights)
     return FoundMap(
         posterior=posterior,
         maxima=tuple(maxima),
@@ -112,15 +264,17 @@ def find_map(
         climbs=np.array([len(group) for group in groups]),
         lost=tuple(lost),
         solves=evaluation.solves,
-        draws=found[0],
-        pareto_k=found[1],
-        efficiency=found[2],
+        draws=n,
+        pareto_k=k,
+        efficiency=share,
     )
 
 
-def _choose_starts(posterior: LogPosterior, starts: Any, seed: Any) -> Floats:
+def _choose_starts(
+    posterior: LogPosterior, starts: int | ArrayLike, seed: np.random.SeedSequence
+) -> Floats:
     """Return starts ``(n, d)``, drawn from the prior or given."""
-    if isinstance(starts, str) or not hasattr(starts, "__len__"):
+    if isinstance(starts, int | np.integer):
         return posterior.start(checks.whole_number("starts", starts, 1), seed)
     points = np.atleast_2d(checks.real_array("starts", starts))
     if not points.size:
@@ -129,14 +283,32 @@ def _choose_starts(posterior: LogPosterior, starts: Any, seed: Any) -> Floats:
     return points
 
 
-def _check(
-    evaluation: Evaluation, maxima: list[Maximum], weights: Floats, n: int, seed: Any
-) -> tuple[int, float, float]:
-    """Return how many draws from the Gaussians, their Pareto k and effective share.
+def _draw_inside(
+    maxima: Sequence[Maximum],
+    weights: Floats,
+    bounds: Floats,
+    n: int,
+    rng: np.random.Generator,
+) -> tuple[Floats, Floats]:
+    """Draw from the gaussians about maxima, inside the bounds.
 
-    There are fewer than n where most of a Gaussian is out of bounds.
+    Returns:
+        Draws, fewer than n where most of a Gaussian is out of bounds, and the log of
+        their density but for a constant: cut at the bounds the law is the same.
     """
-    rng, bounds = np.random.default_rng(seed), evaluation.posterior.prior.bounds
-    draws, log_density = draw_inside(maxima, weights, bounds, n, rng)
-    log_weights = evaluation.rows(draws)[:, 0] - log_density
-    return len(draws), pareto_k(log_weights), kish_share(log_weights)
+    gaussians = [
+        stats.multivariate_normal(
+            m.theta, stats.Covariance.from_cholesky(np.linalg.cholesky(m.covariance))
+        )
+        for m in maxima
+    ]
+    chosen = rng.choice(len(maxima), size=TRIALS * n, p=weights)
+    draws = np.empty((TRIALS * n, len(bounds)))
+    for number, gaussian in enumerate(gaussians):
+        here = chosen == number
+        size = int(here.sum())
+        draws[here] = gaussian.rvs(size, random_state=rng).reshape(size, -1)
+    draws = draws[inside(draws, bounds)][:n]
+    densities = [gaussian.logpdf(draws).reshape(-1) for gaussian in gaussians]
+    log_density: Floats = special.logsumexp(densities, axis=0, b=weights[:, None])
+    return draws, log_density

@@ -1,67 +1,124 @@
-"""Run emcee on a posterior: starts, seeds, independent ensembles, backends."""
+"""Run emcee on a posterior: starts, seeds, independent ensembles, files."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from os import PathLike
-from typing import Any
+from typing import Any, overload
 
 import emcee
+import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Backend
-from ..moves import DEMCMove
+from ..evaluation.evaluator import Evaluation
+from ..evaluation.failures import FailureLog
+from ..evaluation.resume import open_evaluator
+from ..evaluation.samplers import Sampler
+from ..evaluation.store import StoredChain, StoredEvaluation, restore_counts
+from ..interfaces import Backend, Floats, Move
+from ..moves.tempering import find_ladder
+from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
-from .arguments import (
-    Moves,
-    Settings,
-    check_backends,
-    check_moves,
-    check_progress,
-    check_starts,
-    check_walkers,
-)
-from .auto import find_recipe, plan
-from .evaluation import Evaluation
-from .journal import Journal
-from .pools.own_processes import open_pool
-from .resume import begin_in_file, start_given
+from ..table import Parts, Report
+from .auto import Budget, search_and_start
+from .search_record import SearchRecord
+
+MOST_DRAWS = 20  # of a starting point
+
+
+@dataclass(frozen=True, eq=False)
+class Run(Report, Sequence[emcee.EnsembleSampler]):
+    """A run: emcee's samplers, one per ensemble, and what is known of them.
+
+    Attributes:
+        samplers: One per ensemble; indexing and iterating the run gives them.
+        posterior: What was sampled.
+        seed: Of the run.
+        moves: The moves, with weights.
+        search: What the search of "auto" found; None where the moves were given.
+        evaluations: Log-posterior evaluations before the stored chains, of the search
+            or the starts.
+        failures: Solves that failed; None where a failure is an error.
+        starts_given: Whether the walkers started from ``starts``.
+    """
+
+    samplers: tuple[emcee.EnsembleSampler, ...]
+    posterior: LogPosterior
+    seed: int
+    moves: list[tuple[Move, float]]
+    search: SearchRecord | None
+    evaluations: int
+    failures: FailureLog | None
+    starts_given: bool
+
+    @property
+    def solves(self) -> int:
+        """Solves of all ensembles, those before the stored chains too."""
+        return sum(
+            {id(s.evaluator): s.evaluator.solves for s in self.samplers}.values()
+        )
+
+    def __len__(self) -> int:
+        """Return the number of ensembles."""
+        return len(self.samplers)
+
+    @overload
+    def __getitem__(self, index: int) -> emcee.EnsembleSampler: ...
+    @overload
+    def __getitem__(self, index: slice) -> "Run": ...
+
+    def __getitem__(self, index: int | slice) -> "emcee.EnsembleSampler | Run":
+        """Return the sampler of an ensemble, or a run of some of them."""
+        if isinstance(index, slice):
+            return replace(self, samplers=self.samplers[index])
+        return self.samplers[index]
+
+    def _parts(self) -> Parts:
+        steps = [sampler.iteration for sampler in self.samplers]
+        walkers = self.samplers[0].nwalkers
+        yield f"{len(self)} ensembles of {walkers} walkers, {min(steps)} steps"
+        if self.search is not None:
+            yield f"Moves: {self.search.sentence}"
+        else:
+            yield "Moves: " + ", ".join(f"{w:g} x {move!r}" for move, w in self.moves)
+        if self.failures is not None and self.failures.causes:
+            yield f"Failed solves: {dict(self.failures.causes)}"
 
 
 def run(
     posterior: LogPosterior,
-    moves: Moves | str | None = None,
+    moves: Moves | str = "auto",
     nwalkers: int | None = None,
-    nsteps: int = 5_000,
+    steps: int = 1_000,
     *,
-    ensembles: int = 1,
+    ensembles: int = 4,
     seed: int,
     workers: int | None = None,
-    pool: Any = None,
-    vectorize: bool | None = None,
+    pool: object = None,
     backend: str | PathLike[str] | Backend | Sequence[Backend] | None = None,
     thin_by: int = 1,
     progress: bool | str = False,
-    initial: ArrayLike | None = None,
+    starts: ArrayLike | None = None,
     resume: bool = False,
     on_failure: str = "raise",
-    max_failures: float = 0.1,
+    max_failures: float = 0.2,
     probe_tolerance: float = 1e-6,
-) -> list[emcee.EnsembleSampler]:
+) -> Run:
     """Sample the posterior with emcee; the same seed gives the same chain, to the bit.
 
     Args:
         posterior: What to sample.
-        moves: An emcee move, or a list of ``(move, weight)``; None for
-            ``DEMCMove()``; "auto" to search for the modes, with a fifth as many
-            evaluations as the chain takes but at least 1,000, refine an
-            :class:`IndependenceMove` by importance weights, with 1,500 to some 10,000
-            evaluations more, and sample with it and DE-MC, or with a
-            :class:`HamiltonianMove` where that pays. The stored chain starts after
-            that; ``str(sampler.recipe)`` says what was done, and
-            ``sampler.recipe.record`` what was found.
+        moves: An emcee move, or a list of ``(move, weight)``; ``DEMCMove()`` is the
+            paper's. "auto" searches for the modes, with a fifth as many evaluations as
+            the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
+            importance weights, with 1,500 to some 10,000 evaluations more, and samples
+            with it and DE-MC, or with a :class:`~.moves.HamiltonianMove` where that
+            pays. The stored chain starts after that; ``run.search`` has what was found,
+            and prints it.
         nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, and as
-            many for each temperature of a :class:`TemperedMove`.
-        nsteps: Stored steps; ``nsteps * thin_by`` generations are run.
+            many for each temperature of a :class:`~.moves.TemperedMove`.
+        steps: Stored steps; ``steps * thin_by`` generations are run.
         ensembles: Independent ensembles, each with its own start and random stream.
             Four from over-dispersed starts are what R-hat needs to see a missed mode.
         seed: A whole number.
@@ -79,27 +136,27 @@ def run(
         pool: Where to evaluate instead, one walker per task: whatever
             :class:`EvaluationPool` takes, such as a ``ProcessPoolExecutor`` or a dask
             ``Client``; or an EvaluationPool of your own.
-        vectorize: Whether to evaluate all moving walkers in one call. None for yes
-            without workers and pool, no with them.
         backend: None to keep the chain in memory, the name of a file, such as
-            "run.chain" (see :class:`.RunFile`), or one emcee backend per ensemble.
+            "run.chain", or one emcee backend per ensemble. A kill at any moment leaves
+            the file usable, and :func:`diagnose`, :func:`to_inference_data` and others
+            read it by its name, also while the run goes on.
         thin_by: Store every ``thin_by``-th generation.
         progress: Whether to show a progress bar per ensemble (needs tqdm);
             "notebook" for the bar of notebooks (needs ipywidgets too).
-        initial: Starting positions ``(nwalkers, ndim)``, or ``(ensembles, nwalkers,
-            ndim)``; None for draws from the prior. "auto" takes them for points of its
-            search, and starts from draws of its proposal.
+        starts: Starting positions ``(ensembles, nwalkers, ndim)``, of one ensemble
+            ``(nwalkers, ndim)`` too; None for draws from the prior. "auto" takes them
+            for points of its search, and starts from draws of its proposal.
         resume: Whether to go on with the file ``backend``, if there is one, until every
-            ensemble has ``nsteps`` steps; the chain is that of a run that was never
-            stopped, to the bit. What else was asked for must be as it was: the file
-            knows data, prior, moves and settings; and its last generation is evaluated
-            again, ``nwalkers`` solves per ensemble, which tells a changed model. Where
-            there is no file a new run begins, so a script may always say
-            ``resume=True``. The search of "auto" goes on too.
+            ensemble has ``steps`` steps; the chain is that of a run that was never
+            stopped, to the bit, the search of "auto" too. What else was asked for must
+            be as it was: the file knows data, prior, moves and settings; and 16 stored
+            points, spread over it, are evaluated again, which tells a changed model.
+            Where there is no file a new run begins, so a script may always say
+            ``resume=True``.
         on_failure: What an exception, a time-out, NaN or a wrong number of modes of a
             solve does: "raise" to stop with the parameters by name, "reject" to take
             the posterior for zero there, count the cause and log it (logger
-            "emcee_femu"); ``sampler.failures`` and ``diagnose`` report them, and
+            "emcee_femu"); ``run.failures`` and ``diagnose`` report them, and
             starts from the prior that cannot be solved are drawn again. A stored run
             may go on with the other of the two.
         max_failures: Fraction of the evaluations, of at least 100, above which
@@ -108,28 +165,28 @@ def run(
             evaluated again counts as another.
 
     Returns:
-        One ``emcee.EnsembleSampler`` per ensemble, after the run. With it go
-        ``seed``, ``recipe``, ``burn_in_evaluations`` (what was evaluated before the
-        stored chain), ``failures`` and ``starts_given`` (whether by ``initial``).
+        The run: a sequence of emcee's samplers, one per ensemble, which also knows
+        what was sampled and found.
 
     Raises:
         TypeError: If a count is not a whole number, or posterior is not a
             LogPosterior, or cannot be pickled for the processes of a pool.
-        ValueError: If the moves do not fit the ensemble, an initial point is out of
+        ValueError: If the moves do not fit the ensemble, a start is out of
             bounds or has no finite log-posterior, a backend already holds steps, a
-            file is not that of the same run, or two of workers, pool and vectorize are
-            asked for. All are raised before sampling.
+            file is not that of the same run, or workers and pool are both asked for.
+            All are raised before sampling.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
         RuntimeError: If there are fewer walkers than twice the parameters and the move
             is without ``live_dangerously=True``; too many solves failed, or a worker
-            died. An exception during sampling has the samplers so far, as its attribute
-            ``samplers``.
+            died. An exception during sampling has the run so far, as its attribute
+            ``run``.
 
     Examples:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
-        >>> samplers = ef.run(posterior, nwalkers=20, nsteps=100, ensembles=2, seed=1)
-        >>> [sampler.get_chain().shape for sampler in samplers]
+        >>> move = ef.DEMCMove()
+        >>> run = ef.run(posterior, move, nwalkers=20, steps=100, ensembles=2, seed=1)
+        >>> [sampler.get_chain().shape for sampler in run]
         [(100, 20, 5), (100, 20, 5)]
     """
     if not isinstance(posterior, LogPosterior):
@@ -137,85 +194,255 @@ def run(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
             "a bare log-probability function use emcee.EnsembleSampler"
         )
-    if isinstance(moves, str) and moves != "auto":
-        raise ValueError(f"moves: expected emcee moves or 'auto', got {moves!r}")
-    given = DEMCMove() if moves is None or isinstance(moves, str) else moves
-    check_moves("moves", given)
-    nwalkers = check_walkers(nwalkers, given, posterior)
+    weighted = (
+        None if isinstance(moves, str) and moves == "auto" else weigh_moves(moves)
+    )
+    nwalkers = check_walkers(nwalkers, weighted, posterior)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
-    serial = workers is None and pool is None
-    vectorize = checks.flag("vectorize", serial if vectorize is None else vectorize)
-    if vectorize and not serial:
-        raise ValueError("vectorize: emcee ignores workers and pool then; omit them")
-    resume = checks.flag("resume", resume)
-    backends, path = check_backends(backend, ensembles, resume)
-    settings = Settings(
-        posterior=posterior,
-        moves=None if isinstance(moves, str) else given,
-        nwalkers=nwalkers,
-        nsteps=checks.whole_number("nsteps", nsteps, 1),
-        ensembles=ensembles,
-        seed=checks.whole_number("seed", seed),
-        vectorize=vectorize,
-        backends=backends,
-        path=path,
-        thin_by=checks.whole_number("thin_by", thin_by, 1),
-        progress=check_progress(progress),
-        initial=check_starts(initial, posterior, ensembles, nwalkers),
-        resume=resume,
+    steps = checks.whole_number("steps", steps, 1)
+    seed = checks.whole_number("seed", seed)
+    thin_by = checks.whole_number("thin_by", thin_by, 1)
+    progress = check_progress(progress)
+    points = _check_starts(starts, posterior, ensembles, nwalkers)
+    in_file = resume or isinstance(backend, str | PathLike)
+    asked: dict[str, object] = {
+        "moves": "auto",
+        "betas": None,
+        "nwalkers": nwalkers,
+        "ensembles": ensembles,
+        "thin_by": thin_by,
+        "seed": seed,
+        "starts": points,
+    }
+    if weighted is not None:
+        asked["moves"] = [(f"{weight:g} x", move) for move, weight in weighted]
+        ladder = find_ladder([move for move, _ in weighted])
+        asked["betas"] = None if ladder is None else ladder.betas
+    backends = [None] * ensembles if in_file else _check_backends(backend, ensembles)
+    with open_evaluator(
+        posterior,
+        asked,
+        workers=workers,
+        pool=pool,
         on_failure=on_failure,
         max_failures=max_failures,
-        probe_tolerance=checks.real_number("probe_tolerance", probe_tolerance, 0),
-    )
-    with open_pool(pool, workers, posterior.one_by_one) as evaluators:
-        samplers, states = begin(Evaluation.begin(settings, evaluators))
-        try:
-            for number, state in enumerate(states, 1):
-                advance(settings, samplers[number - 1], state, number)
-        except BaseException as error:  # also of the keyboard: nothing is lost
-            error.samplers = samplers  # type: ignore[attr-defined]
-            raise
-    return samplers
-
-
-def begin(
-    evaluation: Evaluation,
-) -> tuple[list[emcee.EnsembleSampler], list[emcee.State]]:
-    """Return the samplers, which may hold steps already, and where they go on from."""
-    settings = evaluation.settings
-    backends: Sequence[Backend | None] = settings.backends
-    if settings.path is not None:
-        backends, recipe = begin_in_file(evaluation)
-    elif settings.moves is None:
-        journal = Journal(evaluation, None, {})
-        recipe = find_recipe(journal, settings, plan(settings))
-    else:
-        recipe = start_given(evaluation)
-    samplers = [evaluation.sampler(recipe.moves, own) for own in backends]
-    for sampler in samplers:  # kept for to_inference_data, diagnose and compare_moves
-        sampler.seed = settings.seed
-        sampler.recipe = recipe
-        sampler.burn_in_evaluations = recipe.evaluations
-        sampler.failures = evaluation.failures
-        # "auto" only searches from them too.
-        own = settings.initial is not None and settings.moves is not None
-        sampler.starts_given = own
-    return samplers, recipe.states
-
-
-def advance(
-    settings: Settings, sampler: emcee.EnsembleSampler, state: emcee.State, number: int
-) -> None:
-    """Run an ensemble up to ``nsteps`` stored steps."""
-    left = settings.nsteps - sampler.iteration
-    if left:
-        sampler.run_mcmc(
-            state,
-            left,
-            thin_by=settings.thin_by,
-            progress=settings.progress,
-            progress_kwargs={"desc": f"ensemble {number}/{settings.ensembles}"},
-            # Prior draws are linearly independent with probability one, and a
-            # single Metropolis walker, which emcee refuses, is a legitimate chain.
-            skip_initial_state_check=True,
+        backend=backend if in_file else None,
+        resume=resume,
+        probe_tolerance=probe_tolerance,
+    ) as evaluator:
+        evaluations = steps * thin_by * nwalkers * ensembles
+        begun = _begin(
+            evaluator, weighted, nwalkers, ensembles, seed, evaluations, points
         )
+        chains = _continue_chains(evaluator, begun, backends, steps)
+        solver = _solver(evaluator)
+        samplers = tuple(
+            Sampler(nwalkers, solver, begun.moves, chain) for chain in chains
+        )
+        record = Run(
+            samplers,
+            posterior,
+            seed,
+            begun.moves,
+            begun.search,
+            begun.evaluations,
+            solver.failures,
+            # "auto" only searches from them too.
+            points is not None and begun.search is None,
+        )
+        try:
+            for number, sampler in enumerate(samplers):
+                left = steps - sampler.iteration
+                if not left:
+                    continue
+                sampler.run_mcmc(
+                    begun.states[number],
+                    left,
+                    thin_by=thin_by,
+                    progress=progress,
+                    progress_kwargs={"desc": f"ensemble {number + 1}/{ensembles}"},
+                    # Prior draws are linearly independent with probability one, and a
+                    # single Metropolis walker, which emcee refuses, is a valid chain.
+                    skip_initial_state_check=True,
+                )
+        except BaseException as error:  # also of the keyboard: nothing is lost
+            error.run = record  # type: ignore[attr-defined]
+            raise
+    return record
+
+
+@dataclass(frozen=True, eq=False)
+class _Beginning:
+    """Where the chains of a run begin."""
+
+    states: list[emcee.State]
+    moves: list[tuple[Move, float]]
+    search: SearchRecord | None
+    evaluations: int
+
+
+def _solver(evaluator: Evaluation | StoredEvaluation) -> Evaluation:
+    """Return what evaluates a chain, whose steps are stored and not its proposals."""
+    if isinstance(evaluator, StoredEvaluation):
+        return evaluator.evaluation
+    return evaluator
+
+
+def _begin(
+    evaluator: Evaluation | StoredEvaluation,
+    weighted: list[tuple[Move, float]] | None,
+    nwalkers: int,
+    ensembles: int,
+    seed: int,
+    evaluations: int,
+    points: Floats | None,
+) -> _Beginning:
+    """Search, or draw the starts; a file has what was found before."""
+    store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
+    if weighted is not None:
+        states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
+        return _Beginning(states, weighted, None, nwalkers * ensembles)
+    budget = Budget.of(evaluations)
+    if store is not None:  # steps may have grown since the search began
+        store["budget"] = budget = Budget(*(store["budget"] or budget))
+        if (known := store["search"]) is not None:
+            search = SearchRecord.from_json(known)
+            return _Beginning([], search.moves, search, search.solves)
+    search, states = search_and_start(
+        evaluator, nwalkers, ensembles, seed, budget, points
+    )
+    return _Beginning(states, search.moves, search, search.solves)
+
+
+def _continue_chains(
+    evaluator: Evaluation | StoredEvaluation,
+    begun: _Beginning,
+    backends: Sequence[Backend | None],
+    steps: int,
+) -> list[Backend | None]:
+    """Return the chains that emcee goes on with, and put the states where they are."""
+    if not isinstance(evaluator, StoredEvaluation):
+        return list(backends)
+    store, evaluation = evaluator.store, evaluator.evaluation
+    there = store.lengths()
+    chains: list[StoredChain] = []
+    for ensemble in range(len(backends)):
+        start = None if ensemble + 1 in there else begun.states[ensemble]
+        chains.append(StoredChain(store, ensemble, start, evaluation))
+    if begun.search is not None:  # after the starts, which it promises
+        store["search"] = begun.search.to_json()
+    done = max(chain.iteration for chain in chains)
+    if done > steps:
+        raise ValueError(
+            f"steps: expected at least the {done} steps that {store.path} holds "
+            f"already, got {steps}"
+        )
+    begun.states[:] = [chain.get_last_sample() for chain in chains]
+    latest = max((chain.last for chain in chains), key=lambda record: record.counts[0])
+    restore_counts(evaluation, latest)
+    return [*chains]
+
+
+def _draw_starts(
+    evaluator: Evaluation | StoredEvaluation,
+    nwalkers: int,
+    ensembles: int,
+    seed: int,
+    points: Floats | None,
+) -> list[emcee.State]:
+    """Return the evaluated start of each ensemble, with its own random stream.
+
+    Starts from the prior whose solve failed are drawn again.
+    """
+    posterior, states = evaluator.posterior, []
+    rejecting = _solver(evaluator).failures is not None
+    for ensemble, stream in enumerate(np.random.SeedSequence(seed).spawn(ensembles)):
+        if points is None:
+            theta = posterior.start(nwalkers, stream.spawn(1)[0])
+        else:
+            theta = points[ensemble].copy()
+        rows = evaluator.rows(theta)
+        for _ in range(MOST_DRAWS if rejecting and points is None else 0):
+            again = np.flatnonzero(~np.isfinite(rows[:, 0]))
+            if not len(again):
+                break
+            theta[again] = posterior.start(len(again), stream.spawn(1)[0])
+            rows[again] = evaluator.rows(theta[again])
+        _check_finite(rows[:, 0], theta, posterior.names)
+        random = np.random.RandomState(np.random.MT19937(stream)).get_state()
+        states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
+    return states
+
+
+def _check_finite(log_prob: Floats, theta: Floats, names: Sequence[str]) -> None:
+    if not np.isfinite(log_prob).all():
+        walker = int(np.argmin(np.isfinite(log_prob)))
+        values = dict(zip(names, theta[walker].tolist(), strict=True))
+        raise ValueError(
+            f"starts: the log-posterior of walker {walker} is {log_prob[walker]} at "
+            f"{values}; every walker must start where it is finite (for a solve that "
+            "failed, on_failure='raise' tells why)"
+        )
+
+
+def check_progress(progress: bool | str) -> bool | str:
+    """Return True, False or the name of a bar of tqdm."""
+    if not isinstance(progress, str):
+        return checks.flag("progress", progress)
+    bars = emcee.pbar.tqdm
+    if bars is not None and not hasattr(bars, f"tqdm_{progress}"):
+        raise ValueError(
+            "progress: expected True, False or a bar of tqdm, such as 'notebook', got "
+            f"{progress!r}"
+        )
+    if bars is not None and progress == "notebook" and find_spec("ipywidgets") is None:
+        raise ImportError(
+            "progress: 'notebook' needs ipywidgets: pip install "
+            "'emcee-femu[notebooks]'; or take progress=True, which needs none"
+        )
+    return progress
+
+
+def _check_starts(
+    starts: ArrayLike | None, posterior: LogPosterior, ensembles: int, nwalkers: int
+) -> Floats | None:
+    """Return starts ``(ensembles, nwalkers, ndim)``, all inside the bounds."""
+    if starts is None:
+        return None
+    # A copy in double precision: emcee would truncate steps from integer starts.
+    points = checks.real_array("starts", starts)
+    if points.ndim == 2 and ensembles == 1:
+        points = points[None]
+    expected = (ensembles, nwalkers, posterior.ndim)
+    if points.shape != expected:
+        raise ValueError(
+            f"starts: expected shape {expected} (ensembles, nwalkers, ndim), got "
+            f"{points.shape}"
+        )
+    for start in points:
+        posterior.check_inside("starts", start)
+    return points
+
+
+def _check_backends(backend: object, ensembles: int) -> list[Backend | None]:
+    """Return one empty emcee backend per ensemble, or None for each."""
+    if backend is None:
+        return [None] * ensembles
+    backends: list[Any] = list(backend) if isinstance(backend, Sequence) else [backend]
+    if len(backends) != ensembles:
+        raise ValueError(
+            f"backend: expected one for each of {ensembles} ensembles, "
+            f"got {len(backends)}"
+        )
+    for chain in backends:
+        if isinstance(chain, type) or not hasattr(chain, "initialized"):
+            raise TypeError(
+                "backend: expected None, the name of a file, or emcee backends, got "
+                f"{chain!r}"
+            )
+        if chain.initialized and chain.iteration:
+            raise ValueError(
+                f"backend: {chain!r} already holds {chain.iteration} steps of another "
+                "run; give a new file name, or call its reset()"
+            )
+    return backends

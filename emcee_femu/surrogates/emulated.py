@@ -1,25 +1,29 @@
 """A model emulated by Gaussian processes, which knows how uncertain it is."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from .. import checks
 from ..interfaces import (
+    Derivatives,
     Floats,
     ModalSolution,
     Parameters,
+    Response,
     Variable,
-    modal_variables,
-    read,
 )
-from ..models.parameters import columns, read_inside
+from ..models.inputs import columns, read_inside
 from ..table import Parts, Report, Table
+from .encoding import Named, Outputs, choose_outputs
 from .gaussian_process import Processes, fit_processes
-from .outputs import Outputs, choose_outputs
+
+if TYPE_CHECKING:
+    from ..posterior.log_posterior import LogPosterior
+
+Label = TypeVar("Label", str, int)
 
 SMALL = 0.02  # in units of measurement error: what no direction of doubt is kept for
 LEAST = 1e-300  # whose logarithm is taken in place of that of zero
@@ -28,7 +32,7 @@ MOST = 24  # directions of doubt, the largest ones
 
 @dataclass(frozen=True, eq=False)
 class EmulatedModel(Report):
-    """A model emulated by Gaussian processes; fitted to full solves.
+    """A model emulated by Gaussian processes; made by :func:`.emulate`.
 
     What is emulated are smooth quantities of the response in units of measurement
     error, each by a Gaussian process with a linear trend. ``spread`` says how uncertain
@@ -42,10 +46,11 @@ class EmulatedModel(Report):
         outputs: What is emulated.
         processes: The Gaussian processes, in whitened coordinates.
         solves: Solves of the full model spent, all of them.
+        factor: By which the model may err more than the processes say.
         history: One row per round: solves, predicted and true error in units of
-            measurement error; None if nobody kept it.
+            measurement error.
         posterior: The posterior with this model in place of the full one, ready to
-            :func:`run`; None if nobody made it.
+            :func:`run`.
 
     Examples:
         >>> import numpy as np
@@ -66,47 +71,96 @@ class EmulatedModel(Report):
     _whiten: tuple[Floats, Floats] = field(repr=False)  # mean, and to coordinates
     _directions: Floats = field(repr=False)  # (size, r)
     _logs: NDArray[np.bool_] = field(repr=False)  # parameters seen by logarithms, (d,)
+    factor: float = 1.0
     history: Table | None = field(default=None, repr=False)
-    posterior: Any = field(default=None, repr=False)
+    posterior: "LogPosterior | None" = field(default=None, repr=False)
+
+    @classmethod
+    def fit(
+        cls,
+        theta: Floats,
+        response: Mapping[str, Floats],
+        units: Mapping[str, Floats],
+        bounds: Mapping[str, tuple[float, float]],
+        variables: Mapping[str, Variable],
+        *,
+        logs: NDArray[np.bool_],
+        solves: int,
+        whiten: tuple[Floats, Floats] | None = None,
+        lengths: Floats | None = None,
+    ) -> Self:
+        """Return a model that emulates responses at some points.
+
+        Args:
+            theta: Parameters ``(N, d)``, in the order of ``bounds``.
+            response: The variables at the points, ``(N, *shape)``.
+            units: Standard deviations of the measurement error, ``{variable:
+                (*shape)}``; the variables that are emulated.
+            bounds: ``{parameter: (low, high)}`` within which the model may be called.
+            variables: What the response is made of.
+            logs: Of which parameters, all above zero, the logarithms are taken,
+                ``(d,)``.
+            solves: Full solves spent.
+            whiten: Mean ``(d,)`` and covariance ``(d, d)`` of the parameters that
+                matter, those of the current posterior, of logarithms where logs are
+                taken; None for those of the points.
+            lengths: Those of an earlier fit, from which this one begins.
+        """
+        points = _take_logs(theta, logs)
+        mean, covariance = whiten or (points.mean(axis=0), np.diag(points.var(axis=0)))
+        # The directions of a covariance in units of its own spreads, so that a
+        # parameter of 1e10 and one of 1 are alike.
+        sd = np.sqrt(np.diag(covariance))
+        factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
+        turn = np.linalg.inv(factor)
+        coordinates = (points - mean) @ turn.T
+        outputs = choose_outputs(coordinates, response, units, lengths)
+        processes = fit_processes(coordinates, outputs.encode(response), lengths)
+        return cls(
+            bounds=bounds,
+            variables={name: variables[name] for name in units},
+            outputs=outputs,
+            processes=processes,
+            solves=solves,
+            _whiten=(mean, turn),
+            _directions=_find_directions(processes),
+            _logs=logs,
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that the model depends on."""
         return tuple(self.bounds)
 
-    @property
-    def required(self) -> tuple[str, ...]:
-        """All parameters, for without each of them there is no model."""
-        return self.names
-
-    def __getattr__(self, attribute: str) -> Any:
-        """Return ``n_modes`` of a modal model (interfaces.py)."""
-        if attribute == "n_modes" and "frequency" in self.__dict__.get("variables", {}):
-            return self.variables["frequency"].shape[-1]
-        raise AttributeError(attribute)
-
     def _parts(self) -> Parts:
         error = self.leave_one_out()
-        lines = [
+        yield (
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
-            f"from {len(self.processes.points)} points, {self.solves} full solves",
+            f"from {len(self.processes.points)} points, {self.solves} full solves"
+        )
+        yield (
             f"leaving one out, errors of {error.mean():.2g} measurement sd "
-            f"(root mean square), {error.max():.2g} of the worst output",
-        ]
-        return *lines, *([] if self.history is None else [self.history])
+            f"(root mean square), {error.max():.2g} of the worst output"
+        )
+        if self.history is not None:
+            yield self.history
 
-    def __call__(self, parameters: Parameters) -> Any:
+    def __call__(self, parameters: Parameters) -> Response:
         """Return the response for values of shape ``(n,)``.
 
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
-        mean = self.processes.predict(self._coordinates(parameters))[0]
-        return self._respond(self.outputs.decode(mean))
+        return as_modal(self.emulate(self._theta(parameters)))
+
+    def emulate(self, theta: Floats) -> Named:
+        """Return the variables ``{name: (n, *shape)}`` at ``theta (n, d)``."""
+        mean = self.processes.predict(self.coordinates(theta))
+        return self.outputs.decode(mean, np.empty((*mean.shape, 0)))[0]
 
     def spread(
         self, parameters: Parameters
-    ) -> tuple[Any, dict[str, dict[int, Floats]]]:
+    ) -> tuple[Response, dict[str, dict[int, Floats]]]:
         """Return the response, and how it moves along each direction of doubt.
 
         ``{variable: {direction: (n, *shape)}}``, by one standard deviation; directions
@@ -115,19 +169,13 @@ class EmulatedModel(Report):
         Raises:
             ValueError: As a call does.
         """
-        points = self._coordinates(parameters)
-        mean = self.processes.predict(points)[0]
-        moves = self.processes.doubt(points)[:, None, None] * self._directions
-        response, slopes = self.outputs.decode_slopes(mean, moves, finite=True)
-        directions = range(self._directions.shape[1])
-        return self._respond(response), {
-            name: {k: slope[..., k] for k in directions}
-            for name, slope in slopes.items()
-        }
+        points = self.coordinates(self._theta(parameters))
+        doubt = self.factor * self.processes.doubt(points)
+        moves = doubt[:, None, None] * self._directions
+        labels = range(self._directions.shape[1])
+        return self._decode(self.processes.predict(points), moves, labels, finite=True)
 
-    def jacobian(
-        self, parameters: Parameters
-    ) -> tuple[Any, dict[str, dict[str, Floats]]]:
+    def jacobian(self, parameters: Parameters) -> tuple[Response, Derivatives]:
         """Return the response and its derivatives, those of the mean.
 
         Raises:
@@ -135,106 +183,49 @@ class EmulatedModel(Report):
         """
         theta = self._theta(parameters)
         points = self.coordinates(theta)
-        mean = self.processes.predict(points)[0]
-        by_parameter = self.processes.slopes(points) @ self._whiten[1]
-        by_parameter /= np.where(self._logs, theta, 1.0)[:, None]
-        response, slopes = self.outputs.decode_slopes(mean, by_parameter)
-        return self._respond(response), {
-            name: {key: slope[..., j] for j, key in enumerate(self.names)}
-            for name, slope in slopes.items()
-        }
+        slopes = self.processes.slopes(points) @ self._whiten[1]
+        slopes /= np.where(self._logs, theta, 1.0)[:, None]
+        return self._decode(self.processes.predict(points), slopes, self.names)
 
     def leave_one_out(self) -> Floats:
         """Return the root mean square error of each output, from the other points.
 
         In units of measurement error, ``(size,)``.
         """
-        errors = self.processes.leave_one_out()[0]
-        result: Floats = np.sqrt((errors**2).mean(axis=0))
-        return result
+        errors = self.processes.leave_out(self.processes.values)
+        return np.asarray(np.sqrt((errors**2).mean(axis=0)))
 
     def coordinates(self, theta: Floats) -> Floats:
         """Return whitened coordinates ``(n, d)`` of parameters in their order."""
         mean, turn = self._whiten
-        found: Floats = (_take_logs(theta, self._logs) - mean) @ turn.T
-        return found
-
-    def _coordinates(self, parameters: Parameters) -> Floats:
-        return self.coordinates(self._theta(parameters))
+        whitened: Floats = (_take_logs(theta, self._logs) - mean) @ turn.T
+        return whitened
 
     def _theta(self, parameters: Parameters) -> Floats:
         values, n = read_inside(parameters, self.bounds, "emulate")
         return columns(values, self.names, n)
 
-    def _respond(self, found: dict[str, Floats]) -> Any:
-        if "frequency" in found and {*found} <= {"frequency", "shapes"}:
-            return ModalSolution(found["frequency"], found.get("shapes"))
-        return found
+    def _decode(
+        self,
+        mean: Floats,
+        directions: Floats,
+        labels: Sequence[Label],
+        finite: bool = False,
+    ) -> tuple[Response, dict[str, dict[Label, Floats]]]:
+        """Return the response, and how it moves along labelled directions."""
+        response, moves = self.outputs.decode(mean, directions, finite)
+        labelled = {
+            name: {label: move[..., k] for k, label in enumerate(labels)}
+            for name, move in moves.items()
+        }
+        return as_modal(response), labelled
 
 
-def fit_emulated(
-    points: Floats,
-    response: Any,
-    units: Mapping[str, Floats],
-    bounds: Mapping[str, tuple[float, float]],
-    *,
-    variables: Mapping[str, Variable] | None = None,
-    whiten: tuple[Floats, Floats] | None = None,
-    start: EmulatedModel | None = None,
-    solves: int | None = None,
-    logs: ArrayLike = False,
-) -> EmulatedModel:
-    """Return a model that emulates responses at some points.
-
-    Args:
-        points: Parameters ``(N, d)``, in the order of ``bounds``.
-        response: The variables at the points, ``(N, *shape)``.
-        units: Standard deviations of the measurement error, ``{variable: (*shape)}``;
-            the variables that are emulated.
-        bounds: ``{parameter: (low, high)}`` within which the model may be called.
-        variables: What the model declares; None for dimensions of numbers.
-        whiten: Mean ``(d,)`` and covariance ``(d, d)`` of the parameters that matter,
-            those of the current posterior, of logarithms where logs are taken; None
-            for those of the points.
-        start: An earlier fit, from whose lengths this one begins.
-        solves: Full solves spent; None for the number of points.
-        logs: Of which parameters, all above zero, the logarithms are taken, ``(d,)``.
-
-    Raises:
-        TypeError: If a variable is missing or not real.
-        ValueError: If shapes do not fit, or numbers are not finite.
-    """
-    points = checks.real_array("points", points, 2)
-    if points.shape[1] != len(bounds):
-        raise ValueError(
-            f"points: expected columns of {[*bounds]}, got shape {points.shape}"
-        )
-    logs = np.broadcast_to(np.asarray(logs, dtype=bool), points.shape[1]).copy()
-    points = _take_logs(points, logs)
-    mean, covariance = whiten or (points.mean(axis=0), np.diag(points.var(axis=0)))
-    # The directions of a covariance in units of its own spreads, so that a parameter
-    # of 1e10 and one of 1 are alike.
-    sd = np.sqrt(np.diag(covariance))
-    factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
-    turn = np.linalg.inv(factor)
-    coordinates = (points - mean) @ turn.T
-    lengths = None if start is None else start.processes.lengths
-    outputs = choose_outputs(coordinates, response, units, lengths)
-    processes = fit_processes(coordinates, outputs.encode(response), lengths)
-    if variables is None:
-        variables = _declare(response, units)
-    return EmulatedModel(
-        bounds={
-            name: (float(low), float(high)) for name, (low, high) in bounds.items()
-        },
-        variables={name: variables[name] for name in units},
-        outputs=outputs,
-        processes=processes,
-        solves=len(points) if solves is None else solves,
-        _whiten=(np.asarray(mean, dtype=float), turn),
-        _directions=_find_directions(processes),
-        _logs=logs,
-    )
+def as_modal(response: Mapping[str, Floats]) -> Response:
+    """Return a response as models of modes give it, if it is one."""
+    if "frequency" in response and {*response} <= {"frequency", "shapes"}:
+        return ModalSolution(response["frequency"], response.get("shapes"))
+    return response
 
 
 def _take_logs(theta: Floats, logs: NDArray[np.bool_]) -> Floats:
@@ -250,22 +241,9 @@ def _find_directions(processes: Processes) -> Floats:
     They are those of a doubt of one; outputs that err together share them.
     """
     squares, axes = np.linalg.eigh(processes.covariance)
-    largest = (processes.leave_one_out()[1] / processes.amplitudes).max()
-    kept = np.sqrt(np.maximum(squares, 0.0)) * largest > SMALL
+    sizes = np.sqrt(np.maximum(squares, 0.0))
+    kept = sizes * processes.left_out_doubt.max() > SMALL
     kept[:-MOST] = False
     kept[-1] = True
-    directions: Floats = axes[:, kept] * np.sqrt(np.maximum(squares[kept], 0.0))
+    directions: Floats = axes[:, kept] * sizes[kept]
     return directions[:, ::-1]
-
-
-def _declare(response: Any, units: Mapping[str, Floats]) -> dict[str, Variable]:
-    """Return variables with numbers for labels."""
-    found = {}
-    for name in units:
-        shape = np.shape(read(response, name))[1:]
-        axes = {f"{name}_{i}": range(size) for i, size in enumerate(shape)}
-        found[name] = Variable(axes)
-    if "frequency" in found:
-        dofs = range(found["shapes"].shape[0]) if "shapes" in found else ()
-        found |= modal_variables(found["frequency"].shape[0], dofs)
-    return found

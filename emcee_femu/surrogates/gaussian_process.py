@@ -3,18 +3,28 @@ r"""Gaussian processes of many outputs, with a linear trend and shared length sc
 .. math:: y(x) = B^T f(x) + z(x), \qquad f = (1, x_1, \dots, x_d), \qquad
     \mathrm{cov}(z(x), z(x')) = \Sigma \, k(x, x')
 
+with the squared exponential kernel, or Matern's of twice differentiable functions where
+there are kinks that a smooth one would deny,
+
+.. math:: r^2 = \sum_j \Big(\frac{x_j - x_j'}{\ell_j}\Big)^2, \qquad
+    k = e^{-r^2 / 2} \quad \text{or} \quad
+    k = \Big(1 + \sqrt5 r + \frac{5 r^2}{3}\Big) e^{-\sqrt5 r}
+
 One kernel for all outputs means one Cholesky factor, and predictions that are matrix
 products. The trend is integrated out under a flat prior.
 """
 
-from dataclasses import dataclass, field
+# scikit-learn has neither lengths that outputs share, nor a trend in the restricted
+# likelihood, nor slopes, nor leaving one out.
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
 from ..interfaces import Floats
-from .kernel import Kernel
 
 NUGGET = 1e-7  # of the amplitude squared: keeps the factor of close points definite
 STRAIGHT = 0.01  # an output that leaves its trend by less has no say in the lengths
@@ -30,46 +40,84 @@ class Processes:
     Attributes:
         points: Where the values are known, ``(N, d)``.
         values: ``(N, q)``.
-        kernel: The correlation of all outputs.
+        lengths: Of the kernel, one for each coordinate, ``(d,)``.
+        rough: Whether the kernel is Matern's.
         covariance: Of the outputs' amplitudes, ``(q, q)``.
     """
 
     points: Floats
     values: Floats
-    kernel: Kernel
+    lengths: Floats
+    rough: bool
     covariance: Floats
     _whitener: Floats = field(repr=False)  # inverse of the kernel's Cholesky factor
     _trend: Floats = field(repr=False)  # the same of the trend's information
     _weights: Floats = field(repr=False)  # of kernel and trend, (N + p, q)
 
-    @property
-    def lengths(self) -> Floats:
-        """The length scales ``(d,)``."""
-        return self.kernel.lengths
+    @classmethod
+    def condition(
+        cls, points: Floats, values: Floats, lengths: Floats, rough: bool
+    ) -> "Processes":
+        """Return the processes of a given kernel, conditioned on the values.
+
+        Where leaving one out shows larger errors than the likelihood expects, these set
+        the amplitude.
+        """
+        trend = _trend(points, _trend_size(points))
+        kernel = _correlate(points, points, lengths, rough)[0]
+        whitener = solve_triangular(_factor(kernel), np.eye(len(points)), lower=True)
+        white_trend, white = whitener @ trend, whitener @ values
+        information = np.linalg.cholesky(white_trend.T @ white_trend)
+        unknown = solve_triangular(information, np.eye(len(information)), lower=True)
+        slopes = unknown.T @ (unknown @ (white_trend.T @ white))
+        residual = white - white_trend @ slopes
+        weights = np.vstack([whitener.T @ residual, slopes])
+        # The variance of Student's t, which values of unknown amplitude have.
+        free = max(len(points) - trend.shape[1] - 2, 1)
+        covariance = residual.T @ residual / free
+        expected = cls(
+            points, values, lengths, rough, covariance, whitener, unknown, weights
+        )
+        sd = np.maximum(
+            expected.amplitudes * expected.left_out_doubt[:, None], np.sqrt(TINY)
+        )
+        ratios = expected.leave_out(values) / sd
+        wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
+        return replace(expected, covariance=covariance * np.outer(wider, wider))
 
     @property
     def amplitudes(self) -> Floats:
         """Standard deviations of the processes about their trend, ``(q,)``."""
-        result: Floats = np.sqrt(self.covariance.diagonal())
-        return result
+        return np.asarray(np.sqrt(self.covariance.diagonal()))
 
-    def predict(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return means and standard deviations ``(n, q)`` at points ``(n, d)``."""
-        kernel, trend = self._basis(points)
-        mean = np.hstack([kernel, trend]) @ self._weights
-        return mean, self.doubt(points)[:, None] * self.amplitudes
+    def predict(self, points: Floats) -> Floats:
+        """Return means ``(n, q)`` at points ``(n, d)``."""
+        predicted: Floats = np.hstack(self._basis(points)) @ self._weights
+        return predicted
 
-    def doubt(self, points: Floats) -> Floats:
-        """Return the standard deviation ``(n,)`` for an amplitude of one."""
+    def doubt(self, points: Floats, extra: Floats | None = None) -> Floats:
+        """Return the standard deviation ``(n,)`` of an output of amplitude one.
+
+        Args:
+            points: Where, ``(n, d)``.
+            extra: Points ``(m, d)`` that are solved too, whatever comes out.
+        """
         known, unknown = self._parts(points)
         square = 1.0 - (known**2).sum(axis=1) + (unknown**2).sum(axis=1)
-        result: Floats = np.sqrt(np.maximum(square, 0.0))
-        return result
+        if extra is not None and len(extra):
+            at, free = self._parts(extra)
+            between = self._correlate(extra, points)
+            between += free @ unknown.T - at @ known.T
+            among = self._correlate(extra, extra) + free @ free.T - at @ at.T
+            among[np.diag_indices(len(extra))] += NUGGET
+            factor = np.linalg.cholesky(among)
+            square -= (solve_triangular(factor, between, lower=True) ** 2).sum(axis=0)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
     def slopes(self, points: Floats) -> Floats:
         """Return the derivatives of the means by the coordinates, ``(n, q, d)``."""
         n, d = points.shape
-        steep = self.kernel.steepen(points, self.points)
+        steep = _correlate(points, self.points, self.lengths, self.rough)[1]
         size, q = self.values.shape
         weights = self._weights[:size]
         moved = weights[:, :, None] * self.points[:, None]
@@ -80,55 +128,42 @@ class Processes:
             slopes += self._weights[size + 1 :].T
         return slopes
 
-    def leave_one_out(self) -> tuple[Floats, Floats]:
-        """Return residuals and standard deviations of each point from the others.
+    def leave_out(self, values: Floats) -> Floats:
+        """Return what each point of ``values (N, r)`` differs by from the others' fit.
 
-        Trend refitted, lengths and amplitudes kept; each ``(N, q)``.
+        The trend is refitted, lengths and amplitudes are kept.
 
         Source: Dubrule (1983), doi:10.1007/BF01033232.
         """
-        sd = self.amplitudes / np.sqrt(self._projector().diagonal()[:, None])
-        return self.leave_out(self.values), sd
+        residuals: Floats = self._projector @ values
+        return residuals / self._projector.diagonal()[:, None]
 
-    def leave_out(self, values: Floats) -> Floats:
-        """Return such residuals of any values ``(N, r)`` at these points."""
-        projector = self._projector()
-        result: Floats = projector @ values / projector.diagonal()[:, None]
-        return result
+    @property
+    def left_out_doubt(self) -> Floats:
+        """The doubt of each known point from the others, ``(N,)``."""
+        return np.asarray(1.0 / np.sqrt(self._projector.diagonal()))
 
-    def variance_after(self, points: Floats, extra: Floats) -> Floats:
-        """Return the variances ``(n, q)``, once ``extra (m, d)`` were solved too."""
-        known, unknown = self._parts(points)
-        at, free = self._parts(extra)
-        square = 1.0 - (known**2).sum(axis=1) + (unknown**2).sum(axis=1)
-        if len(extra):
-            between = self.kernel.correlate(extra, points)
-            between += free @ unknown.T - at @ known.T
-            own = self.kernel.correlate(extra, extra) + free @ free.T - at @ at.T
-            own[np.diag_indices(len(extra))] += NUGGET
-            factor = np.linalg.cholesky(own)
-            square -= (solve_triangular(factor, between, lower=True) ** 2).sum(axis=0)
-        result: Floats = np.maximum(square, 0.0)[:, None] * self.covariance.diagonal()
-        return result
+    @cached_property
+    def _projector(self) -> Floats:
+        """The precision of the values, free of the trend, ``(N, N)``."""
+        trend = _trend(self.points, len(self._trend))
+        part = self._trend @ (self._whitener @ trend).T @ self._whitener
+        projector: Floats = self._whitener.T @ self._whitener - part.T @ part
+        return projector
+
+    def _correlate(self, a: Floats, b: Floats) -> Floats:
+        return _correlate(a, b, self.lengths, self.rough)[0]
 
     def _basis(self, points: Floats) -> tuple[Floats, Floats]:
         """Return the kernel to the known points ``(n, N)`` and the trend ``(n, p)``."""
-        size = len(self._weights) - len(self.values)
-        return self.kernel.correlate(points, self.points), _trend(points, size)
+        return self._correlate(points, self.points), _trend(points, len(self._trend))
 
     def _parts(self, points: Floats) -> tuple[Floats, Floats]:
         """Return what the values tell ``(n, N)`` and the trend hides ``(n, p)``."""
         kernel, trend = self._basis(points)
         known = kernel @ self._whitener.T
-        own = self._whitener @ _trend(self.points, trend.shape[1])
-        return known, (trend - known @ own) @ self._trend.T
-
-    def _projector(self) -> Floats:
-        """Return the precision of the values, free of the trend, ``(N, N)``."""
-        size = len(self._weights) - len(self.values)
-        unknown = self._trend @ (self._whitener @ _trend(self.points, size)).T
-        part = unknown @ self._whitener
-        return self._whitener.T @ self._whitener - part.T @ part
+        told = self._whitener @ _trend(self.points, len(self._trend))
+        return known, (trend - known @ told) @ self._trend.T
 
 
 def fit_processes(
@@ -141,31 +176,25 @@ def fit_processes(
 
     of a smooth and a rough kernel, by L-BFGS over the lengths from ``start`` and from a
     common length, or from several such. Outputs that are as good as straight have no
-    say in it. Where leaving one out shows larger errors than the likelihood expects,
-    these set the amplitude.
+    say in it.
 
     Args:
-        points: ``(N, d)`` coordinates, best of about unit spread.
+        points: ``(N, d)`` coordinates of at least three points, of about unit spread.
         values: ``(N, q)``, in units in which 0.01 does not matter.
         start: Lengths ``(d,)``, those of the last fit.
-
-    Raises:
-        ValueError: If there are fewer than three points, or shapes do not fit.
 
     Source: Santner, Williams and Notz (2018), doi:10.1007/978-1-4939-8847-1; Bachoc
     (2013) for amplitudes by leaving one out, doi:10.1016/j.csda.2013.03.016.
 
     Examples:
         >>> x = np.linspace(-1.0, 1.0, 7)[:, None]
-        >>> mean, sd = fit_processes(x, 100.0 * np.sin(x)).predict(np.array([[0.5]]))
-        >>> bool(abs(mean[0, 0] - 100.0 * np.sin(0.5)) < 5.0 * sd[0, 0] < 0.5)
+        >>> fitted = fit_processes(x, 100.0 * np.sin(x))
+        >>> at = np.array([[0.5]])
+        >>> sd = fitted.doubt(at) * fitted.amplitudes
+        >>> error = fitted.predict(at)[0] - 100.0 * np.sin(0.5)
+        >>> bool(abs(error[0]) < 5.0 * sd[0] < 0.5)
         True
     """
-    if len(points) < 3 or points.ndim != 2 or len(points) != len(values):
-        raise ValueError(
-            "points, values: expected (N, d) and (N, q) of at least three points, got "
-            f"{points.shape} and {values.shape}"
-        )
     spread = np.maximum(points.std(axis=0), 1e-12)
     trend = _trend(points, _trend_size(points))
     bent = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
@@ -173,11 +202,11 @@ def fit_processes(
     say = square / (square + STRAIGHT**2)
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
-        return _restricted(points, bent, trend, Kernel(np.exp(logs), rough), say)
+        return _restricted(points, bent, trend, np.exp(logs), rough, say)
 
     bounds = np.log(np.outer(spread, [0.1, WIDEST]))
     common = [np.log(scale * spread) for scale in SCALES]
-    best, kernel = np.inf, Kernel(spread, False)
+    best, lengths, kind = np.inf, spread, False
     for rough in (False, True):
         starts = common
         if start is not None:  # and a common one, lest a valley holds the last ones
@@ -193,8 +222,27 @@ def fit_processes(
                 options={"maxiter": 100},
             )
             if climb.fun < best:
-                best, kernel = climb.fun, Kernel(np.exp(climb.x), rough)
-    return _condition(points, values, trend, kernel)
+                best, lengths, kind = climb.fun, np.exp(climb.x), rough
+    return Processes.condition(points, values, lengths, kind)
+
+
+def _correlate(
+    a: Floats, b: Floats, lengths: Floats, rough: bool
+) -> tuple[Floats, Floats]:
+    r"""Return the correlations of points ``(n, d)`` with others ``(n, m)``, and slopes.
+
+    The slope by :math:`x_j` is minus the second times :math:`(x_j - x_j') / \ell_j^2`.
+    """
+    a, b = a / lengths, b / lengths
+    square = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2.0 * a @ b.T
+    square = np.maximum(square, 0.0, out=square)
+    if not rough:
+        square *= -0.5
+        smooth = np.exp(square, out=square)
+        return smooth, smooth
+    r = np.sqrt(5.0 * square)
+    decay = np.exp(-r)
+    return (1.0 + r + r**2 / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
 
 
 def _trend_size(points: Floats) -> int:
@@ -215,13 +263,19 @@ def _factor(kernel: Floats) -> Floats:
 
 
 def _restricted(
-    points: Floats, values: Floats, trend: Floats, kernel: Kernel, say: Floats
+    points: Floats,
+    values: Floats,
+    trend: Floats,
+    lengths: Floats,
+    rough: bool,
+    say: Floats,
 ) -> tuple[float, Floats]:
     """Return minus the restricted log-likelihood, and its slopes by log-lengths.
 
     Each output counts as often as it has a say, ``(q,)``.
     """
-    factor = _factor(kernel.correlate(points, points))
+    kernel, steep = _correlate(points, points, lengths, rough)
+    factor = _factor(kernel)
     inverse = cho_solve((factor, True), np.eye(len(points)))
     weighed = inverse @ trend
     information = np.linalg.cholesky(trend.T @ weighed)
@@ -235,32 +289,7 @@ def _restricted(
     cost = 0.5 * free * (say * np.log(variances)).sum() + count * logs
     # d cost / d R, times R; the squared differences by coordinates come as products
     inner = count * projector - (projected * say / variances) @ projected.T
-    pull = 0.5 * kernel.steepen(points, points) * inner
-    scaled = points / kernel.lengths
+    pull = 0.5 * steep * inner
+    scaled = points / lengths
     around = (pull.sum(axis=1) @ scaled**2) - (scaled * (pull @ scaled)).sum(axis=0)
     return float(cost), 2.0 * around
-
-
-def _condition(
-    points: Floats, values: Floats, trend: Floats, kernel: Kernel
-) -> Processes:
-    """Return the processes of a given kernel, conditioned on the values."""
-    eye = np.eye(len(points))
-    whitener = solve_triangular(
-        _factor(kernel.correlate(points, points)), eye, lower=True
-    )
-    own, white = whitener @ trend, whitener @ values
-    information = np.linalg.cholesky(own.T @ own)
-    unknown = solve_triangular(information, np.eye(len(information)), lower=True)
-    slopes = unknown.T @ (unknown @ (own.T @ white))
-    residual = white - own @ slopes
-    weights = np.vstack([whitener.T @ residual, slopes])
-    # The variance of Student's t, which values of unknown amplitude have.
-    free = max(len(points) - trend.shape[1] - 2, 1)
-    covariance = residual.T @ residual / free
-    known = Processes(points, values, kernel, covariance, whitener, unknown, weights)
-    errors, sd = known.leave_one_out()
-    usual = np.maximum(sd, np.sqrt(TINY))
-    wider = np.sqrt(np.maximum(((errors / usual) ** 2).mean(axis=0), 1.0))
-    covariance = covariance * np.outer(wider, wider)
-    return Processes(points, values, kernel, covariance, whitener, unknown, weights)

@@ -1,4 +1,4 @@
-"""How large an ensemble a cluster needs: two workers measured, a thousand simulated.
+"""How large an ensemble a cluster needs: a thousand workers, simulated.
 
 One sampler can have ``nwalkers / nsplits`` evaluations under way at once: half the
 ensemble, for the usual two splits. The half must be back before the other half moves,
@@ -7,17 +7,8 @@ so that a generation lasts as long as its unluckiest worker. A cluster is used w
 * every worker gets several evaluations of each half (then their times even out), or
 * all evaluations take the same time and the half is a multiple of the workers.
 
-The first table is measured here, with processes: an ``EvaluationPool`` of an executor,
-as in ``run(..., workers=2)``, and emcee with a ``multiprocessing.Pool``. The efficiency
-is the time of the serial run, over workers times the time of the first. The routes
-take turns in short blocks, and the best block of each counts, since other programs
-only slow a run down. One model burns a fixed amount of processor time; another waits
-as long, like a solver on another machine, so that it shows what the pool alone costs
-where the processors are not to be had.
-
-The other tables are simulated: solver times are log-normal, and the master hands
-evaluation after evaluation to the next free worker (``EvaluationPool(...,
-chunksize=1)``), which takes it some time each. A larger ensemble is used better but
+Solver times are log-normal, and the master hands evaluation after evaluation to the
+next free worker, which takes it some time each. A larger ensemble is used better but
 has its price: every walker has a burn-in of its own. So where all solves take the same
 time, 2 to 4 walkers per worker are enough; where their times vary, 8 to 16. Beyond some
 hundred workers rather run several ensembles, each a job of its own with its own
@@ -28,90 +19,13 @@ Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/cluster_scaling.py
 
 import argparse
 import heapq
-import multiprocessing
-import time
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 
-import emcee
 import numpy as np
 
-import emcee_femu as ef
 from emcee_femu.table import Table
 
 JOBS = 40_000  # simulated, for every number of the tables
 WALKERS_PER_WORKER = (2, 4, 8, 16)
-
-
-@dataclass(frozen=True)
-class CostlyModel:
-    """A log-density that computes, waits, and has ballast to be sent along."""
-
-    turns: int = 0
-    wait: float = 0.0  # s
-    ballast: np.ndarray | None = None
-
-    def __call__(self, theta: np.ndarray) -> float:
-        """Return the log density of one point."""
-        spin(self.turns)
-        if self.wait:
-            time.sleep(self.wait)
-        return -0.5 * float(theta @ theta)
-
-
-def spin(turns: int) -> float:
-    """Do a fixed amount of arithmetic."""
-    total = 0.0
-    for turn in range(turns):
-        total += turn * 0.5
-    return total
-
-
-def turns_for(seconds: float) -> int:
-    """Return how much arithmetic takes so long on this machine."""
-    turns = 200_000
-    best = min(_seconds(spin, turns) for _ in range(20))
-    return round(turns * seconds / best)
-
-
-def measured(
-    rounds: int, workers: int = 2, seconds: float = 0.05, walkers: int = 32
-) -> Table:
-    """Time ``EvaluationPool`` and the bare pool against a serial run."""
-    megabyte = np.random.default_rng(0).random(125_000)
-    cost = f"{1e3 * seconds:g} ms"
-    cases = {
-        f"{cost} busy": (CostlyModel(turns=turns_for(seconds)), 1),
-        f"{cost} waiting": (CostlyModel(wait=seconds), 1),
-        "free": (CostlyModel(), 10),
-        "free, 1 MB": (CostlyModel(ballast=megabyte), 10),
-    }
-    rows = []
-    with (
-        ProcessPoolExecutor(workers) as executor,
-        multiprocessing.Pool(workers) as bare,
-    ):
-        adapter = ef.EvaluationPool(executor)
-        for name, (model, steps) in cases.items():
-            milliseconds = {"serial": [], "EvaluationPool": [], "bare pool": []}
-            pools = (None, adapter, bare)
-            for _ in range(rounds):
-                for route, pool in zip(milliseconds, pools, strict=True):
-                    sampler = emcee.EnsembleSampler(
-                        walkers, 3, model, moves=ef.DEMCMove(), pool=pool
-                    )
-                    start = np.random.default_rng(1).normal(size=(walkers, 3))
-                    state = sampler.run_mcmc(start, 1)  # the model is sent here
-                    elapsed = _seconds(sampler.run_mcmc, state, steps)
-                    milliseconds[route].append(1e3 * elapsed / steps)
-            best = [min(times) for times in milliseconds.values()]
-            rows.append((name, *best, best[0] / (workers * best[1])))
-    return Table(
-        f"Measured: ms per generation of {walkers} walkers, {workers} workers",
-        ("model", "serial", "EvaluationPool", "bare pool", "efficiency"),
-        ("", ".2f", ".2f", ".2f", ".2f"),
-        tuple(rows),
-    )
 
 
 def makespan(times: np.ndarray, workers: int, dispatch: float = 0.0) -> float:
@@ -182,36 +96,17 @@ def simulated(
     )
 
 
-def _seconds(function, *arguments) -> float:
-    begin = time.perf_counter()
-    function(*arguments)
-    return time.perf_counter() - begin
-
-
 def main(
-    rounds: int = 10,
-    mean: float = 60.0,
-    cov: float = 0.3,
-    dispatch: float = 1e-3,
-    most: int = 1_000,
-    seconds: float = 0.05,
+    mean: float = 60.0, cov: float = 0.3, dispatch: float = 1e-3, most: int = 1_000
 ) -> list[Table]:
-    """Print and return the tables."""
-    tables = [
-        measured(rounds, seconds=seconds),
-        simulated(mean, 0.0, dispatch, most),
-        simulated(mean, cov, dispatch, most),
-        simulated(mean, 1.0, dispatch, most),
-        simulated(seconds, cov, dispatch, most),
-    ]
-    for table in tables:
-        print(table, end="\n\n")
+    """Print and return the tables: equal times, the given scatter, a large one."""
+    tables = [simulated(mean, scatter, dispatch, most) for scatter in (0.0, cov, 1.0)]
+    print(*tables, sep="\n\n")
     return tables
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rounds", type=int, default=10, help="of timing")
     parser.add_argument("--mean", type=float, default=60.0, help="seconds of a solve")
     parser.add_argument("--cov", type=float, default=0.3, help="of the solver's time")
     parser.add_argument("--dispatch", type=float, default=1e-3, help="seconds per task")

@@ -2,7 +2,7 @@
 
 Gaussians in 2, 10 and 20 dimensions, two modes and a funnel in a uniform box; Beck and
 Au's shear frame with two modes; a linear model with a Gaussian prior. Three methods: a
-tempered run at the ``better_betas`` of a short pilot, "auto", and ``anneal``. z is the
+tempered run of twelve betas, "auto", and ``anneal``. z is the
 error in claimed standard errors; "no claim" counts the seeds whose result says that no
 error can be claimed.
 
@@ -26,8 +26,7 @@ import emcee_femu as ef
 from emcee_femu.table import Table
 
 Floats = np.ndarray
-PILOT = np.linspace(1, 0, 8) ** 4
-PILOT_STEPS = 200
+BETAS = np.linspace(1, 0, 12) ** 4
 
 
 class Problem(NamedTuple):
@@ -140,30 +139,23 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
 
 
 def temper(problem: Problem, seed: int) -> tuple[Any, int]:
-    """Return the evidence of a tempered run at betas that a pilot recommends."""
-    betas, evaluations = PILOT, 0
-    for number, (steps, discard) in enumerate(
-        ((PILOT_STEPS, PILOT_STEPS // 2), (problem.steps, problem.steps // 4))
-    ):
-        move = ef.TemperedMove(ef.DEMCMove(mode_jump=0.1), betas)
-        runs = ef.run(problem.posterior, move, nsteps=steps, seed=2 * seed + number)
-        found = ef.log_evidence(runs, discard)
-        betas = found.better_betas
-        evaluations += runs[0].nwalkers * steps
-    return found, evaluations
+    """Return the evidence of a tempered run."""
+    move = ef.moves.TemperedMove(ef.DEMCMove(mode_jump=0.1), BETAS)
+    run = ef.run(problem.posterior, move, steps=problem.steps, ensembles=1, seed=seed)
+    evidence = ef.log_evidence(run, discard=problem.steps // 4)
+    return evidence, run[0].nwalkers * problem.steps
 
 
 def automatic(problem: Problem, seed: int) -> tuple[Any, int]:
-    """Return the evidence of samplers of "auto"."""
-    runs = ef.run(problem.posterior, "auto", nsteps=400, ensembles=2, seed=seed)
-    before = sum(run.burn_in_evaluations for run in runs)
-    return ef.log_evidence(runs), before + 2 * 400 * runs[0].nwalkers
+    """Return the evidence of a run of "auto"."""
+    run = ef.run(problem.posterior, "auto", steps=400, ensembles=2, seed=seed)
+    return ef.log_evidence(run), run.evaluations + 2 * 400 * run[0].nwalkers
 
 
 def anneal(problem: Problem, seed: int) -> tuple[Any, int]:
     """Return the evidence of an annealed population."""
-    found = ef.anneal(problem.posterior, seed=seed)
-    return ef.log_evidence(found), found.solves
+    population = ef.anneal(problem.posterior, seed=seed)
+    return ef.log_evidence(population), population.solves
 
 
 METHODS = {"tempered": temper, "auto": automatic, "anneal": anneal}

@@ -22,11 +22,11 @@ from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from typing import NamedTuple
 
+import arviz
 import numpy as np
 from hard_posteriors import TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
-from emcee_femu.results.arviz_objects import mean_sizes
 from emcee_femu.table import Table
 
 Floats = np.ndarray
@@ -79,18 +79,21 @@ class Run(NamedTuple):
 def judge(name: str, seed: int, steps: int) -> Run:
     """Run "auto" on a target and compare."""
     target, truth = truth_of(name)
-    d, nsteps = len(target.box), max(8, round(target.steps * steps))
+    d, steps = len(target.box), max(8, round(target.steps * steps))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the verdict is what counts
         runs = ef.run(
             posterior_of(target), "auto", nwalkers=max(16, min(4 * d, 2 * d + 24)),
-            nsteps=nsteps, ensembles=4, seed=seed,
+            steps=steps, ensembles=4, seed=seed,
         )  # fmt: skip
         found = ef.diagnose(runs)
-    cost = sum(s.burn_in_evaluations + s.nwalkers * nsteps for s in runs)
+    cost = runs.evaluations + sum(s.nwalkers * steps for s in runs)
     chains = np.concatenate([s.get_chain().swapaxes(0, 1) for s in runs])
     columns = features(target, truth, chains.reshape(-1, d))
-    sizes = mean_sizes(columns.reshape(*chains.shape[:2], -1))
+    by_walker = columns.reshape(*chains.shape[:2], -1)  # (walkers, steps, features)
+    sizes = np.array(
+        [arviz.ess(c, method="mean") for c in np.moveaxis(by_walker, 2, 0)]
+    )
     shares = truth.means[d:]
     sd = np.append(chains.std(axis=(0, 1)), np.sqrt(shares * (1 - shares)))
     errors = columns.mean(axis=0) - truth.means

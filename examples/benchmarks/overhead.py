@@ -79,8 +79,6 @@ def main(blocks: int = 40, n: int = 300) -> None:
     independence = ef.IndependenceMove([1.0], np.zeros((1, 5)), [np.eye(5)])
     moves = {
         "DEMCMove()": ef.DEMCMove(),
-        "DEMCMove(sigma)": ef.DEMCMove(1e-3),
-        "MetropolisMove": ef.MetropolisMove(sd=1.0),
         "IndependenceMove": independence,
         "auto's mixture": [(independence, 0.9), (ef.DEMCMove(mode_jump=0.1), 0.1)],
     }
@@ -98,8 +96,10 @@ def main(blocks: int = 40, n: int = 300) -> None:
     print("a generation of the mass-spring posterior: vectorised    looped, scipy eigh")
     problem, looped = ef.paper.mass_spring(), looped_mass_spring()
     for nwalkers in (10, 32, 128):
-        begin = ef.run(problem.posterior, None, nwalkers, 1_000, seed=1)  # burn-in
-        start = begin[0].get_chain()[-1]
+        (burn_in,) = ef.run(
+            problem.posterior, ef.DEMCMove(), nwalkers, ensembles=1, seed=1
+        )
+        start = burn_in.get_chain()[-1]
         ours = emcee.EnsembleSampler(
             nwalkers, 5, problem.posterior, moves=ef.DEMCMove(), vectorize=True
         )

@@ -1,7 +1,7 @@
 # %% [markdown]
 # # What "auto" does
 #
-# `run(posterior, "auto", ...)` searches for the modes of a posterior, fits a proposal
+# `run(posterior, seed=1)` with its default `"auto"` searches for the modes of a posterior, fits a proposal
 # to what it found, freezes it, and samples with it. This page says how, and shows what
 # is on record. `python examples/explanation/auto.py` runs it in some 4 s.
 #
@@ -17,12 +17,11 @@ frame = {"ground": (0, 1, 60.0), "upper": (1, 2, 60.0)}
 model = ef.MassSpringModel([1.0, 1.0], frame)
 truth = model({"ground": np.array([200.0]), "upper": np.array([20.0])})
 term = ef.FrequencyTerm(truth.frequencies[0], relative_sd=0.01)
-uniform = ef.uniform_between(5, 300)
+uniform = (5, 300)
 prior = ef.IndependentPrior({"ground": uniform, "upper": uniform})
 posterior = ef.LogPosterior(model, term, prior)
-samplers = ef.run(posterior, "auto", nsteps=200, ensembles=4, seed=1)
-recipe = samplers[0].recipe
-recipe
+run = ef.run(posterior, steps=200, seed=1)
+run
 
 # %% [markdown]
 # ## 1. Search
@@ -36,10 +35,9 @@ recipe
 # one solve a step with `jacobian`, `d + 1` without.
 
 # %%
-record = recipe.record
-points, climbs = record["searched"]
-print(f"{points} points, {climbs} climbs; how many ended in each group:")
-print(record["found_by"])  # one row per ensemble
+search = run.search
+print(f"{search.points} points, {search.climbs} climbs; how many ended in each mode:")
+print(search.found_by)  # one row per ensemble
 
 # %% [markdown]
 # ## 2. Refinement
@@ -53,9 +51,9 @@ print(record["found_by"])  # one row per ensemble
 # posterior is taken.
 
 # %%
-weights, means, matrices, df = record["proposal"]
-print(f"{len(weights)} components, {df} degrees of freedom")
-print(f"efficiency {record['efficiency']:.2f}, Pareto k {record['pareto_k']:.2f}")
+mixture = search.mixture
+print(f"{len(mixture.weights)} components, {mixture.df} degrees of freedom")
+print(f"efficiency {search.efficiency:.2f}, Pareto k {search.pareto_k:.2f}")
 
 # %% [markdown]
 # ## 3. Sampling
@@ -65,64 +63,59 @@ print(f"efficiency {record['efficiency']:.2f}, Pareto k {record['pareto_k']:.2f}
 # them would be accepted, and `DEMCMove(mode_jump=0.1)` otherwise. Where fewer than 0.2
 # would be, and the model has `jacobian`, it has 80 % [Hamiltonian moves](
 # ../how_to/hamiltonian.py) instead, and 10 % independence proposals if there are
-# several separated groups.
+# several separated modes.
 
 # %%
-for move, share in recipe.moves:
+for move, share in run.moves:
     print(f"{100 * share:.0f} % {type(move).__name__}")
 
 # %% [markdown]
 # All ensembles share the proposal, but each starts from its own draws of it, in the
-# groups that its own climbs found, so that their agreement means something. Where no
+# modes that its own climbs found, so that their agreement means something. Where no
 # proposal was good, each starts from its own annealed population.
 #
 # ## What is on record
 #
-# `recipe.record` has the proposal, the separated groups of its components, their
-# weights by importance sampling with standard errors, how many climbs of each ensemble
-# ended in each group, and where its walkers start. [The verdict](verdict.py) of
+# `run.search` has the proposal, the separated modes of its components, their weights by
+# importance sampling with standard errors, how many climbs of each ensemble ended in
+# each, and where its walkers start. [The verdict](verdict.py) of
 # {py:func}`~emcee_femu.diagnose` holds the chain to it: the frozen proposal is an
 # importance sampler beside the chain.
 
 # %%
-print("weights of the groups:", np.round(record["weights"], 3))
-print("their standard errors: ", np.round(record["errors"], 3))
-ef.diagnose(samplers)
+print("weights of the modes: ", np.round(search.weights, 3))
+print("their standard errors:", np.round(search.errors, 3))
+ef.diagnose(run)
 
 # %% [markdown]
 # What no point of the search hit is not in the proposal; the last sentence of the
 # verdict says how small that may be. More steps search more. So do other seeds, and
-# starts of your own (`initial=`), which are searched too.
+# starts of your own (`starts=`), which are searched too.
 #
-# All evaluations before the chain are counted, per ensemble. The chain holds no part of
+# All evaluations before the chain are counted. The chain holds no part of
 # the search, so that nothing needs to be discarded:
 
 # %%
-chain = samplers[0].get_chain().shape
-print(f"before: {samplers[0].burn_in_evaluations}; chain: {chain}")
-evidence = ef.log_evidence(samplers)  # by the frozen proposal: no further solve
+chain = run[0].get_chain().shape
+print(f"before: {run.evaluations}; each chain: {chain}")
+evidence = ef.log_evidence(run)  # by the frozen proposal: no further solve
 print(evidence)
-idata = ef.to_inference_data(samplers, posterior)  # no discard
+idata = ef.to_inference_data(run)  # no discard
 
 # %% [markdown]
 # The red ellipse below knows means and covariance alone: it is no description of a
 # posterior of two modes.
 
 # %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two small separate clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
-ef.plot_scatter(idata)
+ef.figures.plot_scatter(idata)
 
 # %% tags=["remove-cell"]
-shares = [share for _, share in recipe.moves]
-names = [type(move).__name__ for move, _ in recipe.moves]
-assert names == ["IndependenceMove", "DEMCMove"] and abs(shares[0] - 0.9) < 1e-9
-assert points >= 0.2 * 4 * chain[0] * chain[1] and record["pareto_k"] < 0.7
-assert abs(sum(record["weights"]) - 1) < 1e-9
-assert len(record["found_by"]) == 4 and climbs >= 8
-assert len(record["weights"]) == 2 and max(record["errors"]) < 0.05
-draws = idata.posterior["ground"].values
-stiff = record["proposal"][1][0][0] > 120  # whether the first group is that
-share = (draws > 120).mean() if stiff else (draws < 120).mean()
-assert abs(share - record["weights"][record["group_of"][0]]) < 0.05
-assert ef.diagnose(samplers).short == "converged"
-assert samplers[0].burn_in_evaluations > points / 4
-assert evidence.log_evidence_error < 0.1
+names = [type(move).__name__ for move, _ in run.moves]
+assert names == ["IndependenceMove", "DEMCMove"] and abs(run.moves[0][1] - 0.9) < 1e-9
+assert search.points >= 0.2 * 4 * chain[0] * chain[1] and search.pareto_k < 0.7
+assert search.found_by.shape == (4, 2) and max(search.errors) < 0.05
+stiff = search.label(np.array([[200.0, 20.0]]))[0]
+share = (idata.posterior["ground"].values > 120).mean()
+assert abs(share - search.weights[stiff]) < 0.05
+assert ef.diagnose(run).short == "converged"
+assert run.evaluations > search.points and evidence.log_evidence_error < 0.1

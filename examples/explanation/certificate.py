@@ -17,7 +17,6 @@
 # less than a standard deviation of the measurement, the third by several.
 
 # %%
-import matplotlib.pyplot as plt
 import numpy as np
 
 import emcee_femu as ef
@@ -38,7 +37,9 @@ chains = {}
 for title, off in {"linear": 0.0, "a little off": 0.7, "far off": 4.0}.items():
     cheap = ef.FunctionModel(lambda p, off=off: linear(p, off))
     emulated = ef.LogPosterior(cheap, term, prior)
-    sampler = ef.run(emulated, ef.DEMCMove(), nwalkers=20, nsteps=700, seed=1)
+    sampler = ef.run(
+        emulated, ef.DEMCMove(), nwalkers=20, steps=700, seed=1, ensembles=1
+    )
     chains[title] = ef.to_inference_data(sampler, emulated, discard=200)
 
 certificates = {}
@@ -54,48 +55,13 @@ for title, idata in chains.items():
 certificates["a little off"]
 
 # %% [markdown]
-# The figure shows what the weights do: draws of the emulated posterior, each with the
-# area of its weight. Nearly equal on the left; larger towards the true posterior in the
-# middle; on the right a few at the edge carry everything.
-
-# %% mystnb={"image": {"alt": "Three scatter plots of k and m: equal dots on the left, larger dots on one side in the middle, a few very large dots at the edge on the right"}}
-figure, panels = plt.subplots(1, 3, figsize=(9, 3.3), sharey=True, layout="constrained")
-for axes, (title, idata) in zip(panels, chains.items(), strict=True):
-    k, m = (idata.posterior[name].values.ravel()[::100] for name in "km")
-    theta = np.column_stack([k, m])
-    cheap = idata.sample_stats["lp"].values.ravel()[::100]
-    weights = np.exp((w := true(theta)[:, 0] - cheap) - w.max())
-    axes.scatter(k, m, 2_000 * weights / weights.sum(), alpha=0.5)
-    axes.set(title=f"{title}: {certificates[title].short}", xlabel="k")
-panels[0].set_ylabel("m")
-plt.close(figure)  # shown once, by the next line
-figure
-
-# %% [markdown]
 # ## The verdicts
 #
-# :::{list-table}
-# :header-rows: 1
-# :widths: 15 50 35
-#
-# * - verdict
-#   - when
-#   - what to do
-# * - certified
-#   - efficiency of the weights (Kish) at least 0.9; means and standard deviations
-#     within a tenth of a standard deviation
-#   - use the emulated posterior: `certificate.idata` is its chain with a seal
-# * - corrected
-#   - neither certified nor refused
-#   - use `certificate.mean`, `.sd` and `.idata`, whose draws are those solved in full,
-#     with weights
-# * - refused
-#   - Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly
-#     equal ones fewer than 25; k above 1 - 1 / log10(n), too heavy a tail for n
-#     weights; or something missing (below)
-#   - the sentence says: more solves for the emulator, for the certificate, wider
-#     bounds, a start
-# :::
+# | verdict | when | what to do |
+# |---|---|---|
+# | certified | efficiency of the weights (Kish) at least 0.9; means and standard deviations within a tenth of a standard deviation | use the emulated posterior: `certificate.idata` is its chain with a seal |
+# | corrected | neither certified nor refused | use `certificate.mean`, `.sd` and `.idata`, whose draws are those solved in full, with weights |
+# | refused | Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly equal ones fewer than 25; k above 1 - 1 / log10(n); or something missing (below) | the sentence says: more solves for the emulator, for the certificate, wider bounds, a start |
 #
 # Tables and figures of `certificate.idata` show the corrected posterior where there is
 # one, and say so in their titles, also when it was written to netCDF and read back. Its
@@ -117,19 +83,8 @@ ef.parameter_table(certificates["a little off"].idata)
 # Means and standard deviations use the whole chain: a fit to ln w, made at other draws,
 # says what to expect of the weights everywhere, and the solved draws correct it. So the
 # errors of a certified result are a few hundredths of a standard deviation, where 75
-# draws alone would know a mean to 0.12. `python examples/benchmarks/certificates.py`
-# holds certificates to the exact values of a Gaussian in d = 3, for 200 chains of an
-# emulated posterior with too small variances and 75 solves each. The last columns are
-# root mean squares of the z-scores of means and standard deviations that were not
-# refused: 1 where the claimed errors are honest.
-#
-# ```text
-# variances  certified  corrected  refused  rms z mean    sd
-# ----------------------------------------------------------
-# 0.85             183          8        9        0.96  1.07
-# 0.70               0         75      125        0.98  1.13
-# 0.50               0          0      200
-# ```
+# draws alone would know a mean to 0.12 (`pytest -m slow tests/results` holds the claimed
+# errors to exact values).
 #
 # ## Where the emulator puts no draws
 #
@@ -149,7 +104,7 @@ ef.parameter_table(certificates["a little off"].idata)
 # %%
 narrow = ef.GaussianPrior(["k", "m"], [8.0, 1.0], [2.0, 0.1], [(8.8, 15.0), (0.9, 1.4)])
 cut = ef.LogPosterior(ef.FunctionModel(linear), term, narrow)
-sampler = ef.run(cut, ef.DEMCMove(), nwalkers=20, nsteps=300, seed=1)
+sampler = ef.run(cut, ef.DEMCMove(), nwalkers=20, steps=300, seed=1, ensembles=1)
 refused = ef.certify(ef.to_inference_data(sampler, cut, 100), true, solves=100, seed=1)
 refused
 

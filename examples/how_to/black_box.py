@@ -71,8 +71,8 @@ model = ef.FunctionModel(solve, n_modes=2)
 posterior = ef.LogPosterior(model, term, prior)
 
 emulated = ef.emulate(posterior, solves=30, seed=1, on_failure="reject")
-samplers = ef.run(emulated.posterior, "auto", nsteps=300, ensembles=2, seed=1)
-idata = ef.to_inference_data(samplers, emulated.posterior)
+run = ef.run(emulated.posterior, steps=300, ensembles=2, seed=1)
+idata = ef.to_inference_data(run)
 certificate = ef.certify(idata, posterior, 40, seed=1, on_failure="reject")
 print(f"the program was started {len(starts)} times")
 certificate
@@ -107,7 +107,7 @@ certificate
 # with one thread each (`OMP_NUM_THREADS=1`), with four licences. `emulate` asks for d / 2 + 1
 # solves at a time, `certify` for all of its draws at once; more workers than that wait.
 #
-# **Failures**, of the parameters and of the machine: {doc}`failing_solves`.
+# **Failures**: {doc}`failing_solves`.
 
 # %% tags=["remove-cell"]
 assert certificate.short == "certified" and len(starts) <= 1 + 70

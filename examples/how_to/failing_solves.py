@@ -41,7 +41,7 @@ except ArithmeticError as error:
     print(error, *error.__notes__, sep="\n")
 
 # %% [markdown]
-# What was sampled before is in the file `backend=`, or in `error.samplers`. A run that a
+# What was sampled before is in the file `backend=`, and in `error.run`. A run that a
 # failure stopped goes on with `resume=True, on_failure="reject"`.
 #
 # ## Reject, and count
@@ -52,15 +52,11 @@ except ArithmeticError as error:
 
 # %%
 logging.getLogger("emcee_femu").setLevel(logging.ERROR)
-samplers = ef.run(
-    posterior,
-    nsteps=500,
-    ensembles=2,
-    seed=1,
-    on_failure="reject",
-    max_failures=0.1,
-)
-log = samplers[0].failures
+run = ef.run(
+    posterior, ef.DEMCMove(), steps=500, ensembles=2, seed=1,
+    on_failure="reject", max_failures=0.2,
+)  # fmt: skip
+log = run.failures
 print(f"{log.causes.total()} of {log.evaluations} evaluations failed")
 first = log.kept[0]
 print("the first one:", first.message, dict(first.parameters), sep="\n  ")
@@ -69,7 +65,7 @@ print("the first one:", first.message, dict(first.parameters), sep="\n  ")
 # `diagnose` reports them with its verdict:
 
 # %%
-ef.diagnose(samplers, discard=100)
+ef.diagnose(run, discard=100)
 
 # %% [markdown]
 # **Rejecting says something about the parameters.** It takes a part of the prior away, for
@@ -101,8 +97,9 @@ def patient(p):
 
 
 hanging = ef.LogPosterior(ef.FunctionModel(patient, n_modes=2), term, prior)
-(sampler,) = ef.run(hanging, nsteps=60, seed=1, on_failure="reject")
-print(dict(sampler.failures.causes))
+options = {"ensembles": 1, "seed": 1, "on_failure": "reject"}
+stopped = ef.run(hanging, ef.DEMCMove(), steps=60, **options)
+print(dict(stopped.failures.causes))
 
 # %% [markdown]
 # ## The parameters' fault, or the machine's?
@@ -139,8 +136,8 @@ def licensed(p):
 
 licensed_posterior = ef.LogPosterior(ef.FunctionModel(licensed, 2), term, prior)
 with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
-    file = Path(folder) / "frame.solves"
-    options = {"seed": 1, "backend": file, "on_failure": "reject"}
+    file = Path(folder) / "frame.sqlite"
+    options = {"seed": 1, "backend": file, "resume": True, "on_failure": "reject"}
     try:
         ef.emulate(licensed_posterior, 20, **options)
     except Unavailable as error:
@@ -149,15 +146,15 @@ with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
 print(f"the next day: {emulated.solves} solves by {len(calls)} calls")
 
 # %% [markdown]
-# `emulate(..., backend="frame.solves")` stores every solve as it arrives, and the same call
-# goes on when the server is back; one call more checks that the model is the same. `certify`
-# with `backend=...`, and `run` with `backend=...` and `resume=True`, do so too
-# ({doc}`/tutorials/long_runs`). A solve that `emulate` rejects is left out of the fit, and
-# not asked for there again; in `certify` such a draw has no weight.
+# `emulate(..., backend="frame.sqlite", resume=True)` stores every solve as it arrives, and
+# the same call goes on when the server is back, after it has checked that the model is the
+# same. `certify` and `run` do so too ({doc}`/tutorials/long_runs`). A solve that `emulate`
+# rejects is left out of the fit, and not asked for there again; in `certify` such a draw has
+# no weight.
 
 # %% tags=["remove-cell"]
-assert 0 < log.causes["exception"] < 0.1 * log.evaluations
-assert max(s.get_chain()[..., 1].max() for s in samplers) <= 9.5
-assert "'exception'" in str(ef.diagnose(samplers, discard=100))
-assert {*sampler.failures.causes} == {"time-out"}
-assert len(calls) == emulated.solves + 2
+assert 0 < log.causes["exception"] < 0.2 * log.evaluations
+assert max(s.get_chain()[..., 1].max() for s in run) <= 9.5
+assert "'exception'" in str(ef.diagnose(run, discard=100))
+assert {*stopped.failures.causes} == {"time-out"}
+assert emulated.solves < len(calls) < emulated.solves + 20

@@ -10,7 +10,7 @@
 #
 # ## The model
 #
-# {py:class}`~emcee_femu.FRFModel` superposes the modes of any model that returns
+# {py:class}`~emcee_femu.frf.FRFModel` superposes the modes of any model that returns
 # mass-normalised shapes: `MatrixModel(..., shapes=True)`, its reduction, a
 # {py:class}`~emcee_femu.FrameModel`. Damping is a ratio, or the name of a parameter, or one
 # of these per mode, or `{"mass": "a", "stiffness": "b"}` for proportional damping.
@@ -40,7 +40,7 @@ modal = ef.MatrixModel(
     n_modes=3,
     shapes={"first": 0, "second": 1, "roof": 2},
 )
-model = ef.FRFModel(
+model = ef.frf.FRFModel(
     modal,
     LINES,
     CHANNELS,
@@ -55,7 +55,7 @@ model = ef.FRFModel(
 #
 # ## The measurement
 #
-# {py:class}`~emcee_femu.FRFMeasurements` holds receptance (displacement over force),
+# {py:class}`~emcee_femu.frf.FRFMeasurements` holds receptance (displacement over force),
 # mobility (velocity) or accelerance (acceleration), each channel a pair (response DOF,
 # excitation DOF). `FRFMeasurements.from_uff("test.uff", averages=20)` reads data sets 58 of
 # universal files, with the coherence; `.between(low, high)` takes a part of the lines.
@@ -68,7 +68,7 @@ H = true["accelerance"][0] @ [1, 1j]
 rng = np.random.default_rng(1)
 coherence = np.abs(H) ** 2 / (np.abs(H) ** 2 + 2e-4**2)
 noise = rng.standard_normal((2, *H.shape)) * np.sqrt((1 / coherence - 1) / 40)
-measured = ef.FRFMeasurements(
+measured = ef.frf.FRFMeasurements(
     LINES,
     H + np.abs(H) * (noise[0] + 1j * noise[1]),
     CHANNELS,
@@ -84,7 +84,7 @@ measured = ef.FRFMeasurements(
 #
 # ## The posterior
 #
-# {py:class}`~emcee_femu.FRFTerm` compares real and imaginary parts; `amplitude=True` the
+# {py:class}`~emcee_femu.frf.FRFTerm` compares real and imaginary parts; `amplitude=True` the
 # logarithm of the amplitude, where phases are not trusted; `discrepancy="name"` infers
 # what the model cannot represent, relative to the amplitude.
 
@@ -95,18 +95,17 @@ prior = ef.GaussianPrior(
     [0.3, 0.3, 0.3, 0.01],
     bounds=[(1, 3), (1, 3), (1, 3), (0.001, 0.1)],
 )
-posterior = ef.LogPosterior(model, ef.FRFTerm(measured), prior)
-samplers = ef.run(posterior, "auto", nsteps=150, ensembles=2, seed=1)
-idata = ef.to_inference_data(samplers, posterior)
+posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured), prior)
+run = ef.run(posterior, steps=150, ensembles=2, seed=1)
+idata = ef.to_inference_data(run)
 ef.parameter_table(idata, nominal=truth)
 
-# %% mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts, and below them the information of each line with peaks at the three resonances"}}
-ef.plot_frf(idata, posterior)
+# %% mystnb={"image": {"alt": "Amplitudes of two measured FRFs with the band that the model predicts"}}
+ef.frf.plot_frf(idata, posterior)
 
 # %% [markdown]
-# The last panel says which lines carry the information: those at the resonances, which tell
-# stiffness by their place and damping by their width. A run needs no more lines than
-# these.
+# Most information is in the lines at the resonances, which tell stiffness by their place and
+# damping by their width. A run needs no more lines than these.
 #
 # FRFs are not stored with each sample, since they are large; the natural frequencies and
 # damping ratios of the modes are. `stored=True` stores all. One sample of 4 channels of
@@ -116,17 +115,13 @@ ef.plot_frf(idata, posterior)
 print(f"{4 * 400 * np.dtype(complex).itemsize / 1e3:.0f} kB")
 
 # %% [markdown]
-# `python examples/benchmarks/frf.py` compares one batch of 64 walkers, 6 DOFs, 4 channels
-# and 400 lines with a loop over the walkers that solves each line directly, and with one
-# that superposes the modes of one walker at a time.
-#
 # **Limits.** Damping is that of modes, real shapes: nonproportional damping needs complex
 # modes, which are not here. Estimates of one test share errors that no coherence shows:
 # the mass of the accelerometer, a tilted hammer, leakage where a window cuts the decay.
 # `discrepancy` is for these.
 
 # %% tags=["remove-cell"]
-assert ef.diagnose(samplers).short == "converged"
+assert ef.diagnose(run).short == "converged"
 for name, value in truth.items():
     draws = idata.posterior[name].values
     assert abs(draws.mean() - value) < 4 * draws.std(), name

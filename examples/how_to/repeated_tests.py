@@ -90,8 +90,8 @@ terms = [ef.FrequencyTerm(test), ef.ShapeTerm(test)]
 stiffness = stats.lognorm(0.3, scale=7.0)  # MN/m
 prior = ef.IndependentPrior(dict.fromkeys(storeys, stiffness))
 posterior = ef.LogPosterior(model, terms, prior)
-samplers = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
-idata = ef.to_inference_data(samplers, posterior)
+run = ef.run(posterior, steps=200, ensembles=2, seed=1)
+idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 
 # %%
@@ -109,4 +109,4 @@ np.testing.assert_allclose(test.covariance, np.cov(np.transpose(frequencies)))
 assert (test.covariance / np.outer(sd, sd))[0, 1] > 0.9  # they rise together
 np.testing.assert_allclose(np.linalg.norm(test.shapes, axis=0), 1, atol=1e-3)
 assert "mode 1 of test 6" in message
-assert ef.diagnose(samplers).short == "converged"
+assert ef.diagnose(run).short == "converged"

@@ -93,9 +93,7 @@ def matrices(basis):  # {subdomain: K_j}, M, and (x, y, name) of each row
 
 # %% [markdown]
 # DOFs without mass do not occur, since M comes from the same shape functions as K. A lumped
-# M, with mass on the deflections only, is singular: {py:class}`~emcee_femu.MatrixModel`
-# refuses it, and to condense the massless DOFs out is no remedy, for
-# $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ. Keep the consistent mass.
+# M, with mass on the deflections only, is singular, and refused: keep the consistent one.
 #
 # To check the split: one assembly of the whole mesh, with a stiffness that varies from
 # element to element, and the eigensolver that scikit-fem calls.
@@ -133,12 +131,7 @@ if __name__ == "__main__":
     parts, M, labels = matrices(basis)
     print(f"{len(labels)} rows, the last one is {labels[-1]}")
     dense = {name: part.toarray() for name, part in parts.items()}
-    model = ef.MatrixModel(
-        np.zeros(M.shape),
-        M.toarray(),
-        dense,
-        n_modes=N_MODES,
-    )
+    model = ef.MatrixModel(np.zeros(M.shape), M.toarray(), dense, n_modes=N_MODES)
     prior = ef.GaussianPrior(names, [1.0] * 4, 0.2, [(0.4, 1.6)] * 4)
     random = dict(zip(names, prior.sample(rng, 1)[0], strict=True))
     free = basis.complement_dofs(basis.get_dofs("root"))
@@ -155,9 +148,10 @@ if __name__ == "__main__":
 # ## The update
 #
 # The measured frequencies are simulated: those of scikit-fem at true factors, with 0.5 % of
-# noise. A real structure also deviates from its model, and 0.5 % would then be too little:
+# noise. A real structure also deviates from its model:
 # `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`.
+# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study takes
+# `ensembles=4`, and looks at {py:func}`~emcee_femu.diagnose`.
 
 # %%
 if __name__ == "__main__":
@@ -165,15 +159,13 @@ if __name__ == "__main__":
     measured = frequencies(basis, TRUTH) * noise
     term = ef.FrequencyTerm(measured, relative_sd=NOISE)
     posterior = ef.LogPosterior(model, term, prior)
-    samplers = ef.run(posterior, "auto", nsteps=200, seed=1)
-    idata = ef.to_inference_data(samplers, posterior)
+    run = ef.run(posterior, steps=200, ensembles=1, seed=1)
+    idata = ef.to_inference_data(run)
     print(ef.parameter_table(idata, nominal=TRUTH))
     print(ef.frequency_table(idata, posterior))
 
 # %% [markdown]
-# Strip 2 has lost 30 % of its stiffness, and the others are told apart from it. The run is
-# short, for this page; a study takes `ensembles=4`, and looks at
-# {py:func}`~emcee_femu.diagnose`.
+# Strip 2 has lost 30 % of its stiffness, and the others are told apart from it.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":

@@ -18,8 +18,6 @@
 # is known:
 
 # %%
-import logging
-
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy import signal
@@ -89,40 +87,30 @@ legend = axes.legend(frameon=False, loc="upper right")
 
 
 # %%
-def from_spectra(accelerations, seed, nsteps=100):
-    found = {}
-    for f, band in zip(F, BANDS, strict=True):
-        spectra = ef.Spectra.from_record(
-            accelerations, RATE, band, sensors=["first", "second", "roof"]
-        )
-        model = ef.SpectrumModel(spectra)
-        prior = ef.IndependentPrior(
-            {n: ef.uniform_between(*own) for n, own in model.ranges.items()}
-        )
-        posterior = ef.LogPosterior(model, ef.SpectrumTerm(spectra), prior)
-        samplers = ef.run(
-            posterior,
-            "auto",
-            nsteps=nsteps,
-            ensembles=1,
-            seed=seed,
-        )
-        found[f"{f:g} Hz"] = ef.to_inference_data(samplers, posterior)
-    return found
+def identify(accelerations, band, seed):
+    spectra = ef.spectra.Spectra.from_record(
+        accelerations, RATE, band, sensors=["first", "second", "roof"]
+    )
+    model = ef.spectra.SpectrumModel(spectra)
+    prior = ef.IndependentPrior(dict(model.ranges))
+    posterior = ef.LogPosterior(model, ef.spectra.SpectrumTerm(spectra), prior)
+    return ef.to_inference_data(ef.run(posterior, steps=100, ensembles=1, seed=seed))
 
 
-found = from_spectra(accelerations, seed=7)
+found = {
+    f"{f:g} Hz": identify(accelerations, b, 7) for f, b in zip(F, BANDS, strict=True)
+}
 ef.parameter_table(found["1 Hz"])
 
 # %% [markdown]
-# The run is short, for this page. {py:func}`~emcee_femu.modes_from_spectra` makes
+# The run is short, for this page. {py:func}`~emcee_femu.spectra.modes_from_spectra` makes
 # {py:class}`~emcee_femu.Measurements` of one or more bands: frequencies with their
 # standard deviations (the covariance, where there is a pair), `damping` and `damping_sd`,
 # shapes and `shape_sd`. These enter {py:class}`~emcee_femu.FrequencyTerm`,
 # {py:class}`~emcee_femu.ShapeTerm` and {py:class}`~emcee_femu.PairedModel` as any others.
 
 # %%
-modes = ef.modes_from_spectra(found)
+modes = ef.spectra.modes_from_spectra(found)
 modes
 
 # %% [markdown]
@@ -160,65 +148,9 @@ for periods in (1_000, 10_000):
 # channels also where the noise is inferred. A single channel cannot tell noise from the
 # flanks of the peak as well, and is a little less certain than the laws.
 #
-# Ours against the laws, and against the truth:
-
-# %%
-for i, f in enumerate(F):
-    by_f, by_zeta = laws(ZETA[i], f * DURATION)
-    print(
-        f"{f:.2f} Hz: sd of f {modes.sd[i] / (by_f * f):.2f} of the law's, "
-        f"error {(modes.frequencies[i] - f) / modes.sd[i]:+.1f} sd; of zeta "
-        f"{modes.damping_sd[i] / (by_zeta * ZETA[i]):.2f}, error "
-        f"{(modes.damping[i] - ZETA[i]) / modes.damping_sd[i]:+.1f} sd"
-    )
-
-# %% [markdown]
-# ## Against stochastic subspace identification
-#
-# The same record by pyOMA2, `pip install "emcee_femu[oma]"`: covariance-driven subspaces,
-# with deviations from the scatter of 30 blocks of the record.
-
-
-# %% tags=["remove-stderr"]
-def from_subspaces(accelerations):
-    from pyoma2.algorithms import SSI
-    from pyoma2.setup import SingleSetup
-
-    logging.getLogger("pyoma2").setLevel(logging.WARNING)
-    setup = SingleSetup(accelerations, fs=RATE)
-    method = SSI(
-        name="SSI",
-        method="cov",
-        br=15,
-        ordmax=16,
-        calc_unc=True,
-        nb=30,
-    )
-    setup.add_algorithms(method)
-    setup.run_by_name("SSI")
-    setup.mpe("SSI", sel_freq=F.tolist(), order_in="find_min", rtol=0.1)
-    result = method.result
-    known = (result.Fn, result.Fn_std, result.Xi, result.Xi_std)
-    return [np.ravel(values) for values in known]
-
-
-f_ssi, f_ssi_sd, zeta_ssi, zeta_ssi_sd = from_subspaces(accelerations)
-ef.Measurements(f_ssi, sd=f_ssi_sd, damping=zeta_ssi, damping_sd=zeta_ssi_sd)
-
-# %% [markdown]
-# One record says little about who is right. Over 24 records, by
-# `python examples/benchmarks/spectra_records.py` (1 min), both methods err as they say. The
-# root mean square of error over stated deviation, each give or take 0.15:
-#
-# | mode | f by spectra | f by SSI | ζ by spectra | ζ by SSI | error of ζ by spectra | by SSI |
-# |---|---|---|---|---|---|---|
-# | 1.00 Hz | 0.76 | 0.64 | 1.14 | 1.11 | 0.25 % | 0.18 % |
-# | 2.80 Hz | 0.85 | 0.95 | 0.79 | 0.92 | 0.12 % | 0.13 % |
-# | 4.05 Hz | 1.09 | 1.09 | 1.09 | 1.10 | 0.12 % | 0.11 % |
-#
-# SSI uses the whole range of frequencies, and believes the forces to be white over all of
-# it, of which a band asks nothing. What the spectra add is a posterior, with shapes and
-# without a model order to choose.
+# Stochastic subspaces ({doc}`ambient_vibration`) use the whole range of frequencies, and
+# believe the forces to be white over all of it, of which a band asks nothing. What the
+# spectra add is a posterior, with shapes and without a model order to choose.
 #
 # ## What it cannot do
 #
@@ -234,13 +166,6 @@ ef.Measurements(f_ssi, sd=f_ssi_sd, damping=zeta_ssi, damping_sd=zeta_ssi_sd)
 #   `f2` its means mix both modes.
 
 # %% tags=["remove-cell"]
-for values, sd, truth in (
-    (modes.frequencies, modes.sd, F),
-    (modes.damping, modes.damping_sd, ZETA),
-    (f_ssi, f_ssi_sd, F),
-    (zeta_ssi, zeta_ssi_sd, ZETA),
-):
-    assert np.abs((values - truth) / sd).max() < 3.5
-for own, other in ((modes.sd, f_ssi_sd), (modes.damping_sd, zeta_ssi_sd)):
-    assert np.abs(np.log(own / other)).max() < 0.7  # the same data
+assert np.abs((modes.frequencies - F) / modes.sd).max() < 3.5
+assert np.abs((modes.damping - ZETA) / modes.damping_sd).max() < 3.5
 assert laws(0.01, 10_000)[1] > 0.05

@@ -74,14 +74,21 @@ print(textwrap.fill(one.findings[-1], 80))
 posterior = ef.LogPosterior.joint(
     {"static": (static, gauges), "modal": (modal, frequencies)}, prior
 )
-samplers = ef.run(posterior, "auto", nsteps=300, ensembles=2, seed=1)
-idata = ef.to_inference_data(samplers, posterior)
+run = ef.run(posterior, steps=300, ensembles=2, seed=1)
+idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 
 # %% mystnb={"image": {"alt": "Two panels: displacements of the static test by load case and gauge, and frequencies of the modal test, measured against predicted"}}
-ef.plot_predictive(idata, posterior)
+ef.figures.plot_predictive(idata, posterior)
 
 # %% [markdown]
+# `LogPosterior.joint` takes any experiments that share parameters: states of one structure
+# (empty and with a known mass on its roof, {doc}`/tutorials/what_is_learned`; at two
+# temperatures), or tests of different kinds. The prior owns all parameters; each model and
+# each term reads those that it knows, and each model is solved once per parameter set.
+# Whatever belongs to an experiment carries its name: the term `modal.frequency`, the
+# argument `experiment="modal"` of tables and figures.
+#
 # A model error is inferred for a static test as for a modal one:
 # `ef.DisplacementTerm(..., discrepancy="name")`, with a proper prior for that parameter.
 
@@ -89,4 +96,4 @@ ef.plot_predictive(idata, posterior)
 assert "is known well, not k and m by themselves" in str(one)
 table = ef.parameter_table(idata)
 assert max(table.column("sd/prior sd")) < 0.05
-assert ef.diagnose(samplers).short == "converged"
+assert ef.diagnose(run).short == "converged"

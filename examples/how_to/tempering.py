@@ -3,7 +3,7 @@
 #
 # Where a posterior has several modes, walkers stay in the mode where they began,
 # unless a move leads from one to the other. After this page you can choose such a
-# move, and choose its powers by a pilot run. `python examples/how_to/tempering.py`
+# move. `python examples/how_to/tempering.py`
 # runs this page in some 5 s.
 #
 # Two storeys of equal mass, of which both frequencies were measured, but no shape. With
@@ -20,7 +20,7 @@ frame = {"ground": (0, 1, 60.0), "upper": (1, 2, 60.0)}
 model = ef.MassSpringModel([1.0, 1.0], frame)
 truth = model({"ground": np.array([200.0]), "upper": np.array([20.0])})
 term = ef.FrequencyTerm(truth.frequencies[0], relative_sd=0.01)
-uniform = ef.uniform_between(5, 300)
+uniform = (5, 300)
 prior = ef.IndependentPrior({"ground": uniform, "upper": uniform})
 posterior = ef.LogPosterior(model, term, prior)
 found = ef.find_map(posterior, seed=1, check=0)
@@ -28,10 +28,10 @@ for maximum in found.maxima:
     print(maximum.theta.round(1))
 
 
-def shares(samplers, discard=100):  # of a stiff ground storey, by ensemble
+def shares(run, discard=100):  # of a stiff ground storey, by ensemble
     return [
         round(float((s.get_chain(discard=discard)[..., 0] > 120).mean()), 2)
-        for s in samplers
+        for s in run
     ]
 
 
@@ -42,7 +42,7 @@ def shares(samplers, discard=100):  # of a stiff ground storey, by ensemble
 # choice, as for all else:
 
 # %%
-auto = ef.run(posterior, "auto", nsteps=200, ensembles=4, seed=1)
+auto = ef.run(posterior, steps=200, seed=1)
 print("auto ", shares(auto, 0))
 
 # %% [markdown]
@@ -56,7 +56,7 @@ print("auto ", shares(auto, 0))
 crossings = {}
 for jump in (0.0, 0.1):
     move = ef.DEMCMove(mode_jump=jump)
-    (plain,) = ef.run(posterior, move, 32, nsteps=600, seed=1)
+    (plain,) = ef.run(posterior, move, 32, steps=600, seed=1, ensembles=1)
     stiff = plain.get_chain(discard=100)[..., 0] > 120
     crossings[jump] = int((stiff[1:] != stiff[:-1]).sum())
     print(f"mode_jump={jump}: {crossings[jump]} times in {stiff.size} steps")
@@ -71,21 +71,14 @@ for jump in (0.0, 0.1):
 # prior. Hot walkers roam everywhere and hand what they find to the cold ones. It costs
 # as many evaluations as there are blocks, and gives the evidence.
 #
-# Neighbouring powers must overlap, and how many that takes depends on the problem. So
-# run a short pilot first: {py:func}`~emcee_femu.log_evidence` says which betas to take
-# next, at equal distances by the pilot's own log-likelihoods.
+# Neighbouring powers must overlap, and how many that takes depends on the problem:
+# `overlaps` of the evidence says how much they do, 1 for all, and below 0.1 too little.
 
 # %%
-pilot_betas = np.linspace(1, 0, 8) ** 4
-pilot = ef.TemperedMove(ef.DEMCMove(mode_jump=0.1), betas=pilot_betas)
-samplers = ef.run(posterior, pilot, nsteps=150, seed=1)
-betas = ef.log_evidence(samplers, discard=50).better_betas
-print(*betas.round(4))
-
-# %%
-move = ef.TemperedMove(ef.DEMCMove(mode_jump=0.1), betas=betas)
-tempered = ef.run(posterior, move, nsteps=500, seed=1)
-idata = ef.to_inference_data(tempered, posterior, discard=100)  # the cold ones
+betas = np.linspace(1, 0, 8) ** 4
+move = ef.moves.TemperedMove(ef.DEMCMove(mode_jump=0.1), betas=betas)
+tempered = ef.run(posterior, move, steps=500, ensembles=1, seed=1)
+idata = ef.to_inference_data(tempered, discard=100)  # the cold ones
 evidence = ef.log_evidence(tempered, discard=100)
 evidence
 
@@ -101,7 +94,7 @@ print(bridged)
 # no description of such a posterior: report the modes one by one.
 
 # %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two separate small clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
-ef.plot_scatter(idata)
+ef.figures.plot_scatter(idata)
 
 # %% [markdown]
 # - Conversion, tables, figures and `diagnose` use the cold walkers alone.

@@ -21,8 +21,8 @@ model = ef.FunctionModel(frequencies)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
 prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds=[(20, 90), (1, 15)])
 posterior = ef.LogPosterior(model, term, prior)
-samplers = ef.run(posterior, "auto", nsteps=500, ensembles=4, seed=1)
-idata = ef.to_inference_data(samplers, posterior)
+run = ef.run(posterior, steps=500, seed=1)
+idata = ef.to_inference_data(run)
 
 # %% [markdown]
 # What was learned. The last column says how much of the prior's uncertainty is left.
@@ -35,10 +35,10 @@ ef.parameter_table(idata)
 # tables](reading.md) explains the rest.
 
 # %%
-ef.diagnose(samplers)
+ef.diagnose(run)
 
 # %% mystnb={"image": {"alt": "Scatter of k1 and k2 with a 95 % ellipse that leans to the left"}}
-ef.plot_scatter(idata, units={"k1": "MN/m", "k2": "MN/m"})
+ef.figures.plot_scatter(idata, units={"k1": "MN/m", "k2": "MN/m"})
 
 # %% [markdown]
 # The ellipse leans: a stiffer lower storey and a softer upper one fit nearly as well.
@@ -50,5 +50,5 @@ ef.plot_scatter(idata, units={"k1": "MN/m", "k2": "MN/m"})
 
 # %% tags=["remove-cell"]
 table = ef.parameter_table(idata)
-assert ef.diagnose(samplers).short == "converged"
+assert ef.diagnose(run).short == "converged"
 assert abs(table.column("mean")[0] - 54.3) < 0.5

@@ -9,7 +9,7 @@
 #
 # | a solve takes | and you have | use | true solves |
 # |---|---|---|---|
-# | microseconds | K and M, a small model | `run(posterior, "auto", ...)` | 10,000 and more |
+# | microseconds | K and M, a small model | `run(posterior, seed=1)` | 10,000 and more |
 # | milliseconds to seconds | K and M that are affine in the parameters | `reduce_model`, then `run`: {doc}`large_models` | some tens |
 # | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 2 or 3 per parameter |
 # | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
@@ -80,7 +80,7 @@ posterior = ef.LogPosterior(model, term, prior)
 
 # %%
 folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
-file = Path(folder.name) / "bridge.solves"
+file = Path(folder.name) / "bridge.sqlite"
 emulated = ef.emulate(posterior, solves=40, seed=1, backend=file)
 print(f"{len(calls)} calls of the program")
 emulated
@@ -92,7 +92,7 @@ emulated
 #   at the sensors or any real vector that a term reads, each in units of its measurement
 #   error. *Leaving one out* predicts each solved point from the others. Points of the whole
 #   prior are among them, so this is worse than what counts.
-# - The first d + 4 = 7 solves are spread over the prior (or about `initial=`, such as a
+# - The first d + 4 = 7 solves are spread over the prior (or about `starts=`, such as a
 #   maximum of {py:func}`~emcee_femu.find_map`). Then batches of d / 2 + 1 go where the
 #   emulator is in most doubt among draws of the posterior that it gives.
 # - **Errors are those of the data**: the distance between the emulated and the full
@@ -116,9 +116,9 @@ emulated
 # The emulated posterior costs next to nothing, so let "auto" take what it wants.
 
 # %%
-samplers = ef.run(emulated.posterior, "auto", nsteps=400, ensembles=2, seed=2)
-idata = ef.to_inference_data(samplers, emulated.posterior)
-ef.diagnose(samplers)
+run = ef.run(emulated.posterior, steps=400, ensembles=2, seed=2)
+idata = ef.to_inference_data(run)
+ef.diagnose(run)
 
 # %% [markdown]
 # The verdict is on the chain, not on the emulator. That is the next step's business.
@@ -153,7 +153,7 @@ certificate
 ef.parameter_table(certificate.idata)
 
 # %% mystnb={"image": {"alt": "Three histograms and three scatter plots of modulus, thickness and bearing stiffness, with long ellipses: modulus falls with both others, which rise together"}}
-ef.plot_scatter(
+ef.figures.plot_scatter(
     certificate.idata, units={"E": "GPa", "thickness": "m", "bearing": "MN/m"}
 )
 
@@ -166,18 +166,16 @@ ef.plot_scatter(
 # Suppose nine solves were all that you had allowed: the first design and one batch.
 
 # %%
-file = Path(folder.name) / "short.solves"
+file = Path(folder.name) / "short.sqlite"
 
 
 def learn(solves):
     """Emulate with a file, run, certify."""
     before = len(calls)
-    emulated = ef.emulate(posterior, solves=solves, seed=1, backend=file)
+    emulated = ef.emulate(posterior, solves, seed=2, backend=file, resume=True)
     new = len(calls) - before
-    options = {"nsteps": 400, "ensembles": 2, "seed": 2}
-    samplers = ef.run(emulated.posterior, "auto", **options)
-    idata = ef.to_inference_data(samplers, emulated.posterior)
-    certificate = ef.certify(idata, posterior, solves=60, seed=3)
+    run = ef.run(emulated.posterior, steps=400, ensembles=2, seed=2)
+    certificate = ef.certify(ef.to_inference_data(run), posterior, solves=60, seed=3)
     print(f"{emulated.solves} solves, {new} of them new")
     print(textwrap.fill(certificate.verdict, 80))
     return emulated, certificate
@@ -191,59 +189,21 @@ poor, refused = learn(9)
 # then corrects the draws, or a chain of full solves.
 #
 # **More solves from the same file.** Nothing that was solved is lost. The same call with
-# more solves goes on where it ended, and the result is that of one call, to the bit. One
-# solve is repeated each time, to see that the model is still the same.
+# more solves and `resume=True` goes on where it ended, and the result is that of one call,
+# to the bit. So it does after a kill, or when a licence server was down
+# ({doc}`/how_to/failing_solves`). Some solves are repeated each time, to see that the model
+# is still the same.
 
 # %%
 better, certified = learn(40)
 
 # %% [markdown]
 # **Or a chain of full solves, led by the emulator.** Where no number of solves that you can
-# pay settles the emulator, a {py:class}`~emcee_femu.DelayedAcceptanceMove` walks many steps
+# pay settles the emulator, a {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` walks many steps
 # by the emulated posterior between two full solves, and the full one decides. The chain
 # is that of the true posterior, whatever the emulator is worth; a poor one costs
-# acceptance ({doc}`large_models`). Ten generations of 12 walkers, to show the call:
-
-# %%
-before = len(calls)
-(cheap,) = ef.run(poor.posterior, nwalkers=12, nsteps=100, seed=4)
-starts = cheap.get_last_sample().coords
-move = ef.DelayedAcceptanceMove(ef.DEMCMove(), poor.posterior, steps=100)
-(chain,) = ef.run(posterior, move, 12, nsteps=10, initial=starts, seed=5)
-chained = len(calls) - before
-print(f"{move.proposed} proposals, {move.full_solves} solved in full")
-print(f"{move.accepted} of these accepted")
-print(f"{chained} calls of the program, the starts among them")
-
-# %% [markdown]
-# ## When the program stops
+# acceptance ({doc}`large_models`).
 #
-# Licence servers go down at night. Here the program stops at its tenth solve; the next
-# morning the same call goes on from the file.
-
-# %%
-file = Path(folder.name) / "night.solves"
-night = []
-
-
-def licensed(p):
-    night.append(p)
-    if len(night) == 10:
-        raise RuntimeError("no licence")
-    return solve(p)
-
-
-fragile = ef.LogPosterior(ef.FunctionModel(licensed, n_modes=4), term, prior)
-try:
-    ef.emulate(fragile, solves=12, seed=1, backend=file)
-except RuntimeError as error:
-    print(f"stopped: {error}")
-
-resumed = ef.emulate(fragile, solves=12, seed=1, backend=file)
-print(f"{len(night)} calls for {resumed.solves} solves")
-
-# %% [markdown]
-# Two calls more than solves: the one that failed, and the one that tells a changed model.
 # `certify` and {py:func}`~emcee_femu.run` take `backend=` too. `workers=8` solves a batch at
 # once: d / 2 + 1 points of `emulate`, all draws of `certify`.
 #
@@ -255,10 +215,9 @@ print(f"{len(night)} calls for {resumed.solves} solves")
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40
 assert certificate.short == "certified"
-assert ef.diagnose(samplers).short == "converged"
+assert ef.diagnose(run).short == "converged"
 true, sd = np.array([33, 0.82, 70]), certificate.sd
 assert np.all(np.abs(certificate.mean - true) < 3 * sd)
 assert (sd / [4, 0.04, 20]).argmin() == 2
 assert poor.solves == 9 and better.solves == emulated.solves
 assert refused.short == "refused" and certified.short == "certified"
-assert chained <= 12 * 11 and len(night) == resumed.solves + 2

@@ -16,7 +16,6 @@
 # this page runs in seconds. All that follows is the same for a large one.
 
 # %%
-import textwrap
 
 import numpy as np
 from scipy import sparse
@@ -108,15 +107,8 @@ print(f"{small.full_solves} full solves")
 # - Frequencies are certified; shapes are measured, and not held below the tolerance.
 # - Where a reduction does not pay, a warning says so.
 #
-# Outside its bounds the small model knows nothing, so it refuses:
-
-# %%
-try:
-    small({"lower": [1.0], "middle": [1.0], "upper": [1.5]})
-except ValueError as error:
-    print(textwrap.fill(str(error), 80))
-
-# %% [markdown]
+# Outside its bounds the small model knows nothing, so it refuses.
+#
 # ## Sample the small model
 #
 # Five frequencies were measured, here simulated with errors of 0.5 %. The prior must stay
@@ -131,19 +123,19 @@ term = ef.FrequencyTerm((exact[:5] * (1 + noise)).round(3), relative_sd=0.005)
 prior = ef.GaussianPrior([*K], [1.0] * 3, [0.15] * 3, [*bounds.values()])
 
 posterior = ef.LogPosterior(small, term, prior)
-samplers = ef.run(posterior, "auto", nsteps=1_000, ensembles=2, seed=1)
-idata = ef.to_inference_data(samplers, posterior)
+run = ef.run(posterior, steps=1_000, ensembles=2, seed=1)
+idata = ef.to_inference_data(run)
 ef.parameter_table(idata, truth)
 
 # %%
-ef.diagnose(samplers)
+ef.diagnose(run)
 
 # %% [markdown]
 # What it cost, counted in solves, which is what does not depend on the machine:
 
 # %%
-chain = sum(s.iteration * s.nwalkers for s in samplers)
-evaluations = samplers[0].burn_in_evaluations + chain
+chain = sum(s.iteration * s.nwalkers for s in run)
+evaluations = run.evaluations + chain
 print(f"{evaluations} evaluations of the posterior")
 print(f"{small.full_solves} full solves,", end=" ")
 print(f"{evaluations / small.full_solves:.0f} times fewer")
@@ -151,16 +143,13 @@ print(f"{evaluations / small.full_solves:.0f} times fewer")
 # %% [markdown]
 # ## How small an error is small enough?
 #
-# A frequency error below a tenth of the measurement error needs no correction. Here it is
-
-# %%
-print(f"{small.max_error / 0.005:.3f} of the measurement error")
-
-# %% [markdown]
+# A frequency error below a tenth of the measurement error needs no correction: here it is a
+# fiftieth.
+#
 # ## A coarse model, corrected
 #
 # Suppose the cheap model is coarser than that: a reduction to 3 %, a coarser mesh, an
-# emulator. {py:class}`~emcee_femu.DelayedAcceptanceMove` screens every proposal by the
+# emulator. {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` screens every proposal by the
 # cheap posterior, and solves the full model only for those that pass. The chain is that
 # of the full model, however wrong the cheap one is; a bad one costs acceptance.
 
@@ -169,12 +158,12 @@ coarse = ef.reduce_model(full, bounds, tolerance=0.03, test_points=10)
 print(f"{coarse.size} basis vectors, frequency error {coarse.max_error:.1e}")
 cheap = ef.LogPosterior(coarse, term, prior)
 exactly = ef.LogPosterior(full, term, prior)
-(run,) = ef.run(cheap, nwalkers=16, nsteps=200, seed=2)
-starts = run.get_last_sample().coords
+(first,) = ef.run(cheap, ef.DEMCMove(), 16, 200, ensembles=1, seed=2)
+starts = first.get_last_sample().coords
 
 for steps in (1, 20):
-    move = ef.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=steps)
-    (sampler,) = ef.run(exactly, move, 16, nsteps=20, initial=starts, seed=3)
+    move = ef.moves.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=steps)
+    (sampler,) = ef.run(exactly, move, 16, steps=20, starts=starts, seed=3, ensembles=1)
     print(f"steps={steps}: {move.proposed} proposals", end=", ")
     print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 
@@ -187,40 +176,14 @@ for steps in (1, 20):
 # subchains do not help: mend the cheap model. (Twenty steps of the chain show how it
 # is used; they are too few for a result.)
 #
-# What subchains gain was measured on the paper's mass-spring posterior, d = 5, with what
-# {py:func}`~emcee_femu.emulate` learned from 33 solves (importance efficiency 0.998), 20
-# walkers and one seed, by
-# `OMP_NUM_THREADS=1 python examples/benchmarks/subchains.py mass_spring`:
-#
-# | steps | 1 | 50 | 100 |
-# |---|---|---|---|
-# | ESS of the worst parameter per 1000 full solves | 144 | 507 | 861 |
-#
-# An independent draw of so good an emulated posterior, certified by importance weights, is
-# worth as much without a chain: take subchains where `certify` refuses
-# ({doc}`hundred_solves`), or where the chain has to be that of the full model.
-#
-# ## What it gains in time
-#
-# Time depends on the machine, so it is not measured on this page. One solve of a 3-D frame,
-# 10 modes, 6 stiffness factors within ±30 %: process time on one thread, medians of 9 paired
-# rounds, by `OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py`, the second line
-# with `--segments 9`:
-#
-# | DOFs | `eigsh`, its defaults | sparse `MatrixModel` | `ReducedModel` | gain over `eigsh`, over `MatrixModel` | certified frequency error | from matrices to posterior |
-# |---|---|---|---|---|---|---|
-# | 4,704 | 582 ms | 27.8 ms | 0.33 ms | 1817, 84 | 7e-5 | 24 s, 48,024 evaluations |
-# | 28,224 | 570 ms | 128 ms | 0.45 ms | 1315, 293 | 5e-5 | 44 s |
-#
-# `eigsh` is unlucky with its default ordering on the smaller frame; the gain over our own
-# sparse solver is 84 and 293.
+# Take subchains where `certify` refuses ({doc}`hundred_solves`).
 #
 # Where a program gives only results, no matrices, go on with {doc}`hundred_solves`.
 
 # %% tags=["remove-cell"]
 assert small.max_error <= 1e-4 and small.size < 40 and small.full_solves <= 100
 assert evaluations > 100 * small.full_solves
-assert ef.diagnose(samplers).short == "converged"
+assert ef.diagnose(run).short == "converged"
 table = ef.parameter_table(idata, truth)
 draws = np.array([idata.posterior[name].values.ravel() for name in K])
 z = (draws.mean(axis=1) - [*truth.values()]) / draws.std(axis=1)

@@ -47,7 +47,7 @@ for function in (one_factor, second_apart):
 
 # %% [markdown]
 # All classes are given the same measurements, and each a prior that is meant: 30 % on
-# every stiffness. `"auto"` samples them; its samplers know the evidence without any
+# every stiffness. `"auto"` samples them; its runs know the evidence without any
 # further solve.
 
 # %%
@@ -61,11 +61,10 @@ classes = {
     "three stiffnesses": ef.LogPosterior(building, term, three),
 }
 runs = {
-    name: ef.run(posterior, "auto", nsteps=300, ensembles=4, seed=1)
-    for name, posterior in classes.items()
+    name: ef.run(posterior, steps=300, seed=1) for name, posterior in classes.items()
 }
-for name, samplers in runs.items():
-    print(f"{name}: {ef.diagnose(samplers).short}")
+for name, run in runs.items():
+    print(f"{name}: {ef.diagnose(run).short}")
 
 # %% [markdown]
 # ## The comparison
@@ -83,7 +82,7 @@ compared
 # two combined standard errors is called undecided.
 
 # %% mystnb={"image": {"alt": "Log Bayes factors of three classes with bars: second storey apart on top, three stiffnesses a little behind, one factor far behind; to the right their probabilities"}}
-ef.plot_model_comparison(compared)
+ef.figures.plot_model_comparison(compared)
 
 # %% [markdown]
 # ## Occam's razor
@@ -99,9 +98,9 @@ ef.plot_model_comparison(compared)
 
 # %%
 charge = {}
-for name, samplers in runs.items():
-    log_prob = np.concatenate([s.get_log_prob(flat=True) for s in samplers])
-    blobs = np.concatenate([s.get_blobs(flat=True) for s in samplers])
+for name, run in runs.items():
+    log_prob = np.concatenate([s.get_log_prob(flat=True) for s in run])
+    blobs = np.concatenate([s.get_blobs(flat=True) for s in run])
     fit = (log_prob - blobs[:, 0]).mean()  # the first blob is the log-prior
     log_z = compared.evidences[name].log_evidence
     charge[name] = fit - log_z
@@ -120,11 +119,11 @@ for name, samplers in runs.items():
 # %%
 wide = {}
 for low, high in [(0.5, 1.5), (0.1, 10.1)]:
-    prior = ef.IndependentPrior({"factor": ef.uniform_between(low, high)})
+    prior = ef.IndependentPrior({"factor": (low, high)})
     posterior = ef.LogPosterior(one_factor, term, prior)
-    samplers = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
-    theta = np.concatenate([s.get_chain(flat=True) for s in samplers])
-    wide[high] = ef.log_evidence(samplers)
+    run = ef.run(posterior, steps=200, ensembles=2, seed=1)
+    theta = np.concatenate([s.get_chain(flat=True) for s in run])
+    wide[high] = ef.log_evidence(run)
     mean, sd, log_z = theta.mean(), theta.std(), wide[high].log_evidence
     print(f"{low} to {high}: factor {mean:.3f} +- {sd:.3f}, ln Z {log_z:.2f}")
 loss = wide[1.5].log_evidence - wide[10.1].log_evidence
@@ -148,8 +147,8 @@ for sd in (0.15, 0.3, 0.6):
         prior = ef.GaussianPrior(old.names, mean, sd * mean, old.prior.bounds)
         model = second_apart if name == "second storey apart" else building
         posterior = ef.LogPosterior(model, term, prior)
-        samplers = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
-        found[name] = ef.log_evidence(samplers).log_evidence
+        run = ef.run(posterior, steps=200, ensembles=2, seed=1)
+        found[name] = ef.log_evidence(run).log_evidence
     factors[sd] = found["second storey apart"] - found["three stiffnesses"]
     print(f"prior sd {100 * sd:.0f} %: ln B = {factors[sd]:.2f}")
 
@@ -166,7 +165,7 @@ for sd in (0.15, 0.3, 0.6):
 # | what was run | what {py:func}`~emcee_femu.log_evidence` does |
 # |---|---|
 # | `"auto"` | one bridge, from the frozen proposal to the chain: no further solve |
-# | {py:class}`~emcee_femu.TemperedMove` with betas from 1 to 0 | bridge sampling between neighbouring betas: [tempering](../how_to/tempering.py) |
+# | {py:class}`~emcee_femu.moves.TemperedMove` with betas from 1 to 0 | bridge sampling between neighbouring betas: [tempering](../how_to/tempering.py) |
 # | {py:func}`~emcee_femu.anneal` | hands on the estimate of the annealing: [TMCMC](../how_to/annealing.py) |
 #
 # No standard error is claimed where one could not be believed; the reason is then in

@@ -1,6 +1,6 @@
 """Model classes: Bayes factors, probabilities and verdicts from known evidences."""
 
-from types import SimpleNamespace
+import dataclasses
 
 import numpy as np
 import pytest
@@ -8,11 +8,16 @@ from numpy.testing import assert_allclose
 from support.tempered_laws import GaussianLaw
 
 import emcee_femu as ef
-from emcee_femu.results.evidence import Evidence
+
+LAW = GaussianLaw()
+ANNEALED = ef.anneal(LAW.posterior, 100, seed=1)
 
 
 def known(value, error=0.1, *problems):
-    return Evidence(value, error, "known", problems)
+    """Return an evidence that was found elsewhere."""
+    found = ef.log_evidence(ANNEALED)
+    changes = {"log_evidence": value, "log_evidence_error": error}
+    return dataclasses.replace(found, **changes, problems=problems)
 
 
 def test_bayes_factors_and_probabilities_are_exact():
@@ -74,15 +79,13 @@ def test_without_an_error_nothing_is_decided():
     assert found.conclusion.splitlines()[1] == "x: no error can be claimed, for lost."
 
 
-def test_it_takes_samplers_and_what_anneal_returns():
-    law = GaussianLaw()
-    move = ef.TemperedMove(ef.DEMCMove(), np.linspace(1, 0, 6) ** 3)
-    runs = ef.run(law.posterior, move, nwalkers=96, nsteps=200, seed=1)
-    annealed = SimpleNamespace(log_evidence=-3.0, log_evidence_error=0.1)
-    found = ef.compare_models({"run": runs, "annealed": annealed}, discard=50)
-    direct = ef.log_evidence(runs, discard=50)
+def test_it_takes_runs_and_what_anneal_returns():
+    move = ef.moves.TemperedMove(ef.DEMCMove(), np.linspace(1, 0, 6) ** 3)
+    run = ef.run(LAW.posterior, move, nwalkers=96, steps=200, seed=1, ensembles=1)
+    found = ef.compare_models({"run": run, "annealed": ANNEALED}, discard=50)
+    direct = ef.log_evidence(run, discard=50)
     assert found.evidences["run"].log_evidence == direct.log_evidence
-    assert found.evidences["annealed"].log_evidence == -3.0
+    assert found.evidences["annealed"].log_evidence == ANNEALED.log_evidence
 
 
 def test_it_prints_and_shows_the_table_and_the_conclusion():
@@ -91,39 +94,19 @@ def test_it_prints_and_shows_the_table_and_the_conclusion():
     assert "one &amp; two" in found._repr_html_() and "Ahead" in found._repr_html_()
 
 
-PAIR = {"x": known(-1.0), "y": known(-1.1)}
-REFUSED = {
-    "no mapping": ({"models": [known(1.0)]}, TypeError, "models: .* by label"),
-    "one": ({"models": {"x": known(1.0)}}, ValueError, "at least two classes"),
-    "a label": ({"models": {1: known(1.0), "x": known(0)}}, TypeError, "labels"),
-    "no samplers": ({"models": {**PAIR, "z": 3}}, TypeError, r"models\['z'\]: sampl"),
-    "NaN": ({"models": {**PAIR, "z": known(np.nan)}}, ValueError, "finite log evid"),
-    "prior": ({"prior": [1, 2]}, TypeError, "prior: expected"),
-    "prior of two": ({"prior": {"x": 1.0}}, ValueError, "prior: .* each of"),
-    "prior of zero": ({"prior": {"x": 1.0, "y": 0.0}}, ValueError, r"prior\['y'\]"),
-    "discard": ({"discard": 1.5}, TypeError, "discard"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_wrong_arguments_are_refused(case):
-    given, error, match = REFUSED[case]
-    with pytest.raises(error, match=match):
-        ef.compare_models(**{"models": PAIR, **given})
-
-
-def test_a_refusal_does_not_print_the_objects():
-    law = GaussianLaw()
-    samplers = ef.run(law.posterior, nwalkers=16, nsteps=2, seed=1)
-    idata = ef.to_inference_data(samplers, law.posterior)
-    for models in (
-        idata,
-        {"x": known(-1.0), "y": object},
-        {"x": known(0.0), "y": [[]]},
+def test_a_refusal_names_the_class_and_does_not_print_the_objects():
+    run = ef.run(LAW.posterior, ef.DEMCMove(), 16, 2, seed=1, ensembles=1)
+    other = known(-1.0)
+    for models, match in (
+        ([run, other], "models: .* by label"),
+        ({"x": other, "y": object}, r"models\['y'\]: source"),
+        ({"x": other, "y": [[]]}, r"models\['y'\]: source"),
+        ({"x": other, "y": run}, r"models\['y'\]: source.* 'auto' or of a Tempered"),
+        ({"x": other, "y": known(np.nan)}, "a finite log evidence"),
     ):
-        with pytest.raises((TypeError, ValueError)) as error:
+        with pytest.raises((TypeError, ValueError), match=match) as error:
             ef.compare_models(models)
-        assert len(str(error.value)) < 150
-    with pytest.raises(TypeError) as error:
-        ef.compare_models(PAIR, prior=[idata])
-    assert len(str(error.value)) < 80
+        assert len(str(error.value)) < 300
+    for prior in ({"x": 1.0}, {"x": 1.0, "y": 0.0}):
+        with pytest.raises(ValueError, match="^prior"):
+            ef.compare_models({"x": other, "y": other}, prior=prior)

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from emcee_femu.comparison.ranking import Entry, conclusion
+from emcee_femu.comparison.compare import Entry, conclude
 
 
 def entry(
@@ -32,7 +32,7 @@ def test_the_numbers_of_an_entry():
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_lead_counts_from_two_combined_standard_errors(lead, wins, backwards):
     entries = [entry("A", 50 + lead, 3.0), entry("B", 50, 4.0), entry("C", 10)]
-    winner, words = conclusion(entries[::-1] if backwards else entries)
+    winner, words = conclude(entries[::-1] if backwards else entries)
     assert winner == ("A" if wins else None)
     first = f"A {50 + lead:.3g} +- 3"
     if wins:
@@ -47,38 +47,38 @@ def test_a_lead_counts_from_two_combined_standard_errors(lead, wins, backwards):
 
 
 def test_a_third_move_with_a_wide_spread_denies_the_win():
-    winner, words = conclusion([entry("A", 60), entry("B", 50), entry("C", 40, 12.0)])
+    winner, words = conclude([entry("A", 60), entry("B", 50), entry("C", 40, 12.0)])
     assert winner is None
     assert "A 60 +- 1 and C 40 +- 12 are within" in words and "B" not in words
 
 
 def test_many_contenders_are_counted():
-    words = conclusion([entry(label, 50) for label in "ABCD"])[1]
+    words = conclude([entry(label, 50) for label in "ABCD"])[1]
     assert "A 50 +- 1, B 50 +- 1, C 50 +- 1 and D 50 +- 1 are within" in words
-    words = conclusion([entry(label, 50) for label in "ABCDEF"])[1]
+    words = conclude([entry(label, 50) for label in "ABCDEF"])[1]
     assert "A 50 +- 1, B 50 +- 1, C 50 +- 1 and 3 more are within" in words
 
 
 def test_equal_numbers_without_any_spread_are_no_win():
-    assert conclusion([entry("A", 50, 0.0), entry("B", 50, 0.0)])[0] is None
+    assert conclude([entry("A", 50, 0.0), entry("B", 50, 0.0)])[0] is None
 
 
 def test_a_move_that_has_not_converged_cannot_win():
     fast = entry("fast", 900, short="too short: 30 tau")
-    winner, words = conclusion([fast, entry("A", 60), entry("B", 50)])
+    winner, words = conclude([fast, entry("A", 60), entry("B", 50)])
     assert winner == "A"
     assert words.splitlines()[1] == (
         "Not converged, so out of the contest: fast (too short: 30 tau)."
     )
-    winner, words = conclusion([fast, entry("A", 60)])
+    winner, words = conclude([fast, entry("A", 60)])
     assert winner == "A" and "; no other has converged." in words
-    winner, words = conclusion([fast, entry("slow", 1, short="too short: 30 tau")])
+    winner, words = conclude([fast, entry("slow", 1, short="too short: 30 tau")])
     assert winner is None and words == "No winner: no move has converged; run longer."
 
 
 def test_burn_in_may_turn_the_order_and_that_is_said():
     auto = entry("auto", 100, before=50_000, recipe="It burnt in")
-    winner, words = conclusion([entry("A", 60), auto])
+    winner, words = conclude([entry("A", 60), auto])
     assert winner == "auto"
     assert words.splitlines()[1:] == [
         "End to end, with burn-in counted, A is ahead: 48 against 16 of auto.",

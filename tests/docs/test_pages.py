@@ -1,12 +1,12 @@
 """The site's pages have the form that the site promises; its build executes them."""
 
 import ast
+import importlib
 import re
 from pathlib import Path
 
 import pytest
-
-import emcee_femu as ef
+from support.public import public_names
 
 ROOT = Path(__file__).parents[2]
 DOCS, EXAMPLES = ROOT / "docs", ROOT / "examples"
@@ -25,7 +25,9 @@ def test_a_page_of_code_is_a_script_with_its_command_and_its_checks(page):
     checks = text.rpartition("\n# %%")[2]
     assert 'tags=["remove-cell"]' in checks.partition("\n")[0]
     assert "assert" in checks, "the last cell checks what the page says"
-    plots = re.findall(r"^# %%(.*)\n(?:(?!# %%).*\n)*?(?:\w+ = )?ef\.plot_", text, re.M)
+    plots = re.findall(
+        r"^# %%(.*)\n(?:(?!# %%).*\n)*?(?:\w+ = )?ef\.figures\.plot_", text, re.M
+    )
     for options in plots:
         assert '"alt": "' in options or "remove-" in options, (
             "a figure without its text"
@@ -51,10 +53,7 @@ def test_a_page_of_text_shows_no_python_that_is_not_executed(page):
 def test_the_reference_has_every_public_name():
     text = (DOCS / "reference" / "index.md").read_text(encoding="utf-8")
     listed = re.findall(r"^   ([\w.]+)$", text, re.M)
-    public = {n for n, value in vars(ef).items() if n[0] != "_" and callable(value)}
-    public |= {
-        f"paper.{name}"
-        for name, value in vars(ef.paper).items()
-        if getattr(value, "__module__", "") == ef.paper.__name__ and name[0] != "_"
-    }
-    assert public <= set(listed) and len(listed) == len(set(listed))
+    assert set(public_names()) <= set(listed) and len(listed) == len(set(listed))
+    for name in listed:  # autosummary imports them
+        module, _, own = f"emcee_femu.{name}".rpartition(".")
+        assert hasattr(importlib.import_module(module), own), name

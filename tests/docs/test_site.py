@@ -181,7 +181,7 @@ def test_every_figure_is_a_picture():
     texts = {path: (SITE / path).read_text(encoding="utf-8") for path in PAGES}
     assert [path for path, text in texts.items() if "&lt;Figure size" in text] == []
     pages = [
-        p.stem for p in EXAMPLES.glob("*/*.py") if "ef.plot_" in p.read_text("utf-8")
+        p.stem for p in EXAMPLES.glob("*/*.py") if ".plot_" in p.read_text("utf-8")
     ]
     for path, text in texts.items():
         if Path(path).stem in pages and "generated" not in path:

@@ -5,6 +5,7 @@ What needs CalculiX is skipped where there is none, and says so.
 
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -36,6 +37,7 @@ MODE NO.   X-COMPONENT     Y-COMPONENT     Z-COMPONENT     X-ROTATION
       2   0.1073550E-06   0.1585033E-08   0.1093997E+02   0.4375988E+00
       3   0.4810757E-13   0.1081082E+02   0.1619135E-08   0.5405412E+00
 """
+REJECT = {"ensembles": 1, "seed": 1, "on_failure": "reject"}
 HIGH = "0.9387354E+06   0.9688836E+03   0.1542026E+03"  # a sound row, out of order
 
 
@@ -194,7 +196,7 @@ def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
 
     posterior = posterior_of(solve)
     with pytest.raises(driver.Unavailable, match=message):
-        ef.run(posterior, None, 8, 2, seed=1, workers=workers, on_failure="reject")
+        ef.run(posterior, ef.DEMCMove(), 8, 2, **REJECT, workers=workers)
 
 
 @posix
@@ -209,19 +211,18 @@ def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
             return [6.8 * np.sqrt(p["k"])]
 
     def chain(function, backend=None):
-        options = {"resume": backend is not None, "on_failure": "reject"}
-        posterior = posterior_of(function)
-        (sampler,) = ef.run(posterior, None, 8, 4, seed=1, backend=backend, **options)
-        assert not sampler.failures.causes
-        return sampler.get_chain()
+        stored = {"backend": backend, "resume": backend is not None}
+        run = ef.run(posterior_of(function), ef.DEMCMove(), 8, 4, **REJECT, **stored)
+        assert not run.failures.causes
+        return run[0].get_chain()
 
     with pytest.raises(driver.Unavailable, match="no licence"):
-        chain(solve, tmp_path / "run.chain")
+        chain(solve, tmp_path / "run.sqlite")
     free.touch()
     expected = chain(lambda p: [6.8 * np.sqrt(p["k"])])
-    np.testing.assert_array_equal(chain(solve, tmp_path / "run.chain"), expected)
-    # Starts and a generation were kept; 8 solves check that the model is the same.
-    assert solves.read_text().count("\n") < 20 + 8 + 3 * 8
+    np.testing.assert_array_equal(chain(solve, tmp_path / "run.sqlite"), expected)
+    # Starts and a generation were kept; 16 solves check that the model is the same.
+    assert solves.read_text().count("\n") < 20 + 16 + 3 * 8
 
 
 @posix
@@ -236,15 +237,16 @@ def test_an_emulation_without_a_licence_goes_on_when_there_is_one(driver, tmp_pa
             return [6.8 * np.sqrt(p["k"])]
 
     def emulate(function, backend=None):
-        options = {"backend": backend, "on_failure": "reject", "tolerance": 0.0}
-        return ef.emulate(posterior_of(function), 6, seed=1, **options)
+        stored = {"backend": backend, "resume": backend is not None}
+        options = {"on_failure": "reject", "tolerance": 0.0}
+        return ef.emulate(posterior_of(function), 6, seed=1, **options, **stored)
 
     with pytest.raises(driver.Unavailable, match="no licence"):
-        emulate(solve, tmp_path / "run.solves")
+        emulate(solve, tmp_path / "run.sqlite")
     free.touch()
     before = len(started)
-    resumed = emulate(solve, tmp_path / "run.solves")
-    assert resumed.solves == 6 and len(started) - before <= 6 - 3 + 1  # one probe
+    resumed = emulate(solve, tmp_path / "run.sqlite")
+    assert resumed.solves == 6 and len(started) - before <= 6  # three are probed
     theta = {"k": np.array([0.7, 1.2])}
     expected = emulate(lambda p: [6.8 * np.sqrt(p["k"])])(theta)
     np.testing.assert_array_equal(resumed(theta).frequencies, expected.frequencies)
@@ -273,19 +275,12 @@ def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
         with driver.finished_job(deck, shell(script), scratch=scratch) as folder:
             return driver.read_frequencies((folder / "job.dat").read_text(), 1)
 
-    (sampler,) = ef.run(
-        posterior_of(solve),
-        nwalkers=4,
-        nsteps=4,
-        seed=1,
-        workers=workers,
-        initial=[[0.9], [1.0], [1.1], [1.4]],
-        on_failure="reject",
-        max_failures=1.0,
-    )
-    causes = sampler.failures.causes
+    options = REJECT | {"workers": workers, "max_failures": 1.0}
+    starts = [[0.9], [1.0], [1.1], [1.4]]
+    run = ef.run(posterior_of(solve), ef.DEMCMove(), 4, 4, starts=starts, **options)
+    causes = run.failures.causes
     assert causes["exception"] == causes.total() > 0
-    assert (np.abs(sampler.get_chain() - 1.1) <= 0.3).all()
+    assert (np.abs(run[0].get_chain() - 1.1) <= 0.3).all()
     folders = (tmp_path / "folders").read_text().split()
     assert len(set(folders)) == len(folders) > causes.total()
     processes = {re.search(r"worker-(\d+)-", folder)[1] for folder in folders}
@@ -315,10 +310,9 @@ def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
     fake.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     (tmp_path / "own.inp").write_text(DAT)
-    found = driver.main(str(tmp_path / "own.inp"), modes=2)
-    np.testing.assert_allclose(found, [6.812013, 11.99526], rtol=1e-6)
-    printed = r"\[ *6\.81\d* +11\.99\d*\] Hz in \d+\.\d\d s"
-    assert re.match(printed, capsys.readouterr().out)
+    monkeypatch.setattr(sys, "argv", ["calculix_program.py", str(tmp_path / "own.inp")])
+    runpy.run_path(str(EXAMPLES / "calculix_program.py"), run_name="__main__")
+    assert re.match(r"\[6\.81\d*\] Hz", capsys.readouterr().out)
 
 
 def keyword(lines, name):

@@ -7,11 +7,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from support.figures import assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
-from emcee_femu.results.frequencies import running_tae
 
 LONG = (
     "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer may name it"
 )
+PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 2.0], 0.3)
+MODEL = ef.FunctionModel(lambda p: [p["a"], p["a"] + p["b"]], n_modes=2)
+TERM = ef.FrequencyTerm([1.0, 3.0], relative_sd=0.05)
+ANNEALED = ef.anneal(ef.LogPosterior(MODEL, TERM, PRIOR), 40, seed=1)
 MOVES = {
     "M-H": ef.MetropolisMove(sd=0.002),
     LONG: [(ef.DEMCMove(), 0.9), (ef.MetropolisMove(sd=0.05), 0.1)],
@@ -25,9 +28,7 @@ def measured_high(parameters, modes):
 
 
 def compared(term):
-    prior = ef.GaussianPrior(["a", "b"], [1.0, 2.0], 0.3)
-    model = ef.FunctionModel(lambda p: [p["a"], p["a"] + p["b"]], n_modes=2)
-    posterior = ef.LogPosterior(model, term, prior)
+    posterior = ef.LogPosterior(MODEL, term, PRIOR)
     return ef.compare_moves(posterior, MOVES, 8, 400, ensembles=2, seed=1)
 
 
@@ -39,7 +40,7 @@ def with_rows(comparison, rows, **fields):
 @pytest.fixture(scope="module")
 def comparison():
     """Two converged moves and one that crawls, whatever their chains are."""
-    found = compared(ef.FrequencyTerm([1.0, 3.0], relative_sd=0.05))
+    found = compared(TERM)
     first, *others = [row[:-1] for row in found.table.rows]
     rows = [(*first, "too short: 3 tau"), *((*row, "converged") for row in others)]
     return with_rows(found, rows)
@@ -50,7 +51,7 @@ def shown(axes):
 
 
 def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
-    axes = ef.plot_comparison(comparison).axes[0]
+    axes = ef.figures.plot_comparison(comparison).axes[0]
     column = comparison.table.column
     order = np.argsort(column("ESS per 1000"))
     values, errors = (np.array(column(t))[order] for t in ("ESS per 1000", "+-"))
@@ -70,11 +71,11 @@ def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
 
 
 def test_the_legend_explains_hatched_bars(comparison):
-    figure = ef.plot_comparison(comparison)
+    figure = ef.figures.plot_comparison(comparison)
     trust = "not converged, so the number cannot be trusted"
     assert legend(figure) == ["converged", trust]
     rows = [(*row[:-1], "converged") for row in comparison.table.rows]
-    figure = ef.plot_comparison(with_rows(comparison, rows))
+    figure = ef.figures.plot_comparison(with_rows(comparison, rows))
     assert legend(figure) == ["converged"]
     assert figure.axes[1].get_title() == "same colours"
 
@@ -82,14 +83,15 @@ def test_the_legend_explains_hatched_bars(comparison):
 def test_error_curves_are_those_of_the_kept_steps_in_the_colours_of_the_bars(
     comparison,
 ):
-    bars, axes = ef.plot_comparison(comparison).axes
+    bars, axes = ef.figures.plot_comparison(comparison).axes
     edge = {
         label.split(" (")[0]: to_hex(bar.get_edgecolor())
         for label, bar in zip(shown(bars), bars.patches, strict=True)
     }
     assert len(set(edge.values())) == len(axes.lines) == len(MOVES)
     for line, (label, idata) in zip(axes.lines, comparison.idata.items(), strict=True):
-        generations, tae = running_tae(idata, comparison.posterior)
+        whole = ef.figures.plot_tae(idata, comparison.posterior).axes[0].lines[0]
+        generations, tae = whole.get_data()
         assert generations[0] == 101  # a quarter of 400 was dropped
         assert_array_equal(line.get_xdata(), generations - 100)
         assert_array_equal(line.get_ydata(), tae)
@@ -101,7 +103,7 @@ def test_error_curves_are_those_of_the_kept_steps_in_the_colours_of_the_bars(
 def test_nothing_is_clipped_and_the_headline_is_the_conclusion(comparison):
     long = f"No winner: {LONG} 40 +- 3 and {LONG} 38 +- 2 are within.\nMore."
     for item in (comparison, dataclasses.replace(comparison, conclusion=long)):
-        figure = ef.plot_comparison(item)
+        figure = ef.figures.plot_comparison(item)
         headline = figure.get_suptitle()
         assert headline.replace("\n", " ") == item.conclusion.splitlines()[0]
         assert_nothing_is_clipped(
@@ -120,7 +122,7 @@ def test_many_long_labels_and_bars_are_not_clipped(comparison):
     cells = [row[1:] for row in 4 * comparison.table.rows]
     rows = [(label, *row) for label, row in zip(labels, cells, strict=True)]
     idata = dict.fromkeys(labels, comparison.idata["DE-MC"])
-    figure = ef.plot_comparison(with_rows(comparison, rows, idata=idata))
+    figure = ef.figures.plot_comparison(with_rows(comparison, rows, idata=idata))
     assert_nothing_is_clipped(figure)
     bars = figure.axes[0]
     assert len({bar.get_edgecolor() for bar in bars.patches}) == 12
@@ -129,11 +131,49 @@ def test_many_long_labels_and_bars_are_not_clipped(comparison):
 
 
 def test_without_measured_frequencies_there_is_one_panel():
-    figure = ef.plot_comparison(compared(measured_high))
+    figure = ef.figures.plot_comparison(compared(measured_high))
     assert len(figure.axes) == 1
     assert_nothing_is_clipped(figure)
 
 
-def test_anything_else_is_refused():
-    with pytest.raises(TypeError, match="comparison: expected what compare_moves ret"):
-        ef.plot_comparison({})
+def evidence(value, error):
+    """Return an evidence that was found elsewhere."""
+    known = ef.log_evidence(ANNEALED)
+    return dataclasses.replace(known, log_evidence=value, log_evidence_error=error)
+
+
+def drawn(**classes):
+    found = {name: evidence(*pair) for name, pair in classes.items()}
+    return ef.figures.plot_model_comparison(ef.compare_models(found))
+
+
+def test_points_bars_and_probabilities_are_those_of_the_table():
+    figure = drawn(a=(-3.0, 0.3), b=(-1.0, 0.4), c=(-1.2, 0.1))
+    left, right = figure.axes
+    points = [c.lines[0] for c in left.containers]
+    assert [line.get_xdata()[0] for line in points] == [0.0, pytest.approx(-0.2), -2.0]
+    assert [t.get_text() for t in left.get_yticklabels()] == ["b", "c", "a"]
+    assert [to_hex(line.get_mfc()) == "#ffffff" for line in points] == [
+        False,
+        True,
+        False,
+    ]
+    segment = left.containers[2].lines[2][0].get_segments()[0]
+    assert_allclose(segment[:, 0], [-3.0, -1.0])  # two combined errors
+    odds = np.exp([0.0, -0.2, -2.0])
+    widths = [bar.get_width() for bar in right.patches]
+    assert_allclose(widths, odds / odds.sum())
+    assert figure.get_suptitle().startswith("Undecided between b and c")
+
+
+def test_what_has_no_error_has_no_bar_and_says_so():
+    left = drawn(a=(-3.0, np.inf), b=(-1.0, 0.4)).axes[0]
+    assert [t.get_text() for t in left.texts] == ["no error can be claimed"]
+    assert not left.containers[1].has_xerr
+
+
+def test_a_hopeless_class_is_named_and_does_not_hide_the_others():
+    left, right = drawn(a=(-10.0, 0.1), b=(-10.5, 0.1), c=(-900.0, 0.1)).axes
+    assert left.get_xlim()[0] > -3
+    assert [text.get_text() for text in left.texts] == ["-890, far left"]
+    assert [text.get_text() for text in right.texts] == ["0.622", "0.378", "< 0.001"]

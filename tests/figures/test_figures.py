@@ -3,15 +3,11 @@ import pytest
 import xarray
 from matplotlib.patches import Ellipse
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+from support.chains import dataset, wrap
 from support.figures import assert_nothing_is_clipped, legend, visible_texts
 
 import emcee_femu as ef
-from emcee_femu import plot_correlation, plot_scatter, plot_tae
-from emcee_femu.figures import plot_proposals
-from emcee_femu.figures.ellipses import covariance_ellipse
-from emcee_femu.figures.scatter import MOST_POINTS
-from emcee_femu.results.arviz_objects import dataset, samples, wrap
-from emcee_femu.results.frequencies import running_tae
 
 PROBLEMS = {
     "h_structure": ef.paper.h_structure(),
@@ -21,14 +17,22 @@ CORRELATED = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
 MIXED = {"stiff": 1e3, "alpha": 2e-8, "x": 3.0, "big": 4e6, "long_name": 1e-3}
 
 
+MOST_POINTS = 4_000  # drawn in a panel
+
+
 @pytest.fixture(scope="module")
 def runs():
     return {
-        name: ef.to_inference_data(
-            ef.run(problem.posterior, None, 24, 200, seed=1), problem.posterior
-        )
+        name: ef.run(problem.posterior, ef.DEMCMove(), 24, 200, seed=1, ensembles=1)
         for name, problem in PROBLEMS.items()
     }
+
+
+def samples(idata):
+    """Return names and draws ``(n, d)``."""
+    group = dataset(idata, "posterior")
+    names = list(group.attrs.get("sampled", group.data_vars))
+    return names, np.column_stack([group[name].values.ravel() for name in names])
 
 
 def made(values, bounds=None, **attributes):
@@ -66,23 +70,38 @@ def powers(draws):
     return 10.0 ** np.floor(np.log10(np.abs(draws).max(axis=0)))
 
 
+def share_inside(points, ellipse):
+    angle = np.radians(ellipse.angle)
+    axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    semi_axes = np.array([ellipse.width, ellipse.height]) / 2
+    along = (points - ellipse.center) @ axes.T / semi_axes
+    return ((along * along).sum(axis=1) <= 1).mean()
+
+
 @pytest.mark.parametrize("probability", [0.95, 0.5])
 @pytest.mark.parametrize("d", [1, 2, 3, 5])
 def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
     idata = gaussian(d, n=1500)  # more samples than points are drawn
-    figure = plot_scatter(idata, probability=probability)
-    draws = samples(idata)[1].reshape(-1, d)
+    figure = ef.figures.plot_scatter(idata, probability=probability)
+    draws = samples(idata)[1]
     assert len(draws) > MOST_POINTS
     draws = draws / np.where([k in (1, 3, 4) for k in range(d)], powers(draws), 1)
     found = ellipses(figure, d)
     assert set(found) == {(row, left) for row in range(d) for left in range(row)}
     for (row, left), patch in found.items():
         pair = draws[:, [left, row]]
-        expected = covariance_ellipse(pair, probability)
-        assert_allclose(patch.center, expected.centre, rtol=1e-12)
-        sizes = [patch.width, patch.height]
-        assert_allclose(sizes, 2 * expected.semi_axes, rtol=1e-9)
-        assert_allclose(patch.angle % 180, expected.angle % 180, atol=1e-6)
+        assert_allclose(patch.center, pair.mean(axis=0), rtol=1e-12)
+        covariance = np.cov(pair.T)
+        radius = stats.chi2.ppf(probability, 2)
+        sizes = [patch.height, patch.width]
+        expected = 2 * np.sqrt(radius * np.linalg.eigvalsh(covariance))
+        assert_allclose(sizes, expected, rtol=1e-6)
+        # Mahalanobis distances, without angle and axes
+        offsets = pair - pair.mean(axis=0)
+        squares = np.einsum("ni,ij,nj->n", offsets, np.linalg.inv(covariance), offsets)
+        inside = (squares <= radius).mean()
+        assert abs(share_inside(pair, patch) - inside) < 1e-3
+        assert abs(inside - probability) < 0.05  # a Gaussian
         assert not patch.get_fill()
         assert patch.get_edgecolor()[0] > 0.7 > 0.3 > patch.get_edgecolor()[1]  # red
         points = set(map(tuple, figure.axes[row * d + left].lines[0].get_xydata()))
@@ -92,10 +111,10 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
 
 def test_axes_carry_names_units_and_powers_of_ten(runs):
     problem = PROBLEMS["h_structure"]
-    figure = plot_scatter(runs["h_structure"], units=problem.units)
+    figure = ef.figures.plot_scatter(runs["h_structure"], units=problem.units)
     panels = np.array(figure.axes).reshape(6, 6)
-    names, chains = samples(runs["h_structure"])
-    exponents = np.log10(powers(chains.reshape(-1, 6))).round().astype(int)
+    names, draws = samples(ef.to_inference_data(runs["h_structure"]))
+    exponents = np.log10(powers(draws)).round().astype(int)
     assert set(exponents[:3]) <= {-8, -7} and set(exponents[3:]) <= {-4, -3}
     labels = [
         f"{name} [$10^{{{exponent}}}$ {problem.units[name]}]"
@@ -103,13 +122,13 @@ def test_axes_carry_names_units_and_powers_of_ten(runs):
     ]
     assert [panel.get_xlabel() for panel in panels[-1]] == labels
     assert [panel.get_ylabel() for panel in panels[1:, 0]] == labels[1:]
-    plain = plot_scatter(gaussian(3), units={"stiff": "N/m"})
+    plain = ef.figures.plot_scatter(gaussian(3), units={"stiff": "N/m"})
     labels = [axes.get_xlabel() for axes in plain.axes[-3:]]
     assert labels == ["stiff [N/m]", "alpha [$10^{-7}$]", "x"]
 
 
 def test_truths_are_marked_on_the_scaled_axes():
-    figure = plot_scatter(gaussian(3), truths={"alpha": 1.1e-7, "x": 14.0})
+    figure = ef.figures.plot_scatter(gaussian(3), truths={"alpha": 1.1e-7, "x": 14.0})
     panels = np.array(figure.axes).reshape(3, 3)
     marks = [
         [list(np.ravel(line.get_xdata())) for line in panels[k, k].lines]
@@ -123,19 +142,24 @@ def test_truths_are_marked_on_the_scaled_axes():
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_nothing_is_clipped_and_the_samples_are_not_modified(runs, name):
-    problem, idata = PROBLEMS[name], runs[name]
+    problem, idata = PROBLEMS[name], ef.to_inference_data(runs[name])
     names, before = samples(idata)
-    scatter = plot_scatter(idata, units=problem.units, truths=problem.nominal)
+    scatter = ef.figures.plot_scatter(
+        idata, units=problem.units, truths=problem.nominal
+    )
     assert_nothing_is_clipped(scatter, "95 % ellipse", "samples")
     labels = {text.get_text().split(" ")[0] for text in visible_texts(scatter)}
     assert set(names) <= labels
     axis_label = "total average error of the mean so far (%)"
     both = {"all": idata, "a rather long label": idata}
-    end = f"ends at {running_tae(idata, problem.posterior)[1][-1]:.3g} %"
-    for curves, expected in [(idata, [end]), (both, [f"{k}, {end}" for k in both])]:
-        figure = plot_tae(curves, problem.posterior)
+    end = ef.frequency_table(runs[name]).column("error % ")[-1]
+    for curves, labels in [(idata, [""]), (both, [f"{k}, " for k in both])]:
+        figure = ef.figures.plot_tae(curves, problem.posterior)
+        expected = [f"{label}ends at {end:.3g} %" for label in labels]
         assert_nothing_is_clipped(figure, "generation", axis_label, *expected)
-    assert_nothing_is_clipped(plot_correlation(idata), "correlation", "1.00", *names)
+    assert_nothing_is_clipped(
+        ef.figures.plot_correlation(idata), "correlation", "1.00", *names
+    )
     assert_array_equal(samples(idata)[1], before)
 
 
@@ -144,34 +168,30 @@ def test_few_parameters_and_long_names_are_not_clipped(d):
     idata = gaussian(d)
     before = dataset(idata, "posterior").copy(deep=True)
     units = {"long_name": "kg m²/rad"} if d == 5 else None
-    assert_nothing_is_clipped(plot_scatter(idata, units=units), "95 % ellipse")
-    assert_nothing_is_clipped(plot_correlation(idata), *list(MIXED)[:d])
+    assert_nothing_is_clipped(
+        ef.figures.plot_scatter(idata, units=units), "95 % ellipse"
+    )
+    assert_nothing_is_clipped(ef.figures.plot_correlation(idata), *list(MIXED)[:d])
     assert dataset(idata, "posterior").identical(before)
 
 
-def test_tae_curves_are_the_running_errors(runs):
-    idata, posterior = runs["mass_spring"], PROBLEMS["mass_spring"].posterior
-    generations, tae = running_tae(idata, posterior)
-    single = plot_tae(idata, posterior).axes[0]
-    several = plot_tae({"a": idata, "b": idata}, posterior).axes[0]
-    end = f"ends at {tae[-1]:.3g} %"
-    for axes, labels in [(single, [end]), (several, [f"a, {end}", f"b, {end}"])]:
-        shown = axes.get_legend().get_texts()
-        assert [text.get_text() for text in shown] == labels
-        assert len(axes.lines) == len(labels)
-        for line in axes.lines:
-            assert_array_equal(line.get_xydata(), np.column_stack([generations, tae]))
-        decade = tae.max() > 10 * tae.min()
-        assert axes.get_xscale() == "log"
-        assert axes.get_yscale() == ("log" if decade else "linear")
+def test_several_tae_curves_are_those_of_one(runs):
+    run = runs["mass_spring"]
+    single = ef.figures.plot_tae(run).axes[0]
+    several = ef.figures.plot_tae(
+        {"a": run, "b": ef.to_inference_data(run)}, PROBLEMS["mass_spring"].posterior
+    ).axes[0]
+    for line in several.lines:
+        assert_array_equal(line.get_xydata(), single.lines[0].get_xydata())
+    assert single.get_xscale() == "log"
 
 
 @pytest.mark.parametrize("d", [1, 2, 5])
 def test_correlation_map_shows_the_correlations(d):
     idata = gaussian(d)
-    axes = plot_correlation(idata).axes[0]
-    names, chains = samples(idata)
-    expected = np.corrcoef(chains.reshape(-1, d).T).reshape(d, d)
+    axes = ef.figures.plot_correlation(idata).axes[0]
+    names, draws = samples(idata)
+    expected = np.corrcoef(draws.T).reshape(d, d)
     assert_allclose(axes.images[0].get_array(), expected, rtol=0, atol=1e-12)
     assert axes.images[0].get_clim() == (-1, 1)
     found = {text.get_position(): text.get_text() for text in axes.texts}
@@ -182,29 +202,17 @@ def test_correlation_map_shows_the_correlations(d):
 
 
 def test_proposals_show_both_moves():
-    figure = plot_proposals()
+    figure = ef.figures.plot_proposals()
     titles = [axes.get_title().split(":")[0] for axes in figure.axes]
     assert titles == ["Metropolis-Hastings", "DE-MC"]
     assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")
-
-
-@pytest.mark.parametrize("argument", ["units", "truths"])
-def test_unknown_names_are_refused(argument):
-    with pytest.raises(ValueError, match=rf"{argument}: no parameter \['z'\]; there"):
-        plot_scatter(gaussian(2), **{argument: {"z": 1}})
-
-
-@pytest.mark.parametrize("probability", [0.0, 1.0, 95, np.nan])
-def test_a_probability_is_between_0_and_1(probability):
-    with pytest.raises(ValueError, match="probability: expected"):
-        plot_scatter(gaussian(1), probability=probability)
 
 
 def test_a_constant_parameter_is_refused_by_name():
     idata = gaussian(3)
     dataset(idata, "posterior")["alpha"][:] = 2e-8
     with pytest.raises(ValueError, match="every sample of 'alpha' is 2e-08"):
-        plot_scatter(idata)
+        ef.figures.plot_scatter(idata)
 
 
 @pytest.fixture
@@ -218,7 +226,7 @@ def positive():
 
 
 def test_axes_and_histograms_end_at_the_priors_bounds(positive):
-    figure = plot_scatter(positive, truths={"x": 9.0})
+    figure = ef.figures.plot_scatter(positive, truths={"x": 9.0})
     panels = np.array(figure.axes).reshape(2, 2)
     assert panels[1, 0].get_ylim() == panels[1, 1].get_xlim() == (0.0, 2.5)
     edges = np.concatenate([p.get_xy()[:, 0] for p in panels[1, 1].patches])
@@ -232,10 +240,12 @@ def test_axes_and_histograms_end_at_the_priors_bounds(positive):
 
 def test_derived_quantities_are_drawn_when_asked_for(positive):
     units = {"error": "%"}
-    assert len(plot_scatter(positive, units=units).axes) == 4
-    assert len(plot_correlation(positive).axes[0].texts) == 4
+    assert len(ef.figures.plot_scatter(positive, units=units).axes) == 4
+    assert len(ef.figures.plot_correlation(positive).axes[0].texts) == 4
     chosen = {"var_names": ["twice", "error"]}
-    panels = plot_scatter(positive, units=units, truths={"x": 1.0}, **chosen).axes
+    panels = ef.figures.plot_scatter(
+        positive, units=units, truths={"x": 1.0}, **chosen
+    ).axes
     assert [axes.get_xlabel() for axes in panels[2:]] == ["twice", "error [%]"]
-    texts = plot_correlation(positive, **chosen).axes[0].texts
+    texts = ef.figures.plot_correlation(positive, **chosen).axes[0].texts
     assert [text.get_text() for text in texts] == 4 * ["1.00"]

@@ -5,18 +5,17 @@ import pytest
 import xarray
 from matplotlib.colors import to_hex
 from numpy.testing import assert_allclose
+from support.chains import dataset, wrap
 from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
-from emcee_femu.figures.colours import BLUE, RED
-from emcee_femu.figures.predictive import plot_predictive
-from emcee_femu.results.arviz_objects import dataset, wrap
 
 MEASURED = np.array([10.0, 20.0, 40.0])
 UPDATED = "updated model: mean (circle), 95 % interval"
 BEFORE, BAND = "before updating: prior mean", "measured ± 2 sd"
 NEW = "95 % of new measurements"
-PRIOR = ef.IndependentPrior({"a": ef.posterior.priors.uniform_between(0, 1)})
+RED, BLUE = "#c8102e", "#1f5fa8"
+PRIOR = ef.IndependentPrior({"a": (0, 1)})
 
 
 def made(measured, unit, coords, initial, extra=(), name="frequency", noise=0.0):
@@ -84,7 +83,7 @@ def line(axes, **wanted):
 
 def test_intervals_means_and_initial_values_are_deviations_in_percent():
     idata, measured = modal(initial=np.array([1.05, 0.97, 1.0]))
-    figure = plot_predictive(idata)
+    figure = ef.figures.plot_predictive(idata)
     (axes,) = figure.axes
     percent = 100 * (draws(idata) / measured - 1)
     expected = np.quantile(percent, [0.025, 0.975], axis=0).T
@@ -105,7 +104,7 @@ def test_another_quantity_is_drawn_in_its_unit_at_its_coordinates():
     measured = np.array([[1.5, 3.0, 2.0], [-0.5, 0.8, -1.0]])
     coords = {"case": ["snow", "wind"], "point": ["left", "middle", "right"]}
     idata = made(measured, "mm", coords, np.ones((2, 3)), (), "deflection", noise=0.1)
-    figure = plot_predictive(idata, posterior(MEASURED, beta=1.0))
+    figure = ef.figures.plot_predictive(idata, posterior(MEASURED, beta=1.0))
     (axes,) = figure.axes
     for label, group in ((UPDATED, "response"), (NEW, "posterior_predictive")):
         values = draws(idata, "deflection", group) - measured.ravel()
@@ -127,7 +126,7 @@ def test_another_quantity_is_drawn_in_its_unit_at_its_coordinates():
 
 def test_a_single_number_needs_no_place():
     idata = made(5.0, "t", {}, 4.0, (), "mass")
-    (axes,) = plot_predictive(idata).axes
+    (axes,) = ef.figures.plot_predictive(idata).axes
     assert axes.get_xlabel() == "measured mass"
     assert [label.get_text() for label in axes.get_xticklabels()] == ["5 t"]
 
@@ -135,7 +134,7 @@ def test_a_single_number_needs_no_place():
 def test_many_points_share_the_labels():
     points = np.arange(100)
     idata = made(2.0 + points, "", {"point": points}, 2.0 + points, (), "strain")
-    figure = plot_predictive(idata)
+    figure = ef.figures.plot_predictive(idata)
     assert len(figure.axes[0].get_xticks()) == 20
     assert figure.axes[0].get_ylabel() == "deviation from the\nmeasured strain"
     assert_nothing_is_clipped(figure)
@@ -145,7 +144,7 @@ def test_many_points_share_the_labels():
 def test_the_band_is_two_measured_standard_deviations():
     idata, measured = modal()
     sd = np.array([0.1, 0.4, 0.2])
-    figure = plot_predictive(idata, posterior(measured, sd=sd))
+    figure = ef.figures.plot_predictive(idata, posterior(measured, sd=sd))
     bars = figure.axes[0].patches
     bottoms = [bar.get_y() for bar in bars]
     assert_allclose(bottoms, -200 * sd / measured, rtol=1e-9)
@@ -165,14 +164,18 @@ def test_each_experiment_has_its_panel_with_its_own_band():
         for name, value in sd.items()
     }
     joint = ef.LogPosterior.joint(given, prior)
-    idata = ef.to_inference_data(ef.run(joint, nsteps=20, seed=1), joint)
-    figure = plot_predictive(idata, joint)
+    idata = ef.to_inference_data(
+        ef.run(joint, ef.DEMCMove(), steps=20, ensembles=1, seed=1), joint
+    )
+    figure = ef.figures.plot_predictive(idata, joint)
     for axes, (name, value) in zip(figure.axes, sd.items(), strict=True):
         assert axes.get_title().startswith(f"{name}.frequency: mean error ")
         assert axes.get_xlabel() == f"measured mode, its {name}.frequency"
         heights = [bar.get_height() for bar in axes.patches]
         assert_allclose(heights, 400 * value / np.array([10.0, 30.0]), rtol=1e-9)
-    errors = ef.plot_tae(idata, joint, "loaded").axes[0].get_legend().get_texts()
+    errors = (
+        ef.figures.plot_tae(idata, joint, "loaded").axes[0].get_legend().get_texts()
+    )
     final = figure.axes[1].get_title().split(", ")[1].removesuffix(" % updated")
     assert float(final) == pytest.approx(float(errors[0].get_text().split()[2]), 0.05)
     assert legend(figure).count(BAND) == 1
@@ -182,7 +185,7 @@ def test_each_experiment_has_its_panel_with_its_own_band():
 
 def test_initial_values_far_away_are_arrows_with_numbers():
     idata, _ = modal(initial=np.array([1.6, 1.01, 0.3]))
-    axes = plot_predictive(idata).axes[0]
+    axes = ef.figures.plot_predictive(idata).axes[0]
     assert_allclose(line(axes, marker="D").get_ydata(), [1.0], rtol=1e-9)
     arrows = {text.get_text(): text for text in axes.texts}
     assert set(arrows) == {"before:\n+60 %", "before:\n-70 %"}
@@ -198,7 +201,7 @@ def test_initial_values_far_away_are_arrows_with_numbers():
 @pytest.mark.parametrize("factor", np.linspace(1.02, 1.3, 8))
 def test_an_initial_value_is_inside_the_frame_or_an_arrow_beyond_it(factor):
     idata, _ = modal(initial=np.array([factor, 1.09, 2 - factor]))
-    axes = plot_predictive(idata).axes[0]
+    axes = ef.figures.plot_predictive(idata).axes[0]
     low, high = axes.get_ylim()
     drawn = line(axes, marker="D").get_ydata()
     assert ((low < drawn) & (drawn < high)).all()
@@ -209,7 +212,7 @@ def test_an_initial_value_is_inside_the_frame_or_an_arrow_beyond_it(factor):
 
 def test_below_stand_mac_and_the_paired_mode():
     idata, measured = modal(with_mac=True)
-    top, bottom = plot_predictive(idata).axes
+    top, bottom = ef.figures.plot_predictive(idata).axes
     mac = draws(idata, "mac")
     (lines,) = bottom.collections
     expected = np.quantile(mac, [0.025, 0.975], axis=0).T
@@ -226,19 +229,12 @@ def test_below_stand_mac_and_the_paired_mode():
     assert top.get_xlim() == bottom.get_xlim()
 
 
-def test_a_share_below_one_is_never_rounded_to_all():
-    mode = np.ones((4, 1000, 1))
-    mode[2, 7] = 2
-    label = ef.figures.predictive._partner(mode.astype(int).ravel())
-    assert label == "model's 1\nin 99.9 %"
-
-
 @pytest.mark.parametrize("with_mac", [False, True])
 @pytest.mark.parametrize("m", [1, 3, 12])
 def test_nothing_is_clipped_and_no_texts_overlap(m, with_mac):
     initial = np.resize([1.5, 1.01, 0.4, 1.02, 0.98], m)
     idata, measured = modal(m, initial, with_mac, noise=0.2)
-    figure = plot_predictive(idata, posterior(measured, sd=0.01 * measured))
+    figure = ef.figures.plot_predictive(idata, posterior(measured, sd=0.01 * measured))
     expected = ["deviation from the\nmeasured frequency (%)"]
     expected += [UPDATED, BEFORE, BAND, NEW]
     expected += ["MAC\n(1: same shape)"] if with_mac else []
@@ -248,16 +244,16 @@ def test_nothing_is_clipped_and_no_texts_overlap(m, with_mac):
 
 def test_the_paper_is_drawn_with_its_frequencies():
     problem = ef.paper.mass_spring()
-    runs = ef.run(problem.posterior, None, 24, 200, seed=1)
+    runs = ef.run(problem.posterior, ef.DEMCMove(), 24, 200, seed=1, ensembles=1)
     idata = ef.to_inference_data(runs, problem.posterior, discard=100)
     before = dataset(idata, "response").copy(deep=True)
-    figure = plot_predictive(idata, problem.posterior)
+    figure = ef.figures.plot_predictive(idata, problem.posterior)
     assert_nothing_is_clipped(figure, "1\n3.507 Hz", "5\n9.426 Hz", NEW)
     assert dataset(idata, "response").identical(before)
 
 
 def test_a_prior_mean_that_cannot_be_solved_is_left_out():
-    axes = plot_predictive(modal(initial=np.full(3, np.nan))[0]).axes[0]
+    axes = ef.figures.plot_predictive(modal(initial=np.full(3, np.nan))[0]).axes[0]
     assert not axes.texts and not len(line(axes, marker="D").get_xdata())
     assert "prior mean" not in axes.get_title()
 
@@ -265,13 +261,5 @@ def test_a_prior_mean_that_cannot_be_solved_is_left_out():
 def test_an_exact_fit_has_a_frame_of_its_own():
     idata, measured = modal(initial=1.0)
     dataset(idata, "response")["frequency"].values[:] = measured
-    low, high = plot_predictive(idata).axes[0].get_ylim()
+    low, high = ef.figures.plot_predictive(idata).axes[0].get_ylim()
     assert low < 0 < high
-
-
-def test_something_measured_is_needed():
-    model = ef.FunctionModel(lambda p: MEASURED, n_modes=3)
-    bare = ef.LogPosterior(model, lambda p, modes: 0 * p["a"], PRIOR)
-    runs = ef.run(bare, None, 8, 4, seed=1)
-    with pytest.raises(ValueError, match="no likelihood term says what it measured"):
-        plot_predictive(ef.to_inference_data(runs, bare))

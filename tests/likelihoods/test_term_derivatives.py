@@ -1,18 +1,17 @@
-"""Gradients, scores and deviations of the terms, for all their options."""
+"""Gradient and Fisher information of the terms, for all their options."""
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import stats
+from support.gradients import MEASURED, SHAPES, Derived, modes, numerical
 
 import emcee_femu as ef
-from emcee_femu.interfaces import PairedSolution, Pairing
-from tests.support.gradients import MEASURED, SHAPES, Derived, modes, numerical
 
-COVARIANCE = (
-    np.diag([0.02, 0.03, 0.05]) @ (0.6 + 0.4 * np.eye(3)) @ np.diag([0.02, 0.03, 0.05])
-)
+SD = np.diag([0.02, 0.03, 0.05])
+COVARIANCE = SD @ (0.6 + 0.4 * np.eye(3)) @ SD
 SENSORS = np.random.default_rng(1).uniform(0.1, 0.3, SHAPES.shape)
+SOME = ef.Measurements(MEASURED, shapes=SHAPES[[2, 0]], dofs=[2, 0])
 TERMS = {
     "beta": ef.FrequencyTerm(MEASURED, beta=[1e4, 2e4, 5e3]),
     "fewer modes": ef.FrequencyTerm(MEASURED[:2], sd=[0.02, 0.03]),
@@ -28,115 +27,90 @@ TERMS = {
     "sensors": ef.ShapeTerm(SHAPES, sd=SENSORS),
     "fewer shapes": ef.ShapeTerm(SHAPES[:, :2], sd=SENSORS[:, :2]),
     "one sensor moves": ef.ShapeTerm([[-1.0], [0.0], [0.0], [0.0]], delta=0.5),
-    "some sensors": ef.ShapeTerm(
-        ef.Measurements(MEASURED, shapes=SHAPES[[2, 0]], dofs=[2, 0]), delta=0.1
-    ),
+    "some sensors": ef.ShapeTerm(SOME, delta=0.1),
+    "displacement": ef.DisplacementTerm(SHAPES.T, sd=0.2),
+    "displacement, discrepancy": ef.DisplacementTerm(SHAPES.T, discrepancy="s"),
 }
 THETA = np.random.default_rng(2).uniform([0.8, 0.8, 0.05], [1.3, 1.3, 0.2], (5, 3))
-PARAMETERS = dict(zip(("a", "b", "s"), THETA.T, strict=True))
+FLAT = {"a": (0.5, 2.0), "b": (0.5, 2.0), "s": (1e-3, 1.0)}
 
 
-def tangents_at(parameters, sign=1.0):
-    """Return the response of Derived, its shapes scaled, and all derivatives."""
-    solution, by_name = Derived().jacobian(parameters)
-    n = len(parameters["a"])
-    found = {
-        name: np.tile(unit, (n, 1)) for name, unit in zip("abs", np.eye(3), strict=True)
+class Scaled:
+    """Shapes times a factor, which does not matter, and shapes as displacements."""
+
+    names = ("a", "b", "s")
+    variables = ef.modal_variables(3, range(4)) | {
+        "displacement": ef.Variable({"load_case": range(3), "point": range(4)})
     }
-    for variable, by in by_name.items():
-        parts = [by["a"], by["b"], np.zeros_like(by["a"])]
-        found[variable] = np.stack(parts, axis=-1)
-    found["shapes"] = sign * found["shapes"]
-    response = {"frequency": solution.frequencies, "shapes": sign * solution.shapes}
-    return response, found
+
+    def __init__(self, sign):
+        self.sign = sign
+
+    def __call__(self, parameters):
+        return self.jacobian(parameters)[0]
+
+    def jacobian(self, parameters):
+        solution, slopes = Derived().jacobian(parameters)
+
+        def extended(frequency, shapes):
+            moved = shapes.swapaxes(1, 2)
+            scaled = self.sign * shapes
+            return {"frequency": frequency, "shapes": scaled, "displacement": moved}
+
+        by_name = {n: extended(*(by[n] for by in slopes.values())) for n in "ab"}
+        by_variable = {
+            variable: {name: by_name[name][variable] for name in "ab"}
+            for variable in self.variables
+        }
+        return extended(solution.frequencies, solution.shapes), by_variable
 
 
-def log_likelihood(term, sign=1.0):
-    def function(theta):
-        frequencies, shapes = modes(theta[:, 0], theta[:, 1])
-        response = {"frequency": frequencies, "shapes": sign * shapes}
-        return term({"s": theta[:, 2]}, response)
-
-    return function
+def posterior_of(term, sign=1.0):
+    return ef.LogPosterior(Scaled(sign), term, ef.IndependentPrior(FLAT))
 
 
 @pytest.mark.parametrize("sign", [1.0, -3.0])
 @pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
 def test_the_gradient_is_that_of_the_log_likelihood(term, sign):
-    response, tangents = tangents_at(PARAMETERS, sign)
-    gradient, _ = term.linearize(PARAMETERS, response, tangents)
-    expected = numerical(log_likelihood(term, sign), THETA)
+    posterior = posterior_of(term, sign)
+    gradient = posterior.gradient(THETA)[1]
+    expected = numerical(lambda theta: posterior(theta)[:, 2], THETA)
     assert_allclose(gradient, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
-def test_deviations_hold_all_but_a_constant_of_the_log_likelihood(term):
-    response, _ = tangents_at(PARAMETERS)
-    deviations, sd = term.deviations(PARAMETERS, response)
-    assert deviations.shape == sd.shape
-    left = term(PARAMETERS, response) - stats.norm.logpdf(deviations, 0, sd).sum(axis=1)
-    assert_allclose(left, left[0], rtol=0, atol=1e-11)
+def test_the_information_is_fishers_of_the_deviations(term):
+    """That of a Gaussian: dmu dmu / sigma^2 + 2 dsigma dsigma / sigma^2."""
+    posterior = posterior_of(term)
 
+    def deviations(theta):
+        parameters = dict(zip("abs", theta.T, strict=True))
+        return term.deviations(parameters, posterior.model(parameters))
 
-@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
-def test_the_scores_are_the_derivatives_of_mean_and_deviation(term):
-    """Fisher's of a Gaussian: dmu dmu / sigma^2 + 2 dsigma dsigma / sigma^2."""
-    response, tangents = tangents_at(PARAMETERS)
-    _, scores = term.linearize(PARAMETERS, response, tangents)
-    sd = term.deviations(PARAMETERS, response)[1]
-
-    def part(which):
-        def function(theta):
-            frequencies, shapes = modes(theta[:, 0], theta[:, 1])
-            response = {"frequency": frequencies, "shapes": shapes}
-            return term.deviations({"s": theta[:, 2]}, response)[which]
-
-        return function
-
-    slopes = [numerical(part(which), THETA).swapaxes(1, 2) for which in (0, 1)]
-    means, sds = (slope / sd[:, :, None] for slope in slopes)
-    information = means.swapaxes(1, 2) @ means + 2 * sds.swapaxes(1, 2) @ sds
-    found = scores.swapaxes(1, 2) @ scores
-    assert_allclose(found, information, rtol=1e-6, atol=1e-6 * np.abs(found).max())
+    r, sd = deviations(THETA)
+    normal = stats.norm.logpdf(r, 0, sd).sum(axis=1)
+    assert_allclose(np.ptp(posterior(THETA)[:, 2] - normal), 0, atol=1e-11)
+    slopes = [numerical(lambda x, i=i: deviations(x)[i], THETA) for i in (0, 1)]
+    means, sds = (slope.swapaxes(1, 2) / sd[:, :, None] for slope in slopes)
+    expected = means.swapaxes(1, 2) @ means + 2 * sds.swapaxes(1, 2) @ sds
+    information = posterior.linearize(THETA).information
+    scale = np.abs(expected).max()
+    assert_allclose(information, expected, rtol=1e-6, atol=1e-6 * scale)
 
 
 def test_fisher_information_is_the_mean_square_of_the_gradient():
     """Over data drawn from the model; the shape of each mode has three ways to err."""
-    rng, delta, n = np.random.default_rng(3), 0.01, 4000
-    at = {name: value[:1] for name, value in PARAMETERS.items()} | {"s": [delta]}
-    at["s"] = np.array(at["s"])
-    response, tangents = tangents_at(at)
-    true = response["shapes"][0] / np.linalg.norm(response["shapes"][0], axis=0)
+    rng, delta, n = np.random.default_rng(3), 0.01, 150
+    theta = np.array([[*THETA[0, :2], delta]])
+    truth = modes(*theta[:, :2].T)[1][0]
+    truth /= np.linalg.norm(truth, axis=0)
     gradients = []
     for _ in range(n):
-        term = ef.ShapeTerm(
-            true + delta * rng.standard_normal(true.shape), discrepancy="s"
-        )
-        gradients.append(term.linearize(at, response, tangents)[0][0])
+        noisy = truth + delta * rng.standard_normal(truth.shape)
+        term = ef.ShapeTerm(noisy, discrepancy="s")
+        gradients.append(posterior_of(term).gradient(theta)[1][0])
     squares = np.einsum("ni,nj->nij", gradients, gradients)
-    _, scores = ef.ShapeTerm(true, discrepancy="s").linearize(at, response, tangents)
-    error = (squares.mean(axis=0) - scores[0].T @ scores[0]) / squares.std(axis=0)
+    exact = posterior_of(ef.ShapeTerm(truth, discrepancy="s")).linearize(theta)
+    error = (squares.mean(axis=0) - exact.information[0]) / squares.std(axis=0)
     assert (np.abs(error) * np.sqrt(n) < 5).all()
-    assert scores[0, :, 2] @ scores[0, :, 2] == pytest.approx(2 * 9 / delta**2)
-
-
-def test_unpaired_modes_change_no_gradient():
-    response, tangents = tangents_at(PARAMETERS)
-    n = len(THETA)
-    pairing = Pairing(np.ones((n, 3)), np.ones((n, 3), int), np.ones((n, 3), bool))
-    paired = PairedSolution(response["frequency"], response["shapes"], pairing)
-    for label in ("beta", "sensors"):
-        term = TERMS[label]
-        alike = [term.linearize(PARAMETERS, r, tangents)[0] for r in (response, paired)]
-        assert_array_equal(*alike)
-
-
-@pytest.mark.parametrize("label", ["discrepancy and covariance", "sensors", "delta"])
-def test_a_row_has_the_same_bits_alone_and_among_many(label):
-    term = TERMS[label]
-    many = term.linearize(PARAMETERS, *tangents_at(PARAMETERS))
-    for i in range(len(THETA)):
-        alone = {name: value[i : i + 1] for name, value in PARAMETERS.items()}
-        one = term.linearize(alone, *tangents_at(alone))
-        assert_array_equal(many[0][i], one[0][0])
-        assert_array_equal(many[1][i], one[1][0])
+    assert exact.information[0, 2, 2] == pytest.approx(2 * 9 / delta**2)

@@ -14,7 +14,7 @@ COHERENCE = RNG.uniform(0.7, 0.99, (2, 3))
 
 def measured(**changes):
     good = {"kind": "accelerance", "coherence": COHERENCE, "averages": 50}
-    return ef.FRFMeasurements(LINES, H, CHANNELS, **(good | changes))
+    return ef.frf.FRFMeasurements(LINES, H, CHANNELS, **(good | changes))
 
 
 def test_the_error_of_an_h1_estimate_is_that_of_simulated_averages():
@@ -30,7 +30,7 @@ def test_the_error_of_an_h1_estimate_is_that_of_simulated_averages():
     cross, auto = (output * force.conj()).mean(1), (np.abs(force) ** 2).mean(1)
     estimates = cross / auto
     coherence = abs(true) ** 2 / (abs(true) ** 2 + 0.3**2)
-    found = ef.FRFMeasurements(
+    found = ef.frf.FRFMeasurements(
         [1.0], [[true]], [(0, 0)], kind="receptance", coherence=[[coherence]],
         averages=averages,
     ).sd[0, 0]  # fmt: skip
@@ -76,13 +76,13 @@ def write(path, *, signs=(1, 1), **changes):
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1)])
 def test_universal_files(tmp_path, signs):
     path = write(tmp_path / "frf.uff", signs=signs)
-    found = ef.FRFMeasurements.from_uff(path, averages=50)
+    found = ef.frf.FRFMeasurements.from_uff(path, averages=50)
     assert found.channels == tuple(map(tuple, CHANNELS))
     assert (found.kind, found.averages) == ("accelerance", 50)
     np.testing.assert_allclose(found.lines, LINES)
     np.testing.assert_allclose(found.values, H, rtol=1e-4)
     np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
-    assert ef.FRFMeasurements.from_uff(path).coherence is None
+    assert ef.frf.FRFMeasurements.from_uff(path).coherence is None
 
 
 @pytest.mark.parametrize(
@@ -96,24 +96,4 @@ def test_universal_files(tmp_path, signs):
 def test_other_universal_files_are_refused(tmp_path, changes, message):
     path = write(tmp_path / "frf.uff", **changes)
     with pytest.raises(ValueError, match=message):
-        ef.FRFMeasurements.from_uff(path)
-
-
-WRONG = {
-    "values: expected finite numbers other than 0, got 0": {"values": 0 * H},
-    "values: expected shape .2, 3., .* got .2, 2.": {"values": H[:, :2]},
-    "coherence, averages: expected both": {"averages": None},
-    "coherence: expected numbers below 1": {"coherence": np.ones((2, 3))},
-    "coherence: .* shape .2, 3., got shape .1, 3.": {"coherence": COHERENCE[:1]},
-    "averages: expected at least 2": {"averages": 1},
-    "kind: expected one of": {"kind": "inertance"},
-    "unit: expected text": {"unit": 3},
-}
-
-
-@pytest.mark.parametrize("message", WRONG)
-def test_mistakes_are_named(message):
-    good = {"values": H, "kind": "mobility", "coherence": COHERENCE, "averages": 9}
-    given = good | WRONG[message]
-    with pytest.raises((TypeError, ValueError), match=message):
-        ef.FRFMeasurements(LINES, given.pop("values"), CHANNELS, **given)
+        ef.frf.FRFMeasurements.from_uff(path)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from emcee_femu.measurements import Measurements
+from emcee_femu import Measurements
 
 RNG = np.random.default_rng(22)
 FIELDS = "frequencies sd covariance shapes shape_sd dofs phase_collinearity".split()
@@ -130,26 +130,17 @@ def test_a_low_collinearity_is_told_again_on_reading(tmp_path):
     ("old", "new", "message"),
     [
         ("quantity", "what", "line 1: expected the titles quantity,sensor,dof"),
-        (",mode 1,mode 2", "", "line 1: expected the titles"),
-        ("mode 1", "", "line 1: expected the titles"),
         (",", ";", "line 1: .*separated by commas"),
         ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sd .Hz.'.* got 'sigma'"),
         ("0.01,0.02", "0.01,abc", "line 3, column 'mode 2': .*number, got 'abc'"),
-        ("0.01,0.02", "0.01", "line 3, column 'mode 2': .*number, got ''"),
         ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),
-        ("1.0,0.62", '"1,0",0.62', "line 4, column 'mode 1': .*got '1,0'"),
         ("floor 1,6", "floor 1,", "column 'dof': .*'floor 1' has none"),
         ("shape,floor 1", "shape,", "line 5, columns 'sensor' .*got '' and '6'"),
         ("sd [Hz],,", "sd [Hz],a,", "line 3, columns 'sensor' .*got 'a' and ''"),
-        ("sd [Hz],,", "sd [Hz],,3", "line 3, columns .*got '' and '3'"),
-        ("shape sd,roof,", "shape sd,roof,12", "line 6, columns .*'roof' and '12'"),
         ("shape sd,roof", "shape sd,porch", "rows 'shape sd'.*roof.*porch"),
-        ("shape sd,floor 1,,0.02,0.03\n", "", "rows 'shape sd'"),
         ("sd [Hz]", "frequency [Hz]", "line 3: a second row of frequencies"),
         ("frequency [Hz],,,3.13,9.83\n", "", "no row 'frequency"),
-        ("3.13,9.83", "3.13,0", "frequencies: .*mode 2 has 0.0"),
         ("0.61,-1.0", "0.61,nan", "shapes: .*mode 2 has nan at sensor 2"),
-        ("floor 1", "roof", "sensors: .*'roof'.*repeated"),
     ],
 )
 def test_errors_name_line_and_column(old, new, message, tmp_path):

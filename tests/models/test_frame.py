@@ -1,11 +1,17 @@
+"""Frames: beam theory and its rates of convergence, assembly, parameters."""
+
 from itertools import product
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from support.contracts import assert_model
 
-from emcee_femu.models.frame.model import DOFS, FrameModel, Section
+import emcee_femu as ef
+from emcee_femu import FrameModel, Section
 
+DOFS = ("ux", "uy", "uz", "rx", "ry", "rz")
 L = 1.3
 BAR = dict(E=7.1e10, GJ=700.0, rho=2750.0, A=3e-4, Iy=2e-9, Iz=9e-9)
 POLAR, MASS = BAR["rho"] * (BAR["Iy"] + BAR["Iz"]), BAR["rho"] * BAR["A"]
@@ -60,9 +66,7 @@ def solve(model):
     ("family", "ends"),
     [*product(FAMILIES, ("cantilever", "free")), ("uz", "pinned"), ("uy", "pinned")],
 )
-def test_frequencies_converge_to_theory_in_fourth_order_and_of_rods_in_second(
-    family, ends
-):
+def test_frequencies_converge_in_fourth_order_and_of_rods_in_second(family, ends):
     free, _, p = FAMILIES[family]
     errors, skip = [], p if ends == "free" else 0
     for n in (12, 24):
@@ -96,7 +100,7 @@ def test_a_tilted_section_bends_with_the_moment_of_its_tilt(degrees):
 
 
 @pytest.mark.parametrize("degrees", [50.0, 90.0, 135.0])
-def test_supports_make_a_plane_frame_with_the_modes_of_its_clamped_legs(degrees):
+def test_a_plane_frame_has_the_modes_of_its_clamped_legs(degrees):
     # The corner cannot move: it turns (propped legs) or does not (clamped legs).
     legs = [(np.cos(a), np.sin(a), 0.0) for a in (0.0, np.deg2rad(degrees))]
     steps = L * np.arange(1, 17)[:, None] / 16
@@ -107,3 +111,101 @@ def test_supports_make_a_plane_frame_with_the_modes_of_its_clamped_legs(degrees)
     frame = FrameModel(nodes, elements, {"bar": Section(**BAR)}, supports, n_modes=4)
     exact = np.sort([theory("uy", ends)[:2] for ends in ("propped", "free")], axis=None)
     np.testing.assert_allclose(solve(frame), exact, rtol=5e-5)
+
+
+# --- The unsymmetrical H of Application 2 of the paper: assembly and parameters.
+H = dict(E=7.2e10, GJ=720.0, rho=2785.0, A=3.1556e-4, Iy=2.5255e-9, Iz=2.7265e-8)
+# 45, 30 and 45 degrees from z; only the direction of the part normal to the bar counts.
+TILTS = {"left": (1, 0.3, 1), "mid": (0.2, 1, 3**0.5), "right": (1, -2, 1)}
+SPREAD = {"left": 1.0, "mid": 0.7, "right": 1.3}
+H_NODES = [(0.115 * i, 0, 0) for i in range(7)]
+H_NODES += [(0, y, 0) for y in (-0.21, -0.105, 0.095, 0.19)]
+H_NODES += [(0.69, -0.105, 0), (0.69, 0.105, 0)]
+H_BARS = [(i, i + 1, "mid") for i in range(6)] + [(7, 8, "left"), (8, 0, "left")]
+H_BARS += [(0, 9, "left"), (9, 10, "left"), (11, 6, "right"), (6, 12, "right")]
+HELD = {7: "all", 12: ("ux", "ry")}
+
+
+def h_frame(named=(), base=H, turn=None, order=None, supports=None, **options):
+    turn, order = turn or Rotation.identity(), range(13) if order is None else order
+    place, sections = np.argsort(order), {}
+    for bar, tilt in TILTS.items():
+        values = {key: base[key] * SPREAD[bar] for key in H}
+        values |= {key: f"{key} {bar}" for key in named}
+        sections[bar] = Section(**values, orientation=tuple(turn.apply(tilt)))
+    nodes = turn.apply(H_NODES)[order]
+    elements = [(place[i], place[j], bar) for i, j, bar in H_BARS]
+    held = {place[node]: dofs for node, dofs in (supports or {}).items()}
+    options = {"n_modes": 12, "skip": 0 if supports else 6} | options
+    return FrameModel(nodes, elements, sections, held, **options)
+
+
+def h_values(named, factors=(1.0,)):
+    at = np.array(factors)
+    return {f"{key} {bar}": H[key] * SPREAD[bar] * at for key in named for bar in TILTS}
+
+
+@pytest.mark.parametrize("supports", [None, HELD])
+def test_turning_the_frame_or_renumbering_its_nodes_does_not_matter(supports):
+    order = np.random.default_rng(2).permutation(13)
+    turn = Rotation.from_rotvec([0.7, -1.9, 0.4])
+    expected = solve(h_frame(supports=supports))
+    for change in ({"order": order}, {} if supports else {"turn": turn}):
+        same = solve(h_frame(supports=supports, **change))
+        np.testing.assert_allclose(same, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("supports", [None, HELD])
+def test_shapes_are_over_the_free_dofs_and_where_they_are_asked_for(supports):
+    full = h_frame(["rho"], supports=supports, shapes=True)
+    held = {f"{k}:{dof}" for k, dof in product((7,), DOFS)} | {"12:ux", "12:ry"}
+    every = [f"{k}:{dof}" for k, dof in product(range(13), DOFS)]
+    assert full.dofs == tuple(d for d in every if not supports or d not in held)
+    assert full.shape_dofs == full.dofs
+    dofs = ["12:uy", "0:rz", "8:ux"]
+    some = h_frame(["rho"], supports=supports, shapes=dofs)
+    assert some.variables == ef.modal_variables(12, tuple(dofs))
+    expected = full(h_values(["rho"])).shapes[:, [full.dofs.index(d) for d in dofs]]
+    np.testing.assert_allclose(some(h_values(["rho"])).shapes, expected, atol=1e-12)
+
+
+NAMED = [["E"], ["A"], ["E", "A"], ["rho", "A", "Iy"], list(H)]
+
+
+@pytest.mark.parametrize("named", NAMED, ids="-".join)
+def test_named_properties_equal_numbers(named):
+    model, factors = h_frame(named), np.linspace(0.8, 1.3, 4)
+    values = h_values(named, factors)
+    assert {*model.names} == {*model.bounds} == {*values}
+    assert_model(model, values)
+    for row, factor in enumerate(factors):
+        numbers = solve(h_frame(base=H | {key: factor * H[key] for key in named}))
+        batch = model(values).frequencies
+        np.testing.assert_allclose(batch[row], numbers, rtol=1e-9)
+
+
+def test_frequencies_scale_with_the_root_of_stiffness_over_density():
+    stiffness, density = h_values(["E", "GJ"], [1, 2, 2]), h_values(["rho"], [1, 1, 4])
+    f = h_frame(["E", "GJ", "rho"])(stiffness | density).frequencies
+    np.testing.assert_allclose(f[1:], f[0] * np.sqrt([[2.0], [0.5]]), rtol=1e-9)
+
+
+def test_modes_pick_from_the_lowest():
+    picked = solve(h_frame(n_modes=None, modes=(1, 2, 4, 5, 7)))
+    lowest = solve(h_frame(n_modes=7))
+    np.testing.assert_allclose(picked, lowest[[0, 1, 3, 4, 6]], rtol=1e-12)
+
+
+def test_sensors_are_matched_to_the_DOFs_of_the_same_name():
+    # Fault 13: in any order of sensors and of the model's shapes.
+    dofs, truth = ["12:uz", "0:uy", "8:uz", "3:uy", "10:uz"], h_values(["E"])
+    modes = h_frame(["E"], shapes=dofs, n_modes=5)(truth)
+    for order in ([0, 1, 2, 3, 4], [3, 0, 4, 2, 1]):
+        shapes, labels = modes.shapes[0][order], [dofs[i] for i in order]
+        test = ef.Measurements(modes.frequencies[0], shapes=shapes, dofs=labels)
+        for own in (True, dofs, sorted(dofs)):
+            model = ef.PairedModel(h_frame(["E"], shapes=own), test, candidates=8)
+            np.testing.assert_allclose(model(truth).mac, 1.0, rtol=1e-9)
+    test = ef.Measurements(modes.frequencies[0], shapes=modes.shapes[0], dofs=range(5))
+    with pytest.raises(ValueError, match="sensors at .0, 1, 2, 3, 4., but the model"):
+        ef.PairedModel(h_frame(["E"], shapes=dofs), test, candidates=8)

@@ -7,7 +7,7 @@ import emcee_femu as ef
 
 LINES = np.array([0.9, 1.0, 1.1])
 D = np.tile(np.diag([1.0, 4.0, 2.0]), (3, 1, 1))
-SPECTRA = ef.Spectra(LINES, D, averages=2, sensors=["roof", "two", "one"])
+SPECTRA = ef.spectra.Spectra(LINES, D, averages=2, sensors=["roof", "two", "one"])
 RNG = np.random.default_rng(3)
 
 
@@ -20,7 +20,7 @@ def draw(model, n=4):
 
 
 def test_shapes_have_unit_length_and_the_strongest_sensor_is_the_reference():
-    model = ef.SpectrumModel(SPECTRA)
+    model = ef.spectra.SpectrumModel(SPECTRA)
     assert model.reference == ("two",)
     assert model.names == ("f", "zeta", "ln_S", "phi_roof", "phi_one", "ln_S_e")
     given = dict.fromkeys(model.names, np.array([0.5]))
@@ -29,7 +29,7 @@ def test_shapes_have_unit_length_and_the_strongest_sensor_is_the_reference():
 
 
 def test_a_pair_has_the_coherence_of_its_forces():
-    model = ef.SpectrumModel(SPECTRA, 2, reference=["two", "roof"])
+    model = ef.spectra.SpectrumModel(SPECTRA, 2, reference=["two", "roof"])
     values = draw(model)
     psd = model(values)["force_psd"] @ [1, 1j]
     chi = psd[:, 0, 1] / np.sqrt(psd[:, 0, 0] * psd[:, 1, 1])
@@ -43,7 +43,7 @@ def test_a_pair_has_the_coherence_of_its_forces():
 
 @pytest.mark.parametrize("n_modes", [1, 2])
 def test_derivatives_are_those_of_differences(n_modes):
-    model = ef.SpectrumModel(SPECTRA, n_modes)
+    model = ef.spectra.SpectrumModel(SPECTRA, n_modes)
     values = draw(model)
     response, slopes = model.jacobian(values)
     assert response.keys() == slopes.keys() == model.variables.keys()
@@ -58,7 +58,7 @@ def test_derivatives_are_those_of_differences(n_modes):
 
 def test_what_is_declared_is_what_is_returned():
     for n_modes in (1, 2):
-        model = ef.SpectrumModel(SPECTRA, n_modes)
+        model = ef.spectra.SpectrumModel(SPECTRA, n_modes)
         for name, values in model(draw(model)).items():
             assert values.shape[1:] == model.variables[name].shape, name
 
@@ -75,4 +75,4 @@ WRONG = {
 @pytest.mark.parametrize("message", WRONG)
 def test_mistakes_are_named(message):
     with pytest.raises((TypeError, ValueError), match=message):
-        ef.SpectrumModel(**({"measured": SPECTRA} | WRONG[message]))
+        ef.spectra.SpectrumModel(**({"measured": SPECTRA} | WRONG[message]))

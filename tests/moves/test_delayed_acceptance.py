@@ -5,197 +5,248 @@ import numpy as np
 import pytest
 from emcee.model import Model
 from scipy.stats import uniform
-from support.cheap_laws import INNER, wrong
 from support.checks import LIMIT, BoundedTriangle, Gaussian, exact_start
+from support.component_walk import ComponentWalk
 
 import emcee_femu as ef
-from emcee_femu import DelayedAcceptanceMove, ModalSolution
-from emcee_femu.moves import DEMCMove, TemperedMove
+from emcee_femu import DEMCMove, IndependenceMove, MetropolisMove
 
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 
 
+def wrong(target, bounded=True):
+    """Return a cheap log-density that is shifted, too wide and skew.
+
+    That of a Gaussian falls off as it does; another has the target's bounds if asked.
+    """
+
+    def cheap(theta):
+        x = theta / target.scale
+        core = 0.6 * target(theta) if bounded or isinstance(target, Gaussian) else 0.0
+        pair = x[:, 1] * x[:, 2] if x.shape[1] > 1 else 0.0
+        return core + 0.7 * x[:, 0] - 0.4 * pair - 0.1 * x[:, -1] ** 2
+
+    return cheap
+
+
+def independence(target):
+    return IndependenceMove.fit(target.sample(np.random.default_rng(5), (400,)))
+
+
+INNER = {
+    "demc": lambda target: DEMCMove(live_dangerously=True),
+    "demc, four splits": lambda target: DEMCMove(nsplits=4, randomize_split=False),
+    "metropolis": lambda target: MetropolisMove(sd=0.5 * target.scale),
+    "independence": independence,
+    "component walk": lambda target: ComponentWalk(independence(target).mixture, 0.7),
+    "stretch": lambda target: emcee.moves.StretchMove(),
+    "emcee DEMove": lambda target: emcee.moves.DEMove(),
+    "emcee Gaussian": lambda target: emcee.moves.GaussianMove(0.2, mode="random"),
+}
+CASES = [  # inner, target, walkers, dimension, steps
+    *[(inner, "gaussian", 12, 3, steps) for inner in INNER for steps in (1, 3)],
+    *[(inner, "bounded", 12, 3, 3) for inner in INNER],
+    *[("demc", target, 4, 3, (1, 6)) for target in TARGETS],  # the fewest
+    *[(inner, "gaussian", 1, 3, 5) for inner in ("metropolis", "independence")],
+    *[(inner, "bounded", 4, 1, (2, 5)) for inner in ("demc", "metropolis")],
+    *[(inner, "gaussian", 12, 1, 1) for inner in ("demc", "stretch", "independence")],
+]
+
+
+def z_of(case, scale=(1.0, 1.0, 1.0), **effort):
+    inner, kind, nwalkers, ndim, steps = case
+    target = TARGETS[kind](scale, ndim)
+    move = ef.moves.DelayedAcceptanceMove(INNER[inner](target), wrong(target), steps)
+    z = exact_start(move, target, nwalkers, **effort)
+    assert 0 < move.accepted < move.full_solves < 0.95 * move.proposed
+    return z
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_wrong_cheap_posterior_leaves_the_target_exact(case):
+    assert z_of(case, ensembles=60, steps=8) < LIMIT
+
+
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("inner", INNER)
-def test_a_wrong_cheap_posterior_leaves_the_target_exact(inner, target):
-    law = TARGETS[target]()
-    move = DelayedAcceptanceMove(INNER[inner](law), wrong(law))
-    assert exact_start(move, law, 12) < LIMIT
-    assert 0 < move.accepted < move.full_solves < move.proposed
+def test_lengths_and_guides_that_depend_on_the_walkers_would_be_seen(target):
+    alone = "metropolis", target, 200, 3, 8
+    assert z_of(alone, ensembles=60, steps=8) < LIMIT
+    guided = "demc", target, 4, 3, 4
+    assert z_of(guided, ensembles=150, steps=30) < LIMIT
 
 
-@pytest.mark.parametrize("inner", ["demc", "metropolis", "independence"])
-def test_the_target_is_exact_in_one_dimension(inner):
-    law = Gaussian(ndim=1)
-    move = DelayedAcceptanceMove(INNER[inner](law), wrong(law))
-    assert exact_start(move, law, 12) < LIMIT
+@pytest.mark.slow
+@pytest.mark.parametrize("case", CASES[1::3], ids=str)  # all would take minutes
+def test_the_target_is_exact_at_high_power(case):
+    assert z_of(case, ensembles=240, steps=44) < LIMIT
 
 
-class OneStage(DelayedAcceptanceMove):
-    """Makes no amends for the screen: the ratio c / c is left out."""
-
-    def batches(self, coords, random):
-        for walkers, proposed, _ in super().batches(coords, random):
-            yield walkers, proposed, None
-
-
-def test_without_the_second_stage_the_wrong_target_is_sampled():
-    law = Gaussian()
-    move = OneStage(DEMCMove(), wrong(law))
-    assert exact_start(move, law, 12) > 2 * LIMIT
+def test_the_target_is_exact_where_scales_differ_or_the_screen_knows_no_bounds():
+    case = "demc", "gaussian", 8, 3, 4
+    assert z_of(case, (1e-8, 1.0, 1e8), ensembles=100, steps=5) < LIMIT
+    target = BoundedTriangle()
+    move = ef.moves.DelayedAcceptanceMove(DEMCMove(), wrong(target, bounded=False))
+    assert exact_start(move, target, 12) < LIMIT
 
 
-def test_an_exact_cheap_posterior_accepts_all_that_it_passes():
-    law = Gaussian()
-    move = DelayedAcceptanceMove(DEMCMove(), law)
-    exact_start(move, law, 10, ensembles=50, steps=10)
-    assert move.accepted == move.full_solves < move.proposed
-    assert f"{1 - move.full_solves / move.proposed:.1%} saved" in str(move)
+def stepped(move, target, generations=1, nwalkers=12):
+    """Move walkers from the target; return the state, and how many each solve was of.
 
-
-def test_as_many_solves_as_it_reports():
-    law, solved = Gaussian(), []
+    The rows of the state are held to those of the target.
+    """
 
     def full(theta):
         solved.append(len(theta))
-        return law(theta), None
+        return target(theta), None
 
+    solved = []
     model = Model(None, full, map, np.random.RandomState(0))
-    start = law.sample(np.random.default_rng(1), (12,))
-    state = emcee.State(start, log_prob=law(start))
-    move = DelayedAcceptanceMove(DEMCMove(), wrong(law))
-    for _ in range(50):
+    start = target.sample(np.random.default_rng(1), (nwalkers,))
+    state = emcee.State(start, log_prob=target(start))
+    for _ in range(generations):
         before = state.coords.copy()
         state, accepted = move.propose(model, state)
         np.testing.assert_array_equal((state.coords != before).any(axis=1), accepted)
-        np.testing.assert_allclose(state.log_prob, law(state.coords))
-    assert sum(solved) == move.full_solves and 0 not in solved
-    assert move.proposed == 600
+        np.testing.assert_array_equal(state.log_prob, target(state.coords))
+    return state, solved
+
+
+class Asked:
+    """A cheap density that knows how many points it was asked for at once."""
+
+    def __init__(self, density):
+        self.density, self.sizes = density, []
+
+    def __call__(self, theta):
+        self.sizes.append(len(theta))
+        return self.density(theta)
+
+
+@pytest.mark.parametrize("steps", [1, 7])
+def test_one_evaluation_of_each_density_per_step_and_solve(steps):
+    target = Gaussian()
+    cheap = Asked(wrong(target))
+    move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap, steps)
+    _, solved = stepped(move, target, 5)
+    assert cheap.sizes == [12] + 5 * 2 * steps * [6]  # the start, then two halves
+    assert sum(solved) == move.full_solves <= 60 and 0 not in solved
+    assert move.proposed == 5 * 12 * steps
+    assert f"{1 - move.full_solves / move.proposed:.1%} saved" in str(move)
+
+
+def test_an_exact_cheap_posterior_accepts_all_that_it_passes():
+    move = ef.moves.DelayedAcceptanceMove(DEMCMove(), Gaussian())
+    stepped(move, Gaussian(), 100)
+    assert 0 < move.accepted == move.full_solves < move.proposed
+
+
+def test_a_walker_that_did_not_move_is_not_solved():
+    target = Gaussian()
+    move = ef.moves.DelayedAcceptanceMove(MetropolisMove(sd=1e6), wrong(target), 5)
+    _, solved = stepped(move, target, 3)
+    assert solved == [] and move.full_solves == 0 < move.proposed
 
 
 def test_walkers_that_another_move_changed_are_screened_anew():
-    law, asked = Gaussian(), []
-
-    def cheap(theta):
-        asked.append(len(theta))
-        return wrong(law)(theta)
-
-    move = DelayedAcceptanceMove(DEMCMove(), cheap)
-    model = Model(None, lambda q: (law(q), None), map, np.random.RandomState(0))
-    start = law.sample(np.random.default_rng(1), (12,))
-    state = emcee.State(start, log_prob=law(start))
-    state, _ = move.propose(model, state)
-    assert asked == [12, 6, 6]  # the start, then both halves
+    target = Gaussian()
+    cheap = Asked(wrong(target))
+    move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap)
+    state, _ = stepped(move, target)
     state.coords[3] += 0.1
-    state.log_prob[3] = law(state.coords[3:4])[0]
+    state.log_prob[3] = target(state.coords[3:4])[0]
+    model = Model(None, lambda q: (target(q), None), map, np.random.RandomState(0))
     move.propose(model, state)
-    assert asked[3:] == [1, 6, 6]
-    np.testing.assert_allclose(move._known[1], cheap(move._known[0]))
+    assert cheap.sizes == [12, 6, 6, 1, 6, 6]
+
+
+def test_a_solver_that_raises_leaves_the_screen_consistent():
+    target = Gaussian()
+    cheap = Asked(lambda theta: 0.05 * target(theta))  # every half has some to solve
+    move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap)
+    state, calls = stepped(move, target, nwalkers=40)[0], []
+
+    def breaks_in_the_second_half(theta):
+        calls.append(1)
+        if len(calls) == 2:
+            raise RuntimeError("solver")
+        return target(theta), None
+
+    def model(solve):
+        return Model(None, solve, map, np.random.RandomState(0))
+
+    before = state.coords.copy()
+    with pytest.raises(RuntimeError, match="solver"):
+        move.propose(model(breaks_in_the_second_half), state)
+    moved = int((state.coords != before).any(axis=1).sum())  # of the first half
+    cheap.sizes.clear()
+    move.propose(model(lambda q: (target(q), None)), state)
+    assert cheap.sizes == [moved, 20, 20] and moved > 0
+
+
+def test_lengths_are_drawn_from_both_ends_and_all_between():
+    target, lengths = Gaussian(), []
+    move = ef.moves.DelayedAcceptanceMove(MetropolisMove(sd=1), wrong(target), (2, 4))
+    state, _ = stepped(move, target)
+    model = Model(None, lambda q: (target(q), None), map, np.random.RandomState(0))
+    for _ in range(60):
+        before = move.proposed
+        state, _ = move.propose(model, state)
+        lengths.append((move.proposed - before) // 12)
+    counts = np.bincount(lengths, minlength=5)
+    assert counts[:2].sum() == 0 and (counts[2:] > 10).all() and counts.sum() == 60
+
+
+def test_guides_stand_still_until_the_solve_has_decided():
+    guides = []
+
+    class Recorded(DEMCMove):
+        def get_proposal(self, s, c, random):
+            guides.append(c[0].copy())
+            return super().get_proposal(s, c, random)
+
+    target = Gaussian()
+    move = ef.moves.DelayedAcceptanceMove(Recorded(nsplits=3), wrong(target), 4)
+    stepped(move, target, 2)
+    parts = np.reshape(guides[-24:], (2, 3, 4, 8, 3))  # a trial comes before
+    np.testing.assert_array_equal(parts, parts[:, :, :1].repeat(4, axis=2))
+    assert (parts[0, 0, 0] != parts[0, 1, 0]).any()
 
 
 class Lines:
-    """Three frequencies that are linear in two parameters, all off by a shift."""
+    """Frequencies that are linear in two parameters; some solves fail."""
 
     variables = ef.modal_variables(3)
 
-    def __init__(self, shift=0.0):
-        self.shift = shift
+    def __init__(self, shift=0.0, fails=False):
+        self.shift, self.fails = shift, fails
 
     def __call__(self, parameters):
         a, b = parameters["a"] + self.shift, parameters["b"]
         frequencies = np.column_stack([100 + a, 150 + a + 2 * b, 200 - b])
-        return ModalSolution(frequencies)
+        if self.fails:
+            frequencies[a > 2.0] = np.nan
+        return ef.ModalSolution(frequencies)
 
 
 PRIOR = ef.IndependentPrior({"a": uniform(-6, 12), "b": uniform(-6, 12)})
 TERM = ef.FrequencyTerm([101.0, 149.0, 201.0], sd=1.0)
-POSTERIOR = ef.LogPosterior(Lines(), TERM, PRIOR)
-DESIGN = np.array([[1, 0], [1, 2], [0, -1]])
-MEAN = np.linalg.lstsq(DESIGN, np.array([1.0, -1.0, 1.0]))[0]
-COVARIANCE = np.linalg.inv(DESIGN.T @ DESIGN)
+CHEAP = ef.LogPosterior(Lines(shift=0.5), TERM, PRIOR)
 
 
-def assert_exact_moments(draws):
-    error = draws.mean(axis=1).std(axis=0) * np.sqrt(30 / len(draws))  # tau below 30
-    assert (np.abs(draws.mean(axis=(0, 1)) - MEAN) < 3 * error).all()
-    found = np.cov(draws.reshape(-1, 2).T)
-    np.testing.assert_allclose(found, COVARIANCE, atol=0.15 * COVARIANCE.max())
+def test_a_resumed_run_goes_on_to_the_bit_and_failed_solves_are_rejected(tmp_path):
+    posterior = ef.LogPosterior(Lines(fails=True), TERM, PRIOR)
+    options = {"seed": 3, "ensembles": 1, "on_failure": "reject", "max_failures": 1.0}
 
+    def go(steps, file, resume=False):
+        move = ef.moves.DelayedAcceptanceMove(DEMCMove(), CHEAP, (2, 9))
+        file = {"backend": tmp_path / file, "resume": resume}
+        return ef.run(posterior, move, 12, steps, **file, **options)[0]
 
-def test_a_run_with_a_biased_model_has_the_moments_of_the_full_one():
-    cheap = ef.LogPosterior(Lines(shift=0.5), TERM, PRIOR)
-    move = DelayedAcceptanceMove(DEMCMove(), cheap)
-    (sampler,) = ef.run(POSTERIOR, move, 20, 1_200, seed=1)
-    assert_exact_moments(sampler.get_chain(discard=200))
-    assert move.full_solves < 0.7 * move.proposed
-
-
-@pytest.mark.slow
-def test_inside_a_tempered_move_the_cold_walkers_keep_the_posterior():
-    cheap = ef.LogPosterior(Lines(shift=0.5), TERM, PRIOR)
-    move = TemperedMove(DelayedAcceptanceMove(DEMCMove(), cheap), [1.0, 0.3])
-    (sampler,) = ef.run(POSTERIOR, move, 40, 2_000, seed=2)
-    assert_exact_moments(sampler.get_chain(discard=200)[:, move.cold(40)])
-
-
-def test_a_solver_that_raises_leaves_the_screen_consistent():
-    law = Gaussian()
-
-    def cheap(theta):  # nearly flat, so that every half has proposals to solve
-        return 0.05 * law(theta)
-
-    start = law.sample(np.random.default_rng(1), (12,))
-    state = emcee.State(start, log_prob=law(start))
-    move, calls = DelayedAcceptanceMove(DEMCMove(), cheap), []
-
-    def breaks_in_the_second_half(theta):
-        calls.append(1)
-        if len(calls) == 4:
-            raise RuntimeError("solver")
-        return law(theta), None
-
-    model = Model(None, breaks_in_the_second_half, map, np.random.RandomState(0))
-    state, _ = move.propose(model, state)
-    before = state.coords.copy()
-    with pytest.raises(RuntimeError, match="solver"):
-        move.propose(model, state)
-    assert (state.coords != before).any()  # the first half had moved
-    np.testing.assert_allclose(move._known[1], cheap(move._known[0]))
-
-
-def test_the_cheap_posterior_must_be_finite_where_the_walkers_are():
-    law = BoundedTriangle()
-
-    def narrow(theta):
-        return np.where(theta[:, 0] < 0.5, 0.0, -np.inf)
-
-    move = DelayedAcceptanceMove(DEMCMove(), narrow)
-    with pytest.raises(ValueError, match="cheap: -inf at walker .* narrower"):
-        exact_start(move, law, 10, ensembles=2)
-
-
-@pytest.mark.parametrize(
-    ("cheap", "message"),
-    [
-        (lambda x: np.zeros(3), r"expected 10 log-probabilities .* shape \(3,\)"),
-        (lambda x: np.full(len(x), np.nan), "cheap: nan at"),
-        (lambda x: np.full(len(x), np.inf), "cheap: inf at"),
-    ],
-)
-def test_what_the_cheap_posterior_returns_is_checked(cheap, message):
-    with pytest.raises(ValueError, match=message):
-        exact_start(DelayedAcceptanceMove(DEMCMove(), cheap), Gaussian(), 10, 2)
-
-
-def test_arguments_are_checked():
-    cheap = Gaussian()
-    with pytest.raises(TypeError, match="cheap: expected a callable"):
-        DelayedAcceptanceMove(DEMCMove(), 3)
-    tempered = TemperedMove(DEMCMove(), [1.0, 0.0])
-    for inner in (tempered, DelayedAcceptanceMove(DEMCMove(), cheap), DEMCMove, None):
-        with pytest.raises(TypeError, match="inner: expected"):
-            DelayedAcceptanceMove(inner, cheap)
-    with pytest.raises(ValueError, match="nwalkers"):
-        DelayedAcceptanceMove(DEMCMove(), cheap).check(2, 3)
-    with pytest.raises(RuntimeError, match=r"\(DEMove\(live_dangerously=True\) allows"):
-        DelayedAcceptanceMove(emcee.moves.DEMove(), cheap).check(4, 3)
+    whole = go(40, "straight.h5")
+    go(15, "broken.h5")
+    resumed = go(40, "broken.h5", resume=True).get_chain()
+    np.testing.assert_array_equal(resumed, whole.get_chain())
+    assert 0.0 < resumed[..., 0].max() <= 2.0  # beyond which solves fail
+    stored = whole.get_log_prob(flat=True), whole.get_blobs(flat=True)
+    rows = posterior(resumed.reshape(-1, 2))
+    np.testing.assert_allclose(np.column_stack(stored), rows, rtol=1e-12)

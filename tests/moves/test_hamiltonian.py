@@ -1,33 +1,156 @@
-"""The Hamiltonian move in runs: bits, solves, failures, refusals, tuning."""
+"""The Hamiltonian move: its target, its solves, runs of it, and its tuning."""
 
 import os
 import pickle
+from functools import cache
 
 import emcee
 import numpy as np
 import pytest
+from emcee.model import Model
+from support.checks import LIMIT, exact_start
 from support.gradients import Derived, Solver
-from support.pool_problems import chain, forks, open_executor
-from support.run_files import assert_same
-from support.smooth_laws import ReciprocalGaussian, SmoothGaussian
+from support.pool_problems import forks, open_executor
+from support.smooth_laws import CutGaussian, SmoothGaussian, SmoothTriangle
 
 import emcee_femu as ef
-from emcee_femu import DEMCMove, HamiltonianMove
-from emcee_femu.moves import hamiltonian_tuning
-from emcee_femu.sampling import manifest
+from emcee_femu import DEMCMove
+
+TARGETS = {
+    "gaussian": SmoothGaussian,
+    "triangle": SmoothTriangle,
+    "cut gaussian": CutGaussian,
+}
+UNIT, FAR = (1.0, 1.0, 1.0), (1e-8, 1.0, 1e8)
+CASES = [  # metric, steps, step size, walkers, dimension, scale
+    ("covariance", 3, 1.1, 1, 3, UNIT),
+    ("covariance", 3, 1.1, 4, 3, FAR),
+    ("variances", 4, 0.7, 2, 3, FAR),
+    ("variances", 1, 0.7, 3, 5, UNIT),
+    (None, 2, 1.2, 1, 1, UNIT),
+    ("covariance", 3, 1.5, 2, 1, FAR),
+]
+# One target for each case, and all of them in the slow tests.
+EACH = [
+    pytest.param(case, target, marks=[pytest.mark.slow] * ((i + j) % 3 > 0))
+    for i, case in enumerate(CASES)
+    for j, target in enumerate(TARGETS)
+]
+
+
+@cache
+def make_target(kind, scale, ndim):
+    return TARGETS[kind](scale, ndim)
+
+
+@cache
+def make_metric(kind, target):
+    draws = target.sample(np.random.default_rng(1), (4_000,))
+    covariance = np.atleast_2d(np.cov(draws, rowvar=False))
+    return {"covariance": covariance, "variances": np.diag(covariance)}.get(kind)
+
+
+def make_move(case, target):
+    kind, steps, size, _, _, _ = case
+    return ef.moves.HamiltonianMove(make_metric(kind, target), steps, size)
+
+
+def travel(move, target, walkers=10_000, steps=6):
+    """Return walkers a few steps from the target, and the share of accepted ones."""
+    start = target.sample(np.random.default_rng(3), (walkers,))
+    state, accepted = emcee.State(start, log_prob=target(start)), []
+    model = Model(target, None, map, np.random.RandomState(4))
+    for _ in range(steps):
+        state, moved = move.propose(model, state)
+        accepted.append(moved.mean())
+    np.testing.assert_array_equal(state.log_prob, target(state.coords))
+    return state.coords, np.mean(accepted)
+
+
+def z_of(move, target):
+    """Return the largest |z| after a few steps from the target, walker by walker.
+
+    The walkers are independent: one large ensemble does the work of many small ones.
+    """
+    values = target.statistics(travel(move, target)[0])
+    mean, error = values.mean(axis=0), values.std(axis=0) / np.sqrt(len(values))
+    moved = error > 0
+    if (np.abs(mean[~moved]) > 1e-9).any():
+        return np.inf
+    return float(np.abs(mean[moved] / error[moved]).max())
+
+
+@pytest.mark.parametrize(("case", "target"), EACH)
+def test_the_move_keeps_the_target(case, target):
+    target = make_target(target, case[-1], case[-2])
+    assert z_of(make_move(case, target), target) < LIMIT
+
+
+@pytest.mark.parametrize(("case", "target"), EACH[:3] + EACH[-6:-3])
+def test_a_few_walkers_keep_the_target(case, target):
+    target = make_target(target, case[-1], case[-2])
+    move = make_move(case, target)
+    assert exact_start(move, target, case[3], ensembles=200, steps=4) < LIMIT
+
+
+class WrongGradient(SmoothGaussian):
+    """Its gradient is that of another target: a bad guide, no wrong one."""
+
+    def slope(self, theta):
+        return 0.5 * super().slope(theta) + 0.4 * np.sin(theta / self.scale)
+
+
+def test_a_wrong_gradient_costs_acceptance_and_nothing_else():
+    target = WrongGradient()
+    move = make_move(CASES[0], target)
+    assert z_of(move, target) < LIMIT
+    right = travel(move, make_target("gaussian", UNIT, 3))[1]
+    assert 0.1 < travel(move, target)[1] < 0.9 * right
+
+
+@pytest.mark.parametrize("ndim", [1, 4])
+def test_rejections_fall_with_the_square_of_the_step(ndim):
+    # A wrong factor on one side would still be reversible: only slow.
+    target = make_target("gaussian", FAR, ndim)
+    metric = np.atleast_2d(make_metric("covariance", target))
+
+    def rejected(steps):
+        move = ef.moves.HamiltonianMove(0.6 * metric, steps, 1.4 / steps)
+        return 1 - travel(move, target, 20_000)[1]
+
+    assert rejected(2) < 0.2
+    assert 3.6 < rejected(2) / rejected(4) < 4.6
+
+
+def test_a_walker_in_a_valley_too_narrow_for_the_steps_gets_out():
+    class Valley(SmoothGaussian):  # a fifth as wide on the left of zero
+        def sd(self, theta):
+            return np.where(theta[:, :1] < 0, 0.1, 1.0)
+
+        def __call__(self, theta):
+            return -0.5 * (((theta - 5.0) / self.sd(theta)) ** 2).sum(axis=1)
+
+        def slope(self, theta):
+            return -(theta - 5.0) / self.sd(theta) ** 2
+
+    target = Valley()
+    start = np.full((20, 3), -1.0)
+    state = emcee.State(start, log_prob=target(start))
+    model = Model(target, None, map, np.random.RandomState(4))
+    for _ in range(150):
+        state, _ = ef.moves.HamiltonianMove(np.ones(3), 4, 0.5).propose(model, state)
+    assert (state.coords[:, 0] > 0).all()
+
+
+# In runs.
 
 POSTERIOR = ef.paper.mass_spring().posterior
 CENTRE = np.array([4010.0, 2210.0, 2130.0, 2595.0, 2398.0])
 COVARIANCE = np.linalg.inv(POSTERIOR.linearize(CENTRE).information[0]).round(3)
-MOVE = HamiltonianMove(COVARIANCE, steps=3, step_size=0.3)
-KEPT = ("metric", "steps", "step_size", "reciprocal_about")
+MOVE = ef.moves.HamiltonianMove(COVARIANCE, steps=3, step_size=0.3)
 MIXED = [(MOVE, 0.6), (DEMCMove(), 0.4)]
 PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
-
-
-def make_posterior(model):
-    term = ef.FrequencyTerm([1.02, 1.43, 2.1], relative_sd=0.05)
-    return ef.LogPosterior(model, term, PRIOR)
+TERM = ef.FrequencyTerm([1.02, 1.43, 2.1], relative_sd=0.05)
 
 
 class Failing(Derived):
@@ -47,195 +170,147 @@ class AtWork(Derived):
         self.home = os.getpid()
 
     def __call__(self, parameters):
-        if os.getpid() == self.home:
-            raise AssertionError("solved by the process of the run")
+        assert os.getpid() != self.home
         return super().__call__(parameters)
 
 
-class Forgetful(HamiltonianMove):
-    """Finds every gradient anew."""
+def run(moves, posterior=POSTERIOR, nwalkers=12, steps=8, **options):
+    options = {"seed": 5, "ensembles": 1, **options}
+    return ef.run(posterior, moves, nwalkers, steps, **options)
 
-    def propose(self, model, state):
-        self._known = None
-        return super().propose(model, state)
+
+def chain(moves, **options):
+    """Return what a short run stores."""
+    (sampler,) = run(moves, **options)
+    rows = sampler.get_log_prob()[..., None], sampler.get_blobs()
+    return np.concatenate([sampler.get_chain(), *rows], axis=2)
 
 
 @pytest.mark.parametrize("moves", [MOVE, MIXED], ids=["alone", "mixed"])
-def test_the_chain_is_the_same_to_the_bit_however_it_is_evaluated(moves):
-    serial = chain(moves=moves)
-    assert serial == chain(moves=moves, vectorize=False)
+def test_the_chain_is_the_same_however_it_is_evaluated(moves):
+    serial = chain(moves)
     with open_executor("threads") as pool:
-        assert serial == chain(pool, moves=moves)
-    forgetful = Forgetful(COVARIANCE, 3, 0.3)
-    assert chain(moves=MOVE) == chain(moves=forgetful)
+        np.testing.assert_allclose(chain(moves, pool=pool), serial, rtol=1e-6)
+    rows = serial.reshape(-1, serial.shape[2])
+    np.testing.assert_allclose(rows[:, 5:], POSTERIOR(rows[:, :5]), rtol=1e-9)
 
 
 @forks
-def test_processes_give_the_same_chain():
-    assert chain(moves=MIXED) == chain(moves=MIXED, workers=2)
-    posterior = make_posterior(AtWork())
-    start = np.full((12, 2), [1.0, 0.95]) + 1e-3 * np.arange(12)[:, None]
-    (sampler,) = ef.run(
-        posterior, HamiltonianMove([0.01] * 2), 12, 3, seed=1, initial=start, workers=1
-    )
+@pytest.mark.parametrize("on_failure", ["raise", "reject"])
+def test_gradients_are_solved_by_the_workers(on_failure):
+    options = {"on_failure": on_failure, "max_failures": 1.0}
+    pooled = chain(MIXED, workers=2, **options)
+    np.testing.assert_allclose(pooled, chain(MIXED, **options), rtol=1e-6)
+    move, starts = ef.moves.HamiltonianMove([0.01] * 2), np.full((12, 2), [1.0, 0.95])
+    starts += 1e-3 * np.arange(12)[:, None]
+    posterior = ef.LogPosterior(AtWork(), TERM, PRIOR)
+    (sampler,) = run(move, posterior, 12, 3, starts=starts, workers=1, **options)
     assert sampler.acceptance_fraction.mean() > 0.3
 
 
 @pytest.mark.parametrize("kind", ["plain", "rejecting"])
 def test_a_run_that_was_stopped_goes_on_to_the_bit(kind, tmp_path):
-    posterior, options = POSTERIOR, {"moves": MIXED}
+    posterior, moves, options = POSTERIOR, MIXED, {"ensembles": 2}
     if kind == "rejecting":
-        posterior = make_posterior(Failing())
-        move = HamiltonianMove([0.01, 0.01], reciprocal_about=[1.0, 0.0])
-        options = {"moves": move, "on_failure": "reject"}
-        options["max_failures"] = 1.0
-    options |= {"seed": 3, "ensembles": 2, "nwalkers": 12}
-    whole = ef.run(posterior, nsteps=20, **options)
-    path = tmp_path / "run.chain"
-    ef.run(posterior, nsteps=7, backend=path, **options)
-    again = ef.run(posterior, nsteps=20, backend=path, resume=True, **options)
-    for one, other in zip(whole, again, strict=True):
-        assert_same(one, other)
-    with pytest.raises(ValueError, match=r"moves.*(steps|metric)"):
-        other = HamiltonianMove(2 * COVARIANCE, steps=4)
-        options["moves"] = [(other, 0.6), (DEMCMove(), 0.4)]
-        if kind == "rejecting":
-            options["moves"] = HamiltonianMove([0.01, 0.01], steps=9)
-        ef.run(posterior, nsteps=20, backend=path, resume=True, **options)
-
-
-def test_stored_rows_are_those_of_the_posterior():
-    (sampler,) = ef.run(POSTERIOR, MOVE, 12, 20, seed=1)
-    coords = sampler.get_chain(flat=True)
-    rows = np.column_stack(
-        [sampler.get_log_prob(flat=True), sampler.get_blobs(flat=True)]
-    )
-    np.testing.assert_allclose(rows, POSTERIOR(coords), rtol=1e-9)
-    moved = np.diff(sampler.get_chain(), axis=0).any(axis=2).sum(axis=0)
-    assert (np.abs(sampler.backend.accepted - moved) <= 1).all()
-    assert 0.3 < sampler.acceptance_fraction.mean() <= 1
+        posterior = ef.LogPosterior(Failing(), TERM, PRIOR)
+        moves = ef.moves.HamiltonianMove([0.01, 0.01])
+        options |= {"on_failure": "reject", "max_failures": 1.0}
+    whole = run(moves, posterior, steps=20, **options)
+    options["backend"] = tmp_path / "run.chain"
+    run(moves, posterior, steps=7, **options)
+    resumed = run(moves, posterior, steps=20, resume=True, **options)
+    for first, second in zip(whole, resumed, strict=True):
+        np.testing.assert_array_equal(second.get_chain(), first.get_chain())
+        np.testing.assert_array_equal(second.get_blobs(), first.get_blobs())
 
 
 def test_a_step_costs_one_solve_and_none_beyond_the_bounds():
     model = Derived()
     wide = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1)
-    term = ef.FrequencyTerm([1.02, 1.43, 2.1], relative_sd=0.05)
-    posterior = ef.LogPosterior(model, term, wide)
-    move = HamiltonianMove([0.002, 0.002], steps=4, step_size=0.3)
+    move = ef.moves.HamiltonianMove([0.002, 0.002], steps=4, step_size=0.3)
     start = np.random.default_rng(1).normal(1.0, 0.02, (10, 2))
-    ef.run(posterior, move, 10, 7, seed=1, initial=start)
+    run(move, ef.LogPosterior(model, TERM, wide), 10, 7, starts=start)
     # The starts, their gradients, and then nothing but steps.
     assert sum(model.solved) == 10 + 10 + 10 * 7 * 4
     assert model.solved[1:] == [10] * (1 + 7 * 4)
 
     model = Derived()
-    ef.run(make_posterior(model), move, 10, 30, seed=1)
+    run(move, ef.LogPosterior(model, TERM, PRIOR), 10, 30)
     inside = model.solved[2:]
-    sizes = np.reshape(inside[: len(inside) // 4 * 4], (-1, 4))
-    assert sum(inside) < 10 * 30 * 4
-    assert min(inside) > 0
-    assert (sizes < 10).any()
+    assert sum(inside) < 10 * 30 * 4 and 0 < min(inside) < 10
 
 
 def test_failures_reject_and_are_counted_or_name_their_place():
-    posterior = make_posterior(Failing())
-    move = HamiltonianMove([0.003, 0.003], steps=3, step_size=0.5)
-    options = {"nwalkers": 12, "nsteps": 40, "seed": 1}
-    (sampler,) = ef.run(
-        posterior, move, on_failure="reject", max_failures=1.0, **options
-    )
-    assert sampler.failures.causes["exception"] > 10
-    assert set(sampler.failures.kept[0].parameters) == {"a", "b"}
-    assert (np.abs(sampler.get_chain(flat=True)[:, 0] - 1.1) >= 0.02).all()
+    posterior = ef.LogPosterior(Failing(), TERM, PRIOR)
+    move = ef.moves.HamiltonianMove([0.003, 0.003], steps=3, step_size=0.5)
+    options = {"on_failure": "reject", "max_failures": 1.0}
+    found = run(move, posterior, 12, 40, **options)
+    assert found.failures.causes["exception"] > 10
+    assert set(found.failures.kept[0].parameters) == {"a", "b"}
+    assert (np.abs(found[0].get_chain(flat=True)[:, 0] - 1.1) >= 0.02).all()
     start = np.full((12, 2), [1.07, 0.95]) + 1e-4 * np.arange(12)[:, None]
     with pytest.raises(ArithmeticError) as caught:
-        ef.run(posterior, move, initial=start, **options)
-    assert "'a': 1.1" in "".join(getattr(caught.value, "__notes__", []))
+        run(move, posterior, 12, 40, starts=start)
+    assert "'a': 1." in "".join(getattr(caught.value, "__notes__", []))
 
 
 def refuse_to_solve(theta):
     raise AssertionError("evaluated")
 
 
-def test_what_has_no_gradients_is_refused_before_it_is_evaluated():
-    sampler = emcee.EnsembleSampler(4, 2, refuse_to_solve, moves=HamiltonianMove())
-    with pytest.raises(TypeError, match=r"log_prob_fn.: .*LogPosterior.*DEMCMove"):
+def test_what_has_no_gradients_is_refused_by_name():
+    move = ef.moves.HamiltonianMove()
+    sampler = emcee.EnsembleSampler(4, 2, refuse_to_solve, moves=move)
+    with pytest.raises(TypeError, match=r"log_prob_fn.*gradient.*DEMCMove"):
         sampler.run_mcmc(emcee.State(np.eye(4)[:, :2], log_prob=np.zeros(4)), 1)
-    model = Solver()
-    with pytest.raises(TypeError, match=r"posterior: .*jacobian"):
-        ef.run(make_posterior(model), [(HamiltonianMove(), 1.0)], 8, 5, seed=1)
-    assert model.solved == []
-    with pytest.raises(ValueError, match="metric: .* 2 parameters"):
-        ef.run(make_posterior(model), HamiltonianMove([1.0]), 8, 5, seed=1)
-    with pytest.raises(ValueError, match="reciprocal_about: .* 2 parameters"):
-        move = HamiltonianMove(reciprocal_about=[1.0])
-        ef.run(make_posterior(model), move, 8, 5, seed=1)
-    for wrap in (
-        lambda: ef.TemperedMove(HamiltonianMove(), [1.0, 0.5]),
-        lambda: ef.DelayedAcceptanceMove(HamiltonianMove(), len),
-    ):
-        with pytest.raises(TypeError, match=r"inner: .* no gradient"):
-            wrap()
+    posterior = ef.LogPosterior(Solver(), TERM, PRIOR)
+    for options in ({}, {"on_failure": "reject"}, {"workers": 1}):
+        with pytest.raises(TypeError, match="jacobian"):
+            run([(move, 1.0)], posterior, 8, **options)
 
 
-@pytest.mark.parametrize("metric", [None, [1e4] * 5, COVARIANCE], ids=["", "1", "2"])
-def test_it_prints_as_the_call_that_makes_it_and_survives_pickling(metric):
-    move = HamiltonianMove(metric, 2, 0.3, None if metric is None else CENTRE)
-    reference = chain(moves=move)
-    for again in (pickle.loads(pickle.dumps(move)), eval(repr(move))):
-        assert repr(again) == repr(move)
-        assert chain(moves=again) == reference
-    described = manifest._readable(move)
-    assert {*described} == {"type", *KEPT}
+def test_it_is_pickled_and_prints_as_the_call_that_makes_it():
+    reference = chain(MOVE)
+    for again in (pickle.loads(pickle.dumps(MOVE)), eval(repr(MOVE), vars(ef.moves))):
+        assert repr(again) == repr(MOVE)
+        np.testing.assert_array_equal(chain(again), reference)
 
 
-def test_tuning_finds_an_acceptance_of_80_percent_and_long_enough_trajectories():
-    law = SmoothGaussian((1e-3, 1.0, 1e6), 20)
-    samples = law.sample(np.random.default_rng(1), (24,))
+# Tuned.
+
+
+def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():
+    target = SmoothGaussian((1e-3, 1.0, 1e6), 20)
+    samples = target.sample(np.random.default_rng(1), (24,))
     kept = samples.copy()
-    spread = np.outer(law.scale, law.scale) * (law.factor @ law.factor.T)
-    move = HamiltonianMove.tuned(law, samples, 1.5 * spread, seed=1)
-    assert repr(move) == repr(HamiltonianMove.tuned(law, kept, 1.5 * spread, seed=1))
+    spread = np.outer(target.scale, target.scale) * (target.factor @ target.factor.T)
+    tuned = ef.moves.HamiltonianMove.tuned
+    move = tuned(target, samples, 1.5 * spread, seed=1)
+    assert repr(move) == repr(tuned(target, kept, 1.5 * spread, seed=1))
     assert np.array_equal(samples, kept)
     assert 1.0 < move.steps * move.step_size < 3.0
-    sampler = emcee.EnsembleSampler(50, 20, law, moves=move, vectorize=True)
-    start = law.sample(np.random.default_rng(2), (50,))
-    sampler.run_mcmc(start, 60)
+    sampler = emcee.EnsembleSampler(50, 20, target, moves=move, vectorize=True)
+    sampler.run_mcmc(target.sample(np.random.default_rng(2), (50,)), 60)
     assert 0.5 < sampler.acceptance_fraction.mean() < 0.95
     with pytest.raises(ValueError, match="samples: expected at least 8"):
-        HamiltonianMove.tuned(law, samples[:5], seed=1)
-
-
-@pytest.mark.parametrize("stands", [True, False])
-def test_walkers_that_stay_at_one_place_are_tuned_by_the_metric(monkeypatch, stands):
-    law, one = SmoothGaussian(), np.tile([3.0, 2.0, 4.0], (24, 1))
-    if stands:  # nothing is accepted, however likely it was
-        monkeypatch.setattr(hamiltonian_tuning, "_accept", lambda here, *_: here)
-        move = HamiltonianMove.tuned(law, one, [1.0] * 3, seed=1)
-        assert 0.5 < move.steps * move.step_size < 3.5 and move.steps > 1
-    else:  # steps so wide that nothing could be
-        assert HamiltonianMove.tuned(law, one, [1e20] * 3, seed=1).steps == 1
-
-
-def test_in_reciprocals_a_law_whose_reciprocals_are_gaussian_is_tuned_as_a_gaussian():
-    law, plain = ReciprocalGaussian(), SmoothGaussian()
-    samples = plain.sample(np.random.default_rng(1), (24,))
-    reference = HamiltonianMove.tuned(plain, samples, [1.0] * 3, seed=1)
-    move = HamiltonianMove.tuned(
-        law, law.invert(samples), [1.0] * 3, seed=1, reciprocal_about=law.mean
+        tuned(target, samples[:5], seed=1)
+    # Steps so wide that nothing is accepted.
+    wide = tuned(
+        SmoothGaussian(), np.tile([3.0, 2.0, 4.0], (24, 1)), [1e20] * 3, seed=1
     )
-    np.testing.assert_allclose(move.step_size, reference.step_size, rtol=1e-6)
-    np.testing.assert_array_equal(move.reciprocal_about, law.mean)
+    assert wide.steps == 1
 
 
 @pytest.mark.slow
 def test_comparisons_count_every_gradient():
-    slow = HamiltonianMove(COVARIANCE, 4, 1e-6)
-    moves = {"one": HamiltonianMove(COVARIANCE, 1, 1e-6), "four": slow}
+    moves = {
+        name: ef.moves.HamiltonianMove(COVARIANCE, steps, 1e-6)
+        for name, steps in {"one": 1, "four": 4}.items()
+    }
     result = ef.compare_moves(POSTERIOR, moves, 12, 40, ensembles=2, seed=1)
     # Starts, their gradients, and a gradient for each step.
     assert result.table.column("FE solves") == [48 + 24 * 40, 48 + 24 * 40 * 4]
-    ess = np.array([one.ess_bulk.min() for one in result.diagnoses.values()])
+    ess = np.array([own.ess_bulk.min() for own in result.diagnoses.values()])
     kept = 24 * 30 * np.array([1, 4])
     column = result.table.column("ESS per 1000")
     np.testing.assert_allclose(column, 1000 * ess / kept)

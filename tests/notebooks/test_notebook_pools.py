@@ -17,7 +17,7 @@ def test_every_sampler_has_the_models_of_a_notebook_on_its_workers(tmp_path, met
         "run": "print(same(workers=2), children())",
         "samplers": """
 posterior = posteriors["lambda"]
-runs = {workers: ef.run(posterior, "auto", nsteps=20, seed=1, workers=workers)
+runs = {workers: ef.run(posterior, steps=20, ensembles=1, seed=1, workers=workers)
         for workers in (None, 2)}
 a, b = (run[0].get_chain() for run in runs.values())
 print((a == b).all())
@@ -26,9 +26,9 @@ print(a == b)
 a, b = (ef.anneal(posterior, 100, seed=1, workers=n).theta for n in (None, 2))
 print((a == b).all())
 a, b = (ef.emulate(posterior, 12, seed=1, workers=n) for n in (None, 2))
-print((a.processes.points == b.processes.points).all())
-found = ef.run(a.posterior, nsteps=500, seed=1)
-idata = ef.to_inference_data(found, a.posterior, discard=100)
+print(str(a) == str(b))
+found = ef.run(a.posterior, steps=500, seed=1, moves=ef.DEMCMove(), ensembles=1)
+idata = ef.to_inference_data(found, discard=100)
 a, b = (ef.certify(idata, posterior, 20, seed=1, workers=n) for n in (None, 2))
 print((a.weights == b.weights).all(), children())
 """,
@@ -69,7 +69,7 @@ def stuck(p):
     time.sleep(1000)
 
 try:
-    ef.run(posterior_of(ef.FunctionModel(stuck)), workers=2, **size)
+    ef.run(posterior_of(ef.FunctionModel(stuck)), workers=2, ensembles=1, **size)
 except KeyboardInterrupt as error:
     print("again" if isinstance(error.__context__, KeyboardInterrupt) else "once")
 """,

@@ -16,11 +16,11 @@ RESULTS = {  # code, text of its HTML, whether there is a table in it
     "frf": ("measured", ">roof</td>", True),
 }
 FIGURES = {
-    "of moves": "ef.plot_comparison(compared)",
-    "of models": "ef.plot_model_comparison(classes)",
-    "of tests": "ef.plot_population(pooled)",
-    "of FRFs": "ef.plot_frf(of_frf, frf)",
-    "of proposals": "from emcee_femu.figures import plot_proposals\nplot_proposals()",
+    "of moves": "ef.figures.plot_comparison(compared)",
+    "of models": "ef.figures.plot_model_comparison(classes)",
+    "of tests": "ef.figures.plot_population(pooled)",
+    "of FRFs": "ef.frf.plot_frf(of_frf, frf)",
+    "of proposals": "ef.figures.plot_proposals()",
 }
 BARS = {
     "text": "chain(posterior, progress=True)",
@@ -36,27 +36,26 @@ def shown(tmp_path_factory):
         "emulated": """
 posterior = posteriors["function"]
 emulated = ef.emulate(posterior, 20, seed=1)
-runs = ef.run(emulated.posterior, "auto", nsteps=200, ensembles=4, seed=1)
-of_emulated = ef.to_inference_data(runs, emulated.posterior)
+of_emulated = ef.to_inference_data(ef.run(emulated.posterior, steps=200, seed=1))
 """,
         "compared": """
-moves = {"DE-MC": ef.DEMCMove(), "snooker": ef.SnookerMove()}
-compared = ef.compare_moves(posterior, moves, nsteps=100, ensembles=2, seed=1)
+moves = {"DE-MC": ef.DEMCMove(), "jumps": ef.DEMCMove(mode_jump=0.1)}
+compared = ef.compare_moves(posterior, moves, steps=100, ensembles=2, seed=1)
 """,
         "classes": """
-runs = ef.run(posterior, "auto", nsteps=200, ensembles=2, seed=1)
+runs = ef.run(posterior, steps=200, ensembles=2, seed=1)
 classes = ef.compare_models({"one": runs, "other": runs})
 """,
         "pooled": """
-idata = ef.to_inference_data(runs, posterior)
+idata = ef.to_inference_data(runs)
 tests = {name: idata for name in ("May", "June", "July")}
-pooled = ef.pool_tests(tests, ef.NormalPopulation(["k1"]), seed=1)
+pooled = ef.pool_tests(tests, ef.population.NormalPopulation(["k1"]), seed=1)
 """,
         "others": """
 from scipy.io import mmwrite
 from scipy.sparse import coo_array
-move = ef.DelayedAcceptanceMove(ef.DEMCMove(), emulated.posterior, steps=5)
-ef.run(posterior, move, nsteps=20, seed=1)
+move = ef.moves.DelayedAcceptanceMove(ef.DEMCMove(), emulated.posterior, steps=5)
+ef.run(posterior, move, steps=20, seed=1, ensembles=1)
 n = 200
 K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
 parts = {"lower": np.diag([1.0] * 100 + [0.0] * 100), "upper": K}
@@ -70,12 +69,12 @@ K = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
 two = ef.MatrixModel(
     np.zeros((2, 2)), np.eye(2), K, n_modes=2, shapes={"floor": 0, "roof": 1}
 )
-model = ef.FRFModel(two, lines, [("roof", "floor")], damping=0.02)
+model = ef.frf.FRFModel(two, lines, [("roof", "floor")], damping=0.02)
 H = model({"k1": [550.0], "k2": [380.0]})["receptance"][0] @ [1, 1j]
-measured = ef.FRFMeasurements(lines, H, [("roof", "floor")], kind="receptance")
+measured = ef.frf.FRFMeasurements(lines, H, [("roof", "floor")], kind="receptance")
 prior = ef.GaussianPrior(["k1", "k2"], [500, 400], [90, 90], [(100, 900)] * 2)
-frf = ef.LogPosterior(model, ef.FRFTerm(measured, sd=1e-4), prior)
-of_frf = ef.to_inference_data(ef.run(frf, "auto", nsteps=50, seed=1), frf)
+frf = ef.LogPosterior(model, ef.frf.FRFTerm(measured, sd=1e-4), prior)
+of_frf = ef.to_inference_data(ef.run(frf, steps=50, ensembles=1, seed=1))
 """,
         **{name: code for name, (code, *_) in RESULTS.items()},
         **FIGURES,

@@ -9,38 +9,39 @@ HTML = {  # what a user prints, and a sentence of it
     "problem": ("ef.paper.mass_spring()", "<p>Measured, in Hz: 3.507, 5.149"),
     "measurements": ("ef.Measurements([3.13, 9.83], sd=[0.1, 0.1])", "f [Hz]"),
     "first look": ("ef.find_map(posterior, seed=1)", "<p>"),
-    "recipe": ("samplers[0].recipe", "<p>a search by"),
-    "moves given": ("ef.run(posterior, **size)[0].recipe", "<p>The moves were given"),
+    "run": ("run", "<p>Moves: a search by"),
+    "search": ("run.search", "<p>a search by"),
+    "moves given": ("ef.run(posterior, ef.DEMCMove(), **size)", "DEMCMove"),
     "parameters": ("ef.parameter_table(idata)", "prior mean"),
     "frequencies": ("ef.frequency_table(idata)", "<caption"),
     "predictive": ("ef.predictive_table(idata)", "<caption"),
-    "diagnosis": ("ef.diagnose(samplers)", "<p>Converged by every check"),
-    "groups": ("ef.diagnose(samplers).groups", "importance"),
+    "diagnosis": ("ef.diagnose(run)", "<p>Converged by every check"),
+    "weights": ("ef.diagnose(run).modes", "importance"),
     "identifiability": ("ef.identifiability(idata)", "sd ratio"),
-    "evidence": ("ef.log_evidence(samplers)", "<p>log evidence (natural)"),
-    "hyperpriors": ("ef.NormalPopulation(['k1'])", "by the tests"),
+    "evidence": ("ef.log_evidence(run)", "<p>log evidence (natural)"),
+    "hyperpriors": ("ef.population.NormalPopulation(['k1'])", "by the tests"),
     "spectra": (
-        "ef.Spectra.from_record(np.random.default_rng(1).normal(size=(1000, 2)), "
-        "20.0, (3.0, 5.0))",
+        "ef.spectra.Spectra.from_record("
+        "np.random.default_rng(1).normal(size=(1000, 2)), 20.0, (3.0, 5.0))",
         "largest psd",
     ),
     "frf": (
-        "ef.FRFMeasurements([1.0, 2.0], [[1j, 2j]], [(1, 2)], kind='mobility')",
+        "ef.frf.FRFMeasurements([1.0, 2.0], [[1j, 2j]], [(1, 2)], kind='mobility')",
         "excitation",
     ),
 }
-SENTENCES = {"recipe", "moves given", "evidence"}  # and no table
+SENTENCES = {"run", "search", "moves given", "evidence"}  # and no table
 
 FIGURES = {  # how a figure comes to be shown, each once
-    "last line": "ef.plot_correlation(idata)",
-    "kept": "figure = ef.plot_tae(idata, posterior)",
-    "kept and last line": "figure = ef.plot_scatter(idata)\nfigure",
-    "in the middle": "ef.plot_predictive(idata)\nprint('after')",
-    "with a semicolon": "ef.plot_correlation(idata);",
-    "display": "display(ef.plot_correlation(idata))\nprint('after')",
-    "pyplot's show": "figure = ef.plot_correlation(idata)\nplt.show()\nfigure = 0",
-    "saved": "ef.plot_correlation(idata).savefig('figure.pdf')",
-    "pickled": "import pickle\nlen(pickle.dumps(ef.plot_correlation(idata)))",
+    "last line": "ef.figures.plot_correlation(idata)",
+    "kept": "figure = ef.figures.plot_tae(idata, posterior)",
+    "kept and last line": "figure = ef.figures.plot_scatter(idata)\nfigure",
+    "in the middle": "ef.figures.plot_predictive(idata)\nprint('after')",
+    "with a semicolon": "ef.figures.plot_correlation(idata);",
+    "display": "display(ef.figures.plot_correlation(idata))\nprint('after')",
+    "pyplot's show": "f = ef.figures.plot_correlation(idata)\nplt.show()\nf = 0",
+    "saved": "ef.figures.plot_correlation(idata).savefig('figure.pdf')",
+    "pickled": "import pickle\nlen(pickle.dumps(ef.figures.plot_correlation(idata)))",
 }
 
 
@@ -48,15 +49,15 @@ FIGURES = {  # how a figure comes to be shown, each once
 def shown(tmp_path_factory):
     cells = {
         "model": MODEL,
-        "run": """
+        "sampled": """
 from matplotlib import pyplot as plt
 posterior = posteriors["function"]
-samplers = ef.run(posterior, "auto", nsteps=300, ensembles=2, seed=1)
-idata = ef.to_inference_data(samplers, posterior)
+run = ef.run(posterior, steps=300, ensembles=2, seed=1)
+idata = ef.to_inference_data(run)
 """,
         **{name: code for name, (code, _) in HTML.items()},
         **FIGURES,
-        "later": "kept = ef.plot_correlation(idata)",
+        "later": "kept = ef.figures.plot_correlation(idata)",
         "again": "kept",
         "open": "print(plt.get_fignums())",
         "forked": "print(same(workers=2), children())",

@@ -1,11 +1,12 @@
 """Tables, figures and files of what a certificate has corrected, and say so."""
 
+import arviz
 import numpy as np
 import pytest
+import xarray
 from matplotlib import pyplot as plt
 
 import emcee_femu as ef
-from emcee_femu.results.arviz_objects import dataset, load_arviz
 
 SPRINGS = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
 PRIOR = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 2.0, [(2.0, 20.0), (1.0, 12.0)])
@@ -20,7 +21,9 @@ def emulated(masses):
 
 def certificate(masses, solves=300):
     wrong = emulated(masses)
-    samplers = ef.run(wrong, nwalkers=20, nsteps=500, seed=1)
+    samplers = ef.run(
+        wrong, nwalkers=20, steps=500, seed=1, moves=ef.DEMCMove(), ensembles=1
+    )
     idata = ef.to_inference_data(samplers, wrong, discard=200)
     return idata, ef.certify(idata, TRUE, solves, seed=2)
 
@@ -37,10 +40,7 @@ def certified():
 
 def stored_and_read(idata, path):
     idata.to_netcdf(str(path))
-    arviz = load_arviz()
     if hasattr(idata, "children"):
-        import xarray
-
         return xarray.open_datatree(path)
     return arviz.from_netcdf(str(path))
 
@@ -75,15 +75,15 @@ def test_tables_show_the_weighted_draws_and_say_so(corrected, tmp_path):
 def test_figures_show_the_weighted_draws_and_say_so(corrected):
     found = corrected[1]
     for figure in (
-        ef.plot_scatter(found.idata),
-        ef.plot_correlation(found.idata),
-        ef.plot_predictive(found.idata),
-        ef.plot_tae(found.idata, TRUE),
+        ef.figures.plot_scatter(found.idata),
+        ef.figures.plot_correlation(found.idata),
+        ef.figures.plot_predictive(found.idata),
+        ef.figures.plot_tae(found.idata, TRUE),
     ):
         title = figure.get_suptitle()
         assert title == f"Corrected by the weights of {len(found.theta)} full solves"
         plt.close(figure)
-    figure = ef.plot_correlation(found.idata)
+    figure = ef.figures.plot_correlation(found.idata)
     weights = found.weights / len(found.theta)
     centred = found.theta - weights @ found.theta
     covariance = (weights * centred.T) @ centred
@@ -101,7 +101,7 @@ def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(
         table = ef.parameter_table(given)
         assert table.rows == ef.parameter_table(idata).rows
         assert "certified by 60 full solves" in table.title
-        group = dataset(given, "certificate")
+        group = given["certificate"]
         assert group.attrs["verdict"] == found.verdict
         np.testing.assert_array_equal(group["weight"].values, found.weights)
         true = TRUE(found.theta)[:, 0]

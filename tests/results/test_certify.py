@@ -7,14 +7,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from scipy import stats
-from support.chains import ar1
 from support.emulated_gaussians import (
     COVARIANCE,
     NEAR,
     SHIFTED,
     TRUE,
     LogGaussian,
-    chains,
     draws,
     posterior,
     sampled,
@@ -22,146 +20,66 @@ from support.emulated_gaussians import (
 from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.results.certificate import judge
-from emcee_femu.results.certified_idata import SolvedRun
-from emcee_femu.results.certify import _weigh
-from emcee_femu.results.corrected_moments import correct_moments, curvature_k
-from emcee_femu.results.outside import compare_bounds
-from emcee_femu.results.solved_draws import (
-    ChosenDraws,
-    EmulatedChain,
-    choose_draws,
-    read_chain,
-)
-
-ANY = np.random.default_rng(0)
-TIGHT = LogGaussian(np.zeros(3), 0.75 * COVARIANCE)
 
 
-def certificates(emulated, n, phi, repeats=60, size=1_000):
-    """Return certificates of TRUE without verdicts, of independent chains."""
-    found = []
-    for seed, own in enumerate(chains(emulated, size, repeats, phi)):
-        chosen = choose_draws(own, n, np.random.default_rng(seed))
-        lp = TRUE(chosen.theta)
-        found.append(_weigh(own, chosen, np.column_stack([lp, lp]), n, 0))
-    return found
+def certify(emulated, true=TRUE, n=4_000, seed=3, solves=100, phi=0.0, **options):
+    """Return the certificate of an emulated Gaussian."""
+    idata = sampled(posterior(emulated), draws(emulated, n, seed, phi))
+    true = posterior(true) if isinstance(true, LogGaussian) else true
+    return ef.certify(idata, true, solves, seed=seed, **options)
 
 
-def scores(found):
-    """Return z-scores of means and standard deviations, ``(repeats, 2 d)``."""
-    return np.array(
-        [
-            np.concatenate(
-                [(c.mean - TRUE.mean) / c.mean_error, (c.sd - 1) / c.sd_error]
-            )
-            for c in found
-        ]
+@pytest.mark.slow
+@pytest.mark.parametrize(("emulated", "phi"), [(NEAR, 0.8), (SHIFTED, 0.0)])
+def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, phi):
+    found = [certify(emulated, n=9_000, seed=s, solves=180, phi=phi) for s in range(40)]
+    z = np.array(
+        [[*(c.mean / c.mean_error), *((c.sd - 1) / c.sd_error)] for c in found]
     )
-
-
-@pytest.mark.parametrize(
-    ("emulated", "phi"),
-    [(NEAR, 0.8), (SHIFTED, 0.0), (SHIFTED, 0.8), (TIGHT, 0.0)],
-)
-def test_means_and_standard_deviations_are_the_exact_ones_and_errors_are_honest(
-    emulated, phi
-):
-    z = scores(certificates(emulated, 150, phi))
     assert (np.abs(z.mean(axis=0)) < 4.5 / np.sqrt(len(z))).all()
-    assert (np.abs(z.std(axis=0) - 1.0) < 0.35).all()
-    # All six together, far sharper: the mean square of a z-score is 1.
+    # All six together: the mean square of a z-score is 1.
     assert 0.7 < (z**2).mean() < 1.35
 
 
 def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():
-    draws = np.random.default_rng(1).standard_normal((32_000, 2))
-    sizes = np.full((2, 2), 32_000.0)
-    own = EmulatedChain(("x", "y"), draws, draws[:, 0], np.eye(2), 32_000.0, sizes)
-    equal = np.full(75, 1 / 75)
-    found = correct_moments(own, draws[:75], equal, equal)
-    np.testing.assert_allclose(found.mean, draws.mean(axis=0), atol=1e-12)
-    np.testing.assert_allclose(found.sd, draws.std(axis=0), rtol=1e-4)
-    np.testing.assert_allclose(found.mean_error, 1 / np.sqrt(32_000), rtol=0.05)
+    theta = draws(TRUE, 8_000, 1)
+    found = ef.certify(sampled(posterior(TRUE), theta), posterior(TRUE), 75, seed=1)
+    np.testing.assert_allclose(found.mean, theta.mean(axis=0), atol=1e-12)
+    np.testing.assert_allclose(found.sd, theta.std(axis=0), rtol=1e-3)
+    np.testing.assert_allclose(found.mean_error, 8_000**-0.5, rtol=0.1)
 
 
-def test_the_efficiency_is_that_of_the_law():
+def test_efficiency_and_weights_are_those_of_the_law():
     moved = LogGaussian(np.array([0.5, 0.0, 0.0]), np.eye(3))
-    (own,) = chains(moved, 8_000, 1)
-    chosen = choose_draws(own, 8_000, ANY)
-    lp = LogGaussian(np.zeros(3), np.eye(3), 40.0)(chosen.theta)
-    found = _weigh(own, chosen, np.column_stack([lp, lp]), 8_000, 0)
-    assert found.efficiency == pytest.approx(np.exp(-(0.5**2)), abs=0.02)
+    law = LogGaussian(np.zeros(3), np.eye(3), 40.0)
+    found = certify(moved, law, n=8_000, solves=1_500)
+    assert found.efficiency == pytest.approx(np.exp(-(0.5**2)), abs=0.04)
     assert found.weights.mean() == pytest.approx(1.0)
-    expected = np.exp(lp - moved(chosen.theta))
-    expected /= expected.mean()
+    expected = np.exp(law(found.theta) - moved(found.theta))
     bulk = found.weights < np.quantile(found.weights, 0.9)  # the tail is smoothed
-    np.testing.assert_allclose(found.weights[bulk], expected[bulk], rtol=1e-3)
+    ratio = found.weights[bulk] / expected[bulk]
+    np.testing.assert_allclose(ratio, ratio[0], rtol=1e-3)
 
 
-def test_draws_are_spread_over_the_chain_and_none_is_there_twice():
-    still = np.repeat(np.arange(40.0), 50)[:, None]  # stands still for 50 steps
-    bounds = np.array([[-1.0, 50.0]])
-    own = EmulatedChain(("x",), still, -still[:, 0], bounds, 40.0, np.ones((2, 1)))
-    chosen = choose_draws(own, 30, np.random.default_rng(2))
-    assert len(np.unique(chosen.theta)) == len(chosen.theta) == 30
-    assert (chosen.log_posterior == -chosen.theta[:, 0]).all()
-    few = choose_draws(own, 60, np.random.default_rng(2))
-    assert len(few.theta) == 40 and (few.counts == 50).all()
+def test_draws_are_spread_evenly_and_count_as_often_as_they_were_met():
+    flat = free_posterior(lambda theta: np.zeros(len(theta)), box(-9.0, 9.0, 2))
+    rng = np.random.default_rng(1)
+    walk = np.column_stack([np.linspace(-8.0, 8.0, 1_000), rng.uniform(-8, 8, 1_000)])
+    steps = np.diff(ef.certify(sampled(flat, walk), flat, 60, seed=1).theta[:, 0])
+    assert 0 < steps.min() and np.ptp(steps) < 1.01 * 16 / 999
+    still = np.repeat(walk[::25], np.tile([1, 9], 20), axis=0)
+    found = ef.certify(sampled(flat, still), flat, 400, seed=1)
+    assert len(np.unique(found.theta, axis=0)) == len(found.theta) == 40
+    np.testing.assert_allclose(found.weights, np.tile([0.2, 1.8], 20))
 
 
-def test_draws_are_taken_at_equal_distances():
-    walk = np.arange(1_000.0)[:, None]
-    own = EmulatedChain(("x",), walk, walk[:, 0], np.array([[0, 1e3]]), 1e3, ANY)
-    steps = np.diff(choose_draws(own, 40, ANY).theta[:, 0])
-    assert steps.min() == steps.max() == 25
-
-
-def test_weights_are_those_of_the_draws_as_often_as_they_were_met():
-    where = np.repeat(np.arange(30.0), np.tile([1, 9], 15))[:, None]
-    where = np.hstack([where, np.random.default_rng(1).permutation(where)])
-    own = EmulatedChain(
-        ("x", "y"), where, 0 * where[:, 0], np.array([[0, 30.0]] * 2), 150.0, np.ones(4)
-    )
-    chosen = ChosenDraws(where[:40], np.zeros(40), np.tile([1, 9], 20))
-    found = _weigh(
-        dataclasses.replace(own, mean_sizes=np.full((2, 2), 150.0)),
-        chosen,
-        np.zeros((40, 2)),
-        40,
-        0,
-    )
-    expected = np.tile([0.2, 1.8], 20)
-    np.testing.assert_allclose(found.weights, expected)
-
-
-def test_a_draw_that_is_met_again_counts_as_often():
-    law = np.array([0.7, 0.2, 0.1])
-    where = np.random.default_rng(5).choice(3, 3_000, p=law)
-    own = EmulatedChain(
-        ("x",), where[:, None] * 1.0, np.zeros(3_000), np.array([[0, 2.0]]), 3e3, ANY
-    )
-    counts = choose_draws(own, 4, ANY).counts  # of three, which all are taken for
-    assert np.abs(counts / counts.sum() - law).max() < 0.04
-
-
-@pytest.mark.parametrize("share", [0.25, 0.5, 0.75])
-def test_the_curvature_of_the_weights_tells_k_better_than_the_largest(share):
+@pytest.mark.parametrize("share", [0.25, 0.75])
+def test_the_curvature_of_the_weights_tells_k(share):
     narrow = LogGaussian(np.zeros(3), np.diag([share, 1.0, 1.0]))
-    wide, found = LogGaussian(np.zeros(3), np.eye(3)), []
-    for own in chains(narrow, 1_000, 5):
-        theta = own.draws[::10]
-        found.append(curvature_k(own, theta, wide(theta) - narrow(theta)))
-    assert found == pytest.approx([1 - share] * 5, abs=0.1)
-    few = own.draws[:8]
-    assert curvature_k(own, few, np.zeros(8)) == -np.inf
-
-
-def certify(emulated, true=TRUE, n=4_000, seed=3, solves=100, **options):
-    """Return the certificate of an emulated Gaussian."""
-    idata = sampled(posterior(emulated), draws(emulated, n, seed))
-    true = posterior(true) if isinstance(true, LogGaussian) else true
-    return ef.certify(idata, true, solves, seed=seed, **options)
+    wide = LogGaussian(np.zeros(3), np.eye(3))
+    found = [certify(narrow, wide, n=1_000, seed=seed) for seed in range(3)]
+    assert [c.curvature_k for c in found] == pytest.approx([1 - share] * 3, abs=0.1)
+    assert certify(NEAR, solves=10).curvature_k == -np.inf
 
 
 def test_a_good_one_is_certified_and_its_errors_are_small():
@@ -258,48 +176,18 @@ def test_draws_that_press_against_a_bound_of_the_emulator_are_refused():
 
 
 def test_a_short_chain_is_said_and_widens_the_errors():
-    phi = 0.98
-    few, enough = (
-        sampled(
-            posterior(TRUE),
-            ar1([phi] * 3, n, 1, 5)[:, 0] @ np.linalg.cholesky(COVARIANCE).T,
-        )
-        for n in (3_000, 60_000)
-    )
-    short, long = (ef.certify(i, posterior(TRUE), 80, seed=1) for i in (few, enough))
+    short, long = (certify(TRUE, n=n, solves=80, phi=0.98) for n in (3_000, 60_000))
     assert "independent draws only" in str(short)
     assert "independent draws only" not in str(long)
     assert (short.mean_error > 2 * long.mean_error).all()
     assert short.effective < 60 * short.efficiency < 1.2 * long.effective
-    assert "itself: Not converged" in str(short)
-    assert "Not converged" not in str(long)
-
-
-class TwoWalkers(SolvedRun):
-    """Two walkers in turn."""
-
-    nwalkers = 2
-
-    def __init__(self, theta, rows):
-        super().__init__(theta, rows)
-        self.iteration, self.accepted = len(theta) // 2, np.full(2, np.nan)
-
-    def get_chain(self, **_):
-        return super().get_chain().reshape(-1, 2, 3)
-
-    def get_log_prob(self, **_):
-        return super().get_log_prob().reshape(-1, 2)
-
-    def get_blobs(self, **_):
-        return super().get_blobs().reshape(self.iteration, 2, -1)
 
 
 def test_a_chain_in_several_parts_is_refused():
     true, theta = posterior(TRUE), draws(TRUE, 2_000, 1)
     for apart, short in ((0.0, "certified"), (1.5, "refused")):
         moved = theta + apart * (np.arange(2_000) % 2)[:, None]
-        idata = ef.to_inference_data(TwoWalkers(moved, true(moved)), true)
-        found = ef.certify(idata, true, seed=1)
+        found = ef.certify(sampled(true, moved, walkers=2), true, seed=1)
         assert found.short == short
     assert "in several parts" in found.verdict
 
@@ -342,16 +230,18 @@ def test_failed_solves_have_no_weight_where_they_are_rejected():
 
 
 def test_pools_and_files_give_the_same_certificate(tmp_path):
-    alone = certify(NEAR)
+    alone, path = certify(NEAR), tmp_path / "near.certificate"
     with ThreadPoolExecutor(2) as pool:
         assert str(certify(NEAR, pool=pool)) == str(alone)
-    path = tmp_path / "near.certificate"
-    assert str(certify(NEAR, backend=path)) == str(alone)
-    assert str(certify(NEAR, backend=path)) == str(alone)  # without solves
+    file = {"backend": path, "resume": True}
+    assert str(certify(NEAR, **file)) == str(alone)
+    assert str(certify(NEAR, **file)) == str(alone)  # without solves
+    with pytest.raises(ValueError, match="near.certificate exists"):
+        certify(NEAR, backend=path)
     with pytest.raises(ValueError, match="near.certificate"):
-        certify(NEAR, backend=path, solves=60)
-    with pytest.raises(ValueError, match="emulated_draws.sha256: was"):  # emulated anew
-        certify(SHIFTED, backend=path)
+        certify(NEAR, **file, solves=60)
+    with pytest.raises(ValueError, match="emulated draws: was"):  # emulated anew
+        certify(SHIFTED, **file)
 
 
 class Stopping:
@@ -376,19 +266,19 @@ def test_a_kill_loses_no_solve_of_a_pool(tmp_path):
         with ThreadPoolExecutor(2) as pool:
             if law.stop:
                 with pytest.raises(KeyboardInterrupt):
-                    certify(NEAR, true, solves=40, pool=pool, backend=path)
+                    certify(NEAR, true, solves=40, pool=pool, backend=path, resume=True)
             else:
-                certify(NEAR, true, solves=40, pool=pool, backend=path)
-    # One call sees that the model is the same, and a few may have been under way.
-    assert laws[1].calls <= 40 - 30 + 1 + 8
+                certify(NEAR, true, solves=40, pool=pool, backend=path, resume=True)
+    # Up to 16 calls see that the model is the same; a few may have been under way.
+    assert laws[1].calls <= 40 - 30 + 16 + 8
 
 
 def test_bounds_of_neither_are_no_matter():
     """A prior without bounds has infinite ones, as its emulator has."""
     prior = ef.GaussianPrior(["x1", "x2", "x3"], np.zeros(3), 9.0)
-    (chain,) = chains(NEAR, 200, 1)
-    free = dataclasses.replace(chain, bounds=prior.bounds)
-    assert compare_bounds(free, prior, ANY) == []
+    free = free_posterior(TRUE, prior)
+    idata = sampled(free, draws(TRUE, 2_000, 1))
+    assert ef.certify(idata, free, seed=1).short == "certified"
 
 
 def test_what_is_no_chain_of_this_posterior_is_refused():
@@ -403,21 +293,13 @@ def test_what_is_no_chain_of_this_posterior_is_refused():
         ef.certify(sampled(posterior(NEAR), theta), posterior(TRUE), seed=1)
 
 
-def test_the_order_of_parameters_is_that_of_the_posterior():
-    idata = sampled(posterior(NEAR), draws(NEAR, 100, 1))
-    own = read_chain(idata, ANY)
-    assert own.names == ("x1", "x2", "x3")
-    level = own.log_posterior - NEAR(own.draws)
-    assert np.ptp(level) < 1e-9  # the prior is uniform
-
-
-def test_weights_that_are_nearly_equal_are_believed_whatever_their_k():
+def test_weights_that_are_nearly_equal_are_trusted_whatever_their_k():
     found = certify(NEAR)
     for k in (-np.inf, 0.9, 5.0):
-        assert judge(dataclasses.replace(found, pareto_k=k), [], [])[0] == "certified"
+        assert dataclasses.replace(found, pareto_k=k).short == "certified"
     unequal = dataclasses.replace(found, efficiency=0.6, pareto_k=0.9)
-    assert judge(unequal, [], [])[0] == "refused"
+    assert unequal.short == "refused"
     bent = dataclasses.replace(unequal, pareto_k=0.1, curvature_k=0.9)
-    assert judge(bent, [], [])[0] == "refused"
+    assert bent.short == "refused"
     weak = dataclasses.replace(unequal, pareto_k=0.6)  # of 75 weights
-    assert "too few solves for so heavy a tail" in judge(weak, [], [])[1]
+    assert "too few solves for so heavy a tail" in weak.verdict

@@ -1,33 +1,31 @@
 """log_evidence against closed forms, and the honesty of its standard errors."""
 
-from types import SimpleNamespace
-
+import arviz as az
 import emcee
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import stats
+from support.chains import as_arviz, backend
 from support.examples import load
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
-from emcee_femu import DEMCMove, TemperedMove, log_evidence
-from emcee_femu.results.arviz_objects import load_arviz
-from emcee_femu.results.evidence import Evidence
-from emcee_femu.results.evidence_ladder import space_betas
-from emcee_femu.sampling.run_file import RunFile
 
 LAWS = {"gaussian": GaussianLaw(), "bounded": BoundedLaw()}
 BETAS = np.linspace(1, 0, 8) ** 3
 
 
-def tempered(law, block, nsteps, seed=1, betas=BETAS, **options):
-    move, nwalkers = TemperedMove(DEMCMove(), betas), block * len(betas)
-    return ef.run(law.posterior, move, nwalkers, nsteps, seed=seed, **options)
+def tempered(law, block, steps, seed=1, betas=BETAS, **options):
+    move, nwalkers = ef.moves.TemperedMove(ef.DEMCMove(), betas), block * len(betas)
+    return ef.run(
+        law.posterior, move, nwalkers, steps, seed=seed, **{"ensembles": 1, **options}
+    )
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_evidence_is_the_exact_one(law):
-    found = log_evidence(tempered(LAWS[law], block=100, nsteps=800), discard=100)
+    found = ef.log_evidence(tempered(LAWS[law], block=100, steps=800), discard=100)
     exact = LAWS[law].log_evidence
     assert found.log_evidence_error < 0.02
     assert abs(found.log_evidence - exact) < 3 * found.log_evidence_error
@@ -35,48 +33,48 @@ def test_the_evidence_is_the_exact_one(law):
 
 @pytest.mark.slow
 def test_the_standard_error_is_the_spread_of_independent_runs():
-    repeated = tempered(LAWS["gaussian"], block=20, nsteps=500, ensembles=10, seed=2)
-    found = [log_evidence(run, discard=60) for run in repeated]
+    repeated = tempered(LAWS["gaussian"], block=20, steps=500, ensembles=10, seed=2)
+    found = [ef.log_evidence(run, discard=60) for run in repeated]
     values = [one.log_evidence for one in found]
     claimed = np.sqrt(np.mean([one.log_evidence_error**2 for one in found]))
     assert 0.5 < np.std(values, ddof=1) / claimed < 2
-    together = log_evidence(repeated, discard=60)
+    together = ef.log_evidence(repeated, discard=60)
     assert_allclose(np.mean(values), together.log_evidence, atol=claimed)
     error = together.log_evidence_error
     assert 0.5 < error / (claimed / np.sqrt(len(found))) < 2
     assert abs(together.log_evidence - LAWS["gaussian"].log_evidence) < 4 * error
 
 
-class Backend(emcee.backends.Backend):
-    """A stored chain with the moves of its sampler, as log_evidence sees one."""
+def ladder(log_likelihood, betas=(1.0, 0.5, 0.0), log_prior=-2.0):
+    """Return a sampler that stored these log-likelihoods ``(steps, walkers)``."""
+    steps, walkers = log_likelihood.shape
+    stored = emcee.backends.Backend()
+    stored.reset(walkers, 1)
+    blobs = np.full((walkers, 2), log_prior)
+    stored.grow(steps, blobs)
+    for likelihood in log_likelihood:
+        coords = np.zeros((walkers, 1))
+        state = emcee.State(coords, likelihood + log_prior, blobs)
+        stored.save_step(state, np.ones(walkers, bool))
+    move = ef.moves.TemperedMove(ef.DEMCMove(), betas)
+    sampler = emcee.EnsembleSampler(walkers, 1, len, moves=move)
+    sampler.backend = stored
+    return sampler
 
-    def __init__(self, log_likelihood, betas=(1.0, 0.5, 0.0), log_prior=-2.0):
-        super().__init__()
-        steps, self.nwalkers = log_likelihood.shape
-        self._moves = [TemperedMove(DEMCMove(), betas)]
-        self.reset(self.nwalkers, 1)
-        blobs = np.full((self.nwalkers, 2), log_prior)
-        self.grow(steps, blobs)
-        for likelihood in log_likelihood:
-            state = emcee.State(
-                np.zeros((self.nwalkers, 1)), likelihood + log_prior, blobs
-            )
-            self.save_step(state, np.ones(self.nwalkers, bool))
 
-
-def independent(steps=1_000, shift=0.0):
+def independent(steps=1_000, shift=0.0, seed=1):
     """Return log-likelihoods of three rungs, whose laws are those of one Gaussian.
 
     With N(-2, 2) at beta = 0 they are N(-2 + 2 beta, 2): the evidence is exp(-1).
     """
-    values = np.random.default_rng(1).normal(size=(steps, 3, 5)) * np.sqrt(2)
+    values = np.random.default_rng(seed).normal(size=(steps, 3, 5)) * np.sqrt(2)
     return (values + np.array([0.0, -1.0, -2.0])[:, None] + shift).reshape(steps, -1)
 
 
 def test_independent_draws_of_a_known_ladder_give_its_evidence():
     errors = []
     for steps in (1_000, 16_000):
-        found = log_evidence(Backend(independent(steps)))
+        found = ef.log_evidence(ladder(independent(steps)))
         assert abs(found.log_evidence + 1) < 3 * found.log_evidence_error
         errors.append(found.log_evidence_error)
     assert_allclose(errors[0] / errors[1], 4, rtol=0.15)
@@ -95,57 +93,56 @@ def test_the_error_grows_with_what_walkers_and_ensembles_share():
     shared = means + rng.normal(size=(1_000, 1, 1)) * np.ones((1, 3, 5))
     alone = means + rng.normal(size=(1_000, 3, 5))
     errors = [
-        log_evidence(Backend(values.reshape(1_000, -1))).log_evidence_error
+        ef.log_evidence(ladder(values.reshape(1_000, -1))).log_evidence_error
         for values in (alone, shared)
     ]
     assert errors[1] > 2.5 * errors[0]
-    two = [Backend(alone.reshape(1_000, -1) + shift) for shift in (0.0, 1.0)]
+    two = [ladder(alone.reshape(1_000, -1) + shift) for shift in (0.0, 1.0)]
     # Each is sure of itself; that they are 1 apart is the larger error.
-    assert_allclose(log_evidence(two).log_evidence_error, 0.5, rtol=0.2)
+    assert_allclose(ef.log_evidence(two).log_evidence_error, 0.5, rtol=0.2)
 
 
 def test_huge_log_likelihoods_neither_overflow_nor_vanish():
-    found, moved = (log_evidence(Backend(independent(100, s))) for s in (0.0, -1e6))
+    found, moved = (ef.log_evidence(ladder(independent(100, s))) for s in (0.0, -1e6))
     assert_allclose(moved.log_evidence, found.log_evidence - 1e6, rtol=1e-9)
     assert_allclose(moved.log_evidence_error, found.log_evidence_error, rtol=1e-4)
 
 
-def test_rungs_that_do_not_overlap_claim_no_error_and_name_better_betas():
+@pytest.mark.parametrize("ensembles", [1, 2, 4])
+def test_the_spread_of_few_ensembles_does_not_make_the_error_too_large(ensembles):
+    """The larger of both errors would be 1.25 times too large with two ensembles."""
+    found = [
+        ef.log_evidence(
+            [ladder(independent(60, 0.0, (k, e))) for e in range(ensembles)]
+        )
+        for k in range(150)
+    ]
+    claimed = np.sqrt(np.mean([one.log_evidence_error**2 for one in found]))
+    spread = np.std([one.log_evidence for one in found], ddof=1)
+    assert 0.85 < claimed / spread < 1.22
+
+
+def test_rungs_that_do_not_overlap_claim_no_error():
     apart = independent().reshape(-1, 3, 5) + 20 * np.array([2.0, 1.0, 0.0])[:, None]
-    found = log_evidence(Backend(apart.reshape(1_000, -1)))
+    found = ef.log_evidence(ladder(apart.reshape(1_000, -1)))
     assert found.log_evidence_error == np.inf
     text = str(found).splitlines()
     assert "no standard error can be claimed" in text[0]
     assert text[1].startswith("Betas ") and "hardly overlap" in text[1]
 
 
-def test_better_betas_are_equally_far_apart():
-    """For a Gaussian likelihood in d dimensions under a wide Gaussian prior."""
-    d, wide = 8, 1e4
-    betas = np.array([1.0, 0.1, 1e-3, 0.0])
-
-    def variance(beta):
-        return d / 2 / (beta + 1 / wide) ** 2
-
-    better = space_betas(betas, variance(betas))
-    assert better[0] == 1 and better[-1] == 0 and (np.diff(better) < 0).all()
-    apart = np.sqrt(d / 2) * -np.diff(np.log(better + 1 / wide))
-    assert_allclose(apart, apart[0], rtol=1e-2)
-    assert 1.1 < apart[0] <= 1.2 * (1 + 1e-3)
-
-
 def test_short_and_drifting_chains_claim_no_error():
     steps = 400
     slow = np.cumsum(np.random.default_rng(3).normal(size=(steps, 1, 1)), axis=0)
     walk = independent(steps).reshape(steps, 3, 5) * 0.1 + 0.1 * slow
-    short = log_evidence(Backend(walk.reshape(steps, -1)))
+    short = ef.log_evidence(ladder(walk.reshape(steps, -1)))
     assert short.log_evidence_error == np.inf
     assert "autocorrelation times of the evidence long" in str(short)
     drift = independent(steps)
     drift[: steps // 2] += 1.0
-    found = log_evidence(Backend(drift))
+    found = ef.log_evidence(ladder(drift))
     assert found.log_evidence_error == np.inf
-    assert np.isfinite(log_evidence(Backend(drift), steps // 2).log_evidence_error)
+    assert np.isfinite(ef.log_evidence(ladder(drift), steps // 2).log_evidence_error)
 
 
 def half_solvable(parameters):
@@ -161,65 +158,50 @@ def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
     betas = np.linspace(1, 0, 5) ** 2
     runs = ef.run(
         posterior,
-        TemperedMove(DEMCMove(), betas),
+        ef.moves.TemperedMove(ef.DEMCMove(), betas),
         nwalkers=16 * len(betas),
-        nsteps=300,
-        seed=1,
+        steps=300,
+        seed=2,
         on_failure="reject",
         max_failures=0.9,
+        ensembles=1,
     )
-    found = log_evidence(runs, discard=50)
+    found = ef.log_evidence(runs, discard=50)
     inside = np.log(0.5**2 / 2 / 0.5) + law.log_evidence - np.log(1 / 2)
     assert found.log_evidence_error < 0.1
     assert abs(found.log_evidence - inside) < 4 * found.log_evidence_error
-    assert found.failed_solves == runs[0].failures.causes.total() > 0
+    assert found.failed_solves == runs.failures.causes.total() > 0
     assert f"{found.failed_solves} solves failed" in str(found)
 
 
-def test_it_prints_the_estimate_or_why_there_is_no_error():
-    found = Evidence(-5.0, 0.01, "by bridges between 8 betas")
-    assert str(found) == (
-        "log evidence (natural) -5.0000 +- 0.0100, by bridges between 8 betas"
-    )
-    drifting = Evidence(-5.0, np.inf, "known", problems=("its halves disagree",))
-    assert str(drifting).splitlines() == [
-        "log evidence (natural) -5.0000 (no standard error can be claimed), known",
-        "Its halves disagree.",
-    ]
-
-
-def test_what_anneal_returns_and_a_run_file_are_taken(tmp_path):
-    annealed = SimpleNamespace(log_evidence=-3.0, log_evidence_error=0.1)
-    assert str(log_evidence(annealed)).startswith("log evidence (natural) -3.0000 +- ")
+def test_what_anneal_returns_and_the_name_of_a_file_are_taken(tmp_path):
+    annealed = ef.anneal(LAWS["gaussian"].posterior, 100, seed=1)
+    found = ef.log_evidence(annealed)
+    assert found.log_evidence == annealed.log_evidence
+    assert found.log_evidence_error == annealed.log_evidence_error
     file = tmp_path / "run.chain"
-    (run,) = tempered(LAWS["bounded"], 10, 20, betas=[1.0, 0.3, 0.0], backend=file)
-    stored = log_evidence(RunFile(file))
-    assert stored.log_evidence == log_evidence(run).log_evidence
-
-
-def untempered():
-    return ef.run(LAWS["bounded"].posterior, nwalkers=16, nsteps=10, seed=1)
+    run = tempered(LAWS["bounded"], 10, 20, betas=[1.0, 0.3, 0.0], backend=file)
+    assert ef.log_evidence(file).log_evidence == ef.log_evidence(run).log_evidence
 
 
 NORMAL = np.random.default_rng(4).normal(size=(10, 6))
+HOLE = NORMAL == NORMAL[3, 2]
 BROKEN = {
-    "untempered": (untempered, "or of .auto."),
-    "a backend": (lambda: untempered()[0].backend, "or of .auto."),
-    "not to the prior": (lambda: Backend(NORMAL, [1.0, 0.1]), "end at 0"),
-    "different betas": (
-        lambda: [Backend(NORMAL), Backend(NORMAL, [1.0, 0.1, 0.0])],
-        "same betas",
-    ),
-    "NaN": (
-        lambda: Backend(np.where(NORMAL == NORMAL[3, 2], np.nan, NORMAL)),
-        "walker 2 of ensemble 0 is nan at step 3",
-    ),
+    "untempered": (lambda: backend(NORMAL[..., None]), "of .auto. or"),
+    "not to the prior": (lambda: ladder(NORMAL, [1.0, 0.1]), "end at 0"),
+    "NaN": (lambda: ladder(np.where(HOLE, np.nan, NORMAL)), "walker 2 of ensemble 0"),
     "zero likelihood": (
-        lambda: Backend(np.where(NORMAL == NORMAL[3, 2], -np.inf, NORMAL)),
-        "is -inf at step 3",
+        lambda: ladder(np.where(HOLE, -np.inf, NORMAL)),
+        "-inf at step",
     ),
-    "constant": (lambda: Backend(np.zeros((10, 6))), "never changed"),
-    "too short": (lambda: Backend(NORMAL[:5]), "at least 8 steps"),
+    "constant": (lambda: ladder(np.zeros((10, 6))), "never changed"),
+    "annealed": (
+        lambda: ef.to_inference_data(
+            ef.anneal(LAWS["gaussian"].posterior, 80, seed=1),
+            LAWS["gaussian"].posterior,
+        ),
+        "got a population",
+    ),
 }
 
 
@@ -227,7 +209,7 @@ BROKEN = {
 def test_what_has_no_evidence_is_refused(case):
     make, match = BROKEN[case]
     with pytest.raises(ValueError, match=match):
-        log_evidence(make())
+        ef.log_evidence(make())
 
 
 BENCHMARK = load("evidence")
@@ -257,29 +239,63 @@ def test_twenty_seeds_meet_the_bar(problem, method):
     assert 1 / 1.5 < found["claimed"] / found["spread"] < 1.5
 
 
-@pytest.mark.parametrize("kept", ["in memory", "netCDF"])
-def test_the_arviz_object_of_auto_has_the_same_evidence(kept, tmp_path):
+def test_the_arviz_object_of_auto_has_the_same_evidence(tmp_path):
     law = GaussianLaw()
-    runs = ef.run(law.posterior, "auto", 16, 200, ensembles=2, seed=1)
-    idata = ef.to_inference_data(runs, law.posterior, discard=20)
-    if kept == "netCDF":
-        idata.to_netcdf(tmp_path / "run.nc")
-        idata = load_arviz().from_netcdf(tmp_path / "run.nc")
-    found, direct = log_evidence(idata), log_evidence(runs, 20)
-    assert found.log_evidence == direct.log_evidence
-    assert found.log_evidence_error == direct.log_evidence_error
-    assert log_evidence(idata, 30).log_evidence == log_evidence(runs, 50).log_evidence
+    run = ef.run(law.posterior, "auto", 16, 200, ensembles=2, seed=1)
+    converted = ef.to_inference_data(run, discard=20)
+    converted.to_netcdf(tmp_path / "run.nc")
+    direct = ef.log_evidence(run, 20)
+    for idata in (converted, az.from_netcdf(tmp_path / "run.nc")):
+        found = ef.log_evidence(idata)
+        assert found.log_evidence == direct.log_evidence
+        assert found.log_evidence_error == direct.log_evidence_error
+    later = ef.log_evidence(idata, 30).log_evidence
+    assert later == ef.log_evidence(run, 50).log_evidence
     error = 4 * found.log_evidence_error + 1e-6
     assert abs(found.log_evidence - law.log_evidence) < error
-    assert ef.compare_models({"a": idata, "b": runs}).winner is None
+    assert ef.compare_models({"a": idata, "b": run}).winner is None
 
 
-def test_an_arviz_object_without_what_is_needed_is_refused_by_name():
-    law = GaussianLaw()
-    for samplers, expected in (
-        (tempered(law, 20, 10), "cold walkers of a tempered run, .* its samplers or"),
-        (ef.run(law.posterior, nsteps=10, seed=1), "other moves than 'auto'"),
-        (ef.anneal(law.posterior, 80, seed=1), "population, .* the population itself"),
-    ):
-        with pytest.raises(ValueError, match=f"samplers: .*{expected}"):
-            log_evidence(ef.to_inference_data(samplers, law.posterior))
+# The bridge from a frozen proposal: q is a t, p a Gaussian of known evidence.
+D, LOG_Z, KEPT = 4, -7.0, 0.9  # KEPT: a step's correlation with the one before
+Q = stats.multivariate_t(np.full(D, 0.2), 1.3 * np.eye(D), df=5.0)
+
+
+def log_p(x):
+    return LOG_Z + stats.norm.logpdf(x).sum(axis=-1)
+
+
+def of_auto(seed, steps=1_000, ensembles=2, walkers=4, n=500, shift=0.0):
+    """Return an ArviZ object of correlated draws of p, and what "auto" knows of q."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(steps, ensembles, walkers, D))
+    for t in range(1, steps):
+        x[t] = KEPT * x[t - 1] + np.sqrt(1 - KEPT**2) * x[t]
+    y = Q.rvs(n, random_state=rng)
+    mixture = [[1.0], [Q.loc.tolist()], [Q.shape.tolist()], Q.df]
+    search = {"mixture": mixture, "mode_of": [0], "trajectories": None}
+    search |= {"log_weights": (log_p(y) - Q.logpdf(y) - shift).tolist()}
+    unread = "weights errors found_by starts pareto_k efficiency points climbs annealed"
+    search |= dict.fromkeys(f"{unread} solves share".split(), 0.0)
+    chains = [
+        backend(x[:, e], log_prob=log_p(x[:, e]) + shift) for e in range(ensembles)
+    ]
+    return as_arviz(chains, search=search)
+
+
+def test_the_bridge_from_a_frozen_proposal_is_exact_and_its_error_the_spread():
+    found = [ef.log_evidence(of_auto(seed)) for seed in range(40)]
+    assert "frozen proposal" in str(found[0])
+    values = np.array([one.log_evidence for one in found])
+    errors = np.array([one.log_evidence_error for one in found])
+    z = (values - LOG_Z) / errors
+    assert (np.abs(z) < 3).mean() >= 0.95
+    assert abs(z.mean()) < 4 / np.sqrt(len(z))
+    assert 1 / 1.5 < values.std(ddof=1) / np.sqrt((errors**2).mean()) < 1.5
+
+
+@pytest.mark.parametrize("shift", [15.0, 300.0])
+def test_no_overlap_with_the_frozen_proposal_claims_no_error(shift):
+    found = ef.log_evidence(of_auto(1, shift=shift))
+    assert any("hardly overlap" in problem for problem in found.problems)
+    assert found.log_evidence_error == np.inf

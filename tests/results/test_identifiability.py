@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm
+from support.chains import dataset
 from support.known_posteriors import (
     CURVATURE,
     GRADIENT,
@@ -16,9 +17,6 @@ from support.known_posteriors import (
 )
 
 import emcee_femu as ef
-from emcee_femu.posterior.priors import uniform_between
-from emcee_femu.results.arviz_objects import dataset
-from emcee_femu.results.identifiability import identifiability
 
 COVARIANCE = gaussian_posterior(GRADIENT[:2], 0.1)
 
@@ -26,7 +24,7 @@ COVARIANCE = gaussian_posterior(GRADIENT[:2], 0.1)
 @pytest.fixture
 def found():
     z = exact_draws(COVARIANCE, mean=[0.2, -0.1, 1.0])
-    return identifiability(made(z, linear_frequencies(z, curvature=0 * CURVATURE)))
+    return ef.identifiability(made(z, linear_frequencies(z, curvature=0 * CURVATURE)))
 
 
 def test_sd_ratio_and_correlation_are_those_of_the_gaussian_posterior(found):
@@ -45,7 +43,7 @@ def test_sensitivities_of_a_linear_model_are_its_matrix(found):
 def test_sensitivities_of_a_curved_model_are_its_gradient_at_the_posterior_mean():
     mean = np.array([0.5, -1.0, 2.0])
     z = exact_draws(COVARIANCE, mean)
-    found = identifiability(made(z, linear_frequencies(z)))
+    found = ef.identifiability(made(z, linear_frequencies(z)))
     expected = GRADIENT + 2 * CURVATURE[:, None] * mean
     assert_allclose(found.sensitivities, expected, rtol=0, atol=1e-9)
 
@@ -63,7 +61,7 @@ def test_sensitivities_are_the_eigenvalue_derivatives_from_the_mode_shapes():
     z = z + mean / prior_sd
     theta = dict(zip(stiffness, (z * prior_sd).reshape(-1, 3).T, strict=True))
     frequencies = model(theta).frequencies.reshape(4, -1, 3)
-    found = identifiability(made(z, frequencies, prior_sd, tuple(stiffness)))
+    found = ef.identifiability(made(z, frequencies, prior_sd, tuple(stiffness)))
 
     K = sum(x * k for x, k in zip(mean, stiffness.values(), strict=True))
     root = np.sqrt(np.diag(mass))
@@ -87,8 +85,8 @@ def test_a_sampled_linear_gaussian_problem_has_its_known_answer():
     posterior = ef.LogPosterior(
         model, ef.FrequencyTerm(measured, relative_sd=relative), prior
     )
-    runs = ef.run(posterior, None, 40, 800, ensembles=2, seed=3)
-    found = identifiability(ef.to_inference_data(runs, posterior, discard=100))
+    runs = ef.run(posterior, ef.DEMCMove(), 40, 800, ensembles=2, seed=3)
+    found = ef.identifiability(ef.to_inference_data(runs, posterior, discard=100))
     scaled = design * [1.0, 0.5] / (relative * measured[:, None])
     covariance = np.linalg.inv(np.eye(2) + scaled.T @ scaled)
     sd = np.sqrt(np.diag(covariance))
@@ -102,7 +100,7 @@ def test_a_sampled_linear_gaussian_problem_has_its_known_answer():
 def test_a_parameter_that_does_not_enter_is_named():
     design = np.array([[0.3, 0.0, 0.1], [-0.2, 0.0, 0.3]])
     z = exact_draws(gaussian_posterior(design, 0.05))
-    found = identifiability(made(z, linear_frequencies(z, design, 0.0)))
+    found = ef.identifiability(made(z, linear_frequencies(z, design, 0.0)))
     assert_allclose(found.sd_ratio[1], 1.0, rtol=1e-10)
     assert_allclose(found.sensitivities[:, 1], 0.0, atol=1e-9)
     (sentence,) = found.findings
@@ -113,7 +111,7 @@ def test_a_parameter_that_does_not_enter_is_named():
 @pytest.mark.parametrize(("ratio", "named"), [(0.89, False), (0.91, True), (1.3, True)])
 def test_the_threshold_is_nine_tenths_of_the_prior_sd(ratio, named):
     z = exact_draws(np.diag([0.2, ratio, 0.3]) ** 2)
-    found = identifiability(made(z, linear_frequencies(z)))
+    found = ef.identifiability(made(z, linear_frequencies(z)))
     expected = "The data say nothing about area: " if named else "The data inform every"
     assert found.findings[0].startswith(expected)
     assert f"(sd ratio {ratio:.2f})" in found.findings[0]
@@ -122,7 +120,7 @@ def test_the_threshold_is_nine_tenths_of_the_prior_sd(ratio, named):
 
 def test_a_sentence_gives_the_largest_change_of_the_eigenvalues():
     z = exact_draws(np.diag([0.2, 0.3, 0.99]) ** 2)
-    found = identifiability(made(z, linear_frequencies(z, -GRADIENT, 0.0)))
+    found = ef.identifiability(made(z, linear_frequencies(z, -GRADIENT, 0.0)))
     end = "a prior standard deviation of it changes the eigenvalues by 10 % at most."
     assert found.findings[0].endswith(end)
     assert_allclose(found.table.column("largest sensitivity %"), [30, 20, 10])
@@ -133,7 +131,7 @@ def test_a_mean_that_moved_is_not_called_uninformed(shift, moved):
     z = exact_draws(np.diag([0.2, 0.3, 0.95]) ** 2, mean=[0, 0, shift])
     prior_mean = [0.1, 0.0, 0.0]
     idata = made(z, linear_frequencies(z), prior_mean=prior_mean)
-    found = identifiability(idata)
+    found = ef.identifiability(idata)
     assert_allclose(found.shift, [-0.1 / 3, 0, shift], atol=1e-12)
     assert found.table.column("shift/prior sd") == found.shift.tolist()
     text = f"The data move x by {shift:+.1f} prior standard deviations"
@@ -148,7 +146,7 @@ def test_of_a_collinear_pair_the_known_combination_is_named(sign):
     noise = 0.01 * np.sqrt(1.25)
     covariance = gaussian_posterior(design, noise)
     z = exact_draws(covariance)
-    found = identifiability(made(z, linear_frequencies(z, design, 0.0)))
+    found = ef.identifiability(made(z, linear_frequencies(z, design, 0.0)))
     assert_allclose(found.sensitivities, design, rtol=0, atol=1e-6)
     (sentence,) = found.findings
     # In parameter units: theta_1 / 3 + sign * 0.5 theta_3 / 0.5
@@ -171,7 +169,7 @@ def covariance_correlation(covariance):
 def test_one_of_a_pair_is_unknown_by_itself_only():
     covariance = gaussian_posterior([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0]], 0.002)
     z = exact_draws(covariance)
-    findings = identifiability(made(z, linear_frequencies(z))).findings
+    findings = ef.identifiability(made(z, linear_frequencies(z))).findings
     assert findings[0].startswith("The data say nothing about x by itself: ")
     assert findings[1].startswith("Only stiff + 0.6 x is known well, not ")
 
@@ -180,7 +178,7 @@ def test_one_of_a_pair_is_unknown_by_itself_only():
 def test_the_threshold_of_a_pair_is_a_correlation_of_0_95(r, named):
     covariance = 0.04 * np.array([[1, r, 0], [r, 1, 0], [0, 0, 1]])
     z = exact_draws(covariance)
-    sentence = identifiability(made(z, linear_frequencies(z))).findings[0]
+    sentence = ef.identifiability(made(z, linear_frequencies(z))).findings[0]
     assert sentence.startswith("Only stiff" if named else "The data inform every")
 
 
@@ -199,7 +197,7 @@ def test_a_posterior_at_a_bound_is_named(side, share):
     infinite = np.full(3, np.inf)
     lower, upper = -infinite, infinite.copy()
     lower[0], upper[0] = ends
-    found = identifiability(made(z, linear_frequencies(z), lower=lower, upper=upper))
+    found = ef.identifiability(made(z, linear_frequencies(z), lower=lower, upper=upper))
     assert_allclose(found.at_bound[0, side], share)
     assert found.at_bound[1:].max() == 0
     assert_allclose(found.table.column("at a bound %")[0], 100 * share)
@@ -216,7 +214,7 @@ def test_a_posterior_at_a_bound_is_named(side, share):
 
 def test_a_range_without_end_counts_as_four_prior_sds():
     z = np.abs(exact_draws(np.eye(3), n=4000))
-    found = identifiability(made(z, linear_frequencies(z), lower=np.zeros(3)))
+    found = ef.identifiability(made(z, linear_frequencies(z), lower=np.zeros(3)))
     assert_allclose(found.at_bound[:, 0], (z < 0.04).mean(axis=(0, 1)), atol=1e-12)
     assert found.at_bound[:, 0].min() > 0.02
 
@@ -225,7 +223,7 @@ def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
     frequencies = linear_frequencies(z)
     frequencies[..., 1] = 10 * np.exp(np.abs(z[..., 0]))  # modes that cross at zero
-    found = identifiability(made(z, frequencies))
+    found = ef.identifiability(made(z, frequencies))
     assert found.r_squared[1] < 0.95
     assert_allclose(np.delete(found.r_squared, 1), [1, np.nan, 1], rtol=1e-9)
     assert found.findings[-1].startswith("The sensitivities of mode 2 are rough")
@@ -235,7 +233,7 @@ def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
 def test_samples_in_a_plane_give_no_sensitivities_and_say_so():
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
     z[..., 2] = z[..., 0] - z[..., 1]
-    found = identifiability(made(z, linear_frequencies(z)))
+    found = ef.identifiability(made(z, linear_frequencies(z)))
     assert np.isnan(found.sensitivities).all()
     assert np.isnan(found.r_squared).all()
     assert found.findings[-1].startswith(
@@ -248,7 +246,7 @@ def test_a_rigid_body_mode_has_no_sensitivities_but_the_others_have():
     z = exact_draws(COVARIANCE)
     frequencies = linear_frequencies(z, curvature=0 * CURVATURE)
     frequencies[0, 3, 0] = 0.0
-    found = identifiability(made(z, frequencies))
+    found = ef.identifiability(made(z, frequencies))
     assert np.isnan(found.sensitivities[0]).all()
     assert_allclose(found.sensitivities[1:], GRADIENT[1:], rtol=0, atol=1e-9)
 
@@ -260,7 +258,7 @@ def with_error(shift=0.0, **constants):
     """Return samples of two stiffnesses and an error of half its prior's width."""
     z = exact_draws(np.diag([0.3, 0.3, 0.5]) ** 2, mean=[0, 0, shift])
     frequencies = linear_frequencies(z, GRADIENT * [1, 1, 0], 0.0)
-    return identifiability(made(z, frequencies, **ERROR, **constants))
+    return ef.identifiability(made(z, frequencies, **ERROR, **constants))
 
 
 def test_errors_have_no_sensitivities():
@@ -295,7 +293,7 @@ def test_an_error_near_zero_is_small_and_not_pressed(is_error):
         upper=np.full(3, 2.0),
         is_error=[False, False, is_error],
     )
-    findings = identifiability(idata).findings
+    findings = ef.identifiability(idata).findings
     if is_error:
         assert findings[0].startswith("The data inform every parameter")
         (text,) = findings[1:]
@@ -320,7 +318,7 @@ def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(
         upper=[9e9, 9e9, ends[1]],
         is_error=[False, False, is_error],
     )
-    found = identifiability(idata)
+    found = ef.identifiability(idata)
     assert_allclose(found.at_bound[2, side], 1.0)
     assert_allclose(found.from_bound[2, side], 13, rtol=1e-6)
     (text,) = found.findings
@@ -331,7 +329,7 @@ def test_what_is_pressed_is_said_before_all_else():
     z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
     z[..., 2] = np.abs(z[..., 2])
     lower = [-9e9, -9e9, 0.0]
-    found = identifiability(made(z, linear_frequencies(z), lower=lower))
+    found = ef.identifiability(made(z, linear_frequencies(z), lower=lower))
     first, second = found.findings[:2]
     assert first.startswith("x is pressed against its lower bound 0: ")
     assert second.startswith("The data say nothing about stiff")
@@ -343,7 +341,7 @@ def test_where_little_is_informed_the_known_combinations_are_named():
     design = np.array([[0.6, 0.8, 0, 0, 0, 0], [0, 0, 0, 0, 0, 1.0]])
     z = exact_draws(gaussian_posterior(design / [[0.5], [0.1]], 1.0), n=4000)
     frequencies = linear_frequencies(z, design, 0.0)
-    found = identifiability(made(z, frequencies, np.ones(6), names))
+    found = ef.identifiability(made(z, frequencies, np.ones(6), names))
     (text,) = [text for text in found.findings if "combinations" in text]
     first, second = (noise / np.hypot(1, noise) for noise in (0.1, 0.5))
     assert text.startswith("2 of 6 independent combinations are known well (sd ratio")
@@ -352,17 +350,19 @@ def test_where_little_is_informed_the_known_combinations_are_named():
         f"(sd ratio {second:.2g})."
     )
     none = exact_draws(np.eye(6), n=4000)
-    found = identifiability(made(none, frequencies, np.ones(6), names))
+    found = ef.identifiability(made(none, frequencies, np.ones(6), names))
     assert "No combination of the parameters is known well either." in found.findings
 
 
 def test_a_joint_posterior_has_the_modes_of_all_experiments_and_its_errors():
     modal = ef.FunctionModel(lambda p: [10 * p["k"] ** 0.5], n_modes=1)
     term = ef.FrequencyTerm([10.0], discrepancy="sigma")
-    prior = ef.IndependentPrior({"k": uniform_between(0.5, 2), "sigma": halfnorm(0, 1)})
+    prior = ef.IndependentPrior({"k": (0.5, 2), "sigma": halfnorm(0, 1)})
     joint = ef.LogPosterior.joint({"old": (modal, term), "new": (modal, term)}, prior)
-    found = identifiability(
-        ef.to_inference_data(ef.run(joint, None, 8, 50, seed=1), joint)
+    found = ef.identifiability(
+        ef.to_inference_data(
+            ef.run(joint, ef.DEMCMove(), 8, 50, seed=1, ensembles=1), joint
+        )
     )
     assert found.modes == ("old mode 1", "new mode 1")
     assert found.is_error.tolist() == [False, True]
@@ -372,7 +372,7 @@ def test_a_joint_posterior_has_the_modes_of_all_experiments_and_its_errors():
 def test_without_frequencies_there_are_no_sensitivities():
     z = exact_draws(COVARIANCE)
     idata = made(z, linear_frequencies(z)[..., :0])
-    found = identifiability(idata)
+    found = ef.identifiability(idata)
     assert found.modes == () and found.sensitivities.shape == (0, 3)
     assert "Sensitivity" not in str(found) and "sensitivities" not in str(found)
     assert_allclose(found.sd_ratio, np.sqrt(np.diag(COVARIANCE)), rtol=1e-10)
@@ -381,7 +381,7 @@ def test_without_frequencies_there_are_no_sensitivities():
 def test_a_single_parameter_has_no_partner():
     z = exact_draws(np.array([[0.25]]), n=40)
     idata = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
-    found = identifiability(idata)
+    found = ef.identifiability(idata)
     assert_allclose(found.sensitivities, [[0.2]], rtol=1e-9)
     assert found.table.column("with") == [""]
     assert np.isnan(found.table.column("correlation")[0])
@@ -409,14 +409,9 @@ def test_too_few_different_values_are_refused_by_name():
     few[..., 1] = np.resize(z[0, :29, 1], z.shape[:2])  # 30 are needed
     message = r"idata: 'area' took 29 different value\(s\), but at least 30 are needed"
     with pytest.raises(ValueError, match=message):
-        identifiability(made(few, linear_frequencies(few)))
+        ef.identifiability(made(few, linear_frequencies(few)))
     few[0, 29, 1] = 0.123
-    identifiability(made(few, linear_frequencies(few)))
-
-
-def test_what_is_not_inference_data_is_refused(found):
-    with pytest.raises(TypeError, match="expected what to_inference_data returns"):
-        identifiability({"posterior": 1})
+    ef.identifiability(made(few, linear_frequencies(few)))
 
 
 def test_the_samples_are_not_modified():
@@ -424,6 +419,6 @@ def test_the_samples_are_not_modified():
     idata = made(z, linear_frequencies(z))
     groups = ("posterior", "response", "constant_data")
     before = [dataset(idata, group).copy(deep=True) for group in groups]
-    identifiability(idata)
+    ef.identifiability(idata)
     for group, copy in zip(groups, before, strict=True):
         assert dataset(idata, group).identical(copy)

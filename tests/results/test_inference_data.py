@@ -9,11 +9,9 @@ import xarray
 from matplotlib import pyplot as plt
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
+from support.chains import dataset
 
 import emcee_femu as ef
-from emcee_femu.moves import MetropolisMove
-from emcee_femu.results.arviz_objects import dataset, effective_sizes, rhat, samples
-from emcee_femu.sampling.run_file import RunFile
 
 NAMES = ["stiff", "alpha", "mass"]  # not in alphabetical order
 BOUNDS = [(0.5, 1.6), (-1.0, 1.0), (0.6, 3.0)]
@@ -48,7 +46,7 @@ POSTERIOR = ef.LogPosterior(
 
 @pytest.fixture(scope="module")
 def runs():
-    moves = [(ef.DEMCMove(), 0.75), (MetropolisMove(sd=0.05), 0.25)]
+    moves = [(ef.DEMCMove(), 0.75), (ef.MetropolisMove(sd=0.05), 0.25)]
     return ef.run(POSTERIOR, moves, WALKERS, STEPS, ensembles=3, seed=7)
 
 
@@ -60,25 +58,48 @@ def idata(runs):
 def test_a_tempered_run_read_from_its_file_has_its_cold_walkers_only(tmp_path):
     path, betas = tmp_path / "run.chain", [1.0, 0.2, 0.0]
     moves = [
-        (ef.TemperedMove(m, betas), 0.5) for m in (ef.DEMCMove(), MetropolisMove(sd=1))
+        (ef.moves.TemperedMove(m, betas), 0.5)
+        for m in (ef.DEMCMove(), ef.MetropolisMove(sd=1))
     ]
-    for move in (moves, moves[0][0]):
-        ran = ef.run(POSTERIOR, move, 30, 12, seed=1, ensembles=2, backend=path)
-        bare = [
-            emcee.EnsembleSampler(30, 3, POSTERIOR, backend=own)
-            for own in RunFile.open(path)
-        ]
-        expected = ef.to_inference_data(ran, POSTERIOR)
-        for runs in (RunFile.open(path), bare):
-            read = ef.to_inference_data(runs, POSTERIOR)
-            assert read.posterior.sizes["chain"] == 20
-            assert read.posterior.equals(expected.posterior)
-            for name in ("acceptance", "tempered"):
-                assert read.posterior.attrs[name] == expected.posterior.attrs[name]
-            one, other = ef.diagnose(runs), ef.diagnose(ran)
-            assert_array_equal(one.acceptance, other.acceptance)
-            assert_array_equal(one.ess_bulk, other.ess_bulk)
-        path.unlink()
+    run = ef.run(POSTERIOR, moves, 30, 12, seed=1, ensembles=2, backend=path)
+    expected = ef.to_inference_data(run)
+    for source in (path, list(run)):
+        read = ef.to_inference_data(source, POSTERIOR)
+        assert read["posterior"].sizes["chain"] == 20
+        assert dataset(read, "posterior").equals(dataset(expected, "posterior"))
+        for name in ("acceptance", "betas"):
+            attrs = read["posterior"].attrs, expected["posterior"].attrs
+            assert attrs[0][name] == attrs[1][name]
+        assert_array_equal(ef.diagnose(source).ess_bulk, ef.diagnose(run).ess_bulk)
+
+
+def test_all_that_takes_an_arviz_object_takes_a_run():
+    run = ef.run(POSTERIOR, ef.DEMCMove(), WALKERS, 60, ensembles=2, seed=7)
+    idata = ef.to_inference_data(run)
+    assert ef.to_inference_data(idata) is idata
+    for function in (ef.diagnose, ef.identifiability, ef.parameter_table):
+        assert str(function(run)) == str(function(idata))
+    for function in (ef.frequency_table, ef.predictive_table):
+        assert str(function(run)) == str(function(idata, POSTERIOR))
+    samplers = [run[0], run[1]]
+    assert str(ef.parameter_table(samplers)) == str(ef.parameter_table(idata))
+    backends = ef.to_inference_data([s.backend for s in samplers], POSTERIOR)
+    assert str(ef.predictive_table(backends)) == str(ef.predictive_table(idata))
+    for plot in (ef.figures.plot_tae, ef.figures.plot_predictive):
+        one, other = plot(run), plot(idata, POSTERIOR)
+        lines = [figure.axes[0].get_lines()[0].get_ydata() for figure in (one, other)]
+        assert_array_equal(*lines)
+    assert ef.figures.plot_scatter(run).axes and ef.figures.plot_correlation(run).axes
+    plt.close("all")
+
+
+def test_arviz_says_where_its_samples_came_from():
+    """Fault 10: of populations nothing was told."""
+    annealed = ef.anneal(POSTERIOR, 100, seed=1)
+    attrs = ef.to_inference_data(annealed, POSTERIOR)["posterior"].attrs
+    powers = len(annealed.powers) - 1
+    assert attrs["origin"].startswith(f"annealed through {powers} powers")
+    assert attrs["kind"] == "population" and attrs["moves"] == "annealed"
 
 
 def assert_is_the_chain(idata, runs, discard=0, thin=1):
@@ -199,13 +220,12 @@ def test_attributes_tell_how_the_chain_was_made(idata, group):
     assert found["numpy_version"] == version("numpy")
 
 
-@pytest.mark.parametrize("vectorize", [True, False])
-def test_a_plain_emcee_sampler_and_its_backend_are_converted(vectorize):
-    plain = emcee.EnsembleSampler(WALKERS, 3, POSTERIOR, vectorize=vectorize)
+def test_a_plain_emcee_sampler_and_its_backend_are_converted():
+    plain = emcee.EnsembleSampler(WALKERS, 3, POSTERIOR, vectorize=True)
     plain.run_mcmc(POSTERIOR.start(WALKERS, seed=1), 6)
     for source in (plain, plain.backend):
         assert_is_the_chain(ef.to_inference_data(source, POSTERIOR), [plain])
-    idata = ef.to_inference_data(plain, POSTERIOR)
+    idata = ef.to_inference_data(plain)  # which knows its posterior
     assert dataset(idata, "posterior").attrs["seed"].startswith("unknown")
     assert dataset(idata, "posterior").attrs["moves"].startswith("1 x <emcee.moves")
     idata = ef.to_inference_data(plain.backend, POSTERIOR)
@@ -213,15 +233,8 @@ def test_a_plain_emcee_sampler_and_its_backend_are_converted(vectorize):
 
 
 def test_arviz_judges_and_plots_the_result(idata):
-    names, chains = samples(idata)
-    assert names == NAMES
-    found_rhat, found_ess = az.rhat(idata), az.ess(idata, method="bulk")
-    for k, name in enumerate(names):
-        one = chains[:, :, [k]]
-        assert_allclose(float(found_rhat[name]), rhat(one)[0], rtol=1e-12)
-        assert_allclose(float(found_ess[name]), effective_sizes(one)[0][0], rtol=1e-12)
-    assert list(az.summary(idata).index) == names
-    az.plot_trace(idata, var_names=names[:2])
+    assert list(az.summary(idata).index) == NAMES
+    az.plot_trace(idata, var_names=NAMES[:2])
     assert plt.get_fignums()
     plt.close("all")
 
@@ -238,30 +251,20 @@ def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):
     tables = [ef.frequency_table(each, POSTERIOR) for each in (again, idata)]
     assert str(tables[0]) == str(tables[1])
     for column in tables[0].columns[1:]:
-        assert_allclose(*(table.column(column) for table in tables), rtol=1e-12)
+        assert_allclose(*(table.column(column) for table in tables), rtol=1e-9)
     if hasattr(again, "close"):
         again.close()
 
 
-def no_blobs(theta):
-    return -0.5 * float(theta @ theta)
-
-
-def finished(n=3, n_modes=MODES, nsteps=3):
+def finished(n=3, n_modes=MODES, steps=3):
     prior = ef.GaussianPrior(NAMES[:n], MEAN[:n], 0.1)
     term = ef.FrequencyTerm(MEASURED, beta=1e3)
     posterior = ef.LogPosterior(Model(n_modes), term, prior)
-    return ef.run(posterior, None, WALKERS, nsteps, seed=1)
+    return list(ef.run(posterior, ef.DEMCMove(), WALKERS, steps, seed=1, ensembles=1))
 
 
-def of_two_lengths():
-    return finished() + finished(nsteps=4)
-
-
-def without_blobs():
-    sampler = emcee.EnsembleSampler(WALKERS, 3, no_blobs)
-    sampler.run_mcmc(POSTERIOR.start(WALKERS, seed=1), 3)
-    return sampler
+def of_two_shapes():
+    return finished() + finished(2)
 
 
 @pytest.mark.parametrize(
@@ -269,14 +272,9 @@ def without_blobs():
     [
         (ValueError, "discard: no steps are left", {"discard": STEPS}, None),
         (ValueError, "no steps are left", {"discard": 20, "thin": 5}, None),
-        (TypeError, "discard: expected a whole number", {"discard": 2.0}, None),
-        (ValueError, "discard: expected at least 0", {"discard": -1}, None),
-        (ValueError, "thin: expected at least 1", {"thin": 0}, None),
-        (ValueError, "samplers: expected at least one", {}, lambda: []),
-        (TypeError, "samplers: expected EnsembleSamplers", {}, lambda: [3.0]),
-        (TypeError, "samplers: expected EnsembleSamplers", {}, lambda: "chain.h5"),
-        (ValueError, "samplers: no blobs stored", {}, without_blobs),
-        (ValueError, "expected chains of one shape", {}, of_two_lengths),
+        (ValueError, "source: expected at least one sampler", {}, lambda: []),
+        (TypeError, "source: expected what run returned", {}, lambda: [3.0]),
+        (ValueError, "expected ensembles of one shape", {}, of_two_shapes),
         (ValueError, r"of 2 param.* which has 3", {}, lambda: finished(2, 5)),
         (ValueError, r"\(5,\) are not of this .*\(7,\)", {}, lambda: finished(3, 3)),
     ],
@@ -286,8 +284,6 @@ def test_wrong_samplers_and_counts_are_refused(runs, error, message, options, ma
         ef.to_inference_data(make() if make else runs, POSTERIOR, **options)
 
 
-def test_a_group_is_asked_for_by_name_from_a_container(idata):
-    with pytest.raises(ValueError, match="no group 'warmup'"):
-        dataset(idata, "warmup")
-    with pytest.raises(TypeError, match="what to_inference_data returns, got dict"):
-        dataset({"posterior": 1}, "posterior")
+def test_ensembles_of_different_lengths_are_cut_to_the_shortest():
+    both = ef.to_inference_data(finished() + finished(steps=5))
+    assert dict(both["posterior"].sizes) == {"chain": 2 * WALKERS, "draw": 3}

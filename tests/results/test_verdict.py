@@ -1,20 +1,15 @@
 """What withholds "converged" from chains that agree: groups, proposal, heavy tails."""
 
-import json
-from types import SimpleNamespace
-
+import arviz as az
 import numpy as np
 import pytest
-import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from scipy.special import logsumexp
-from support.chains import ar1, backend, switching
+from support.chains import ar1, as_arviz, backend, dataset, switching
+from support.free_posterior import box, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.results.agreement import excess_scatter, tau_by_ensemble
-from emcee_femu.results.arviz_objects import wrap
-from emcee_femu.results.groups import expected_acceptance
 
 CENTRES = np.array([[0.0, 0.0], [9.0, 9.0]])
 SDS = np.array([1.0, 0.5])
@@ -32,57 +27,66 @@ def log_density(x):
 
 
 def record(**changes):
-    """Return what "auto" would have found: the modes, and one wide component."""
-    matrices = [np.eye(2) * s**2 for s in (*SDS, 6.0)]
-    means = [*CENTRES.tolist(), [4.0, 4.0]]
-    found = {
-        "proposal": [[0.63, 0.27, 0.1], means, np.array(matrices).tolist(), 16.0],
-        "group_of": [0, 1, -1],
+    """Return what "auto" would have found: the modes, and two wide components."""
+    matrices = [np.eye(2) * s**2 for s in (*SDS, 6.0, 6.0)]
+    means = [*CENTRES.tolist(), [4.0, 4.0], [4.0, 4.0]]
+    weights = [0.63, 0.27, 0.05, 0.05]
+    return {
+        "mixture": [weights, means, np.array(matrices).tolist(), 16.0],
+        "mode_of": [0, 1, -1, -1],
         "weights": [1 - WEIGHT, WEIGHT],
         "errors": [0.01, 0.01],
         "found_by": [[2, 1]] * 4,
-        "start": [[0.75, 0.25]] * 4,
+        "starts": [[0.75, 0.25]] * 4,
         "pareto_k": 0.1,
         "efficiency": 0.4,
-        "searched": [500, 8],
+        "log_weights": [0.0],
+        "points": 500,
+        "climbs": 8,
+        "annealed": False,
+        "solves": 0,
         "share": 0.9,
-    }
-    return found | changes
+        "trajectories": None,
+    } | changes
 
 
-def runs(record, share=WEIGHT, stay=0.5, steps=STEPS, ensembles=4, sds=SDS):
-    """Return runs of ensembles that visit the second group ``share`` of the time."""
+def runs(share=WEIGHT, stay=0.5, steps=STEPS, ensembles=4, sds=SDS):
+    """Return ensembles that visit the second mode ``share`` of the time."""
     result = []
     for seed in range(ensembles):
         own = share[seed] if np.ndim(share) else share
-        group = switching(own, stay, steps, WALKERS, seed)
+        mode = switching(own, stay, steps, WALKERS, seed)
         noise = ar1([stay, stay], steps, WALKERS, seed + 100)
-        chain = CENTRES[group] + np.array(sds)[group][..., None] * noise
-        run = backend(chain, log_prob=log_density(chain))
-        run.recipe = SimpleNamespace(record=record)
-        result.append(run)
+        chain = CENTRES[mode] + np.array(sds)[mode][..., None] * noise
+        result.append(backend(chain, log_prob=log_density(chain)))
     return result
 
 
-def test_a_healthy_run_is_converged_and_shows_its_groups():
-    found = ef.diagnose(runs(record()))
+def judged(record, **options):
+    return ef.diagnose(as_arviz(runs(**options), search=record))
+
+
+ONE = {"weights": [1.0], "errors": [0.0], "found_by": [[3]] * 4, "starts": [[1.0]] * 4}
+ONE["mode_of"] = [0, 0, -1, -1]
+
+
+def test_a_healthy_run_is_converged_and_shows_its_modes():
+    found = judged(record())
     assert found.converged, found.verdict
-    groups = found.groups
-    assert groups.weights.shape == (4, 2)
+    modes = found.modes
+    assert modes.weights.shape == (4, 2)
     # The switches have tau 3.
     expected = np.sqrt(WEIGHT * (1 - WEIGHT) * 3 / (4 * WALKERS * STEPS))
-    assert_allclose(groups.errors, expected, rtol=0.1)
-    assert (np.abs(groups.weights.mean(axis=0) - [0.7, 0.3]) < 4 * expected).all()
-    assert_array_equal(groups.found, [True, True])
-    assert groups.chain_k < 0.5 and (groups.acceptance > 0.7).all()
+    assert_allclose(modes.errors, expected, rtol=0.1)
+    assert (np.abs(modes.weights.mean(axis=0) - [0.7, 0.3]) < 4 * expected).all()
+    assert_array_equal(modes.found, [True, True])
+    assert modes.chain_k < 0.5 and (modes.acceptance > 0.7).all()
     text, page = str(found), found._repr_html_()
-    assert str(groups.table) in text and "importance" in page
+    assert str(modes.table) in text and "importance" in page
     assert text.endswith(found.verdict) and page.endswith(f"<p>{found.verdict}</p>")
-    one = record(weights=[1.0], errors=[0.0], group_of=[0, 0, -1], found_by=[[3]] * 4)
-    alone = ef.diagnose(runs(one | {"start": [[1.0]] * 4}))
-    assert alone.converged and "group" not in str(alone)
-    assert ef.diagnose([run.backend if hasattr(run, "backend") else run
-                        for run in runs(None)]).groups is None  # fmt: skip
+    alone = judged(record(**ONE))
+    assert alone.converged and "Weights of" not in str(alone)
+    assert ef.diagnose(runs()).modes is None
 
 
 @pytest.mark.parametrize(
@@ -90,18 +94,18 @@ def test_a_healthy_run_is_converged_and_shows_its_groups():
     [  # each just inside and just outside of its bound
         ("converged", {"weights": [0.735, 0.265]}, "agree"),
         ("weights disagree", {"weights": [0.77, 0.23]}, "but 0.770 (+- 0.010)"),
-        ("weights disagree", {"weights": [0.63, 0.37]}, "group 1 holds 0.70"),
+        ("weights disagree", {"weights": [0.63, 0.37]}, "mode 1 holds 0.70"),
         ("converged", {"weights": [0.63, 0.37], "errors": [0.03, 0.03]}, "agree"),
         ("converged", {"pareto_k": 0.69}, "agree"),
         ("proposal too narrow", {"pareto_k": 0.71}, "Pareto k 0.71 of the importance"),
         ("converged", {"share": 0.05}, "agree"),
-        ("a group is left too rarely", {"share": 0.02}, "in 600 steps"),
+        ("a mode is left too rarely", {"share": 0.02}, "in 600 steps"),
         ("converged", {"share": 0.0}, "agree"),  # only local moves, which are judged
         ("proposal too narrow", {"share": 0.0, "pareto_k": 0.9}, "Pareto k 0.90"),
     ],
 )
 def test_the_bounds_of_what_a_record_says(short, changes, words):
-    found = ef.diagnose(runs(record(**changes)))
+    found = judged(record(**changes))
     assert found.short == short and words in found.verdict
     assert found.verdict.startswith("Converged" if found.converged else "Not converged")
 
@@ -109,13 +113,13 @@ def test_the_bounds_of_what_a_record_says(short, changes, words):
 def third(weights, errors, **changes):
     """Return a record with a third group, far away."""
     given = record()
-    given["proposal"][0] = [0.5, 0.3, 0.1, 0.1]
-    given["proposal"][1].insert(2, [-30.0, 0.0])
-    given["proposal"][2].insert(2, np.eye(2).tolist())
+    given["mixture"][0] = [0.5, 0.3, 0.1, 0.05, 0.05]
+    given["mixture"][1].insert(2, [-30.0, 0.0])
+    given["mixture"][2].insert(2, np.eye(2).tolist())
     return (
         given
-        | {"group_of": [0, 1, 2, -1], "weights": weights, "errors": errors}
-        | {"found_by": [[1, 1, 1]] + [[1, 1, 0]] * 3, "start": [[0.7, 0.3, 0]] * 4}
+        | {"mode_of": [0, 1, 2, -1, -1], "weights": weights, "errors": errors}
+        | {"found_by": [[1, 1, 1]] + [[1, 1, 0]] * 3, "starts": [[0.7, 0.3, 0]] * 4}
         | changes
     )
 
@@ -125,67 +129,73 @@ def third(weights, errors, **changes):
     [
         ("converged", third([0.7, 0.296, 0.004], [0.01, 0.01, 0.001]), "agree"),
         ("a mode is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002]), "0.010 +-"),
-        ("a mode is lost", third([0.7, 0.3, None], [0.01, 0.01, None]), "not known"),
+        (
+            "a mode is lost",
+            third([0.7, 0.3, np.nan], [0.01, 0.01, np.nan]),
+            "not known",
+        ),
         (
             "a mode is lost",
             third(
-                [0.7, 0.3, float("nan")],
-                [0.01, 0.01, float("nan")],
+                [0.7, 0.3, np.nan],
+                [0.01, 0.01, np.nan],
                 found_by=[[1, 1, 0]] * 4,
-                start=[[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3,
+                starts=[[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3,
             ),
-            "group 3, where a search ended or a walker started",
+            "mode 3, where a search ended or a walker started",
         ),
         (
             "converged",
-            third([0.7, 0.3, None], [0.01, 0.01, None], found_by=[[1, 1, 0]] * 4),
+            third([0.7, 0.3, np.nan], [0.01, 0.01, np.nan], found_by=[[1, 1, 0]] * 4),
             "agree",  # nobody was ever there
         ),
     ],
 )
-def test_a_group_that_no_walker_is_in_any_more(short, given, words):
-    found = ef.diagnose(runs(given))
+def test_a_mode_that_no_walker_is_in_any_more(short, given, words):
+    found = judged(given)
     assert found.short == short and words in found.verdict
-    assert np.isnan(found.groups.acceptance[2])
+    assert np.isnan(found.modes.acceptance[2])
 
 
 def test_weights_that_differ_between_ensembles_are_not_converged():
     """By some errors, far from what R-hat sees."""
-    found = ef.diagnose(runs(record(), share=[0.25, 0.25, 0.35, 0.35]))
+    found = judged(record(), share=[0.25, 0.25, 0.35, 0.35])
     assert (found.rhat_between < 1.01).all()
-    assert found.short == "ensembles scatter" and found.groups.scatter.min() > 1
-    assert (ef.diagnose(runs(record())).groups.scatter < 0.5).all()
+    assert found.short == "ensembles scatter" and found.modes.scatter.min() > 1
+    assert (judged(record()).modes.scatter < 0.5).all()
 
 
 def test_weights_that_nobody_knows_well_are_not_converged():
     unsure = record(errors=[0.02, 0.02])
-    found = ef.diagnose(runs(unsure, stay=0.9, steps=1_200))
-    assert found.converged and 0.008 < found.groups.errors[0] < 0.0125
-    found = ef.diagnose(runs(unsure, stay=0.94, steps=2_000, ensembles=2))
-    assert 0.0125 < found.groups.errors[0] < 0.02
+    found = judged(unsure, stay=0.9, steps=1_200)
+    assert found.converged and 0.008 < found.modes.errors[0] < 0.0125
+    found = judged(unsure, stay=0.94, steps=2_000, ensembles=2)
+    assert 0.0125 < found.modes.errors[0] < 0.02
     assert found.short == "weights unknown" and "+- 0.01" in found.verdict
+
+
+def gaussian(variance, df):
+    """Return one component, and two that cover it and weigh nothing."""
+    weights, matrices = [1.0, 1e-300, 1e-300], [(variance * np.eye(2)).tolist()] * 3
+    return [weights, [[0.0, 0.0]] * 3, matrices, df]
 
 
 def test_a_proposal_that_lacks_what_the_chain_has_is_not_converged():
     """The second mode of the posterior, in which walkers are, is not in the law."""
-    narrow = record(weights=[1.0], errors=[0.0], group_of=[0], found_by=[[3]] * 4)
-    narrow |= {"start": [[1.0]] * 4, "pareto_k": 0.1}
-    narrow["proposal"] = [[1.0], [[0.0, 0.0]], [np.eye(2).tolist()], 8.0]
-    found = ef.diagnose(runs(narrow))
-    assert found.groups.slowest * 0.9 * STEPS < 10 and found.groups.chain_k < 0.7
+    narrow = record(**ONE, pareto_k=0.1)
+    narrow["mixture"] = gaussian(1.0, 8.0)
+    narrow["mode_of"] = [0, -1, -1]
+    found = judged(narrow)
+    assert found.modes.slowest * 0.9 * STEPS < 10 and found.modes.chain_k < 0.7
     assert found.short == "walkers wait too long" and "in 600 steps" in found.verdict
-    assert ef.diagnose(runs(narrow | {"share": 0.0})).converged  # it is not used
+    assert judged(narrow | {"share": 0.0}).converged  # it is not used
 
 
 def held_to_a_gaussian(chains, variance):
     """Return runs of N(0, 1) with the frozen proposal N(0, variance)."""
-    record = {"proposal": [[1.0], [[0.0] * 2], [variance * np.eye(2)], 1e6]}
-    record |= {"group_of": [0], "weights": [1.0], "errors": [0.0], "pareto_k": 0.1}
-    record |= {"found_by": [[3]] * 4, "start": [[1.0]] * 4}
+    found = record(**ONE, mixture=gaussian(variance, 1e6)) | {"mode_of": [0, -1, -1]}
     samplers = [backend(c, log_prob=stats.norm.logpdf(c).sum(-1)) for c in chains]
-    for run in samplers:
-        run.recipe = SimpleNamespace(record=record)
-    return samplers
+    return as_arviz(samplers, search=found)
 
 
 @pytest.mark.parametrize(("variance", "k"), [(0.3, 0.7), (0.15, 0.85), (0.8, 0.2)])
@@ -193,8 +203,8 @@ def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
     """p is N(0, 1), q is N(0, v): of draws of q k is 1 - v."""
     chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
     found = ef.diagnose(held_to_a_gaussian(chains, variance))
-    assert_allclose(found.groups.chain_k, k, atol=0.07)
-    too_narrow = found.groups.chain_k > 0.7
+    assert_allclose(found.modes.chain_k, k, atol=0.07)
+    too_narrow = found.modes.chain_k > 0.7
     assert (found.short == "proposal too narrow") == too_narrow
     assert too_narrow or found.converged == (k < 0.5)
 
@@ -204,48 +214,56 @@ def test_a_walker_that_came_to_the_end_of_a_tail_is_seen():
     assert ef.diagnose(held_to_a_gaussian(chains, 0.8)).converged
     chains[2][500:505, 3] = 6.5, 0.0
     found = ef.diagnose(held_to_a_gaussian(chains, 0.8))
-    assert found.groups.slowest < 0.01 and found.short == "walkers wait too long"
+    assert found.modes.slowest < 0.01 and found.short == "walkers wait too long"
 
 
 def test_the_expected_acceptance_is_that_of_proposals():
-    law = ef.IndependenceMove([1.0], [[0.5]], [[[2.0]]], 5.0)
+    """Of q = N(0, 2 I) and p = N(0, I) in the plane, by draws of both."""
     rng, n = np.random.default_rng(2), 200_000
-    x = rng.normal(size=(n, 1))
-    log_weights = stats.norm.logpdf(x[:, 0]) - law.log_density(x)
-    found = expected_acceptance(log_weights)
-    y = 0.5 + np.sqrt(2.0) * rng.standard_t(5.0, size=(n, 1))
-    proposed = stats.norm.logpdf(y[:, 0]) - law.log_density(y)
-    for i in range(5):
-        share = np.exp(np.minimum(0, proposed - log_weights[i]))
-        error = 4 * share.std() / np.sqrt(n)
-        assert_allclose(found[i], share.mean(), atol=error + 0.004)
+    x = rng.normal(size=(500, 8, 2))
+    chains = [x, rng.normal(size=(500, 8, 2))]
+    found = ef.diagnose(held_to_a_gaussian(chains, 2.0)).modes
+    log_weight = -0.25 * (np.concatenate(chains).reshape(-1, 2) ** 2).sum(axis=1)
+    proposed = -0.25 * 2.0 * (rng.normal(size=(n, 2)) ** 2).sum(axis=1)
+    accepted = [np.exp(np.minimum(0, proposed - w)).mean() for w in log_weight[::40]]
+    assert_allclose(found.acceptance[0], np.mean(accepted), atol=0.02)
+    worst = np.exp(np.minimum(0, proposed - log_weight.max())).mean()
+    assert_allclose(found.slowest, worst, atol=0.02)
 
 
 def test_scatter_is_a_chi_square_over_its_quantile():
     """Of 150 parameters of the right law; one ensemble shifted by nine errors."""
     steps, walkers, d, phi = 800, 6, 150, 0.6
     draws = np.stack([ar1([phi] * d, steps, walkers, s) for s in range(4)], axis=1)
-    moved = np.ones((4, walkers), dtype=bool)
-    tau = tau_by_ensemble(draws, moved)
-    ratios = excess_scatter(draws, tau)
-    chi_square = ratios * 1.5 * stats.chi2.isf(1e-4 / d, 3)
-    variance = draws.var(axis=(0, 1, 2)) * tau / (steps * walkers)
-    means = draws.mean(axis=(0, 2))
-    off = means - (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
-    assert_allclose(chi_square, (off**2 / variance).sum(axis=0), rtol=1e-9)
-    assert abs(chi_square.mean() - 3) < 4 * np.sqrt(6 / d) + 0.2  # tau is estimated
-    assert stats.kstest(chi_square, stats.chi2(3).cdf).pvalue > 1e-3
-    assert ratios.max() < 1
+
+    def diagnosed(draws):
+        return ef.diagnose([backend(chain) for chain in np.moveaxis(draws, 1, 0)])
+
+    found = diagnosed(draws)
+
+    def chi_square(values, tau):
+        variance = values.var(axis=(0, 1, 2)) * tau / (steps * walkers)
+        means = values.mean(axis=(0, 2))
+        centre = (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
+        return ((means - centre) ** 2 / variance).sum(axis=0)
+
+    squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
+    both = chi_square(draws, found.tau), chi_square(squares, diagnosed(squares).tau)
+    assert_allclose(
+        found.scatter * 1.5 * stats.chi2.isf(1e-4 / d, 3), np.fmax(*both), rtol=1e-9
+    )
+    assert abs(both[0].mean() - 3) < 4 * np.sqrt(6 / d) + 0.2  # tau is estimated
+    assert stats.kstest(both[0], stats.chi2(3).cdf).pvalue > 1e-3
+    assert found.scatter.max() < 1
     error = np.sqrt((1 + phi) / (1 - phi) / (steps * walkers))
     few = draws[..., :2].copy()
     few[:, 2] += 9 * error
-    assert (excess_scatter(few, tau[:, :2]) > 1).all()
-    assert np.isnan(excess_scatter(few[:, :2], tau[:2, :2])).all()
+    assert (diagnosed(few).scatter > 1).all()
+    assert np.isnan(diagnosed(few[:, :2]).scatter).all()
     # An ensemble that never leaves a place has no tau of its own.
     few[:, 1, :, 0] = 0.5
-    moved[1] = False
-    held = tau_by_ensemble(few, moved)
-    assert np.isnan(held[1, 0]) and excess_scatter(few, held)[0] > 1
+    held = diagnosed(few)
+    assert np.isnan(held.tau[1]).all() and held.scatter[0] > 1
 
 
 def test_standard_deviations_that_are_not_known_are_not_converged():
@@ -270,25 +288,22 @@ def test_the_error_of_a_standard_deviation_is_its_scatter():
     assert_allclose(np.std(sds), exact, rtol=4 / np.sqrt(2 * runs))
 
 
-@pytest.mark.parametrize("discard", [0, 100])
-def test_an_arviz_object_knows_the_groups_of_its_samplers(discard):
-    given = third([0.6, 0.3, None], [0.01, 0.01, None])
-    samplers = runs(given)
-    chain = np.concatenate([s.get_chain().swapaxes(0, 1) for s in samplers])
-    log_prob = np.concatenate([s.get_log_prob().T for s in samplers])
-    coords = {"ensemble": ("chain", np.repeat(np.arange(4), WALKERS))}
-    attrs = {"sample_dims": ["chain", "draw"], "recipe": json.dumps(given)}
-    names = ["theta1", "theta2"]
-    posterior = {n: (("chain", "draw"), chain[..., i]) for i, n in enumerate(names)}
-    idata = wrap(
-        {
-            "posterior": xarray.Dataset(posterior, coords, attrs),
-            "sample_stats": xarray.Dataset({"lp": (("chain", "draw"), log_prob)}),
-        }
-    )
-    found, expected = ef.diagnose(idata, discard), ef.diagnose(samplers, discard)
-    for name, value in vars(expected.groups).items():
-        assert_array_equal(getattr(found.groups, name), value, err_msg=name)
-    assert found.verdict == expected.verdict
-    del idata["posterior"].attrs["recipe"]
-    assert ef.diagnose(idata, discard).groups is None
+def two_modes(x):
+    """Return the log-density of a wide and a narrow mode, 0.7 and 0.3 of the whole."""
+    apart = ((x[:, None, :] - [[0.0], [6.0]]) ** 2).sum(axis=2)
+    return np.logaddexp(*(np.log([0.7, 30.0]) - apart / [2.0, 0.02]).T)
+
+
+def test_a_stored_run_has_the_verdict_and_the_modes_of_its_samplers(tmp_path):
+    posterior = free_posterior(two_modes, box(-8, 12, 2))
+    run = ef.run(posterior, "auto", 16, 100, ensembles=3, seed=1)
+    path = str(tmp_path / "run.nc")
+    ef.to_inference_data(run).to_netcdf(path)
+    before, after = ef.diagnose(run), ef.diagnose(az.from_netcdf(path))
+    attrs = dataset(az.from_netcdf(path), "posterior").attrs
+    assert attrs["origin"] == run.search.sentence
+    assert (after.short, after.verdict) == (before.short, before.verdict)
+    assert before.modes.weights.shape == (3, 2)
+    for name, value in vars(before.modes).items():
+        assert_array_equal(getattr(after.modes, name), value, err_msg=name)
+    assert str(after.modes.table) == str(before.modes.table)

@@ -1,39 +1,24 @@
-"""What "auto" searches, finds and records, on posteriors of known answer."""
-
-import json
-from types import SimpleNamespace
+"""What "auto" finds, weighs and samples, on posteriors of known answer."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy import stats
 from support.free_posterior import FreeModel, box, density_term, free_posterior
+from support.runs import failures
 
 import emcee_femu as ef
-from emcee_femu.moves.mixture_em import Mixture
-from emcee_femu.sampling import auto
-from emcee_femu.sampling.auto import choose_starts, is_better
-from emcee_femu.sampling.evaluation import Evaluation
-from emcee_femu.sampling.groups import label
-from emcee_femu.sampling.recipe import describe
-from emcee_femu.sampling.search import Search
-from emcee_femu.sampling.trial import Trial, try_out
 
 LIMIT = 5.0  # |z|
-WIDE, NARROW = np.zeros(3), np.array([5.0, 0.0, 0.0])
 SHARE = 0.3  # of the posterior in the narrow mode
 
 
-@pytest.fixture(autouse=True)
-def short_search(monkeypatch):
-    monkeypatch.setattr(auto, "FEWEST", 400)
-    monkeypatch.setattr(auto, "ROUND", 300)
-
-
-def two_modes(sd, d=3):
-    """Return the posterior of a wide and a narrow mode."""
+def two_modes(sd, d):
+    """Return the posterior of a wide mode and a narrow one, five away."""
+    narrow = np.eye(d)[0] * 5.0
     laws = [
-        (1 - SHARE, stats.multivariate_normal(WIDE[:d], np.eye(d))),
-        (SHARE, stats.multivariate_normal(NARROW[:d], sd**2 * np.eye(d))),
+        (1 - SHARE, stats.multivariate_normal(np.zeros(d), np.eye(d))),
+        (SHARE, stats.multivariate_normal(narrow, sd**2 * np.eye(d))),
     ]
 
     def log_density(x):
@@ -51,125 +36,105 @@ def gaussian(mean, sd, low=0.0, high=1.0, **options):
     )
 
 
-def largest_z(samplers, mean, sd):
-    """Return how far the means are off; the draws lose little to autocorrelation."""
-    x = np.concatenate([s.get_chain(flat=True) for s in samplers])
+def largest_z(samplers, mean, sd, discard=0):
+    """Return how far the means are off, in standard errors."""
+    x = np.concatenate([s.get_chain(flat=True, discard=discard) for s in samplers])
     tau = max(s.get_autocorr_time(quiet=True, tol=0).max() for s in samplers)
-    return np.abs(x.mean(axis=0) - mean).max() / (sd * np.sqrt(tau / len(x)))
+    return np.abs(x.mean(axis=0) - mean).max() / (np.min(sd) * np.sqrt(tau / len(x)))
 
 
-@pytest.mark.parametrize("d", [2, 3])
-def test_a_narrow_mode_beside_a_wide_one_is_found_by_each_ensemble(d):
-    posterior = two_modes(0.15, d)
-    evaluation = Evaluation.of(posterior, None, "raise", 0.1)
-    streams = [np.random.default_rng(seed) for seed in (1, 2)]
-    search = Search(evaluation, posterior.prior, streams)
-    search.run(8_000, None)
-    law = search.law()
-    order = np.argsort(law.means[:, 0])
-    np.testing.assert_allclose(
-        law.means[order][[0, -1]], [WIDE[:d], NARROW[:d]], atol=0.1
-    )
-    assert law.weights[order][-1] == pytest.approx(SHARE, abs=0.05)
-    assert np.shape(search.found_by) == (len(search.maxima), 2)
-    assert (np.sum(search.found_by, axis=0) > 0).all()
-    # Every point is kept with the ensemble whose stream drew it.
-    assert not np.isin(search.own[0][0], search.own[1][0]).any()
-    assert len(search.own[0][0]) == len(search.own[1][0])
+# --- several modes ----------------------------------------------------------------
 
 
-def test_scans_about_the_wide_mode_hit_a_needle_that_the_prior_does_not():
-    posterior = two_modes(0.015, 2)
-    evaluation = Evaluation.of(posterior, None, "raise", 0.1)
-    streams = [np.random.default_rng(seed) for seed in (0, 9)]
-    search = Search(evaluation, posterior.prior, streams)
-    search.run(8_000, None)
-    tops = np.array([maximum.theta for maximum in search.maxima])
-    needle = int(np.argmin(np.linalg.norm(tops - NARROW[:2], axis=1)))
-    np.testing.assert_allclose(tops[needle], NARROW[:2], atol=0.01)
-    assert search.found_by[needle] == [1, 0]  # the other one knew it by then
+def test_weights_of_modes_are_exact_and_so_are_their_errors():
+    posterior = two_modes(0.15, 2)
+    found = []
+    for seed in range(8):
+        samplers = ef.run(posterior, "auto", 20, 50, ensembles=2, seed=seed)
+        result = samplers.search
+        assert len(result.weights) == 2 and np.sum(result.found_by, axis=0).all()
+        weight, error = min(zip(result.weights, result.errors, strict=True))
+        inside = [(s.get_chain()[..., 0] > 4.3).mean() for s in samplers]
+        found.append([weight, error, np.mean(inside)])
+    weights, errors, inside = np.array(found).T
+    z = (weights - SHARE) / errors
+    assert np.abs(z).max() < LIMIT and 0.4 < np.sqrt(np.mean(z**2)) < 2.0
+    assert errors.max() < 0.03
+    assert abs(inside.mean() - SHARE) < LIMIT * inside.std() / np.sqrt(8)
+    assert inside.std() < 0.05
 
 
-def test_one_parameter_is_climbed_to():
-    samplers = ef.run(gaussian(0.3, 0.01), "auto", nsteps=20, ensembles=1, seed=1)
-    assert samplers[0].recipe.record["efficiency"] > 0.8
+@pytest.mark.parametrize(
+    ("d", "sd", "seed"),
+    [pytest.param(3, 0.15, 2, marks=pytest.mark.slow), (2, 0.05, 0)],
+)
+def test_scans_about_the_wide_mode_hit_a_needle(d, sd, seed):
+    """Which draws of the prior hardly ever do."""
+    samplers = ef.run(two_modes(sd, d), "auto", 20, 1_000, ensembles=2, seed=seed)
+    assert min(samplers.search.weights) == pytest.approx(SHARE, abs=0.05)
+    for sampler in samplers:  # jumps reach both ensembles
+        inside = (sampler.get_chain()[..., 0] > 5 - 5 * sd).mean()
+        assert inside == pytest.approx(SHARE, abs=0.05)
 
 
 def test_what_one_ensemble_was_given_it_alone_starts_from():
     """A needle that no scan can hit is in the proposal of all, and weighed exactly."""
+    starts = np.random.default_rng(1).normal(0.0, 1.0, (3, 20, 2))
+    starts[1, 7] = [5.0 + 1e-4, 1e-4]
     posterior = two_modes(1e-3, 2)
-    initial = np.random.default_rng(1).normal(WIDE[:2], 1.0, (3, 20, 2))
-    initial[1, 7] = NARROW[:2] + 1e-4
-    samplers = ef.run(posterior, "auto", 20, 100, ensembles=3, seed=1, initial=initial)
-    record = samplers[0].recipe.record
-    needle = int(np.argmin(record["weights"]))
-    assert record["found_by"][1][needle] > 0
-    assert [by[needle] for by in record["found_by"]][::2] == [0, 0]
-    assert record["start"][1][needle] > 0
-    assert [start[needle] for start in record["start"]][::2] == [0, 0]
-    weight, error = record["weights"][needle], record["errors"][needle]
+    samplers = ef.run(posterior, "auto", 20, 100, ensembles=3, seed=1, starts=starts)
+    result = samplers.search
+    needle = int(np.argmin(result.weights))
+    found_by = [by[needle] for by in result.found_by]
+    assert found_by[1] > 0 and found_by[::2] == [0, 0]
+    weight, error = result.weights[needle], result.errors[needle]
     assert abs(weight - SHARE) < LIMIT * error < 0.2
-    x = np.stack([s.get_chain()[20:] for s in samplers])
-    inside = (x[..., 0] > 4.9).mean(axis=(1, 2))
-    np.testing.assert_allclose(inside, SHARE, atol=0.1)  # jumps reach all ensembles
+    x = np.stack([s.get_chain()[..., 0] for s in samplers])
+    first = (x[:, 0] > 4.9).mean(axis=1)
+    assert first[1] > max(first[0], first[2])
+    inside = (x[:, 20:] > 4.9).mean(axis=(1, 2))
+    assert_allclose(inside, SHARE, atol=0.1)  # jumps reach all ensembles
 
 
-def trial_of(log_weights, theta):
-    law = Mixture(
-        np.array([0.45, 0.45, 0.05, 0.05]),
-        np.array([[0.0], [20.0], [10.0], [10.0]]),
-        np.array([1.0, 1.0, 99.0, 99.0])[:, None, None],
-        8.0,
-    )
-    rows = np.column_stack([log_weights, log_weights])
-    return Trial(law, theta, rows, log_weights, 0.1, 0.5, 10.0)
+# --- one mode ---------------------------------------------------------------------
+
+CORRELATED = np.array([[1.0, 0.9, 0], [0.9, 1, 0], [0, 0, 0.1]])
+MIXTURE = [(0.3, [0, 0, 0], CORRELATED), (0.7, [3, 0, 1], np.diag([0.2, 2.0, 1.0]))]
 
 
-GROUPS = np.array([0, 1, -1, -1])
+def mixture(x):
+    laws = [stats.multivariate_normal(mean, cov) for _, mean, cov in MIXTURE]
+    parts = [np.log(MIXTURE[i][0]) + law.logpdf(x) for i, law in enumerate(laws)]
+    return np.logaddexp(*np.reshape(parts, (2, -1)))
 
 
-def test_starts_are_an_ensembles_own_draws_by_weight():
-    rng = np.random.default_rng(3)
-    theta = np.where(np.arange(400) % 2, 20.0, 0.0)[:, None] + rng.normal(size=(400, 1))
-    log_weights = rng.normal(size=400)
-    trial = trial_of(log_weights, theta)
-    for number in (0, 1):
-        own = np.arange(400).reshape(2, 200)[number]
-        counts = np.zeros(400)
-        for _ in range(200):
-            chosen = choose_starts(
-                rng, trial, number, 2, GROUPS, np.array([1, 1]) > 0, 25
-            )
-            counts += np.bincount(chosen, minlength=400)
-        expected = np.where(np.isin(np.arange(400), own), np.exp(log_weights), 0.0)
-        expected *= 200 * 25 / expected.sum()
-        assert (counts[expected == 0] == 0).all()
-        # Each draw is chosen with no more than a Poisson law's scatter.
-        z = (counts - expected)[own] / np.sqrt(expected[own])
-        assert np.abs(z).max() < LIMIT and np.mean(z**2) < 1.2
-        only = choose_starts(rng, trial, number, 2, GROUPS, np.array([0, 1]) > 0, 25)
-        assert (label(theta[only], trial.law, GROUPS) == 1).all()
+DENSITIES = {  # and the effective share of the proposal
+    "one parameter": (1, 0.8, lambda x: -0.5 * ((x[:, 0] - 0.3) / 0.01) ** 2),
+    "a kink": (2, 0.5, lambda x: -50 * np.abs(x - 0.3).sum(axis=1)),
+    "a mixture": (3, 0.7, mixture),
+}
 
 
-def test_starts_where_an_ensembles_own_draws_have_no_weight():
-    rng = np.random.default_rng(4)
-    theta = np.zeros((40, 1))
-    log_weights = np.where(np.arange(40) < 20, -np.inf, 0.0)
-    trial, found = trial_of(log_weights, theta), np.array([False, True])
-    # What it found has no draw: then from its own by weight, or from all.
-    assert (choose_starts(rng, trial, 1, 2, GROUPS, found, 9) >= 20).all()
-    assert (choose_starts(rng, trial, 0, 2, GROUPS, found, 9) >= 20).all()
+@pytest.mark.parametrize("height", [-1e5, 1e5])
+@pytest.mark.parametrize("name", DENSITIES)
+def test_the_proposal_is_good_whatever_the_constant(name, height):
+    d, share, density = DENSITIES[name]
+    posterior = free_posterior(lambda x: height + density(x), box(-10, 10, d))
+    samplers = ef.run(posterior, "auto", steps=2, ensembles=2, seed=1)
+    assert samplers.search.efficiency > share
 
 
-def test_ensembles_start_from_draws_of_their_own():
-    samplers = ef.run(gaussian([0.4, 0.6], 0.05), "auto", nsteps=1, ensembles=4, seed=1)
-    states = samplers[0].recipe.states
-    starts = np.array([state.coords for state in states])
-    between = starts[:, None, :, None] == starts[None, :, None, :]
-    assert not between.any(axis=(2, 3, 4))[~np.eye(4, dtype=bool)].any()
-    # Draws of the posterior, whose means are therefore right, each ensemble's.
-    z = (starts.mean(axis=1) - [0.4, 0.6]) / (0.05 / starts.shape[1] ** 0.5)
-    assert np.abs(z).max() < LIMIT and z.std() > 0.3
+def test_ensembles_start_from_draws_of_the_posterior_of_their_own():
+    def bent(x):  # so that half of the walkers stay in the first step
+        return -0.5 * (x[:, 0] ** 2 + 9 * (x[:, 1] - x[:, 0] ** 2) ** 2)
+
+    posterior = free_posterior(bent, box(-15, 15, 2))
+    samplers = ef.run(posterior, "auto", 100, 1, ensembles=4, seed=1)
+    starts = np.array([sampler.get_chain()[0] for sampler in samplers])
+    same = starts[:, None, :, None] == starts[None, :, None, :]
+    assert not same.any(axis=(2, 3, 4))[~np.eye(4, dtype=bool)].any()
+    z = starts.mean(axis=1)[:, 0] * np.sqrt(100)
+    assert np.abs(z).max() < LIMIT and z.std() > 0.2
 
 
 def test_a_failing_part_of_the_prior_is_rejected(caplog):
@@ -185,8 +150,8 @@ def test_a_failing_part_of_the_prior_is_rejected(caplog):
     options = {"on_failure": "reject", "max_failures": 0.9}
     samplers = ef.run(posterior, "auto", 16, 100, ensembles=1, seed=3, **options)
     half = 0.1 * np.sqrt(2 / np.pi)
-    x = np.concatenate([s.get_chain(flat=True) for s in samplers])
-    assert x[:, 0].max() <= 0.5 and samplers[0].failures.causes["exception"]
+    x = samplers[0].get_chain(flat=True)
+    assert x[:, 0].max() <= 0.5 and failures(samplers)[1]["exception"]
     assert largest_z(samplers, [0.5 - half, 0.5], 0.1) < LIMIT
     evidence = ef.log_evidence(samplers)  # of a Gaussian of peak one, half of it cut
     exact = np.log(0.5 * 2 * np.pi * 0.1**2)
@@ -211,39 +176,46 @@ def test_a_joint_posterior_in_one_dimension():
     assert x.std() == pytest.approx(125**-0.5, rel=0.1)
 
 
-@pytest.mark.parametrize("height", [-1e4, 0.0])
-def test_the_record_is_json(height):
-    posterior = free_posterior(
-        lambda x: height - 50 * np.abs(x - 0.3).sum(axis=1), box(0, 1, 2)
-    )
-    recipe = ef.run(posterior, "auto", nsteps=2, ensembles=2, seed=1)[0].recipe
-    text = json.dumps(recipe.record, allow_nan=False)
-    assert json.loads(text) == recipe.record
-    assert recipe.record["efficiency"] > 0.5
-    assert str(recipe).startswith("a search by")
+# --- gradients --------------------------------------------------------------------
+
+GRID = np.linspace(-6.0, 3.0, 20_001)
+SKEW = np.exp(-0.5 * GRID**2 - 2 * (np.exp(1.5 * GRID) - 1) ** 2)
+MEAN = np.average(GRID, weights=SKEW)
+SPREAD = np.average((GRID - MEAN) ** 2, weights=SKEW) ** 0.5
 
 
-@pytest.mark.parametrize("found", [0, 10])
-def test_the_record_of_a_proposal_that_hardly_meets_the_posterior_is_json(found):
-    log_weights = np.where(np.arange(1_000) < found, 1.0 * np.arange(1_000), -np.inf)
-    theta = np.zeros((1_000, 1))
-    law = trial_of(log_weights, theta).law
-    rows = np.column_stack([log_weights, log_weights])
-    trial = try_out(law, 1_000, lambda law, n: (theta, rows))
-    assert trial.narrow and trial.k == np.inf and 0 <= trial.acceptance <= 1
-    maximum = SimpleNamespace(theta=np.zeros(1))
-    search = SimpleNamespace(
-        streams=[0, 0],
-        maxima=[maximum],
-        found_by=[[1, 2]],
-        own=[(theta, rows)],
-        climbs=3,
-    )
-    record = describe(search, trial)
-    assert json.loads(json.dumps(record, allow_nan=False)) == record
-    assert record["found_by"] == [[1, 0], [2, 0]]
-    assert record["pareto_k"] > 0.7
-    assert (record["weights"][0] is None) == (found == 0)
-    good = trial_of(np.zeros(1_000), theta)
-    assert is_better(good, trial) and not is_better(trial, good)
-    assert not is_better(trial, trial)
+class Exponential:
+    """A response y_i = exp(1.5 x_i), by which each parameter is skew."""
+
+    names = tuple(f"x{i}" for i in range(12))
+    variables = {"y": ef.Variable({"i": range(12)})}
+
+    def __call__(self, parameters):
+        return {"y": np.exp(1.5 * np.stack([*parameters.values()], axis=1))}
+
+    def jacobian(self, parameters):
+        response = self(parameters)
+        slopes = zip(self.names, 1.5 * np.eye(12), strict=True)
+        return response, {"y": {name: response["y"] * unit for name, unit in slopes}}
+
+
+class BlackBox(Exponential):
+    jacobian = None
+
+
+@pytest.mark.parametrize(
+    "model", [Exponential(), pytest.param(BlackBox(), marks=pytest.mark.slow)]
+)
+def test_skew_parameters_are_moved_by_gradients_where_there_are_any(model):
+    def term(parameters, response):
+        return -0.5 * (((response["y"] - 1) / 0.5) ** 2).sum(axis=1)
+
+    prior = ef.GaussianPrior(Exponential.names, np.zeros(12), 1.0, [(-6.0, 3.0)] * 12)
+    posterior = ef.LogPosterior(model, term, prior)
+    samplers = ef.run(posterior, "auto", 24, 80, ensembles=2, seed=1)
+    moved = "Hamiltonian" in samplers.search.sentence
+    assert moved == posterior.differentiable
+    if moved:  # or it takes longer
+        assert largest_z(samplers, MEAN, SPREAD, discard=20) < LIMIT
+        x = np.concatenate([s.get_chain(flat=True, discard=20) for s in samplers])
+        assert_allclose(x.std(axis=0) / SPREAD, 1.0, atol=0.15)

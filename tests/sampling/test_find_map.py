@@ -1,23 +1,48 @@
-"""Maxima with their weights, in how many solves, and what is said of them."""
-
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+"""Maxima with their exact Gaussians and weights, in few solves."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+from support.examples import load
+from support.gradients import MEASURED, SHAPES, Derived
+from support.pool_problems import forks
+from support.tempered_laws import GaussianLaw
 
 import emcee_femu as ef
-from tests.support.examples import load
-from tests.support.pool_problems import forks
-from tests.support.tempered_laws import GaussianLaw
+
+
+class NoModel:
+    """Counts its solves; the density stands in the term."""
+
+    variables = {"x": ef.Variable({})}
+
+    def __init__(self):
+        self.solves = 0
+
+    def __call__(self, parameters):
+        n = len(next(iter(parameters.values())))
+        self.solves += n
+        return {"x": np.zeros(n)}
+
+
+def density_posterior(log_density, spread, bounds=None, model=None):
+    """Return a posterior of that density, with a prior of that spread."""
+    names = [f"x{i}" for i in range(len(spread))]
+    prior = ef.GaussianPrior(names, np.zeros(len(spread)), spread, bounds)
+
+    def term(parameters, response):
+        theta = np.stack([parameters[name] for name in names], axis=1)
+        return log_density(theta) - prior.logpdf(theta)
+
+    return ef.LogPosterior(model or NoModel(), term, prior)
 
 
 class Counting:
     """A model that counts its solves, without derivatives."""
 
     def __init__(self, model):
-        self.model, self.n_modes, self.solves = model, model.n_modes, 0
+        self.model, self.variables, self.solves = model, model.variables, 0
 
     def __call__(self, parameters):
         self.solves += len(next(iter(parameters.values())))
@@ -37,70 +62,172 @@ def paper_posterior(problem, kind):
     return ef.LogPosterior(model, problem.posterior.terms, problem.posterior.prior)
 
 
+# --- Gaussians, of which all is known ---------------------------------------------
+
+
 def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
-    law = GaussianLaw()
+    law, d = GaussianLaw(), 3
     found = ef.find_map(law.posterior, 5, seed=1, check=50)
     mean, covariance = law.moments(1.0)
     (best,) = found.maxima
+    assert best.converged and not best.at_bound.any()
     assert_allclose(best.theta, mean, atol=1e-5)
     assert_allclose(best.covariance, covariance, rtol=1e-6)
     assert_allclose(best.log_evidence, law.log_evidence, atol=1e-7)
+    assert_allclose(best.log_posterior, law.posterior(best.theta)[0], rtol=1e-12)
     assert found.weights.tolist() == [1.0] and found.climbs.tolist() == [5]
-    assert found.solves == 5 * 2 * 4 + 50
+    assert found.solves <= 5 * 3 * (d + 1) + 50  # the start and the maximum, or so
+    assert found.draws == 50 and found.pareto_k < 0.7
     assert_allclose(found.efficiency, 1.0, atol=1e-4)
-    assert found.findings[0] == (
-        "A start and a quick look: 1 maximum from 5 climbs and 90 solves."
-    )
-    assert found.findings[-1].startswith("The posterior is nearly Gaussian about them")
     assert_allclose(found.table.column("maximum 1"), mean, atol=1e-5)
     assert_allclose(found.table.column("sd 1"), np.sqrt(np.diag(covariance)), rtol=1e-6)
 
 
-def test_the_draws_of_a_check_are_those_of_the_gaussian():
-    law, points = GaussianLaw(), []
+def turned(d, condition):
+    """Return a covariance of that condition, in no axis's direction."""
+    Q = np.linalg.qr(np.random.default_rng(0).normal(size=(d, d)))[0]
+    return Q * np.geomspace(1, condition, d) @ Q.T / np.sqrt(condition)
 
-    class Recording:
-        n_modes = 4
 
-        def __call__(self, parameters):
-            points.append(np.column_stack([*parameters.values()]))
-            return law.solve(parameters)
+RIDGE = np.full((6, 6), 0.9999) + 1e-4 * np.eye(6)
 
-    posterior = ef.LogPosterior(Recording(), law.posterior.terms, law.posterior.prior)
-    ef.find_map(posterior, 1, seed=1, check=4_000)
-    mean, covariance = law.moments(1.0)
-    root = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(root, (np.concatenate(points)[-4_000:] - mean).T)
-    assert_allclose(white.mean(axis=1), 0, atol=4 / 4_000**0.5)
-    assert_allclose(np.cov(white), np.eye(3), atol=4 * (2 / 4_000) ** 0.5)
+
+@pytest.mark.parametrize("covariance", [turned(2, 1e4), turned(20, 1e4), RIDGE])
+def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
+    d = len(covariance)
+    law = stats.multivariate_normal(np.full(d, 0.5), covariance)
+    posterior = density_posterior(law.logpdf, np.full(d, 20.0))
+    found = ef.find_map(posterior, 6, seed=1)
+    (best,) = found.maxima
+    assert best.converged and found.climbs.tolist() == [6]
+    rest = best.theta - 0.5
+    assert rest @ np.linalg.solve(covariance, rest) < 0.1**2
+    ratio = np.linalg.eigvals(np.linalg.solve(covariance, best.covariance))
+    assert_allclose(ratio, 1.0, atol=2e-3)
+    assert_allclose(best.log_evidence, 0.0, atol=1e-3)
+    # Two Hessians for the first climb; the others begin with what it learned.
+    hessian = 1 + 2 * d + d * (d - 1) // 2
+    assert found.solves <= 1.5 * (2 * hessian + 5 * 2 * (2 * d + 1))
+
+
+class Line:
+    """A linear model with derivatives."""
+
+    variables = {"x": ef.Variable({"i": [0, 1]})}
+    design = np.array([[1.0, 2.0], [1.0, -1.0]])
+
+    def __call__(self, parameters):
+        return self.jacobian(parameters)[0]
+
+    def jacobian(self, parameters):
+        theta = np.column_stack([parameters["a"], parameters["b"]])
+        columns = zip("ab", self.design.T, strict=True)
+        slopes = {name: np.tile(column, (len(theta), 1)) for name, column in columns}
+        return {"x": theta @ self.design.T}, {"x": slopes}
+
+
+def test_a_term_of_unknown_form_takes_one_solve_for_a_gradient():
+    def term(parameters, response):
+        x = response["x"]
+        return -0.5 * ((x[:, 0] - 1) ** 2 / 0.01 + (x[:, 1] - 2) ** 2 / 0.04)
+
+    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], [1.0, 2.0])
+    data = Line.design.T @ np.diag([100.0, 25.0])
+    precision = np.diag([1.0, 0.25]) + data @ Line.design
+    found = ef.find_map(ef.LogPosterior(Line(), term, prior), 6, seed=1)
+    (best,) = found.maxima
+    assert best.converged
+    assert_allclose(best.theta, np.linalg.solve(precision, data @ [1, 2]), atol=1e-4)
+    assert_allclose(best.covariance, np.linalg.inv(precision), rtol=1e-4)
+    assert found.solves <= 6 * 11
+
+
+# --- bounds -----------------------------------------------------------------------
+
+
+def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
+    bounds = [(0.0, 5.0), (-1.0, 1.0), (-9.0, 9.0)]
+    posterior = density_posterior(
+        lambda x: -20 * x[:, 0] + 30 * x[:, 1] - x[:, 2] ** 2 / 2, [2.0] * 3, bounds
+    )
+    found = ef.find_map(posterior, 6, seed=1)
+    (best,) = found.maxima
+    assert best.converged
+    assert best.at_bound.tolist() == [True, True, False]
+    assert_allclose(best.theta, [0, 1, 0], atol=0.05)
+    assert_allclose(np.sqrt(np.diag(best.covariance)), [1 / 20, 1 / 30, 1], rtol=1e-3)
+    expected = np.log(1 / 20) + 30 + np.log(1 / 30) + 0.5 * np.log(2 * np.pi)
+    assert_allclose(best.log_evidence, expected, atol=1e-3)
+    assert found.maxima_table.column("at a bound") == ["x0 x1"]
+    # All draws of a check are inside, and solved.
+    assert ef.find_map(posterior, 6, seed=1, check=60).solves == found.solves + 60
+
+
+def test_rounding_leaves_no_maximum_an_ulp_out_of_bounds():
+    rng = np.random.default_rng(4)
+    bounds = np.sort(rng.normal(size=(30, 2)) * 10.0 ** rng.integers(-9, 9, (30, 1)))
+    width = np.ptp(bounds, axis=1)
+    slopes = np.where(rng.random(30) < 0.5, -9, 9) / width
+    posterior = density_posterior(lambda x: x @ slopes, 3 * width, bounds)
+    (best,) = ef.find_map(posterior, 1, seed=1).maxima
+    assert best.converged and best.at_bound.all()
+    ends = np.where(slopes > 0, bounds[:, 1], bounds[:, 0])
+    assert_allclose(best.theta, ends, 4e-16, 0)  # an ulp, which NumPy 2.0 leaves
+    assert ((best.theta >= bounds[:, 0]) & (best.theta <= bounds[:, 1])).all()
+
+
+@pytest.mark.parametrize("outside", [1.0, 5.0])
+def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
+    scale = np.diag([1.0, 2.0, 0.7])
+    covariance = scale @ [[1.0, 0.5, 0.2], [0.5, 1.0, 0.3], [0.2, 0.3, 1.0]] @ scale
+    law = stats.multivariate_normal([-outside, 0.3, 0.5], covariance)
+    bounds = np.array([(0.0, np.inf), (-2.0, 6.0), (-5.0, 0.7 + outside)])
+    posterior = density_posterior(law.logpdf, np.full(3, 3.0), bounds)
+    (best,) = ef.find_map(posterior, 6, seed=1).maxima
+    assert best.converged and best.at_bound[0]
+    # Draw the first from its tail, and the others given the first.
+    rng, n = np.random.default_rng(1), 200_000
+    tail = stats.truncnorm(outside, np.inf, -outside, 1.0)
+    along = covariance[1:, 0]
+    rest = covariance[1:, 1:] - np.outer(along, along)
+    first = tail.rvs(n, random_state=rng)
+    others = law.mean[1:] + (first + outside)[:, None] * along
+    others += rng.standard_normal((n, 2)) @ np.linalg.cholesky(rest).T
+    inside = ((others > bounds[1:, 0]) & (others < bounds[1:, 1])).all(axis=1)
+    exact = stats.norm.logsf(outside) + np.log(inside.mean())
+    assert_allclose(best.log_evidence, exact, atol=0.05)
+
+
+# --- several maxima, and none -----------------------------------------------------
 
 
 def test_two_modes_have_the_weights_of_quadrature():
     found = ef.find_map(load("evidence").beck_au().posterior, seed=1)
     assert len(found.maxima) == 2 and found.climbs.sum() == 16
-    left = [m.theta[0] < 1 for m in found.maxima].index(True)
+    assert all(best.converged for best in found.maxima)
+    left = [best.theta[0] < 1 for best in found.maxima].index(True)
     assert_allclose(found.weights[left], 0.53079, atol=0.02)
-    total = np.logaddexp.reduce([m.log_evidence for m in found.maxima])
+    total = np.logaddexp.reduce([best.log_evidence for best in found.maxima])
     assert_allclose(total, np.log(1.50950e-3), atol=0.05)
     assert found.weights[0] >= found.weights[1]
     assert found.draws == 0 and np.isnan(found.pareto_k)
-    assert "was not checked" in found.findings[-1]
     assert "0.53" in str(found.maxima_table)
     assert found._repr_html_().count("<table") == 2
+    draws = found.draw(2_000, seed=5)
+    share = (draws[:, 0] < 1).mean()
+    assert abs(share - found.weights[left]) < 5 * 0.5 / np.sqrt(2_000)
+    assert np.isfinite(found.posterior(draws)[:, 0]).all()
 
 
 def test_the_heaviest_maximum_is_first_not_the_highest():
     """A needle of a tenth of the mass, 100 times as narrow in area."""
-    prior = ef.GaussianPrior(["a", "b"], [0, 0], [9, 9])
 
-    def term(p, response):
-        theta = np.stack([p["a"], p["b"]], axis=1)
+    def log_density(theta):
         broad = np.log(0.9) - 0.5 * (theta**2).sum(axis=1)
         needle = np.log(0.1 * 100) - 50 * ((theta - 4) ** 2).sum(axis=1)
-        return np.logaddexp(broad, needle) - prior.logpdf(theta)
+        return np.logaddexp(broad, needle)
 
-    model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
-    posterior = ef.LogPosterior(model, term, prior)
+    posterior = density_posterior(log_density, [9.0, 9.0])
     found = ef.find_map(posterior, [[4.01, 3.99], [0.5, 0.5]], seed=1, check=100)
     first, second = found.maxima
     assert_allclose(first.theta, 0, atol=0.05)
@@ -109,58 +236,130 @@ def test_the_heaviest_maximum_is_first_not_the_highest():
     assert found.efficiency > 0.99
 
 
+@pytest.mark.parametrize(
+    ("centre", "sharpness", "maxima"),
+    [([0.04, 0.0], 1, 1), ([3.0, 0.0], 1, 2), ([0.5, 0.0], 400, 2)],
+)
+def test_tops_are_one_where_both_gaussians_would_have_both(centre, sharpness, maxima):
+    """Close and alike, far apart, and a needle that the broad one would have."""
+
+    def log_density(x):
+        broad = -0.5 * (x**2).sum(axis=1)
+        other = -0.5 * sharpness * ((x - centre) ** 2).sum(axis=1)
+        return np.maximum(broad, other + 3 * (sharpness > 1))
+
+    posterior = density_posterior(log_density, [9.0, 9.0])
+    starts = np.array([[-0.1, 0.05], centre])
+    found = ef.find_map(posterior, starts, seed=1)
+    assert len(found.maxima) == maxima and found.climbs.sum() == 2
+
+
+def test_a_flat_ridge_on_which_climbs_end_everywhere_is_one_maximum():
+    posterior = density_posterior(
+        lambda x: -((x[:, 0] / 6) ** 8) - 50 * x[:, 1] ** 2, [3.0, 1.0]
+    )
+    found = ef.find_map(posterior, 12, seed=1)
+    assert found.climbs.tolist() == [12]
+
+
+def test_a_start_between_two_modes_is_left():
+    def two(x):
+        left = -0.5 * ((x - [-3, 0]) ** 2).sum(axis=1)
+        return np.logaddexp(left, -0.5 * ((x - [3, 0]) ** 2).sum(axis=1))
+
+    (best,) = ef.find_map(density_posterior(two, [4.0, 4.0]), [0.0, 0.0], seed=1).maxima
+    assert best.converged
+    assert_allclose(np.abs(best.theta), [3, 0], atol=0.05)
+
+
+def test_a_curved_valley_is_followed_to_its_end():
+    def log_density(x):
+        return -0.5 * (x[:, 0] ** 2 / 4 + 25 * (x[:, 1] + x[:, 0] ** 2 - 3) ** 2)
+
+    found = ef.find_map(density_posterior(log_density, [4.0, 8.0]), 8, seed=1)
+    (best,) = found.maxima
+    assert best.converged
+    assert_allclose(best.theta, [0, 3], atol=0.2)
+    assert found.solves < 8 * 350
+
+
+def test_a_density_without_bound_is_told():
+    """One parameter fits one frequency exactly, and its error goes to zero."""
+    model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+    prior = ef.IndependentPrior({"k": (5.0, 12.0), "s": stats.halfnorm(scale=0.01)})
+    term = ef.FrequencyTerm([3.0], discrepancy="s")
+    with pytest.raises(ValueError, match="without bound"):
+        ef.find_map(ef.LogPosterior(model, term, prior), seed=1)
+
+
+# --- solves -----------------------------------------------------------------------
+
+
+def test_all_solves_are_counted_and_the_curvature_is_that_of_the_top():
+    law = stats.multivariate_t(np.zeros(3), np.eye(3), df=3)
+    posterior = density_posterior(law.logpdf, np.full(3, 4.0))
+    found = ef.find_map(posterior, 5, seed=2, check=40)
+    assert found.solves == posterior.model.solves
+    (best,) = found.maxima
+    assert_allclose(best.theta, 0.0, atol=0.05)
+    assert_allclose(best.covariance, np.eye(3) / 2, atol=0.02)  # (3 + d) / 3
+
+
 @pytest.mark.parametrize("problem", [ef.paper.mass_spring(), ef.paper.h_structure()])
 def test_the_problems_of_the_paper_take_few_solves(problem):
     for kind, each in ((Deriving, 5), (Counting, 5 * (1 + problem.posterior.ndim))):
         posterior = paper_posterior(problem, kind)
         found = ef.find_map(posterior, 8, seed=3)
-        assert found.solves == posterior.model.solves
-        assert found.solves <= 8 * each
+        assert found.solves == posterior.model.solves <= 8 * 1.5 * each
         best = found.maxima[0]
         again = ef.find_map(posterior, best.theta, seed=1)
-        assert again.solves == each // 5  # it is one
-        assert_array_equal(again.maxima[0].theta, best.theta)
+        assert again.solves <= each / 2  # it is one
+        off = again.maxima[0].theta - best.theta
+        assert off @ np.linalg.solve(best.covariance, off) < 0.05**2
 
 
 def test_a_solver_that_prints_six_digits_is_climbed_too():
     problem = ef.paper.mass_spring()
 
     def solve(p):
-        found = problem.model({k: np.array([v]) for k, v in p.items()}).frequencies[0]
-        return [float(f"{frequency:.6g}") for frequency in found]
+        modes = problem.model({k: np.array([v]) for k, v in p.items()})
+        return [float(f"{frequency:.6g}") for frequency in modes.frequencies[0]]
 
     prior, terms = problem.posterior.prior, problem.posterior.terms
     rounded = ef.LogPosterior(ef.FunctionModel(solve, n_modes=5), terms, prior)
     exact = ef.find_map(problem.posterior, 6, seed=1).maxima[0]
     found = ef.find_map(rounded, 6, seed=1)
     step = found.maxima[0].theta - exact.theta
-
     assert step @ np.linalg.solve(exact.covariance, step) < 0.5**2
     assert found.solves < 6 * 60
 
 
-def test_solves_are_those_of_the_model():
-    posterior = paper_posterior(ef.paper.mass_spring(), Counting)
-    found = ef.find_map(posterior, 3, seed=1, check=40)
-    assert found.solves == posterior.model.solves
-
-
 @forks
 @pytest.mark.parametrize("kind", [Counting, Deriving])
-def test_pools_give_the_same_bits(kind):
+def test_the_number_of_workers_changes_nothing(kind):
     posterior = paper_posterior(ef.paper.mass_spring(), kind)
-    serial = ef.find_map(posterior, 4, seed=1, check=30)
-    with ThreadPoolExecutor(2) as threads:
-        for where in ({"workers": 2}, {"pool": threads}):
-            found = ef.find_map(posterior, 4, seed=1, check=30, **where)
-            assert str(found) == str(serial)
-            for one, other in zip(found.maxima, serial.maxima, strict=True):
-                assert_array_equal(one.theta, other.theta)
-                assert_array_equal(one.covariance, other.covariance)
+    serial, one, two = (
+        ef.find_map(posterior, 4, seed=1, check=30, workers=n) for n in (None, 1, 2)
+    )
+    assert str(one) == str(two)
+    assert serial.solves == one.solves == two.solves
+    for a, b, c in zip(serial.maxima, one.maxima, two.maxima, strict=True):
+        assert_array_equal(b.theta, c.theta)
+        assert_array_equal(b.covariance, c.covariance)
+        assert_allclose(a.theta, b.theta, rtol=1e-6)
+
+
+# --- failures ---------------------------------------------------------------------
 
 
 def curved(p):
     return [np.sqrt(p["a"] ** 2 + p["b"] ** 2)]
+
+
+def broken(p):
+    if p["a"] > 1.5:
+        raise ArithmeticError("no equilibrium")
+    return curved(p)
 
 
 def curved_posterior(function=curved):
@@ -172,52 +371,95 @@ def curved_posterior(function=curved):
 def test_it_says_where_the_posterior_is_not_gaussian():
     found = ef.find_map(curved_posterior(), 4, seed=1, check=100)
     assert found.efficiency < 0.5
-    assert "The posterior is not Gaussian about them" in found.findings[-1]
-    assert "sample it" in found.findings[-1]
-
-
-def broken(p):
-    if p["a"] > 1.5:
-        raise ArithmeticError("no equilibrium")
-    return curved(p)
+    assert "not Gaussian" in found.findings[-1]
 
 
 def test_failures_follow_the_policy():
     posterior = curved_posterior(broken)
-    starts = np.array([[2.0, 1.0], [0.5, 1.0], [3.0, 0.1]])
+    # The second can be climbed from; beside the last a solve fails.
+    starts = np.array([[2.0, 1.0], [0.5, 1.0], [3.0, 0.1], [1.4999999, 0.0]])
     with pytest.raises(ArithmeticError, match="no equilibrium"):
         ef.find_map(posterior, starts, seed=1)
-    found = ef.find_map(
-        posterior, starts, seed=1, on_failure="reject", max_failures=1.0
+    reject = {"seed": 1, "on_failure": "reject"}
+    found = ef.find_map(posterior, starts, **reject, max_failures=1.0)
+    assert found.climbs.sum() == 1 and len(found.lost) == 3
+    assert all("solve" in reason and "failed" in reason for reason in found.lost)
+    with pytest.raises(RuntimeError, match="starts: none of 2"):
+        ef.find_map(posterior, starts[[0, 2]], **reject)
+
+
+class Pothole(NoModel):
+    """Cannot be solved on both sides at once of a point."""
+
+    def __init__(self, at):
+        super().__init__()
+        self.at, self.failed = at, 0
+
+    def __call__(self, parameters):
+        theta = np.column_stack([*parameters.values()])
+        if ((theta > self.at) & (theta < self.at + 0.3)).all(axis=1).any():
+            self.failed += 1
+            raise ArithmeticError("no equilibrium")
+        return super().__call__(parameters)
+
+
+class SlopingPothole(Pothole):
+    def jacobian(self, parameters):
+        return self(parameters), {"x": {}}
+
+
+@pytest.mark.parametrize(
+    ("kind", "at"), [(Pothole, [-1.0, -3.0]), (SlopingPothole, [-1.1, -3.0 + 1e-9])]
+)
+def test_a_curvature_does_without_a_solve_that_failed(kind, at):
+    law = stats.multivariate_normal([1.0, -1.0], [[1.0, 0.3], [0.3, 2.0]])
+    model = kind(np.array(at))
+    posterior = density_posterior(law.logpdf, [4.0, 4.0], model=model)
+    reject = {"on_failure": "reject", "max_failures": 1.0}
+    (best,) = ef.find_map(posterior, [-1.0, -3.0], seed=1, **reject).maxima
+    assert model.failed and best.converged
+    assert_allclose(best.theta, law.mean, atol=0.1)
+    assert_allclose(best.covariance, law.cov, rtol=0.01)
+
+
+class WithoutDerivatives(Derived):
+    """Its jacobian fails where a is large; its solves do not."""
+
+    def __init__(self, limit, raises):
+        super().__init__()
+        self.limit, self.raises = limit, raises
+
+    def jacobian(self, parameters):
+        response, derivatives = super().jacobian(parameters)
+        wrong = parameters["a"] > self.limit
+        if self.raises and wrong.any():
+            raise np.linalg.LinAlgError("singular")
+        derivatives["frequency"]["a"][wrong] = np.nan
+        return response, derivatives
+
+
+@pytest.mark.parametrize("raises", [True, False])
+@pytest.mark.parametrize("limit", [1.0, 0.0])
+def test_a_jacobian_that_fails_is_done_without(limit, raises):
+    terms = [ef.FrequencyTerm(MEASURED, sd=0.05), ef.ShapeTerm(SHAPES, delta=0.2)]
+    prior = ef.GaussianPrior(["a", "b"], [1, 1], [0.2, 0.2], [(0.5, 1.5)] * 2)
+    model = WithoutDerivatives(limit, raises)
+    exact, rejecting, stopping = (
+        ef.LogPosterior(one, terms, prior)
+        for one in (Derived(), model, WithoutDerivatives(limit, raises))
     )
-    assert found.climbs.sum() == 1 and len(found.lost) == 2
-    assert found.findings[1].startswith("2 of 3 starts led nowhere: the posterior")
-    with pytest.raises(RuntimeError, match=r"starts: none of 2 led to a maximum"):
-        ef.find_map(posterior, starts[[0, 2]], seed=1, on_failure="reject")
+    found = ef.find_map(rejecting, 4, seed=1, on_failure="reject")
+    assert found.lost == () and found.climbs.sum() == 4
+    (best,), (same,) = found.maxima, ef.find_map(exact, 4, seed=1).maxima
+    off = best.theta - same.theta
+    assert best.converged and off @ np.linalg.solve(same.covariance, off) < 0.05**2
+    ratio = np.linalg.eigvals(np.linalg.solve(same.covariance, best.covariance))
+    assert_allclose(ratio, 1.0, atol=0.05)
+    with pytest.raises((np.linalg.LinAlgError, ValueError)):
+        ef.find_map(stopping, 4, seed=1)
 
 
-def test_a_maximum_at_a_bound_is_named():
-    prior = ef.GaussianPrior(["a", "b"], [1, 1], [2, 2], [(4.0, 9.0), (0.0, 9.0)])
-    term = ef.FrequencyTerm([3.0], relative_sd=0.01)
-    posterior = ef.LogPosterior(ef.FunctionModel(curved, n_modes=1), term, prior)
-    found = ef.find_map(posterior, 3, seed=1)
-    (named,) = found.maxima_table.column("at a bound")
-    assert named.startswith("a")
-    # All draws of a check are inside, and solved.
-    assert ef.find_map(posterior, 3, seed=1, check=60).solves == found.solves + 60
-    assert_allclose(found.table.column("maximum 1"), [4.0, 0.0], atol=0.01)
-
-
-def test_what_is_refused():
-    posterior = curved_posterior()
-    with pytest.raises(ValueError, match="check: expected 0 or at least 25 draws"):
-        ef.find_map(posterior, seed=1, check=10)
-    with pytest.raises(ValueError, match=r"starts: a = 10 of point 0 is outside"):
-        ef.find_map(posterior, [10.0, 1.0], seed=1)
-    with pytest.raises(TypeError, match="starts: expected a whole number"):
-        ef.find_map(posterior, 2.5, seed=1)
-    with pytest.raises(TypeError, match="posterior: expected a LogPosterior"):
-        ef.find_map(len, seed=1)
+# --- draws ------------------------------------------------------------------------
 
 
 def test_chains_start_from_draws_of_the_gaussians():
@@ -225,31 +467,12 @@ def test_chains_start_from_draws_of_the_gaussians():
     found = ef.find_map(law.posterior, 3, seed=1)
     draws = found.draw(4_000, seed=2)
     mean, covariance = law.moments(1.0)
-    sd = np.sqrt(np.diag(covariance))
-    assert (np.abs(draws.mean(axis=0) - mean) < 5 * sd / np.sqrt(4_000)).all()
-    off = np.cov(draws.T) - covariance
-    assert np.abs(off / np.outer(sd, sd)).max() < 0.12
+    white = np.linalg.solve(np.linalg.cholesky(covariance), (draws - mean).T)
+    assert_allclose(white.mean(axis=1), 0, atol=5 / 4_000**0.5)
+    assert_allclose(np.cov(white), np.eye(3), atol=5 * (2 / 4_000) ** 0.5)
     assert_array_equal(found.draw(4_000, 2), draws)
     start = found.draw(16, 3)
-    (sampler,) = ef.run(law.posterior, nwalkers=16, nsteps=2, seed=1, initial=start)
+    (sampler,) = ef.run(
+        law.posterior, ef.DEMCMove(), 16, 2, ensembles=1, seed=1, starts=start
+    )
     assert np.isfinite(sampler.get_log_prob()).all()
-
-
-def test_draws_share_out_the_maxima_and_stay_inside_the_bounds():
-    term = ef.FrequencyTerm([3.0, 4.0], sd=0.1)
-    model = ef.FunctionModel(lambda p: [p["a"], p["b"]], n_modes=2)
-    prior = ef.GaussianPrior(["a", "b"], [3, 4], [1, 1], [(0.0, 9.0)] * 2)
-    best = ef.find_map(ef.LogPosterior(model, term, prior), 3, seed=1)
-    (one,) = best.maxima
-    corner = replace(one, theta=np.zeros(2))
-    two = replace(best, maxima=(one, corner), weights=np.array([0.6, 0.4]))
-    draws = two.draw(3_000, 5)
-    assert ((draws >= 0.0) & (draws <= 9.0)).all() and len(draws) == 3_000
-    # A quarter of the other is inside.
-    assert abs((draws[:, 0] < 1.5).mean() - 0.1 / 0.7) < 5 * 0.35 / np.sqrt(3_000)
-    lost = replace(one, theta=np.full(2, 99.0))
-    with pytest.raises(ValueError, match="n: of 200 draws .* only 0 are inside"):
-        replace(best, maxima=(lost,)).draw(2, 1)
-    for wrong in ({"n": 0, "seed": 1}, {"n": 1.5, "seed": 1}, {"n": 2, "seed": None}):
-        with pytest.raises((TypeError, ValueError), match="n:|seed:"):
-            best.draw(**wrong)

@@ -41,7 +41,7 @@ def simulate(rng, f, zeta, S, shapes, noise, periods, rate=10.0, coherence=0.0):
 def widely(model):
     """Return the prior that is uniform over the model's own ranges."""
     ranges = model.ranges.items()
-    return ef.IndependentPrior({k: ef.uniform_between(*v) for k, v in ranges})
+    return ef.IndependentPrior({k: (*v,) for k, v in ranges})
 
 
 def draw_spectra(rng, model, parameters, lines, averages=1, kind="acceleration"):
@@ -69,4 +69,4 @@ def sample_matrices(rng, E, averages, lines, kind):
     z = rng.standard_normal(shape) @ [1, 1j] / np.sqrt(2)
     F = np.einsum("kab,skb->ska", half, z)
     D = np.einsum("ska,skb->kab", F, F.conj()) / averages
-    return ef.Spectra(lines, D, averages=averages, kind=kind)
+    return ef.spectra.Spectra(lines, D, averages=averages, kind=kind)

@@ -29,7 +29,6 @@ import numpy as np
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.sampling import auto, search
 
 WALKERS, PILOT, APART = 64, 150, 100
 DRAWS = WALKERS - 1  # ranks 0 .. 63 fall evenly into the bins
@@ -62,9 +61,9 @@ CARRIED = ef.MatrixModel(
 
 def shorten_search(monkeypatch):
     """Let "auto" take less care: starts that a valid sampler may well have."""
-    monkeypatch.setattr(auto, "FEWEST", 400)
-    monkeypatch.setattr(auto, "ROUND", 200)
-    monkeypatch.setattr(search, "FRUITLESS", 2)
+    monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST", 400)
+    monkeypatch.setattr("emcee_femu.sampling.auto.ROUND", 200)
+    monkeypatch.setattr("emcee_femu.sampling.search.FRUITLESS", 2)
 
 
 def simulated(frequencies, beta, rng):
@@ -94,11 +93,12 @@ def simulated_shape(shape, rng):
     return unit * np.sqrt(1 - s**2) + s * across / np.linalg.norm(across)
 
 
-def mass_spring(rng):
+def mass_spring(rng, stated_beta=BETA):
     """Return the posterior of a simulated data set, and the truth ``(1, 5)``."""
     truth = PRIOR.sample(rng, 1)
     modes = PROBLEM.model(PROBLEM.posterior.parameters(truth))
-    term = ef.FrequencyTerm(simulated(modes.frequencies[0], BETA, rng), beta=BETA)
+    measured = simulated(modes.frequencies[0], BETA, rng)
+    term = ef.FrequencyTerm(measured, beta=stated_beta)
     return ef.LogPosterior(PROBLEM.model, term, PRIOR), truth
 
 
@@ -121,6 +121,15 @@ def paired(rng, stated_delta=DELTA):
     return ef.LogPosterior(model, terms, PAIRED_PRIOR), truth
 
 
+def rank(run, posterior, truth):
+    """Return the ranks ``(d + 1,)`` of parameters and log-likelihood of the truth."""
+    (sampler,) = run
+    log_prob, log_prior = sampler.get_log_prob(flat=True), sampler.get_blobs(flat=True)
+    draws = np.column_stack([sampler.get_chain(flat=True), log_prob - log_prior[:, 0]])
+    (row,) = posterior(truth)
+    return (draws[:DRAWS] < [*truth[0], row[0] - row[1]]).sum(axis=0)
+
+
 def auto_ranks(simulate, datasets, seed):
     """Return the ranks ``(datasets, d + 1)`` of the truth among the draws of "auto".
 
@@ -135,13 +144,9 @@ def auto_ranks(simulate, datasets, seed):
     for stream in np.random.SeedSequence(seed).spawn(datasets):
         rng = np.random.default_rng(stream)
         posterior, truth = simulate(rng)
-        options = {"ensembles": 1, "thin_by": AUTO_APART}
-        own = int(rng.integers(2**31))
-        (run,) = ef.run(posterior, "auto", AUTO_WALKERS, SNAPSHOTS, seed=own, **options)
-        likelihood = run.get_log_prob(flat=True) - run.get_blobs(flat=True)[:, 0]
-        draws = np.column_stack([run.get_chain(flat=True), likelihood])[:DRAWS]
-        row = posterior(truth)[0]
-        result.append((draws < [*truth[0], row[0] - row[1]]).sum(axis=0))
+        options = {"ensembles": 1, "thin_by": AUTO_APART, "seed": rng.integers(2**31)}
+        run = ef.run(posterior, "auto", AUTO_WALKERS, SNAPSHOTS, **options)
+        result.append(rank(run, posterior, truth))
     return np.array(result)
 
 
@@ -160,41 +165,22 @@ def ranks(moves, datasets, seed=0, stated_beta=BETA):
         seed: A whole number.
         stated_beta: beta of the likelihood; the data always have the paper's.
     """
-    result = np.empty((datasets, len(QUANTITIES)), dtype=int)
-    for k, stream in enumerate(np.random.SeedSequence(seed).spawn(datasets)):
+    result = []
+    for stream in np.random.SeedSequence(seed).spawn(datasets):
         rng = np.random.default_rng(stream)
-        truth = PRIOR.sample(rng, 1)
-        modes = PROBLEM.model(PROBLEM.posterior.parameters(truth))
-        term = ef.FrequencyTerm(
-            simulated(modes.frequencies[0], BETA, rng), beta=stated_beta
-        )
-        posterior = ef.LogPosterior(PROBLEM.model, term, PRIOR)
+        posterior, truth = mass_spring(rng, stated_beta)
         candidates = PRIOR.sample(rng, 2_000)
-        best = np.argsort(posterior(candidates)[:, 0])[-WALKERS:]
-        seeds = rng.integers(2**31, size=2).tolist()
+        best = candidates[np.argsort(posterior(candidates)[:, 0])[-WALKERS:]]
+        first, second = rng.integers(2**31, size=2)
+        options = {"nwalkers": WALKERS, "ensembles": 1}
         (pilot,) = ef.run(
-            posterior,
-            ef.DEMCMove(),
-            WALKERS,
-            PILOT,
-            seed=seeds[0],
-            initial=candidates[best],
+            posterior, ef.DEMCMove(), steps=PILOT, seed=first, starts=best, **options
         )
-        (sampler,) = ef.run(
-            posterior,
-            moves(pilot.get_chain(discard=PILOT // 2, flat=True)),
-            WALKERS,
-            1,
-            thin_by=APART,
-            seed=seeds[1],
-            initial=pilot.get_chain()[-1],
-        )
-        draws = np.column_stack(
-            [sampler.get_chain(flat=True), sampler.get_blobs(flat=True)[:, 1]]
-        )[:DRAWS]
-        true = [*truth[0], posterior(truth)[0, 2]]
-        result[k] = (draws < true).sum(axis=0)
-    return result
+        chosen = moves(pilot.get_chain(discard=PILOT // 2, flat=True))
+        options |= {"thin_by": APART, "seed": second, "starts": pilot.get_chain()[-1]}
+        run = ef.run(posterior, chosen, steps=1, **options)
+        result.append(rank(run, posterior, truth))
+    return np.array(result)
 
 
 def p_values(found, bins=BINS):

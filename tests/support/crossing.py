@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from emcee_femu.surrogates.mode_blocks import Modes
-
 
 def matrices(x, coupling=0.3):
     """Return symmetric ``(n, 3, 3)`` whose eigenvalues meet as ``x (n, 2)`` changes."""
@@ -17,19 +15,12 @@ def matrices(x, coupling=0.3):
     return A
 
 
-def solve(x, coupling=0.3, seed=None):
-    """Return eigenvalues, and shapes at five sensors, with random signs if seeded."""
+def respond(x, coupling=0.3, seed=None):
+    """Return frequencies, and shapes at five sensors, with random signs if seeded."""
     values, vectors = np.linalg.eigh(matrices(x, coupling))
     base = np.random.default_rng(5).standard_normal((5, 3))
     shapes = base @ vectors * (1.0 + 0.05 * x[:, :1, None])
     if seed is not None:
         rng = np.random.default_rng(seed)
         shapes = shapes * rng.choice([-1.0, 1.0], size=(len(x), 1, 3))
-    return Modes(values, shapes)
-
-
-def respond(x, coupling=0.3, seed=None):
-    """Return the response of such a model, ``{variable: (n, *shape)}``."""
-    modes = solve(x, coupling, seed)
-    frequencies = np.sqrt(modes.eigenvalues) / (2 * np.pi)
-    return {"frequency": frequencies, "shapes": modes.shapes}
+    return {"frequency": np.sqrt(values) / (2 * np.pi), "shapes": shapes}

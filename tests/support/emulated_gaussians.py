@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
+import emcee
 import numpy as np
 from scipy import stats
 
-from emcee_femu.results.certified_idata import SolvedRun
-from emcee_femu.results.inference_data import to_inference_data
-from emcee_femu.results.solved_draws import EmulatedChain
+import emcee_femu as ef
 from support.chains import ar1
 from support.free_posterior import box, free_posterior
 
@@ -37,25 +36,20 @@ def posterior(law, low=-12.0, high=12.0):
     return free_posterior(law, box(low, high, len(law.mean)))
 
 
-def draws(law, n, seed):
-    """Return independent draws."""
-    white = np.random.default_rng(seed).standard_normal((n, len(law.mean)))
+def draws(law, n, seed, phi=0.0):
+    """Return an AR(1) chain of a law, ``(n, d)``; independent draws by default."""
+    white = ar1([phi] * len(law.mean), n, 1, seed)[:, 0]
     return law.mean + white @ np.linalg.cholesky(law.covariance).T
 
 
-def chains(law, n, repeats, phi=0.0):
-    """Return AR(1) chains of an emulated posterior, of which the sizes are exact."""
-    d = len(law.mean)
-    white = ar1([phi] * d, n, repeats, seed=1)
-    size, squares = (n * (1 - p) / (1 + p) for p in (phi, phi**2))
-    bounds = np.tile([-12.0, 12.0], (d, 1))
-    names = tuple(f"x{i}" for i in range(1, d + 1))
-    sizes = np.array([[size] * d, [squares] * d])
-    for own in white.swapaxes(0, 1):
-        theta = law.mean + own @ np.linalg.cholesky(law.covariance).T
-        yield EmulatedChain(names, theta, law(theta), bounds, size, sizes)
-
-
-def sampled(emulated, theta):
+def sampled(emulated, theta, walkers=1):
     """Return the ArviZ object of a run on an emulated posterior with these draws."""
-    return to_inference_data(SolvedRun(theta, emulated(theta)), emulated)
+    rows = emulated(theta).reshape(-1, walkers, len(emulated.rejected()))
+    coords = theta.reshape(-1, walkers, theta.shape[1])
+    held = emcee.backends.Backend()
+    held.reset(walkers, theta.shape[1])
+    held.grow(len(rows), rows[0, :, 1:])
+    for x, row in zip(coords, rows, strict=True):
+        state = emcee.State(x, log_prob=row[:, 0], blobs=row[:, 1:])
+        held.save_step(state, np.ones(walkers, dtype=bool))
+    return ef.to_inference_data(held, emulated)

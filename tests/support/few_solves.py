@@ -3,7 +3,6 @@
 import numpy as np
 
 import emcee_femu as ef
-from emcee_femu.interfaces import Variable
 
 DESIGN = np.array([[1.0, 0.4], [-0.3, 1.0], [0.5, 0.5]])
 DATA, SD = np.array([0.6, -0.2, 0.3]), 0.1
@@ -14,7 +13,7 @@ class Gaussian:
 
     def __init__(self, data=DATA, sd=SD):
         self.data, self.sd = data, sd
-        self.reads = {"y": Variable({"point": range(len(data))})}
+        self.reads = {"y": ef.Variable({"point": range(len(data))})}
 
     def deviations(self, parameters, response):
         r = response["y"] - self.data
@@ -32,7 +31,7 @@ class Counted:
 
     def __init__(self, function, size=3, stop=0):
         self.function, self.stop, self.solved = function, stop, []
-        self.variables = {"y": Variable({"point": range(size)})}
+        self.variables = {"y": ef.Variable({"point": range(size)})}
 
     def __call__(self, parameters):
         x = np.stack([*parameters.values()], axis=1)

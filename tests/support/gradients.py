@@ -4,8 +4,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from emcee_femu import GaussianPrior, LogPosterior, Variable
-from emcee_femu.interfaces import ModalSolution
+from emcee_femu import (
+    GaussianPrior,
+    LogPosterior,
+    ModalSolution,
+    Variable,
+    modal_variables,
+)
 
 MEASURED = np.array([1.02, 1.43, 2.1])
 RNG = np.random.default_rng(7)
@@ -26,8 +31,8 @@ class Solver:
     """Modes of two parameters; ``solved`` has the size of every batch."""
 
     solved: list = field(default_factory=list)
-    names = required = ("a", "b")
-    n_modes = 3
+    names = ("a", "b")
+    variables = modal_variables(3) | {"shapes": Variable({}, stored=False)}
 
     def __call__(self, parameters):
         self.solved.append(len(parameters["a"]))
@@ -65,7 +70,7 @@ DATA = np.array([0.3, -0.2, 0.5, 0.1])
 class LinearModel:
     """A response y that is linear in three parameters."""
 
-    names = required = ("a", "b", "c")
+    names = ("a", "b", "c")
     variables = {"y": Variable({"point": range(4)})}
 
     def __call__(self, parameters):

@@ -8,153 +8,113 @@ import json
 import logging
 import os
 import random
+import resource
 import signal
 import sys
 import time
 import traceback
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
-from scipy import stats
+from support.stored import KINDS, bits
 
-import emcee_femu as ef
-from emcee_femu import DEMCMove, MetropolisMove, SnookerMove, TemperedMove
-from emcee_femu.sampling import auto
-from emcee_femu.sampling.run_file import log
-from support.run_files import assert_same
-
-BETAS = [1.0, 0.3]
-LADDER = [
-    (TemperedMove(DEMCMove(), BETAS), 0.7),
-    (TemperedMove(SnookerMove(), BETAS), 0.3),
-]
-MIXED = [(DEMCMove(), 0.6), (SnookerMove(), 0.3), (MetropolisMove(sd=9.0), 0.1)]
-MOVES = {
-    "plain": (None, 16),
-    "tempered": (LADDER, 24),
-    "mixed": (MIXED, 12),
-    "auto": ("auto", 12),
-    "reject": (None, 16),
-}
-
-
-def fails(p):
-    if p["a"] > 0.9:
-        raise ArithmeticError("no convergence")
-    return [10.0 + p["a"], 20.0 + p["b"]]
-
-
-FAILING = ef.LogPosterior(
-    ef.FunctionModel(fails, n_modes=2),
-    ef.FrequencyTerm([10.0, 20.0], sd=[0.5, 0.5]),
-    ef.IndependentPrior({"a": stats.norm(0, 1), "b": stats.norm(0, 1)}),
-)
-
-
-def sampled(kind, nsteps, backend=None):
-    moves, nwalkers = MOVES[kind]
-    reject = kind == "reject"
-    return ef.run(
-        FAILING if reject else ef.paper.mass_spring().posterior,
-        moves,
-        nwalkers,
-        nsteps,
-        ensembles=2,
-        seed=5,
-        thin_by=2,
-        backend=backend,
-        resume=backend is not None,
-        on_failure="reject" if reject else "raise",
-        max_failures=1.0,
-    )
+STEPS = 20
 
 
 @cache
-def uninterrupted(kind, nsteps):
-    return sampled(kind, nsteps)
+def uninterrupted(kind):
+    return bits(KINDS[kind](None, steps=STEPS))
 
 
-def check_same(kind, nsteps, path):
+def check_same(kind, path):
     """Finish the run and compare it with one that was never stopped."""
-    resumed = sampled(kind, nsteps, path)
-    for one, other in zip(uninterrupted(kind, nsteps), resumed, strict=True):
-        assert_same(one, other)
-        assert one.recipe.record == other.recipe.record
-        assert one.burn_in_evaluations == other.burn_in_evaluations
-        if kind == "reject":
-            assert one.failures.counts == other.failures.counts
-            assert one.failures.counts[-1] > 0
+    assert bits(KINDS[kind](path, steps=STEPS)) == uninterrupted(kind), kind
     assert os.listdir(Path(path).parent) == [Path(path).name]
 
 
-def forked(work):
+def forked(work, *arguments):
     """Return the process that does the work."""
     pid = os.fork()
     if pid:
         return pid
     try:
-        work()
+        work(*arguments)
     except BaseException:
         traceback.print_exc()
         os._exit(1)
     os._exit(0)
 
 
-def random_kills(kind, nsteps, path, kills):
+def ended_by(child):
+    """Return the signal that ended a child, 0 for none; it must not have failed."""
+    status = os.waitpid(child, 0)[1]
+    if os.WIFSIGNALED(status):
+        return os.WTERMSIG(status)
+    assert os.waitstatus_to_exitcode(status) == 0, "it failed"
+    return 0
+
+
+def random_kills(kind, path, kills):
     """Kill a run at random times; return how often that found it at work."""
     begin = time.perf_counter()
-    sampled(kind, nsteps, path)
+    KINDS[kind](path, steps=STEPS)
     duration = time.perf_counter() - begin
     os.remove(path)
     rng, found = random.Random(1), 0
     for _ in range(kills):
-        child = forked(lambda: sampled(kind, nsteps, path))
+        child = forked(lambda: KINDS[kind](path, steps=STEPS))
         # Each life is a part of the run that is too short to end it.
         time.sleep(rng.uniform(0, 1.2 * duration / kills))
         os.kill(child, signal.SIGKILL)
-        found += os.WIFSIGNALED(os.waitpid(child, 0)[1])
-    check_same(kind, nsteps, path)
+        found += ended_by(child) > 0
+    check_same(kind, path)
     return found
 
 
-def deaths_in_writes(kind, nsteps, path, share, stride):
-    """Let a run die in every ``stride``-th change of a file; return how often it did.
+def limit(size):
+    """Let no file of this process become larger."""
+    hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
 
-    A write dies after a share of its bytes, another change before it is made.
-    """
-    write, replace, remove = log.write, os.replace, os.remove
 
-    def die_at(number):
-        left = [number]
+def die_at(kind, path, size):
+    """Run until a file is that large: the system ends us in the middle of a write."""
+    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    limit(size)
+    KINDS[kind](path, steps=STEPS)
 
-        def count(change, last):
-            def counted(*arguments):
-                left[0] -= 1
-                if left[0] < 0:
-                    last(*arguments)
-                    os._exit(3)
-                change(*arguments)
 
-            return counted
-
-        log.write = count(write, lambda file, c: write(file, c[: int(share * len(c))]))
-        os.replace, os.remove = count(replace, print), count(remove, print)
-        sampled(kind, nsteps, path)
-
-    deaths, status = 0, 3
-    while status == 3:
-        _, code = os.waitpid(forked(partial(die_at, deaths * stride)), 0)
-        status = os.waitstatus_to_exitcode(code)
-        if status == 1:
-            raise RuntimeError("the run failed, it was not killed")
-        check_same(kind, nsteps, path)
+def deaths_in_writes(kind, path, number):
+    """Let runs die in writes all over their files; return how often they did."""
+    KINDS[kind](path, steps=STEPS)
+    size, deaths = os.path.getsize(path), 0
+    for part in range(number):
         os.remove(path)
-        deaths += 1
-    return deaths - 1
+        # In the first write, and at odd numbers, so that no other one ends there.
+        end = size * part // number | 41
+        deaths += ended_by(forked(die_at, kind, path, end)) == signal.SIGXFSZ
+        check_same(kind, path)
+    return deaths
+
+
+def full_disks(kind, path, number):
+    """Let files find no room; return how often this was told by the file's name."""
+    KINDS[kind](path, steps=STEPS)
+    size, told = os.path.getsize(path), 0
+    for part in range(number):
+        os.remove(path)
+        limit(max(40, size * part // number))  # semaphores of 32 bytes are files
+        try:
+            KINDS[kind](path, steps=STEPS)
+        except OSError as error:
+            told += Path(path).name in str(error)
+        limit(resource.RLIM_INFINITY)
+        check_same(kind, path)
+    return told
 
 
 if __name__ == "__main__":
     logging.getLogger("emcee_femu").setLevel(logging.ERROR)
-    auto.FEWEST, auto.ROUND = 100, 100  # or it would take seconds
     task, *arguments = json.loads(sys.argv[1])
     print(json.dumps(globals()[task](*arguments)))

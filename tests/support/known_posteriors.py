@@ -3,7 +3,7 @@
 import numpy as np
 import xarray
 
-from emcee_femu.results.arviz_objects import wrap
+from support.chains import wrap
 
 PRIOR_SD = np.array([3.0, 2e-8, 0.5])
 NAMES = ("stiff", "area", "x")  # not in alphabetical order

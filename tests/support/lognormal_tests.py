@@ -7,7 +7,7 @@ the population falls apart into d of two dimensions, each by quadrature.
 import numpy as np
 from scipy import stats
 
-from support.repeated import as_idata, moments
+from support.repeated import as_idata
 
 MEAN, SPREAD, ERROR = 1.0, 0.06, 0.1
 PRIOR = stats.lognorm(0.3, scale=1.1)
@@ -59,13 +59,3 @@ def quadrature(measured, hyperpriors, names=("mean k1", "sd k1"), points=60):
     total += hyperpriors[names[0]].logpdf(mean) + hyperpriors[names[1]].logpdf(sd)
     weights = np.exp(total - total.max()).reshape(points, points)
     return means, spreads, weights / weights.sum()
-
-
-def exact_moments(measured, hyperpriors):
-    """Return mean and sd of ``mean`` and ``sd`` of each parameter, ``(d, 2, 2)``."""
-    found = []
-    for i, own in enumerate(measured.T, 1):
-        names = f"mean k{i}", f"sd k{i}"
-        means, spreads, weights = quadrature(own, hyperpriors, names)
-        found.append([moments(means, weights.sum(1)), moments(spreads, weights.sum(0))])
-    return np.array(found)

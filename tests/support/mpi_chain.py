@@ -4,7 +4,7 @@ import pickle
 import sys
 
 from emcee_femu import EvaluationPool
-from support.pool_problems import chain, ordinary, run
+from support.pool_problems import ordinary, run, sample
 
 if __name__ == "__main__":
     if sys.argv[1] == "futures":  # here, since pytest looks for doctests in this file
@@ -15,11 +15,8 @@ if __name__ == "__main__":
     with MPIPool() as pool:
         if "fail" in sys.argv:
             run(ordinary, pool=pool)
-        found = [
-            chain(pool),
-            chain(EvaluationPool(pool)),
-            chain(EvaluationPool(pool, 1)),
-        ]
+        pools = pool, EvaluationPool(pool), EvaluationPool(pool, 1)
+        found = [sample(own)[0].get_chain() for own in pools]
         try:
             run(ordinary, pool=pool)
         except ArithmeticError as error:

@@ -24,8 +24,7 @@ def function(p):
     return shear(p["k1"], p["k2"])
 
 class Model:
-    n_modes, names = 2, ("k1", "k2")
-    required = names
+    names, variables = ("k1", "k2"), ef.modal_variables(2)
 
     def __call__(self, parameters):
         pairs = zip(parameters["k1"], parameters["k2"])
@@ -42,10 +41,11 @@ posteriors = {
     "lambda": posterior_of(ef.FunctionModel(lambda p: shear(p["k1"], p["k2"]))),
     "class": posterior_of(Model()),
 }
-size = dict(nwalkers=8, nsteps=5, seed=1)
+size = dict(nwalkers=8, steps=5, seed=1)
 
 def chain(posterior, **where):
-    return ef.run(posterior, **size, **where)[0].get_chain()
+    options = {"moves": ef.DEMCMove(), "ensembles": 1, **size, **where}
+    return ef.run(posterior, **options)[0].get_chain()
 
 serial = {name: chain(posterior) for name, posterior in posteriors.items()}
 

@@ -8,15 +8,6 @@ from .checks import BoundedTriangle, Gaussian
 class Differentiable:
     """What a move asks of a posterior; a law beside it is the density."""
 
-    differentiable = True
-
-    @property
-    def posterior(self):
-        return self
-
-    def rejected(self):
-        return np.array([-np.inf])
-
     def gradient(self, theta):
         """Return log densities and gradients, NaN where the density is zero."""
         log_prob = self(theta)
@@ -25,11 +16,6 @@ class Differentiable:
         gradient[inside] = self.slope(theta[inside])
         return log_prob[..., None], gradient
 
-    def stack_gradient(self, theta):
-        single = theta.ndim == 1
-        stacked = np.hstack(self.gradient(np.atleast_2d(theta)))
-        return stacked[0] if single else stacked
-
 
 class SmoothGaussian(Differentiable, Gaussian):
     """The correlated Gaussian."""
@@ -37,21 +23,6 @@ class SmoothGaussian(Differentiable, Gaussian):
     def slope(self, theta):
         x = (theta - self.mean) / self.scale
         return -(x @ self.precision) / self.scale
-
-
-class ReciprocalGaussian(SmoothGaussian):
-    """That of theta, where ``q = mean (2 - mean / theta)`` is the Gaussian."""
-
-    def invert(self, q):
-        return self.mean / (2 - q / self.mean)
-
-    def __call__(self, theta):
-        q = self.mean * (2 - self.mean / theta)
-        return super().__call__(q) - 2 * np.log(np.abs(theta / self.mean)).sum(axis=1)
-
-    def slope(self, theta):
-        q = self.mean * (2 - self.mean / theta)
-        return super().slope(q) * (self.mean / theta) ** 2 - 2 / theta
 
 
 class SmoothTriangle(Differentiable, BoundedTriangle):

@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 import emcee_femu as ef
-from emcee_femu.interfaces import ModalSolution
 
 
 class GaussianLaw:
@@ -27,7 +26,9 @@ class GaussianLaw:
     def solve(self, parameters):
         columns = np.stack([*parameters.values()], axis=-1)
         # A sum that rounds alike for one row and for many.
-        return ModalSolution(self.offset + (columns[:, None, :] * self.C).sum(axis=2))
+        return ef.ModalSolution(
+            self.offset + (columns[:, None, :] * self.C).sum(axis=2)
+        )
 
     def moments(self, beta):
         weight = beta * self.C.T / (self.relative_sd * self.measured) ** 2
@@ -93,4 +94,4 @@ class _OneMode:
     variables = ef.modal_variables(1)
 
     def __call__(self, parameters):
-        return ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))
+        return ef.ModalSolution(np.ones((len(next(iter(parameters.values()))), 1)))

@@ -1,0 +1,1 @@
+"""What evaluates a posterior: failures, pools, and the file of a run."""

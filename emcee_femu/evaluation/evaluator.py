@@ -1,0 +1,202 @@
+"""Evaluate a posterior, here or on workers: solves are counted, failures rejected."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats, Linearization
+from ..posterior.derivatives import difference, unstack
+from ..posterior.log_posterior import Kind, LogPosterior
+from .failures import Failure, FailureLog, describe_failure
+from .pools import EvaluationPool, open_pool
+
+Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
+Result: TypeAlias = Floats | Failure
+
+
+@dataclass(frozen=True, eq=False)
+class Solver:
+    """What a worker holds: a posterior, and whether a failed solve is returned."""
+
+    posterior: LogPosterior
+    reject: bool
+
+    def __call__(self, request: Request) -> Result:
+        """Return what is asked for, side by side (:meth:`LogPosterior.stack`)."""
+        kind, theta = request
+        try:
+            return self.posterior.stack(theta, kind)
+        except Exception as error:  # of any kind: it is the user's model that raised
+            if not self.reject:
+                raise
+            values = zip(self.posterior.names, theta.tolist(), strict=True)
+            return describe_failure(error, dict(values))
+
+
+@dataclass(eq=False)
+class Evaluation:
+    """The evaluator that solves: in this process in batches, or on a pool.
+
+    Attributes:
+        solver: What evaluates a point.
+        pool: Where, None for this process.
+        failures: The failed solves; None where a failure is an error.
+        solves: Points inside the prior's support so far.
+    """
+
+    solver: Solver
+    pool: EvaluationPool | None = None
+    failures: FailureLog | None = None
+    solves: int = field(default=0, init=False)
+
+    @classmethod
+    @contextmanager
+    def open(
+        cls,
+        posterior: LogPosterior,
+        workers: int | None = None,
+        pool: object = None,
+        on_failure: str = "raise",
+        max_failures: float = 0.2,
+    ) -> "Iterator[Evaluation]":
+        """Yield the evaluation that the arguments of :func:`.run` ask for.
+
+        Raises:
+            ValueError: If one of them makes no sense.
+        """
+        if on_failure not in ("raise", "reject"):
+            raise ValueError(
+                f"on_failure: expected 'raise' or 'reject', got {on_failure!r}"
+            )
+        fraction = checks.real_number("max_failures", max_failures, 0.0)
+        if fraction > 1:
+            raise ValueError(f"max_failures: expected at most 1, got {fraction:g}")
+        reject = on_failure == "reject"
+        solver = Solver(posterior, reject)
+        with open_pool(pool, workers, solver) as opened:
+            yield cls(solver, opened, FailureLog(fraction) if reject else None)
+
+    @property
+    def posterior(self) -> LogPosterior:
+        """What is evaluated."""
+        return self.solver.posterior
+
+    def stack(self, kind: Kind, theta: Floats) -> Floats:
+        """Return what is asked for of ``theta (n, d)``, side by side in one array."""
+        if kind in ("gradient", "linearization"):
+            return self._linearize(theta, kind)
+        return self._count(self._results(kind, theta))
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows of the posterior at ``theta (n, d)``."""
+        return self.stack("rows", theta)
+
+    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return rows and gradients of ``theta (n, d)``."""
+        rows, gradient, _ = unstack(self.posterior, self.stack("gradient", theta))
+        return rows, gradient
+
+    def linearize(self, theta: Floats) -> Linearization:
+        """Return rows, gradients and information of ``theta (n, d)``.
+
+        By the models' derivatives, and by differences where there are none or they
+        fail.
+        """
+        return unstack(self.posterior, self.stack("linearization", theta))
+
+    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
+        """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
+        if self.pool is None:
+            for number in range(len(theta)):
+                yield number, self.rows(theta[number : number + 1])[0]
+            return
+        requests: list[Request] = [("rows", point) for point in theta]
+        for number, result in self.pool.each(self.solver, requests):
+            yield number, self._count([result])[0]
+
+    def again(self, theta: Floats) -> Floats:
+        """Return rows for a comparison: neither solves nor failures are counted."""
+        return self._fill(self._results("rows", theta))
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether gradients take one solve."""
+        return self.posterior.differentiable
+
+    @property
+    def scale(self) -> Floats:
+        """The scale of each parameter under the prior ``(d,)``."""
+        return self.posterior.scale
+
+    @property
+    def failed(self) -> int:
+        """How many solves failed so far."""
+        return 0 if self.failures is None else self.failures.causes.total()
+
+    def _results(self, kind: Kind, theta: Floats) -> Sequence[Result]:
+        """Return what is asked for at each point, or why a solve failed."""
+        if self.pool is not None:
+            requests: list[Request] = [(kind, point) for point in theta]
+            return self.pool.map(self.solver, requests)
+        rejecting = self.failures is not None
+        if not (rejecting and self.posterior.one_by_one):
+            try:
+                return self.posterior.stack(theta, kind)  # type: ignore[return-value]
+            except Exception:  # of any kind: it is the user's model that raised
+                if not rejecting:
+                    raise
+        return [self.solver((kind, point)) for point in theta]
+
+    def _count(self, results: Sequence[Result]) -> Floats:
+        """Count solves and failures, and return rows for all."""
+        stacked = self._fill(results)
+        failed = [result for result in results if isinstance(result, Failure)]
+        # Outside the prior's support nothing is solved, and the log-prior is -inf.
+        self.solves += len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
+        if self.failures is not None:
+            self.failures.count(len(results), failed)
+        return stacked
+
+    def _fill(self, results: Sequence[Result]) -> Floats:
+        """Return the results as an array; of a failure its row is -inf, then NaN."""
+        if isinstance(results, np.ndarray):
+            return results
+        rejected = self.posterior.rejected()
+        solved = [result for result in results if not isinstance(result, Failure)]
+        width = max(map(len, solved), default=len(rejected))
+        stacked = np.full((len(results), width), np.nan)
+        stacked[:, : len(rejected)] = rejected
+        for row, result in zip(stacked, results, strict=True):
+            if not isinstance(result, Failure):
+                row[: len(result)] = result
+        return stacked
+
+    def _linearize(self, theta: Floats, kind: Kind) -> Floats:
+        """Return rows, gradients and perhaps information, side by side."""
+        information, d = kind == "linearization", self.posterior.ndim
+        width = len(self.posterior.rejected())
+        stacked = np.full((len(theta), width + d + information * d * d), np.nan)
+        stacked[:, :width] = self.posterior.rejected()
+        failed = self.posterior.support(theta)[1]
+        if self.posterior.differentiable:
+            results = self._results(kind, theta)
+            failed = np.array([isinstance(result, Failure) for result in results])
+            solved = self._count([r for r in results if not isinstance(r, Failure)])
+            stacked[~failed, : solved.shape[1]] = solved
+            # Derivatives may fail where the model itself does not.
+            if failed.any():
+                stacked[failed, :width] = self.rows(theta[failed])
+                failed &= stacked[:, 0] > -np.inf
+        if failed.any():
+            stacked[failed] = difference(
+                self.posterior,
+                theta[failed],
+                lambda points: self.stack("deviations", points),
+                information,
+                searching=True,
+            )
+        return stacked

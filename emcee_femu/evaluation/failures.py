@@ -1,0 +1,104 @@
+"""Solves that fail: why, where, and how many."""
+
+import logging
+import subprocess
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from ..interfaces import SolveError
+
+logger = logging.getLogger("emcee_femu")
+
+FEWEST = 100  # evaluations before a fraction of them means something
+CAUSES = ("not finite", "wrong shape", "time-out", "exception")
+KEPT = 1_000  # failures whose parameters are kept
+
+
+class Failure(NamedTuple):
+    """One failed solve.
+
+    Attributes:
+        cause: One of ``CAUSES``.
+        message: What the model or the checks said.
+        parameters: Where, by name.
+    """
+
+    cause: str
+    message: str
+    parameters: Mapping[str, float]
+
+
+def describe_failure(error: Exception, parameters: Mapping[str, float]) -> Failure:
+    """Return what is kept of an error."""
+    if isinstance(error, SolveError):
+        cause = error.cause
+    elif isinstance(error, TimeoutError | subprocess.TimeoutExpired):
+        cause = "time-out"
+    else:
+        cause = "exception"
+    return Failure(cause, f"{type(error).__name__}: {error}", parameters)
+
+
+class FailureLog:
+    """Count failures by cause, log each with its parameters, stop when too many.
+
+    Args:
+        max_failures: Fraction of the evaluations, of at least 100.
+
+    Attributes:
+        evaluations: Points evaluated so far, those that failed among them.
+        causes: Number of failures by cause.
+        kept: The first 1,000 failures.
+    """
+
+    def __init__(self, max_failures: float) -> None:
+        self.max_failures = max_failures
+        self.evaluations = 0
+        self.causes: Counter[str] = Counter()
+        self.kept: list[Failure] = []
+
+    def count(self, evaluations: int, failures: Sequence[Failure]) -> None:
+        """Count a batch.
+
+        Raises:
+            RuntimeError: If too many failed.
+        """
+        self.evaluations += evaluations
+        for failed in failures:
+            self.causes[failed.cause] += 1
+            logger.warning(
+                "rejected: %s at %s", failed.message, dict(failed.parameters)
+            )
+        self.kept += failures[: max(0, KEPT - len(self.kept))]
+        self.check(FEWEST)
+
+    def check(self, fewest: int) -> None:
+        """Stop if too many failed of at least ``fewest`` evaluations.
+
+        Raises:
+            RuntimeError: If so.
+        """
+        total = self.causes.total()
+        if self.evaluations < fewest or total <= self.max_failures * self.evaluations:
+            return
+        example = ""
+        if self.kept:  # those before a resume were logged, and are not kept
+            last = self.kept[-1]
+            example = f"; for instance {last.message} at {dict(last.parameters)}"
+        raise RuntimeError(
+            f"on_failure: {total} of {self.evaluations} solves failed "
+            f"({dict(self.causes)}), more than max_failures = {self.max_failures:g}"
+            f"{example}. Mend the model, or narrow the prior to where it can be solved"
+        )
+
+    @property
+    def counts(self) -> list[int]:
+        """Evaluations, then failures in the order of ``CAUSES``."""
+        return [self.evaluations, *(self.causes[cause] for cause in CAUSES)]
+
+    def restore(self, counts: Sequence[int]) -> None:
+        """Go on from the counts of an earlier run."""
+        self.evaluations = int(counts[0])
+        pairs = zip(CAUSES, counts[1:], strict=True)
+        self.causes = Counter({cause: int(n) for cause, n in pairs if n})

@@ -1,0 +1,382 @@
+"""A pool that ships the posterior once, and then only coordinates."""
+
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    Executor,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    as_completed,
+)
+from contextlib import contextmanager
+from importlib import import_module
+from itertools import count
+from multiprocessing.connection import Connection, wait
+from multiprocessing.pool import ThreadPool
+from typing import Any, NamedTuple, TypeAlias
+
+from .. import checks
+from .samplers import unwrap
+
+KEPT = 8  # functions a worker keeps; an older one is sent again when it is needed
+functions: dict[str, Callable[[Any], object]] = {}  # of this process, by key
+
+NOT_LOADED = (
+    "The worker could not load the function: it must be in a module that workers can"
+    " import, or need only such modules"
+)
+_watched: set[int] = set()  # processes (forks inherit it) that end with their run
+
+# Key of a function; points; its pickle for a worker that does not have it, else None;
+# process id of the run. Threads get no key, but the function itself.
+Task: TypeAlias = tuple[str | None, Sequence[object], Any, int]
+# Their workers do not have the user's script: what is defined there goes by value.
+BY_VALUE = ("distributed", "ray", "loky")
+THREADS = (ThreadPoolExecutor, ThreadPool)  # they share memory: nothing is pickled
+HANGING = ("multiprocessing.pool.Pool", "multiprocess.pool.Pool")
+Function: TypeAlias = Callable[[Any], Any]  # of a point
+
+_keys = count()
+
+
+class Outcome(NamedTuple):
+    """What a worker returns; it raises nothing, since that would end an MPI job."""
+
+    values: Sequence[object] = ()  # one result per point
+    missing: bool = False  # the worker does not have the function
+    error: BaseException | None = None  # what the function raised
+    note: str = ""  # at which point, and the worker's traceback
+
+
+class EvaluationPool:
+    """Evaluate walkers on many processes or machines; for ``pool=`` of emcee and run.
+
+    Left to itself a pool gets the posterior again with every task. Here a worker gets
+    it once: tasks name it by a key, and a worker that does not have it (at first, or
+    new in a growing cluster) says so and is sent it. Points are evaluated one by one,
+    so that the number of workers changes no digit. A worker that dies is an error (dask
+    first tries others).
+
+    A sampler can keep at most ``nwalkers / nsplits`` workers busy, nsplits being that
+    of its moves (2 by default); ``examples/benchmarks/cluster_scaling.py`` shows how
+    the ensemble should grow. The function must not change between calls. Start workers
+    with one thread each for linear algebra (``OMP_NUM_THREADS=1``). The owner of the
+    executor closes it; processes of a ``ProcessPoolExecutor`` that evaluated something
+    also end if the run is killed.
+
+    Args:
+        executor: A ``concurrent.futures`` executor: processes, threads, loky,
+            ``mpi4py.futures.MPIPoolExecutor``, or a ``dask.distributed`` ``Client``
+            (wait for its workers first); or anything with a ``map``, such as
+            schwimmbad's ``MPIPool`` or ``ray.util.multiprocessing.Pool``.
+        chunksize: Parameter sets per task. None for an equal share per worker (1 where
+            their number is unknown), which is best where all take the same time; 1
+            for a solver whose time varies, or a cluster that grows on demand.
+
+    Raises:
+        TypeError, ValueError: If executor is none of these (``multiprocessing.Pool``
+            is not: it waits for ever for a worker that died), chunksize is no whole
+            number >= 1, or (from ``map``) the function cannot be pickled.
+        RuntimeError: From ``map``, if a worker died or the executor was closed.
+
+    Examples:
+        >>> from concurrent.futures import ThreadPoolExecutor
+        >>> import numpy as np
+        >>> from emcee_femu import EvaluationPool
+        >>> with ThreadPoolExecutor(2) as executor:
+        ...     EvaluationPool(executor).map(lambda x: float(x @ x), 2 * np.eye(2))
+        [4.0, 4.0]
+    """
+
+    def __init__(self, executor: Any, chunksize: int | None = None) -> None:
+        _check_executor(executor)
+        if chunksize is not None:
+            chunksize = checks.whole_number("chunksize", chunksize, 1)
+        self.chunksize = chunksize
+        self._executor = executor
+        self._n_workers = _count_workers(executor)
+        if hasattr(executor, "get_executor"):  # a dask Client
+            self._executor = executor.get_executor(pure=False)
+        self._shipped: list[tuple[Function, str, bytes]] = []
+
+    def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
+        """Return ``[function(point) for point in iterable]``, evaluated by the workers.
+
+        An exception of the function is raised here, with a note that holds the
+        point and the traceback of the worker.
+        """
+        points = list(iterable)
+        size = self.chunksize or max(1, -(-len(points) // max(1, self._n_workers)))
+        if self.chunksize is None and not self._n_workers:
+            size = 1
+        parts = [points[i : i + size] for i in range(0, len(points), size)]
+        results = dict(self._evaluate(function, parts))
+        return [value for i in range(len(parts)) for value in results[i]]
+
+    def each(
+        self, function: Function, points: Sequence[object]
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield number and result of each point as soon as a worker has it.
+
+        Where the executor has only a ``map`` they come in order.
+        """
+        for number, values in self._evaluate(function, [[p] for p in points]):
+            yield number, values[0]
+
+    def _evaluate(
+        self, function: Function, parts: Sequence[Sequence[object]]
+    ) -> Iterator[tuple[int, Sequence[Any]]]:
+        """Yield number and results of each part, as they come."""
+        function = unwrap(function)
+        sent: object = function
+        key = payload = None
+        if not isinstance(self._executor, THREADS):
+            key, payload = self.ship(function)
+            sent = None
+        waiting = list(range(len(parts)))
+        while waiting:
+            tasks = [(key, parts[i], sent, os.getpid()) for i in waiting]
+            missing = []
+            for place, outcome in self._completed(tasks):
+                if outcome.error is not None:
+                    outcome.error.add_note(outcome.note)
+                    raise outcome.error
+                if outcome.missing:
+                    missing.append(waiting[place])
+                else:
+                    yield waiting[place], outcome.values
+            waiting, sent = sorted(missing), payload
+
+    def _completed(self, tasks: list[Task]) -> Iterator[tuple[int, Outcome]]:
+        """Yield number and outcome of each task as it ends."""
+        try:
+            if not hasattr(self._executor, "submit"):
+                yield from enumerate(self._executor.map(evaluate, tasks))
+                return
+            futures = [self._executor.submit(evaluate, task) for task in tasks]
+            places = {future: place for place, future in enumerate(futures)}
+            for future in as_completed(places):
+                yield places[future], future.result()
+        except Exception as error:  # of the executor: an outcome carries the function's
+            raise RuntimeError(
+                f"pool: {type(self._executor).__name__} could not do its work: a "
+                "worker died (out of memory, killed, a crash in the solver's own code) "
+                "or could not start (its output says why; where processes are not "
+                'forked, put what the script does under `if __name__ == "__main__":`), '
+                "or the pool was closed. "
+                "What was sampled so far is kept in the backend, if there is one, and "
+                "in error.run of what run raises; to go on make a new pool, or let run "
+                f"start new workers. {type(error).__name__}: {error}"
+            ) from error
+
+    def ship(self, function: Function) -> tuple[str, bytes]:
+        """Return the key of a function, and what a worker is sent of it."""
+        for known, key, payload in self._shipped:
+            if known is function:
+                return key, payload
+        key = f"{os.getpid()}-{next(_keys)}-{id(self)}"
+        payload = _dump(self._executor, function)
+        self._shipped = [(function, key, payload), *self._shipped][:KEPT]
+        return key, payload
+
+
+class ForkedPool(EvaluationPool):
+    """A pool whose processes are forked at once, and inherit the function."""
+
+    def __init__(self, executor: Executor, function: Function) -> None:
+        super().__init__(executor, chunksize=1)
+        key = f"inherited from {os.getpid()}-{next(_keys)}"
+        self._shipped = [(function, key, b"")]
+        functions[key] = function
+        with warnings.catch_warnings():
+            # Python warns of locks that other threads may hold: workers need none.
+            warnings.filterwarnings("ignore", ".*fork", DeprecationWarning)
+            executor.submit(int).result()  # forks all processes
+        del functions[key]
+
+
+@contextmanager
+def open_pool(
+    pool: object, workers: int | None, function: Function
+) -> Iterator[EvaluationPool | None]:
+    """Yield what evaluates for a run: None, a pool, or processes of its own.
+
+    Args:
+        pool: What :class:`EvaluationPool` takes, or one; None for none.
+        workers: The number of processes that begin now and end with the run.
+        function: What will be evaluated, which forked processes inherit.
+    """
+    if workers is None:
+        if pool is not None and not isinstance(pool, EvaluationPool):
+            pool = EvaluationPool(pool, chunksize=1)
+        yield pool
+        return
+    workers = checks.whole_number("workers", workers, 1)
+    if pool is not None:
+        raise ValueError("workers: expected no pool beside it; give one of the two")
+    method = multiprocessing.get_start_method(allow_none=True)
+    if method is None and sys.platform == "linux":
+        method = "fork"
+    context: Any = multiprocessing.get_context(method)
+    reader, writer = context.Pipe(duplex=False)
+    executor = OwnProcesses(workers, context, begin, (reader, writer))
+    with reader, writer, executor:
+        try:
+            if context.get_start_method() == "fork":
+                yield ForkedPool(executor, function)
+            else:
+                yield EvaluationPool(executor, chunksize=1)
+        except BaseException:
+            writer.send_bytes(b"end")  # whatever they are at
+            raise
+
+
+class OwnProcesses(ProcessPoolExecutor):
+    """The processes of ``run(..., workers=8)``."""
+
+    argument = "workers"  # which asked for them
+
+
+def _check_executor(executor: object) -> None:
+    """Refuse what can evaluate nothing, or may wait for ever."""
+    classes = [f"{base.__module__}.{base.__name__}" for base in type(executor).__mro__]
+    if any(name in HANGING for name in classes) and not isinstance(executor, THREADS):
+        # It forgets the task of the dead; nor does it end if they held a lock.
+        raise TypeError(
+            f"pool, executor: {classes[0]} waits for ever for a worker that died; give "
+            "run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"
+        )
+    if getattr(executor, "asynchronous", False):
+        raise TypeError(
+            "pool, executor: expected a dask Client with asynchronous=False"
+        )
+    if isinstance(executor, type) or not hasattr(executor, "map"):
+        raise TypeError(
+            "pool, executor: expected a concurrent.futures executor, a dask Client or "
+            f"a pool with a map, got {executor!r}"
+        )
+
+
+def _count_workers(executor: Any) -> int:
+    """Return how many evaluations run at once; 0 where that is unknown."""
+    if hasattr(executor, "nthreads"):  # a dask Client
+        if executor.status == "closed":  # which its first task says
+            return 0
+        return sum(executor.nthreads().values())
+    # The standard library and loky; mpi4py; schwimmbad.
+    names = ("_max_workers", "num_workers", "size")
+    return max(getattr(executor, name, 0) for name in names)
+
+
+def _dump(executor: object, function: Function) -> bytes:
+    """Pickle for the workers of an executor; pickle's message names what it cannot."""
+    if type(executor).__module__.partition(".")[0] in BY_VALUE:
+        why = "its workers do not have this script"
+        return _dump_by_value(executor, function, why)
+    try:
+        payload = pickle.dumps(function)
+    except Exception as error:  # a pickler raises what it likes
+        return _dump_by_value(executor, function, str(error))
+    if b"__main__" in payload and not hasattr(sys.modules["__main__"], "__file__"):
+        why = "workers cannot import what a notebook defines"
+        return _dump_by_value(executor, function, why)
+    return payload
+
+
+def _dump_by_value(executor: object, function: Function, why: str) -> bytes:
+    try:
+        return bytes(import_module("cloudpickle").dumps(function))
+    except ImportError as error:
+        install = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
+        raise _refusal(executor, why, install) from error
+    except Exception as error:
+        raise _refusal(executor, str(error)) from error
+
+
+def _refusal(executor: object, why: str, remedy: str = "") -> TypeError:
+    argument = getattr(type(executor), "argument", "pool")
+    other = (
+        "run(..., workers=8), which pickles nothing on Linux unless a start method was "
+        "set, or a ThreadPoolExecutor"
+    )
+    if argument == "workers":  # which were not forked, then
+        other = (
+            "pool=ThreadPoolExecutor(8), which pickles nothing; nor do forked workers, "
+            'on Linux: multiprocessing.set_start_method("fork", force=True)'
+        )
+    return TypeError(
+        f"{argument}: the function cannot be pickled for the workers ({why}); {remedy}"
+        "write functions at the top level of a module, and open files, locks and "
+        f"programs inside the call; or give {other}"
+    )
+
+
+def evaluate(task: Task) -> Outcome:
+    """Evaluate a function at every point, one after another."""
+    key, points, payload, home = task
+    _end_with_run(home)
+    function = payload if key is None else functions.get(key)
+    if function is None:
+        if payload is None:
+            return Outcome(missing=True)
+        try:
+            function = pickle.loads(payload)
+        except Exception as error:
+            return _fail(error, NOT_LOADED)
+        functions[str(key)] = function
+        for old in list(functions)[:-KEPT]:
+            functions.pop(old, None)  # another thread may have done so
+    values = []
+    for point in points:
+        try:
+            values.append(function(point))
+        except (Exception, SystemExit) as error:  # a script may end with sys.exit
+            return _fail(error, f"Raised on a worker at {point}")
+    return Outcome(values)
+
+
+def begin(reader: Connection, writer: Connection) -> None:
+    """Begin a worker process, which ends when its run says so or dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the run's business
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # whatever the run's handler does
+    writer.close()  # only the run holds it
+    _watched.add(os.getpid())
+    _end_after(lambda: wait([reader]))
+
+
+def _end_with_run(home: int) -> None:
+    """Let a process that the run ``home`` started end with it, not wait for ever."""
+    if os.getpid() not in _watched:
+        _watched.add(os.getpid())
+        parent = multiprocessing.parent_process()
+        if parent is not None and parent.pid == home:
+            _end_after(parent.join)
+
+
+def _end_after(event: Callable[[], object]) -> None:
+    def watch() -> None:
+        event()
+        os._exit(1)  # the main thread may be in the solver
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _fail(error: BaseException, note: str) -> Outcome:
+    trace = "".join(traceback.format_exception(error)).rstrip()
+    if isinstance(error, SystemExit):
+        error = RuntimeError(f"the function called sys.exit({error.code!r})")
+    try:  # not every exception survives the journey
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        survivor = RuntimeError(f"{type(error).__name__}: {error}")
+        for line in getattr(error, "__notes__", ()):
+            survivor.add_note(line)
+        error = survivor
+    return Outcome(error=error, note=f"{note}\n{trace}")

@@ -1,0 +1,229 @@
+"""Whether a file belongs to what is asked for: by its header, and by solving again."""
+
+import hashlib
+import json
+import logging
+import os
+import platform
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from importlib.metadata import version
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats
+from ..posterior.log_posterior import LogPosterior
+from .evaluator import Evaluation
+from .store import Store, StoredEvaluation
+
+logger = logging.getLogger("emcee_femu")
+
+PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
+SHOWN = 64  # numbers of an array; of a larger one the digest is kept
+PROBED, OF = 16, 8  # stored points solved again: at most, and one of so many
+FLOOR = 1e-3  # of the largest value of a variable, to which the tolerance is relative
+
+
+def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, Any]:
+    """Return a posterior, and the settings of what samples it, as JSON has it.
+
+    Functions are not compared: a changed model, prior or term is what the probe sees.
+    """
+    prior, kind = posterior.prior, type(posterior.prior).__name__
+    entries: dict[str, object] = {
+        "parameters": posterior.names,
+        "prior": getattr(prior, "distributions", kind),
+        "terms": posterior.term_names,
+        "stored": {name: v.shape for name, v in posterior.variables.items()},
+    }
+    for name, bounds in zip(posterior.names, prior.bounds, strict=True):
+        entries[f"bounds of {name}"] = bounds
+    for name, term in zip(posterior.term_names, posterior.terms, strict=True):
+        for variable, values in term.observed.items():
+            entries[f"{variable} measured ({name})"] = np.asarray(values)
+    entries["version of python"] = platform.python_version()
+    entries |= {f"version of {name}": version(name) for name in PACKAGES}
+    entries |= asked
+    described: dict[str, Any] = json.loads(json.dumps(entries, default=_readable))
+    return described
+
+
+def _readable(value: object) -> object:
+    """Return numbers as a list, of many the digest, and an object in words."""
+    if isinstance(value, np.ndarray | np.generic):
+        if value.size <= SHOWN and value.dtype.kind in "biuf":
+            return value.tolist()
+        digest = hashlib.sha256(value.tobytes()).hexdigest()[:16]
+        return f"{value.shape} numbers with the digest {digest}"
+    if type(value).__repr__ is not object.__repr__:
+        return repr(value).partition(" at 0x")[0]
+    # As emcee's moves, which keep their arguments but do not show them.
+    kinds = [kind for kind in type(value).__mro__ if "__init__" in vars(kind)]
+    names = {name for kind in kinds[:-1] for name in signature(kind).parameters}
+    kept = [f"{n}={getattr(value, n)!r}" for n in sorted(names) if hasattr(value, n)]
+    return f"{type(value).__name__}({', '.join(kept)})"
+
+
+def check_path(backend: object, resume: bool) -> str | None:
+    """Return the path of a file, or None; refuse a place where none can be made.
+
+    Raises:
+        TypeError: If resume is asked for without a file.
+        ValueError: If there is a file and resume is not asked for, or no directory.
+    """
+    if backend is None and resume:
+        raise TypeError("resume: expected backend, the name of a file to go on with")
+    if backend is None:
+        return None
+    path = os.path.abspath(checks.file_name("backend", backend))
+    if not os.path.basename(str(backend)) or os.path.isdir(path):
+        raise ValueError(f"backend: expected the name of a file, got {backend!r}")
+    if os.path.lexists(path) and not resume:
+        raise ValueError(
+            f"backend: {path} exists; go on with it by resume=True, or give a new file "
+            "name"
+        )
+    if not os.access(os.path.dirname(path), os.W_OK | os.X_OK):
+        raise ValueError(
+            f"backend: there is no directory for {path}, or none that takes files; "
+            "make it"
+        )
+    return path
+
+
+@contextmanager
+def open_evaluator(
+    posterior: LogPosterior,
+    asked: Mapping[str, object],
+    *,
+    workers: int | None,
+    pool: object,
+    on_failure: str,
+    max_failures: float,
+    backend: object = None,
+    resume: bool = False,
+    probe_tolerance: float = 1e-6,
+) -> Iterator[Evaluation | StoredEvaluation]:
+    """Yield what evaluates, and stores it in a file or reads it there, if there is one.
+
+    Args:
+        posterior: What is evaluated.
+        asked: What else the file must have been made for.
+        workers: And the rest: as in :func:`.run`.
+        pool: Likewise.
+        on_failure: Likewise.
+        max_failures: Likewise.
+        backend: Likewise, the name of a file.
+        resume: Likewise.
+        probe_tolerance: Likewise.
+    """
+    path = check_path(backend, checks.flag("resume", resume))
+    tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
+    with Evaluation.open(
+        posterior, workers, pool, on_failure, max_failures
+    ) as evaluation:
+        if path is None:
+            yield evaluation
+            return
+        manifest = describe(posterior, asked)
+        with closing(Store(path)) as store:
+            if (stored := store["manifest"]) is None:
+                store["manifest"] = manifest
+            else:
+                store.verify()
+                compare(path, stored, manifest)
+                probe(evaluation, store, tolerance)
+            yield StoredEvaluation(evaluation, store)
+
+
+def compare(
+    path: str, stored: Mapping[str, object], manifest: Mapping[str, object]
+) -> None:
+    """Refuse a file whose manifest is another; warn of other versions of libraries.
+
+    Raises:
+        ValueError: If anything but a version differs.
+    """
+    changed = {
+        name: f"{name}: was {stored.get(name, 'absent')}, "
+        f"is {manifest.get(name, 'absent')}"
+        for name in {**stored, **manifest}
+        if stored.get(name) != manifest.get(name)
+    }
+    versions = [changed.pop(name) for name in [*changed] if "version of" in name]
+    if changed:
+        raise ValueError(
+            f"resume: {path} holds a run of something else:\n  "
+            + "\n  ".join(changed.values())
+            + "\nGo on with what it was, or give another file name"
+        )
+    if versions:
+        warnings.warn(
+            f"resume: {'; '.join(versions)}. It goes on, but to the bit only as far as "
+            "these compute alike",
+            stacklevel=5,
+        )
+
+
+def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
+    """Refuse to go on if stored points, spread over the file, are solved to others.
+
+    Raises:
+        ValueError: If so, or if the solver scatters by itself.
+    """
+    places = [(stream, i) for stream, n in store.lengths().items() for i in range(n)]
+    if not places:
+        return
+    posterior, points = evaluation.posterior, []
+    probed = min(PROBED, len(places), -(-store.points() // OF))
+    spread = np.linspace(0, len(places) - 1, probed)
+    for k, place in enumerate(spread.astype(int).tolist()):
+        stream, number = places[place]
+        (record,) = store.read(stream, range(number, number + 1))
+        walker = k * 7 % len(record.theta)  # not always the same
+        points.append((record.theta[walker], record.values[walker]))
+    logger.info("resume: %d points of %s are solved again", len(points), store.path)
+    theta = np.array([point for point, _ in points])
+    was = np.array([row[: len(posterior.rejected())] for _, row in points])
+    now = evaluation.again(theta)
+    if difference := _first_difference(was, now, theta, posterior, tolerance):
+        again = evaluation.again(theta)
+        scatter = _first_difference(now, again, theta, posterior, tolerance)
+        if scatter:
+            raise ValueError(
+                f"resume: the solver is not deterministic: {scatter}. Fix its seeds, "
+                "starts and threads, or set probe_tolerance to what it scatters by"
+            )
+        raise ValueError(
+            f"resume: {store.path} holds a run of another posterior: {difference}, by "
+            f"more than probe_tolerance={tolerance:g}. Restore model, files and "
+            "versions, or give another file name"
+        )
+
+
+def _first_difference(
+    was: Floats, now: Floats, theta: Floats, posterior: LogPosterior, tolerance: float
+) -> str:
+    """Return the first difference in words, with the parameters by name, or nothing.
+
+    Of what was solved a part says more than the sum of all, which comes first.
+    """
+    sizes, floor = np.abs(np.where(np.isfinite(was), was, 0.0)), np.zeros(was.shape[1])
+    for part in posterior.columns.values():
+        floor[part] = FLOOR * sizes[:, part].max(initial=0.0)
+    same = np.isclose(now, was, tolerance, tolerance * floor, equal_nan=True)
+    if same.all():
+        return ""
+    point = int(np.argmin(same.all(axis=1)))
+    columns = np.flatnonzero(~same[point])
+    solved = now[point, 0] > -np.inf and len(columns) > 1
+    column = int(columns[1] if solved and columns[0] == 0 else columns[0])
+    values = dict(zip(posterior.names, theta[point].tolist(), strict=True))
+    return (
+        f"{posterior.labels[column]} was {was[point, column]:.12g} and is "
+        f"{now[point, column]:.12g} at {values}"
+    )

@@ -1,0 +1,55 @@
+"""emcee's samplers: all that is known here of their insides is known in this file."""
+
+from collections.abc import Callable
+from typing import Any
+
+import emcee
+import numpy as np
+from emcee.ensemble import _FunctionWrapper
+
+from ..interfaces import Backend, Evaluator, Floats, Move
+
+
+class Sampler(emcee.EnsembleSampler):
+    """An emcee sampler whose walkers are evaluated in one call.
+
+    ``log_prob_fn.f`` is the evaluator, as it is the function of any emcee sampler.
+    """
+
+    def __init__(
+        self,
+        nwalkers: int,
+        evaluator: Evaluator,
+        moves: list[tuple[Move, float]] | None = None,
+        backend: Backend | None = None,
+    ) -> None:
+        ndim = evaluator.posterior.ndim
+        super().__init__(
+            nwalkers, ndim, evaluator.rows, moves=moves, backend=backend, vectorize=True
+        )
+        self.log_prob_fn.f = evaluator
+        self.evaluator = evaluator
+
+    def compute_log_prob(self, coords: Floats) -> tuple[Floats, Floats]:
+        """Return log-posteriors ``(n,)`` and blobs of ``coords (n, d)``.
+
+        emcee's own loops over walkers, and prints a page before an error.
+        """
+        if not np.isfinite(coords).all():
+            raise ValueError("coords: a move proposed a number that is not finite")
+        rows = self.evaluator.rows(coords)
+        return rows[:, 0].copy(), rows[:, 1:]
+
+
+def unwrap(function: Any) -> Callable[[Any], Any]:
+    """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""
+    bare = isinstance(function, _FunctionWrapper)
+    if bare and not (function.args or function.kwargs):
+        return function.f  # type: ignore[no-any-return]
+    return function  # type: ignore[no-any-return]
+
+
+def moves_of(sampler: object) -> list[tuple[Move, float]]:
+    """Return the weighted moves of a sampler; none of a backend, which has none."""
+    moves = getattr(sampler, "_moves", ())
+    return list(zip(moves, getattr(sampler, "_weights", ()), strict=True))

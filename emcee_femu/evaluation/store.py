@@ -1,0 +1,419 @@
+"""One file for a run: what was solved, and where each ensemble has been.
+
+A record is a batch of points with what was found there: stream 0 has the evaluations of
+a search, an annealing, an emulation or a certificate in their order, streams 1, 2, ...
+the steps of the ensembles, number 0 being the start. The file is SQLite's: a
+transaction is there wholly or not at all, whatever kills the run, others can read while
+it goes on, and each record has a checksum.
+"""
+
+import errno
+import json
+import os
+import sqlite3
+import time
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import emcee
+import numpy as np
+from numpy.typing import NDArray
+
+from ..interfaces import Floats, Linearization
+from ..posterior.derivatives import unstack
+from ..posterior.log_posterior import Kind, LogPosterior
+from .evaluator import Evaluation
+from .failures import FailureLog
+
+FORMAT = 1
+ENTRY = "INSERT OR REPLACE INTO entry VALUES (?, ?, ?)"
+RECORD = "INSERT INTO record VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
+TABLES = (
+    f"PRAGMA user_version = {FORMAT}",
+    "CREATE TABLE entry (name TEXT PRIMARY KEY, content TEXT, checksum INTEGER)",
+    "CREATE TABLE record (stream INTEGER, number INTEGER, kind TEXT, points INTEGER, "
+    "ndim INTEGER, counts TEXT, content BLOB, checksum INTEGER, "
+    "UNIQUE (stream, number))",
+)
+PATIENCE = 60.0  # s, for another program that reads or writes
+SLOW = 0.1  # s between records from which each of them survives a power loss too
+MOST = 256  # points of a batch that a kill may lose
+COUNTS = 6  # solves, evaluations, and failures by cause
+
+
+class Record(NamedTuple):
+    """Points, and what was found there.
+
+    Attributes:
+        kind: What was evaluated; of a step it is "rows".
+        theta: The points ``(n, d)``.
+        values: What was found, ``(n, columns)``.
+        counts: Solves so far, evaluations, and failures by cause.
+    """
+
+    kind: Kind
+    theta: Floats
+    values: Floats
+    counts: Sequence[int]
+
+
+class Store:
+    """The file of a run: records, and named entries that JSON can hold.
+
+    Args:
+        path: Its name; it is made if it is not there.
+        read_only: Whether it is only looked at.
+
+    Raises:
+        ValueError: If it is another file, damaged, or of another version.
+    """
+
+    def __init__(self, path: str, read_only: bool = False) -> None:
+        self.path = os.path.abspath(path)  # a solver may change the directory
+        self._file: sqlite3.Connection | None = None
+        self._time = 0.0
+        with self._reading() if read_only else self._writing("the file") as file:
+            names = file.execute("SELECT name FROM sqlite_master").fetchall()
+            version = file.execute("PRAGMA user_version").fetchone()[0]
+            for statement in () if names or read_only else TABLES:
+                file.execute(statement)
+        if (names or read_only) and (("record",) not in names or version != FORMAT):
+            self.close()
+            raise ValueError(
+                f"backend: {self.path} is the file of something else, or of another "
+                "version of emcee_femu; give a new file name"
+            )
+
+    def close(self) -> None:
+        """Close the file, which can still be read: it is opened again for that."""
+        if self._file is not None:
+            with suppress(sqlite3.Error):  # else the journal stays beside the file
+                self._file.execute("PRAGMA journal_mode = DELETE")
+            self._file.close()
+            self._file = None
+
+    def __getitem__(self, name: str) -> Any:
+        """Return an entry, None if there is none of that name."""
+        query = "SELECT * FROM entry WHERE name = ?"
+        for content in self._rows(query, name):
+            return json.loads(content[1])
+        return None
+
+    def __setitem__(self, name: str, value: object) -> None:
+        """Store an entry."""
+        with self._writing(f"the {name}") as file:
+            _insert(file, ENTRY, name, json.dumps(value))
+
+    def lengths(self) -> dict[int, int]:
+        """Return how many records each stream has."""
+        query = "SELECT stream, count(*) FROM record GROUP BY stream"
+        with self._reading() as file:
+            return dict(file.execute(query))
+
+    def points(self) -> int:
+        """Return how many points all records have."""
+        with self._reading() as file:
+            return int(file.execute("SELECT total(points) FROM record").fetchone()[0])
+
+    def append(
+        self, stream: int, number: int, record: Record, position: object = None
+    ) -> None:
+        """Store a record, all of it or nothing, and where its ensemble is then."""
+        content = np.hstack([record.theta, record.values]).astype("<f8").tobytes()
+        lead = stream, number, record.kind, *record.theta.shape
+        counts = json.dumps(list(record.counts))
+        what = f"step {number} of ensemble {stream}" if stream else f"batch {number}"
+        with self._writing(what) as file:
+            _insert(file, RECORD, *lead, counts, content)
+            if position is not None:
+                _insert(file, ENTRY, f"position {stream}", json.dumps(position))
+
+    def read(self, stream: int, numbers: range) -> Iterator[Record]:
+        """Yield some records of a stream."""
+        query = (
+            "SELECT * FROM record WHERE stream = ? AND number >= ? AND number < ? "
+            "AND (number - ?) % ? = 0 ORDER BY number"
+        )
+        ends = numbers.start, numbers.stop, numbers.start, numbers.step
+        for _, _, kind, points, ndim, counts, content in self._rows(
+            query, stream, *ends
+        ):
+            table = np.frombuffer(content, "<f8").reshape(points, -1).copy()
+            yield Record(kind, table[:, :ndim], table[:, ndim:], json.loads(counts))
+
+    def verify(self) -> None:
+        """Refuse a file in which a bit has changed: all of it is read."""
+        with self._reading() as file:
+            (report,) = file.execute("PRAGMA quick_check").fetchone()
+            if report != "ok":
+                raise sqlite3.DatabaseError(report)
+        for table in ("entry", "record"):
+            for _ in self._rows(f"SELECT * FROM {table}"):
+                pass
+
+    def _rows(self, query: str, *values: object) -> Iterator[tuple[Any, ...]]:
+        """Yield what a query finds, with checksums held to it and left out."""
+        with self._reading() as file:
+            for *row, checksum in file.execute(query, values):
+                if checksum != _checksum(row):
+                    raise sqlite3.DatabaseError(f"{row[:2]} is not what was written")
+                yield tuple(row)
+
+    def _connect(self, mode: str) -> sqlite3.Connection:
+        uri = Path(self.path).as_uri() + f"?mode={mode}"
+        return sqlite3.connect(
+            uri, PATIENCE, uri=True, isolation_level=None, check_same_thread=False
+        )
+
+    @contextmanager
+    def _reading(self) -> Iterator[sqlite3.Connection]:
+        """Yield the open file, or open it for this once."""
+        with self._translating(""):
+            if self._file is not None:
+                yield self._file
+                return
+            with closing(self._connect("ro")) as file:
+                yield file
+
+    @contextmanager
+    def _writing(self, what: str) -> Iterator[sqlite3.Connection]:
+        """Yield the file in a transaction: all is written, or nothing."""
+        now = time.monotonic()
+        slow, self._time = now - self._time > SLOW, now
+        with self._translating(what):
+            if self._file is None:
+                self._file = self._connect("rwc")
+                self._file.execute("PRAGMA journal_mode = TRUNCATE")
+            file = self._file
+            file.execute(f"PRAGMA synchronous = {'NORMAL' if slow else 'OFF'}")
+            file.execute("BEGIN IMMEDIATE")
+            try:
+                yield file
+                file.execute("COMMIT")
+            finally:
+                if file.in_transaction:
+                    file.execute("ROLLBACK")
+
+    @contextmanager
+    def _translating(self, written: str) -> Iterator[None]:
+        """Say which file it is that SQLite complains of, and what was not written."""
+        try:
+            yield
+        except sqlite3.IntegrityError as error:
+            raise ValueError(
+                f"backend: {written} is in {self.path} already: another run writes to "
+                "it; stop one of the two and go on by resume=True"
+            ) from error
+        except sqlite3.Error as error:
+            if written and isinstance(error, sqlite3.OperationalError):
+                raise OSError(
+                    errno.ENOSPC if "full" in str(error) else errno.EIO,
+                    f"{error}; {written} was not stored, all before it are: make room, "
+                    "or wait for who has locked the file, and go on by resume=True",
+                    self.path,
+                ) from error
+            raise ValueError(
+                f"backend: {self.path} could not be read ({error}): it is damaged, or "
+                "not the file of a run. It was left as it is: restore it from a copy, "
+                "or give another file name"
+            ) from error
+
+
+def _insert(file: sqlite3.Connection, statement: str, *values: object) -> None:
+    file.execute(statement, (*values, _checksum(values)))
+
+
+def _checksum(values: Sequence[object]) -> int:
+    parts = [v if isinstance(v, bytes) else f"{v}|".encode() for v in values]
+    return zlib.crc32(b"".join(parts))
+
+
+class StoredChain(emcee.backends.Backend):
+    """One ensemble of a run in its file, as emcee's samplers ask for a backend.
+
+    Args:
+        store: The file.
+        ensemble: Its number, from 0.
+        start: Where it starts, of a new run.
+        evaluation: What evaluates it, whose counts are stored with every step.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        ensemble: int,
+        start: emcee.State | None = None,
+        evaluation: Evaluation | None = None,
+    ) -> None:
+        super().__init__(np.float64)
+        self._store, self._stream, self._evaluation = store, ensemble + 1, evaluation
+        self.initialized = True
+        if start is not None:
+            self.iteration, self.accepted = -1, np.zeros(len(start.coords))
+            self.save_step(start, np.zeros(len(start.coords), dtype=bool))
+        self.iteration = store.lengths()[self._stream] - 1
+        position = store[f"position {self._stream}"]
+        self.accepted = np.array(position["accepted"])
+        key, *rest = position["random"]
+        self.random_state = ("MT19937", np.array(key, dtype=np.uint32), *rest)
+        (last,) = store.read(self._stream, range(self.iteration, self.iteration + 1))
+        self.last, (self.nwalkers, self.ndim) = last, last.theta.shape
+
+    def has_blobs(self) -> bool:
+        """Return whether the walkers have blobs, as they do."""
+        return True
+
+    def get_last_sample(self) -> emcee.State:
+        """Return the last stored state, that of the start before there is a step."""
+        theta, rows = self.last.theta.copy(), self.last.values.copy()
+        return emcee.State(theta, rows[:, 0], rows[:, 1:], self.random_state)
+
+    def get_value(
+        self, name: str, flat: bool = False, thin: int = 1, discard: int = 0
+    ) -> Floats:
+        """Return the stored steps of ``chain``, ``log_prob`` or ``blobs``."""
+        numbers = range(discard + thin, self.iteration + 1, thin)
+        if not numbers:
+            raise AttributeError(f"{self._store.path}: no step of this ensemble left")
+        part: dict[str, Any] = {"log_prob": 0, "blobs": slice(1, None)}
+        steps = [
+            record.theta if name == "chain" else record.values[:, part[name]]
+            for record in self._store.read(self._stream, numbers)
+        ]
+        values: Floats = np.concatenate(steps) if flat else np.stack(steps)
+        return values
+
+    def reset(self, nwalkers: int, ndim: int) -> None:
+        """Refuse to clear the chain: a file is for one run."""
+        raise ValueError(
+            f"backend: the steps in {self._store.path} are never cleared; give a new "
+            "file name"
+        )
+
+    def grow(self, ngrow: int, blobs: object) -> None:
+        """Do nothing: the file grows by itself."""
+
+    def save_step(self, state: emcee.State, accepted: NDArray[np.bool_]) -> None:
+        """Append a step: all of it, or nothing."""
+        total = self.accepted + accepted
+        rows = np.column_stack([state.log_prob, state.blobs])
+        last = Record("rows", state.coords.copy(), rows, _counts(self._evaluation))
+        _, key, *rest = state.random_state
+        position = {"accepted": total.tolist(), "random": [key.tolist(), *rest]}
+        self._store.append(self._stream, self.iteration + 1, last, position)
+        self.last, self.random_state = last, state.random_state
+        self.iteration, self.accepted = self.iteration + 1, total
+
+
+def _counts(evaluation: Evaluation | None) -> list[int]:
+    """Return solves, evaluations and failures by cause so far."""
+    failures = None if evaluation is None else evaluation.failures
+    solves = 0 if evaluation is None else evaluation.solves
+    return [solves, *([0] * (COUNTS - 1) if failures is None else failures.counts)]
+
+
+def restore_counts(evaluation: Evaluation, record: Record) -> None:
+    """Go on with solves and failures from where a record was stored."""
+    evaluation.solves = record.counts[0]
+    if evaluation.failures is not None:
+        evaluation.failures.restore(record.counts[1:])
+
+
+class StoredEvaluation:
+    """An evaluator that stores each batch, or finds it in the file.
+
+    A search is replayed from the file: it asks for the same batches in the same order,
+    until the file ends.
+    """
+
+    def __init__(self, evaluation: Evaluation, store: Store) -> None:
+        self.evaluation, self.store = evaluation, store
+        self._number, self._end = 0, store.lengths().get(0, 0)
+
+    @property
+    def posterior(self) -> LogPosterior:
+        """What is evaluated."""
+        return self.evaluation.posterior
+
+    @property
+    def solves(self) -> int:
+        """Solves so far, those of the file included."""
+        return self.evaluation.solves
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows of the posterior at ``theta (n, d)``, part by part."""
+        parts = [theta[i : i + MOST] for i in range(0, len(theta), MOST)] or [theta]
+        return np.concatenate([self._values("rows", part) for part in parts])
+
+    @property
+    def failed(self) -> int:
+        """How many solves failed so far."""
+        return self.evaluation.failed
+
+    @property
+    def failures(self) -> FailureLog | None:
+        """The log of failures, None where a failure is raised."""
+        return self.evaluation.failures
+
+    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return rows and gradients."""
+        rows, gradient, _ = self.linearize(theta)
+        return rows, gradient
+
+    def linearize(self, theta: Floats) -> Linearization:
+        """Return rows, gradients and information."""
+        return unstack(self.posterior, self._values("linearization", theta))
+
+    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
+        """Yield number and row of each point, in the order in which they came."""
+        waiting = list(range(len(theta)))
+        while waiting and (record := self._next()) is not None:
+            same = [i for i in waiting if np.array_equal(theta[i], record.theta[0])]
+            if record.kind != "rows" or not same:
+                raise self._other_way()
+            self._go_on(record)
+            waiting.remove(same[0])
+            yield same[0], record.values[0]
+        for number, row in self.evaluation.each(theta[waiting]):
+            place = waiting[number]
+            self._append(Record("rows", theta[place : place + 1], row[None], ()))
+            yield place, row
+
+    def _values(self, kind: Kind, theta: Floats) -> Floats:
+        record = self._next()
+        if record is None:
+            values = self.evaluation.stack(kind, theta)
+            self._append(Record(kind, theta, values, ()))
+            return values
+        if record.kind != kind or not np.array_equal(record.theta, theta):
+            raise self._other_way()
+        self._go_on(record)
+        return record.values
+
+    def _next(self) -> Record | None:
+        """Return the next record of the file, None at its end."""
+        if self._number >= self._end:
+            return None
+        return next(self.store.read(0, range(self._number, self._number + 1)))
+
+    def _go_on(self, record: Record) -> None:
+        """Count what a record has spent, and pass it."""
+        self._number += 1
+        restore_counts(self.evaluation, record)
+
+    def _append(self, record: Record) -> None:
+        record = record._replace(counts=_counts(self.evaluation))
+        self.store.append(0, self._number, record)
+        self._number += 1
+        self._end = self._number
+
+    def _other_way(self) -> ValueError:
+        return ValueError(
+            f"resume: the search does not take the way that {self.store.path} holds, "
+            "though it is of the same posterior: another version of a library, or "
+            "another machine, computes other digits. Go on where it began, or give "
+            "another file name"
+        )

@@ -1,0 +1,154 @@
+"""Numbers in a text file, and the matrix that they are the entries of."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csc_array
+
+from ..interfaces import Floats
+from ..models.inputs import read_matrix
+
+AGAIN = "let the program export it again"
+
+# Node and direction of each row of a matrix, (N, 2).
+Dofs = NDArray[np.int64]
+
+
+class Part(NamedTuple):
+    """A symmetric matrix.
+
+    Attributes:
+        name: What the file calls it; ``"K"`` and ``"M"`` where that is known, empty
+            where the file does not say.
+        path: The file.
+        matrix: ``(N, N)``.
+        dofs: Node and direction of each row, ``(N, 2)``, or None.
+    """
+
+    name: str
+    path: Path
+    matrix: csc_array
+    dofs: Dofs | None = None
+
+
+def build_matrix(
+    path: Path,
+    rows: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    values: Floats,
+    size: int | None = None,
+) -> csc_array:
+    """Return the symmetric matrix of entries on one side of the diagonal, or on both.
+
+    Args:
+        path: The file, for messages.
+        rows: Row numbers from 0, ``(n,)``.
+        columns: Column numbers from 0, ``(n,)``.
+        values: The entries, ``(n,)``.
+        size: The number of rows; None for as many as there are numbers.
+
+    Raises:
+        ValueError: If a number is below 0, a place is listed twice, or both sides are
+            there and differ.
+    """
+    if not len(rows) or min(rows.min(), columns.min()) < 0:
+        raise ValueError(f"{path}: expected rows and columns from 1 on; {AGAIN}")
+    if size is None:
+        size = int(max(rows.max(), columns.max())) + 1
+    _, first, count = np.unique(
+        rows * size + columns, return_index=True, return_counts=True
+    )
+    if (count > 1).any():
+        at = first[count > 1].min()
+        raise ValueError(
+            f"{path}: row {rows[at] + 1}, column {columns[at] + 1} is listed twice; "
+            "are these the matrices of elements? Export the assembled ones"
+        )
+    off = rows != columns
+    pairs = np.minimum(rows, columns)[off] * size + np.maximum(rows, columns)[off]
+    if len(np.unique(pairs)) == len(pairs):  # each pair is there once: mirror it
+        values = np.append(values, values[off])
+        rows, columns = np.append(rows, columns[off]), np.append(columns, rows[off])
+    return check(path, coo_array((values, (rows, columns)), shape=(size, size)))
+
+
+def build_labelled(
+    name: str, path: Path, rows: Dofs, columns: Dofs, values: Floats
+) -> Part:
+    """Return the matrix of entries at rows and columns ``(n, 2)`` of DOFs, sorted."""
+    both = np.concatenate([rows, columns])
+    dofs, at = np.unique(both, axis=0, return_inverse=True)
+    i, j = at.reshape(2, -1)
+    return Part(name, path, build_matrix(path, i, j, values, len(dofs)), dofs)
+
+
+def check(path: Path, matrix: coo_array | csc_array) -> csc_array:
+    """Return a symmetric matrix as :class:`MatrixModel` takes it.
+
+    Raises:
+        ValueError: If it is not square, finite and symmetric, with the file's name.
+    """
+    return read_matrix(str(path), csc_array(matrix), sparse=True)
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file without their ends.
+
+    Raises:
+        ValueError: If there are bytes that are not text, or the last line has no end.
+    """
+    text = path.read_bytes().decode("latin-1")
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise ValueError(f"{path}, line {line}: binary bytes in a text file; {AGAIN}")
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines.pop():
+        raise ValueError(
+            f"{path}, line {len(lines) + 1}: the file ends within a line; {AGAIN}"
+        )
+    return lines
+
+
+def read_columns(
+    path: Path, form: str, whole: int, delimiter: str | None = None, skip: int = 0
+) -> tuple[NDArray[np.int64], Floats]:
+    """Return the numbers of a file in which each line has the same columns.
+
+    Args:
+        path: The file; empty lines, and those that begin with ``*``, are skipped.
+        form: The columns as a person would say them, such as ``"row column value"``.
+        whole: How many columns, the first ones, are whole numbers.
+        delimiter: What separates the columns; None for blanks.
+        skip: How many lines at the beginning say something else.
+
+    Returns:
+        The whole numbers ``(n, whole)`` and the others ``(n, rest)``.
+
+    Raises:
+        ValueError: If a line does not have finite numbers in these columns, or the
+            last line has no end.
+    """
+    every = read_lines(path)
+    lines = [x for x in every[skip:] if x.strip() and not x.startswith("*")]
+    width = len(form.split(delimiter))
+    try:
+        found = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+    except ValueError:
+        found = np.empty((0, 0))
+    good = found.shape[1] == width and np.isfinite(found).all()
+    if good and (found[:, :whole] == np.rint(found[:, :whole])).all():
+        return found[:, :whole].astype(np.int64), found[:, whole:]
+    for line in lines:
+        try:
+            numbers = np.array(line.split(delimiter), dtype=float)
+            wrong = len(numbers) != width or not np.isfinite(numbers).all()
+        except ValueError:
+            wrong = True
+        if wrong or (numbers[:whole] % 1).any():
+            raise ValueError(
+                f"{path}, line {every.index(line, skip) + 1}: expected {form!r}, got "
+                f"{line[:60]!r}; {AGAIN}"
+            )
+    raise ValueError(f"{path}: expected lines {form!r}, got none; {AGAIN}")

@@ -1,0 +1,267 @@
+"""Which reader a file is for, by what is in it; all readers but those of Nastran."""
+
+import importlib
+import re
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array, diags_array, load_npz
+
+from .entries import (
+    AGAIN,
+    Dofs,
+    Part,
+    build_labelled,
+    build_matrix,
+    check,
+    read_columns,
+    read_lines,
+)
+from .nastran import HEADER, read_dmig, read_op4
+
+Read = Callable[[Path], list[Part]]
+# jobname_STIF1.mtx of step 1, and with it jobname_MASS1.mtx
+KINDS = {"STIF": "K", "MASS": "M"}
+NAMED = re.compile(r"(.*_)(STIF|MASS)(\d*\.\w+)", re.I)
+MARKET = re.compile(
+    r"%%\w+\s+matrix\s+(coordinate|array)\s+(?:real|double|integer)\s+"
+    r"(general|symmetric)\s*",
+    re.I,
+)
+DAMAGED = ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, zlib.error
+# Of *FREQUENCY, SOLVER=MATRIXSTORAGE: jobname.sti, jobname.mas and jobname.dof.
+CALCULIX = {"K": ".sti", "M": ".mas"}
+
+
+def read_abaqus(path: Path) -> list[Part]:
+    """Return the matrices of a step: of this file, and of the one beside it.
+
+    FORMAT=MATRIX INPUT and FORMAT=LABELS have one triangle with the labels of nodes,
+    negative for internal ones.
+    """
+    named = NAMED.fullmatch(path.name)
+    if named is None:
+        return [_read_abaqus("", path)]
+    other = "MASS" if named[2].upper() == "STIF" else "STIF"
+    beside = path.with_name(f"{named[1]}{other}{named[3]}")
+    files = {named[2].upper(): path} | ({other: beside} if beside.exists() else {})
+    return [
+        _read_abaqus(KINDS[kind], file) for kind, file in sorted(files.items())[::-1]
+    ]
+
+
+def _read_abaqus(name: str, path: Path) -> Part:
+    with path.open(encoding="latin-1") as file:
+        first = next((x for x in file if x.strip() and not x.startswith("*")), "")
+    delimiter = "," if "," in first else None
+    if len(first.split(delimiter)) == 3:
+        return read_triplets(path, delimiter)._replace(name=name)
+    form = "node,dof,node,dof,value".replace(",", delimiter or " ")
+    labels, values = read_columns(path, form, 4, delimiter)
+    pairs = labels.reshape(-1, 2, 2)
+    return build_labelled(name, path, pairs[:, 0], pairs[:, 1], np.ravel(values))
+
+
+def read_full(path: Path) -> list[Part]:
+    """Return stiffness and mass without held DOFs, whose rows are empty there.
+
+    Raises:
+        ImportError: If the reader is not installed.
+        ValueError: If it cannot read the file.
+    """
+    try:
+        reader = importlib.import_module("ansys.mapdl.reader")
+    except ImportError as error:
+        raise ImportError(
+            f"{path}: a .full file of ANSYS needs PyMAPDL-Reader ({error}); pip "
+            "install 'emcee_femu[ansys]', or let ANSYS write Matrix Market files: "
+            "*SMAT,K,D,IMPORT,FULL,file.full,STIFF and *EXPORT,K,MMF,K.mtx"
+        ) from error
+    try:
+        file = reader.read_binary(str(path))
+        dofs, *triangles = file.load_km(sort=True)
+        held = {tuple(dof) for dof in np.asarray(file.const).tolist()}
+    except Exception as error:  # what a damaged file raises there is of any kind
+        raise ValueError(f"{path}: {type(error).__name__} {error}; {AGAIN}") from error
+    free = np.array([tuple(dof) not in held for dof in dofs.tolist()])
+    labels = dofs[free].astype(np.int64) + np.array([0, 1], dtype=np.int64)
+    parts = []
+    for name, triangle in zip("KM", triangles, strict=True):
+        if triangle is not None:
+            upper = csc_array(triangle)[free][:, free]
+            full = upper + upper.T - diags_array(upper.diagonal())
+            parts.append(Part(name, path, check(path, full), labels))
+    return parts
+
+
+def read_matrix_market(path: Path) -> list[Part]:
+    """Return the matrix of a Matrix Market file, general or symmetric.
+
+    Raises:
+        ValueError: If it is complex or a pattern, or has other entries than it says.
+            (``scipy.io.mmread`` of version 1.17 crashes the interpreter on such files.)
+    """
+    lines = read_lines(path)
+    known = MARKET.fullmatch(lines[0])
+    if known is None:
+        raise ValueError(
+            f"{path}, line 1: expected a matrix of real numbers, general or symmetric, "
+            f"got {lines[0]!r}"
+        )
+    coordinate, symmetric = (known[i].lower()[0] in "cs" for i in (1, 2))
+    skip = next((i for i, x in enumerate(lines) if x[:1] != "%" and x.strip()), 0)
+    sizes = lines[skip].split()
+    if len(sizes) != 2 + coordinate or not all(map(str.isdecimal, sizes)):
+        raise ValueError(
+            f"{path}, line {skip + 1}: expected the numbers of rows, columns"
+            f"{' and entries' if coordinate else ''}, got {lines[skip]!r}; {AGAIN}"
+        )
+    rows, columns = map(int, sizes[:2])
+    if rows != columns:
+        raise ValueError(f"{path}: expected a square matrix, got {rows} by {columns}")
+    if coordinate:
+        count = int(sizes[2])
+        places, values = read_columns(path, "row column value", 2, skip=skip + 1)
+        i, j = places.T - 1
+    else:
+        count = rows * (rows + 1) // 2 if symmetric else rows**2
+        _, values = read_columns(path, "value", 0, skip=skip + 1)
+        j, i = np.triu_indices(rows) if symmetric else np.divmod(np.arange(count), rows)
+    if len(values) != count or max(i.max(initial=0), j.max(initial=0)) >= rows:
+        raise ValueError(
+            f"{path}: expected {count} entries of {rows} rows, as line {skip + 1} "
+            f"says, got {len(values)}, up to row {i.max(initial=0) + 1}; {AGAIN}"
+        )
+    if symmetric:
+        return [Part("", path, build_matrix(path, i, j, values[:, 0], rows))]
+    matrix = coo_array((values[:, 0], (i, j)), shape=(rows, rows))
+    return [Part("", path, check(path, matrix))]
+
+
+def read_npz(path: Path) -> list[Part]:
+    """Return the matrix of a file that ``scipy.sparse.save_npz`` wrote."""
+    try:
+        with path.open("rb") as file:  # load_npz leaves it open when it fails
+            matrix = load_npz(file)
+    except DAMAGED as error:
+        raise ValueError(
+            f"{path}: no matrix of scipy.sparse.save_npz ({error}); write it again"
+        ) from None
+    return [Part("", path, check(path, matrix))]
+
+
+def read_triplets(
+    path: Path, delimiter: str | None = None, size: int | None = None
+) -> Part:
+    """Return the matrix of a file, the lower or upper triangle of it or both.
+
+    Raises:
+        ValueError: If the matrix is not of ``size``, or the last of its entries is not
+            in the last row and column, where CalculiX always ends.
+    """
+    form = "row column value".replace(" ", delimiter or " ")
+    places, values = read_columns(path, form, 2, delimiter)
+    if size is not None and places[-1].tolist() != [size, size]:
+        raise ValueError(
+            f"{path}: expected the last line to be row {size}, column {size}, as there "
+            f"are {size} labels in the .dof file, got {places[-1].tolist()}; {AGAIN}"
+        )
+    rows, columns = places.T - 1
+    return Part("", path, build_matrix(path, rows, columns, values[:, 0]))
+
+
+def read_labels(path: Path) -> Dofs:
+    """Return node and direction of each row from lines ``node.direction``.
+
+    Raises:
+        ValueError: If a line is no label.
+    """
+    found = []
+    for number, line in enumerate(read_lines(path), 1):
+        node, point, direction = line.strip().partition(".")
+        if not (point and node.isdecimal() and direction.isdecimal()):
+            raise ValueError(
+                f"{path}, line {number}: expected node.direction, such as 12.3, got "
+                f"{line[:60]!r}; {AGAIN}"
+            )
+        found.append((int(node), int(direction)))
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def read_calculix(path: Path) -> list[Part]:
+    """Return K and M of a job, given any of its three files.
+
+    Raises:
+        ValueError: If one of the files is missing or damaged, or they differ in size,
+            as those of a cyclic symmetry do (its matrices are complex).
+    """
+    files = {name: path.with_suffix(end) for name, end in CALCULIX.items()}
+    labels = path.with_suffix(".dof")
+    for file in (*files.values(), labels):
+        if not file.exists():
+            raise ValueError(
+                f"{path}: {file.name} is missing beside it, which CalculiX writes "
+                "with it; give the files by their matrix: read_matrices({'K': ..., "
+                "'M': ..., 'dofs': ...})"
+            )
+    dofs = read_labels(labels)
+    return [
+        read_triplets(file, size=len(dofs))._replace(name=name, dofs=dofs)
+        for name, file in files.items()
+    ]
+
+
+HEAD = 4096  # bytes that are looked at
+INTEGER, NUMBER = r"\s*-?\d+\s*", r"\s*[-+]?[\d.]+(?:[ED][-+]?\d+)?\s*"
+TRIPLET = rf"\s*\d+ +\d+ {NUMBER}"
+# How the first line of a text file begins that is no comment, and who reads it.
+TEXTS: dict[str, Read] = {
+    r"%%MatrixMarket\b.*": read_matrix_market,
+    HEADER.pattern: read_op4,
+    TRIPLET: read_abaqus,
+    rf"{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
+    rf"{INTEGER},{INTEGER},{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
+    rf"\s*-?\d+ +\d+ +-?\d+ +\d+ {NUMBER}": read_abaqus,
+}
+BINARIES: dict[bytes, Read] = {  # the first bytes
+    rb"PK\x03\x04.*": read_npz,
+    rb".{8}\x04\0\0\0.*": read_full,
+}
+LABEL = r"\s*\d+\.\d+\s*"  # of a .dof file
+KNOWN = (
+    "Matrix Market, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, CalculiX "
+    ".sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
+)
+
+
+def read_file(path: Path) -> list[Part]:
+    """Return the matrices of a file, and of those that the program wrote with it.
+
+    Raises:
+        FileNotFoundError: If there is no such file.
+        ValueError: If its content is none of the known formats, or damaged.
+    """
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if not head:
+        raise ValueError(f"{path}: the file is empty; did the program stop early?")
+    if b"\0" in head:
+        for start, read in BINARIES.items():
+            if re.fullmatch(start, head, re.S):
+                return read(path)
+    lines = head.decode("latin-1").splitlines()
+    told = (x for x in lines if x.strip() and x[0] not in "$*")
+    first = next(told, lines[0])
+    if path.suffix.lower() in {*CALCULIX.values(), ".dof"}:
+        if re.fullmatch(f"{LABEL}|{TRIPLET}", first, re.I):
+            return read_calculix(path)
+    for form, read in TEXTS.items():
+        if re.fullmatch(form, first, re.I):
+            return read(path)
+    if re.search(rb"^DMIG[*, ]", path.read_bytes(), re.M | re.I):
+        return read_dmig(path)  # grid points and others may come first
+    what = "binary content" if b"\0" in head else repr(first[:60])
+    raise ValueError(f"{path}: expected matrices in one of {KNOWN}; got {what}")

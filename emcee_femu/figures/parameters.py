@@ -1,0 +1,230 @@
+"""All pairs of parameters with their 95 % ellipses, and their correlation."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import checks
+from ..interfaces import Floats
+from ..results.arviz_objects import InferenceData, dataset
+from ..results.to_arviz import read_samples
+from .style import BLUE, GREY, RED, Style, changing_draws, finish
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
+
+
+def plot_scatter(
+    idata: object,
+    *,
+    var_names: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None,
+    truths: Mapping[str, float] | None = None,
+    probability: float = 0.95,
+) -> "Figure":
+    """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
+
+    An ellipse holds ``probability`` of a Gaussian with the samples' covariance. Axes
+    end at the prior's bounds.
+
+    Args:
+        idata: What :func:`to_inference_data` returns or takes, such as a run.
+        var_names: Variables of its ``posterior`` group; default: the sampled ones.
+        units: Units by parameter name, for the axes.
+        truths: Values to mark by parameter name, such as the nominal ones.
+        probability: The share inside an ellipse.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If units or truths is not such a mapping.
+        ValueError: If units or truths name an unknown parameter, probability is not
+            between 0 and 1, or a parameter has the same value in all samples.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> units = {"k1": "N/m"}
+        >>> figure = ef.figures.plot_scatter(run, var_names=["k1", "k2"], units=units)
+        >>> figure.axes[2].get_xlabel()
+        'k1 [N/m]'
+    """
+    import corner
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Ellipse
+
+    idata, _ = read_samples(idata)
+    names, draws = changing_draws(idata, var_names)
+    probability = checks.real_number("probability", probability)
+    if not 0 < probability < 1:
+        raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
+    known = [str(name) for name in dataset(idata, "posterior").data_vars]
+    marks = _marks(truths, names, known)
+    exponents = np.array([_exponent(column) for column in draws.T])
+    labels = _labels(units, names, known, exponents)
+    limits = _limits(draws, marks, _bounds(idata, names), probability)
+    scale = 10.0**exponents
+    figure: Figure = corner.corner(
+        draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]] / scale,
+        labels=labels,
+        range=limits / scale[:, None],
+        bins=30,
+        plot_contours=False,
+        plot_density=False,
+        truths=[None if np.isnan(mark) else mark for mark in marks / scale],
+        truth_color=BLUE,
+        data_kwargs={"alpha": 0.25, "ms": 2.0, "color": GREY},
+        hist_kwargs={"color": GREY},
+        max_n_ticks=4,
+        label_kwargs={"fontsize": 11},
+        labelpad=0.08,
+    )
+    d = len(names)
+    panels = np.array(figure.axes).reshape(d, d)
+    for row, left in zip(*np.tril_indices(d, -1), strict=True):
+        points = (draws / scale)[:, (left, row)]
+        (width, height), angle = covariance_ellipse(points, probability)
+        style: Style = {"fill": False, "color": RED, "lw": 1.8, "zorder": 5}
+        ellipse = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
+        panels[row, left].add_patch(ellipse)
+    handles = [
+        Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
+        Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
+        Line2D([], [], color=BLUE, marker="s", label="reference"),
+    ][: 3 if np.isfinite(marks).any() else 2]
+    finish(figure, idata)
+    place = {"bbox_to_anchor": (1.0, 0.96 if figure.get_suptitle() else 1.0)}
+    figure.legend(
+        handles=handles, loc="upper right", fontsize=13, frameon=False, **place
+    )
+    return figure
+
+
+def covariance_ellipse(
+    points: Floats, probability: float = 0.95
+) -> tuple[Floats, float]:
+    r"""Return the ellipse that holds a share of a Gaussian like the points ``(n, 2)``.
+
+    .. math:: (x - \bar x)^T C^{-1} (x - \bar x) = \chi^2_2(p) = -2 \ln(1 - p)
+
+    with mean and covariance of the points; 95 % of the joint distribution lie inside
+    2.448 standard deviations, not the 1.96 of one variable.
+
+    Returns:
+        Its major and minor axis ``(2,)``, and the angle from the first coordinate to
+        the major one, counter-clockwise in degrees.
+
+    Examples:
+        >>> square = np.array([[1.0, 1], [1, -1], [-1, 1], [-1, -1]])
+        >>> covariance_ellipse(square)[0].round(3).tolist()
+        [5.653, 5.653]
+    """
+    variances, axes = np.linalg.eigh(np.cov(points, rowvar=False))
+    # Ascending eigenvalues; points on a line may leave one just below zero.
+    variances = np.maximum(variances[::-1], 0.0)
+    x, y = axes[:, 1]
+    axes_of = 2 * np.sqrt(-2 * np.log1p(-probability) * variances)
+    return axes_of, float(np.degrees(np.arctan2(y, x)))
+
+
+def _marks(
+    truths: Mapping[str, float] | None, names: list[str], known: list[str]
+) -> Floats:
+    """Return the values to mark, NaN where there is none, ``(d,)``."""
+    given = {} if truths is None else checks.by_name("truths", truths, known)
+    values = {k: checks.real_number(f"truths[{k!r}]", v) for k, v in given.items()}
+    return np.array([values.get(name, np.nan) for name in names])
+
+
+def _bounds(idata: InferenceData, names: list[str]) -> Floats:
+    """Return the prior's bounds, NaN where there is no prior, ``(d, 2)``."""
+    try:
+        constants = dataset(idata, "constant_data")[["lower", "upper"]]
+    except ValueError:  # chains from elsewhere
+        return np.full((len(names), 2), np.nan)
+    by_name = constants.reindex(parameter=names)
+    return np.column_stack([by_name["lower"].values, by_name["upper"].values])
+
+
+def _limits(draws: Floats, marks: Floats, bounds: Floats, probability: float) -> Floats:
+    """Return axis limits ``(d, 2)``: samples and ellipses in the bounds, and marks."""
+    reach = 1.05 * math.sqrt(-2 * math.log1p(-probability)) * draws.std(axis=0)
+    mean = draws.mean(axis=0)
+    low = np.minimum(draws.min(axis=0), mean - reach)
+    high = np.maximum(draws.max(axis=0), mean + reach)
+    # fmin and fmax leave out NaN.
+    low, high = np.fmax(low, bounds[:, 0]), np.fmin(high, bounds[:, 1])
+    return np.column_stack([np.fmin(low, marks), np.fmax(high, marks)])
+
+
+def _exponent(column: Floats) -> int:
+    """Return the power of ten to take out of an axis, 0 for ordinary numbers."""
+    size = float(np.abs(column).max())
+    return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
+
+
+def _labels(
+    units: Mapping[str, str] | None,
+    names: list[str],
+    known: list[str],
+    exponents: NDArray[np.int_],
+) -> list[str]:
+    by_name = {} if units is None else checks.by_name("units", units, known)
+    for name, unit in by_name.items():
+        if not isinstance(unit, str):
+            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
+    labels = []
+    for name, exponent in zip(names, exponents, strict=True):
+        power = f"$10^{{{exponent}}}$ " if exponent else ""
+        unit = f"{power}{by_name.get(name, '')}".strip()
+        labels.append(f"{name} [{unit}]" if unit else name)
+    return labels
+
+
+def plot_correlation(
+    idata: object, *, var_names: Sequence[str] | None = None
+) -> "Figure":
+    """Draw the correlation of the parameters as a map with numbers (Figs 4.4, 5.3).
+
+    Args:
+        idata: What :func:`to_inference_data` returns or takes, such as a run.
+        var_names: Variables of its ``posterior`` group; default: the sampled ones.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        ValueError: If a parameter has the same value in all samples.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 100, ensembles=1, seed=1)
+        >>> len(ef.figures.plot_correlation(run).axes)  # the map and its colour bar
+        2
+    """
+    from matplotlib import pyplot as plt
+
+    idata, _ = read_samples(idata)
+    names, draws = changing_draws(idata, var_names)
+    d = len(names)
+    values = np.corrcoef(draws, rowvar=False).reshape(d, d)
+    size = 1.8 + 0.7 * d
+    figure, axes = plt.subplots(figsize=(size + 0.8, size), layout="constrained")
+    image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
+    for (i, j), value in np.ndenumerate(values):
+        color = "white" if abs(value) > 0.6 else "black"
+        axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color)
+    axes.set_xticks(range(d), names)
+    axes.set_yticks(range(d), names)
+    figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
+    figure = finish(figure, idata)
+    figure.draw_without_rendering()  # the layout of square axes settles in two passes
+    return figure

@@ -1,0 +1,420 @@
+r"""What every likelihood term can say; from deviations and their sds all of it follows.
+
+A term that is Gaussian in what was measured gives deviations r and their standard
+deviations (:class:`GaussianTerm`); density, pointwise densities, replicates, gradient
+and Fisher information follow here. Any other callable becomes a
+:class:`FunctionTerm`, with whatever it declares of itself (interfaces.py).
+
+Derivatives are central differences along *tangents*, the derivatives of each variable
+of the response ``(n, *shape, d)`` and of each parameter ``(n, d)`` by d directions:
+they cost evaluations of the term, and no solve.
+"""
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import checks
+from ..interfaces import (
+    Floats,
+    ModalSolution,
+    PairedSolution,
+    Pairing,
+    Parameters,
+    Response,
+    Variable,
+    read_declared,
+)
+from ..interfaces import read as read_variable
+
+Values = TypeVar("Values", Floats, NDArray[np.complex128])
+
+# An inferred error of zero, where a search may stand on the bound of a prior: its
+# likelihood overflows to zero, and is not undefined.
+LEAST_SD = 1e-160
+ALONG = 6e-6  # relative change of a response, where no solve adds noise
+
+
+class Term:
+    """One factor of the likelihood, with all that is asked of it.
+
+    Attributes:
+        name: The label under which its log-likelihood is stored.
+        names: The parameters that it reads; None if it does not say.
+        bounds: ``{parameter: (low, high)}`` within which it holds, for some of them.
+        reads: What it needs of a response; None if it does not say.
+        observed: What was measured, by the name of a variable.
+        error_sd: Standard deviations of these, 0 where they count as exact.
+        gaussian: Whether it has :meth:`deviations`.
+        scored: Whether :meth:`linearize` gives scores in another way.
+    """
+
+    gaussian: bool = False
+    scored: bool = False
+    name: str = ""
+    names: tuple[str, ...] | None = None
+    bounds: Mapping[str, tuple[float, float]] = {}
+    reads: Mapping[str, Variable] | None = None
+    observed: Mapping[str, Floats] = {}
+    error_sd: Mapping[str, Floats] = {}
+
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
+        """Return the log-likelihood of every parameter set, ``(n,)``."""
+        raise NotImplementedError
+
+    def deviations(
+        self, parameters: Parameters, response: Response
+    ) -> tuple[Floats, Floats] | None:
+        """Return r and sd, ``(n, m)`` each, None where the term is not Gaussian.
+
+        The log-likelihood is, but for a constant, the sum of those of N(r; 0, sd).
+        """
+        return None
+
+    def linearize(
+        self,
+        parameters: Parameters,
+        response: Response,
+        tangents: Mapping[str, Floats],
+        steps: Floats,
+    ) -> tuple[Floats, Floats | None]:
+        """Return the gradient ``(n, d)`` along tangents, and scores ``(n, m, d)``.
+
+        ``scores^T scores`` is the Fisher information; None where it is not known.
+
+        Args:
+            parameters: The parameter sets.
+            response: The model's response to them.
+            tangents: Derivatives of variables and parameters by d directions.
+            steps: How far along each direction at most where it moves a parameter that
+                the term reads, ``(n, d)``; less where the response would change by
+                more than a small part of itself.
+        """
+        steps = self._choose_steps(parameters, response, tangents, steps)
+        moved = move_along(parameters, response, tangents, steps)
+        here = self.deviations(parameters, response)
+        if here is None:
+            return derive(self(*moved), steps)[:, 0], None
+        slopes = [derive(part, steps) for part in self.deviations(*moved) or ()]
+        return linearize_normal(*here, *slopes)
+
+    def _choose_steps(
+        self,
+        parameters: Parameters,
+        response: Response,
+        tangents: Mapping[str, Floats],
+        steps: Floats,
+    ) -> Floats:
+        """Return steps that change no variable by more than a small part of itself."""
+        n, d = steps.shape
+        read = parameters if self.names is None else self.names
+        moved = np.zeros(d, dtype=bool)
+        for name in tangents.keys() & read:
+            moved |= (tangents[name] != 0).any(axis=0)
+        chosen = np.where(moved, steps, np.inf)
+        for name in tangents.keys() - parameters:
+            largest = np.abs(read_variable(response, name)).reshape(n, -1).max(axis=1)
+            slope = np.abs(tangents[name]).reshape(n, -1, d).max(axis=1)
+            far = np.full((n, d), np.inf)
+            relative = np.divide(largest[:, None], slope, out=far, where=slope > 0)
+            chosen = np.minimum(chosen, ALONG * relative)
+        return np.where(np.isfinite(chosen) & (chosen > 0), chosen, steps)
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """Return the log-likelihood of each datum by variable; none if not known."""
+        return {}
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        stored: Mapping[str, Floats],
+    ) -> Mapping[str, Floats]:
+        """Return a new measurement for each sample; none if it cannot be drawn."""
+        return {}
+
+
+class GaussianTerm(Term):
+    r"""Base of terms with Gaussian deviations, perhaps with an inferred discrepancy.
+
+    .. math:: \ln p = \sum_i [\ln N(r_i; 0, \sigma_i) + c_i]
+
+    A subclass gives :meth:`deviations`, and :meth:`restore` where measurements can be
+    drawn anew.
+
+    Attributes:
+        discrepancy: Name of the inferred error, or None.
+        log_constants: c, from units and normalisation, one number or ``(m,)``.
+        separate: Whether each deviation is that of one datum.
+    """
+
+    gaussian = True
+    discrepancy: str | None = None
+    log_constants: Floats | float = 0.0
+    separate: bool = True
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The discrepancy, where there is one, the only parameter that is read."""
+        return () if self.discrepancy is None else (self.discrepancy,)
+
+    @property
+    def bounds(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
+        """The discrepancy is a standard deviation."""
+        return dict.fromkeys(self.names, (0.0, np.inf))
+
+    def deviations(
+        self, parameters: Parameters, response: Response
+    ) -> tuple[Floats, Floats]:
+        """Return independent deviations and their standard deviations."""
+        raise NotImplementedError
+
+    def constants(self, response: Response) -> Floats | float:
+        """Return c, of which a response may take something off."""
+        return self.log_constants
+
+    def restore(self, deviations: Floats) -> Floats | None:
+        """Return measurements ``(n, *shape)`` that have these deviations ``(n, m)``."""
+        return None
+
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
+        """Return the log-likelihood of every parameter set, ``(n,)``."""
+        log_likelihood: Floats = np.add.reduce(
+            self._parts(parameters, response), axis=1
+        )
+        return log_likelihood
+
+    def _parts(self, parameters: Parameters, response: Response) -> Floats:
+        values = log_normal(*self.deviations(parameters, response))
+        values += self.constants(response)
+        return values
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """Return the log-likelihood of each datum, in the shape of what was measured.
+
+        Deviations that are no single data, as of a covariance, have none, nor have
+        those of variables that are not stored.
+        """
+        known = self.separate and self.observed and self._reads_only(stored)
+        if not known:
+            return {}
+        ((variable, measured),) = self.observed.items()
+        values = log_normal(*self.deviations(parameters, stored))
+        values += self.constants(stored)
+        return {variable: values.reshape(-1, *measured.shape)}
+
+    def replicate(
+        self,
+        rng: np.random.Generator,
+        parameters: Parameters,
+        stored: Mapping[str, Floats],
+    ) -> Mapping[str, Floats]:
+        """Return a new measurement for each sample, with all its errors.
+
+        None where it reads what is not stored.
+        """
+        if not self._reads_only(stored):
+            return {}
+        r, sd = self.deviations(parameters, stored)
+        measured = self.restore(r + sd * rng.standard_normal(r.shape))
+        return {} if measured is None else dict.fromkeys(self.observed, measured)
+
+    def _reads_only(self, stored: Mapping[str, Floats]) -> bool:
+        return set(self.reads or ()) <= set(stored)
+
+
+class FunctionTerm(Term):
+    """A user's own term: a callable, and what it declares of itself (interfaces.py)."""
+
+    def __init__(self, function: Callable[[Parameters, Response], Floats]) -> None:
+        self.function = function
+        name = read_declared(function, "name") or getattr(function, "__name__", "")
+        self.name = "" if name == "<lambda>" else str(name)  # netCDF takes no brackets
+        for attribute in ("names", "bounds", "reads", "observed"):
+            if (declared := read_declared(function, attribute)) is not None:
+                setattr(self, attribute, declared)
+        self._deviations = read_declared(function, "deviations")
+        self.gaussian = self._deviations is not None
+
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
+        """Return what the callable does."""
+        return self.function(parameters, response)
+
+    def deviations(
+        self, parameters: Parameters, response: Response
+    ) -> tuple[Floats, Floats] | None:
+        """Return what the callable says, None where it does not."""
+        known = self._deviations
+        return None if known is None else known(parameters, response)
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """Return the log-likelihood of each datum, where each has its deviation."""
+        pair = self.deviations(parameters, stored) if self.observed else None
+        if pair is None or len(self.observed) > 1:
+            return {}
+        ((variable, measured),) = self.observed.items()
+        values = log_normal(*pair)
+        if values[0].size != np.size(measured):
+            return {}
+        constant = self(parameters, stored) - values.sum(axis=1)
+        values += constant[:, None] / values.shape[1]
+        return {variable: values.reshape(-1, *np.shape(measured))}
+
+
+def as_term(term: Callable[[Parameters, Response], Floats]) -> Term:
+    """Return a term of this package as it is, and any other callable as one."""
+    return term if isinstance(term, Term) else FunctionTerm(term)
+
+
+def check_labels(name: str, discrepancy: str | None) -> None:
+    """Refuse a name or a discrepancy that is no text."""
+    for argument, text in (("name", name), ("discrepancy", discrepancy)):
+        left_out = argument == "discrepancy" and text is None
+        if not left_out and (not isinstance(text, str) or not text):
+            raise TypeError(f"{argument}: expected a non-empty string, got {text!r}")
+
+
+def choose_error(
+    errors: Mapping[str, ArrayLike | None], discrepancy: str | None, hint: str = ""
+) -> tuple[str, ArrayLike]:
+    """Return the name and value of the one measurement error; "" where there is none.
+
+    Raises:
+        TypeError: If there are several, or neither one nor a discrepancy.
+    """
+    there = {name: value for name, value in errors.items() if value is not None}
+    if len(there) > 1 or not (there or discrepancy):
+        raise TypeError(
+            f"{', '.join(errors)}: expected exactly one of them{hint}, or a "
+            f"discrepancy alone, got {[*there] or 'none'}"
+        )
+    return next(iter(there.items()), ("", 0.0))
+
+
+def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Floats:
+    """Return positive numbers: one, or an array of one of the shapes."""
+    numbers = checks.positive_array(argument, value)
+    if numbers.shape not in ((), *shapes):
+        expected = " or ".join(map(str, shapes))
+        raise ValueError(
+            f"{argument}: expected one number or shape {expected}, got {numbers.shape}"
+        )
+    return numbers
+
+
+def log_normal(r: Floats, sd: Floats) -> Floats:
+    """Return the log densities of N(r; 0, sd), ``(n, m)``."""
+    with np.errstate(over="ignore"):  # so far off the likelihood is zero
+        values = r / sd
+        values *= values
+    values += 2.0 * np.log(sd) + np.log(2 * np.pi)
+    values *= -0.5
+    return values
+
+
+def add_discrepancy(variances: Floats, discrepancy: Floats) -> Floats:
+    """Return standard deviations of independent errors, one of them inferred."""
+    total: Floats = np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2))
+    return total
+
+
+def linearize_normal(
+    r: Floats, sd: Floats, d_r: Floats, d_sd: Floats
+) -> tuple[Floats, Floats]:
+    r"""Return gradient ``(n, d)`` and scores of :math:`\sum_i \ln N(r_i; 0, \sigma_i)`.
+
+    .. math:: \partial \ln N = -\frac{r}{\sigma} \frac{\partial r}{\sigma}
+        + \left(\frac{r^2}{\sigma^2} - 1\right) \frac{\partial \sigma}{\sigma}, \qquad
+        E[\partial_a \ln N \, \partial_b \ln N] = \frac{\partial_a r \partial_b r
+        + 2 \partial_a \sigma \partial_b \sigma}{\sigma^2}
+
+    Args:
+        r: Deviations ``(n, m)``.
+        sd: Their standard deviations ``(n, m)``.
+        d_r: Derivatives of r, ``(n, m, d)``.
+        d_sd: Derivatives of sd, ``(n, m, d)``.
+    """
+    standard = (r / sd)[:, :, None]
+    scores, relative = d_r / sd[:, :, None], d_sd / sd[:, :, None]
+    gradient: Floats = ((standard**2 - 1) * relative - standard * scores).sum(axis=1)
+    if relative.any():
+        scores = np.concatenate([scores, np.sqrt(2.0) * relative], axis=1)
+    return gradient, scores
+
+
+def derive(values: Values, steps: Floats) -> Values:
+    """Return derivatives ``(n, m, d)`` of values at both sides, ``(n * 2 d, ...)``."""
+    n, d = steps.shape
+    sides = np.asarray(values).reshape(n, 2, d, -1)
+    slopes: Values = (sides[:, 0] - sides[:, 1]) / (2 * steps[:, :, None])
+    return slopes.swapaxes(1, 2)
+
+
+def move_along(
+    parameters: Parameters,
+    response: Response,
+    tangents: Mapping[str, Floats],
+    steps: Floats,
+) -> tuple[dict[str, Floats], Response]:
+    """Return parameters and response, ``n * 2 d`` of each, moved along the tangents.
+
+    The order is that of parameter sets, then sides (+, -), then directions.
+    """
+    n, d = steps.shape
+    sides = np.concatenate([steps, -steps], axis=1)  # (n, 2 d)
+
+    def shift(value: Floats, tangent: Floats) -> Floats:
+        wide = np.moveaxis(np.concatenate([tangent, tangent], axis=-1), -1, 1)
+        moved = wide * sides.reshape(*sides.shape, *[1] * (wide.ndim - 2))
+        moved += np.asarray(value)[:, None]
+        shifted: Floats = moved.reshape(-1, *wide.shape[2:])
+        return shifted
+
+    variables = {
+        name: shift(read_variable(response, name), tangent)
+        for name, tangent in tangents.items()
+        if name not in parameters
+    }
+    there = {name: shift(parameters[name], tangents[name]) for name in parameters}
+    return there, _replace(response, variables, n, 2 * d)
+
+
+def _replace(
+    response: Response, shifted: Mapping[str, Floats], n: int, times: int
+) -> Response:
+    """Return a response with other variables, and the rest of it repeated."""
+
+    def repeat(value: Response) -> Response:
+        own = isinstance(value, np.ndarray) and value.ndim and len(value) == n
+        return np.repeat(value, times, axis=0) if own else value
+
+    if isinstance(response, Mapping):
+        return {**{k: repeat(v) for k, v in response.items()}, **shifted}
+    if isinstance(response, ModalSolution | PairedSolution):
+        frequency = shifted.get("frequency", repeat(response.frequencies))
+        shapes = shifted.get("shapes", repeat(response.shapes))
+        if isinstance(response, ModalSolution):
+            return ModalSolution(frequency, shapes)
+        mac, modes, unpaired = map(repeat, response.pairing)
+        pairing = Pairing(shifted.get("mac", mac), modes, unpaired)
+        return PairedSolution(frequency, shapes, pairing)
+    other = copy(response)
+    try:
+        for name, value in vars(response).items():
+            object.__setattr__(other, name, shifted.get(name, repeat(value)))
+    except (AttributeError, TypeError):
+        raise TypeError(
+            "terms: one without derivatives of its own cannot be differenced on a "
+            f"response of {type(response).__name__}; let the model return "
+            "{variable: array}"
+        ) from None
+    return other

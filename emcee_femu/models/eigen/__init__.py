@@ -1,1 +1,0 @@
-"""Generalised eigenvalue problems, dense and sparse, for a batch."""

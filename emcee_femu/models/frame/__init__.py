@@ -1,1 +1,0 @@
-"""Frames of three-dimensional beams."""

@@ -1,0 +1,243 @@
+"""Mixtures of multivariate Student-t distributions: density, draws, fits to draws."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, Self
+
+import numpy as np
+from numpy.random import Generator, RandomState
+from scipy.cluster.vq import kmeans2
+from scipy.special import gammaln
+
+from .. import checks
+from ..interfaces import Floats
+
+MOST_COMPONENTS = 6  # that a fit chooses
+MOST_DRAWS = 20_000  # more do not make a fit better, only slower
+ITERATIONS, TOLERANCE = 300, 1e-5
+PER_PARAMETER = 10  # draws that a component needs
+COVER = 0.1  # weight of the component that covers gaps between the others
+RIDGE = 1e-6  # of the variance of all draws
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    r"""A mixture of multivariate Student-t distributions with the same tails.
+
+    .. math:: q(x) = \sum_k w_k\, t_\nu(x; \mu_k, S_k)
+
+    The covariance of a component is ``S df / (df - 2)``.
+
+    Attributes:
+        weights: ``(k,)``, above zero, which sum to one.
+        means: Centres, ``(k, d)``.
+        matrices: Scale matrices S, ``(k, d, d)``, positive definite.
+        df: Degrees of freedom of all components.
+    """
+
+    weights: Floats
+    means: Floats
+    matrices: Floats
+    df: float = 8.0
+
+    @cached_property
+    def factors(self) -> Floats:
+        """The Cholesky factors of the scale matrices, ``(k, d, d)``."""
+        return np.asarray(np.linalg.cholesky(self.matrices), dtype=float)
+
+    @cached_property
+    def inverses(self) -> Floats:
+        """The inverses of the factors, ``(k, d, d)``."""
+        return np.asarray(np.linalg.inv(self.factors), dtype=float)
+
+    @cached_property
+    def log_heights(self) -> Floats:
+        """The log of each component's share of the density at its centre, ``(k,)``."""
+        d, df = self.means.shape[1], self.df
+        diagonals = np.diagonal(self.factors, axis1=1, axis2=2)
+        heights: Floats = np.log(self.weights) - np.log(diagonals).sum(axis=1)
+        heights += gammaln((df + d) / 2) - gammaln(df / 2)
+        heights -= 0.5 * d * np.log(df * np.pi)
+        return heights
+
+    @cached_property
+    def _edges(self) -> Floats:
+        return np.cumsum(self.weights)[:-1]
+
+    def squared_distances(self, x: Floats) -> Floats:
+        """Return the squared Mahalanobis distance ``(n, k)`` of each x ``(n, d)``."""
+        standard = (x - self.means[:, None]) @ self.inverses.transpose(0, 2, 1)
+        distances: Floats = np.einsum("kni,kni->kn", standard, standard)
+        return distances.T
+
+    def log_parts(self, x: Floats) -> Floats:
+        """Return the log of each component's share of the density, ``(n, k)``."""
+        return self._log_parts_at(self.squared_distances(x))
+
+    def _log_parts_at(self, squared_distances: Floats) -> Floats:
+        parts: Floats = np.log1p(squared_distances / self.df)
+        parts *= -0.5 * (self.df + self.means.shape[1])
+        parts += self.log_heights
+        return parts
+
+    def log_density(self, x: Floats) -> Floats:
+        """Return the log density ``(n,)`` at ``x (n, d)``."""
+        # A hundred times as fast for few points as logsumexp of SciPy.
+        density: Floats = np.logaddexp.reduce(self.log_parts(x), axis=1)
+        return density
+
+    def draw(self, random: Generator | RandomState, n: int) -> Floats:
+        """Draw ``(n, d)``."""
+        several = len(self.weights) > 1
+        if several:
+            which = self._edges.searchsorted(random.random(n), side="right")
+        normal = random.standard_normal((n, self.means.shape[1]))
+        normal *= np.sqrt(self.df / random.chisquare(self.df, n))[:, None]
+        drawn: Floats
+        if several:
+            drawn = np.einsum("nij,nj->ni", self.factors.take(which, axis=0), normal)
+            drawn += self.means.take(which, axis=0)
+        else:  # in a third of the time
+            drawn = normal @ self.factors[0].T
+            drawn += self.means[0]
+        return drawn
+
+    def improve(
+        self, x: Floats, shares: Floats, most: int = 50, tolerance: float = 1e-4
+    ) -> tuple["Mixture", float]:
+        r"""Return the mixture fitted to weighted draws by EM, starting from this one.
+
+        .. math:: \max_q \sum_i W_i \ln q(x_i)
+
+        Scale matrices are drawn towards those of the start, as if ``d + 1`` draws had
+        said so, and a component on which less than one effective draw is left is
+        dropped.
+
+        Args:
+            x: Draws, ``(n, d)``.
+            shares: Their weights W, which sum to one.
+            most: Iterations.
+            tolerance: Gain of the mean log density below which they end.
+
+        Returns:
+            The fit, and its mean log density over the weighted draws.
+
+        Source: Peel and McLachlan (2000), doi:10.1023/A:1008981510081.
+        """
+        d, df = x.shape[1], self.df
+        size = 1.0 / np.sum(shares**2)
+        best, gained, mixture, before = self, -np.inf, self, self.matrices
+        for _ in range(most):
+            distances = mixture.squared_distances(x)
+            log_parts = mixture._log_parts_at(distances)
+            log_density = np.logaddexp.reduce(log_parts, axis=1)
+            mean_log = float(shares @ log_density)
+            if mean_log - gained < tolerance:
+                break
+            best, gained = mixture, mean_log
+            belongs = np.exp(log_parts - log_density[:, None]) * shares[:, None]
+            counts = belongs.sum(axis=0)
+            alive = counts * size > 1.0
+            if not alive.any():
+                break
+            if not alive.all():
+                belongs, counts, before = (
+                    belongs[:, alive],
+                    counts[alive],
+                    before[alive],
+                )
+                distances = distances[:, alive]
+            pull = belongs * (df + d) / (df + distances)
+            means = (pull.T @ x) / pull.sum(axis=0)[:, None]
+            apart = x - means[:, None]
+            sums = (pull.T[:, None, :] * apart.transpose(0, 2, 1)) @ apart
+            n = (counts**2 / np.einsum("nk,nk->k", belongs, belongs))[:, None, None]
+            matrices = n * sums / counts[:, None, None] + (d + 1) * before
+            weights = counts / counts.sum()
+            mixture = Mixture(weights, means, matrices / (n + d + 1), df)
+        return best, gained
+
+    @classmethod
+    def fit(
+        cls, draws: Floats, components: int | Literal["auto"] = "auto", df: float = 8.0
+    ) -> Self:
+        """Return a mixture fitted to draws of equal weight.
+
+        With several components a tenth of the weight goes to one that is fitted to all
+        draws: it covers gaps between the others.
+
+        Args:
+            draws: ``(n, d)``, at least ``10 d`` per component.
+            components: How many, or "auto" for the number from 1 to 6 that the Bayesian
+                information criterion prefers.
+            df: Degrees of freedom of every component.
+
+        Raises:
+            ValueError: If there are too few draws, they lie in a subspace, or no fit of
+                that many components is possible.
+        """
+        n, d = draws.shape
+        fewest = PER_PARAMETER * d * (1 if components == "auto" else components)
+        if n < fewest or not d:
+            raise ValueError(
+                f"samples: expected at least {fewest} draws, got shape {draws.shape}"
+            )
+        # Evenly spaced, so that every walker and time of a chain takes part.
+        draws = draws[np.linspace(0, n - 1, min(n, MOST_DRAWS)).astype(int)]
+        # Whitened by all draws: scales may differ by 1e11, correlations be 0.99999.
+        centre = draws.mean(axis=0)
+        covariance = np.atleast_2d(np.cov(draws, rowvar=False))
+        factor = checks.covariance_factor("samples (their covariance)", covariance)
+        white = (draws - centre) @ np.linalg.inv(factor).T
+        most = min(MOST_COMPONENTS, len(draws) // (PER_PARAMETER * d))
+        counts = range(1, most + 1) if components == "auto" else [components]
+        whole = _fit_white(white, 1, df)
+        fits = [whole if k == 1 else _fit_white(white, k, df) for k in counts]
+        possible = [fit for fit in fits if fit is not None]
+        if whole is None or not possible:
+            raise ValueError(
+                f"samples: no fit with {components} components; give more draws, or "
+                "ask for fewer components"
+            )
+        best, _ = min(possible, key=lambda fit: fit[1])
+        weights, means, matrices = best.weights, best.means, best.matrices
+        if len(weights) > 1:
+            weights = np.append((1 - COVER) * weights, COVER)
+            means = np.vstack([means, whole[0].means])
+            matrices = np.concatenate([matrices, whole[0].matrices])
+        return cls(weights, centre + means @ factor.T, factor @ matrices @ factor.T, df)
+
+
+def _fit_white(x: Floats, count: int, df: float) -> tuple[Mixture, float] | None:
+    """Return a fit to whitened draws, and its BIC; None where a component dies."""
+    n, d = x.shape
+    labels = np.zeros(n, dtype=np.intp)
+    if count > 1:
+        _, labels = kmeans2(x, count, minit="++", rng=np.random.default_rng(0))
+    clusters = [x[labels == number] for number in range(count)]
+    if min(map(len, clusters)) < 2 * d:
+        return None
+    start = Mixture(
+        np.array([len(cluster) / n for cluster in clusters]),
+        np.array([cluster.mean(axis=0) for cluster in clusters]),
+        _widen(np.array([np.atleast_2d(np.cov(cluster.T)) for cluster in clusters])),
+        df,
+    )
+    shares = np.full(n, 1 / n)
+    fitted, mean_log = start.improve(x, shares, ITERATIONS, TOLERANCE)
+    if len(fitted.weights) < count or fitted.weights.min() * n < 2 * d:
+        return None
+    n_parameters = count * (1 + d + d * (d + 1) / 2) - 1
+    bic = -2 * n * mean_log + n_parameters * np.log(n)
+    return replace(fitted, matrices=_widen(fitted.matrices)), bic
+
+
+def _widen(matrices: Floats) -> Floats:
+    """Return scale matrices with a ridge on those that are nearly singular.
+
+    A walker that hardly moved, caught in a local mode, needs a component of its own:
+    only then do independence proposals set it free.
+    """
+    narrow = np.linalg.eigvalsh(matrices)[:, 0] < RIDGE
+    ridges: Floats = RIDGE * np.eye(matrices.shape[1]) * narrow[:, None, None]
+    return matrices + ridges

@@ -1,0 +1,355 @@
+"""Moves propose, and one Metropolis step accepts, on arrays of walkers.
+
+emcee's moves do both in one method, with a Python loop over walkers that costs more
+than a cheap proposal. Moves that only propose also serve delayed acceptance, and all
+temperatures at once.
+
+Where a proposal is built from other walkers, the guides, detailed balance holds for the
+joint density of the ensemble only if these stand still meanwhile. Moving all walkers at
+once is biased: 4 walkers that start from a Gaussian in 3 dimensions have a variance of
+0.87 of the truth after some 30 steps, and settle near 0.79
+(``examples/explanation/de_mc.py``).
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from inspect import signature
+from typing import TypeAlias
+
+import emcee
+import numpy as np
+from emcee import State
+from emcee.model import Model
+from emcee.moves import DESnookerMove, GaussianMove, MHMove, Move, RedBlueMove
+from numpy.random import RandomState
+from numpy.typing import NDArray
+
+from .. import checks
+from ..interfaces import Floats
+
+Indices: TypeAlias = NDArray[np.intp]
+Proposal: TypeAlias = tuple[Floats, Floats | None]  # (k, ndim), and log-factors (k,)
+Propose: TypeAlias = Callable[[Floats], Proposal]
+Part: TypeAlias = tuple[Indices, Propose]
+Batch: TypeAlias = tuple[Indices, Floats, Floats | None]
+
+
+class ProposingMove(Move):
+    """A move of walkers that propose on their own.
+
+    A subclass implements ``get_proposal``, and ``check`` if it cannot move every
+    ensemble.
+    """
+
+    def __repr__(self) -> str:
+        """Return the call that makes an equal move."""
+        names = signature(type(self)).parameters
+        values = {name: getattr(self, name) for name in names if hasattr(self, name)}
+        call = ", ".join(
+            f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}"
+            for name, value in values.items()
+        )
+        return f"{type(self).__name__}({call})"
+
+    def check(self, nwalkers: int, ndim: int) -> None:
+        """Refuse an ensemble for which the move is not valid."""
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
+        """Propose for walkers that move at once (the contract of emcee's moves).
+
+        Args:
+            s: The walkers, ``(k, ndim)``.
+            c: One array of the walkers at rest, ``(n, ndim)``; empty if all move.
+            random: The random stream.
+
+        Returns:
+            Proposals ``(k, ndim)``, and the logarithm of the Hastings factor of each,
+            ``(k,)``; None where they are symmetric.
+        """
+        raise NotImplementedError
+
+    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
+        """Yield walkers that move at once, and what proposes for them.
+
+        That takes where they are, ``(k, ndim)``, and may be asked any number of times:
+        all other walkers stand still.
+        """
+        yield np.arange(len(coords)), partial(self.get_proposal, c=[], random=random)
+
+    def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
+        """Yield walkers, proposals and log-factors, as accept_or_reject takes them.
+
+        Each batch is accepted or rejected, and ``coords (nwalkers, ndim)`` changed in
+        place, before the next one is asked for.
+        """
+        for walkers, propose in self.parts(coords, random):
+            yield walkers, *propose(coords.take(walkers, axis=0))
+
+    def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
+        """Move every walker once; return the state and who was accepted."""
+        self.check(*state.coords.shape)
+        check_state(state)
+        accepted = np.zeros(len(state.coords), dtype=bool)
+        for batch in self.batches(state.coords, model.random):
+            accepted[accept_or_reject(model, state, *batch)] = True
+        return state, accepted
+
+
+class GuidedMove(ProposingMove):
+    """A move of one part of the ensemble after the other, guided by those at rest.
+
+    Args:
+        nsplits: Number of parts; ``nwalkers`` moves one walker after the other.
+        randomize_split: Whether to deal the walkers to the parts anew each step.
+        live_dangerously: Whether to allow fewer walkers than twice the dimension.
+
+    Raises:
+        TypeError: If nsplits is not a whole number.
+        ValueError: If nsplits < 2.
+    """
+
+    guides = 2  # the smallest number of walkers at rest that a proposal needs
+
+    def __init__(
+        self, nsplits: int, randomize_split: bool, live_dangerously: bool
+    ) -> None:
+        self.nsplits = checks.whole_number("nsplits", nsplits, 2)
+        self.randomize_split = checks.flag("randomize_split", randomize_split)
+        self.live_dangerously = checks.flag("live_dangerously", live_dangerously)
+
+    def check(self, nwalkers: int, ndim: int) -> None:
+        """Refuse an ensemble for which the move is not valid.
+
+        Raises:
+            ValueError: If there are fewer walkers than splits, or fewer at rest than
+                the proposal needs.
+            RuntimeError: As from emcee's moves, if there are fewer walkers than twice
+                the dimension and live_dangerously is not set.
+        """
+        if nwalkers < self.nsplits:
+            raise ValueError(
+                f"nsplits: expected at most nwalkers = {nwalkers}, got {self.nsplits}"
+            )
+        at_rest = nwalkers - -(-nwalkers // self.nsplits)
+        if at_rest < self.guides:
+            enough = self.guides + -(-self.guides // (self.nsplits - 1))
+            raise ValueError(
+                f"nwalkers: a proposal needs {self.guides} walkers at rest, but "
+                f"{nwalkers} in {self.nsplits} splits leave {at_rest}; use at least "
+                f"{max(2 * ndim, enough)} walkers, better twice as many"
+            )
+        if nwalkers < 2 * ndim and not self.live_dangerously:
+            raise RuntimeError(
+                f"nwalkers: expected at least 2 * ndim = {2 * ndim}, got {nwalkers}; "
+                "fewer may stay in a subspace (live_dangerously=True of the move "
+                "allows it)"
+            )
+
+    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
+        """Yield the walkers of each part, and what proposes by the guides at rest."""
+        nwalkers = len(coords)
+        if self.randomize_split:
+            order = random.random_sample(nwalkers).argsort()
+        else:
+            order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
+        ring = np.concatenate((order, order))
+        size, larger = divmod(nwalkers, self.nsplits)
+        end = 0
+        for split in range(self.nsplits):
+            start, end = end, end + size + (split < larger)
+            guides = [coords.take(ring[end : start + nwalkers], axis=0)]
+            propose = partial(self.get_proposal, c=guides, random=random)
+            yield order[start:end], propose
+
+
+class StockMove(GuidedMove):
+    """The proposals of an emcee ``RedBlueMove`` or ``MHMove``, such as ``DEMove``.
+
+    Args:
+        move: The move whose ``get_proposal`` is used.
+    """
+
+    guides = 1
+
+    def __init__(self, move: RedBlueMove | MHMove) -> None:
+        self.move, self.alone = move, isinstance(move, MHMove)
+        if not self.alone:
+            super().__init__(move.nsplits, move.randomize_split, move.live_dangerously)
+
+    def check(self, nwalkers: int, ndim: int) -> None:
+        """Refuse an ensemble that is too small, where walkers guide each other."""
+        if not self.alone:
+            super().check(nwalkers, ndim)
+
+    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
+        """Yield walkers that move at once, and what proposes for them."""
+        if self.alone:
+            return ProposingMove.parts(self, coords, random)
+        self.move.setup(coords)
+        return super().parts(coords, random)
+
+    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
+        """Return what the wrapped move proposes."""
+        # A copy, for a move may change what it is given.
+        given = (s.copy(), random) if self.alone else (s, c, random)
+        proposed, log_factors = self.move.get_proposal(*given)
+        return proposed, np.broadcast_to(np.asarray(log_factors, dtype=float), len(s))
+
+
+def only_propose(inner: Move) -> ProposingMove:
+    """Return a move that leaves the acceptance to others.
+
+    Raises:
+        TypeError: If inner is not a move, or accepts in its own way.
+    """
+    for kind in (ProposingMove, RedBlueMove, MHMove):
+        if isinstance(inner, kind) and type(inner).propose is kind.propose:
+            return inner if isinstance(inner, ProposingMove) else StockMove(inner)
+    raise TypeError(
+        "inner: expected an untempered move of this package that needs no gradient, or "
+        f"an emcee RedBlueMove or MHMove with emcee's own propose, got {inner!r}"
+    )
+
+
+def refuse_sequential(argument: str, move: Move) -> None:
+    """Refuse a stock move, or one inside a move, that counts its own steps.
+
+    A second run with it, or a resumed one, would not be that of the same seed.
+    """
+    while hasattr(move, "inner"):
+        move = move.inner
+    proposal = getattr(move, "get_proposal", None)
+    if isinstance(move, MHMove) and getattr(proposal, "mode", "") == "sequential":
+        raise ValueError(
+            f"{argument}: GaussianMove(mode='sequential') goes on from where its last "
+            "run ended, so that the same seed gives another chain; use mode='random'"
+        )
+
+
+def find_stock_fault(move: Move, ndim: int) -> str:
+    """Return what is wrong with a move of emcee 3.1.6 itself, or an empty string.
+
+    Source: emcee's pull requests 571 (GaussianMove) and 531 (DESnookerMove).
+    """
+    if emcee.__version__ > "3.1.6":
+        return ""
+    if type(move) is GaussianMove and np.ndim(move.get_proposal.scale) == 2:
+        return (
+            "GaussianMove with a full covariance adds the same step to all walkers, "
+            "which overstates their ESS; use emcee_femu.MetropolisMove(cov=...)"
+        )
+    if type(move) is DESnookerMove:
+        return (
+            "DESnookerMove has a wrong Hastings factor in this release of emcee, so "
+            "that it samples another distribution; leave it out, or use DEMCMove()"
+        )
+    return ""
+
+
+def accept_or_reject(
+    model: Model,
+    state: State,
+    walkers: Indices,
+    proposed: Floats,
+    log_factors: Floats | None = None,
+    betas: Floats | None = None,
+) -> Indices:
+    r"""Evaluate proposals for ``walkers``, accept or reject each, update the state.
+
+    .. math:: r = \min\left\{1, \frac{p(\theta^*)}{p(\theta_i)} e^{F}\right\}
+
+    Args:
+        model: emcee's ``Model``: log-probability function and random stream.
+        state: emcee's ``State``; the accepted walkers are overwritten in place.
+        walkers: Indices ``(k,)`` of the walkers that may move.
+        proposed: Proposals ``(k, ndim)``.
+        log_factors: F of an asymmetric proposal, ``(k,)``.
+        betas: Powers of the likelihood other than 1, ``(k,)``.
+
+    Returns:
+        The indices of the walkers that moved.
+
+    Source: Eqs. 3.1 and 3.3 of Sherri, Boulkaibet, Marwala and Friswell.
+    """
+    if not len(walkers):
+        return walkers
+    log_prob, blobs = model.compute_log_prob_fn(proposed)
+    target, threshold = log_prob, state.log_prob.take(walkers)
+    if betas is not None:  # -inf stays -inf for every beta; beta = 1 changes no bit
+        target = log_prob - (1 - betas) * subtract_log_prior(log_prob, blobs[:, 0])
+        old = subtract_log_prior(threshold, state.blobs[walkers, 0])
+        threshold -= (1 - betas) * old
+    # log U = -Exp(1). Written without a difference, so that -inf against -inf is a
+    # rejection and not a NaN.
+    threshold -= model.random.standard_exponential(len(walkers))
+    if log_factors is not None:
+        threshold -= log_factors
+    better = (target > threshold).nonzero()[0]
+    moved: Indices = walkers.take(better)
+    new = proposed.take(better, axis=0), log_prob.take(better)
+    overwrite(state, moved, *new, None if blobs is None else blobs[better])
+    return moved
+
+
+def overwrite(
+    state: State,
+    moved: Indices,
+    coords: Floats,
+    log_prob: Floats,
+    blobs: NDArray[np.generic] | None,
+) -> None:
+    """Write where the walkers ``moved`` are now into the state."""
+    state.coords[moved] = coords
+    state.log_prob[moved] = log_prob
+    if blobs is not None:
+        if state.blobs is None:
+            raise ValueError(
+                "initial_state: it has log_prob but no blobs, and the log-probability "
+                "returns blobs; pass State(coords, log_prob, blobs), or coords alone"
+            )
+        state.blobs[moved] = blobs
+
+
+def refresh(
+    known: tuple[Floats, Floats] | None,
+    coords: Floats,
+    evaluate: Callable[[Floats], Floats],
+) -> Floats:
+    """Return what ``evaluate`` finds at all walkers, asked only of those that moved.
+
+    Args:
+        known: Where the walkers were, ``(n, ndim)``, and what was found there; None at
+            first. It saves evaluations and nothing else.
+        coords: Where they are.
+        evaluate: Called with ``(k, ndim)``, returns ``(k, ...)``.
+    """
+    if known is None or known[0].shape != coords.shape:
+        return evaluate(coords).copy()
+    changed = (known[0] != coords).any(axis=1)
+    values = known[1].copy()  # as it was, should a model raise
+    if changed.any():
+        values[changed] = evaluate(coords[changed])
+    return values
+
+
+def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:
+    """Return the log-likelihoods of walkers, and 0 where the posterior is zero."""
+    result = np.zeros_like(log_prob)
+    return np.subtract(log_prob, log_prior, out=result, where=log_prob > -np.inf)
+
+
+def check_state(state: State) -> None:
+    """Refuse walkers of whole numbers, and those that are all where nothing may be."""
+    coords, log_prob = state.coords, state.log_prob
+    if log_prob[0] == -np.inf and (log_prob == -np.inf).all():
+        raise ValueError(
+            "initial_state: all walkers have a log-probability of -inf, as outside of "
+            "bounds; start where it is finite, such as at posterior.start(nwalkers, "
+            "seed=1)"
+        )
+    # In an array of whole numbers emcee would truncate what is accepted.
+    if coords.dtype.kind != "f":
+        raise TypeError(
+            f"initial_state: expected floating-point coordinates, got {coords.dtype}, "
+            "which would truncate accepted proposals; pass numpy.asarray(p0, float)"
+        )

@@ -1,0 +1,61 @@
+"""Moves with weights, as emcee takes them, and the walkers that they need."""
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from .. import checks
+from ..interfaces import Move
+from ..posterior.log_posterior import LogPosterior
+from .demc import DEMCMove
+from .hamiltonian import HamiltonianMove
+from .proposing import ProposingMove, refuse_sequential
+from .tempering import TemperedMove, find_ladder
+
+Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
+
+
+def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, float]]:
+    """Return moves with weights: of one, of a list of them, or of weighted pairs."""
+    listed: list[Any] = list(moves) if isinstance(moves, list | tuple) else [moves]
+    if not listed:
+        raise ValueError(f"{argument}: expected at least one move, got none")
+    pairs = [item for item in listed if isinstance(item, list | tuple)]
+    if pairs and (len(pairs) < len(listed) or any(len(pair) != 2 for pair in pairs)):
+        raise TypeError(
+            f"{argument}: expected (move, weight) throughout, got {moves!r}"
+        )
+    weighted = [(item, 1.0) for item in listed]
+    if pairs:
+        label = f"{argument} (their weights)"
+        weighted = [(m, checks.real_number(label, w, 0.0)) for m, w in pairs]
+    for move, _ in weighted:
+        if isinstance(move, type) or not hasattr(move, "propose"):
+            raise TypeError(
+                f"{argument}: expected an emcee move, a list of moves or of (move, "
+                f"weight), or 'auto', got {move!r}"
+            )
+    if not sum(weight for _, weight in weighted) > 0:
+        raise ValueError(f"{argument}: expected a weight above zero, got {moves!r}")
+    return weighted
+
+
+def check_walkers(
+    nwalkers: int | None,
+    weighted: list[tuple[Move, float]] | None,
+    posterior: LogPosterior,
+) -> int:
+    """Return the walkers per ensemble, by default what is usual for the moves."""
+    ndim = posterior.ndim
+    moves = [DEMCMove()] if weighted is None else [move for move, _ in weighted]
+    tempered = find_ladder(moves)  # refuses temperatures that differ
+    if nwalkers is None:
+        usual = max(16, 4 * ndim)
+        nwalkers = tempered.default_walkers(ndim) if tempered else usual
+    number = checks.whole_number("nwalkers", nwalkers, 1)
+    for move in moves:
+        refuse_sequential("moves", move)
+        if isinstance(move, ProposingMove | HamiltonianMove | TemperedMove):
+            move.check(number, ndim)
+        if isinstance(move, HamiltonianMove):
+            move.leapfrog(posterior)  # refuses one without gradients
+    return number

@@ -1,0 +1,237 @@
+r"""Gradient and Fisher information of a posterior.
+
+Where every model has ``jacobian`` they take one solve per point
+(:func:`along_tangents`), else a stencil of solves (:func:`difference`). Terms and
+priors are differenced without any.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..interfaces import Floats, Linearization, Prior, SolveError
+from ..likelihoods.term import linearize_normal
+
+if TYPE_CHECKING:
+    from .experiments import Solved
+    from .log_posterior import LogPosterior
+
+Sides: TypeAlias = tuple[tuple[float, ...], ...]
+
+# Of the prior's scale: eigenvalues that are good to 1e-10 then give derivatives that
+# are good to 1e-5, those of dense solvers to 1e-9, and curvature costs about as much.
+STEP = 3e-5
+COARSE = 3e-3  # for a search: frequencies that are good to six digits will do
+WIDE = 1e-3  # of second derivatives of the prior, from first ones
+DRAWS = 256
+# Central where both points are inside, else one-sided with the same order.
+SIDES: Sides = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
+ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
+
+
+class Stencil(NamedTuple):
+    """Points about each parameter set at which its derivatives are taken.
+
+    Attributes:
+        points: ``(n * (k d + 1), d)``, the centre first.
+        steps: k steps along each parameter, 1 or 2, ``(n, k, d)``; NaN where none is
+            inside.
+    """
+
+    points: Floats
+    steps: Floats
+
+    def derive(self, values: Floats) -> Floats:
+        """Return derivatives ``(n, m, d)`` of values ``(n * (k d + 1), m)``."""
+        n, k, d = self.steps.shape
+        values = values.reshape(n, 1 + k * d, -1)
+        with np.errstate(invalid="ignore"):  # of solves that failed
+            changes = (values[:, 1:] - values[:, :1]).reshape(n, k, d, -1)
+            first, a = changes[:, 0].swapaxes(1, 2), self.steps[:, None, 0]
+            derivatives: Floats = first / a
+            if k == 2:
+                second, b = changes[:, 1].swapaxes(1, 2), self.steps[:, None, 1]
+                derivatives = (first * (b / a) - second * (a / b)) / (b - a)
+        return derivatives
+
+
+def prior_scale(prior: Prior) -> Floats:
+    """Return the scale of each parameter ``(d,)``: from quartile to quartile."""
+    draws = prior.sample(np.random.default_rng(0), DRAWS)
+    low, high = np.quantile(draws, [0.25, 0.75], axis=0)
+    scale: Floats = (high - low) / 1.35
+    return scale
+
+
+def place(
+    prior: Prior,
+    theta: Floats,
+    scale: Floats,
+    step: float = STEP,
+    sides: Sides = SIDES,
+) -> Stencil:
+    """Return the points about ``theta (n, d)``, none outside the prior's support."""
+    (n, d), k = theta.shape, len(sides[0])
+    around = np.tile(theta[:, None, None], (1, k, d, 1))
+    steps = np.full((n, k, d), np.nan)
+    for signs in sides:
+        moves = np.array(signs)[:, None, None] * step * np.diag(scale)
+        trial = theta[:, None, None] + moves  # (n, k, d, d)
+        density = prior.logpdf(trial.reshape(-1, d)).reshape(n, k, d)
+        chosen = np.isnan(steps) & np.isfinite(density).all(axis=1, keepdims=True)
+        around = np.where(chosen[..., None], trial, around)
+        moved = np.diagonal(trial - theta[:, None, None], axis1=2, axis2=3)
+        steps = np.where(chosen, moved, steps)
+        if not np.isnan(steps).any():
+            break
+    points = np.concatenate([theta[:, None], around.reshape(n, k * d, d)], axis=1)
+    return Stencil(points.reshape(-1, d), steps)
+
+
+def prior_gradient(prior: Prior, theta: Floats, scale: Floats) -> Floats:
+    """Return the gradient of the log-prior ``(n, d)``."""
+    stencil = place(prior, theta, scale)
+    return stencil.derive(prior.logpdf(stencil.points))[:, 0]
+
+
+def prior_hessian(prior: Prior, theta: Floats, scale: Floats) -> Floats:
+    """Return the second derivatives of the log-prior ``(n, d, d)``."""
+    stencil = place(prior, theta, scale, WIDE)
+    hessian = stencil.derive(prior_gradient(prior, stencil.points, scale))
+    return (hessian + hessian.swapaxes(1, 2)) / 2
+
+
+def along_tangents(
+    posterior: "LogPosterior",
+    theta: Floats,
+    rows: Floats,
+    solved: Sequence["Solved"],
+    information: bool,
+) -> Floats:
+    """Return gradients, and information where asked for, side by side, by one solve.
+
+    Args:
+        posterior: The posterior.
+        theta: Parameter sets ``(n, d)`` inside the prior's support.
+        rows: Their rows.
+        solved: What the experiments gave for them, with tangents.
+        information: Whether it is wanted.
+    """
+    low, high = posterior.prior.bounds.T
+    room = np.minimum(theta - low, high - theta)  # a step is small beside it
+    size = STEP * posterior.scale
+    steps = np.clip(1e-3 * room, 1e-6 * size, size)
+    parameters = posterior.parameters(theta)
+    units = zip(posterior.names, np.eye(posterior.ndim), strict=True)
+    along = {name: np.broadcast_to(unit, theta.shape) for name, unit in units}
+    gradient = prior_gradient(posterior.prior, theta, posterior.scale)
+    scores = []
+    for experiment, own in zip(posterior.experiments, solved, strict=True):
+        tangents = own.tangents | along
+        for term in experiment.terms:
+            with np.errstate(all="ignore"):  # of rows that are -inf
+                slope, score = term.linearize(parameters, own.response, tangents, steps)
+            gradient += slope
+            scores.append(score)
+    return _side_by_side(posterior, theta, rows, gradient, scores, information)
+
+
+def difference(
+    posterior: "LogPosterior",
+    theta: Floats,
+    evaluate: Callable[[Floats], Floats],
+    information: bool,
+    searching: bool = False,
+) -> Floats:
+    """Return rows, gradients and information of points, by a stencil of solves.
+
+    Args:
+        posterior: The posterior.
+        theta: Parameter sets ``(n, d)`` inside the prior's support.
+        evaluate: Returns ``posterior.stack(points, "deviations")``, on workers perhaps.
+        information: Whether it is wanted.
+        searching: Whether d + 1 solves per point will do, in place of 2 d + 1.
+    """
+    n, d = theta.shape
+    width = len(posterior.rejected())
+    how = (COARSE, ONE_SIDE) if searching else (STEP, SIDES)
+    stencil = place(posterior.prior, theta, posterior.scale, *how)
+    evaluated = evaluate(stencil.points)
+    slopes = stencil.derive(evaluated)  # (n, columns, d)
+    values = evaluated.reshape(n, -1, evaluated.shape[1])
+    rows = values[:, 0, :width]
+    gradient = prior_gradient(posterior.prior, theta, posterior.scale)
+    others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
+    gradient += slopes[:, others].sum(axis=1)
+    scores: list[Floats | None] = [None] * len(others)
+    if len(others) < len(posterior.terms) and values.shape[2] > width:
+        half = (values.shape[2] - width) // 2
+        r, sd = slice(width, width + half), slice(width + half, None)
+        with np.errstate(all="ignore"):  # of rows that are -inf
+            slope, score = linearize_normal(
+                values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
+            )
+        gradient += slope
+        scores.append(score)
+    result = np.full((n, width + d + (d * d if information else 0)), np.nan)
+    result[:, :width] = rows
+    # A solve that failed beside a point leaves it without a gradient.
+    known = np.isfinite(values[:, :, 0]).all(axis=1)
+    known &= ~np.isnan(stencil.steps).any(axis=(1, 2))
+    if known.any():
+        some = [None if score is None else score[known] for score in scores]
+        result[known, width:] = _side_by_side(
+            posterior, theta[known], rows[known], gradient[known], some, information
+        )
+    return result
+
+
+def _side_by_side(
+    posterior: "LogPosterior",
+    theta: Floats,
+    rows: Floats,
+    gradient: Floats,
+    scores: Sequence[Floats | None],
+    information: bool,
+) -> Floats:
+    """Return gradient and information side by side; NaN where a row is -inf.
+
+    Raises:
+        SolveError: If a gradient is not finite elsewhere.
+    """
+    n, d = theta.shape
+    parts = [gradient]
+    if information:
+        matrix = -prior_hessian(posterior.prior, theta, posterior.scale)
+        for score in scores:
+            matrix += np.nan if score is None else score.swapaxes(1, 2) @ score
+        parts.append(matrix.reshape(n, d * d))
+    result = np.hstack(parts)
+    rejected = rows[:, 0] == -np.inf
+    result[rejected] = np.nan
+    wrong = ~rejected & ~np.isfinite(gradient).all(axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        values = dict(zip(posterior.names, theta[row].tolist(), strict=True))
+        raise SolveError(
+            "not finite",
+            f"the gradient of the log-posterior is {gradient[row].tolist()} at "
+            f"{values}; a model's jacobian and a term's deviations must be finite",
+        )
+    return result
+
+
+def unstack(posterior: "LogPosterior", stacked: Floats) -> Linearization:
+    """Return rows, gradient and information; None where a term's is not known."""
+    width, d, n = len(posterior.rejected()), posterior.ndim, len(stacked)
+    rows, gradient = stacked[:, :width], stacked[:, width : width + d]
+    information = stacked[:, width + d :]
+    if not gradient.shape[1]:  # nothing but failures
+        gradient = np.full((n, d), np.nan)
+    if not information.shape[1]:
+        return Linearization(rows, gradient, np.full((n, d, d), np.nan))
+    information = information.reshape(n, d, d)
+    solved = np.isfinite(gradient).all(axis=1)
+    unknown = bool(np.isnan(information[solved]).any())
+    return Linearization(rows, gradient, None if unknown else information)

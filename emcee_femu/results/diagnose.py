@@ -1,0 +1,232 @@
+"""Judge chains: autocorrelation time, ESS, R-hat, acceptance, and one verdict."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from ..interfaces import Floats
+from ..table import Parts, Report, Table
+from .arviz_objects import effective_sizes, mean_sizes, rhat
+from .chains import FEWEST_ENSEMBLES, excess_scatter, read_chains, tau_by_ensemble
+from .modes import ModeWeights, weigh_modes
+from .verdict import CONVERGED, judge
+
+FEWEST_STEPS = 8  # that can be judged
+TAILS = (0.05, 0.95)
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis(Report):
+    """What :func:`.diagnose` found; ``print`` it for a table and the verdict.
+
+    Attributes:
+        names: Parameter names, ``d`` of them.
+        steps: Stored steps per ensemble, after burn-in.
+        tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
+            where no walker moved.
+        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``; from 50 on, tau
+            and ESS can be believed.
+        ess_bulk: Effective sample size for the centre, all ensembles, ``(d,)``.
+        ess_tail: Effective sample size for the 5 % and 95 % quantiles, ``(d,)``.
+        acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN where
+            it is not known.
+        stuck: ``(ensemble, walker)`` of each walker with a parameter that never
+            changed.
+        rhat_within: R-hat over the walkers of one ensemble, the worst, ``(d,)``: a
+            mixing indicator, not convergence, since walkers depend on one another;
+            NaN for a single walker.
+        rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
+            test for a missed mode; NaN for a single ensemble.
+        sd_error: Relative standard error of the standard deviation, by the ESS of
+            squared deviations, ``(d,)``.
+        scatter: By how much the ensembles' means and variances scatter more than tau
+            allows (above 1), the worse of both, ``(d,)``; NaN for less than three.
+        failures: Number of rejected solves by cause (``run(on_failure="reject")``).
+        modes: Separated modes of the posterior and the frozen proposal, if "auto"
+            ran; printed where there are several.
+        short: The verdict in a few words.
+        verdict: The verdict in one sentence.
+    """
+
+    names: tuple[str, ...]
+    steps: int
+    tau: Floats
+    steps_per_tau: Floats
+    ess_bulk: Floats
+    ess_tail: Floats
+    acceptance: Floats
+    stuck: tuple[tuple[int, int], ...]
+    rhat_within: Floats
+    rhat_between: Floats
+    sd_error: Floats
+    scatter: Floats
+    failures: Mapping[str, int]
+    modes: ModeWeights | None = None
+    short: str = ""
+    verdict: str = ""
+
+    @property
+    def converged(self) -> bool:
+        """Whether several ensembles of independent starts passed every check."""
+        return self.short == CONVERGED
+
+    @property
+    def table(self) -> Table:
+        """One row per parameter; tau is that of the worst ensemble."""
+        n_ensembles, n_walkers = self.acceptance.shape
+        return Table.from_columns(
+            f"Diagnosis: {n_ensembles} x {n_walkers} walkers, {self.steps} steps",
+            [
+                ("parameter", "", list(self.names)),
+                ("tau", ".1f", self.tau.max(axis=0)),
+                ("steps/tau", ".0f", self.steps_per_tau),
+                ("ESS bulk", ".0f", self.ess_bulk),
+                ("ESS tail", ".0f", self.ess_tail),
+                ("R-hat walkers", ".3f", self.rhat_within),
+                ("R-hat ensembles", ".3f", self.rhat_between),
+            ],
+        )
+
+    def _sentences(self) -> list[str]:
+        lines = []
+        if np.isfinite(self.acceptance).all():
+            lines.append(
+                f"Acceptance {self.acceptance.mean():.2f} (walkers "
+                f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
+                f"{len(self.stuck)} stuck walkers."
+            )
+        if self.failures:
+            lines.append(f"Failed solves, taken for impossible: {dict(self.failures)}.")
+        return [*lines, self.verdict]
+
+    def _parts(self) -> Parts:
+        modes = self.modes
+        several = [] if modes is None or len(modes.importance) < 2 else [modes.table]
+        return self.table, *several, *self._sentences()
+
+
+def diagnose(source: object, discard: int = 0) -> Diagnosis:
+    """Judge whether the chains can be trusted.
+
+    tau is emcee's, for each ensemble by itself. R-hat is rank-normalised and split.
+    One ensemble cannot show that it missed a mode: run several from
+    over-dispersed starts. For tempered runs only the cold walkers are judged, and tau
+    and ESS are those of the mean over these walkers: an exchange hands a state to
+    another walker, so that a walker forgets sooner than its ensemble.
+
+    Args:
+        source: What :func:`run` returned, EnsembleSamplers of one target, or the name
+            of a run's file; or an ArviZ object of them, with steps counted after its
+            own ``discard`` and ``thin``.
+        discard: Stored steps to drop as burn-in.
+
+    Returns:
+        Numbers and a verdict; ``print`` it.
+
+    Raises:
+        TypeError: If source is something else, or discard not a whole number.
+        ValueError: If fewer than 8 steps are left.
+
+    Source: Goodman and Weare (2010), doi:10.2140/camcos.2010.5.65 (tau); Vehtari et
+    al. (2021), doi:10.1214/20-BA1221 (R-hat, ESS).
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 50, ensembles=1, seed=1)
+        >>> ef.diagnose(run).verdict.split(":")[0]
+        'Not converged'
+    """
+    chains = read_chains(source, discard=discard)
+    if chains.kind != "chain":
+        reason = {
+            "population": "an annealed population, which has no convergence to judge; "
+            "run it again with other seeds and compare",
+            "weighted": "the weighted draws of a certificate; print the certificate, "
+            "and diagnose the chain of the emulated posterior",
+        }[chains.kind]
+        raise ValueError(f"source: expected chains, got {reason}")
+    draws = chains.draws
+    steps, n_ensembles, n_walkers, ndim = draws.shape
+    if steps < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"
+        )
+    moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
+    by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
+    squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
+    scatter = np.full(ndim, np.nan)
+    if len(chains.betas) > 1:
+        tau = tau_by_ensemble(
+            draws.mean(axis=2, keepdims=True), moved.any(axis=1, keepdims=True)
+        )
+        bulk, tail = _sizes_by_means(draws)
+        of_squares = _size_by_means(squares)
+    else:
+        tau = tau_by_ensemble(draws, moved)
+        bulk, tail = effective_sizes(_as_chains(draws))
+        of_squares = mean_sizes(_as_chains(squares))
+        if n_ensembles >= FEWEST_ENSEMBLES:
+            means = excess_scatter(draws, tau)
+            scatter = np.fmax(
+                means, excess_scatter(squares, tau_by_ensemble(squares, moved))
+            )
+    within = [np.full(ndim, np.nan)]  # one walker alone has nothing to compare with
+    if n_walkers > 1:
+        within = [rhat(walkers) for walkers in by_ensemble]
+    between = np.full(ndim, np.nan)
+    if n_ensembles > 1:
+        pooled = by_ensemble.reshape(n_ensembles, -1, ndim)  # walker after walker
+        between = rhat(pooled)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        steps_per_tau = steps / tau.max(axis=0)
+        of_variance = np.sqrt(squares.var(axis=(0, 1, 2)) / of_squares)
+        sd_error = 0.5 * of_variance / squares.mean(axis=(0, 1, 2))
+    diagnosis = Diagnosis(
+        names=chains.names,
+        steps=steps,
+        tau=tau,
+        steps_per_tau=steps_per_tau,
+        ess_bulk=bulk,
+        ess_tail=tail,
+        acceptance=chains.acceptance,
+        stuck=tuple((int(e), int(w)) for e, w in np.argwhere(~moved)),
+        rhat_within=np.max(within, axis=0),
+        rhat_between=between,
+        sd_error=sd_error,
+        scatter=scatter,
+        modes=weigh_modes(chains),
+        failures=chains.failures,
+    )
+    short, verdict = judge(diagnosis, chains.starts_given)
+    return replace(diagnosis, short=short, verdict=verdict)
+
+
+def _as_chains(values: Floats) -> Floats:
+    """Return values with every walker as a chain, ``(chains, steps, d)``."""
+    chains: Floats = values.transpose(1, 2, 0, 3).reshape(
+        -1, len(values), values.shape[3]
+    )
+    return chains
+
+
+def _sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
+    """Return bulk and tail ESS by how much the means over the walkers scatter."""
+    scores = stats.rankdata(draws.reshape(-1, draws.shape[-1]), axis=0)
+    scores = stats.norm.ppf((scores - 0.375) / (len(scores) + 0.25))
+    # Ranks make little of the gap between modes, over which the draws mix slowest.
+    bulk = [_size_by_means(values) for values in (draws, scores.reshape(draws.shape))]
+    ends = np.quantile(draws, TAILS, axis=(0, 1, 2))
+    tails = [_size_by_means(1.0 * (draws <= end)) for end in ends]
+    return np.min(bulk, axis=0), np.min(tails, axis=0)
+
+
+def _size_by_means(values: Floats) -> Floats:
+    """Return the ESS of ``values (steps, ensembles, walkers, d)``: var / var(mean)."""
+    series = values.mean(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))
+    result: Floats = gain * mean_sizes(series.swapaxes(0, 1))
+    return result

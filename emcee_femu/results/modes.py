@@ -1,0 +1,152 @@
+"""Separated modes in a chain, held to what importance sampling says of them.
+
+A chain of independence proposals waits long where the proposal is too thin: the
+importance weights tell, at fresh draws of the proposal and at the chain's own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..interfaces import Floats
+from ..sampling.importance import pareto_k
+from ..table import Parts, Report, Table
+from .arviz_objects import mean_sizes, spread_out
+from .chains import Chains, excess_scatter, tau_by_ensemble
+
+MOST_DRAWS = 20_000  # whose Pareto k is found
+CHUNK = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class ModeWeights(Report):
+    """Separated modes of the posterior in the chain of ``run(..., "auto")``.
+
+    Attributes:
+        weights: Share of each mode in each ensemble, ``(ensembles, g)``.
+        errors: Standard error of the weights of all ensembles together, ``(g,)``.
+        scatter: By how much the weights scatter over the ensembles beyond what tau
+            allows (above 1), ``(g,)``; NaN for less than three ensembles.
+        importance: Weights by importance sampling, ``(g,)``; NaN where not known.
+        importance_errors: Their standard errors, ``(g,)``.
+        acceptance: Expected acceptance of frozen proposals from there, ``(g,)``; NaN
+            where the chain has no draw.
+        slowest: The least acceptance from a draw of the chain: how long the worst
+            walker waits.
+        found: Whether a search ended or a walker started there, ``(g,)``.
+        pareto_k: Of the importance weights of the proposal, at its refinement.
+        chain_k: The same by the draws of the chain.
+        efficiency: Effective share of its draws.
+        share: Share of the steps that propose from it.
+        searched: Points of the search for modes.
+    """
+
+    weights: Floats
+    errors: Floats
+    scatter: Floats
+    importance: Floats
+    importance_errors: Floats
+    acceptance: Floats
+    slowest: float
+    found: NDArray[np.bool_]
+    pareto_k: float
+    chain_k: float
+    efficiency: float
+    share: float
+    searched: int = 0
+
+    def _parts(self) -> Parts:
+        return (self.table,)
+
+    @property
+    def table(self) -> Table:
+        """One row per mode."""
+        n_ensembles, n_modes = self.weights.shape
+        by_ensemble = [
+            (f"ensemble {e}", ".3f", row) for e, row in enumerate(self.weights, 1)
+        ]
+        return Table.from_columns(
+            f"Weights of {n_modes} separated modes",
+            [
+                ("mode", "", list(range(1, n_modes + 1))),
+                *by_ensemble,
+                ("+-", ".3f", self.errors),
+                ("importance", ".3f", self.importance),
+                ("+- ", ".3f", self.importance_errors),
+                ("acceptance", ".2f", self.acceptance),
+            ],
+        )
+
+
+def weigh_modes(chains: Chains) -> ModeWeights | None:
+    """Return the modes in chains of "auto", None if they are of something else."""
+    search, draws = chains.search, chains.draws
+    if search is None or draws.shape[-1] != search.mixture.means.shape[1]:
+        return None
+    n_modes = len(search.weights)
+    flat = draws.reshape(-1, draws.shape[-1])
+    pieces = np.array_split(flat, -(-len(flat) // CHUNK))
+    log_q = np.concatenate([search.mixture.log_density(x) for x in pieces])
+    log_weights = chains.log_prob.reshape(-1) - log_q
+    owner = np.concatenate([search.label(x) for x in pieces])
+    labels = owner.reshape(draws.shape[:3])
+    indicators = 1.0 * (labels[..., None] == np.arange(n_modes))
+    accepted = expected_acceptance(log_weights)
+    acceptance = [
+        accepted[owner == mode].mean() if (owner == mode).any() else np.nan
+        for mode in range(n_modes)
+    ]
+    # Draws of p, not of q, have the tail index k / (1 - k).
+    k = pareto_k(log_weights[spread_out(len(flat), MOST_DRAWS)])
+    as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_modes)
+    sizes = mean_sizes(as_chains)
+    by_ensemble = indicators.mean(axis=(0, 2))
+    total = by_ensemble.mean(axis=0)
+    sizes = np.where(np.isfinite(sizes), sizes, labels.size)
+    # Of a mode without draws, or with nothing else, as if there were one other draw.
+    variance = np.maximum(total * (1 - total), 1 / sizes)
+    return ModeWeights(
+        weights=by_ensemble,
+        errors=np.sqrt(variance / sizes) * (n_modes > 1),
+        scatter=_scatter(indicators),
+        importance=search.weights,
+        importance_errors=search.errors,
+        acceptance=np.array(acceptance),
+        slowest=float(accepted.min()),
+        found=search.found_by.sum(axis=0) + search.starts.sum(axis=0) > 0,
+        pareto_k=search.pareto_k,
+        chain_k=k / (1 + k) if 0 < k < np.inf else min(k, 1.0),
+        efficiency=search.efficiency,
+        share=search.share,
+        searched=search.points,
+    )
+
+
+def _scatter(indicators: Floats) -> Floats:
+    """Return the excess scatter of each mode's weight ``(g,)``."""
+    moved = (indicators != indicators[0]).any(axis=0)  # (ensembles, walkers, g)
+    tau = [
+        tau_by_ensemble(indicators[..., [mode]], moved[..., mode])
+        for mode in range(indicators.shape[-1])
+    ]
+    return excess_scatter(indicators, np.hstack(tau))
+
+
+def expected_acceptance(log_weights: Floats) -> Floats:
+    r"""Return the acceptance of a proposal of q from each draw of p, ``(n,)``.
+
+    .. math:: a(x) = E_q \min\{1, w(y) / w(x)\}
+        = \frac{E_p \min\{1 / w(y), 1 / w(x)\}}{E_p\, 1 / w(y)}
+
+    Args:
+        log_weights: ln w = ln(p / q) at draws of p, ``(n,)``.
+    """
+    inverse = np.exp(log_weights.min() - log_weights)
+    order = np.argsort(inverse)
+    increasing = inverse[order]
+    n = len(inverse)
+    below = np.cumsum(increasing)
+    result = np.empty(n)
+    result[order] = (below + increasing * np.arange(n - 1, -1, -1)) / below[-1]
+    return result

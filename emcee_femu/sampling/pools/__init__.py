@@ -1,1 +1,0 @@
-"""How :class:`EvaluationPool` works, and what runs on a worker."""

@@ -1,0 +1,280 @@
+"""Adaptive importance sampling: a proposal refined by the weights of its own draws."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+from scipy.special import logsumexp
+
+from ..interfaces import Floats
+from ..moves.mixture import Mixture
+from .importance import FAIR_SHARE, GOOD_K, kish_share, normalise, pareto_k
+
+ROUNDS = 12
+GOOD_SHARE = 0.9  # effective share of a round's draws that ends the refinement
+HIGH_SHARE = 0.8  # where a heavy tail counts little
+LEAST_SHARE, FAIR_K = 0.2, 0.4  # beyond which it may end without
+DFS = (3.0, 5.0, 8.0, 16.0, 50.0)
+MOST_COMPONENTS = 30
+NEW_WEIGHT = 0.2
+STRESSED = 10  # iterations
+LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
+COVERS = ((0.05, 1.5), (0.05, 3.0))  # weights and widths of those that fill gaps
+RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
+PAIRED = 500  # draws of which all pairs are compared
+
+# Draws from a mixture, and evaluates: draws (size, d) and their rows.
+Propose: TypeAlias = Callable[[Mixture, int], tuple[Floats, Floats]]
+
+
+@dataclass
+class Draws:
+    r"""All draws so far, weighted as if they came from the mixture of all proposals.
+
+    .. math:: w(x) = \frac{p(x)}{\sum_t n_t q_t(x) / \sum_t n_t}
+
+    Source: Cornuet, Marin, Mira and Robert (2012),
+    doi:10.1111/j.1467-9469.2011.00756.x.
+
+    Attributes:
+        x: Draws of finite log-posterior, ``(n, d)``.
+        log_p: Their log-posteriors.
+        log_q: ln of the sum over the proposals of n_t q_t; the first is the prior.
+        from_prior: Number of draws of the prior.
+        proposals: Number of draws and mixture, by round.
+    """
+
+    x: Floats
+    log_p: Floats
+    log_q: Floats
+    from_prior: int
+    proposals: list[tuple[int, Mixture]] = field(default_factory=list)
+
+    @classmethod
+    def of_prior(cls, x: Floats, rows: Floats) -> "Draws":
+        """Return the draws of the prior, with their rows."""
+        possible = np.isfinite(rows[:, 0])
+        log_p, log_prior = rows[possible, 0], rows[possible, 1]
+        return cls(x[possible], log_p, np.log(len(x)) + log_prior, len(x))
+
+    def add(self, x: Floats, rows: Floats, mixture: Mixture) -> None:
+        """Add draws of another proposal."""
+        n = len(x)
+        self.log_q = np.logaddexp(self.log_q, np.log(n) + mixture.log_density(self.x))
+        self.proposals.append((n, mixture))
+        possible = np.isfinite(rows[:, 0])
+        x, log_p, log_prior = x[possible], rows[possible, 0], rows[possible, 1]
+        log_q = np.log(max(self.from_prior, 1e-300)) + log_prior
+        for count, other in self.proposals:
+            log_q = np.logaddexp(log_q, np.log(count) + other.log_density(x))
+        self.x = np.vstack([self.x, x])
+        self.log_p = np.append(self.log_p, log_p)
+        self.log_q = np.append(self.log_q, log_q)
+
+    @property
+    def log_weights(self) -> Floats:
+        """The logarithms of w, up to a constant."""
+        return self.log_p - self.log_q
+
+    @property
+    def shares(self) -> Floats:
+        """The weights, which sum to one."""
+        return normalise(self.log_weights)
+
+    @property
+    def log_evidence(self) -> float:
+        """The log evidence, for log_q counts the draws."""
+        return float(logsumexp(self.log_weights))
+
+    def lack(self, mixture: Mixture) -> float:
+        """Return the largest ln(p / q) of draws that carry mass, p normalised."""
+        excess = self.log_p - self.log_evidence - mixture.log_density(self.x)
+        return float(excess[self.shares > CARRIES].max())
+
+    def effective_share(self, mixture: Mixture) -> float:
+        """Return what the effective share of draws of a mixture would be."""
+        excess = self.log_p - mixture.log_density(self.x)
+        top = excess.max()
+        ratio = np.exp(excess - top)
+        # E_q[w]^2 / E_q[w^2] = Z / E_p[p / q]
+        return float(np.exp(self.log_evidence - top) / (self.shares @ ratio))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A proposal, and fresh draws of it, by which it is judged.
+
+    Attributes:
+        mixture: The proposal.
+        theta: Its draws ``(n, d)``.
+        rows: Their rows.
+        log_weights: ln(p / q) of each.
+        pareto_k: Of the weights.
+        efficiency: Their effective share.
+        log_evidence: By importance sampling.
+    """
+
+    mixture: Mixture
+    theta: Floats
+    rows: Floats
+    log_weights: Floats
+    pareto_k: float
+    efficiency: float
+    log_evidence: float
+
+    @classmethod
+    def of(cls, mixture: Mixture, size: int, propose: Propose) -> "Trial":
+        """Return a trial of ``size`` draws."""
+        theta, rows = propose(mixture, size)
+        log_weights = rows[:, 0] - mixture.log_density(theta)
+        return cls(
+            mixture,
+            theta,
+            rows,
+            log_weights,
+            pareto_k(log_weights),
+            kish_share(log_weights),
+            float(logsumexp(log_weights)) - np.log(len(theta)),
+        )
+
+    @property
+    def narrow(self) -> bool:
+        """Whether it lacks part of the posterior; nearly equal weights do not."""
+        return self.pareto_k > GOOD_K and self.efficiency < FAIR_SHARE
+
+    @property
+    def acceptance(self) -> float:
+        """The acceptance of independence proposals in equilibrium."""
+        if not self.efficiency:
+            return 0.0
+        some = self.log_weights[:: -(-len(self.log_weights) // PAIRED)]
+        if not np.isfinite(some).any():
+            return 0.0
+        weights = normalise(some)
+        # Walkers are where the weights are: w_i min(1, w_j / w_i).
+        accepted = np.minimum(weights, weights[:, None]).sum()
+        return float(accepted / len(some))
+
+
+def refine(
+    draws: Draws, mixture: Mixture, size: int, most: int, propose: Propose
+) -> Mixture:
+    """Return the mixture after rounds of drawing from it, weighting and fitting.
+
+    Args:
+        draws: What was drawn before; it is added to.
+        mixture: The first proposal, without covering components.
+        size: Draws of a round at least; later rounds have more.
+        most: Draws after which no round begins.
+        propose: What draws and evaluates.
+
+    Returns:
+        The best proposal of the last rounds, with its covering components.
+    """
+    proposals: list[Mixture] = []
+    shares: list[float] = []
+    spent = 0
+    for number in range(ROUNDS):
+        wide = cover(mixture)
+        x, rows = propose(wide, size * max(2, number) // 2)
+        log_weights = rows[:, 0] - wide.log_density(x)
+        draws.add(x, rows, wide)
+        proposals.append(wide)
+        shares.append(kish_share(log_weights))
+        # As good as can be, or two rounds without a gain and no heavy tail that counts.
+        settled = number > 2 and max(shares[-2:]) < 1.05 * max(shares[:-2])
+        light = shares[-1] > LEAST_SHARE and pareto_k(log_weights) < FAIR_K
+        enough = settled and (light or shares[-1] > HIGH_SHARE)
+        spent += len(x)
+        if not len(draws.x) or spent >= most:
+            break
+        if (shares[-1] > GOOD_SHARE or enough) and draws.lack(wide) < LACK:
+            break
+        mixture = _refit(draws, mixture)
+    # The fits of early rounds know too little to be compared.
+    last = proposals[-3:]
+    return max(last, key=draws.effective_share) if len(draws.x) else wide
+
+
+def cover(mixture: Mixture) -> Mixture:
+    """Return a mixture with wide components, for gaps between others and for tails."""
+    mean = mixture.weights @ mixture.means
+    apart = mixture.means - mean
+    spread = (mixture.weights * apart.T) @ apart * (mixture.df - 2) / mixture.df
+    wide = np.einsum("k,kij->ij", mixture.weights, mixture.matrices) + spread
+    weights, widths = np.array(COVERS).T
+    return Mixture(
+        weights=np.append((1 - weights.sum()) * mixture.weights, weights),
+        means=np.vstack([mixture.means, *[mean] * len(COVERS)]),
+        matrices=np.concatenate([mixture.matrices, widths[:, None, None] ** 2 * wide]),
+        df=mixture.df,
+    )
+
+
+def uncover(mixture: Mixture) -> Mixture:
+    """Return the mixture without its wide components."""
+    weights = mixture.weights[: -len(COVERS)]
+    return replace(
+        mixture,
+        weights=weights / weights.sum(),
+        means=mixture.means[: -len(COVERS)],
+        matrices=mixture.matrices[: -len(COVERS)],
+    )
+
+
+def _refit(draws: Draws, mixture: Mixture) -> Mixture:
+    """Return the mixture that fits the weighted draws best, by Akaike's criterion."""
+    shares = draws.shares
+    # Truncated, so that one draw where the mixture lacks mass does not outweigh all
+    # others (Ionides 2008, doi:10.1198/106186008X320456).
+    shares = np.minimum(shares, len(shares) ** -0.5)
+    shares /= shares.sum()
+    use = shares > 1e-12 * shares.max()
+    x, shares = draws.x[use], shares[use]
+    size, d = 1.0 / np.sum(shares**2), x.shape[1]
+    candidates = []
+    for df in DFS:
+        other = replace(mixture, df=df)
+        candidates.append((-2 * size * float(shares @ other.log_density(x)), other))
+    for fitted, gained in _fits(x, shares, draws.log_p[use], mixture):
+        parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
+        if size > parameters / len(fitted.weights):
+            candidates.append((2 * parameters - 2 * size * gained, fitted))
+    chosen = min(candidates, key=lambda pair: pair[0])[1]
+    # By the effective share, which regions of large weights spoil most: EM on weights
+    # that stress them brings the mixture nearer to its largest effective share.
+    excess = draws.log_p[use] - chosen.log_density(x)
+    stressed = shares * np.exp(0.5 * (excess - excess.max()))
+    again = chosen.improve(x, stressed / stressed.sum(), STRESSED)[0]
+    tails = [replace(one, df=df) for one in (chosen, again) for df in DFS]
+    return max(tails, key=lambda fitted: draws.effective_share(cover(fitted)))
+
+
+def _fits(
+    x: Floats, shares: Floats, log_p: Floats, mixture: Mixture
+) -> Iterator[tuple[Mixture, float]]:
+    """Yield the fit, and one with a component more where the mixture lacks most."""
+    fitted, gained = mixture.improve(x, shares)
+    yield fitted, gained
+    if len(fitted.weights) >= MOST_COMPONENTS:
+        return
+    relevant = np.log(shares / shares.max()) > -RELEVANT
+    lacking = np.where(relevant, log_p - fitted.log_density(x), -np.inf)
+    place = x[np.argmax(lacking)]
+    nearest = np.argmin(fitted.squared_distances(place[None])[0])
+    near = fitted.matrices[nearest]
+    distances = ((x - place) @ np.linalg.inv(fitted.factors[nearest]).T) ** 2
+    order = np.argsort(distances.sum(axis=1))
+    enough = np.searchsorted(np.cumsum(shares[order]), 0.1)
+    some = order[: max(int(enough), 3 * x.shape[1])]
+    share = 0.5 * shares[some] / shares[some].sum() + 0.5 / len(some)
+    centred = x[some] - place
+    matrix = (share * centred.T) @ centred + 0.01 * near
+    larger = Mixture(
+        np.append((1 - NEW_WEIGHT) * fitted.weights, NEW_WEIGHT),
+        np.vstack([fitted.means, place]),
+        np.concatenate([fitted.matrices, matrix[None]]),
+        fitted.df,
+    )
+    yield larger.improve(x, shares)

@@ -1,0 +1,138 @@
+"""The Gaussian that fits the posterior at a maximum, and its mass inside bounds."""
+
+from typing import Any
+
+import numpy as np
+from scipy import special
+from scipy.optimize import brentq, lsq_linear
+
+from ..interfaces import Floats
+
+FLOOR = 0.1  # least curvature: no direction is wider than 3.2 prior sds
+ROUNDED = 1e-14  # of the largest curvature, below which one is rounding
+
+DRAWS = 1_000  # of the probability of a box; its relative error is a percent or two
+FAR = 8.0  # standard deviations; a bound beyond them takes nothing away
+
+
+def fit_covariance(gradient: Floats, curvature: Floats, at_bound: Floats) -> Floats:
+    """Return the covariance ``(d, d)`` of the Laplace approximation.
+
+    A density that falls from a bound with slope g is an exponential of standard
+    deviation 1 / |g|: g^2 counts as curvature there.
+    """
+    slopes = np.where(at_bound, gradient, 0.0)
+    covariance = np.linalg.inv(curvature + np.diag(slopes**2))
+    symmetric: Floats = (covariance + covariance.T) / 2
+    return symmetric
+
+
+def log_integral(
+    gradient: Floats, curvature: Floats, low: Floats, high: Floats
+) -> float:
+    r"""Return the log of an integral over the box ``low < p < high`` around a maximum.
+
+    .. math:: \ln \int \exp(g^T p - \tfrac12 p^T H p) \, dp
+    """
+    covariance: Any = np.linalg.inv(curvature)
+    mean = covariance @ gradient
+    log_determinant = np.linalg.slogdet(curvature)[1]
+    whole = 0.5 * (len(mean) * np.log(2 * np.pi) - log_determinant + gradient @ mean)
+    return float(whole + log_probability(mean, covariance, low, high))
+
+
+def log_probability(
+    mean: Floats, covariance: Floats, low: Floats, high: Floats
+) -> float:
+    """Return the log-probability of a box under a Gaussian, by Monte Carlo."""
+    if is_inside(mean, covariance, low, high):
+        return 0.0
+    log_weights = draw_inside(mean, covariance, low, high)[1]
+    return float(special.logsumexp(log_weights) - np.log(DRAWS))
+
+
+def moments_inside(
+    mean: Floats, covariance: Floats, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """Return mean and covariance of a Gaussian cut at bounds, by Monte Carlo."""
+    if is_inside(mean, covariance, low, high):
+        return mean, covariance
+    draws, log_weights = draw_inside(mean, covariance, low, high)
+    weights = special.softmax(log_weights)
+    centre = weights @ draws
+    return centre, (draws - centre).T * weights @ (draws - centre)
+
+
+def is_inside(mean: Floats, covariance: Floats, low: Floats, high: Floats) -> bool:
+    """Return whether the bounds are too far to matter."""
+    room = np.minimum(mean - low, high - mean)
+    return bool((room > FAR * np.sqrt(np.diag(covariance))).all())
+
+
+def draw_inside(
+    mean: Floats, covariance: Floats, low: Floats, high: Floats
+) -> tuple[Floats, Floats]:
+    """Return draws of a Gaussian inside a box and the logs of their weights.
+
+    Source: the simulator of Geweke, Hajivassiliou and Keane; Börsch-Supan and
+    Hajivassiliou (1993), doi:10.1016/0304-4076(93)90098-C.
+    """
+    room = np.minimum(mean - low, high - mean) / np.sqrt(np.diag(covariance))
+    order = np.argsort(room)  # the tightest first, for least scatter
+    root = np.linalg.cholesky(covariance[np.ix_(order, order)])
+    uniform = np.random.default_rng(0).random((DRAWS, len(mean)))
+    white = np.zeros_like(uniform)
+    draws = np.empty_like(uniform)
+    log_weights = np.zeros(DRAWS)
+    for i, j in enumerate(order):
+        centre, spread = mean[j] + white[:, :i] @ root[i, :i], root[i, i]
+        ends = (low[j] - centre) / spread, (high[j] - centre) / spread
+        log_mass, white[:, i] = _cut_normal(*ends, uniform[:, i])
+        draws[:, j] = centre + spread * white[:, i]
+        log_weights += log_mass
+    return draws, log_weights
+
+
+def _cut_normal(low: Floats, high: Floats, uniform: Floats) -> tuple[Floats, Floats]:
+    """Return log-mass and draws of standard normals cut at ``low`` and ``high``."""
+    mirrored = low > 0  # the lower tail keeps its digits
+    a, b = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
+    start, stop = special.log_ndtr(a), special.log_ndtr(b)
+    ratio = np.exp(start - stop)
+    draws = special.ndtri_exp(stop + np.log(uniform + (1 - uniform) * ratio))
+    return stop + np.log1p(-ratio), np.where(mirrored, -draws, draws)
+
+
+def make_positive(curvature: Floats) -> Floats:
+    """Return the matrix with its eigenvalues made positive, and none too small."""
+    values, vectors = np.linalg.eigh(curvature)
+    least = max(FLOOR, ROUNDED * values[-1])
+    if values[0] >= least:
+        return curvature
+    positive: Floats = (vectors * np.maximum(np.abs(values), least)) @ vectors.T
+    return positive
+
+
+def step_within(
+    gradient: Floats, curvature: Floats, low: Floats, high: Floats
+) -> tuple[Floats, float]:
+    """Return the step that maximises a quadratic inside a box, and what it gains."""
+    step = np.asarray(np.linalg.solve(curvature, gradient), np.float64)
+    if (step < low).any() or (step > high).any():
+        root = np.linalg.cholesky(curvature)
+        target = np.linalg.solve(root, gradient)
+        step = lsq_linear(root.T, target, (low, high), method="bvls").x
+    return step, float(gradient @ step - 0.5 * step @ curvature @ step)
+
+
+def find_damping(gradient: Floats, curvature: Floats, radius: float) -> float:
+    """Return what the diagonal must gain for a step no longer than the radius."""
+    values, vectors = np.linalg.eigh(curvature)
+    along = vectors.T @ gradient
+
+    def excess(damping: float) -> float:
+        return float(np.linalg.norm(along / (values + damping))) - radius
+
+    if excess(0.0) <= 0:
+        return 0.0
+    return float(brentq(excess, 0.0, np.linalg.norm(along) / radius, rtol=1e-3))

@@ -1,3 +1,0 @@
-"""A file of a run that a kill at any moment leaves usable."""
-
-from .backend import RunFile as RunFile

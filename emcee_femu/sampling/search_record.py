@@ -1,0 +1,222 @@
+"""What "auto" found: a frozen proposal, and the separated modes of the posterior."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from ..interfaces import Floats, Move
+from ..moves import DEMCMove, HamiltonianMove, IndependenceMove
+from ..moves.mixture import Mixture
+from ..table import Parts, Report
+from .importance import normalise
+from .proposals import COVERS, Trial
+from .search import Search
+
+APART = 10.0  # squared distance of the centres, by the sum of the matrices
+COVER = -1  # the mode of components that cover the others and belong to none
+JUMPS = 0.1  # of the DE-MC steps have gamma = 1
+KEPT = 2_000  # importance weights in the record
+# Share of independence proposals by their expected acceptance.
+SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
+HAMILTONIAN, BESIDE = 0.8, 0.1  # shares where gradients do better, and of independence
+
+Labels: TypeAlias = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class SearchRecord(Report):
+    """What the search of "auto" found; ``print`` it.
+
+    A mode here is a separated part of the posterior: one component of the proposal, or
+    several that overlap.
+
+    Attributes:
+        mixture: The frozen proposal; its last two components cover the others.
+        mode_of: The mode of each component, -1 for those that cover.
+        weights: Each mode's share of the posterior by importance sampling; NaN where
+            none could be had.
+        errors: Standard errors of these.
+        found_by: Climbs of each ensemble that ended in each mode, ``(ensembles, g)``.
+        starts: Share of each ensemble's walkers that start there, ``(ensembles, g)``.
+        pareto_k: Of the importance weights of the proposal.
+        efficiency: Their effective share.
+        log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
+        points: How many points were searched.
+        climbs: How many climbs there were.
+        annealed: Whether an annealed population was asked.
+        solves: Evaluations in all.
+        share: The share of independence proposals among the moves.
+        trajectories: Metric, steps and step size of a Hamiltonian move, where that
+            pays; else None.
+    """
+
+    mixture: Mixture
+    mode_of: Labels
+    weights: Floats
+    errors: Floats
+    found_by: NDArray[np.intp]
+    starts: Floats
+    pareto_k: float
+    efficiency: float
+    log_weights: Floats
+    points: int
+    climbs: int
+    annealed: bool
+    solves: int
+    share: float
+    trajectories: tuple[Floats, int, float] | None = None
+
+    @property
+    def proposal(self) -> IndependenceMove:
+        """The frozen proposal as a move."""
+        mixture = self.mixture
+        return IndependenceMove(
+            mixture.weights, mixture.means, mixture.matrices, mixture.df
+        )
+
+    @property
+    def moves(self) -> list[tuple[Move, float]]:
+        """Independence proposals, and local moves."""
+        share = self.share
+        moves: list[tuple[Move, float]] = []
+        if share:
+            moves.append((self.proposal, share))
+        if self.trajectories is not None:
+            moves.append((HamiltonianMove(*self.trajectories), HAMILTONIAN))
+            share += HAMILTONIAN
+        return [*moves, (DEMCMove(mode_jump=JUMPS), 1.0 - share)]
+
+    @property
+    def sentence(self) -> str:
+        """What was done, in words."""
+        modes = len(self.weights)
+        parts = [f"{100 * s:.0f} % {type(move).__name__}" for move, s in self.moves]
+        return (
+            f"a search by {self.points} points and {self.climbs} climbs found "
+            f"{'one mode' if modes == 1 else f'{modes} separated modes'}; "
+            f"{'an annealed population, ' if self.annealed else ''}"
+            f"{len(self.mixture.weights)} Student-t components refined by importance "
+            f"weights, {100 * self.efficiency:.0f} % efficient (Pareto k "
+            f"{self.pareto_k:.2f}); {self.solves} evaluations in all; then "
+            f"{', '.join(parts)}"
+        )
+
+    def _parts(self) -> Parts:
+        return (self.sentence,)
+
+    def label(self, theta: Floats) -> Labels:
+        """Return the mode of each point ``(n,)``."""
+        return label(theta, self.mixture, self.mode_of)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what JSON can hold."""
+        record: dict[str, Any] = {}
+        for name, value in vars(self).items():
+            record[name] = value.tolist() if isinstance(value, np.ndarray) else value
+        mixture = self.mixture
+        arrays = mixture.weights, mixture.means, mixture.matrices
+        record["mixture"] = [*(array.tolist() for array in arrays), mixture.df]
+        if self.trajectories is not None:
+            metric, *rest = self.trajectories
+            record["trajectories"] = [np.asarray(metric).tolist(), *rest]
+        return record
+
+    @classmethod
+    def from_json(cls, record: dict[str, Any]) -> Self:
+        """Return the record that :meth:`to_json` wrote."""
+        values: dict[str, Any] = {
+            name: np.array(value) if isinstance(value, list) else value
+            for name, value in record.items()
+            if name not in ("mixture", "trajectories")
+        }
+        weights, means, matrices, df = record["mixture"]
+        arrays = np.array(weights), np.array(means), np.array(matrices)
+        values["mixture"] = Mixture(*arrays, df)
+        if record["trajectories"] is not None:
+            metric, *rest = record["trajectories"]
+            values["trajectories"] = (np.array(metric), *rest)
+        return cls(**values)
+
+    @classmethod
+    def of(
+        cls,
+        search: Search,
+        trial: Trial,
+        starts: Sequence[Floats],
+        annealed: bool,
+        trajectories: tuple[Floats, int, float] | None,
+    ) -> Self:
+        """Return the record of a search, of a proposal and of where walkers start."""
+        mixture = trial.mixture
+        mode_of = separate(mixture)
+        count = int(mode_of.max()) + 1
+        weights, errors = _weigh(
+            label(trial.theta, mixture, mode_of), trial.log_weights, count
+        )
+        found_by = np.zeros((len(search.streams), count), dtype=int)
+        tops = np.array([maximum.theta for maximum in search.maxima])
+        for mode, by in zip(
+            label(tops, mixture, mode_of), search.found_by, strict=True
+        ):
+            found_by[:, mode] += by
+        labels = [label(theta, mixture, mode_of) for theta in starts]
+        shares = [
+            np.bincount(member, minlength=count) / len(member) for member in labels
+        ]
+        share = next(s for least, s in SHARES if trial.acceptance >= least)
+        if trajectories is not None:
+            share = BESIDE if count > 1 else 0.0  # for jumps between modes
+        return cls(
+            mixture=mixture,
+            mode_of=mode_of,
+            weights=weights,
+            errors=errors,
+            found_by=found_by,
+            starts=np.array(shares),
+            pareto_k=trial.pareto_k,
+            efficiency=trial.efficiency,
+            log_weights=trial.log_weights[:: -(-len(trial.log_weights) // KEPT)],
+            points=sum(len(theta) for theta, _ in search.points),
+            climbs=search.climbs,
+            annealed=annealed,
+            solves=search.evaluator.solves,
+            share=share,
+            trajectories=trajectories,
+        )
+
+
+def separate(mixture: Mixture) -> Labels:
+    """Return the mode of each component ``(k,)``; those that overlap share one.
+
+    The last components cover the others and belong to none.
+    """
+    k = len(mixture.weights) - len(COVERS)
+    apart = mixture.means[:k, None] - mixture.means[:k]
+    sums = mixture.matrices[:k, None] + mixture.matrices[:k]
+    solved = np.linalg.solve(sums, apart[..., None])[..., 0]
+    distances = np.einsum("ijd,ijd->ij", apart, solved)
+    modes = connected_components(distances < APART, directed=False)[1]
+    result: Labels = np.append(modes, [COVER] * len(COVERS)).astype(np.intp)
+    return result
+
+
+def label(theta: Floats, mixture: Mixture, mode_of: Labels) -> Labels:
+    """Return the mode of each point ``(n,)``: that of its likeliest component."""
+    owners = np.flatnonzero(mode_of != COVER)
+    likeliest = np.argmax(mixture.log_parts(theta)[:, owners], axis=1)
+    labels: Labels = mode_of[owners][likeliest]
+    return labels
+
+
+def _weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return the weight of each mode by importance sampling, and standard errors."""
+    if not np.isfinite(log_weights).any():
+        return np.full(count, np.nan), np.full(count, np.nan)
+    weights = normalise(log_weights)
+    inside = labels[:, None] == np.arange(count)
+    shares = weights @ inside
+    return shares, np.sqrt(weights**2 @ (inside - shares) ** 2)

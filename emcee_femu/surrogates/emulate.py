@@ -1,0 +1,379 @@
+"""Emulate a model from few solves, chosen where the posterior needs them."""
+
+from dataclasses import replace
+from os import PathLike
+from typing import Any
+
+import emcee
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import qmc
+
+from .. import checks
+from ..evaluation.evaluator import Evaluation
+from ..evaluation.resume import describe, open_evaluator
+from ..evaluation.store import StoredEvaluation
+from ..interfaces import Floats
+from ..posterior.log_posterior import LogPosterior
+from ..sampling.coordinates import Coordinates
+from ..sampling.run import check_progress
+from ..table import Table
+from .emulated import EmulatedModel
+from .emulated_draws import EmulatedDraws, Explorer
+from .emulation_problem import EmulationProblem
+
+DRAWS = 20_000  # of the prior, for its quantiles
+SPREAD = 0.8  # share of the prior's spread that the first points have
+NEAR = 0.25  # the same of first points about a given one
+UNITS = 8  # points by which the errors of the measurement are read off the terms
+FEWEST = 3  # points to which a process can be fitted
+SETTLED = 2  # rounds in a row whose true error is to be small
+TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
+
+
+def emulate(
+    posterior: LogPosterior,
+    solves: int = 60,
+    *,
+    seed: int,
+    workers: int | None = None,
+    pool: object = None,
+    backend: str | PathLike[str] | None = None,
+    resume: bool = False,
+    tolerance: float = 0.1,
+    starts: ArrayLike | None = None,
+    on_failure: str = "raise",
+    max_failures: float = 0.2,
+    progress: bool | str = False,
+    probe_tolerance: float = 1e-6,
+) -> EmulatedModel:
+    r"""Emulate the model of a posterior by Gaussian processes, from few full solves.
+
+    For a model whose solve takes seconds or more and that is not affine in its
+    parameters. The response (eigenvalues, shapes at the sensors, any real vector that
+    a term reads) is emulated, not the scalar posterior, and the likelihood knows how
+    far the emulator may be off. The first ``d + 4`` solves are spread over the prior,
+    then batches of ``d / 2 + 1`` go where the emulator is most in doubt among draws of
+    the emulated posterior, the first of each batch among draws of a wider one, whose
+    emulator errs twice as much as it says. The draws are found anew from the whole
+    prior after each batch, so that modes that one emulator excludes come back with the
+    next. A parameter whose prior spans decades is seen by its logarithm.
+
+    **The error** of an emulated response r' is its distance from the full one as the
+    data see it,
+
+    .. math:: e = \Big[\sum_i (r_i - r'_i)^2 / \sigma_i^2\Big]^{1/2}
+
+    over all data, paired as a full solve would be. ``e = 0.1`` moves a posterior mean
+    by a tenth of a standard deviation at the very most, and weights that correct the
+    draws are then about 99 % efficient. The **true error** of a round is the root mean
+    square of e that was predicted at draws of the emulated posterior, times the factor
+    by which the full solves of the round exceeded what was predicted for them (the
+    root mean square of the ratios): a prediction alone understates. It stops
+    once the error stays below ``tolerance`` in two rounds running.
+
+    Regions that the emulator wrongly rules out are never visited; use :func:`certify`
+    to check.
+
+    Args:
+        posterior: What is to be sampled; of one experiment. A :class:`PairedModel`
+            pairs the emulated modes as it would those of a full solve.
+        solves: The most full solves, all counted.
+        seed: A whole number; the same seed gives the same emulator, to the bit.
+        workers: Number of processes to start, as in :func:`run`.
+        pool: Where to solve instead, as in :func:`run`. A batch is solved at once, so
+            ``d / 2 + 1`` workers can be busy.
+        backend: Name of a file that keeps every solve as it arrives, such as
+            "run.solves".
+        resume: Whether to go on with the file if it is there, as in :func:`run`: the
+            solves in it are not repeated, whether a call was killed, or ended and is
+            now given more ``solves`` or a smaller ``tolerance``. The result is that of
+            one call, to the bit.
+        tolerance: True error at draws of the posterior at which to stop, in standard
+            deviations of the measurement, see above; 0 to spend all solves.
+        starts: A point ``(d,)`` about which the first design lies, within a quarter of
+            the prior's spread, such as that of :func:`find_map`; or points ``(n, d)``
+            that are the first design; None for the whole prior.
+        on_failure: What a failed solve does: "raise", or "reject" to leave the point
+            out of the fit, and not ask there again. It counts as a solve.
+        max_failures: Fraction of the solves, of the first design or more, above which
+            "reject" stops.
+        progress: Whether to show a bar with solves, errors and the time left (needs
+            tqdm); "notebook" for the bar of notebooks (needs ipywidgets too).
+        probe_tolerance: Relative difference at solves of the file above which the model
+            counts as another, as in :func:`run`.
+
+    Returns:
+        The emulated model: ``posterior`` is ready to :func:`run`, ``solves`` the
+        full solves spent, ``history`` the errors round by round.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior, or a count not a whole number.
+        ValueError: If solves do not suffice for a first design and a batch, an initial
+            point is out of bounds, there are several experiments, or the file is of
+            something else. All but what the model does are raised before a solve.
+        ImportError: If progress is "notebook" and ipywidgets is not installed.
+        RuntimeError: If too many solves failed.
+
+    Source: Sinsbeck and Nowak (2017), Sequential design of computer experiments for the
+    solution of Bayesian inverse problems, doi:10.1137/15M1047659.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5, (3 * p["k"]) ** 0.5])
+        >>> term = ef.FrequencyTerm([3.0, 5.2], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> emulated = ef.emulate(ef.LogPosterior(model, term, prior), 12, seed=1)
+        >>> emulated.solves <= 12, emulated.posterior.names
+        (True, ('k',))
+    """
+    if not isinstance(posterior, LogPosterior):
+        got = type(posterior).__name__
+        raise TypeError(f"posterior: expected a LogPosterior, got {got}")
+    problem = EmulationProblem.of(posterior)
+    seed = checks.whole_number("seed", seed)
+    design = _check_starts(starts, problem)
+    solves = _check_solves(solves, posterior.ndim, design)
+    tolerance = checks.real_number("tolerance", tolerance, 0)
+    display = check_progress(progress)
+    with (
+        open_evaluator(
+            problem.recorder(),
+            describe(posterior, {"moves": "emulate", "seed": seed, "starts": design}),
+            workers=workers,
+            pool=pool,
+            on_failure=on_failure,
+            max_failures=max_failures,
+            backend=backend,
+            resume=resume,
+            probe_tolerance=probe_tolerance,
+        ) as evaluator,
+        emcee.pbar.get_progress_bar(display, solves, desc="emulate") as bar,
+    ):
+        emulation = _Emulation(problem, evaluator, bar)
+        return emulation.run(solves, seed, design, tolerance)
+
+
+class _Emulation:
+    """Full solves so far, and what was learned of them.
+
+    Attributes:
+        problem: What is emulated.
+        evaluator: Solves in full.
+        bar: Shows the progress.
+        coordinates: Those in which the posterior is explored.
+        theta: Where it was solved, ``(N, d)``.
+        rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
+    """
+
+    def __init__(
+        self,
+        problem: EmulationProblem,
+        evaluator: Evaluation | StoredEvaluation,
+        bar: Any,
+    ) -> None:
+        self.problem, self.evaluator, self.bar = problem, evaluator, bar
+        self.coordinates = Coordinates.of(problem.posterior.prior)
+        self.theta = np.empty((0, problem.posterior.ndim))
+        self.rows = np.empty((0, len(evaluator.posterior.rejected())))
+
+    def run(
+        self, solves: int, seed: int, design: Floats | None, tolerance: float
+    ) -> EmulatedModel:
+        """Go on until the true error is small, or all solves are spent."""
+        (first,) = np.random.SeedSequence(seed).spawn(1)
+        self._solve(_first_points(self.coordinates, first, design))
+        if (number := int(self._solved.sum())) < FEWEST:
+            raise RuntimeError(
+                f"on_failure: only {number} of {len(self.theta)} solves of the first "
+                f"design came through, and {FEWEST} are the least for a fit. Mend the "
+                "model, or narrow the prior to where it can be solved"
+            )
+        explorer = Explorer(self.problem, self.coordinates)
+        emulator, draws, settled = None, None, 0
+        history: list[tuple[int, float, float]] = []
+        while True:
+            emulator = self._fit(emulator, draws)
+            rng = np.random.default_rng([seed, len(history)])
+            draws = explorer.draw(emulator, int(self._solved.sum()), rng)
+            spent = len(self.theta)
+            if spent == solves or settled == SETTLED:
+                break
+            number = min(_batch_size(self.problem.posterior.ndim), solves - spent)
+            self._solve(self._choose(number, emulator, draws))
+            error = self._true_error(number, emulator, draws.predicted)
+            settled = settled + 1 if error <= tolerance else 0
+            history.append((spent, draws.predicted, error))
+            if hasattr(self.bar, "set_postfix_str") and np.isfinite(error):
+                text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
+                self.bar.set_postfix_str(text)
+        history.append((spent, draws.predicted, np.nan))
+        by_round = list(zip(*history, strict=True))
+        table = Table.from_columns(
+            "Errors at draws of the posterior, in units of measurement error",
+            [
+                ("solves", "d", by_round[0]),
+                ("predicted error", ".3g", by_round[1]),
+                ("true error", ".3g", by_round[2]),
+            ],
+        )
+        posterior = self.problem.replace_model(emulator)
+        return replace(emulator, history=table, posterior=posterior)
+
+    @property
+    def _solved(self) -> NDArray[np.bool_]:
+        """Which points could be solved, ``(N,)``."""
+        return np.isfinite(self.rows[:, 0])
+
+    def _solve(self, points: Floats) -> None:
+        """Solve in full; each solve is stored as it arrives."""
+        rows = np.empty((len(points), self.rows.shape[1]))
+        for number, row in self.evaluator.each(points):
+            rows[number] = row
+            self.bar.update(1)
+        if self.evaluator.failures is not None:  # by itself it begins at a hundred
+            self.evaluator.failures.check(len(points))
+        self.theta = np.vstack([self.theta, points])
+        self.rows = np.vstack([self.rows, rows])
+
+    def _fit(
+        self, last: EmulatedModel | None, draws: EmulatedDraws | None
+    ) -> EmulatedModel:
+        """Fit an emulator to all that was solved."""
+        problem, inputs = self.problem, self.problem.inputs
+        theta = self.theta[self._solved]
+        response = self.evaluator.posterior.unfold(self.rows[self._solved])
+        newest = {name: values[-UNITS:] for name, values in response.items()}
+        names = [problem.posterior.names[i] for i in inputs]
+        limits = map(tuple, problem.posterior.prior.bounds[inputs].tolist())
+        whiten = None
+        if draws is not None:
+            whiten = draws.mean[inputs], draws.covariance[np.ix_(inputs, inputs)]
+        return EmulatedModel.fit(
+            theta[:, inputs],
+            response,
+            problem.units(theta[-UNITS:], newest),
+            dict(zip(names, limits, strict=True)),
+            problem.variables,
+            logs=self.coordinates.logs[inputs],
+            solves=self.evaluator.solves,
+            whiten=whiten,
+            lengths=None if last is None else last.processes.lengths,
+        )
+
+    def _choose(
+        self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
+    ) -> Floats:
+        """Return the next points, each where most error is left after those before.
+
+        The first where the posterior may yet turn out to be, the others at draws of the
+        emulated one. Points whose solves failed count as solved, and are not asked
+        again.
+        """
+        inputs, doubt = self.problem.inputs, emulator.processes.doubt
+        extra = self.theta[~self._solved]
+        for place in range(number):
+            theta, errors = draws.theta, draws.errors
+            if not place:
+                theta, errors = draws.wide, draws.wide_errors
+            at = emulator.coordinates(theta[:, inputs])
+            before = doubt(at) ** 2
+            after = doubt(at, emulator.coordinates(extra[:, inputs])) ** 2
+            share = np.divide(after, before, np.zeros_like(after), where=before > 0)
+            left = errors * share
+            left[(theta[:, None] == extra).all(axis=2).any(axis=1)] = -1.0
+            extra = np.vstack([extra, theta[np.argmax(left)]])
+        return extra[-number:]
+
+    def _true_error(
+        self, number: int, emulator: EmulatedModel, predicted: float
+    ) -> float:
+        """Return the true error at draws of the posterior, by that at the last points.
+
+        Infinite if none of them could be solved.
+        """
+        solved = np.flatnonzero(self._solved[-number:]) - number
+        if not len(solved):
+            return np.inf
+        theta, problem = self.theta[solved], self.problem
+        full = self.evaluator.posterior.unfold(self.rows[solved])
+        emulated = emulator.emulate(theta[:, problem.inputs])
+        true = problem.deviate(theta, full, emulated)
+        square = problem.predict_error(problem.replace_model(emulator), theta)
+        factor = np.sqrt((true**2 / np.maximum(square, TINY**2)).mean())
+        return float(factor * np.maximum(predicted, TINY))
+
+
+def _first_points(
+    coordinates: Coordinates, seed: np.random.SeedSequence, starts: Floats | None
+) -> Floats:
+    """Return a first design ``(n, d)`` inside the prior's support.
+
+    Sobol points, mapped through the quantiles of the prior and drawn together towards
+    its mean, which is among them; or towards a given point, nearer to it.
+    """
+    if starts is not None and starts.ndim == 2:
+        return starts
+    prior, number = coordinates.prior, _first_size(len(coordinates.prior.names)) - 1
+    rng = np.random.default_rng(seed)
+    draws = coordinates.sample(np.random.default_rng(0), DRAWS)
+    mean = draws.mean(axis=0)
+    power = int(np.ceil(np.log2(number)))
+    places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[:number]
+    columns = zip(draws.T, places.T, strict=True)
+    far = np.column_stack([np.quantile(*pair) for pair in columns])
+    if starts is None:
+        theta = coordinates.parameters(np.vstack([mean, mean + SPREAD * (far - mean)]))
+    else:
+        near = coordinates.coordinates(starts[None]) + NEAR * (far - mean)
+        theta = np.clip(coordinates.parameters(near), *prior.bounds.T)
+        theta = np.vstack([starts, theta])
+    outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
+    theta[outside] = prior.sample(rng, int(outside.sum()))
+    return theta
+
+
+def _first_size(ndim: int) -> int:
+    """Return how many points a first design has: some more than a linear trend."""
+    return ndim + 4
+
+
+def _batch_size(ndim: int) -> int:
+    """Return how many points are solved between two fits."""
+    return ndim // 2 + 1
+
+
+def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats | None:
+    """Return a point ``(d,)`` or points ``(n, d)`` inside the bounds, or None."""
+    if starts is None:
+        return None
+    points, posterior = checks.real_array("starts", starts), problem.posterior
+    posterior.check_inside("starts", np.atleast_2d(points))
+    if points.ndim == 2 and len(points) < FEWEST:
+        raise ValueError(
+            f"starts: expected a point (d,), or at least {FEWEST} points (n, d), got "
+            f"shape {points.shape}"
+        )
+    same = [i for i in problem.inputs if points.ndim == 2 and not np.ptp(points[:, i])]
+    if same:
+        raise ValueError(
+            "starts: expected points that differ in every parameter of the model, got "
+            f"one value of {[posterior.names[i] for i in same]}"
+        )
+    return points
+
+
+def _check_solves(solves: int, ndim: int, starts: Floats | None) -> int:
+    """Return the budget, which is to suffice for a first design and a batch."""
+    number = checks.whole_number("solves", solves, 1)
+    first = _first_size(ndim)
+    if starts is not None and starts.ndim == 2:
+        first = len(starts)
+    fewest = first + _batch_size(ndim)
+    if number < fewest:
+        raise ValueError(
+            f"solves: expected at least {fewest} for {ndim} parameters, {first} of a "
+            f"first design and a batch of {_batch_size(ndim)}, got {number}; about "
+            f"{10 * ndim} are usual"
+        )
+    return number

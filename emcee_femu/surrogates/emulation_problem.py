@@ -1,0 +1,275 @@
+r"""What is solved in full for an emulator, and what its errors mean to the data.
+
+The standard deviation of the measurement error of ordinate i of a response is
+
+.. math:: \sigma_i = \Big[ \sum_{terms} F_{ii} \Big]^{-1/2}
+
+with the Fisher information :math:`F_{ii}` that the terms have about it. An emulator's
+error in these units says whether it matters.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..interfaces import (
+    Floats,
+    Model,
+    Parameters,
+    Response,
+    Variable,
+    modal_variables,
+    read,
+    read_declared,
+)
+from ..models.paired import PairedModel
+from ..posterior.emulator_error import expand, tangents_of
+from ..posterior.log_posterior import LogPosterior
+from .emulated import EmulatedModel, as_modal
+from .encoding import Named
+
+UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
+STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A model whose response is nothing but the variables that are to be emulated.
+
+    Attributes:
+        model: The full model, of which the variables are read; for a
+            :class:`PairedModel` those of all its candidates, at the sensors.
+        variables: What is recorded.
+        names: The parameters that there are.
+    """
+
+    model: Model
+    variables: dict[str, Variable]
+    names: tuple[str, ...]
+    one_by_one: bool = True  # as they are asked for, so that a failure is known
+
+    def __call__(self, parameters: Parameters) -> Named:
+        """Solve in full."""
+        if isinstance(self.model, PairedModel):
+            response = self.model.model(parameters)
+            frequency, shapes = self.model.read_candidates(response)
+            return {"frequency": frequency, "shapes": shapes}
+        response = self.model(parameters)
+        return {name: read(response, name) for name in self.variables}
+
+
+def compare_nothing(parameters: Parameters, response: Response) -> Floats:
+    """Return a likelihood of one for what is only recorded."""
+    return np.zeros(len(next(iter(parameters.values()))))
+
+
+@dataclass(frozen=True, eq=False)
+class EmulationProblem:
+    """A posterior whose model is to be emulated.
+
+    Attributes:
+        posterior: The posterior.
+        variables: The raw variables that its terms need.
+        inputs: Columns of the parameters that the model reads.
+        paired: The model that pairs modes, if there is one.
+    """
+
+    posterior: LogPosterior
+    variables: dict[str, Variable]
+    inputs: list[int]
+    paired: PairedModel | None
+
+    @classmethod
+    def of(cls, posterior: LogPosterior) -> "EmulationProblem":
+        """Return what is to be emulated of a posterior.
+
+        Raises:
+            ValueError: If there are several experiments, or it cannot be told what
+                the model returns.
+        """
+        if len(posterior.experiments) > 1:
+            names = [experiment.name for experiment in posterior.experiments]
+            raise ValueError(
+                f"posterior: expected one experiment to emulate, got {names}; write "
+                "one model that solves for all of them, its variables named by "
+                "experiment (FunctionModel(..., variables=...)), and terms that read "
+                "them"
+            )
+        errors, model = posterior.error_names, posterior.model
+        inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
+        paired = model if isinstance(model, PairedModel) else None
+        variables = _find_variables(posterior) if paired is None else _recorded(paired)
+        return cls(posterior, variables, inputs, paired)
+
+    def recorder(self) -> LogPosterior:
+        """Return the posterior whose rows store the raw variables of a full solve."""
+        prior = self.posterior.prior
+        model = Recorder(self.posterior.model, self.variables, tuple(prior.names))
+        return LogPosterior(model, compare_nothing, prior)
+
+    def replace_model(self, model: EmulatedModel) -> LogPosterior:
+        """Return the posterior with another source of the raw variables."""
+        if (paired := self.paired) is None:
+            return self.posterior.with_models(lambda _: model)
+        whole = PairedModel(
+            model,
+            paired.measurements,
+            candidates=paired.candidates,
+            min_mac=paired.min_mac,
+            min_gap=paired.min_gap,
+        )
+        return self.posterior.with_models(lambda _: whole)
+
+    def compared(self, response: Named) -> Response:
+        """Return a response as the terms see it, paired."""
+        modal = as_modal(response)
+        return modal if self.paired is None else self.paired.pair(modal)
+
+    def deviate(self, theta: Floats, response: Named, other: Named) -> Floats:
+        r"""Return how far apart two responses are, ``(n,)``, for the data.
+
+        .. math:: \Big[\sum_i (r_i - r'_i)^2 / \sigma_i^2\Big]^{1/2}
+
+        with the independent deviations of all terms; of a term that does not tell them
+        the difference of the log-likelihoods counts.
+        """
+        parameters = self.posterior.parameters(theta)
+        pair = [self.compared(one) for one in (response, other)]
+        total = np.zeros(len(theta))
+        for term in self.posterior.terms:
+            with np.errstate(all="ignore"):
+                full, emulated = (term.deviations(parameters, one) for one in pair)
+                if full is not None and emulated is not None:
+                    total += (((full[0] - emulated[0]) / full[1]) ** 2).sum(axis=1)
+                else:
+                    values = [term(parameters, one) for one in pair]
+                    total += (values[0] - values[1]) ** 2
+        return np.asarray(np.sqrt(total))
+
+    def predict_error(self, emulated: LogPosterior, theta: Floats) -> Floats:
+        """Return the mean square of ``deviate`` that an emulator predicts, ``(n,)``."""
+        parameters = emulated.parameters(theta)
+        response, directions = emulated.model.spread(parameters)  # type: ignore[attr-defined]
+        moves = tangents_of("spread", parameters, response, directions)
+        square: Floats = self._inform(parameters, response, moves).sum(axis=1)
+        return square
+
+    def units(self, theta: Floats, response: Named) -> Named:
+        """Return the measurement error of each raw number, ``{variable: (*shape)}``.
+
+        Of the variables that the terms read. Modes that are not compared get three
+        times the usual relative error. Shapes have one for all sensors of a mode.
+        Information is averaged over the points.
+
+        Raises:
+            ValueError: If the terms have no information about any variable.
+        """
+        compared = self.compared(response)
+        reads = {n for term in self.posterior.terms for n in term.reads or response}
+        seen = {n: np.asarray(read(compared, n), float) for n in response if n in reads}
+        units = {}
+        for name, information in self._information(theta, compared, seen).items():
+            if not (information > 0).any():
+                continue
+            raw, value = response[name], seen[name]
+            by_mode = name == "shapes" and raw.ndim == 3
+            if by_mode:
+                raw, value = (np.linalg.norm(x, axis=1) for x in (raw, value))
+                information = information.mean(axis=1)
+            relative = information * value**2
+            if self.paired is not None:  # from the measured modes to the candidates
+                placed = np.full(raw.shape, np.nan)
+                np.put_along_axis(placed, compared.model_mode - 1, relative, axis=1)
+                relative = placed
+            unit = _average_units(relative, np.sqrt((raw**2).mean(axis=0)))
+            shape = response[name].shape[1:]
+            units[name] = np.broadcast_to(unit, shape).copy() if by_mode else unit
+        if not units:
+            raise ValueError(
+                "terms: they tell nothing about what the model returns, so that it is "
+                "not known which errors of an emulator matter"
+            )
+        return units
+
+    def _information(self, theta: Floats, compared: Response, seen: Named) -> Named:
+        """Return what the data know of each ordinate, ``{variable: (n, *shape)}``."""
+        parameters = self.posterior.parameters(theta)
+        ends = np.cumsum([0, *(value[0].size for value in seen.values())]).tolist()
+        n, q = len(theta), ends[-1]
+        moves = dict.fromkeys(parameters, np.zeros((n, q)))
+        steps = np.ones(q)
+        for (name, value), begin in zip(seen.items(), ends, strict=False):
+            shape, size = value.shape[1:], value[0].size
+            step = STEP * max(float(np.abs(value).mean()), 1e-300)
+            move = (step * np.eye(size, q, begin)).reshape(*shape, q)
+            moves[name] = np.broadcast_to(move, (n, *shape, q))
+            steps[begin : begin + size] = step
+        total = self._inform(parameters, compared, moves) / steps**2
+        return {
+            name: total[:, begin : begin + value[0].size].reshape(value.shape)
+            for (name, value), begin in zip(seen.items(), ends, strict=False)
+        }
+
+    def _inform(
+        self, parameters: Parameters, response: Response, moves: Mapping[str, Floats]
+    ) -> Floats:
+        """Return what the data know of each direction of moves, ``(n, q)``."""
+        total = np.zeros(moves[next(iter(parameters))].shape)
+        for term in self.posterior.terms:
+            with np.errstate(all="ignore"):
+                value = term(parameters, response)
+                curvature = expand(term, parameters, response, moves, value)[1]
+            known = np.diagonal(curvature, axis1=1, axis2=2)
+            total += np.where(np.isfinite(known), known, 0.0)
+        return total
+
+
+def _recorded(paired: PairedModel) -> dict[str, Variable]:
+    """Return the candidates that a pairing reads, at the sensors."""
+    dofs = paired.measurements.dofs
+    labels = range(len(np.asarray(paired.measurements.shapes)))
+    modes = modal_variables(
+        paired.candidates or 0, labels if dofs is None else dofs.tolist()
+    )
+    return {name: Variable(v.coords, v.unit) for name, v in modes.items()}
+
+
+def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
+    """Return the raw variables that the terms need, with their shapes."""
+    variables = read_declared(posterior.model, "variables") or {}
+    declared = {
+        name: variable
+        for name, variable in variables.items()
+        if variable.coords or variable.stored  # else it may be there, of any shape
+    }
+    needed: dict[str, Variable] = {}
+    for term, label in zip(posterior.terms, posterior.term_names, strict=True):
+        if term.reads is None and not declared:
+            raise ValueError(
+                f"posterior: neither the term {label!r} says what it reads (reads) nor "
+                "the model what it returns (variables); declare one of the two, so "
+                "that it is known what to emulate"
+            )
+        for name, variable in (declared if term.reads is None else term.reads).items():
+            if name == "shapes" and name not in declared:
+                raise ValueError(
+                    "posterior: the model does not say at which DOFs it returns mode "
+                    "shapes; put a PairedModel around it, or declare its variables"
+                )
+            usual = posterior.variables.get(name, variable)
+            needed[name] = declared.get(name, usual)
+    if "frequency" in needed and "shapes" in declared:  # to tell which mode is which
+        needed["shapes"] = declared["shapes"]
+    return {name: Variable(v.coords, v.unit) for name, v in needed.items()}
+
+
+def _average_units(relative: Floats, size: Floats) -> Floats:
+    """Return the standard deviations; where nothing is known, some usual ones."""
+    there = np.isfinite(relative)
+    count = np.maximum(there.sum(axis=0), 1)
+    mean = np.where(there, relative, 0.0).sum(axis=0) / count
+    known = mean > 0
+    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=known))
+    unit: Floats = size * np.where(known, errors, UNREAD * np.median(errors[known]))
+    return unit

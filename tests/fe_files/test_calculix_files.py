@@ -1,0 +1,165 @@
+"""CalculiX's matrices, and what a user does with those of any program."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.exports import FIRST, FREQUENCIES, cantilever, write_calculix
+
+import emcee_femu as ef
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def test_a_block_has_the_frequencies_that_calculix_prints():
+    # One C3D8 element of steel, 2.20-1 of Debian; its own .dat has these two.
+    read = ef.read_matrices(DATA / "block.sti")
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=2)
+    np.testing.assert_allclose(
+        model({}).frequencies[0], [2264.413, 2344.663], atol=5e-4
+    )
+    assert read.labels[:4] == ("5:ux", "5:uy", "5:uz", "6:ux")
+    assert str(read) == "block.sti: 12 DOFs at 4 nodes; entries: K (144), M (48)"
+
+
+@pytest.mark.parametrize("end", ["sti", "mas", "dof"])
+def test_any_file_of_the_job_gives_all_three(tmp_path, end):
+    K, M, dofs = cantilever()
+    write_calculix(tmp_path, K, M, dofs)
+    read = ef.read_matrices(tmp_path / f"beam.{end}")
+    np.testing.assert_allclose(read.K.toarray(), K, rtol=1e-12)
+    np.testing.assert_allclose(read.M.toarray(), M, rtol=1e-12)
+    np.testing.assert_array_equal(read.nodes, dofs)
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
+    np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
+
+
+def test_files_may_have_any_names(tmp_path):
+    path = write_calculix(tmp_path, *cantilever())
+    files = {"K": "stiffness.txt", "M": "mass.txt", "dofs": "labels.txt"}
+    for end, name in zip(("sti", "mas", "dof"), files.values(), strict=True):
+        path.with_suffix(f".{end}").rename(tmp_path / name)
+    read = ef.read_matrices({k: tmp_path / name for k, name in files.items()})
+    assert [*read.matrices] == ["K", "M"] and read.labels[-1] == "27:ry"
+    del files["dofs"]
+    read = ef.read_matrices({k: tmp_path / name for k, name in files.items()})
+    assert read.labels == ()
+    with pytest.raises(ValueError, match=r"names: .*does not say what its rows are"):
+        read.dofs("node 12 z")
+    with pytest.raises(ValueError, match=r"stiffness.txt: .*does not say which matrix"):
+        ef.read_matrices(tmp_path / "stiffness.txt")
+
+
+@pytest.mark.parametrize("name", ["node 15 z", "15:uz", "15 3", " Node 15, UZ "])
+def test_a_DOF_is_named_as_people_do(tmp_path, name):
+    read = ef.read_matrices(write_calculix(tmp_path, *cantilever()))
+    row = read.dofs(name)
+    assert type(row) is int and read.labels[row] == "15:uz"
+    rows = read.dofs([name, "13:ry"])
+    assert rows.dtype == np.intp and rows.tolist() == [row, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("node 14 z", r"no node 14 among 8 nodes, 13 to 27"),
+        ("15:uy", r"node 15 has \['15:uz', '15:ry'\]; the others are held"),
+        ("15", r"expected a node and a direction such as 'node 12 z'"),
+        ("15:w", r"expected a node and a direction such as 'node 12 z'"),
+        ("roof z", r"expected a node and a direction such as 'node 12 z'"),
+    ],
+)
+def test_a_DOF_that_is_not_there_is_refused(tmp_path, name, message):
+    read = ef.read_matrices(write_calculix(tmp_path, *cantilever()))
+    with pytest.raises(ValueError, match=message):
+        read.dofs(name)
+
+
+def test_a_test_names_its_sensors_and_the_model_has_them_by_name(tmp_path):
+    read = ef.read_matrices(write_calculix(tmp_path, *cantilever()))
+    points = ["27:uz", "19:uz", "node 15 z"]
+    solved = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=read.sensors(points))(
+        {}
+    )
+    measured = ef.Measurements(
+        solved.frequencies[0, :2],
+        sd=[0.1, 0.1],
+        shapes=solved.shapes[0, ::-1, :2],
+        dofs=points[::-1],
+    )
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=read.sensors(points))
+    paired = ef.PairedModel(model, measured)({})
+    np.testing.assert_allclose(paired.pairing.mac, 1.0)
+    np.testing.assert_allclose(paired.shapes[0], solved.shapes[0, ::-1, :2])
+    tip = read.dofs(f"{FIRST + 16}:uz")
+    full = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=True)({})
+    np.testing.assert_allclose(abs(full.shapes[0, tip]), abs(solved.shapes[0, 0]))
+
+
+def damage(text, line, new):
+    lines = text.splitlines(keepends=True)
+    lines[line - 1] = new
+    return "".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("end", "change", "message"),
+    [
+        ("sti", lambda t: t[:-9], r"beam\.sti, line 45: the file ends within a line"),
+        (
+            "sti",
+            lambda t: t[: t.rindex("16 16")],
+            r"sti: .*last line.*\[15, 16\]",
+        ),
+        ("dof", lambda t: t[:-5], r"beam\.sti: .*last line to be row 15, column 15"),
+        ("sti", lambda t: damage(t, 7, "1 2\n"), r"beam\.sti, line 7: expected 'row"),
+        ("mas", lambda t: damage(t, 7, "2 4 nan\n"), r"beam\.mas, line 7: expected"),
+        ("sti", lambda t: damage(t, 7, "2.5 4 1.0\n"), r"beam\.sti, line 7: expected"),
+        ("sti", lambda t: damage(t, 7, "0 4 1.0\n"), r"beam\.sti: .*from 1 on"),
+        (
+            "sti",
+            lambda t: damage(t, 7, "1 1 1.0\n"),
+            r"row 1, column 1 is .*twice",
+        ),
+        ("sti", lambda t: damage(t, 7, "3 1 1.0\n"), r"sti: .*symmetric matrix"),
+        ("sti", lambda t: damage(t, 7, "2 \0\n"), r"beam\.sti, line 7: binary bytes"),
+        (
+            "dof",
+            lambda t: damage(t, 7, "12\n"),
+            r"dof, line 7: .*node\.direction",
+        ),
+    ],
+)
+def test_a_damaged_file_is_refused_by_file_and_line(tmp_path, end, change, message):
+    path = write_calculix(tmp_path, *cantilever())
+    damaged = path.with_suffix(f".{end}")
+    damaged.write_text(change(damaged.read_text()))
+    with pytest.raises(ValueError, match=message):
+        ef.read_matrices(path)
+
+
+def test_a_node_that_became_several_is_chosen_by_row(tmp_path):
+    K, M, dofs = cantilever()
+    dofs[4:6, 0] = dofs[2, 0]  # as in beams and shells of CalculiX
+    read = ef.read_matrices(write_calculix(tmp_path, K, M, dofs))
+    with pytest.raises(ValueError, match=r"'15:uz' is rows \[2, 4\].*\{'15:uz': 2\}"):
+        read.sensors(["27:uz", "15:uz"])
+    assert read.dofs("27:uz") == 14
+
+
+@pytest.mark.parametrize("end", ["mas", "dof"])
+def test_a_missing_file_of_the_job_is_named(tmp_path, end):
+    path = write_calculix(tmp_path, *cantilever())
+    path.with_suffix(f".{end}").unlink()
+    with pytest.raises(ValueError, match=rf"beam\.sti: beam\.{end} is missing beside"):
+        ef.read_matrices(path)
+    with pytest.raises(FileNotFoundError, match="beam"):
+        ef.read_matrices(path.with_name(f"beam.{end}"))
+
+
+def test_files_of_two_models_are_not_mixed(tmp_path):
+    one = write_calculix(tmp_path, *cantilever(8), job="one")
+    two = write_calculix(tmp_path, *cantilever(9), job="two")
+    files = {"K": one, "M": two.with_suffix(".mas")}
+    with pytest.raises(ValueError, match=r"two\.mas: 2 DOFs, 29:uz the first, which K"):
+        ef.read_matrices(files)

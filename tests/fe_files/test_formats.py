@@ -1,0 +1,183 @@
+"""Files of every format: read back, renamed, cut, damaged."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.io import mmwrite
+from support.exports import (
+    FREQUENCIES,
+    cantilever,
+    write_abaqus,
+    write_calculix,
+    write_dmig,
+    write_op4,
+)
+
+import emcee_femu as ef
+
+K, M, DOFS = cantilever()
+
+
+def write_market(folder, symmetry="symmetric"):
+    for name, matrix in (("K", K), ("M", M)):
+        mmwrite(folder / f"{name}.mtx", sparse.coo_array(matrix), symmetry=symmetry)
+    return {"K": folder / "K.mtx", "M": folder / "M.mtx"}
+
+
+def write_npz(folder):
+    for name, matrix in (("K", K), ("M", M)):
+        sparse.save_npz(folder / f"{name}.npz", sparse.csr_array(matrix))
+    return {"K": folder / "K.npz", "M": folder / "M.npz"}
+
+
+WRITERS = {
+    "Matrix Market": write_market,
+    "Matrix Market, general": lambda folder: write_market(folder, "general"),
+    "SciPy": write_npz,
+    "Abaqus": lambda folder: write_abaqus(folder, K, M, DOFS),
+    "Abaqus, labels": lambda folder: write_abaqus(folder, K, M, DOFS, "labels"),
+    "Abaqus, rows": lambda folder: write_abaqus(folder, K, M, DOFS, "coordinate"),
+    "CalculiX": lambda folder: write_calculix(folder, K, M, DOFS),
+    "Nastran DMIG": lambda folder: write_dmig(folder / "beam.pch", K, M, DOFS),
+    **{
+        f"Nastran OP4, {form}": lambda folder, form=form: write_op4(
+            folder / "beam.op4", form, KAA=K, MAA=M
+        )
+        for form in ("dense", "sparse", "bigmat")
+    },
+}
+LABELLED = "Abaqus", "Abaqus, labels", "CalculiX", "Nastran DMIG"
+
+
+@pytest.mark.parametrize("program", WRITERS)
+def test_what_was_written_is_read(tmp_path, program):
+    read = ef.read_matrices(WRITERS[program](tmp_path))
+    np.testing.assert_allclose(read.K.toarray(), K, rtol=6e-10)
+    np.testing.assert_allclose(read.M.toarray(), M, rtol=6e-10)
+    model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
+    np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
+    if program in LABELLED:
+        np.testing.assert_array_equal(read.nodes, DOFS)
+        assert read.dofs("node 27 z") == 14
+    else:
+        assert read.nodes is None
+
+
+@pytest.mark.parametrize("program", WRITERS)
+def test_the_suffix_does_not_matter(tmp_path, program):
+    given = WRITERS[program](tmp_path)
+    if program == "CalculiX":
+        given = {"K": given, "M": given.with_suffix(".mas")}
+    elif not isinstance(given, dict):
+        other = given.with_name(given.name.replace("STIF", "MASS"))
+        given = {"K": given, "M": other}
+    renamed = {}
+    for name, path in given.items():
+        renamed[name] = tmp_path / f"{name}.txt"
+        renamed[name].write_bytes(path.read_bytes())
+    read = ef.read_matrices(renamed)
+    np.testing.assert_allclose(read.K.toarray(), K, rtol=6e-10)
+    np.testing.assert_allclose(read.M.toarray(), M, rtol=6e-10)
+
+
+@pytest.mark.parametrize("program", WRITERS)
+def test_a_cut_file_is_refused_or_a_matrix_is_missing(tmp_path, program):
+    # At the end of a line a punch file may be complete; so may K be when M is not.
+    given = WRITERS[program](tmp_path)
+    path = given["K"] if isinstance(given, dict) else given
+    whole = path.read_bytes()
+    for end in range(0, len(whole) - 1, max(1, len(whole) // 40)):
+        path.write_bytes(whole[:end])
+        if program == "Nastran DMIG" and whole[end - 1 : end] == b"\n":
+            continue
+        try:
+            read = ef.read_matrices(given)
+        except ValueError as error:
+            assert str(tmp_path) in str(error)
+        else:
+            assert [*read.matrices] == ["K"] and "OP4" not in program
+            np.testing.assert_allclose(read.K.toarray(), K, rtol=6e-10)
+
+
+@pytest.mark.parametrize("program", [p for p in WRITERS if "SciPy" not in p])
+@pytest.mark.parametrize("wrong", ["nan", "x", "1e999"])
+def test_an_entry_that_is_no_number_is_refused(tmp_path, program, wrong):
+    given = WRITERS[program](tmp_path)
+    path = given["K"] if isinstance(given, dict) else given
+    lines = path.read_text().splitlines(keepends=True)
+    at = len(lines) // 4
+    while len(lines[at].split()) < 2 or "." not in lines[at]:  # not a header of OP4
+        at += 1
+    kept = max(lines[at].rstrip().rfind(mark) for mark in " ,")
+    width = len(lines[at].rstrip()) - kept - 1
+    lines[at] = f"{lines[at][: kept + 1]}{wrong:>{width}}\n"
+    path.write_text("".join(lines))
+    with pytest.raises(ValueError, match=str(path)):
+        ef.read_matrices(given)
+
+
+@pytest.mark.parametrize("program", WRITERS)
+def test_an_unsymmetric_matrix_is_refused(tmp_path, program):
+    skewed = K.copy()
+    skewed[0, 2] *= 1.1
+    i, j, x = sparse.find(skewed)
+    path = tmp_path / "beam_STIF1.mtx"
+    if program == "SciPy":
+        path = tmp_path / "K.npz"
+        sparse.save_npz(path, sparse.csr_array(skewed))
+    elif program.startswith("Matrix Market"):
+        mmwrite(path, sparse.coo_array(skewed), symmetry="general")
+    elif program.startswith("Nastran OP4"):
+        write_op4(path, program.split()[-1], K=skewed)
+    elif program == "Nastran DMIG":
+        lines = [f"DMIG    K       {0:8d}{1:8d}{2:8d}\n"]
+        for a, b, value in zip(i, j, x, strict=True):
+            (p, c), (q, d) = DOFS[a], DOFS[b]
+            lines.append(f"DMIG,K,{q},{d},,{p},{c},{value:.9E}\n")
+        path.write_text("".join(lines))
+    else:
+        (p, c), (q, d) = DOFS[i].T, DOFS[j].T
+        columns = (i + 1, j + 1, x)
+        if program in ("Abaqus", "Abaqus, labels"):
+            columns = (p, c, q, d, x)
+        separator = "," if program == "Abaqus" else " "
+        lines = [separator.join(map(repr, row)) for row in np.array(columns).T.tolist()]
+        path.write_text("".join(line + "\n" for line in lines).replace(".0,", ","))
+        if separator == " ":
+            cells = [line.split() for line in lines]
+            text = [[*(str(int(float(n))) for n in row[:-1]), row[-1]] for row in cells]
+            path.write_text("".join(" ".join(row) + "\n" for row in text))
+    with pytest.raises(ValueError, match=rf"{path}.*symmetric"):
+        ef.read_matrices({"K": path})
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0",
+        b"<html>\n",
+        bytes(999),
+        b"1.5\n",
+        b"\n",
+    ],
+)
+def test_a_foreign_file_is_refused_by_its_name(tmp_path, content):
+    path = tmp_path / "matrices.bin"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=rf"{path}: .*(empty|CalculiX)"):
+        ef.read_matrices(path)
+
+
+def test_labels_of_a_file_are_for_formats_that_have_none(tmp_path):
+    given = write_market(tmp_path)
+    dofs = tmp_path / "rows.txt"
+    dofs.write_text("".join(f"{n}.{d}\n" for n, d in DOFS))
+    read = ef.read_matrices(given | {"dofs": dofs})
+    assert read.dofs(["13:uz", "27:ry"]).tolist() == [0, 15]
+    dofs.write_text("".join(f"{n}.{d}\n" for n, d in DOFS[:-1]))
+    with pytest.raises(ValueError, match=r"K\.mtx: a matrix of 16 rows, but 15 labels"):
+        ef.read_matrices(given | {"dofs": dofs})
+    path = write_dmig(tmp_path / "beam.pch", K, M, DOFS)
+    with pytest.raises(ValueError, match=r"path\['dofs'\]: .*says otherwise; leave"):
+        ef.read_matrices({"K": path, "M": path, "dofs": dofs})

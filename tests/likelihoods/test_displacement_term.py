@@ -1,0 +1,94 @@
+"""The likelihood of displacements, against scipy and exact posteriors."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+from support.contracts import assert_term
+
+import emcee_femu as ef
+
+RNG = np.random.default_rng(2)
+MEASURED = RNG.normal(size=(2, 3))
+SD = RNG.uniform(0.1, 0.3, (2, 3))
+U = MEASURED + 0.3 * RNG.normal(size=(5, 2, 3))
+SIGMA = RNG.uniform(0.05, 0.5, 5)
+ERRORS = {
+    "one number": ({"sd": 0.2}, np.full((2, 3), 0.2)),
+    "one per point": ({"sd": SD[0]}, np.tile(SD[0], (2, 1))),
+    "each": ({"sd": SD}, SD),
+    "relative": ({"relative_sd": 0.1}, 0.1 * np.abs(MEASURED)),
+    "discrepancy alone": ({}, np.zeros((2, 3))),
+}
+CASES = [(e, d) for e in ERRORS for d in (None, "sigma") if ERRORS[e][0] or d]
+
+
+@pytest.mark.parametrize(("errors", "discrepancy"), CASES)
+def test_values_are_those_of_scipy(errors, discrepancy):
+    options, sd = ERRORS[errors]
+    term = ef.DisplacementTerm(MEASURED, discrepancy=discrepancy, **options)
+    parameters = {"sigma": SIGMA} if discrepancy else {}
+    model_sd = SIGMA[:, None, None] * MEASURED if discrepancy else 0.0
+    exact = stats.norm.logpdf(U, MEASURED, np.sqrt(sd**2 + model_sd**2))
+    assert_allclose(term(parameters, {"displacement": U}), exact.sum(axis=(1, 2)))
+    single = term.pointwise(parameters, {"displacement": U})["displacement"]
+    assert_allclose(single, exact)
+    assert_term(term, parameters, {"displacement": U}, exact.sum(axis=(1, 2)))
+
+
+def test_replicates_have_all_errors():
+    term = ef.DisplacementTerm(MEASURED, sd=SD, discrepancy="sigma")
+    n = 40_000
+    stored = {"displacement": np.broadcast_to(U[:1], (n, 2, 3))}
+    new = term.replicate(RNG, {"sigma": np.full(n, 0.3)}, stored)["displacement"]
+    sd = np.sqrt(SD**2 + (0.3 * MEASURED) ** 2)
+    z = (new.mean(axis=0) - U[0]) / sd * np.sqrt(n)
+    assert np.abs(z).max() < 4
+    assert_allclose(new.std(axis=0), sd, rtol=0.02)
+
+
+K = {"k": (1.0, 4.0)}
+SPRING = ef.StaticModel(
+    np.zeros((1, 1)), {"pull": [2.0]}, {"k": np.eye(1)}, points={"top": 0}
+)
+
+
+def spring(priors=K, measured=((1.0,),), **options):
+    """Return the posterior of a spring that was pulled."""
+    term = ef.DisplacementTerm(measured, **options)
+    return ef.LogPosterior(SPRING, term, ef.IndependentPrior(priors))
+
+
+def test_the_posterior_of_a_spring_is_its_formula():
+    k = np.linspace(1.5, 3.5, 7)
+    exact = stats.norm.logpdf(2 / k, 1.0, 0.05) - np.log(3)
+    posterior = spring(sd=0.05, cases=["pull"], points=["top"])
+    rows, gradient = posterior.gradient(k[:, None])
+    assert_allclose(rows[:, 0], exact, rtol=1e-12)
+    assert_allclose(gradient[:, 0], (2 / k - 1.0) / 0.05**2 * 2 / k**2, rtol=1e-9)
+
+
+def test_labels_are_held_against_those_of_the_model():
+    with pytest.raises(ValueError, match="point.*bottom"):
+        spring(sd=0.05, points=["bottom"])
+    with pytest.raises(ValueError, match="at 2 points"):
+        spring(measured=[[1.0, 2.0]], sd=0.05)
+
+
+@pytest.mark.parametrize(
+    ("priors", "options", "sd"),
+    [
+        (K, {"sd": 0.05, "cases": ["pull"], "points": ["top"]}, 0.05),
+        # A term that knows but the places takes the labels of the model.
+        (K | {"s": stats.halfnorm(scale=0.1)}, {"discrepancy": "s"}, np.nan),
+    ],
+)
+def test_tables_and_figures_take_it(priors, options, sd):
+    posterior = spring(priors, **options)
+    samplers = ef.run(posterior, ef.DEMCMove(), steps=30, ensembles=1, seed=1)
+    idata = ef.to_inference_data(samplers, posterior)
+    table = ef.predictive_table(idata, posterior)
+    assert table.column("load_case, point") == ["pull, top"]
+    assert_allclose([table.column("measured m"), table.column("sd m")], [[1], [sd]])
+    axes = ef.figures.plot_predictive(idata, posterior).axes[0]
+    assert axes.get_ylabel().endswith("(m)")

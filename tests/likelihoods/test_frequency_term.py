@@ -1,0 +1,158 @@
+"""The likelihood of frequencies: against scipy.stats, closed forms and quadrature."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import integrate, stats
+from support.contracts import assert_term
+
+import emcee_femu as ef
+
+MEASURED = np.array([3.18, 28.54, 1.1e3, 5e-3])
+BETA = np.array([10.0, 6.8e5, 1e4, 1.0])
+RNG = np.random.default_rng(5)
+PREDICTED = MEASURED * (1 + 0.02 * RNG.standard_normal((20, 4)))
+MODES = {"frequency": PREDICTED}
+ORDER = np.argsort(MEASURED)  # Measurements are ascending
+SIGMA = {"sigma": np.linspace(0.005, 0.1, 20)}
+ROOT = np.random.default_rng(1).normal(size=(4, 4)) + 2 * np.eye(4)
+COVARIANCE = 1e-4 * np.outer(MEASURED, MEASURED) * (ROOT @ ROOT.T)
+SD = np.array([0.01, 0.2, 3.0, 1e-4])
+ERRORS = {  # how the error is given, and what covariance that is
+    "beta": ({"beta": BETA}, np.diag(MEASURED**2 / BETA)),
+    "one beta": ({"beta": 6.8e5}, np.diag(MEASURED**2 / 6.8e5)),
+    "relative_sd": ({"relative_sd": 0.01}, np.diag((0.01 * MEASURED) ** 2)),
+    "sd": ({"sd": SD}, np.diag(SD**2)),
+    "covariance": ({"covariance": COVARIANCE}, COVARIANCE),
+    "nothing": ({}, np.zeros((4, 4))),
+}
+CASES = [(e, d) for e in ERRORS for d in (None, "sigma") if ERRORS[e][0] or d]
+
+
+def log_density(covariance, predicted):
+    """Return the multivariate normal density, in relative units for its accuracy."""
+    relative = covariance / np.outer(MEASURED, MEASURED)
+    density = stats.multivariate_normal(np.ones(4), relative)
+    return density.logpdf(predicted / MEASURED) - np.log(MEASURED).sum()
+
+
+@pytest.mark.parametrize(("errors", "discrepancy"), CASES)
+def test_it_is_the_normal_density_of_the_frequencies(errors, discrepancy):
+    options, covariance = ERRORS[errors]
+    term = ef.FrequencyTerm(MEASURED, discrepancy=discrepancy, **options)
+    variances = np.zeros(20)
+    if discrepancy:
+        assert term.names == ("sigma",)
+        variances = SIGMA["sigma"] ** 2
+    expected = np.array([
+        log_density(covariance + np.diag(variance * MEASURED**2), row)
+        for variance, row in zip(variances, PREDICTED, strict=True)
+    ])  # fmt: skip
+    parameters = SIGMA if discrepancy else {}
+    assert_allclose(term(parameters, MODES), expected, rtol=1e-9)  # constants too
+    assert_term(term, parameters, MODES, expected)
+
+
+@pytest.mark.parametrize("errors", ["sd", "covariance"])
+def test_measurements_bring_their_errors_in_their_order(errors):
+    options, covariance = ERRORS[errors]
+    ((name, value),) = options.items()
+    value = value[ORDER] if value.ndim == 1 else value[np.ix_(ORDER, ORDER)]
+    test = ef.Measurements(MEASURED[ORDER], **{name: value})
+    found = ef.FrequencyTerm(test)({}, {"frequency": PREDICTED[:, ORDER]})
+    assert_allclose(found, log_density(covariance, PREDICTED), rtol=1e-9)
+    stated = ef.FrequencyTerm(test, relative_sd=0.02)  # which goes before
+    expected = ef.FrequencyTerm(MEASURED, relative_sd=0.02)({}, MODES)
+    assert_allclose(stated({}, {"frequency": PREDICTED[:, ORDER]}), expected)
+
+
+@pytest.mark.parametrize("beta", [4.0, [2.5e3, 4e4]])
+def test_the_likelihood_integrates_to_one_over_the_frequencies(beta):
+    measured = np.array([3.0, 50.0])
+    term = ef.FrequencyTerm(measured, beta=beta)
+    x, step = np.linspace(-9, 9, 401, retstep=True)  # trapezoid: spectrally accurate
+    sd = measured / np.sqrt(beta)
+    first, second = np.meshgrid(*(measured[:, None] + sd[:, None] * x), indexing="ij")
+    predicted = np.column_stack([first.ravel(), second.ravel()])
+    total = np.exp(term({}, {"frequency": predicted})).sum() * step**2 * sd.prod()
+    assert total == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_the_lowest_modes_are_compared_when_the_model_returns_more(n):
+    term = ef.FrequencyTerm(MEASURED[:n], beta=BETA[:n])
+    assert term.n_modes == n
+    lowest = {"frequency": PREDICTED[:, :n]}
+    assert_array_equal(term({}, MODES), term({}, lowest))
+    density = stats.norm.logpdf(PREDICTED, MEASURED, MEASURED / np.sqrt(BETA))
+    assert_term(term, {}, MODES, density[:, :n].sum(axis=1))
+
+
+def test_arguments_are_copied_and_the_name_is_kept():
+    measured, beta = MEASURED.copy(), BETA.copy()
+    term = ef.FrequencyTerm(measured, beta=beta, name="run 2")
+    before = term({}, MODES)
+    measured += 1.0
+    beta += 1.0
+    assert_array_equal(term({}, MODES), before)
+    assert term.name == "run 2"
+    assert ef.FrequencyTerm([1.0], beta=1.0).name == "frequency"
+
+
+@pytest.mark.parametrize("beta", [1e2, [1e4, 4e2, 25.0]])
+@pytest.mark.parametrize(("mean", "sd"), [(0.0, 0.1), (0.3, 0.02)])
+def test_evidence_of_a_linear_model_is_the_closed_form_gaussian(beta, mean, sd):
+    # f = f0 (1 + theta), theta ~ N(mean, sd^2), errors N(0, fm^2 / beta):
+    # marginally fm ~ N(f0 (1 + mean), sd^2 f0 f0^T + diag(fm^2 / beta)).
+    f0, measured = np.array([10.0, 25.0, 60.0]), np.array([10.5, 25.2, 66.0])
+    posterior = ef.LogPosterior(
+        ef.FunctionModel(lambda p: f0 * (1 + p["theta"]), n_modes=3),
+        ef.FrequencyTerm(measured, beta=beta),
+        ef.GaussianPrior(["theta"], [mean], sd),
+    )
+    noise = np.diag(measured**2 / beta)
+    exact = stats.multivariate_normal.pdf(
+        measured, f0 * (1 + mean), noise + sd**2 * np.outer(f0, f0)
+    )
+    ends = mean - 12 * sd, mean + 12 * sd
+    options = {"epsabs": 0, "epsrel": 1e-10, "limit": 200, "points": [0.0, 0.05, mean]}
+    evidence, _ = integrate.quad(lambda x: np.exp(posterior([x])[0]), *ends, **options)
+    assert evidence == pytest.approx(exact, rel=1e-9)
+
+
+def test_an_inferred_discrepancy_has_the_density_of_its_formula():
+    # Two parameters: a common factor of three frequencies, and the discrepancy.
+    measured, shape = np.array([10.0, 20.0, 33.0]), np.array([10, 20.5, 32])
+    laws = {"factor": stats.norm(1, 0.1), "sigma": stats.halfnorm(scale=0.05)}
+    posterior = ef.LogPosterior(
+        lambda p: ef.ModalSolution(p["factor"][:, None] * shape),
+        ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="sigma"),
+        ef.IndependentPrior(laws),
+    )
+    theta = posterior.start(50, 1)
+    sd = np.hypot(0.002, theta[:, 1:]) * measured
+    expected = stats.norm.logpdf(theta[:, :1] * shape, measured, sd).sum(axis=1)
+    expected += sum(
+        law.logpdf(x) for law, x in zip(laws.values(), theta.T, strict=True)
+    )
+    assert_allclose(posterior(theta)[:, 0], expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["relative_sd", "covariance"])
+@pytest.mark.parametrize("discrepancy", [None, "error"])
+def test_replicates_have_the_covariance_of_all_errors(kind, discrepancy):
+    measured = np.array([3.0, 8.0, 9.0])
+    C = np.array([[0.04, 0.05, 0.01], [0.05, 0.25, 0.1], [0.01, 0.1, 0.36]])
+    given = {"covariance": C, "relative_sd": [0.1, 0.05, 0.02]}[kind]
+    term = ef.FrequencyTerm(measured, **{kind: given}, discrepancy=discrepancy)
+    expected = C if kind == "covariance" else np.diag((measured * given) ** 2)
+    n, parameters = 40_000, {"error": np.full(40_000, 0.08)}
+    if discrepancy:
+        expected = expected + np.diag((0.08 * measured) ** 2)
+    stored = {"frequency": np.tile([2.0, 7.0, 9.5, 11.0], (n, 1))}
+    drawn = term.replicate(np.random.default_rng(1), parameters, stored)["frequency"]
+    assert drawn.shape == (n, 3)
+    error = np.sqrt(np.diag(expected) / n)
+    spread = 5 * np.sqrt(2 * n) * np.outer(error, error)
+    assert (np.abs(np.cov(drawn.T) - expected) < spread).all()
+    assert (np.abs(drawn.mean(axis=0) - [2, 7, 9.5]) < 5 * error).all()

@@ -1,0 +1,157 @@
+"""Mode shapes against scipy.stats, quadrature and the normalisation on the sphere."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import integrate, special, stats
+from support.contracts import assert_term
+
+import emcee_femu as ef
+
+RNG = np.random.default_rng(0)
+MEASURED = RNG.normal(size=(7, 3))
+SHAPES = MEASURED + 0.05 * RNG.normal(size=(20, 7, 3))
+MODES = {"shapes": SHAPES}
+MORE = {"shapes": np.dstack([SHAPES, RNG.normal(size=(20, 7))])}  # one not measured
+
+
+def mac(measured, shapes):
+    """Return modal assurance criteria ``(..., n_modes)``, mode by mode."""
+    products = (measured * shapes).sum(axis=-2) ** 2
+    return products / ((measured**2).sum(axis=-2) * (shapes**2).sum(axis=-2))
+
+
+@pytest.mark.parametrize("delta", [0.05, [0.03, 0.05, 0.1]])
+def test_the_mac_form_is_its_formula(delta):
+    squares = np.square(delta)
+    expected = -(1 - mac(MEASURED, SHAPES)) / (2 * squares)
+    expected = (expected - 6 / 2 * np.log(2 * np.pi * squares)).sum(axis=1)
+    term = ef.ShapeTerm(MEASURED, delta=delta)
+    assert_allclose(term({}, MODES), expected, rtol=1e-12)
+    assert_term(term, {}, MODES, expected)
+    assert_array_equal(term({}, MORE), term({}, MODES))
+
+
+def test_an_inferred_delta_is_the_number_of_that_value():
+    term = ef.ShapeTerm(MEASURED, discrepancy="delta")
+    assert term.names == ("delta",)
+    values = np.linspace(0.01, 0.2, 20)
+    fixed = [
+        ef.ShapeTerm(MEASURED, delta=v)({}, MODES)[i] for i, v in enumerate(values)
+    ]
+    assert_allclose(term({"delta": values}, MODES), fixed, rtol=1e-13)
+    assert_term(term, {"delta": values}, MODES, np.array(fixed))
+
+
+@pytest.mark.parametrize(
+    "sd",
+    [0.05, [0.1, 0.2, 0.4], [[0.1]] * 3 + [[0.3]] * 4, 0.02 + 0.1 * RNG.random((7, 3))],
+    ids=["one", "by mode", "by sensor", "each"],
+)
+def test_the_sensor_form_is_a_normal_density_about_the_scaled_shape(sd):
+    weights = np.broadcast_to(sd, (7, 3)) ** -2.0
+    gamma = (weights * MEASURED * SHAPES).sum(1) / (weights * SHAPES**2).sum(1)
+    fit = stats.norm.logpdf(MEASURED, gamma[:, None] * SHAPES, weights**-0.5)
+    term = ef.ShapeTerm(MEASURED, sd=sd)
+    for modes in (MODES, MORE):
+        assert_allclose(term({}, modes), fit.sum(axis=(1, 2)), rtol=1e-11)
+    assert_term(term, {}, MODES, fit.sum(axis=(1, 2)))
+
+
+@pytest.mark.parametrize("n_sensors", [2, 3, 4])
+def test_the_density_of_measured_directions_integrates_to_one(n_sensors):
+    # Over the half sphere of directions, at colatitude t from the model's shape:
+    # the ring there has the area of the (n-2)-sphere times sin(t)^(n-2).
+    half = (n_sensors - 1) / 2
+    ring = 2 * np.pi**half / special.gamma(half)
+    model = {"shapes": np.eye(n_sensors)[None, :, :1]}
+
+    def density(t):
+        direction = np.zeros((n_sensors, 1))
+        direction[:2, 0] = np.cos(t), np.sin(t)
+        value = np.exp(ef.ShapeTerm(direction, delta=0.02)({}, model)[0])
+        return value * ring * np.sin(t) ** (n_sensors - 2)
+
+    total = integrate.quad(density, 0, np.pi / 2, points=[0.02, 0.06, 0.15])[0]
+    assert abs(total - 1) < 2e-3  # curvature of the sphere: of the order delta^2
+
+
+def test_the_noise_of_unit_shapes_has_the_deviation_delta():
+    # Shapes of unit length plus noise: delta found by maximum likelihood is the noise.
+    rng, delta, n_sensors = np.random.default_rng(1), 0.03, 10
+    truth = np.linalg.qr(rng.normal(size=(n_sensors, n_sensors)))[0]
+    noisy = np.hstack([truth + delta * rng.normal(size=truth.shape) for _ in range(40)])
+    trial = np.linspace(0.8, 1.2, 81) * delta
+    model = {"shapes": np.tile(np.hstack([truth] * 40), (81, 1, 1))}
+    total = ef.ShapeTerm(noisy, discrepancy="s")({"s": trial}, model)
+    best = trial[np.argmax(total)]
+    assert abs(best / delta - 1) < 4 / np.sqrt(2 * 400 * (n_sensors - 1)) + 0.005
+
+
+@pytest.mark.parametrize("options", [{"delta": 0.05}, {"sd": 0.05}])
+def test_scale_and_sign_of_the_models_shapes_do_not_matter(options):
+    term = ef.ShapeTerm(MEASURED, **options)
+    scaled = {"shapes": SHAPES * [-3.0, 1e-6, 1e6]}
+    assert_allclose(term({}, scaled), term({}, MODES), rtol=1e-9)
+
+
+def test_close_to_one_a_mac_keeps_its_digits():
+    nudge = np.zeros((7, 1))
+    nudge[2] = 1e-9
+    first, delta = MEASURED[:, :1], 1e-9
+    gap = 1e-18 * (1 - first[2] ** 2 / (first**2).sum()) / (first**2).sum()
+    term = ef.ShapeTerm(first, delta=delta)({}, {"shapes": (first + nudge)[None]})[0]
+    constant = -3 * np.log(2 * np.pi * delta**2)
+    assert_allclose(term - constant, -gap[0] / (2 * delta**2), rtol=1e-5)
+
+
+def test_a_shape_with_no_motion_at_the_sensors_has_mac_zero():
+    still = {"shapes": np.zeros((1, 7, 1))}
+    value = ef.ShapeTerm(MEASURED[:, :1], delta=0.1)({}, still)[0]
+    assert_allclose(value, -1 / 0.02 - 3 * np.log(2 * np.pi * 0.01))
+
+
+def test_the_posterior_of_two_parameters_is_its_formula():
+    # A shape (1, a, a^2) measured with an inferred delta, whose prior is half-normal.
+    measured = np.array([[1.0], [0.5], [0.35]])  # no value of a fits exactly
+
+    def model(p):
+        a = p["a"]
+        shapes = np.column_stack([np.ones_like(a), a, a**2])[..., None]
+        return ef.ModalSolution(np.ones((len(a), 1)), shapes)
+
+    laws = {"a": stats.uniform(0.2, 0.6), "delta": stats.halfnorm(scale=0.1)}
+    term = ef.ShapeTerm(measured, discrepancy="delta")
+    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(laws))
+    theta = posterior.start(50, 1)
+    a, delta = theta.T
+    shapes = np.stack([np.ones(50), a, a**2], axis=1)[..., None]
+    expected = -(1 - mac(measured, shapes)[:, 0]) / (2 * delta**2)
+    expected -= np.log(2 * np.pi * delta**2) + delta**2 / (2 * 0.1**2)
+    assert_allclose(np.ptp(posterior(theta)[:, 0] - expected), 0, atol=1e-9)
+
+
+def test_measurements_give_shapes_sensors_and_deviations():
+    sd = np.full((2, 1), 0.1)
+    test = ef.Measurements([5.0], shapes=[[1.0], [2.0]], shape_sd=sd, dofs=[3, 0])
+    term = ef.ShapeTerm(test)
+    assert_array_equal(term.sd, sd)
+    assert term.n_modes == 1
+    shapes = RNG.normal(size=(4, 5, 2))
+    at_rows = term({}, {"shapes": shapes[:, [3, 0]]})
+    assert_allclose(term({}, {"shapes": shapes}), at_rows, rtol=1e-12)
+    assert ef.ShapeTerm(test, delta=0.1).sd is None
+
+
+def test_paired_with_a_turned_cluster_the_shape_term_sees_no_turning():
+    basis = np.linalg.qr(RNG.normal(size=(7, 4)))[0]
+    test = ef.Measurements([1.0, 2.0, 2.1], shapes=basis[:, :3])
+    values = []
+    for angle in (0.0, 0.7):
+        c, s = np.cos(angle), np.sin(angle)
+        shapes = basis.copy()
+        shapes[:, 1:3] = basis[:, 1:3] @ [[c, -s], [s, c]]
+        solution = ef.ModalSolution(np.array([[1.0, 2.0, 2.01, 4.0]]), shapes[None])
+        paired = ef.PairedModel(lambda p, m=solution: m, test, candidates=4)
+        values.append(ef.ShapeTerm(test, delta=0.05)({}, paired({}))[0])
+    assert_allclose(values[1], values[0], rtol=1e-10)

@@ -1,0 +1,316 @@
+"""Modes are paired one-to-one by MAC, also where frequencies cross or coincide."""
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import emcee_femu as ef
+from emcee_femu import Measurements, ModalSolution, PairedModel, ShapeTerm
+
+
+def random_shapes(seed, *shape):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+def mac(a, b):
+    """Return the modal assurance criterion of every shape of a with every one of b."""
+    return (a.T @ b) ** 2 / np.outer((a**2).sum(axis=0), (b**2).sum(axis=0))
+
+
+class Fixed:
+    """A model that returns given modes, whatever the parameters."""
+
+    def __init__(self, frequencies, shapes):
+        self.solution = ModalSolution(np.atleast_2d(frequencies), np.asarray(shapes))
+        self.variables = ef.modal_variables(self.solution.frequencies.shape[1])
+        self.variables["shapes"] = ef.Variable({}, stored=False)
+
+    def __call__(self, parameters):
+        return self.solution
+
+
+def turned(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def test_modes_are_put_in_the_order_of_the_measured_ones():
+    shapes, order = random_shapes(3, 1, 8, 6), [4, 0, 2]
+    test = Measurements([1.0, 2.0, 3.0], shapes=-0.5 * shapes[0][:, order])
+    paired = PairedModel(Fixed(np.arange(1.0, 7.0), shapes), test)({})
+    np.testing.assert_array_equal(paired.frequencies, [[5.0, 1.0, 3.0]])
+    np.testing.assert_array_equal(paired.pairing.model_modes, [[5, 1, 3]])
+    np.testing.assert_allclose(paired.pairing.mac, 1.0, rtol=1e-12)
+    np.testing.assert_array_equal(paired.shapes, shapes[:, :, order])
+    assert not paired.pairing.unpaired.any()
+
+
+def test_the_pairs_are_the_best_of_all_one_to_one_choices():
+    shapes, measured = random_shapes(2, 200, 4, 5), random_shapes(0, 4, 3)
+    test = Measurements([1.0, 2.0, 3.0], shapes=measured)
+    model = Fixed(np.tile(np.arange(1.0, 6.0), (200, 1)), shapes)
+    pairing = PairedModel(model, test, candidates=5)({}).pairing
+    choices, greedy = np.array(list(permutations(range(5), 3))), 0
+    for row in range(200):
+        score = mac(measured, shapes[row])
+        best = choices[score[range(3), choices].sum(axis=1).argmax()]
+        np.testing.assert_array_equal(pairing.model_modes[row], best + 1)
+        np.testing.assert_allclose(pairing.mac[row], score[range(3), best], rtol=1e-9)
+        greedy += (score.argmax(axis=1) != best).any()
+    assert greedy  # some needed more than the maximum
+    scaled = Fixed(model.solution.frequencies, -3e-9 * shapes)
+    again = PairedModel(scaled, test, candidates=5)({}).pairing
+    np.testing.assert_allclose(again.mac, pairing.mac, rtol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4, 1.2])
+def test_two_equal_frequencies_are_paired_however_they_are_turned(angle):
+    basis = np.linalg.qr(random_shapes(4, 7, 4))[0]
+    shapes = basis.copy()
+    shapes[:, 1:3] = basis[:, 1:3] @ turned(angle)
+    test = Measurements([1.0, 2.0, 2.1], shapes=basis[:, :3])
+    model = Fixed([1.0, 2.0, 2.0 * 1.001, 3.0], shapes[None])
+    paired = PairedModel(model, test, candidates=4)({})
+    np.testing.assert_allclose(paired.pairing.mac, 1.0, rtol=1e-12)
+    assert set(paired.pairing.model_modes[0]) == {1, 2, 3}
+    # The paired shapes of the cluster are the measured ones: no turning is left.
+    np.testing.assert_allclose(np.diag(mac(basis[:, :3], paired.shapes[0])), 1.0)
+    if angle:
+        alone = PairedModel(model, test, candidates=4, min_gap=0.0)({})
+        expected = max(np.cos(angle), np.sin(angle)) ** 2
+        np.testing.assert_allclose(alone.pairing.mac[0, 1], expected, rtol=1e-9)
+
+
+def test_modes_farther_apart_than_the_gap_are_no_cluster():
+    shapes = np.eye(5)
+    shapes[:2, :2] = turned(0.5)
+    model = Fixed([1.0, 1.03, 2.0, 3.0, 4.0], shapes[None])
+    test = Measurements([1.0, 1.1], shapes=np.eye(5)[:, :2])
+    single = np.cos(0.5) ** 2
+    for min_gap, expected in ((0.02, single), (0.03, single), (0.061, 1.0)):
+        macs = PairedModel(model, test, min_gap=min_gap)({}).pairing.mac
+        np.testing.assert_allclose(macs, expected, rtol=1e-12)
+
+
+def test_a_cluster_wins_by_its_span_where_none_of_its_modes_would():
+    shape = np.array([0.8, 0.8, 0.8, 0.6 * np.sqrt(3)]) / np.sqrt(3)
+    test = Measurements([1.0], shapes=shape[:, None])  # MACs 0.213 three times, 0.36
+    model = Fixed([1.0, 1.01, 1.02, 2.0], np.eye(4)[None])
+    pairing = PairedModel(model, test, candidates=4)({}).pairing
+    assert pairing.model_modes[0, 0] < 4
+    np.testing.assert_allclose(pairing.mac, 0.64, rtol=1e-12)
+
+
+def test_a_cluster_of_three_spans_its_subspace_and_no_more():
+    shapes = random_shapes(5, 9, 5)
+    measured = shapes[:, 1:4] @ random_shapes(6, 3, 2)
+    outside = shapes[:, 1:4] @ [1.0, 1.0, 1.0] + 2.0 * random_shapes(7, 9)
+    test = Measurements([1, 2, 3], shapes=np.column_stack([measured, outside]))
+    model = Fixed([1.0, 2.0, 2.01, 2.02, 3.0], shapes[None])
+    macs = PairedModel(model, test, candidates=5)({}).pairing.mac[0]
+    np.testing.assert_allclose(macs[:2], 1.0, rtol=1e-12)
+    fit = shapes[:, 1:4] @ np.linalg.lstsq(shapes[:, 1:4], outside)[0]
+    cosine = (fit @ outside) ** 2 / (fit @ fit) / (outside @ outside)
+    np.testing.assert_allclose(macs[2], cosine, rtol=1e-10)
+
+
+def test_few_sensors_that_cannot_tell_a_cluster_apart_give_finite_numbers():
+    shapes = np.array([[[1.0, 1.0, 0.5, 0.0], [1.0, 1.0, -0.5, 0.0]]])
+    test = Measurements([1.0, 1.1], shapes=[[1.0, 1.0], [0.0, 2.0]])
+    model = Fixed([1.0, 1.001, 1.002, 5.0], shapes)
+    paired = PairedModel(model, test, candidates=4)({})
+    np.testing.assert_allclose(paired.pairing.mac, 1.0, rtol=1e-12)  # they span all
+    assert np.isfinite(paired.shapes).all()
+
+
+def test_rows_are_the_same_alone_and_in_a_batch():
+    frequencies = np.sort(np.random.default_rng(8).uniform(1, 1.3, (40, 8)), axis=1)
+    shapes = random_shapes(9, 40, 11, 8)
+    test = Measurements([1.0, 1.1, 1.2, 1.3], shapes=random_shapes(10, 11, 4))
+    whole = PairedModel(Fixed(frequencies, shapes), test)({})
+    for row in range(40):
+        one = [part[row : row + 1] for part in (frequencies, shapes)]
+        alone = PairedModel(Fixed(*one), test)({})
+        assert (alone.model_mode[0] == whole.model_mode[row]).all()
+        np.testing.assert_allclose(alone.mac[0], whole.mac[row], rtol=1e-9)
+        np.testing.assert_allclose(alone.shapes[0], whole.shapes[row], atol=1e-9)
+
+
+# --- frequencies that cross inside the bounds
+
+TRUTH = {"a": 10.0, "b": 10.5}
+SD = 0.3
+
+
+class Crossing:
+    """Two uncoupled oscillators: their shapes are the two axes."""
+
+    variables = ef.modal_variables(2, range(2))
+
+    def __call__(self, parameters):
+        values = np.column_stack([parameters["a"], parameters["b"]])
+        order = np.argsort(values, axis=1)
+        shapes = np.eye(2)[order].transpose(0, 2, 1)
+        return ModalSolution(np.sort(values, axis=1), shapes)
+
+
+def crossing_posterior(pair):
+    test = Measurements([*TRUTH.values()], sd=[SD, SD], shapes=np.eye(2))
+    model = PairedModel(Crossing(), test, candidates=2) if pair else Crossing()
+    prior = ef.IndependentPrior(dict.fromkeys("ab", stats.norm(10.0, 1.0)))
+    return ef.LogPosterior(model, ef.FrequencyTerm(test), prior)
+
+
+def test_where_modes_cross_pairing_gives_the_exact_posterior():
+    posterior = crossing_posterior(pair=True)
+    theta = posterior.prior.sample(np.random.default_rng(0), 500)
+    precision = 1 / SD**2 + 1.0
+    mean = np.array([(v / SD**2 + 10.0) / precision for v in TRUTH.values()])
+    exact = stats.norm(mean, precision**-0.5).logpdf(theta).sum(axis=1)
+    rows = posterior(theta)
+    np.testing.assert_allclose(np.ptp(rows[:, 0] - exact), 0.0, atol=1e-9)
+    numbers = rows[:, posterior.columns["model_mode"]]
+    assert ((numbers[:, 0] > numbers[:, 1]) == (theta[:, 0] > theta[:, 1])).all()
+    # Without pairing the parameters are exchangeable: two modes, equally high.
+    there, swapped = crossing_posterior(False)(np.array([[9.9, 10.6], [10.6, 9.9]]))
+    assert there[0] == swapped[0] and rows[:, 0].std() > 1
+
+
+def test_a_mode_without_a_pair_costs_a_finite_penalty():
+    lonely = np.full((4, 1), 0.5)
+    shapes = np.hstack([np.eye(4)[:, :1], lonely])
+    test = Measurements([1.0, 2.0], sd=[0.1, 0.1], shapes=shapes)
+    paired = PairedModel(Fixed([1.0, 2.0, 3.0, 4.0], np.eye(4)[None]), test)({})
+    assert paired.unpaired.tolist() == [[False, True]]
+    np.testing.assert_allclose(paired.mac, [[1.0, 0.25]])
+    term, neither = ef.FrequencyTerm(test), np.array([[True, True]])
+    pairing = paired.pairing._replace(unpaired=neither)
+    both = ef.interfaces.PairedSolution(paired.frequencies, paired.shapes, pairing)
+    none, one, two = (
+        term({}, each)[0] for each in (ModalSolution(paired.frequencies), paired, both)
+    )
+    np.testing.assert_allclose(none - one, one - two)
+    assert 1 < none - one < np.inf
+    stored = {"frequency": paired.frequency, "unpaired": neither.astype(float)}
+    by_mode = term.pointwise({}, stored)["frequency"]
+    np.testing.assert_allclose(by_mode.sum(), two)
+
+
+def test_the_models_own_statements_pass_through():
+    K, test = (
+        {"k": np.diag([1.0, 2.0, 3.0])},
+        Measurements([1.0], shapes=np.ones((3, 1))),
+    )
+    model = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, n_modes=3, shapes=True)
+    paired = PairedModel(model, test)
+    assert (paired.names, paired.bounds, paired.spread) == (("k",), None, None)
+    prior = ef.IndependentPrior({"q": stats.uniform(1, 2)})
+    with pytest.raises(ValueError, match=r"no parameter \['k'\]"):
+        ef.LogPosterior(paired, ef.FrequencyTerm(test, relative_sd=0.01), prior)
+    springs = ef.MassSpringModel([1, 1, 1], {"k": (0, 1, 1.0)}, shapes=True)
+    assert PairedModel(springs, test).bounds == {"k": (0.0, np.inf)}
+
+
+def test_mac_and_numbers_of_the_paired_modes_are_stored():
+    test = Measurements([1.0, 2.0], sd=[0.1, 0.1], shapes=[[0.0, 0.8], [0.6, 0.6]])
+    model = PairedModel(Fixed([1.0, 2.0], np.eye(2)[None]), test, candidates=2)
+    prior = ef.IndependentPrior({"q": stats.uniform(1, 2)})
+    posterior = ef.LogPosterior(model, ef.FrequencyTerm(test), prior)
+    row, where = posterior([1.5]), posterior.columns
+    np.testing.assert_array_equal(row[where["frequency"]], [2.0, 1.0])
+    np.testing.assert_allclose(row[where["mac"]], [1.0, 0.64])
+    np.testing.assert_array_equal(row[where["model_mode"]], [2, 1])
+    np.testing.assert_array_equal(row[where["unpaired"]], [0, 0])
+
+
+# --- what was wrong in 0.1.0
+
+
+@pytest.mark.parametrize("with_frequencies", [False, True])
+def test_the_likelihood_has_no_step_where_modes_come_near(with_frequencies):
+    test = Measurements([10.0, 10.2], sd=[0.1, 0.1], shapes=np.eye(2))
+    terms = [ShapeTerm(test, delta=0.05), ef.FrequencyTerm(test)][
+        : 1 + with_frequencies
+    ]
+    alone, values = np.cos(np.radians(20)) ** 2, []
+    for gap in np.linspace(0.005, 0.025, 401):  # half the least gap of 2 %, and past it
+        model = Fixed([10.0, 10.0 * (1 + gap)], turned(np.radians(20))[None])
+        paired = PairedModel(model, test, candidates=2)({})
+        values.append(sum(term({}, paired)[0] for term in terms))
+        assert alone - 1e-12 <= paired.mac.min() <= paired.mac.max() <= 1 + 1e-12
+    if not with_frequencies:  # from the whole space of both to each mode's own
+        assert values[0] - values[-1] > 40
+    assert np.abs(np.diff(values)).max() < 1.5  # it fell by 46.8 from 1.999 to 2.001 %
+
+
+@pytest.mark.parametrize("leaving", [0, 2])
+def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
+    # Three modes in a row: the last or the first leaves, while the others stay.
+    shapes = random_shapes(11, 1, 6, 3)
+    measured = shapes[0] @ random_shapes(12, 3, 1)
+    test, macs = Measurements([1.0], shapes=measured), []
+    for gap in np.linspace(0.009, 0.021, 241):
+        ratios = [1.001, 1 + gap] if leaving else [1 + gap, 1.001]
+        model = Fixed(np.cumprod([1.0, *ratios]), shapes)
+        macs.append(PairedModel(model, test, candidates=3)({}).mac[0, 0])
+    np.testing.assert_allclose(macs[0], 1.0, rtol=1e-12)  # in the span of all three
+    pair = np.delete(shapes[0], leaving, axis=1)
+    fit = pair @ np.linalg.lstsq(pair, measured)[0]
+    alone = mac(measured, shapes[0][:, [leaving]]).item()
+    expected = max(mac(fit, measured).item(), alone)
+    np.testing.assert_allclose(macs[-1], expected, rtol=1e-10)
+    assert np.abs(np.diff(macs)).max() < 0.02
+
+
+# --- sensors among the rows of the shapes
+
+
+def test_sensors_and_dofs_are_matched_in_any_order():
+    K, at = {"k": np.diag([4.0, 3.0, 2.0, 1.0]) + 0.2}, {"k": np.array([9.0])}
+
+    def model(dofs):
+        zero = np.zeros((4, 4))
+        return ef.MatrixModel(zero, np.eye(4), K, n_modes=4, shapes=dofs)
+
+    frequencies, shapes = (part[0] for part in model(True)(at))
+    test = Measurements(frequencies[:2], shapes=shapes[[3, 1]][:, :2], dofs=[3, 1])
+    for dofs in (True, [1, 3], [3, 1], [3, 0, 1]):
+        paired = PairedModel(model(dofs), test)(at)
+        np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
+    with pytest.raises(ValueError, match=r"^dofs: .* sensors at \[3\]"):
+        PairedModel(model([0, 1]), test)
+    prior = ef.IndependentPrior({"k": stats.uniform(5, 9)})
+    term = ShapeTerm(test, delta=0.1)
+    with pytest.raises(ValueError, match=r"measured at dof \[3, 1\], .* at \[1, 3\]"):
+        ef.LogPosterior(model([1, 3]), term, prior)
+    paired = ef.LogPosterior(PairedModel(model([1, 3]), test), term, prior)
+    best = -2 * np.log(2 * np.pi * 0.1**2) / 2  # of two modes at two sensors
+    np.testing.assert_allclose(paired([9.0])[2], best, rtol=1e-12)
+
+
+def test_rows_of_a_model_that_does_not_name_them():
+    shapes, order = random_shapes(13, 4, 3), [3, 1]
+    modes = ModalSolution(np.array([[1.0, 2.0, 3.0]]), shapes[None])
+
+    def paired(dofs, rows=order):
+        test = Measurements([1.0, 2.0], shapes=shapes[rows][:, :2], dofs=dofs)
+        return PairedModel(lambda _: modes, test, candidates=3)({})
+
+    for dofs, rows in ((order, order), (None, range(4)), ([7, 8, 9, 11], range(4))):
+        np.testing.assert_allclose(paired(dofs, rows).mac, 1.0, rtol=1e-12)
+    with pytest.raises(ValueError, match="another order"):
+        paired([1, 0, 2, 3], [1, 0, 2, 3])
+    with pytest.raises(ValueError, match=r"the rows of 2 .* give Measurements\(dofs="):
+        paired(None)
+    with pytest.raises(ValueError, match=r"among the 4 .* got .3, 5."):
+        paired([3, 5])
+
+    def solve(p):
+        return {"frequency": modes.frequencies[0] * p["k"], "shapes": shapes}
+
+    model = ef.FunctionModel(solve, variables=ef.modal_variables(3, range(4)))
+    test = Measurements([1.0, 2.0], shapes=shapes[order][:, :2], dofs=order)
+    named = PairedModel(model, test, candidates=3)({"k": np.array([1.0])})
+    np.testing.assert_allclose(named.mac, 1.0, rtol=1e-12)

@@ -1,0 +1,141 @@
+"""The likelihood under a model that knows its own error."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+from support.gradients import DATA, LINEAR, LinearDerived, LinearModel
+
+import emcee_femu as ef
+
+RNG = np.random.default_rng(3)
+SPREAD = 0.3 * RNG.standard_normal((4, 2))  # of y, along two directions
+SD = 0.2
+THETA = RNG.standard_normal((6, 3))
+PRIOR = ef.GaussianPrior(LinearModel.names, np.zeros(3), np.ones(3))
+
+
+class Uncertain(LinearModel):
+    """A linear response that knows its error: one sd along each direction."""
+
+    directions = SPREAD
+
+    def spread(self, parameters):
+        response = self(parameters)
+        columns = enumerate(self.directions.T)
+        shape = response["y"].shape
+        return response, {"y": {j: np.broadcast_to(c, shape) for j, c in columns}}
+
+
+class UncertainDerived(LinearDerived, Uncertain):
+    """The same with derivatives."""
+
+
+@dataclass
+class Gaussian:
+    """Independent Gaussian errors of some of the data."""
+
+    points: slice
+
+    def __call__(self, parameters, response):
+        r, sd = self.deviations(parameters, response)
+        return stats.norm.logpdf(r, scale=sd).sum(axis=1)
+
+    def deviations(self, parameters, response):
+        r = response["y"][:, self.points] - DATA[self.points]
+        return r, np.full_like(r, SD)
+
+
+ALL, FIRST, LAST = (Gaussian(slice(*ends)) for ends in ((4,), (3,), (3, None)))
+
+
+def exact(theta, directions=SPREAD):
+    """Return the log-density of the data, the model's variance beside theirs."""
+    covariance = SD**2 * np.eye(4) + directions @ directions.T
+    return stats.multivariate_normal(DATA, covariance).logpdf(theta @ LINEAR.T)
+
+
+@pytest.mark.parametrize("model", [Uncertain(), UncertainDerived()])
+@pytest.mark.parametrize("terms", [[ALL], [FIRST, LAST]], ids=len)
+def test_the_variance_of_the_model_adds_to_that_of_the_data(model, terms):
+    posterior = ef.LogPosterior(model, terms, PRIOR)
+    rows = posterior(THETA)
+    likelihood = rows[:, 2 : 2 + len(terms)].sum(axis=1)
+    assert_allclose(likelihood, exact(THETA), rtol=1e-9)
+    assert_allclose(rows[:, 0], rows[:, 1] + likelihood)
+    # What goes on beside it, with derivatives or differences, has the same rows.
+    assert_allclose(posterior.gradient(THETA)[0], rows)
+    assert_allclose(posterior.linearize(THETA).rows, rows)
+
+
+def test_a_second_term_knows_what_the_first_has_told():
+    first = ef.LogPosterior(Uncertain(), FIRST, PRIOR)(THETA)[:, 2]
+    both = ef.LogPosterior(Uncertain(), [FIRST, LAST], PRIOR)(THETA)
+    assert_allclose(both[:, 2], first)
+    assert_allclose(both[:, 3], exact(THETA) - first)
+
+
+def test_a_term_that_is_a_function_has_the_variance_too():
+    """Without derivatives directions count as independent: here they are."""
+
+    class Diagonal(Uncertain):
+        directions = 0.3 * np.eye(4)[:, [0, 2]]
+
+    posterior = ef.LogPosterior(Diagonal(), lambda p, r: ALL(p, r), PRIOR)
+    assert_allclose(posterior(THETA)[:, 2], exact(THETA, Diagonal.directions))
+
+
+def test_a_point_that_a_term_refuses_stays_refused():
+    def refuse(parameters, response):
+        return np.where(parameters["a"] > 0, -np.inf, 0.0)
+
+    rows = ef.LogPosterior(Uncertain(), [refuse, ALL], PRIOR)(THETA)
+    assert_array_equal(rows[:, 0] == -np.inf, THETA[:, 0] > 0)
+    kept = rows[:, 0] > -np.inf
+    assert kept.any() and not kept.all()
+    assert_allclose(rows[kept, 3], exact(THETA[kept]))
+
+
+class Modes:
+    """Two modes that change places, in their frequencies uncertain by one direction."""
+
+    names = ("a",)
+    variables = ef.modal_variables(2, [1, 2])
+
+    def __call__(self, parameters):
+        a = parameters["a"]
+        f = np.sort(np.stack([a, np.full_like(a, 10.0)], axis=1))
+        shapes = np.where((a < 10)[:, None, None], np.eye(2), np.eye(2)[::-1])
+        return ef.ModalSolution(f, shapes)
+
+    def spread(self, parameters):
+        response = self(parameters)
+        along = np.where((parameters["a"] < 10)[:, None], [0.5, 0.0], [0.0, 0.5])
+        return response, {
+            "frequency": {"of a": along},
+            "shapes": {"of shape": 0.1 * np.ones_like(response.shapes)},
+        }
+
+
+def test_what_a_paired_model_knows_of_its_error():
+    measured = ef.Measurements([9.0, 10.0], shapes=np.eye(2), dofs=[1, 2])
+    paired = ef.PairedModel(Modes(), measured, candidates=2, min_gap=0.0)
+    term = ef.FrequencyTerm([9.0, 10.0], relative_sd=0.01)
+    prior = ef.GaussianPrior(["a"], [10.0], [2.0], [(5.0, 15.0)])
+    theta = np.array([[8.5], [11.5]])
+    rows = ef.LogPosterior(paired, term, prior)(theta)
+    sd = [np.hypot(0.09, 0.5), 0.1]
+    f = np.column_stack([theta, [10.0, 10.0]])
+    assert_allclose(rows[:, 2], stats.norm.logpdf(f, [9, 10], sd).sum(axis=1))
+
+
+def test_a_spread_of_the_wrong_shape_is_refused():
+    class Wrong(Uncertain):
+        def spread(self, parameters):
+            response = self(parameters)
+            return response, {"y": {"z": np.zeros((len(response["y"]), 3))}}
+
+    with pytest.raises(ValueError, match="spread"):
+        ef.LogPosterior(Wrong(), ALL, PRIOR)(THETA)

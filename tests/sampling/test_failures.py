@@ -1,0 +1,238 @@
+"""Runs of a solver that fails: stopped, rejected, counted, and what is kept."""
+
+import logging
+import subprocess
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+from support.faulty import (
+    FAULTS,
+    LIMIT,
+    MODELS,
+    START,
+    UP_TO_LIMIT,
+    is_as_raised,
+    posterior,
+)
+from support.pool_problems import Immediate, forks, places
+from support.runs import failures
+
+import emcee_femu as ef
+
+OPTIONS = {"nwalkers": 12, "steps": 15, "ensembles": 1, "seed": 1, "starts": START}
+REJECT = {"on_failure": "reject", "max_failures": 1.0}
+POOLS = {
+    "serial": dict,
+    "in an EvaluationPool": lambda: {"pool": ef.EvaluationPool(Immediate())},
+    "by a bare pool": lambda: {"pool": Immediate()},
+}
+every_model = pytest.mark.parametrize("model", MODELS)
+every_pool = pytest.mark.parametrize("pool", POOLS)
+every_fault = pytest.mark.parametrize("fault", FAULTS)
+
+
+def run(target, moves=None, **options):
+    return ef.run(target, moves or ef.DEMCMove(), **OPTIONS | options)
+
+
+@every_pool
+@every_model
+@every_fault
+def test_a_run_stops_with_the_place_and_keeps_what_it_has(model, fault, pool):
+    with pytest.raises((ValueError, RuntimeError, ArithmeticError)) as caught:
+        run(posterior(model, fault), **POOLS[pool]())
+    error = caught.value
+    assert is_as_raised(error, fault)
+    (sampler,) = error.run
+    kept = sampler.get_chain()
+    assert len(kept) > 0 and (kept[..., 0] <= LIMIT).all()
+    values = places(error)
+    assert 1 <= len(values) <= 6 and max(values) > LIMIT  # half an ensemble, or one
+    assert len(values) == 1 or (model == "vectorised" and pool == "serial")
+
+
+@pytest.fixture(scope="module")
+def chain_up_to_limit():
+    """The chain of a prior that ends where the solver does."""
+    return run(posterior("one by one", "NaN", prior=UP_TO_LIMIT))[0].get_chain()
+
+
+@every_pool
+@every_model
+@every_fault
+def test_every_fault_can_be_rejected_and_is_counted(
+    model, fault, pool, chain_up_to_limit
+):
+    samplers = run(posterior(model, fault), **REJECT, **POOLS[pool]())
+    assert_allclose(samplers[0].get_chain(), chain_up_to_limit, rtol=1e-9)
+    total, causes = failures(samplers)
+    assert total == 12 * 16
+    cause = "not finite" if isinstance(FAULTS[fault], float) else "exception"
+    assert causes.keys() == {cause} and causes[cause] > 5
+
+
+# --- causes and limits ------------------------------------------------------------
+
+PRIOR = ef.IndependentPrior({"a": stats.norm(0, 1), "b": stats.norm(0, 1)})
+TERM = ef.FrequencyTerm([10.0, 20.0], sd=[0.5, 0.5])
+INSIDE = np.random.default_rng(0).uniform(-1, 1, (16, 2))
+
+
+def solves(p):
+    return [10.0 + p["a"], 20.0 + p["b"]]
+
+
+def fails(p):
+    """Fail in four ways, each beyond a line that a few percent of the draws cross."""
+    if p["a"] > 1.2:
+        raise RuntimeError("no licence")
+    if p["a"] < -1.2:
+        raise subprocess.TimeoutExpired("solver", 30)
+    if p["b"] > 1.2:
+        return [10.0, np.nan]
+    if p["b"] < -1.2:
+        return [10.0]
+    return solves(p)
+
+
+def posterior_of(function, prior=PRIOR):
+    return ef.LogPosterior(ef.FunctionModel(function, n_modes=2), TERM, prior)
+
+
+@forks
+@pytest.mark.parametrize("workers", [None, 2])
+def test_causes_are_told_apart_and_reported(workers):
+    options = {"nwalkers": 16, "starts": INSIDE, "workers": workers, "steps": 60}
+    calls, rejected = [], []
+
+    def noted(p):
+        calls.append(1)
+        rejected.extend([1] * (max(abs(p["a"]), abs(p["b"])) > 1.2))
+        return fails(p)
+
+    samplers = run(posterior_of(noted), **REJECT, **options)
+    chain = samplers[0].get_chain()
+    assert (np.abs(chain) <= 1.2).all()
+    diagnosis = ef.diagnose(samplers)
+    expected = {"exception", "time-out", "not finite", "wrong shape"}
+    assert {*diagnosis.failures} == expected and "time-out" in str(diagnosis)
+    if workers is None:
+        assert failures(samplers) == (len(calls), dict(diagnosis.failures))
+        assert sum(diagnosis.failures.values()) == len(rejected) > 50
+    # The same chain as that of a prior that ends where the solver does.
+    bounded = ef.GaussianPrior(["a", "b"], [0, 0], [1, 1], bounds=[(-1.2, 1.2)] * 2)
+    (same,) = run(posterior_of(solves, bounded), **options)
+    assert_allclose(chain[:20], same.get_chain()[:20], rtol=1e-9)
+
+
+def test_a_one_by_one_model_is_not_solved_twice():
+    calls = []
+
+    def counted(p):
+        calls.append((p["a"], p["b"]))
+        return fails(p)
+
+    run(posterior_of(counted), **REJECT, nwalkers=16, starts=INSIDE)
+    assert len(calls) == len({*calls}) == 16 * 16
+
+
+def test_too_many_failures_stop_the_run_and_keep_what_was_sampled(caplog):
+    options = REJECT | {"max_failures": 0.02, "nwalkers": 16, "starts": INSIDE}
+    with caplog.at_level(logging.WARNING, "emcee_femu"):
+        with pytest.raises(RuntimeError, match="max_failures") as caught:
+            run(posterior_of(fails), steps=150, **options)
+    assert caught.value.run[0].iteration >= 0
+    assert caplog.records[0].getMessage().startswith("rejected: ")
+
+
+@pytest.mark.parametrize(("first", "stop"), [(16, 104), (96, 136)])
+def test_the_fraction_is_exact_but_not_of_few_solves(first, stop):
+    """All fail after the first: 3/4 of 100 or more, then 1/4 of 128 is just allowed."""
+    calls = []
+
+    def failing(p):
+        calls.append(1)
+        if len(calls) > first:
+            raise ArithmeticError("no equilibrium")
+        return solves(p)
+
+    options = REJECT | {"max_failures": 0.25, "nwalkers": 16, "starts": INSIDE}
+    with pytest.raises(RuntimeError, match="max_failures"):
+        run(posterior_of(failing), **options)
+    assert stop - 8 < len(calls) <= stop + 8  # they are counted by batches
+
+
+def test_the_keyboard_stops_the_run_and_keeps_the_chain():
+    calls = []
+
+    def interrupted(p):
+        calls.append(1)
+        if len(calls) == 16 * 20:
+            raise KeyboardInterrupt
+        return solves(p)
+
+    options = {"nwalkers": 16, "starts": INSIDE, "on_failure": "reject", "steps": 25}
+    with pytest.raises(KeyboardInterrupt) as caught:
+        run(posterior_of(interrupted), **options)
+    assert 15 < caught.value.run[0].iteration < 20
+
+
+# --- starts -----------------------------------------------------------------------
+
+
+def cut(p):
+    """Fail in two ways, which depend on the parameters alone."""
+    if p["a"] > 0.9:
+        raise RuntimeError("no licence")
+    return [10.0, np.inf] if p["b"] > 0.9 else solves(p)
+
+
+class Still(ef.DEMCMove):
+    """A move that does not move: the starts alone are looked at."""
+
+    def propose(self, model, state):
+        return state, np.zeros(len(state.coords), bool)
+
+
+def test_starts_are_drawn_from_the_prior_where_it_can_be_solved():
+    options = REJECT | {"nwalkers": 500, "steps": 1, "ensembles": 2, "starts": None}
+    samplers, again = (run(posterior_of(cut), Still(), **options) for _ in range(2))
+    law = stats.truncnorm(-np.inf, 0.9)
+    for sampler, same in zip(samplers, again, strict=True):
+        starts = sampler.get_chain()[0]
+        assert np.isfinite(sampler.get_log_prob()).all()
+        assert_array_equal(starts, same.get_chain()[0])
+        assert all(stats.kstest(x, law.cdf).pvalue > 1e-3 for x in starts.T)
+    total, causes = failures(samplers)
+    assert total > 2 * 500 and {*causes} == {"exception", "not finite"}
+    # Those that can be solved stay where they were.
+    whole = run(posterior_of(solves), Still(), **options)[0].get_chain()[0]
+    kept = (whole <= 0.9).all(axis=1)
+    assert 0 < kept.sum() < 500
+    assert_array_equal(samplers[0].get_chain()[0][kept], whole[kept])
+
+
+def test_given_starts_are_never_replaced():
+    start = np.zeros((16, 2))
+    start[3] = [2.0, 0.5]
+    with pytest.raises(ValueError, match=r"\{'a': 2.0, 'b': 0.5\}"):
+        run(posterior_of(cut), **REJECT, nwalkers=16, starts=start)
+
+
+def test_where_nothing_can_be_solved_the_run_is_refused():
+    def never(p):
+        raise RuntimeError("no licence")
+
+    with pytest.raises(ValueError, match="starts"):
+        run(posterior_of(never), **REJECT, nwalkers=16, starts=None)
+
+
+def test_a_start_of_zero_probability_is_refused():
+    def term(parameters, modes):
+        return np.where(parameters["a"] > 0, 0.0, -np.inf)
+
+    model = ef.FunctionModel(solves, n_modes=2)
+    with pytest.raises(ValueError, match="walker .* -inf"):
+        run(ef.LogPosterior(model, term, PRIOR), nwalkers=16, starts=INSIDE)

@@ -1,0 +1,185 @@
+"""run: seeds, starts, ensembles, moves, and the traps of plain emcee."""
+
+import emcee
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import emcee_femu as ef
+
+PROBLEM = ef.paper.mass_spring()
+
+
+def run(moves=None, posterior=PROBLEM.posterior, **options):
+    options = {"nwalkers": 12, "seed": 1, "steps": 20, "ensembles": 1} | options
+    return ef.run(posterior, moves or ef.DEMCMove(), **options)
+
+
+def chains(*arguments, **options):
+    return [sampler.get_chain() for sampler in run(*arguments, **options)]
+
+
+def test_it_returns_emcees_own_samplers_one_an_ensemble():
+    samplers = run(nwalkers=10, steps=5, ensembles=3)
+    assert len(samplers) == 3
+    for sampler in samplers:
+        assert isinstance(sampler, emcee.EnsembleSampler)
+        assert sampler.get_chain().shape == (5, 10, 5)
+        assert_allclose(
+            sampler.get_log_prob()[-1], PROBLEM.posterior(sampler.get_chain()[-1])[:, 0]
+        )
+
+
+def test_same_seed_same_chain_whatever_the_global_stream():
+    np.random.seed(3)  # noqa: NPY002 - the stream that emcee would copy
+    first = chains(ensembles=2)
+    np.random.seed(4)  # noqa: NPY002
+    assert_array_equal(first, chains(ensembles=2))
+    assert not np.array_equal(first[0], chains(seed=2)[0])
+
+
+class Still(ef.DEMCMove):
+    """A move that does not move: the starts alone are looked at."""
+
+    def propose(self, model, state):
+        return state, np.zeros(len(state.coords), bool)
+
+
+@pytest.mark.parametrize("moves", [ef.DEMCMove(), "auto"])
+def test_ensembles_have_independent_starts_and_streams(moves):
+    starts = np.array(chains(Still(), ensembles=4, steps=1))
+    assert len(np.unique(starts.reshape(-1, 5), axis=0)) == 4 * 12
+    # Equal starts, so that only the streams can differ.
+    same = [starts[0, 0]] * 4
+    moved = np.array(chains(moves, ensembles=4, steps=1, starts=same))[:, 0, :, 0]
+    stayed = np.isin(moved, starts[0, 0, :, 0])
+    assert len(np.unique(moved[~stayed])) == (~stayed).sum() > 4
+
+
+def test_an_ensemble_is_the_same_whether_or_not_others_follow():
+    assert_array_equal(chains(ensembles=1)[0], chains(ensembles=3)[0])
+
+
+def test_thin_by_keeps_every_second_generation():
+    assert_array_equal(chains(steps=20)[0][1::2], chains(steps=10, thin_by=2)[0])
+
+
+def test_all_samples_stay_inside_the_bounds_and_start_over_dispersed():
+    low, high = PROBLEM.posterior.prior.bounds.T
+    (chain,) = chains(steps=200, nwalkers=60)
+    assert ((chain >= low) & (chain <= high)).all()
+    assert (chain[0].std(axis=0) > 0.15 * (high - low)).all()
+
+
+def test_integer_starts_are_converted_instead_of_truncated():
+    start = np.round(PROBLEM.posterior.start(12, seed=2)).astype(int)
+    (chain,) = chains(starts=start)
+    assert_array_equal(chain, chains(starts=start.astype(float))[0])
+    assert (chain[-1] % 1 != 0).any()
+
+
+def test_moves_may_be_one_a_list_or_weighted():
+    moves = [ef.DEMCMove(), ef.MetropolisMove(sd=10.0)]
+    for given in (moves[0], moves, [(moves[0], 0.7), (emcee.moves.StretchMove(), 0.3)]):
+        assert chains(given)[0].shape == (20, 12, 5)
+
+
+def test_one_metropolis_walker_is_a_legitimate_ensemble():
+    (chain,) = chains(ef.MetropolisMove(sd=20.0), nwalkers=1, steps=300)
+    assert np.ptp(chain[:, 0], axis=0).min() > 0
+
+
+def test_the_default_is_auto_with_four_ensembles_of_enough_walkers():
+    samplers = ef.run(PROBLEM.posterior, steps=1, seed=1)
+    assert [sampler.nwalkers for sampler in samplers] == [20] * 4
+    assert "search" in samplers.search.sentence
+    ladder = ef.moves.TemperedMove(ef.DEMCMove(), [1, 0.5])
+    (tempered,) = ef.run(PROBLEM.posterior, ladder, steps=1, seed=1, ensembles=1)
+    assert tempered.nwalkers == 40  # as many for each temperature
+
+
+def never(parameters):
+    raise AssertionError("solved")
+
+
+UNSOLVED = ef.LogPosterior(
+    ef.FunctionModel(never), PROBLEM.posterior.terms, PROBLEM.posterior.prior
+)
+OUTSIDE = PROBLEM.posterior.start(12, seed=1)
+OUTSIDE[3, 2] = 9999.0
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "named"),
+    [
+        ({"nwalkers": 8}, RuntimeError, "2 \\* ndim"),
+        ({"seed": None}, TypeError, "seed"),
+        ({"seed": np.random.default_rng(1)}, TypeError, "seed"),
+        ({"moves": ef.DEMCMove(sigma=[1.0, 2.0])}, ValueError, "sigma"),
+        ({"moves": [(ef.MetropolisMove(sd=[1.0]), 1.0)]}, ValueError, "sd"),
+        ({"starts": OUTSIDE}, ValueError, "k4 = 9999 of point 3"),
+        ({"starts": OUTSIDE[:5]}, ValueError, "starts"),
+        ({"starts": OUTSIDE, "ensembles": 2}, ValueError, "starts"),
+        ({"backend": [emcee.backends.Backend()] * 2}, ValueError, "backend"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, named):
+    with pytest.raises(error, match=named):
+        run(posterior=UNSOLVED, **options)
+
+
+def test_a_bare_function_is_referred_to_emcee():
+    with pytest.raises(TypeError, match="EnsembleSampler"):
+        ef.run(lambda theta: 0.0, ef.DEMCMove(), seed=1)
+
+
+def test_progress_shows_a_bar_an_ensemble(capsys):
+    run(ensembles=2, progress=True)
+    shown = capsys.readouterr().err
+    assert "ensemble 1/2" in shown and "ensemble 2/2" in shown
+
+
+# --- a move of emcee that goes on from where its last run ended -------------------
+
+
+def cheap(theta):
+    return -0.5 * (((theta - 3e3) / 1e3) ** 2).sum(axis=-1)
+
+
+INSIDE = {
+    "alone": lambda move: move,
+    "in a weighted list": lambda move: [[move, 0.1], [ef.DEMCMove(), 0.9]],
+    "in one in the other": lambda move: ef.moves.TemperedMove(
+        ef.moves.DelayedAcceptanceMove(move, cheap), betas=[1, 0.5]
+    ),
+}
+
+
+def gaussian(mode):
+    return emcee.moves.GaussianMove([1e3, 2e3, 1e3, 2e3, 1e3], mode=mode)
+
+
+@pytest.mark.parametrize("inside", INSIDE)
+def test_a_sequential_gaussian_move_is_refused_by_name(inside, tmp_path):
+    file = tmp_path / "run.stored"
+    with pytest.raises(ValueError, match="^moves: GaussianMove.*sequential.*'random'"):
+        run(INSIDE[inside](gaussian("sequential")), nwalkers=24, backend=file)
+    assert not file.exists()
+
+
+@pytest.mark.parametrize("mode", ["random", "vector"])
+@pytest.mark.parametrize("inside", INSIDE)
+def test_other_gaussian_moves_give_the_same_chain_again(inside, mode):
+    moves = INSIDE[inside](gaussian(mode))
+    first, again = (chains(moves, nwalkers=24, steps=10) for _ in range(2))
+    assert_array_equal(first, again)
+
+
+def test_the_reason_for_the_refusal_holds():
+    # If a release of emcee mends it, this fails and the refusal may go.
+    move = emcee.moves.GaussianMove([0.01, 0.02], mode="sequential")
+    first, again = (
+        move.get_proposal(np.ones((4, 2)), np.random.RandomState(1))[0]
+        for _ in range(2)
+    )
+    assert not np.array_equal(first, again)

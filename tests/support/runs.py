@@ -1,0 +1,22 @@
+"""What a run carries beside its chains, in the one place that knows by which names."""
+
+import numpy as np
+
+
+def failures(run):
+    """Return how many solves of a run there were, and how many failed by cause."""
+    log = run.failures
+    return log.evaluations, dict(log.causes)
+
+
+def assert_same(one, other):
+    """Compare runs in all that they leave, to the bit."""
+    assert len(one) == len(other)
+    for a, b in zip(one, other, strict=True):
+        for get in ("get_chain", "get_log_prob", "get_blobs"):
+            np.testing.assert_array_equal(getattr(a, get)(), getattr(b, get)())
+        np.testing.assert_array_equal(a.acceptance_fraction, b.acceptance_fraction)
+        states = (sampler.get_last_sample().random_state for sampler in (a, b))
+        for mine, yours in zip(*states, strict=True):
+            np.testing.assert_array_equal(mine, yours)
+        assert a.iteration == b.iteration > 0

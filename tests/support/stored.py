@@ -1,0 +1,125 @@
+"""All that can be stored in a file and gone on with, of one small posterior."""
+
+import inspect
+
+import numpy as np
+
+import emcee_femu as ef
+from support.runs import failures
+
+DESIGN = np.array([[1.0, 0.4], [-0.3, 1.0], [0.5, 0.5]])
+DATA, SD = np.array([0.6, -0.2, 0.3]), 0.1
+PRIOR = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0, [(-4.0, 4.0)] * 2)
+ALONE = ef.GaussianPrior(["a"], [0.0], 1.0, [(-4.0, 4.0)])
+LINE = np.linspace(-1.0, 1.0, 5)[:, None]
+# What the model does, and how often it was called; it is no part of it.
+COUNT = {"calls": 0, "stop": 0, "offset": 0.0, "do": lambda: None}
+
+
+def bent(p):
+    """Solve one parameter set; be interrupted at a call, and fail for large a."""
+    COUNT["calls"] += 1
+    COUNT["do"]()
+    if COUNT["calls"] == COUNT["stop"]:
+        raise KeyboardInterrupt
+    if p["a"] > 1.5:
+        raise ArithmeticError("no equilibrium")
+    waves = 0.3 * np.sin(2.0 * p["a"]) * np.array([1.0, 0.5, -1.0])
+    return DESIGN @ [p["a"], p.get("b", 0.2)] + waves + COUNT["offset"]
+
+
+VARIABLES = {"y": ef.Variable({"point": range(3)})}
+
+
+class Gaussian:
+    """Independent errors of a vector, of which it keeps the measured values."""
+
+    name, reads = "strain", VARIABLES
+
+    def __init__(self, data=DATA, sd=SD):
+        self.observed, self.sd = {"y": np.asarray(data)}, sd
+
+    def deviations(self, parameters, response):
+        r = response["y"] - self.observed["y"]
+        return r, np.full_like(r, self.sd)
+
+    def __call__(self, parameters, response):
+        r, sd = self.deviations(parameters, response)
+        return -0.5 * ((r / sd) ** 2).sum(axis=1)
+
+
+def posed(term=None, prior=PRIOR, model=None):
+    model = model or ef.FunctionModel(bent, variables=VARIABLES)
+    return ef.LogPosterior(model, term or Gaussian(), prior)
+
+
+def in_file(function, path, resume=True):
+    """Return the options of going on with a file; of None, of no file."""
+    if path is None:
+        return {}
+    known = "resume" in inspect.signature(function).parameters
+    return {"backend": path} | ({"resume": resume} if known else {})
+
+
+REJECT = {"on_failure": "reject", "max_failures": 1.0}
+
+
+def sampled(path, posterior=None, moves=None, resume=True, **options):
+    options = {"nwalkers": 12, "steps": 20, "ensembles": 2, "seed": 1} | options
+    moves = moves or ef.DEMCMove()
+    file = in_file(ef.run, path, resume)
+    return ef.run(posterior or posed(), moves, **REJECT | file | options)
+
+
+def found(path, **options):
+    return sampled(path, moves="auto", **options)
+
+
+def pooled(path, **options):
+    return sampled(path, workers=2, **options)
+
+
+def tempered(path, **options):
+    inner = (ef.DEMCMove(), 0.6), (ef.MetropolisMove(sd=0.2), 0.4)
+    moves = [(ef.moves.TemperedMove(move, [1.0, 0.3]), share) for move, share in inner]
+    return sampled(path, moves=moves, nwalkers=24, thin_by=2, **options)
+
+
+def annealed(path, posterior=None, steps=0, resume=True, **options):
+    options = {"size": 80, "seed": 1} | in_file(ef.anneal, path, resume) | options
+    return ef.anneal(posterior or posed(), **REJECT | options)
+
+
+def emulated(path, posterior=None, steps=0, resume=True, **options):
+    options = {"solves": 8, "seed": 1, "tolerance": 0.0} | options
+    file = in_file(ef.emulate, path, resume)
+    return ef.emulate(posterior or posed(prior=ALONE), **REJECT | file | options)
+
+
+KINDS = {
+    "chain": sampled,
+    "workers": pooled,
+    "tempered": tempered,
+    "auto": found,
+    "anneal": annealed,
+    "emulate": emulated,
+}
+
+
+def bits(result):
+    """Return all numbers of a result, as bytes and text."""
+    if hasattr(result, "history"):
+        return [result.posterior(LINE).tobytes(), result.solves, str(result.history)]
+    if hasattr(result, "powers"):
+        arrays = ("theta", "rows", "powers", "acceptance", "sweeps", "effective_size")
+        numbers = ("log_evidence", "log_evidence_error", "solves", "failed_solves")
+        parts = [getattr(result, name).tobytes() for name in arrays]
+        return parts + [getattr(result, name) for name in numbers]
+    parts = [failures(result)[1]]
+    for sampler in result:
+        chain = sampler.get_chain(), sampler.get_log_prob(), sampler.get_blobs()
+        state = sampler.get_last_sample().random_state
+        accepted = sampler.acceptance_fraction
+        parts += [np.ascontiguousarray(x).tobytes() for x in (*chain, accepted)]
+        parts += [np.asarray(x).tobytes() for x in state[1:]]
+    return parts

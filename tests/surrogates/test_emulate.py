@@ -1,0 +1,288 @@
+"""A posterior from few solves: what it finds, when it stops, what it refuses."""
+
+import logging
+import pickle
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy import stats
+from support.few_solves import (
+    DATA,
+    DESIGN,
+    PRIOR,
+    SD,
+    Gaussian,
+    broken,
+    linear,
+    posed,
+    rippled,
+    square,
+)
+from support.pool_problems import forks
+
+import emcee_femu as ef
+
+SLOW = pytest.mark.slow
+GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
+
+
+def shares(log_p):
+    """Return the posterior's shares of grid points."""
+    weights = np.exp(log_p - log_p.max())
+    return weights / weights.sum()
+
+
+def exact(function, term, prior, theta):
+    """Return the log-posterior of points but for a constant, by the full model."""
+    y = np.array([function(row) for row in theta])
+    return prior.logpdf(theta) - 0.5 * (((y - term.data) / term.sd) ** 2).sum(axis=1)
+
+
+def total_variation(one, other):
+    return 0.5 * np.abs(shares(one) - shares(other)).sum()
+
+
+# --- what it finds ----------------------------------------------------------------
+
+
+def test_a_linear_model_is_known_exactly_after_two_batches():
+    emulated = ef.emulate(posed(linear), 60, seed=1)
+    assert emulated.solves == 6 + 2 * 2
+    precision = DESIGN.T @ DESIGN / SD**2 + np.eye(2)
+    expected = np.linalg.solve(precision, DESIGN.T @ DATA / SD**2)
+    weights = shares(emulated.posterior(GRID)[:, 0])
+    mean = weights @ GRID
+    covariance = (weights * (GRID - mean).T) @ (GRID - mean)
+    assert_allclose(mean, expected, atol=1e-3)
+    assert_allclose(covariance, np.linalg.inv(precision), atol=1e-4)
+
+
+@SLOW
+def test_both_modes_are_found_with_their_weights():
+    term = Gaussian(np.array([1.0, 0.2]), 0.2)
+    prior = ef.GaussianPrior(["a", "b"], [0.3, 0.0], 1.0, [(-3.0, 3.0)] * 2)
+    emulated = ef.emulate(posed(square, term=term, prior=prior), 30, seed=2)
+    full, close = exact(square, term, prior, GRID), emulated.posterior(GRID)[:, 0]
+    left = GRID[:, 0] < 0
+    assert abs(shares(close)[left].sum() - shares(full)[left].sum()) < 0.01
+    assert total_variation(close, full) < 0.03
+
+
+SPRING = stats.loguniform(1e3, 1e9)
+
+
+def support(x):
+    """Return frequencies of a beam on a spring that is soft, middling or fixed."""
+    fixed = x[1] / (x[1] + 1e6)
+    return np.sqrt(x[0]) * np.array([3 + 2 * fixed, 9 + 1.5 * fixed**1.5, 17 + fixed])
+
+
+def spring_alone(x):
+    return support([1.0, x[0]])
+
+
+@pytest.mark.parametrize(
+    ("function", "solves"), [(spring_alone, 12), pytest.param(support, 22, marks=SLOW)]
+)
+def test_a_spring_over_six_decades_takes_few_solves(function, solves):
+    beam = {"e": (0.5, 1.5)} if function is support else {}
+    prior = ef.IndependentPrior(beam | {"k": SPRING})
+    term = Gaussian(np.array([4.0, 9.6, 17.4]), 0.04)
+    emulated = ef.emulate(posed(function, term=term, prior=prior), solves, seed=1)
+    axes = [np.linspace(0.9, 1.1, 61)] * len(beam), [np.linspace(3, 9, 241)]
+    grid = np.stack(np.meshgrid(*axes[0], *axes[1]), axis=-1).reshape(-1, len(beam) + 1)
+    theta = np.column_stack([grid[:, :-1], np.clip(10 ** grid[:, -1], 1e3, 1e9)])
+    logs = np.log(theta[:, -1])  # of equal steps of them
+    full = exact(function, term, prior, theta) + logs
+    assert total_variation(emulated.posterior(theta)[:, 0] + logs, full) < 0.03
+    # The derivatives are those by the spring, not by its logarithm.
+    at = {name: np.array([1.0]) for name in beam} | {"k": np.array([1e6])}
+    step = at | {"k": np.array([1e6 + 100.0])}
+    slope = emulated.jacobian(at)[1]["y"]["k"]
+    change = (emulated(step)["y"] - emulated(at)["y"]) / 100.0
+    assert_allclose(slope, change, rtol=1e-3)
+
+
+def test_inferred_errors_are_no_inputs_of_the_emulator():
+    model = ef.FunctionModel(lambda p: [p["k"] ** 0.5, (3 * p["k"]) ** 0.5], n_modes=2)
+    prior = ef.IndependentPrior({"k": (5.0, 12.0), "s": stats.halfnorm(scale=0.02)})
+    term = ef.FrequencyTerm([3.0, 5.2], discrepancy="s")
+    posterior = ef.LogPosterior(model, term, prior)
+    emulated = ef.emulate(posterior, 12, seed=1)
+    assert emulated.names == ("k",)
+    theta = prior.sample(np.random.default_rng(1), 50)
+    close, full = emulated.posterior(theta)[:, 0], posterior(theta)[:, 0]
+    near = full > full.max() - 10
+    assert_allclose(close[near], full[near], atol=0.1)
+
+
+def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
+    """Candidates of frequencies and shapes, each with the error of its measured one."""
+    K = {"a": np.diag([1.0, 0.0, 0.0]), "b": np.array([[1, -1, 0], [-1, 2, -1],
+                                                       [0, -1, 1.0]])}  # fmt: skip
+    model = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, n_modes=3, shapes=True)
+    true = model({"a": np.array([1.1]), "b": np.array([0.9])})
+    chosen = [2, 0]  # in another order than the model's, one of them not measured
+    measured = ef.Measurements(
+        np.sort(true.frequencies[0, chosen]), shapes=true.shapes[0][:, sorted(chosen)]
+    )
+    paired = ef.PairedModel(model, measured, candidates=3)
+    terms = [
+        ef.FrequencyTerm(measured, sd=[0.002, 0.02]),
+        ef.ShapeTerm(measured, delta=[0.1, 0.02]),
+    ]
+    prior = ef.IndependentPrior({"a": (0.5, 2.0), "b": (0.5, 2.0)})
+    posterior = ef.LogPosterior(paired, terms, prior)
+    emulated = ef.emulate(posterior, 24, seed=1)
+    theta = prior.sample(np.random.default_rng(1), 2_000)
+    close, full = emulated.posterior(theta)[:, 0], posterior(theta)[:, 0]
+    near = full > full.max() - 6
+    assert near.sum() > 5
+    assert_allclose(close[near], full[near], atol=0.3)
+
+
+# --- a thin ridge -----------------------------------------------------------------
+
+TRUTH = {"E": 1.1, "t": 1.025, "k": 1.16}
+SLAB_PRIOR = ef.GaussianPrior(
+    [*TRUTH],
+    [1.0, 1.0, 1.0],
+    [0.13, 0.05, 0.33],
+    [(0.5, 1.5), (0.7, 1.3), (0.15, 2.5)],
+)
+
+
+def slab(x):
+    """Four frequencies that two of the three parameters' combinations decide."""
+    s, b = x[0] * x[1] ** 2, x[2] / x[1]
+    return np.sqrt([s * b / (s + b), b, 5 * s + b, 27 * s + b])
+
+
+def posed_slab(relative_sd):
+    data = slab([*TRUTH.values()])
+    return posed(slab, term=Gaussian(data, relative_sd * data), prior=SLAB_PRIOR)
+
+
+def draw_ridge(n, relative_sd):
+    """Return draws of that posterior: both combinations are Gaussian, and t is free."""
+    rng = np.random.default_rng(1)
+    s, b = TRUTH["E"] * TRUTH["t"] ** 2, TRUTH["k"] / TRUTH["t"]
+    data, step = slab([s, 1.0, b]), 1e-6
+    ahead = [slab([s + step, 1.0, b]), slab([s, 1.0, b + step])]
+    slopes = np.array([(moved - data) / step for moved in ahead]) / data
+    covariance = np.linalg.inv(slopes @ slopes.T) * relative_sd**2
+    t = rng.uniform(0.7, 1.3, 50 * n)
+    s, b = rng.multivariate_normal([s, b], covariance, len(t)).T
+    ridge = np.stack([s / t**2, t, b * t], axis=1)
+    log_p = SLAB_PRIOR.logpdf(ridge) - np.log(t)  # dE dk = t^-2 t ds db
+    return ridge[rng.choice(len(t), n, p=shares(log_p))]
+
+
+@SLOW
+@pytest.mark.parametrize("seed", [3, 7, 9, 11])
+def test_a_thin_ridge_is_emulated_right(seed):
+    """Few members of a population ever come upon it, and they become copies."""
+    emulated = ef.emulate(posed_slab(5e-4), 60, seed=seed)
+    assert emulated.solves < 40
+    theta = draw_ridge(400, 5e-4)
+    data, sd = slab([*TRUTH.values()]), 5e-4 * slab([*TRUTH.values()])
+    full = exact(slab, Gaussian(data, sd), SLAB_PRIOR, theta)
+    apart = full - emulated.posterior(theta)[:, 0]
+    assert apart.std() < 0.2  # as of errors of a tenth of the measurement's
+
+
+@SLOW
+@pytest.mark.parametrize("relative_sd", [1e-6, 1e-8])
+def test_where_all_becomes_copies_the_history_tells(relative_sd):
+    emulated = ef.emulate(posed_slab(relative_sd), 20, seed=1)
+    assert emulated.solves == 20
+    assert emulated.history.column("predicted error")[-1] > 0.1
+
+
+# --- where and how long it solves -------------------------------------------------
+
+
+@SLOW
+def test_true_errors_decide_where_predicted_ones_do_not_see():
+    strict = ef.emulate(posed(rippled), 26, seed=1, tolerance=0.3)
+    assert strict.solves == 26
+    assert min(strict.history.column("true error")[:-1]) > 0.3
+    assert ef.emulate(posed(rippled), 26, seed=1, tolerance=50.0).solves == 10
+
+
+def test_no_tolerance_spends_all_solves_and_history_tells():
+    posterior = posed()
+    emulated = ef.emulate(posterior, 11, seed=1, tolerance=0.0)
+    assert emulated.solves == len(posterior.model.solved) == 11
+    assert emulated.history.column("solves") == [6, 8, 10, 11]
+    assert np.isfinite(emulated.history.column("true error")[:-1]).all()
+    assert "11" in str(emulated)
+    again = pickle.loads(pickle.dumps(emulated))
+    theta = PRIOR.sample(np.random.default_rng(1), 5)
+    assert_array_equal(again.posterior(theta), emulated.posterior(theta))
+
+
+@pytest.mark.parametrize("around", [None, [0.5, -0.5]])
+def test_the_first_design_spreads_over_the_prior_or_about_a_point(around):
+    posterior = posed()
+    ef.emulate(posterior, 8, seed=1, starts=around)
+    centre = [0.0, 0.0] if around is None else around
+    first = np.array(posterior.model.solved[:6])
+    assert np.isfinite(PRIOR.logpdf(first)).all()
+    assert_allclose(first[0], centre, atol=0.01)
+    reach = np.abs(first - centre).max()
+    assert 1.0 < reach < 4.0 if around is None else 0.1 < reach < 0.8
+
+
+def test_the_first_design_may_be_given():
+    points, given = (
+        np.array([[0.1, 0.2], [0.5, -0.4], [0.6, 0.9], [-0.3, 0.1]]),
+        posed(),
+    )
+    ef.emulate(given, 6, seed=1, starts=points)
+    assert_array_equal(given.model.solved[:4], points)
+    with pytest.raises(ValueError, match="starts: .*'a'"):  # which would never differ
+        ef.emulate(posed(), 20, seed=1, starts=[[0.0, x] for x in range(3)])
+
+
+def hopeless(x):
+    raise ArithmeticError("no equilibrium")
+
+
+def test_failed_solves_are_left_out_and_not_asked_again(caplog):
+    caplog.set_level(logging.CRITICAL, "emcee_femu")
+    reject = {"seed": 3, "on_failure": "reject"}
+    posterior = posed(broken)
+    emulated = ef.emulate(posterior, 14, **reject, max_failures=0.5, tolerance=0.0)
+    solved = np.array(posterior.model.solved)
+    failed = solved[:, 0] > 0.9
+    assert 0 < failed.sum() < 7 and emulated.solves == len(solved) == 14
+    assert len(np.unique(solved, axis=0)) == 14
+    # The batches keep away from what failed in the first design, and from each other.
+    apart = np.linalg.norm(solved[6:, None] - solved[None, :6][:, failed[:6]], axis=2)
+    assert apart.min() > 0.05
+    with pytest.raises(ArithmeticError, match="no equilibrium"):
+        ef.emulate(posed(broken), 24, seed=3)
+    with pytest.raises(RuntimeError, match="0 of 6"):
+        ef.emulate(posed(hopeless), 24, **reject, max_failures=1.0)
+    with pytest.raises(RuntimeError, match="of 6"):
+        ef.emulate(posed(broken), 24, **reject, max_failures=0.0)
+
+
+@forks
+def test_the_number_of_workers_changes_nothing():
+    serial, one, two = (ef.emulate(posed(), 8, seed=4, workers=n) for n in (None, 1, 2))
+    theta = PRIOR.sample(np.random.default_rng(1), 5)
+    assert one.solves == two.solves == serial.solves
+    assert_array_equal(one.posterior(theta), two.posterior(theta))
+    assert_allclose(one.posterior(theta), serial.posterior(theta), rtol=1e-6)
+
+
+def test_what_cannot_be_emulated_is_refused_before_the_first_solve():
+    one = posed()
+    tests = {name: (one.model, Gaussian()) for name in ("empty", "loaded")}
+    joint = ef.LogPosterior.joint(tests, PRIOR)
+    with pytest.raises(ValueError, match="'empty', 'loaded'"):
+        ef.emulate(joint, 20, seed=1)
+    assert one.model.solved == []
