@@ -328,7 +328,7 @@ class Evaluator(Protocol):
     """What evaluates a posterior, and counts what that costs.
 
     One solves (``Evaluation``), one stores what was solved or reads it from a
-    file (``StoredEvaluation``), one maps coordinates (``Coordinates``).
+    file (``StoredEvaluation``).
     """
 
     @property

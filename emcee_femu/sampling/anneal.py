@@ -5,9 +5,11 @@ that were fitted to the other: a fit to the members that it then moves follows t
 accidents, which made the evidence 1.3 too large in ten dimensions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
+from typing import TypeAlias
 
 import numpy as np
 from numpy.random import RandomState
@@ -36,6 +38,8 @@ RENEWED = 0.8  # of the members are to be independent of their ancestors
 MOST_SWEEPS = 20  # at one power
 MOST_COMPONENTS = 6
 PER_COMPONENT = 10  # members of a half for each parameter and component
+
+Evaluate: TypeAlias = Callable[[Floats], Floats]  # coordinates to rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +215,7 @@ def anneal_population(
     """Return the population at the power 1; see :func:`anneal`.
 
     Args:
-        evaluator: Of points in the coordinates.
+        evaluator: Of parameters.
         coordinates: In which the population moves, and its prior.
         rng: The same stream gives the same population.
         size: Members, at least ``fewest_members(d)``.
@@ -222,7 +226,8 @@ def anneal_population(
     """
     before = evaluator.solves
     random = RandomState(rng.bit_generator)
-    theta, rows, share, draws = _draw(evaluator, coordinates, rng, size)
+    evaluate = partial(coordinates.rows, evaluator)
+    theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
     fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
     ancestors, influence = np.arange(size), np.zeros(size)
@@ -247,7 +252,7 @@ def anneal_population(
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
         theta, rows, accepted, log_weights = _renew(
-            evaluator, theta, rows, halves, powers[-1], random, fits
+            evaluate, theta, rows, halves, powers[-1], random, fits
         )
         moved.append(accepted)
         tried.append(log_weights)
@@ -295,14 +300,14 @@ def _find_problems(tried: list[Floats]) -> tuple[str, ...]:
 
 
 def _draw(
-    evaluator: Evaluator,
+    evaluate: Evaluate,
     coordinates: Coordinates,
     rng: np.random.Generator,
     size: int,
 ) -> tuple[Floats, Floats, float, int]:
     """Return members of finite likelihood, their rows, their share of the prior."""
     theta = coordinates.sample(rng, size)
-    rows = evaluator.rows(theta)
+    rows = evaluate(theta)
     for draws in range(size, (MOST_DRAWS + 1) * size, size):
         finite = rows[:, 0] > -np.inf
         if (number := int(finite.sum())) >= size:
@@ -310,7 +315,7 @@ def _draw(
             return theta[keep], rows[keep], number / draws, draws
         more = coordinates.sample(rng, size)
         theta = np.concatenate([theta[finite], more])
-        rows = np.concatenate([rows[finite], evaluator.rows(more)])
+        rows = np.concatenate([rows[finite], evaluate(more)])
     raise ValueError(
         f"posterior: only {number} of {draws} draws of the prior have a finite "
         "likelihood; narrow the prior to where the model can be solved"
@@ -360,7 +365,7 @@ def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceM
 
 
 def _renew(
-    evaluator: Evaluator,
+    evaluate: Evaluate,
     theta: Floats,
     rows: Floats,
     halves: Sequence[NDArray[np.intp]],
@@ -393,7 +398,7 @@ def _renew(
         ]
         proposed = np.concatenate([batch[1] for batch in batches])
         factors = np.concatenate([batch[2] for batch in batches])
-        new = evaluator.rows(proposed)
+        new = evaluate(proposed)
         target = _temper(new, power)
         if not walking:
             log_q = [

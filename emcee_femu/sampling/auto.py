@@ -1,8 +1,5 @@
 """``run(..., moves="auto")``: search, refine a proposal, freeze it, start from it."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import emcee
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +12,7 @@ from .coordinates import Coordinates
 from .importance import normalise, resample
 from .proposals import Trial, refine, uncover
 from .search import Search
-from .search_record import Labels, SearchRecord, label, separate
+from .search_record import SearchRecord, label, separate, weigh
 
 SEARCHED = 0.2  # of the evaluations of the chain
 FEWEST = 1_000  # points of a search
@@ -26,26 +23,12 @@ POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR = 0.2  # acceptance below which gradients do better
 TUNED = 24  # draws from which Hamiltonian moves are tuned
 MISSED = 1.0  # log evidence by which one proposal finds more than another
+# Share of independence proposals by their expected acceptance.
+SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
+BESIDE = 0.1  # the same beside Hamiltonian moves
+KEPT = 2_000  # importance weights in the record
 
 Population = tuple[Floats, Floats]  # members and their rows
-
-
-class Budget(NamedTuple):
-    """What a search may spend.
-
-    Attributes:
-        points: Points that are searched for modes.
-        draws: Draws after which no round of the refinement begins.
-    """
-
-    points: int
-    draws: int
-
-    @classmethod
-    def of(cls, evaluations: int) -> "Budget":
-        """Return the budget by the evaluations of the chain."""
-        points = max(FEWEST, round(SEARCHED * evaluations))
-        return cls(points, max(REFINED, evaluations // 2))
 
 
 def search_and_start(
@@ -53,7 +36,7 @@ def search_and_start(
     nwalkers: int,
     ensembles: int,
     seed: int,
-    budget: Budget,
+    evaluations: int,
     starts: Floats | None,
 ) -> tuple[SearchRecord, list[emcee.State]]:
     """Search for the modes, refine a proposal, and draw the starts from it.
@@ -69,7 +52,7 @@ def search_and_start(
         nwalkers: Walkers per ensemble.
         ensembles: How many there are.
         seed: Of the run.
-        budget: What the search may spend.
+        evaluations: Those of the chain, by which the search may spend.
         starts: Points that are searched too, ``(ensembles, n, d)``.
 
     Returns:
@@ -80,7 +63,8 @@ def search_and_start(
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
     search = Search(evaluator, streams)
-    search.run(budget.points, starts)
+    search.run(max(FEWEST, round(SEARCHED * evaluations)), starts)
+    most = max(REFINED, evaluations // 2)
 
     def propose(mixture: Mixture, number: int) -> tuple[Floats, Floats]:
         each = -(-number // len(streams))
@@ -91,7 +75,7 @@ def search_and_start(
     final = max(TRIED, 2 * size, 4 * nwalkers * ensembles)
 
     def attempt(mixture: Mixture) -> Trial:
-        refined = refine(search.draws, mixture, size, budget.draws, propose)
+        refined = refine(search.draws, mixture, size, most, propose)
         return Trial.of(refined, final, propose)
 
     trial = attempt(search.mixture())
@@ -105,18 +89,57 @@ def search_and_start(
         else:
             second = attempt(uncover(trial.mixture))
         trial = second if is_better(second, trial) else trial
-    places = _choose_starts(search, trial, populations, nwalkers)
-    states = []
+    mode_of = separate(trial.mixture)
+    count = int(mode_of.max()) + 1
+    tops = np.array([maximum.theta for maximum in search.maxima])
+    found_by = np.zeros((ensembles, count), dtype=np.intp)
+    for mode, by in zip(
+        label(tops, trial.mixture, mode_of), search.found_by, strict=True
+    ):
+        found_by[:, mode] += by
+    labels = label(trial.theta, trial.mixture, mode_of)
+    places = []
+    for ensemble, rng in enumerate(streams):
+        if trial.narrow and populations:
+            theta, rows = populations[ensemble]
+            chosen = rng.choice(len(theta), nwalkers, replace=nwalkers > len(theta))
+        else:
+            theta, rows = trial.theta, trial.rows
+            part = np.array_split(np.arange(len(theta)), ensembles)[ensemble]
+            in_its_modes = found_by[ensemble, labels] > 0
+            chosen = _choose_draws(rng, trial.log_weights, part, in_its_modes, nwalkers)
+        places.append((theta[chosen], rows[chosen]))
+    states, shares = [], []
     for child, (theta, rows) in zip(seeds, places, strict=True):
         random = np.random.RandomState(np.random.MT19937(child)).get_state()
         states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
+        modes = label(theta, trial.mixture, mode_of)
+        shares.append(np.bincount(modes, minlength=count) / nwalkers)
+    share = next(s for least, s in SHARES if trial.acceptance >= least)
     trajectories = None
     if gradients:
         draws = np.concatenate([theta for theta, _ in places])
         trajectories = _tune_trajectories(evaluator, trial.mixture, draws)
-    coords = [theta for theta, _ in places]
-    annealed = bool(populations)
-    return SearchRecord.of(search, trial, coords, annealed, trajectories), states
+        share = BESIDE if count > 1 else 0.0  # for jumps between modes
+    weights, errors = weigh(labels, trial.log_weights, count)
+    record = SearchRecord(
+        mixture=trial.mixture,
+        mode_of=mode_of,
+        weights=weights,
+        errors=errors,
+        found_by=found_by,
+        starts=np.array(shares),
+        pareto_k=trial.pareto_k,
+        efficiency=trial.efficiency,
+        log_weights=trial.log_weights[:: -(-len(trial.log_weights) // KEPT)],
+        points=len(search.theta),
+        climbs=search.climbs,
+        annealed=bool(populations),
+        solves=evaluator.solves,
+        share=share,
+        trajectories=trajectories,
+    )
+    return record, states
 
 
 def is_better(second: Trial, first: Trial) -> bool:
@@ -130,13 +153,13 @@ def is_better(second: Trial, first: Trial) -> bool:
 
 def _tune_trajectories(
     evaluator: Evaluator, mixture: Mixture, draws: Floats
-) -> tuple[Floats, int, float]:
-    """Return metric, number of steps and step size of Hamiltonian moves."""
+) -> dict[str, object]:
+    """Return the arguments of Hamiltonian moves."""
     narrow = uncover(mixture)
     metric = np.einsum("k,kij->ij", narrow.weights, narrow.matrices)
     some = draws[:: -(-len(draws) // TUNED)]
     move = HamiltonianMove.tuned(evaluator, some, metric, seed=0)
-    return metric, move.steps, move.step_size
+    return {"metric": metric, "steps": move.steps, "step_size": move.step_size}
 
 
 def _anneal_each(search: Search) -> list[Population]:
@@ -150,54 +173,29 @@ def _anneal_each(search: Search) -> list[Population]:
     return [(population.theta, population.rows) for population in annealed]
 
 
-def _choose_starts(
-    search: Search, trial: Trial, populations: Sequence[Population], nwalkers: int
-) -> list[Population]:
-    """Return where the walkers of each ensemble start, with their rows."""
-    mode_of = separate(trial.mixture)
-    tops = np.array([maximum.theta for maximum in search.maxima])
-    modes = label(tops, trial.mixture, mode_of)
-    places = []
-    for ensemble, rng in enumerate(search.streams):
-        if trial.narrow and populations:
-            theta, rows = populations[ensemble]
-            chosen = rng.choice(len(theta), nwalkers, replace=nwalkers > len(theta))
-        else:
-            theta, rows = trial.theta, trial.rows
-            by = np.array([climbs[ensemble] > 0 for climbs in search.found_by])
-            known = np.isin(np.arange(int(mode_of.max()) + 1), modes[by])
-            parts = np.array_split(np.arange(len(theta)), len(search.streams))
-            chosen = _choose_draws(
-                rng, trial, parts[ensemble], mode_of, known, nwalkers
-            )
-        places.append((theta[chosen], rows[chosen]))
-    return places
-
-
 def _choose_draws(
     rng: np.random.Generator,
-    trial: Trial,
-    draws: NDArray[np.intp],
-    mode_of: Labels,
-    known: NDArray[np.bool_],
+    log_weights: Floats,
+    part: NDArray[np.intp],
+    in_its_modes: NDArray[np.bool_],
     nwalkers: int,
 ) -> NDArray[np.intp]:
     """Return which draws an ensemble's walkers start from, by importance weights.
 
-    If it has none in the modes that it found, from any of its draws.
+    Its part of them; if none of that is in the modes that it found, any; and if none
+    is possible at all, those of the others.
     """
-    if not np.isfinite(trial.log_weights[draws]).any():
-        draws = np.arange(len(trial.theta))
-    log_weights = trial.log_weights[draws]
-    if not np.isfinite(log_weights).any():
+    possible = np.isfinite(log_weights)
+    if not possible.any():
         raise ValueError(
-            f"posterior: it is zero at all of {len(draws)} draws of the proposal that "
-            "was fitted to it; is nearly all of it at its bounds? Narrow the prior, or "
-            "use DEMCMove()"
+            f"posterior: it is zero at all of {len(log_weights)} draws of the proposal "
+            "that was fitted to it; is nearly all of it at its bounds? Narrow the "
+            "prior, or use DEMCMove()"
         )
-    inside = known[label(trial.theta[draws], trial.mixture, mode_of)]
-    if np.isfinite(log_weights[inside]).any():
-        log_weights = np.where(inside, log_weights, -np.inf)
-    weights = normalise(log_weights)
-    chosen = draws[resample(weights, nwalkers, rng.random(nwalkers))]  # stratified
-    return rng.permutation(chosen)
+    if not possible[part].any():
+        part = np.arange(len(log_weights))
+    eligible = log_weights[part]
+    if (possible & in_its_modes)[part].any():
+        eligible = np.where(in_its_modes[part], eligible, -np.inf)
+    drawn = resample(normalise(eligible), nwalkers, rng.random(nwalkers))  # stratified
+    return rng.permutation(part[drawn])

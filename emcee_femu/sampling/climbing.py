@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from ..interfaces import Evaluator, Floats
 from .quadratic import (
     find_damping,
-    fit_covariance,
     log_integral,
     make_positive,
     step_within,
@@ -53,7 +53,6 @@ class Maximum:
         at_bound: Which parameters are at a bound, ``(d,)``.
         converged: Whether less than 1e-3 of log-posterior is left to gain, 0.045
             standard deviations; 0.1 where no step gains, as at a kink.
-        solves: Solves spent on this climb.
         message: What ended the climb.
     """
 
@@ -63,7 +62,6 @@ class Maximum:
     log_evidence: float
     at_bound: NDArray[np.bool_]
     converged: bool
-    solves: int
     message: str
 
     @property
@@ -78,9 +76,12 @@ class Local(NamedTuple):
     Attributes:
         point: Where, ``(d,)``.
         row: The posterior's row there.
-        gradient: Of the log-posterior, ``(d,)``.
+        gradient: Of the log-posterior, ``(d,)``; NaN where a solve failed.
         curvature: Minus the Hessian, ``(d, d)``.
         fresh: Whether the curvature is that of this point.
+        offsets: Steps to neighbours on each axis ``(d,)``, of differences of rows.
+        ahead: What these steps gain, ``(d,)``.
+        diagonal: Of the curvature at this point, ``(d,)``; NaN if not known.
     """
 
     point: Floats
@@ -88,6 +89,9 @@ class Local(NamedTuple):
     gradient: Floats
     curvature: Floats
     fresh: bool = True
+    offsets: Floats = np.empty(0)
+    ahead: Floats = np.empty(0)
+    diagonal: Floats = np.empty(0)
 
     @property
     def value(self) -> float:
@@ -109,7 +113,6 @@ class Climb:
         radius: How far the quadratic is trusted.
         target: The point that is to be looked at; None where the curvature is.
         predicted: What the quadratic says that it gains.
-        solves: Spent so far.
         ended: Why, in words; empty while it goes on.
         converged: Whether at a maximum.
         damped: Whether the radius shortens the step.
@@ -119,7 +122,6 @@ class Climb:
     radius: float = np.inf
     target: Floats | None = None
     predicted: float = 0.0
-    solves: float = 0.0
     ended: str = ""
     converged: bool = False
     damped: bool = False
@@ -141,7 +143,10 @@ class Climb:
         damped = curvature + damping * np.eye(len(step))
         step, _ = step_within(uphill, damped, *room)
         self.predicted = float(uphill @ step - 0.5 * step @ curvature @ step)
-        self.target = _put(local.point, step, box)
+        low, high = box.T  # a step that reaches a bound ends exactly on it
+        end = local.point + step
+        end = np.where(end > high - TOUCHING, high, end)
+        self.target = np.where(end < low + TOUCHING, low, end)
         self.damped = damping > 0
 
     def take(self, trial: Local) -> None:
@@ -159,7 +164,6 @@ class Climb:
             self.radius = SHORTER * length
         else:
             self.target = None  # the curvature misled
-            self.local = local._replace(fresh=False)
         if self.predicted < GAIN and gained < GOOD and self.damped and local.fresh:
             self.ended, self.converged = "no step gains", self.predicted < NOISE
 
@@ -189,8 +193,7 @@ def climb(
     """
     space = _Space(evaluator, guess)
     before = evaluator.solves
-    climbs = [Climb(local) for local in space.look(starts / space.scale, [])]
-    _charge(climbs, evaluator.solves - before)
+    climbs = [Climb(local) for local in space.look(starts / space.scale)]
     for ascent in climbs:
         if not ascent.local.usable:
             finite = np.isfinite(ascent.local.value)
@@ -205,21 +208,19 @@ def climb(
         active = [ascent for ascent in active if not ascent.ended]
         if not active:
             break
-        spent = evaluator.solves
-        if spent - before + len(active) * space.price > most:
+        if evaluator.solves - before + len(active) * space.price > most:
             for ascent in active:
                 ascent.ended = "its solves were spent"
             break
-        trying = [ascent for ascent in active if ascent.target is not None]
-        targets = [ascent.target for ascent in trying if ascent.target is not None]
+        trying = [(a.target, a) for a in active if a.target is not None]
         if trying:
-            trials = space.look(np.array(targets), [ascent.local for ascent in trying])
-            for ascent, trial in zip(trying, trials, strict=True):
+            targets = np.array([target for target, _ in trying])
+            trials = space.look(targets, [ascent.local for _, ascent in trying])
+            for (_, ascent), trial in zip(trying, trials, strict=True):
                 ascent.take(trial)
         for ascent in active:
             if ascent.target is None and not ascent.ended:
                 ascent.local = space.fit(ascent.local)
-        _charge(active, evaluator.solves - spent)
     return [space.maximum(ascent) for ascent in climbs]
 
 
@@ -229,27 +230,18 @@ def distinct(maxima: Sequence[Maximum]) -> list[list[int]]:
     Two are the same where each is in the Gaussian about the other, no lower than that
     allows; so are those that a third one links.
     """
-    heights = [m.log_posterior for m in maxima]
-    groups: list[list[int]] = []
+    theta = np.array([m.theta for m in maxima])
+    heights = np.array([m.log_posterior for m in maxima])
+    steps, lower = theta[:, None] - theta, np.abs(heights[:, None] - heights)
+    inverses = np.linalg.inv([m.covariance for m in maxima])
+    squares = np.einsum("ijd,ide,ije->ij", steps, inverses, steps)
+    squares = np.maximum(squares, squares.T)
+    same = (squares < SAME**2) & (lower < squares / 2 + NOISE)
+    labels = connected_components(same, directed=False)[1].tolist()
+    groups: dict[int, list[int]] = {}
     for i in np.argsort(heights, kind="stable")[::-1].tolist():
-        near = [g for g in groups if any(_same(maxima[i], maxima[j]) for j in g)]
-        merged = sorted([j for g in near for j in g], key=lambda j: -heights[j])
-        groups = [g for g in groups if g not in near] + [[*merged, i]]
-    return sorted(groups, key=lambda group: -heights[group[0]])
-
-
-def _same(first: Maximum, second: Maximum) -> bool:
-    step = first.theta - second.theta
-    squares = [step @ np.linalg.solve(m.covariance, step) for m in (first, second)]
-    difference = abs(first.log_posterior - second.log_posterior)
-    near = max(squares) < SAME**2 and difference < max(squares) / 2 + NOISE
-    return bool(near)
-
-
-def _charge(climbs: Sequence[Climb], solves: int) -> None:
-    """Share the solves of a batch among its climbs."""
-    for ascent in climbs:
-        ascent.solves += solves / len(climbs)
+        groups.setdefault(labels[i], []).append(i)
+    return [*groups.values()]
 
 
 class _Space:
@@ -265,17 +257,16 @@ class _Space:
         if guess is not None:
             curvature = guess / np.outer(self.scale, self.scale)
             self.guess = np.asarray(np.linalg.inv(curvature), np.float64)
-        if self.posterior.informative:  # solves for a look
-            self.price = 1 if self.posterior.differentiable else d + 1
-        else:
-            self.price = 2 * d + 1
+        # Solves for a look.
+        rows = d if self.posterior.informative else 2 * d
+        self.price = 1 if self.posterior.differentiable else rows + 1
 
     def theta(self, points: Floats) -> Floats:
         """Return points as parameters; rounding alone can pass a bound, by an ulp."""
         inside: Floats = np.clip(points * self.scale, *self.bounds.T)
         return inside
 
-    def look(self, points: Floats, before: Sequence[Local]) -> list[Local]:
+    def look(self, points: Floats, before: Sequence[Local] = ()) -> list[Local]:
         """Return the quadratics about points, which climbs reached from others."""
         if not self.posterior.informative:
             last: list[Local | None] = [*before] or [None] * len(points)
@@ -289,63 +280,81 @@ class _Space:
         parts = zip(points, rows, gradient, information, strict=True)
         return [Local(*part) for part in parts]
 
-    def fit(self, local: Local) -> Local:
-        """Return the quadratic that fits the rows of points around."""
-        return self._look_around(local.point, local, mixed=True)
+    def _look_around(self, point: Floats, before: Local | None) -> Local:
+        """Return the quadratic about a point, with an old curvature if it still holds.
 
-    def _look_around(
-        self, point: Floats, before: Local | None, mixed: bool = False
-    ) -> Local:
-        """Return gradient and curvature from the rows of points around.
-
-        Two on each axis give the gradient and the diagonal; one more for each pair of
-        axes gives the rest, which is spared where an old curvature still holds.
+        A gradient takes one solve of models with derivatives, else two on each axis,
+        which give the diagonal of the curvature too.
         """
         curvature = self.guess if before is None else before.curvature
+        local = self._find_gradient(point, curvature, before)
+        if curvature is None or not local.usable or local.curvature.size == 1:
+            return self.fit(local) if local.usable else local
+        local = local._replace(curvature=curvature, fresh=False)
+        if before is None:
+            return local
+        step, change = point - before.point, local.value - before.value
+        predicted = before.gradient @ step - 0.5 * step @ curvature @ step
+        error = abs(change - predicted)
+        if error > USABLE * abs(change):
+            return self.fit(local)
+        changed = np.abs(local.diagonal - np.diag(curvature))
+        if (
+            error < EXACT * abs(change)
+            and (changed < EXACT * np.abs(np.diag(curvature))).all()
+        ):
+            return local._replace(fresh=True)  # as of a Gaussian
+        return local._replace(curvature=_bend(before, local))
+
+    def _find_gradient(
+        self, point: Floats, curvature: Floats | None, before: Local | None
+    ) -> Local:
+        """Return the gradient; none of a point that is lower than that before."""
         first, second = self._offsets(point, curvature)
-        steps = [np.zeros((1, len(point))), np.diag(first), np.diag(second)]
-        rows = self.evaluator.rows(self.theta(point + np.concatenate(steps)))
-        row, d = rows[0], len(point)
-        if not np.isfinite(row[0]):
-            return Local(point, row, np.full(d, np.nan), np.full((d, d), np.nan))
-        ahead, behind = (rows[1 : d + 1, 0] - row[0]), (rows[d + 1 :, 0] - row[0])
+        unknown = np.full(len(point), np.nan)
+        local = Local(point, unknown, unknown, np.diag(unknown), offsets=first)
+        if self.posterior.differentiable:
+            rows, gradient = self.evaluator.gradient(self.theta(point[None]))
+            return local._replace(
+                row=rows[0], gradient=gradient[0] * self.scale, diagonal=unknown
+            )
+        (row,) = self.evaluator.rows(self.theta(point[None]))
+        if not row[0] > (-np.inf if before is None else before.value):
+            return local._replace(row=row)
+        steps = np.concatenate([np.diag(first), np.diag(second)])
+        rows = self.evaluator.rows(self.theta(point + steps))
+        ahead, behind = np.split(rows[:, 0] - row[0], 2)
         a, b = ahead / first, behind / second
         # Where a solve on one side failed, the slope of the other one is taken.
         a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
         gradient = (a * second - b * first) / (second - first)
         diagonal = -2 * (b - a) / (second - first)
-        local = Local(point, row, gradient, np.diag(diagonal))
-        if not local.usable or d == 1:
-            return local
-        if curvature is not None and not mixed:
-            kept = local._replace(curvature=curvature, fresh=False)
-            if before is None:
-                return kept
-            if self._error(before, local) < USABLE:
-                if self._exact(before, local):
-                    return kept._replace(fresh=True)
-                return kept._replace(curvature=_bend(before, local))
-        i, j = np.triu_indices(d, 1)
-        pairs = np.diag(first)[i] + np.diag(first)[j]
-        beside = self.evaluator.rows(self.theta(point + pairs))[:, 0]
-        with np.errstate(invalid="ignore"):  # of solves that failed
-            both = beside - row[0] - ahead[i] - ahead[j]
-        both[~np.isfinite(both)] = 0.0
-        local.curvature[i, j] = local.curvature[j, i] = -both / (first[i] * first[j])
-        self.guess = local.curvature  # where others start
-        return local
+        return Local(
+            point, row, gradient, np.diag(diagonal), True, first, ahead, diagonal
+        )
 
-    def _exact(self, before: Local, here: Local) -> bool:
-        """Return whether a curvature is that of the next point too, as a Gaussian's."""
-        if self._error(before, here) > EXACT:
-            return False
-        old, new = np.diag(before.curvature), np.diag(here.curvature)
-        return bool((np.abs(new - old) < EXACT * np.abs(old)).all())
+    def fit(self, local: Local) -> Local:
+        """Return the quadratic with the curvature of its point.
 
-    def _error(self, before: Local, here: Local) -> float:
-        step, change = here.point - before.point, here.value - before.value
-        predicted = before.gradient @ step - 0.5 * step @ before.curvature @ step
-        return float(abs((change - predicted) / change)) if change else 0.0
+        By differences of gradients, or by one more row for each pair of axes.
+        """
+        steps = np.diag(local.offsets)
+        if self.posterior.differentiable:
+            around = self.evaluator.gradient(self.theta(local.point + steps))[1]
+            changes = (local.gradient - around * self.scale) / local.offsets[:, None]
+            changes[~np.isfinite(changes)] = 0.0  # of solves that failed
+            curvature = (changes + changes.T) / 2
+        else:
+            curvature = np.diag(local.diagonal)
+            i, j = np.triu_indices(len(steps), 1)
+            rows = self.evaluator.rows(self.theta(local.point + steps[i] + steps[j]))
+            with np.errstate(invalid="ignore"):  # of solves that failed
+                both = rows[:, 0] - local.value - local.ahead[i] - local.ahead[j]
+            both[~np.isfinite(both)] = 0.0
+            curvature[i, j] = -both / (local.offsets[i] * local.offsets[j])
+            curvature[j, i] = curvature[i, j]
+        self.guess = curvature  # where others start
+        return local._replace(curvature=curvature, fresh=True)
 
     def _offsets(
         self, point: Floats, curvature: Floats | None
@@ -371,9 +380,21 @@ class _Space:
         at_bound = (local.point[:, None] == self.box).any(axis=1)
         covariance, log_evidence = np.full((len(self.scale),) * 2, np.nan), -np.inf
         if local.usable:
-            self._check_width(local)
+            if np.diagonal(local.curvature).max() > NARROWEST**-2:
+                values = [f"{value:.5g}" for value in self.theta(local.point)]
+                raise ValueError(
+                    "posterior: its density seems to grow without bound towards "
+                    f"{dict(zip(self.posterior.names, values, strict=True))}: does an "
+                    "inferred error go to zero where the parameters fit the data "
+                    "exactly? Give its prior a lower bound above zero, or the term the "
+                    "errors that are known"
+                )
             curvature = make_positive(local.curvature)
-            covariance = fit_covariance(local.gradient, curvature, at_bound)
+            # A density that falls from a bound with slope g is an exponential of sd
+            # 1 / |g|: g^2 counts as curvature there.
+            slopes = np.where(at_bound, local.gradient, 0.0)
+            covariance = np.linalg.inv(curvature + np.diag(slopes**2))
+            covariance = (covariance + covariance.T) / 2
             covariance *= np.outer(self.scale, self.scale)
             room = self.box.T - local.point
             log_evidence = log_integral(local.gradient, curvature, *room)
@@ -385,21 +406,7 @@ class _Space:
             log_evidence=log_evidence,
             at_bound=at_bound,
             converged=ascent.converged,
-            solves=round(ascent.solves),
             message=ascent.ended or f"not converged after {MOST_STEPS} steps",
-        )
-
-    def _check_width(self, local: Local) -> None:
-        if not np.diagonal(local.curvature).max() > NARROWEST**-2:
-            return
-        values = zip(
-            self.posterior.names, self.theta(local.point).tolist(), strict=True
-        )
-        raise ValueError(
-            "posterior: its density seems to grow without bound towards "
-            f"{ {name: float(f'{value:.5g}') for name, value in values} }: does an "
-            "inferred error go to zero where the parameters fit the data exactly? Give "
-            "its prior a lower bound above zero, or the term the errors that are known"
         )
 
 
@@ -412,14 +419,6 @@ def _bend(before: Local, here: Local) -> Floats:
         return before.curvature
     bent: Floats = before.curvature + np.outer(rest, rest) / product
     return bent
-
-
-def _put(point: Floats, step: Floats, box: Floats) -> Floats:
-    """Return the end of a step, exactly on the bounds that it reaches."""
-    low, high = box.T
-    end = point + step
-    put: Floats = np.where(end > high - TOUCHING, high, end)
-    return np.where(end < low + TOUCHING, low, put)
 
 
 def _leave_saddle(local: Local, box: Floats) -> Floats | None:

@@ -1,14 +1,12 @@
 """One map of coordinates: positive parameters by their logarithms."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Evaluator, Floats, Linearization, Prior
-from ..posterior.log_posterior import LogPosterior
+from ..interfaces import Evaluator, Floats, Prior
 
 DRAWS = 20_000  # of the prior, for its quantiles
 DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
@@ -64,61 +62,12 @@ class Coordinates:
         volume: Floats = x[:, self.logs].sum(axis=1)
         return volume
 
+    def rows(self, evaluator: Evaluator, x: Floats) -> Floats:
+        """Return rows at coordinates ``(n, d)``, with the densities of these."""
+        rows = evaluator.rows(self.parameters(x)).copy()
+        rows[:, :2] += self.log_volume(x)[:, None]
+        return rows
+
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` coordinates from the prior."""
         return self.coordinates(self.prior.sample(rng, n))
-
-
-@dataclass(frozen=True, eq=False)
-class MappedEvaluation:
-    """An evaluator of points in other coordinates: rows have their densities."""
-
-    evaluator: Evaluator
-    coordinates: Coordinates
-
-    @property
-    def posterior(self) -> LogPosterior:
-        """What is evaluated."""
-        return self.evaluator.posterior
-
-    @property
-    def solves(self) -> int:
-        """Solves so far."""
-        return self.evaluator.solves
-
-    def rows(self, theta: Floats) -> Floats:
-        """Return rows with the densities of coordinates ``(n, d)``."""
-        return self._densities(theta, self.evaluator.rows(self._parameters(theta)))
-
-    @property
-    def failed(self) -> int:
-        """How many of them failed."""
-        return self.evaluator.failed
-
-    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return rows and gradients by the coordinates ``(n, d)``."""
-        rows, gradient, _ = self.linearize(theta)
-        return rows, gradient
-
-    def linearize(self, theta: Floats) -> Linearization:
-        """Return rows, gradients and information by the coordinates ``(n, d)``."""
-        parameters = self._parameters(theta)
-        rows, gradient, information = self.evaluator.linearize(parameters)
-        slopes = np.where(self.coordinates.logs, parameters, 1.0)
-        if information is not None:
-            information = information * slopes[:, :, None] * slopes[:, None]
-        gradient = gradient * slopes + self.coordinates.logs
-        return Linearization(self._densities(theta, rows), gradient, information)
-
-    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
-        """Yield number and row of each of the coordinates as it is solved."""
-        for number, row in self.evaluator.each(self._parameters(theta)):
-            yield number, self._densities(theta[[number]], row[None])[0]
-
-    def _parameters(self, x: Floats) -> Floats:
-        return self.coordinates.parameters(x)
-
-    def _densities(self, x: Floats, rows: Floats) -> Floats:
-        rows = rows.copy()
-        rows[:, :2] += self.coordinates.log_volume(x)[:, None]
-        return rows

@@ -15,18 +15,6 @@ DRAWS = 1_000  # of the probability of a box; its relative error is a percent or
 FAR = 8.0  # standard deviations; a bound beyond them takes nothing away
 
 
-def fit_covariance(gradient: Floats, curvature: Floats, at_bound: Floats) -> Floats:
-    """Return the covariance ``(d, d)`` of the Laplace approximation.
-
-    A density that falls from a bound with slope g is an exponential of standard
-    deviation 1 / |g|: g^2 counts as curvature there.
-    """
-    slopes = np.where(at_bound, gradient, 0.0)
-    covariance = np.linalg.inv(curvature + np.diag(slopes**2))
-    symmetric: Floats = (covariance + covariance.T) / 2
-    return symmetric
-
-
 def log_integral(
     gradient: Floats, curvature: Floats, low: Floats, high: Floats
 ) -> float:
@@ -38,17 +26,10 @@ def log_integral(
     mean = covariance @ gradient
     log_determinant = np.linalg.slogdet(curvature)[1]
     whole = 0.5 * (len(mean) * np.log(2 * np.pi) - log_determinant + gradient @ mean)
-    return float(whole + log_probability(mean, covariance, low, high))
-
-
-def log_probability(
-    mean: Floats, covariance: Floats, low: Floats, high: Floats
-) -> float:
-    """Return the log-probability of a box under a Gaussian, by Monte Carlo."""
     if is_inside(mean, covariance, low, high):
-        return 0.0
+        return float(whole)
     log_weights = draw_inside(mean, covariance, low, high)[1]
-    return float(special.logsumexp(log_weights) - np.log(DRAWS))
+    return float(whole + special.logsumexp(log_weights) - np.log(DRAWS))
 
 
 def moments_inside(

@@ -15,13 +15,13 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.failures import FailureLog
 from ..evaluation.resume import open_evaluator
 from ..evaluation.samplers import Sampler
-from ..evaluation.store import StoredChain, StoredEvaluation, restore_counts
+from ..evaluation.store import Store, StoredChain, StoredEvaluation, restore_counts
 from ..interfaces import Backend, Floats, Move
 from ..moves.tempering import find_ladder
 from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..table import Parts, Report
-from .auto import Budget, search_and_start
+from .auto import search_and_start
 from .search_record import SearchRecord
 
 MOST_DRAWS = 20  # of a starting point
@@ -218,7 +218,7 @@ def run(
         asked["moves"] = [(f"{weight:g} x", move) for move, weight in weighted]
         ladder = find_ladder([move for move, _ in weighted])
         asked["betas"] = None if ladder is None else ladder.betas
-    backends = [None] * ensembles if in_file else _check_backends(backend, ensembles)
+    backends = _check_backends(None if in_file else backend, ensembles)
     with open_evaluator(
         posterior,
         asked,
@@ -230,25 +230,46 @@ def run(
         resume=resume,
         probe_tolerance=probe_tolerance,
     ) as evaluator:
-        evaluations = steps * thin_by * nwalkers * ensembles
-        begun = _begin(
-            evaluator, weighted, nwalkers, ensembles, seed, evaluations, points
-        )
-        chains = _continue_chains(evaluator, begun, backends, steps)
-        solver = _solver(evaluator)
+        states: list[emcee.State] = []
+        search, store = None, None
+        if isinstance(evaluator, StoredEvaluation):  # it stores steps, no proposals
+            store, solver = evaluator.store, evaluator.evaluation
+        else:
+            solver = evaluator
+        if weighted is None:
+            evaluations = steps * thin_by * nwalkers * ensembles
+            if store is not None:  # steps may have grown since the search began
+                evaluations = store["evaluations"] or evaluations
+                store["evaluations"] = evaluations
+            stored = None if store is None else store["search"]
+            if stored is not None:
+                search = SearchRecord.from_json(stored)
+            else:
+                search, states = search_and_start(
+                    evaluator, nwalkers, ensembles, seed, evaluations, points
+                )
+            weighted = search.moves
+        else:
+            states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
+        if store is not None:
+            chains = _open_chains(store, solver, states, ensembles, steps)
+            if search is not None:  # after the starts, which it promises
+                store["search"] = search.to_json()
+            states = [chain.get_last_sample() for chain in chains]
+            backends = [*chains]
         samplers = tuple(
-            Sampler(nwalkers, solver, begun.moves, chain) for chain in chains
+            Sampler(nwalkers, solver, weighted, chain) for chain in backends
         )
         record = Run(
             samplers,
             posterior,
             seed,
-            begun.moves,
-            begun.search,
-            begun.evaluations,
+            weighted,
+            search,
+            nwalkers * ensembles if search is None else search.solves,
             solver.failures,
             # "auto" only searches from them too.
-            points is not None and begun.search is None,
+            points is not None and search is None,
         )
         try:
             for number, sampler in enumerate(samplers):
@@ -256,7 +277,7 @@ def run(
                 if not left:
                     continue
                 sampler.run_mcmc(
-                    begun.states[number],
+                    states[number],
                     left,
                     thin_by=thin_by,
                     progress=progress,
@@ -271,76 +292,27 @@ def run(
     return record
 
 
-@dataclass(frozen=True, eq=False)
-class _Beginning:
-    """Where the chains of a run begin."""
-
-    states: list[emcee.State]
-    moves: list[tuple[Move, float]]
-    search: SearchRecord | None
-    evaluations: int
-
-
-def _solver(evaluator: Evaluation | StoredEvaluation) -> Evaluation:
-    """Return what evaluates a chain, whose steps are stored and not its proposals."""
-    if isinstance(evaluator, StoredEvaluation):
-        return evaluator.evaluation
-    return evaluator
-
-
-def _begin(
-    evaluator: Evaluation | StoredEvaluation,
-    weighted: list[tuple[Move, float]] | None,
-    nwalkers: int,
+def _open_chains(
+    store: Store,
+    solver: Evaluation,
+    states: Sequence[emcee.State],
     ensembles: int,
-    seed: int,
-    evaluations: int,
-    points: Floats | None,
-) -> _Beginning:
-    """Search, or draw the starts; a file has what was found before."""
-    store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
-    if weighted is not None:
-        states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
-        return _Beginning(states, weighted, None, nwalkers * ensembles)
-    budget = Budget.of(evaluations)
-    if store is not None:  # steps may have grown since the search began
-        store["budget"] = budget = Budget(*(store["budget"] or budget))
-        if (known := store["search"]) is not None:
-            search = SearchRecord.from_json(known)
-            return _Beginning([], search.moves, search, search.solves)
-    search, states = search_and_start(
-        evaluator, nwalkers, ensembles, seed, budget, points
-    )
-    return _Beginning(states, search.moves, search, search.solves)
-
-
-def _continue_chains(
-    evaluator: Evaluation | StoredEvaluation,
-    begun: _Beginning,
-    backends: Sequence[Backend | None],
     steps: int,
-) -> list[Backend | None]:
-    """Return the chains that emcee goes on with, and put the states where they are."""
-    if not isinstance(evaluator, StoredEvaluation):
-        return list(backends)
-    store, evaluation = evaluator.store, evaluator.evaluation
-    there = store.lengths()
-    chains: list[StoredChain] = []
-    for ensemble in range(len(backends)):
-        start = None if ensemble + 1 in there else begun.states[ensemble]
-        chains.append(StoredChain(store, ensemble, start, evaluation))
-    if begun.search is not None:  # after the starts, which it promises
-        store["search"] = begun.search.to_json()
-    done = max(chain.iteration for chain in chains)
-    if done > steps:
+) -> list[StoredChain]:
+    """Return the chains of a file, with the starts of those that it does not hold."""
+    lengths, chains = store.lengths(), []
+    for ensemble in range(ensembles):
+        start = None if ensemble + 1 in lengths else states[ensemble]
+        chains.append(StoredChain(store, ensemble, start, solver))
+    longest = max(chain.iteration for chain in chains)
+    if longest > steps:
         raise ValueError(
-            f"steps: expected at least the {done} steps that {store.path} holds "
+            f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    begun.states[:] = [chain.get_last_sample() for chain in chains]
     latest = max((chain.last for chain in chains), key=lambda record: record.counts[0])
-    restore_counts(evaluation, latest)
-    return [*chains]
+    restore_counts(solver, latest)
+    return chains
 
 
 def _draw_starts(
@@ -355,7 +327,7 @@ def _draw_starts(
     Starts from the prior whose solve failed are drawn again.
     """
     posterior, states = evaluator.posterior, []
-    rejecting = _solver(evaluator).failures is not None
+    rejecting = evaluator.failures is not None
     for ensemble, stream in enumerate(np.random.SeedSequence(seed).spawn(ensembles)):
         if points is None:
             theta = posterior.start(nwalkers, stream.spawn(1)[0])
@@ -368,34 +340,25 @@ def _draw_starts(
                 break
             theta[again] = posterior.start(len(again), stream.spawn(1)[0])
             rows[again] = evaluator.rows(theta[again])
-        _check_finite(rows[:, 0], theta, posterior.names)
+        finite = np.isfinite(rows[:, 0])
+        if not finite.all():
+            walker = int(np.argmin(finite))
+            values = dict(zip(posterior.names, theta[walker].tolist(), strict=True))
+            raise ValueError(
+                f"starts: the log-posterior of walker {walker} is {rows[walker, 0]} at "
+                f"{values}; every walker must start where it is finite (for a solve "
+                "that failed, on_failure='raise' tells why)"
+            )
         random = np.random.RandomState(np.random.MT19937(stream)).get_state()
         states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
     return states
 
 
-def _check_finite(log_prob: Floats, theta: Floats, names: Sequence[str]) -> None:
-    if not np.isfinite(log_prob).all():
-        walker = int(np.argmin(np.isfinite(log_prob)))
-        values = dict(zip(names, theta[walker].tolist(), strict=True))
-        raise ValueError(
-            f"starts: the log-posterior of walker {walker} is {log_prob[walker]} at "
-            f"{values}; every walker must start where it is finite (for a solve that "
-            "failed, on_failure='raise' tells why)"
-        )
-
-
 def check_progress(progress: bool | str) -> bool | str:
-    """Return True, False or the name of a bar of tqdm."""
-    if not isinstance(progress, str):
+    """Return True, False, or "notebook" where there is what shows that bar."""
+    if progress != "notebook":
         return checks.flag("progress", progress)
-    bars = emcee.pbar.tqdm
-    if bars is not None and not hasattr(bars, f"tqdm_{progress}"):
-        raise ValueError(
-            "progress: expected True, False or a bar of tqdm, such as 'notebook', got "
-            f"{progress!r}"
-        )
-    if bars is not None and progress == "notebook" and find_spec("ipywidgets") is None:
+    if find_spec("ipywidgets") is None:
         raise ImportError(
             "progress: 'notebook' needs ipywidgets: pip install "
             "'emcee-femu[notebooks]'; or take progress=True, which needs none"

@@ -6,8 +6,7 @@ scans: draws of the prior, and draws about the modes found, wider and wider.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,35 +33,32 @@ MOST_SCANS = 6
 FIRST_DF = 8.0
 
 
-class Candidate(NamedTuple):
-    """A point of an ensemble from which a climb may find another mode."""
-
-    ensemble: int
-    theta: Floats
-    height: float
-
-
-@dataclass(eq=False)
 class Search:
     """What has been evaluated, and what was found.
 
-    Attributes:
+    Args:
         evaluator: What evaluates.
         streams: A random stream per ensemble.
+
+    Attributes:
         draws: All points, weighted.
-        points: Points and rows of each ensemble.
+        theta: All points ``(n, d)``.
+        rows: Their log-posteriors and log-priors, ``(n, 2)``.
+        owner: The ensemble of each point, ``(n,)``.
         maxima: Of all climbs, distinct.
         found_by: The climbs of each ensemble that ended there, by maximum.
         climbs: How many there were.
     """
 
-    evaluator: Evaluator
-    streams: Sequence[np.random.Generator]
-    draws: Draws = field(init=False)
-    points: list[tuple[Floats, Floats]] = field(init=False, default_factory=list)
-    maxima: list[Maximum] = field(init=False, default_factory=list)
-    found_by: list[list[int]] = field(init=False, default_factory=list)
-    climbs: int = field(init=False, default=0)
+    def __init__(
+        self, evaluator: Evaluator, streams: Sequence[np.random.Generator]
+    ) -> None:
+        self.evaluator, self.streams = evaluator, streams
+        self.theta = np.empty((0, evaluator.posterior.ndim))
+        self.rows, self.owner = np.empty((0, 2)), np.empty(0, dtype=np.intp)
+        self.maxima: list[Maximum] = []
+        self.found_by: list[list[int]] = []
+        self.climbs = 0
 
     def run(self, size: int, starts: Floats | None) -> None:
         """Climb, and scan the prior and the surroundings of the modes for others.
@@ -80,13 +76,14 @@ class Search:
         self.draws = Draws.of_prior(theta, rows)
         if starts is not None:
             self._evaluate(list(starts))
-        if not any(np.isfinite(rows[:, 0]).any() for _, rows in self.points):
+        if not np.isfinite(self.rows[:, 0]).any():
             raise ValueError(
                 f"posterior: it is zero at all of {len(theta)} draws of the prior; "
                 "widen the errors, or narrow the prior to where it can be solved (for "
                 "solves that fail, on_failure='raise' tells why)"
             )
-        self._climb([self._best(ensemble) for ensemble in range(len(self.points))])
+        members = [np.flatnonzero(self.owner == i) for i in range(len(self.streams))]
+        self._climb([int(some[np.argmax(self.rows[some, 0])]) for some in members])
         if not self.maxima:
             raise ValueError(
                 "moves: 'auto' could not climb to any maximum: solves fail, or their "
@@ -112,36 +109,25 @@ class Search:
         )
 
     def _evaluate(self, points: Sequence[Floats]) -> tuple[Floats, Floats]:
-        """Evaluate points of each ensemble, and keep them as its own."""
+        """Evaluate points of each ensemble, and keep them."""
         theta = np.concatenate(points)
         rows = self.evaluator.rows(theta)
-        parts = np.split(rows, np.cumsum([len(part) for part in points])[:-1])
-        before = self.points or [(theta[:0], rows[:0])] * len(points)
-        self.points = [
-            (np.vstack([old, new]), np.vstack([old_rows, new_rows]))
-            for (old, old_rows), new, new_rows in zip(
-                before, points, parts, strict=True
-            )
-        ]
+        owner = np.repeat(np.arange(len(points)), [len(part) for part in points])
+        self.theta = np.vstack([self.theta, theta])
+        self.rows = np.vstack([self.rows, rows[:, :2]])
+        self.owner = np.append(self.owner, owner)
         return theta, rows
 
-    def _best(self, ensemble: int) -> Candidate:
-        """Return an ensemble's point of the largest log-posterior."""
-        theta, rows = self.points[ensemble]
-        best = np.argmax(rows[:, 0])
-        return Candidate(ensemble, theta[best], float(rows[best, 0]))
-
-    def _climb(self, candidates: Sequence[Candidate]) -> bool:
-        """Climb from points of ensembles; return whether there is a new mode."""
-        starts = np.array([candidate.theta for candidate in candidates])
-        guess = None
+    def _climb(self, numbers: Sequence[int]) -> bool:
+        """Climb from some of the points; return whether there is a new mode."""
+        starts, guess = self.theta[numbers], None
         if self.maxima:
             nearest = self.mixture().squared_distances(starts[:1])[0].argmin()
             guess = self.mixture().matrices[nearest]
         reached = climb(self.evaluator, starts, guess)
         self.climbs += len(starts)
-        pairs = zip(reached, candidates, strict=True)
-        return any([self._add(maximum, point.ensemble) for maximum, point in pairs])
+        pairs = zip(reached, self.owner[numbers].tolist(), strict=True)
+        return any([self._add(maximum, ensemble) for maximum, ensemble in pairs])
 
     def _follow(self, size: int) -> None:
         """Climb from points that the modes do not explain.
@@ -151,20 +137,16 @@ class Search:
         """
         left = round(SHARE_TESTED * size / len(ALONG))
         fruitless = 0
-        tested = [np.zeros(len(theta), dtype=bool) for theta, _ in self.points]
-        waiting: list[Candidate] = []
+        tested = np.zeros(len(self.theta), dtype=bool)
+        waiting: list[int] = []
         while fruitless < FRUITLESS and self.climbs < MOST_CLIMBS:
-            waiting = [
-                point
-                for point in waiting
-                if self._excess(point.theta[None], np.array([point.height]))[0]
-                > UNEXPLAINED
-            ]
+            excess = self._find_excess()
+            waiting = [i for i in waiting if excess[i] > UNEXPLAINED]
             if waiting:
                 fruitless = 0 if self._climb([waiting.pop()]) else fruitless + 1
                 continue
-            chosen = [self._choose(i, done) for i, done in enumerate(tested)]
-            waiting = [point for points in chosen for point in points]
+            waiting = self._choose(excess, tested)
+            tested[waiting] = True
             if not waiting:
                 return
             if fruitless < UNTESTED:
@@ -174,45 +156,44 @@ class Search:
             else:
                 left -= len(waiting)
                 waiting = self._find_valleys(waiting)
-            waiting.sort(key=lambda point: point.height)
+            waiting.sort(key=lambda i: self.rows[i, 0])
 
-    def _excess(self, theta: Floats, log_p: Floats) -> Floats:
-        """Return the log-density beyond that of Gaussians at the modes."""
+    def _find_excess(self) -> Floats:
+        """Return the log-densities beyond those of Gaussians at the modes."""
         total = logsumexp([maximum.log_evidence for maximum in self.maxima])
         gaussians = replace(self.mixture(), df=GAUSSIAN)
-        density: Floats = log_p - total - gaussians.log_density(theta)
-        return density
+        excess: Floats = self.rows[:, 0] - total - gaussians.log_density(self.theta)
+        return excess
 
-    def _choose(self, ensemble: int, tested: NDArray[np.bool_]) -> list[Candidate]:
-        """Return untested points of an ensemble that the modes explain least."""
-        theta, rows = self.points[ensemble]
-        heights = rows[:, 0]
-        excess = self._excess(theta, heights)
+    def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
+        """Return untested points of each ensemble that the modes explain least."""
+        heights, log_prior = self.rows.T
         possible = np.isfinite(heights) & (excess > UNEXPLAINED) & ~tested
         # Out of bounds both densities are zero.
-        gains = np.where(possible, heights - np.nan_to_num(rows[:, 1]), -np.inf)
-        ranks = [
-            values.argsort()[: -TESTED // 2 - 1 : -1]
-            for values in (np.where(possible, excess, -np.inf), gains)
-        ]
-        both = np.column_stack(ranks).ravel()  # in turn
-        chosen = [i for i in dict.fromkeys(both.tolist()) if possible[i]]
-        tested[chosen] = True
-        return [Candidate(ensemble, theta[i], float(heights[i])) for i in chosen]
+        gains = heights - np.nan_to_num(log_prior)
+        chosen: list[int] = []
+        for ensemble in range(len(self.streams)):
+            eligible = possible & (self.owner == ensemble)
+            ranks = [
+                np.where(eligible, values, -np.inf).argsort()[: -TESTED // 2 - 1 : -1]
+                for values in (excess, gains)
+            ]
+            both = np.column_stack(ranks).ravel()  # in turn
+            chosen += [i for i in dict.fromkeys(both.tolist()) if eligible[i]]
+        return chosen
 
-    def _find_valleys(self, points: Sequence[Candidate]) -> list[Candidate]:
+    def _find_valleys(self, numbers: Sequence[int]) -> list[int]:
         """Return those points that a valley parts from the nearest mode.
 
         On the straight way to it the density falls below that of the point.
         """
-        mixture = self.mixture()
-        theta = np.array([point.theta for point in points])
-        heights = np.array([point.height for point in points])
+        mixture, theta = self.mixture(), self.theta[numbers]
         modes = mixture.means[np.argmin(mixture.squared_distances(theta), axis=1)]
         ways = modes[:, None] + ALONG[:, None] * (theta - modes)[:, None]
         rows = self.evaluator.rows(ways.reshape(-1, theta.shape[1]))
-        lowest = rows[:, 0].reshape(len(points), -1).min(axis=1)
-        return [points[i] for i in np.flatnonzero(lowest < heights - VALLEY).tolist()]
+        lowest = rows[:, 0].reshape(len(numbers), -1).min(axis=1)
+        pairs = zip(numbers, lowest, strict=True)
+        return [i for i, low in pairs if low < self.rows[i, 0] - VALLEY]
 
     def _add(self, maximum: Maximum, ensemble: int) -> bool:
         """Take in the end of a climb; return whether it is a new mode."""

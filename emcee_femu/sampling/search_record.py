@@ -1,7 +1,8 @@
 """What "auto" found: a frozen proposal, and the separated modes of the posterior."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -13,16 +14,12 @@ from ..moves import DEMCMove, HamiltonianMove, IndependenceMove
 from ..moves.mixture import Mixture
 from ..table import Parts, Report
 from .importance import normalise
-from .proposals import COVERS, Trial
-from .search import Search
+from .proposals import COVERS
 
 APART = 10.0  # squared distance of the centres, by the sum of the matrices
 COVER = -1  # the mode of components that cover the others and belong to none
 JUMPS = 0.1  # of the DE-MC steps have gamma = 1
-KEPT = 2_000  # importance weights in the record
-# Share of independence proposals by their expected acceptance.
-SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
-HAMILTONIAN, BESIDE = 0.8, 0.1  # shares where gradients do better, and of independence
+HAMILTONIAN = 0.8  # of the moves where gradients do better
 
 Labels: TypeAlias = NDArray[np.intp]
 
@@ -50,8 +47,7 @@ class SearchRecord(Report):
         annealed: Whether an annealed population was asked.
         solves: Evaluations in all.
         share: The share of independence proposals among the moves.
-        trajectories: Metric, steps and step size of a Hamiltonian move, where that
-            pays; else None.
+        trajectories: Arguments of a Hamiltonian move, where that pays; else None.
     """
 
     mixture: Mixture
@@ -68,7 +64,7 @@ class SearchRecord(Report):
     annealed: bool
     solves: int
     share: float
-    trajectories: tuple[Floats, int, float] | None = None
+    trajectories: Mapping[str, Any] | None = None
 
     @property
     def proposal(self) -> IndependenceMove:
@@ -86,7 +82,7 @@ class SearchRecord(Report):
         if share:
             moves.append((self.proposal, share))
         if self.trajectories is not None:
-            moves.append((HamiltonianMove(*self.trajectories), HAMILTONIAN))
+            moves.append((HamiltonianMove(**self.trajectories), HAMILTONIAN))
             share += HAMILTONIAN
         return [*moves, (DEMCMove(mode_jump=JUMPS), 1.0 - share)]
 
@@ -114,79 +110,27 @@ class SearchRecord(Report):
 
     def to_json(self) -> dict[str, Any]:
         """Return what JSON can hold."""
-        record: dict[str, Any] = {}
-        for name, value in vars(self).items():
-            record[name] = value.tolist() if isinstance(value, np.ndarray) else value
-        mixture = self.mixture
-        arrays = mixture.weights, mixture.means, mixture.matrices
-        record["mixture"] = [*(array.tolist() for array in arrays), mixture.df]
-        if self.trajectories is not None:
-            metric, *rest = self.trajectories
-            record["trajectories"] = [np.asarray(metric).tolist(), *rest]
+        fields = asdict(self)
+        fields["mixture"] = [*fields["mixture"].values()]
+        record: dict[str, Any]
+        record = json.loads(json.dumps(fields, default=np.ndarray.tolist))
         return record
 
     @classmethod
     def from_json(cls, record: dict[str, Any]) -> Self:
         """Return the record that :meth:`to_json` wrote."""
-        values: dict[str, Any] = {
-            name: np.array(value) if isinstance(value, list) else value
-            for name, value in record.items()
-            if name not in ("mixture", "trajectories")
-        }
-        weights, means, matrices, df = record["mixture"]
-        arrays = np.array(weights), np.array(means), np.array(matrices)
-        values["mixture"] = Mixture(*arrays, df)
+        *lists, df = record["mixture"]
+        weights, means, matrices = map(np.array, lists)
+        values = _as_arrays(record | {"mixture": None})
+        values["mixture"] = Mixture(weights, means, matrices, df)
         if record["trajectories"] is not None:
-            metric, *rest = record["trajectories"]
-            values["trajectories"] = (np.array(metric), *rest)
+            values["trajectories"] = _as_arrays(record["trajectories"])
         return cls(**values)
 
-    @classmethod
-    def of(
-        cls,
-        search: Search,
-        trial: Trial,
-        starts: Sequence[Floats],
-        annealed: bool,
-        trajectories: tuple[Floats, int, float] | None,
-    ) -> Self:
-        """Return the record of a search, of a proposal and of where walkers start."""
-        mixture = trial.mixture
-        mode_of = separate(mixture)
-        count = int(mode_of.max()) + 1
-        weights, errors = _weigh(
-            label(trial.theta, mixture, mode_of), trial.log_weights, count
-        )
-        found_by = np.zeros((len(search.streams), count), dtype=int)
-        tops = np.array([maximum.theta for maximum in search.maxima])
-        for mode, by in zip(
-            label(tops, mixture, mode_of), search.found_by, strict=True
-        ):
-            found_by[:, mode] += by
-        labels = [label(theta, mixture, mode_of) for theta in starts]
-        shares = [
-            np.bincount(member, minlength=count) / len(member) for member in labels
-        ]
-        share = next(s for least, s in SHARES if trial.acceptance >= least)
-        if trajectories is not None:
-            share = BESIDE if count > 1 else 0.0  # for jumps between modes
-        return cls(
-            mixture=mixture,
-            mode_of=mode_of,
-            weights=weights,
-            errors=errors,
-            found_by=found_by,
-            starts=np.array(shares),
-            pareto_k=trial.pareto_k,
-            efficiency=trial.efficiency,
-            log_weights=trial.log_weights[:: -(-len(trial.log_weights) // KEPT)],
-            points=sum(len(theta) for theta, _ in search.points),
-            climbs=search.climbs,
-            annealed=annealed,
-            solves=search.evaluator.solves,
-            share=share,
-            trajectories=trajectories,
-        )
+
+def _as_arrays(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a record with arrays for lists."""
+    return {k: np.array(v) if type(v) is list else v for k, v in record.items()}
 
 
 def separate(mixture: Mixture) -> Labels:
@@ -212,7 +156,7 @@ def label(theta: Floats, mixture: Mixture, mode_of: Labels) -> Labels:
     return labels
 
 
-def _weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:
+def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:
     """Return the weight of each mode by importance sampling, and standard errors."""
     if not np.isfinite(log_weights).any():
         return np.full(count, np.nan), np.full(count, np.nan)

@@ -9,7 +9,7 @@ from ..evaluation.evaluator import Evaluation, Solver
 from ..interfaces import Evaluator, Floats
 from ..moves.mixture import Mixture
 from ..sampling.anneal import anneal_population, fewest_members
-from ..sampling.coordinates import Coordinates, MappedEvaluation
+from ..sampling.coordinates import Coordinates
 from ..sampling.importance import normalise, resample, resampled_count
 from ..sampling.proposals import Draws, refine, uncover
 from .emulated import EmulatedModel
@@ -75,9 +75,9 @@ class Explorer:
         """Return draws of the posterior of an emulator made from ``size`` points."""
         problem, coordinates = self.problem, self.coordinates
         wider = problem.replace_model(replace(emulator, factor=WIDER))
-        evaluator = MappedEvaluation(Evaluation(Solver(wider, False)), coordinates)
+        evaluator = Evaluation(Solver(wider, False))
         x = coordinates.sample(rng, FROM_PRIOR)
-        draws, d = Draws.of_prior(x, evaluator.rows(x)), x.shape[1]
+        draws, d = Draws.of_prior(x, coordinates.rows(evaluator, x)), x.shape[1]
         mixtures = [] if self._mixture is None else [self._mixture]
         if size >= GROWN * self._looked:
             mixtures.append(_look(evaluator, coordinates, rng))
@@ -85,7 +85,7 @@ class Explorer:
 
         def propose(mixture: Mixture, number: int) -> tuple[Floats, Floats]:
             proposed = mixture.draw(rng, number)
-            return proposed, evaluator.rows(proposed)
+            return proposed, coordinates.rows(evaluator, proposed)
 
         number = max(ROUND, 10 * d)
         refined = refine(draws, _join(mixtures), number, ROUNDS * number, propose)
