@@ -78,14 +78,12 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     ) -> None:
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
-        if isinstance(inner, DelayedAcceptanceMove):
-            raise TypeError(f"inner: expected no delayed acceptance in it, got {inner}")
         self.inner, self.cheap = inner, cheap
         low, high = self._lengths = _read_steps(steps)
         self.steps = low if low == high else (low, high)
         self.proposed = self.full_solves = self.accepted = 0
         self._proposing = only_propose(inner)
-        self._known: tuple[Floats, Floats] | None = None
+        self._before: tuple[Floats, Floats] | None = None
 
     def _parts(self) -> Parts:
         if not self.proposed:
@@ -103,7 +101,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
         """Yield where subchains ended, and the log-factors that correct for them."""
-        cheap = refresh(self._known, coords, self._evaluate)
+        cheap = refresh(self._before, coords, self._evaluate)
         if not np.isfinite(cheap).all():
             walker = int(np.argmin(np.isfinite(cheap)))
             raise ValueError(
@@ -120,7 +118,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             moved = (coords[walkers] == ends).all(axis=1)
             cheap[walkers[moved]] = values[moved]
             self.accepted += int(moved.sum())
-        self._known = coords.copy(), cheap
+        self._before = coords.copy(), cheap
 
     def _walk(
         self, propose: Propose, theta: Floats, values: Floats, random: RandomState

@@ -1,7 +1,6 @@
 """Differential evolution Markov chain (DE-MC), the paper's proposal."""
 
 import math
-from functools import lru_cache
 
 import numpy as np
 from numpy.random import RandomState
@@ -12,7 +11,6 @@ from ..interfaces import Floats
 from .proposing import GuidedMove, Indices, Proposal
 
 DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
-MOST_TABLED = 256  # guides up to which pairs are looked up, in 1 MB and half the time
 
 
 class DEMCMove(GuidedMove):
@@ -102,11 +100,8 @@ class DEMCMove(GuidedMove):
         n = len(guides)
         # One of the n (n - 1) ordered pairs: a, and b among the others.
         pair: Indices = (random.random_sample((moving,)) * (n * (n - 1))).astype(int)
-        if n <= MOST_TABLED:
-            first, second = tabled_pairs(n)
-            a, b = first.take(pair), second.take(pair)
-        else:
-            a, b = find_pairs(pair, n)
+        a, b = np.divmod(pair, n - 1)
+        b += b >= a
         gamma: float | Floats
         gamma = 2.38 / math.sqrt(2 * ndim) if self.gamma0 is None else self.gamma0
         if self.mode_jump:
@@ -120,19 +115,6 @@ class DEMCMove(GuidedMove):
         step += noise
         step += s
         return step, None
-
-
-def find_pairs(numbers: Indices, n: int) -> tuple[Indices, Indices]:
-    """Return both members of ordered pairs of n, by the numbers of the pairs."""
-    first, second = np.divmod(numbers, n - 1)
-    second += second >= first
-    return first, second
-
-
-@lru_cache(maxsize=4)
-def tabled_pairs(n: int) -> tuple[Indices, Indices]:
-    """Return both members of all ordered pairs of n, to be looked up."""
-    return find_pairs(np.arange(n * (n - 1)), n)
 
 
 def spread(walkers: Floats) -> Floats:

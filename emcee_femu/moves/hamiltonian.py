@@ -96,7 +96,7 @@ class HamiltonianMove(Move):
                 raise ValueError("metric: expected one row per parameter, got none")
             matrix = np.diag(self.metric) if self.metric.ndim == 1 else self.metric
             self._factor = checks.covariance_factor("metric", matrix)
-        self._known: tuple[Floats, Floats] | None = None
+        self._before: tuple[Floats, Floats] | None = None
 
     @classmethod
     def tuned(
@@ -144,7 +144,7 @@ class HamiltonianMove(Move):
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the known gradients, which are found again."""
-        return {**vars(self), "_known": None}
+        return {**vars(self), "_before": None}
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that the metric does not have."""
@@ -169,7 +169,9 @@ class HamiltonianMove(Move):
         sizes = self.step_size * factors
         # Only those that moved cost a solve. The rest is not stored with the state: a
         # resumed run finds it again, to the bit.
-        gradient = refresh(self._known, state.coords, lambda x: leapfrog.evaluate(x)[1])
+        gradient = refresh(
+            self._before, state.coords, lambda x: leapfrog.evaluate(x)[1]
+        )
         rows = state.log_prob[:, None]
         here = Points(np.arange(n), state.coords, momenta, rows, gradient)
         # log U = -Exp(1)
@@ -183,7 +185,7 @@ class HamiltonianMove(Move):
         blobs = new.rows[:, 1:] if new.rows.shape[1] > 1 else None
         overwrite(state, new.walkers, new.coords, new.rows[:, 0], blobs)
         gradient[new.walkers] = new.gradient
-        self._known = state.coords.copy(), gradient
+        self._before = state.coords.copy(), gradient
         return state, accepted
 
     def leapfrog(self, function: object) -> "Leapfrog":
@@ -240,8 +242,8 @@ class Points(NamedTuple):
 
     def finite(self) -> "Points":
         """Return those whose position and gradient are finite."""
-        known = np.isfinite(self.coords + self.gradient)
-        return self.take(np.logical_and.reduce(known, axis=1))
+        finite = np.isfinite(self.coords + self.gradient)
+        return self.take(np.logical_and.reduce(finite, axis=1))
 
 
 class Leapfrog(NamedTuple):

@@ -77,7 +77,10 @@ class IndependenceMove(ProposingMove):
 
     @classmethod
     def fit(
-        cls, samples: ArrayLike, components: int | str = 1, df: float = 8.0
+        cls,
+        samples: ArrayLike,
+        components: int | Literal["auto"] = 1,
+        df: float = 8.0,
     ) -> "IndependenceMove":
         """Return the move fitted to draws by expectation-maximisation, then frozen.
 
@@ -111,10 +114,9 @@ class IndependenceMove(ProposingMove):
         """
         draws = checks.real_array("samples", samples, 2)
         df = checks.positive_array("df", df, 0).item()
-        count: int | Literal["auto"] = "auto"
-        if not isinstance(components, str) or components != "auto":
-            count = checks.whole_number("components", components, 1)
-        fitted = Mixture.fit(draws, count, df)
+        if components != "auto":
+            components = checks.whole_number("components", components, 1)
+        fitted = Mixture.fit(draws, components, df)
         return cls(fitted.weights, fitted.means, fitted.matrices, df)
 
     def check(self, nwalkers: int, ndim: int) -> None:

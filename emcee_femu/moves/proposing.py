@@ -191,8 +191,8 @@ class StockMove(GuidedMove):
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
         """Return what the wrapped move proposes."""
         # A copy, for a move may change what it is given.
-        given = (s.copy(), random) if self.alone else (s, c, random)
-        proposed, log_factors = self.move.get_proposal(*given)
+        arguments = (s.copy(), random) if self.alone else (s, c, random)
+        proposed, log_factors = self.move.get_proposal(*arguments)
         return proposed, np.broadcast_to(np.asarray(log_factors, dtype=float), len(s))
 
 
@@ -209,21 +209,6 @@ def only_propose(inner: Move) -> ProposingMove:
         "inner: expected an untempered move of this package that needs no gradient, or "
         f"an emcee RedBlueMove or MHMove with emcee's own propose, got {inner!r}"
     )
-
-
-def refuse_sequential(argument: str, move: Move) -> None:
-    """Refuse a stock move, or one inside a move, that counts its own steps.
-
-    A second run with it, or a resumed one, would not be that of the same seed.
-    """
-    while hasattr(move, "inner"):
-        move = move.inner
-    proposal = getattr(move, "get_proposal", None)
-    if isinstance(move, MHMove) and getattr(proposal, "mode", "") == "sequential":
-        raise ValueError(
-            f"{argument}: GaussianMove(mode='sequential') goes on from where its last "
-            "run ended, so that the same seed gives another chain; use mode='random'"
-        )
 
 
 def find_stock_fault(move: Move, ndim: int) -> str:
@@ -311,22 +296,22 @@ def overwrite(
 
 
 def refresh(
-    known: tuple[Floats, Floats] | None,
+    before: tuple[Floats, Floats] | None,
     coords: Floats,
     evaluate: Callable[[Floats], Floats],
 ) -> Floats:
     """Return what ``evaluate`` finds at all walkers, asked only of those that moved.
 
     Args:
-        known: Where the walkers were, ``(n, ndim)``, and what was found there; None at
+        before: Where the walkers were, ``(n, ndim)``, and what was found there; None at
             first. It saves evaluations and nothing else.
         coords: Where they are.
         evaluate: Called with ``(k, ndim)``, returns ``(k, ...)``.
     """
-    if known is None or known[0].shape != coords.shape:
+    if before is None or before[0].shape != coords.shape:
         return evaluate(coords).copy()
-    changed = (known[0] != coords).any(axis=1)
-    values = known[1].copy()  # as it was, should a model raise
+    changed = (before[0] != coords).any(axis=1)
+    values = before[1].copy()  # as it was, should a model raise
     if changed.any():
         values[changed] = evaluate(coords[changed])
     return values

@@ -8,7 +8,7 @@ from ..interfaces import Move
 from ..posterior.log_posterior import LogPosterior
 from .demc import DEMCMove
 from .hamiltonian import HamiltonianMove
-from .proposing import ProposingMove, refuse_sequential
+from .proposing import ProposingMove
 from .tempering import TemperedMove, find_ladder
 
 Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
@@ -53,7 +53,6 @@ def check_walkers(
         nwalkers = tempered.default_walkers(ndim) if tempered else usual
     number = checks.whole_number("nwalkers", nwalkers, 1)
     for move in moves:
-        refuse_sequential("moves", move)
         if isinstance(move, ProposingMove | HamiltonianMove | TemperedMove):
             move.check(number, ndim)
         if isinstance(move, HamiltonianMove):

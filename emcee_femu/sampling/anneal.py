@@ -180,13 +180,7 @@ def anneal(
         ((200, 1), True)
     """
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    fewest = fewest_members(posterior.ndim)
-    size = checks.whole_number("size", size, 1)
-    if size < fewest:
-        raise ValueError(
-            f"size: expected at least {fewest}, 20 for each of {posterior.ndim} "
-            f"parameters, got {size}"
-        )
+    size = checks.whole_number("size", size, fewest_members(posterior.ndim))
     seed = checks.whole_number("seed", seed)
     asked = {"moves": "anneal", "size": size, "seed": seed}
     with open_evaluator(

@@ -76,7 +76,7 @@ def search_and_start(
 
     def attempt(mixture: Mixture) -> Trial:
         refined = refine(search.draws, mixture, size, most, propose)
-        return Trial.of(refined, final, propose)
+        return Trial(refined, *propose(refined, final))
 
     trial = attempt(search.mixture())
     populations: list[Population] = []

@@ -1,7 +1,7 @@
 """Adaptive importance sampling: a proposal refined by the weights of its own draws."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -28,7 +28,6 @@ PAIRED = 500  # draws of which all pairs are compared
 Propose: TypeAlias = Callable[[Mixture, int], tuple[Floats, Floats]]
 
 
-@dataclass
 class Draws:
     r"""All draws so far, weighted as if they came from the mixture of all proposals.
 
@@ -41,41 +40,37 @@ class Draws:
         x: Draws of finite log-posterior, ``(n, d)``.
         log_p: Their log-posteriors.
         log_q: ln of the sum over the proposals of n_t q_t; the first is the prior.
-        from_prior: Number of draws of the prior.
-        proposals: Number of draws and mixture, by round.
+
+    Args:
+        x: Draws of the prior.
+        rows: Their rows.
     """
 
-    x: Floats
-    log_p: Floats
-    log_q: Floats
-    from_prior: int
-    proposals: list[tuple[int, Mixture]] = field(default_factory=list)
-
-    @classmethod
-    def of_prior(cls, x: Floats, rows: Floats) -> "Draws":
-        """Return the draws of the prior, with their rows."""
+    def __init__(self, x: Floats, rows: Floats) -> None:
         possible = np.isfinite(rows[:, 0])
-        log_p, log_prior = rows[possible, 0], rows[possible, 1]
-        return cls(x[possible], log_p, np.log(len(x)) + log_prior, len(x))
+        self.x, self.log_p = x[possible], rows[possible, 0]
+        self.log_q: Floats = np.log(len(x)) + rows[possible, 1]
+        self._from_prior = len(x)
+        self._proposals: list[tuple[int, Mixture]] = []
 
     def add(self, x: Floats, rows: Floats, mixture: Mixture) -> None:
         """Add draws of another proposal."""
         n = len(x)
         self.log_q = np.logaddexp(self.log_q, np.log(n) + mixture.log_density(self.x))
-        self.proposals.append((n, mixture))
+        self._proposals.append((n, mixture))
         possible = np.isfinite(rows[:, 0])
-        x, log_p, log_prior = x[possible], rows[possible, 0], rows[possible, 1]
-        log_q = np.log(max(self.from_prior, 1e-300)) + log_prior
-        for count, other in self.proposals:
+        x, log_q = x[possible], np.log(self._from_prior) + rows[possible, 1]
+        for count, other in self._proposals:
             log_q = np.logaddexp(log_q, np.log(count) + other.log_density(x))
         self.x = np.vstack([self.x, x])
-        self.log_p = np.append(self.log_p, log_p)
+        self.log_p = np.append(self.log_p, rows[possible, 0])
         self.log_q = np.append(self.log_q, log_q)
 
     @property
     def log_weights(self) -> Floats:
         """The logarithms of w, up to a constant."""
-        return self.log_p - self.log_q
+        log_weights: Floats = self.log_p - self.log_q
+        return log_weights
 
     @property
     def shares(self) -> Floats:
@@ -101,42 +96,27 @@ class Draws:
         return float(np.exp(self.log_evidence - top) / (self.shares @ ratio))
 
 
-@dataclass(frozen=True, eq=False)
 class Trial:
-    """A proposal, and fresh draws of it, by which it is judged.
+    """A proposal, judged by fresh draws of it.
 
-    Attributes:
+    Args:
         mixture: The proposal.
         theta: Its draws ``(n, d)``.
         rows: Their rows.
+
+    Attributes:
         log_weights: ln(p / q) of each.
         pareto_k: Of the weights.
         efficiency: Their effective share.
         log_evidence: By importance sampling.
     """
 
-    mixture: Mixture
-    theta: Floats
-    rows: Floats
-    log_weights: Floats
-    pareto_k: float
-    efficiency: float
-    log_evidence: float
-
-    @classmethod
-    def of(cls, mixture: Mixture, size: int, propose: Propose) -> "Trial":
-        """Return a trial of ``size`` draws."""
-        theta, rows = propose(mixture, size)
-        log_weights = rows[:, 0] - mixture.log_density(theta)
-        return cls(
-            mixture,
-            theta,
-            rows,
-            log_weights,
-            pareto_k(log_weights),
-            kish_share(log_weights),
-            float(logsumexp(log_weights)) - np.log(len(theta)),
-        )
+    def __init__(self, mixture: Mixture, theta: Floats, rows: Floats) -> None:
+        self.mixture, self.theta, self.rows = mixture, theta, rows
+        self.log_weights = rows[:, 0] - mixture.log_density(theta)
+        self.pareto_k = pareto_k(self.log_weights)
+        self.efficiency = kish_share(self.log_weights)
+        self.log_evidence = float(logsumexp(self.log_weights)) - np.log(len(theta))
 
     @property
     def narrow(self) -> bool:
@@ -247,7 +227,7 @@ def _refit(draws: Draws, mixture: Mixture) -> Mixture:
     excess = draws.log_p[use] - chosen.log_density(x)
     stressed = shares * np.exp(0.5 * (excess - excess.max()))
     again = chosen.improve(x, stressed / stressed.sum(), STRESSED)[0]
-    tails = [replace(one, df=df) for one in (chosen, again) for df in DFS]
+    tails = [replace(fitted, df=df) for fitted in (chosen, again) for df in DFS]
     return max(tails, key=lambda fitted: draws.effective_share(cover(fitted)))
 
 

@@ -73,7 +73,7 @@ class Search:
         prior = self.evaluator.posterior.prior
         each = -(-size // (2 * len(self.streams)))
         theta, rows = self._evaluate([prior.sample(rng, each) for rng in self.streams])
-        self.draws = Draws.of_prior(theta, rows)
+        self.draws = Draws(theta, rows)
         if starts is not None:
             self._evaluate(list(starts))
         if not np.isfinite(self.rows[:, 0]).any():

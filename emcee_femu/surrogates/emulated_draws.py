@@ -77,7 +77,7 @@ class Explorer:
         wider = problem.replace_model(replace(emulator, factor=WIDER))
         evaluator = Evaluation(Solver(wider, False))
         x = coordinates.sample(rng, FROM_PRIOR)
-        draws, d = Draws.of_prior(x, coordinates.rows(evaluator, x)), x.shape[1]
+        draws, d = Draws(x, coordinates.rows(evaluator, x)), x.shape[1]
         mixtures = [] if self._mixture is None else [self._mixture]
         if size >= GROWN * self._looked:
             mixtures.append(_look(evaluator, coordinates, rng))

@@ -67,18 +67,17 @@ def test_a_wrong_cheap_posterior_leaves_the_target_exact(case):
     assert z_of(case, ensembles=60, steps=8) < LIMIT
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_lengths_and_guides_that_depend_on_the_walkers_would_be_seen(target):
-    alone = "metropolis", target, 200, 3, 8
+def test_lengths_and_guides_that_depend_on_the_walkers_would_be_seen():
+    alone = "metropolis", "bounded", 200, 3, 8
     assert z_of(alone, ensembles=60, steps=8) < LIMIT
-    guided = "demc", target, 4, 3, 4
-    assert z_of(guided, ensembles=150, steps=30) < LIMIT
+    guided = "demc", "bounded", 4, 3, 4
+    assert z_of(guided, ensembles=100, steps=24) < LIMIT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES[1::3], ids=str)  # all would take minutes
+@pytest.mark.parametrize("case", CASES[1::8], ids=str)  # all would take minutes
 def test_the_target_is_exact_at_high_power(case):
-    assert z_of(case, ensembles=240, steps=44) < LIMIT
+    assert z_of(case, ensembles=240, steps=32) < LIMIT
 
 
 def test_the_target_is_exact_where_scales_differ_or_the_screen_knows_no_bounds():
@@ -159,30 +158,6 @@ def test_walkers_that_another_move_changed_are_screened_anew():
     assert cheap.sizes == [12, 6, 6, 1, 6, 6]
 
 
-def test_a_solver_that_raises_leaves_the_screen_consistent():
-    target = Gaussian()
-    cheap = Asked(lambda theta: 0.05 * target(theta))  # every half has some to solve
-    move = ef.moves.DelayedAcceptanceMove(DEMCMove(), cheap)
-    state, calls = stepped(move, target, nwalkers=40)[0], []
-
-    def breaks_in_the_second_half(theta):
-        calls.append(1)
-        if len(calls) == 2:
-            raise RuntimeError("solver")
-        return target(theta), None
-
-    def model(solve):
-        return Model(None, solve, map, np.random.RandomState(0))
-
-    before = state.coords.copy()
-    with pytest.raises(RuntimeError, match="solver"):
-        move.propose(model(breaks_in_the_second_half), state)
-    moved = int((state.coords != before).any(axis=1).sum())  # of the first half
-    cheap.sizes.clear()
-    move.propose(model(lambda q: (target(q), None)), state)
-    assert cheap.sizes == [moved, 20, 20] and moved > 0
-
-
 def test_lengths_are_drawn_from_both_ends_and_all_between():
     target, lengths = Gaussian(), []
     move = ef.moves.DelayedAcceptanceMove(MetropolisMove(sd=1), wrong(target), (2, 4))
@@ -194,22 +169,6 @@ def test_lengths_are_drawn_from_both_ends_and_all_between():
         lengths.append((move.proposed - before) // 12)
     counts = np.bincount(lengths, minlength=5)
     assert counts[:2].sum() == 0 and (counts[2:] > 10).all() and counts.sum() == 60
-
-
-def test_guides_stand_still_until_the_solve_has_decided():
-    guides = []
-
-    class Recorded(DEMCMove):
-        def get_proposal(self, s, c, random):
-            guides.append(c[0].copy())
-            return super().get_proposal(s, c, random)
-
-    target = Gaussian()
-    move = ef.moves.DelayedAcceptanceMove(Recorded(nsplits=3), wrong(target), 4)
-    stepped(move, target, 2)
-    parts = np.reshape(guides[-24:], (2, 3, 4, 8, 3))  # a trial comes before
-    np.testing.assert_array_equal(parts, parts[:, :, :1].repeat(4, axis=2))
-    assert (parts[0, 0, 0] != parts[0, 1, 0]).any()
 
 
 class Lines:

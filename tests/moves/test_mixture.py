@@ -1,9 +1,7 @@
 """Mixtures of Student-t distributions: density, draws, and fits, also to weights."""
 
-import emcee
 import numpy as np
 import pytest
-from emcee.model import Model
 from numpy.testing import assert_allclose
 from scipy import stats
 
@@ -62,22 +60,6 @@ def test_draws_are_those_of_the_mixture(d, random):
         assert test.pvalue > 1e-4
 
 
-def test_independence_accepts_by_the_densities_of_both_ends():
-    move = ef.IndependenceMove(WEIGHTS, MEANS, MATRICES, DF)
-    start = np.random.default_rng(3).normal(size=(50, 3))
-    asked = []
-
-    def solve(theta):
-        asked.append(theta.copy())
-        return move.log_density(theta), None  # the posterior is the proposal
-
-    state = emcee.State(start.copy(), log_prob=move.log_density(start))
-    model = Model(None, solve, map, np.random.RandomState(1))
-    state, accepted = move.propose(model, state)
-    assert accepted.all()
-    np.testing.assert_array_equal(state.coords, asked[0])
-
-
 # Weighted draws.
 
 
@@ -133,20 +115,6 @@ def test_fit_recovers_one_component_at_scales_that_differ_by_1e19():
     assert_allclose(found, shape, atol=0.05)
 
 
-def test_fit_recovers_correlations_near_one():
-    factor = np.array([[1e3, 0.0], [1e-5 * 0.99999, 1e-5 * np.sqrt(1 - 0.99999**2)]])
-    normal = np.random.default_rng(1).normal(size=(20_000, 2))
-    ridge = normal @ factor.T
-    sides = ridge + np.outer(np.where(normal[:, 0] > 0, 3.0, -3.0), factor[:, 0])
-    for draws, count in ((ridge, 1), (sides, 2)):
-        move = ef.IndependenceMove.fit(draws, count, df=200)
-        S = move.scale_matrices[0]
-        slope = S[1, 0] / S[0, 0]
-        assert slope == pytest.approx(factor[1, 0] / factor[0, 0], rel=1e-3)
-        beside = S[1, 1] - slope * S[1, 0]
-        assert beside == pytest.approx(factor[1, 1] ** 2, rel=0.1)
-
-
 def test_fit_recovers_one_dimension_and_finds_as_many_modes_as_there_are():
     distribution = stats.t(8, loc=3.0, scale=2.0)
     move = ef.IndependenceMove.fit(distribution.rvs((60_000, 1), random_state=1))
@@ -166,17 +134,17 @@ def test_fit_recovers_one_dimension_and_finds_as_many_modes_as_there_are():
 def test_auto_finds_the_number_of_modes_and_their_weights():
     # Nearly Gaussian components, for a Gaussian is best met by several of df = 8.
     rng = np.random.default_rng(0)
-    draws = rng.standard_normal((20_000, 5))
+    draws = rng.standard_normal((6_000, 3))
     move = ef.IndependenceMove.fit(draws, "auto", df=200)
     assert len(move.weights) == 1
-    draws[:, 0] += np.where(rng.random(20_000) < 0.3, -5, 5)
+    draws[:, 0] += np.where(rng.random(6_000) < 0.3, -5, 5)
     move = ef.IndependenceMove.fit(draws, "auto", df=200)
     left, right = np.argsort(move.means[:-1, 0])  # the last one covers the gap
     weights = move.weights[[left, right, 2]]
     assert_allclose(weights, [0.27, 0.63, 0.1], atol=0.02)
     assert_allclose(move.means[[left, right], 0], [-5, 5], atol=0.05)
     assert_allclose(move.means[2, 0], 2.0, atol=0.2)
-    assert_allclose(move.scale_matrices[right], np.eye(5), atol=0.06)
+    assert_allclose(move.scale_matrices[right], np.eye(3), atol=0.1)
 
 
 def test_a_walker_that_never_moved_gets_a_component_of_its_own():

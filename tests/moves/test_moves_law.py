@@ -76,25 +76,10 @@ def test_the_move_keeps_the_target(case, target):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("nwalkers", [4, 6])
-def test_demc_keeps_the_target_at_high_power(nwalkers, target):
+def test_demc_keeps_the_target_at_high_power(target):
     # Ten times the power, before which a bias of the synchronous kind cannot hide.
-    case = DEMCMove(**BOLD), nwalkers, 3, UNIT
-    assert z_of(case, target, ensembles=2_000, steps=30) < LIMIT
-
-
-def test_scaled_axes_give_the_same_chain_as_unit_axes():
-    # The noise follows the walkers, so a change of units changes nothing.
-    def chain(scale):
-        target = Gaussian(scale)
-        start = target.sample(np.random.default_rng(1), (12,))
-        sampler = emcee.EnsembleSampler(12, 3, target, moves=DEMCMove(), vectorize=True)
-        stream = np.random.RandomState(1).get_state()
-        sampler.run_mcmc(emcee.State(start, random_state=stream), 200)
-        return sampler.get_chain() / target.scale
-
-    scale = 2.0 ** np.array([-27.0, 0.0, 27.0])  # exact in floating point
-    np.testing.assert_allclose(chain(scale), chain((1, 1, 1)), rtol=1e-9)
+    case = DEMCMove(**BOLD), 4, 3, UNIT
+    assert z_of(case, target, ensembles=1_000, steps=30) < LIMIT
 
 
 # Mutants: each breaks a move in one way, and the exact start must see it.
@@ -141,16 +126,16 @@ class NoHastingsFactor(IndependenceMove):
 
 
 SHIFTED = Gaussian().sample(np.random.default_rng(1), (2_000,)) + 0.3
-MUTANTS = {  # move, walkers, ensembles
-    # The bias of the first is the smallest, 13 % of a variance.
-    "all from one generation": (Synchronous(**BOLD), 4, 2_500),
-    "guided by itself": (GuidedByItself(**BOLD), 4, 100),
-    "differences of one sign": (OneSign(), 6, 50),
-    "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 50),
+MUTANTS = {  # move, walkers, ensembles, steps
+    # The bias of the first is the smallest, and grows for 30 steps.
+    "all from one generation": (Synchronous(**BOLD), 4, 450, 30),
+    "guided by itself": (GuidedByItself(**BOLD), 4, 100, 12),
+    "differences of one sign": (OneSign(), 6, 50, 12),
+    "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 50, 12),
 }
 
 
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_the_check_catches_a_broken_move(mutant):
-    move, nwalkers, ensembles = MUTANTS[mutant]
-    assert exact_start(move, Gaussian(), nwalkers, ensembles) > LIMIT
+    move, *effort = MUTANTS[mutant]
+    assert exact_start(move, Gaussian(), *effort) > LIMIT

@@ -50,11 +50,3 @@ def test_a_comparison_warns_once_of_what_is_wrong_and_of_nothing_else():
         assert (f"{label}: " in text) == installed_is_wrong(move)
     assert not any(f"{label}: " in text for label in RIGHT)
     assert warning.filename == __file__
-
-
-def test_a_move_that_counts_its_steps_is_refused_and_left_as_it_was():
-    counting = emcee.moves.GaussianMove(0.5, mode="sequential")
-    for move in (counting, ef.moves.DelayedAcceptanceMove(counting, POSTERIOR)):
-        with pytest.raises(ValueError, match="moves: GaussianMove.mode='sequential'"):
-            ef.compare_moves(POSTERIOR, {"A": move}, 16, 20, ensembles=2, seed=1)
-    assert counting.get_proposal.index == 0

@@ -1,7 +1,5 @@
 """TemperedMove keeps every tempered target, crosses between modes, hides nothing."""
 
-from itertools import permutations
-
 import emcee
 import numpy as np
 import pytest
@@ -71,15 +69,14 @@ def largest_z(move, target, block=8, ensembles=100, steps=8):
 def test_every_block_keeps_its_tempered_target(target, inner):
     move, block = INNER[inner]
     tempered = ef.moves.TemperedMove(move, BETAS)
-    assert largest_z(tempered, TARGETS[target], block) < LIMIT
+    assert largest_z(tempered, TARGETS[target], block, ensembles=60) < LIMIT
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("betas", [BETAS, [1.0, 0.3], np.linspace(1, 0, 6) ** 2])
-def test_every_block_keeps_its_target_at_high_power(target, betas):
-    move = ef.moves.TemperedMove(DEMCMove(mode_jump=0.1), betas)
-    assert largest_z(move, TARGETS[target], ensembles=800, steps=13) < LIMIT
+def test_every_block_keeps_its_target_at_high_power(target):
+    move = ef.moves.TemperedMove(DEMCMove(mode_jump=0.1), [1.0, 0.4, 0.1, 0.0])
+    assert largest_z(move, TARGETS[target], ensembles=400, steps=13) < LIMIT
 
 
 def nowhere(theta):
@@ -103,34 +100,6 @@ def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
             swapped = int((state.coords[labels[:, 0] == t] == t + 1).sum())
             p = min(1.0, np.exp(rise))
             assert stats.binomtest(swapped, block, p).pvalue > 1e-4
-
-
-def test_every_block_is_guided_by_its_own_walkers_at_rest_in_one_call_for_all():
-    """Each proposal is x_i + (x_a - x_b) / 2, and these three can be told."""
-    betas, block, calls = (1.0, 0.5, 0.0), 4, []
-    n = len(betas) * block
-    start = np.random.default_rng(0).normal(size=(n, 3))
-    state = emcee.State(start, log_prob=np.zeros(n), blobs=np.zeros((n, 2)))
-
-    def flat(proposed):
-        calls.append(len(proposed))
-        for t, of_block in enumerate(np.split(proposed, len(betas))):
-            walkers = state.coords[t * block : (t + 1) * block]
-            chosen = [
-                (i, a, b)
-                for q in of_block
-                for i, a, b in permutations(range(block), 3)
-                if np.allclose(walkers[i] + 0.5 * (walkers[a] - walkers[b]), q)
-            ]
-            moving = {i for i, _, _ in chosen}
-            assert len(chosen) == len(of_block)
-            assert not any({a, b} & moving for _, a, b in chosen)
-        return np.zeros(len(proposed)), np.zeros((len(proposed), 2))
-
-    inner = DEMCMove(sigma=0.0, gamma0=0.5, live_dangerously=True)
-    model = Model(None, flat, map, np.random.RandomState(0))
-    ef.moves.TemperedMove(inner, betas).propose(model, state)
-    assert calls == [6, 6]  # one for each half, of all blocks together
 
 
 PROBLEM = ef.paper.mass_spring()
@@ -176,14 +145,6 @@ OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
 def test_walkers_without_one_temperature_are_refused(moves):
     with pytest.raises(ValueError, match="every move .* same betas"):
         sampled(moves=moves)
-    plain = emcee.EnsembleSampler(36, 5, PROBLEM.posterior, moves=moves, vectorize=True)
-    plain.run_mcmc(PROBLEM.posterior.start(36, seed=1), 10)
-    for judge in (lambda s: ef.to_inference_data(s, PROBLEM.posterior), ef.diagnose):
-        with pytest.raises(ValueError, match="every move .* same betas"):
-            judge(plain)
-
-
-SINGLE = MetropolisMove(sd=[1.0])
 
 
 @pytest.mark.parametrize(
@@ -191,8 +152,6 @@ SINGLE = MetropolisMove(sd=[1.0])
     [
         ({"nwalkers": 35}, ValueError, "nwalkers: expected a multiple of 3"),
         ({"nwalkers": 24}, RuntimeError, "than 24, .* 8 for each of 3 .* 60 would"),
-        ({"nwalkers": 3}, ValueError, "than 3, .* 1 for each of 3 .* 60 would"),
-        ({"moves": ef.moves.TemperedMove(SINGLE, [1, 0])}, ValueError, "sd"),
     ],
 )
 def test_ensembles_that_do_not_fit_are_refused(options, error, match):
@@ -205,16 +164,6 @@ def test_a_log_probability_without_blobs_is_refused():
     start = np.random.default_rng(1).normal(size=(36, 2))
     with pytest.raises(ValueError, match="log-prior .* got no blobs"):
         sampler.run_mcmc(start, 1)
-
-
-def test_the_move_prints_as_its_call_and_knows_its_walkers():
-    again = eval(repr(MOVE), {**vars(ef), **vars(ef.moves)})
-    assert repr(again) == repr(MOVE)
-    assert again.cold(36) == slice(0, 12)
-    for ndim in (1, 5, 20):
-        n = MOVE.default_walkers(ndim)
-        assert n == 3 * max(16, 4 * ndim)
-        MOVE.check(n, ndim)
 
 
 def cut(parameters, modes):

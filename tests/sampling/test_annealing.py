@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from support.examples import load
 from support.free_posterior import box, free_posterior
 from support.pool_problems import forks
@@ -56,17 +56,6 @@ def test_two_modes_keep_their_shares():
     assert abs(np.mean([p.log_evidence for p in found]) + 2 * np.log(20)) < 0.2
 
 
-def test_draws_of_zero_likelihood_have_no_weight_and_lower_the_evidence():
-    def right_half(theta):
-        return np.where(theta[:, 1] > 0, two_modes(theta), -np.inf)
-
-    found = ef.anneal(in_a_box(right_half, 2, 10.0), 400, seed=1)
-    assert (found.theta[:, 1] > 0).all()
-    assert np.isfinite(found.rows[:, 0]).all()
-    off = found.log_evidence + np.log(2 * 400.0)
-    assert abs(off) < LIMIT * found.log_evidence_error < 1
-
-
 def test_a_likelihood_that_says_nothing_takes_one_step():
     posterior = in_a_box(lambda theta: np.full(len(theta), -3.5), 2, 1.0)
     found = ef.anneal(posterior, 100, seed=1)
@@ -98,7 +87,7 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
         return np.logaddexp.reduce(parts).sum(axis=1)
 
     posterior = in_a_box(needles, 2, 10.0)
-    found = [ef.anneal(posterior, 100, seed=seed) for seed in range(10)]
+    found = [ef.anneal(posterior, 80, seed=seed) for seed in range(8)]
     means = np.array([p.theta.mean(axis=0) for p in found])
     size = np.mean(centres**2) / np.mean(means**2)
     assert size < 30
@@ -122,12 +111,7 @@ def gaussian_in_a_box(theta):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("law", "d", "size"),
-    [
-        (two_modes, 2, 1_000),
-        (gaussian_in_a_box, 2, 500),
-        (gaussian_in_a_box, 10, 1_000),
-    ],
+    ("law", "d", "size"), [(two_modes, 2, 400), (gaussian_in_a_box, 8, 400)]
 )
 def test_the_claimed_error_of_the_evidence_is_its_spread(law, d, size):
     posterior = in_a_box(law, d, 10.0)
@@ -196,27 +180,3 @@ def test_a_prior_that_hardly_ever_has_a_likelihood_is_refused():
 
     with pytest.raises(ValueError, match="draws of the prior"):
         ef.anneal(in_a_box(corner, 2, 10.0), 100, seed=1)
-
-
-def test_it_becomes_tables_and_figures_but_no_chain():
-    text = str(POPULATION)
-    assert f"{POPULATION.log_evidence:.3f}" in text and str(POPULATION.solves) in text
-    mean = POPULATION.theta.mean(axis=0)
-    assert_allclose(POPULATION.table.column("mean"), mean)
-    idata = ef.to_inference_data(POPULATION, LAW.posterior)
-    assert_allclose(ef.parameter_table(idata).column("mean"), mean)
-    assert len(ef.frequency_table(idata).rows) == 5
-    chain = idata["posterior"]["a"].transpose("chain", "draw").values
-    assert_array_equal(chain, POPULATION.theta[None, :, 0])
-    for given in (idata, POPULATION):
-        with pytest.raises((TypeError, ValueError), match="population"):
-            ef.diagnose(given)
-    for wrong in ({"discard": 1}, {"thin": 2}):
-        with pytest.raises(ValueError, match="burn-in"):
-            ef.to_inference_data(POPULATION, LAW.posterior, **wrong)
-
-
-def test_too_few_members_are_refused():
-    with pytest.raises(ValueError, match="size: expected at least 60"):
-        ef.anneal(LAW.posterior, 59, seed=1)
-    assert len(ef.anneal(LAW.posterior, 61, seed=1).theta) == 61

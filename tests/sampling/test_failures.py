@@ -25,8 +25,7 @@ OPTIONS = {"nwalkers": 12, "steps": 15, "ensembles": 1, "seed": 1, "starts": STA
 REJECT = {"on_failure": "reject", "max_failures": 1.0}
 POOLS = {
     "serial": dict,
-    "in an EvaluationPool": lambda: {"pool": ef.EvaluationPool(Immediate())},
-    "by a bare pool": lambda: {"pool": Immediate()},
+    "on a pool": lambda: {"pool": Immediate()},
 }
 every_model = pytest.mark.parametrize("model", MODELS)
 every_pool = pytest.mark.parametrize("pool", POOLS)
@@ -164,21 +163,6 @@ def test_the_fraction_is_exact_but_not_of_few_solves(first, stop):
     assert stop - 8 < len(calls) <= stop + 8  # they are counted by batches
 
 
-def test_the_keyboard_stops_the_run_and_keeps_the_chain():
-    calls = []
-
-    def interrupted(p):
-        calls.append(1)
-        if len(calls) == 16 * 20:
-            raise KeyboardInterrupt
-        return solves(p)
-
-    options = {"nwalkers": 16, "starts": INSIDE, "on_failure": "reject", "steps": 25}
-    with pytest.raises(KeyboardInterrupt) as caught:
-        run(posterior_of(interrupted), **options)
-    assert 15 < caught.value.run[0].iteration < 20
-
-
 # --- starts -----------------------------------------------------------------------
 
 
@@ -212,21 +196,6 @@ def test_starts_are_drawn_from_the_prior_where_it_can_be_solved():
     kept = (whole <= 0.9).all(axis=1)
     assert 0 < kept.sum() < 500
     assert_array_equal(samplers[0].get_chain()[0][kept], whole[kept])
-
-
-def test_given_starts_are_never_replaced():
-    start = np.zeros((16, 2))
-    start[3] = [2.0, 0.5]
-    with pytest.raises(ValueError, match=r"\{'a': 2.0, 'b': 0.5\}"):
-        run(posterior_of(cut), **REJECT, nwalkers=16, starts=start)
-
-
-def test_where_nothing_can_be_solved_the_run_is_refused():
-    def never(p):
-        raise RuntimeError("no licence")
-
-    with pytest.raises(ValueError, match="starts"):
-        run(posterior_of(never), **REJECT, nwalkers=16, starts=None)
 
 
 def test_a_start_of_zero_probability_is_refused():

@@ -76,7 +76,7 @@ def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
     assert_allclose(best.log_evidence, law.log_evidence, atol=1e-7)
     assert_allclose(best.log_posterior, law.posterior(best.theta)[0], rtol=1e-12)
     assert found.weights.tolist() == [1.0] and found.climbs.tolist() == [5]
-    assert found.solves <= 5 * 3 * (d + 1) + 50  # the start and the maximum, or so
+    assert found.solves == 5 * 2 * (d + 1) + 50  # the start and the maximum
     assert found.draws == 50 and found.pareto_k < 0.7
     assert_allclose(found.efficiency, 1.0, atol=1e-4)
     assert_allclose(found.table.column("maximum 1"), mean, atol=1e-5)
@@ -107,7 +107,7 @@ def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     assert_allclose(best.log_evidence, 0.0, atol=1e-3)
     # Two Hessians for the first climb; the others begin with what it learned.
     hessian = 1 + 2 * d + d * (d - 1) // 2
-    assert found.solves <= 1.5 * (2 * hessian + 5 * 2 * (2 * d + 1))
+    assert found.solves <= 2 * hessian + 5 * 2 * (2 * d + 1)
 
 
 class Line:
@@ -139,7 +139,7 @@ def test_a_term_of_unknown_form_takes_one_solve_for_a_gradient():
     assert best.converged
     assert_allclose(best.theta, np.linalg.solve(precision, data @ [1, 2]), atol=1e-4)
     assert_allclose(best.covariance, np.linalg.inv(precision), rtol=1e-4)
-    assert found.solves <= 6 * 11
+    assert found.solves <= 6 * 7
 
 
 # --- bounds -----------------------------------------------------------------------
@@ -280,7 +280,7 @@ def test_a_curved_valley_is_followed_to_its_end():
     (best,) = found.maxima
     assert best.converged
     assert_allclose(best.theta, [0, 3], atol=0.2)
-    assert found.solves < 8 * 350
+    assert found.solves < 8 * 250
 
 
 def test_a_density_without_bound_is_told():
@@ -310,7 +310,7 @@ def test_the_problems_of_the_paper_take_few_solves(problem):
     for kind, each in ((Deriving, 5), (Counting, 5 * (1 + problem.posterior.ndim))):
         posterior = paper_posterior(problem, kind)
         found = ef.find_map(posterior, 8, seed=3)
-        assert found.solves == posterior.model.solves <= 8 * 1.5 * each
+        assert found.solves == posterior.model.solves <= 8 * each
         best = found.maxima[0]
         again = ef.find_map(posterior, best.theta, seed=1)
         assert again.solves <= each / 2  # it is one
@@ -438,8 +438,7 @@ class WithoutDerivatives(Derived):
         return response, derivatives
 
 
-@pytest.mark.parametrize("raises", [True, False])
-@pytest.mark.parametrize("limit", [1.0, 0.0])
+@pytest.mark.parametrize(("limit", "raises"), [(1.0, True), (1.0, False), (0.0, True)])
 def test_a_jacobian_that_fails_is_done_without(limit, raises):
     terms = [ef.FrequencyTerm(MEASURED, sd=0.05), ef.ShapeTerm(SHAPES, delta=0.2)]
     prior = ef.GaussianPrior(["a", "b"], [1, 1], [0.2, 0.2], [(0.5, 1.5)] * 2)

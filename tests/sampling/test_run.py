@@ -113,6 +113,8 @@ OUTSIDE[3, 2] = 9999.0
     ("options", "error", "named"),
     [
         ({"nwalkers": 8}, RuntimeError, "2 \\* ndim"),
+        ({"moves": "best"}, TypeError, "moves.*'best'"),
+        ({"posterior": len}, TypeError, "EnsembleSampler"),
         ({"seed": None}, TypeError, "seed"),
         ({"seed": np.random.default_rng(1)}, TypeError, "seed"),
         ({"moves": ef.DEMCMove(sigma=[1.0, 2.0])}, ValueError, "sigma"),
@@ -125,61 +127,10 @@ OUTSIDE[3, 2] = 9999.0
 )
 def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, named):
     with pytest.raises(error, match=named):
-        run(posterior=UNSOLVED, **options)
-
-
-def test_a_bare_function_is_referred_to_emcee():
-    with pytest.raises(TypeError, match="EnsembleSampler"):
-        ef.run(lambda theta: 0.0, ef.DEMCMove(), seed=1)
+        run(**{"posterior": UNSOLVED} | options)
 
 
 def test_progress_shows_a_bar_an_ensemble(capsys):
     run(ensembles=2, progress=True)
     shown = capsys.readouterr().err
     assert "ensemble 1/2" in shown and "ensemble 2/2" in shown
-
-
-# --- a move of emcee that goes on from where its last run ended -------------------
-
-
-def cheap(theta):
-    return -0.5 * (((theta - 3e3) / 1e3) ** 2).sum(axis=-1)
-
-
-INSIDE = {
-    "alone": lambda move: move,
-    "in a weighted list": lambda move: [[move, 0.1], [ef.DEMCMove(), 0.9]],
-    "in one in the other": lambda move: ef.moves.TemperedMove(
-        ef.moves.DelayedAcceptanceMove(move, cheap), betas=[1, 0.5]
-    ),
-}
-
-
-def gaussian(mode):
-    return emcee.moves.GaussianMove([1e3, 2e3, 1e3, 2e3, 1e3], mode=mode)
-
-
-@pytest.mark.parametrize("inside", INSIDE)
-def test_a_sequential_gaussian_move_is_refused_by_name(inside, tmp_path):
-    file = tmp_path / "run.stored"
-    with pytest.raises(ValueError, match="^moves: GaussianMove.*sequential.*'random'"):
-        run(INSIDE[inside](gaussian("sequential")), nwalkers=24, backend=file)
-    assert not file.exists()
-
-
-@pytest.mark.parametrize("mode", ["random", "vector"])
-@pytest.mark.parametrize("inside", INSIDE)
-def test_other_gaussian_moves_give_the_same_chain_again(inside, mode):
-    moves = INSIDE[inside](gaussian(mode))
-    first, again = (chains(moves, nwalkers=24, steps=10) for _ in range(2))
-    assert_array_equal(first, again)
-
-
-def test_the_reason_for_the_refusal_holds():
-    # If a release of emcee mends it, this fails and the refusal may go.
-    move = emcee.moves.GaussianMove([0.01, 0.02], mode="sequential")
-    first, again = (
-        move.get_proposal(np.ones((4, 2)), np.random.RandomState(1))[0]
-        for _ in range(2)
-    )
-    assert not np.array_equal(first, again)
