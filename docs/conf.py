@@ -46,7 +46,7 @@ nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 nb_execution_mode = "cache"
 nb_execution_raise_on_error = True
 nb_execution_in_temp = True  # pages write files
-nb_execution_timeout = 240
+nb_execution_timeout = 900  # s for a cell: machines are busy at times
 nb_merge_streams = True
 # Where tests ask for Agg a page would show no figure.
 os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"

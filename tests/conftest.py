@@ -5,9 +5,16 @@ for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")  # before NumPy is imported
 
 import sys
+import warnings
 
 import matplotlib
 import pytest
+
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    # ArviZ 0.23 notes the day of its first import in a file; xdist's workers would
+    # all do so at once, and one of them would fail.
+    with warnings.catch_warnings(action="ignore"):
+        import arviz  # noqa: F401
 
 matplotlib.use("Agg")  # no display on a server
 

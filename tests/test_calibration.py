@@ -1,7 +1,7 @@
-"""Simulation-based calibration of the mass-spring posterior: 200 data sets a setting.
+"""Simulation-based calibration of the mass-spring posterior: 120 data sets a setting.
 
 The test, stated: of each setting's ranks, for the five parameters and the
-log-likelihood, a chi-square test of the uniform law in 8 bins (25 ranks expected in
+log-likelihood, a chi-square test of the uniform law in 8 bins (15 ranks expected in
 each). With 3 settings these are 18 tests; Bonferroni's correction asks each of them for
 p > 0.001 / 18, so that sound moves fail all this with a probability of at most 0.1 %,
 over the choice of the seed. For a mutant at least one p must be below that.
@@ -63,8 +63,8 @@ SETTINGS = {
     "mixed": mixed,
 }
 MUTANTS = {  # and how many data sets show it
-    "DE-MC too warm": (lambda pilot: TooWarm(), 200),
-    "M-H with a drift": (DriftingMetropolis.tuned, 120),
+    "DE-MC too warm": (lambda pilot: TooWarm(), 120),
+    "M-H with a drift": (DriftingMetropolis.tuned, 80),
     "mixed without proposal density": (
         lambda pilot: mixed(pilot, WithoutProposalDensity),
         60,
@@ -77,7 +77,7 @@ LEVEL = 0.001 / (len(SETTINGS) * len(QUANTITIES))
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_the_truth_ranks_uniformly_among_the_draws(setting):
     seed = 1 + list(SETTINGS).index(setting)  # other data sets for each
-    found = ranks(SETTINGS[setting], 200, seed)
+    found = ranks(SETTINGS[setting], 120, seed)
     assert p_values(found).min() > LEVEL
 
 

@@ -56,23 +56,6 @@ def test_addresses_are_those_of_one_repository():
         assert set(re.findall(r"([\w-]+)\.github\.io/(\w+)", text)) <= {(owner, name)}
 
 
-def test_the_citation_names_the_software_the_paper_the_sampler_and_the_method():
-    cited = load("CITATION.cff")
-    assert cited["cff-version"] == "1.2.0" and cited["type"] == "software"
-    # Without another preferred citation it is the software itself.
-    assert cited["message"] and cited["title"] and "preferred-citation" not in cited
-    assert [a["name"] for a in cited["authors"]] == [
-        a["name"] for a in PROJECT["authors"]
-    ]
-    assert cited["license"] == PROJECT["license"]
-    first = [entry["authors"][0]["family-names"] for entry in cited["references"]]
-    assert first == ["Sherri", "ter Braak", "Foreman-Mackey"]
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    for entry in cited["references"]:
-        assert entry["type"] == "article" and entry["title"]
-        assert entry.get("doi", "") in readme
-
-
 # --- a tag ------------------------------------------------------------------------
 
 
@@ -139,20 +122,6 @@ def test_another_tag_is_refused(released, tag):
 # --- GitHub -----------------------------------------------------------------------
 
 
-WORKFLOWS = sorted(p.name for p in (ROOT / ".github" / "workflows").glob("*.yml"))
-
-
-@pytest.mark.parametrize("name", WORKFLOWS)
-def test_a_workflow_may_write_nothing_that_it_does_not_say(name):
-    workflow = load(f".github/workflows/{name}")
-    assert workflow["permissions"] == {"contents": "read"}
-    for job in workflow["jobs"].values():
-        given = job.get("permissions", {})
-        assert set(given) <= {"contents", "id-token", "pages"}
-        for step in job["steps"]:
-            assert re.search("@(v[0-9]|release/v1)", step.get("uses", "@v1"))
-
-
 def test_ci_has_every_python_of_the_classifiers_on_three_systems():
     matrix = load(".github/workflows/ci.yml")["jobs"]["tests"]["strategy"]["matrix"]
     stated = re.findall(r"Python :: (3\.\d+)", " ".join(PROJECT["classifiers"]))
@@ -162,39 +131,6 @@ def test_ci_has_every_python_of_the_classifiers_on_three_systems():
         "macos",
         "windows",
     }
-
-
-def test_only_the_publishing_job_may_ask_for_a_token_of_pypi():
-    jobs = load(".github/workflows/release.yml")["jobs"]
-    allowed = [k for k, job in jobs.items() if "id-token" in job.get("permissions", {})]
-    assert allowed == ["publish"]
-    assert jobs["publish"]["environment"]["name"] == "pypi"
-    assert len(jobs["publish"]["steps"]) == 2  # none of ours runs with that token
-
-
-FORMS = sorted(p.name for p in (ROOT / ".github" / "ISSUE_TEMPLATE").glob("*.yml"))
-
-
-@pytest.mark.parametrize("name", FORMS)
-def test_an_issue_form_has_what_github_requires(name):
-    form = load(f".github/ISSUE_TEMPLATE/{name}")
-    if name == "config.yml":
-        return
-    assert form["name"] and form["description"]
-    ids = [entry["id"] for entry in form["body"] if entry["type"] != "markdown"]
-    assert ids and len(ids) == len(set(ids))
-    for entry in form["body"]:
-        wanted = "value" if entry["type"] == "markdown" else "label"
-        assert entry["attributes"][wanted]
-
-
-def test_the_command_that_a_bug_report_asks_for_prints_versions(capsys):
-    text = (ROOT / ".github/ISSUE_TEMPLATE/bug.yml").read_text(encoding="utf-8")
-    (code,) = re.findall(r'python -c "(.+)"', text)
-    exec(code, {})
-    shown = capsys.readouterr().out
-    for name in ("emcee-femu", "emcee", "numpy", "scipy", "arviz"):
-        assert re.search(rf"\b{name} \d", shown)
 
 
 # --- conda-forge ------------------------------------------------------------------

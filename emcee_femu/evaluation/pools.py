@@ -338,7 +338,8 @@ def evaluate(task: Task) -> Outcome:
         try:
             values.append(function(point))
         except (Exception, SystemExit) as error:  # a script may end with sys.exit
-            return _fail(error, f"Raised on a worker at {point}")
+            where = "" if getattr(error, "__notes__", ()) else f" at {point}"
+            return _fail(error, f"Raised on a worker{where}")
     return Outcome(values)
 
 

@@ -24,7 +24,7 @@ logger = logging.getLogger("emcee_femu")
 
 PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
 SHOWN = 64  # numbers of an array; of a larger one the digest is kept
-PROBED, OF = 16, 8  # stored points solved again: at most, and one of so many
+PROBED = 16  # stored points solved again, at most
 FLOOR = 1e-3  # of the largest value of a variable, to which the tolerance is relative
 
 
@@ -175,17 +175,9 @@ def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
     Raises:
         ValueError: If so, or if the solver scatters by itself.
     """
-    places = [(stream, i) for stream, n in store.lengths().items() for i in range(n)]
-    if not places:
+    posterior, points = evaluation.posterior, [*store.spread(PROBED)]
+    if not points:
         return
-    posterior, points = evaluation.posterior, []
-    probed = min(PROBED, len(places), -(-store.points() // OF))
-    spread = np.linspace(0, len(places) - 1, probed)
-    for k, place in enumerate(spread.astype(int).tolist()):
-        stream, number = places[place]
-        (record,) = store.read(stream, range(number, number + 1))
-        walker = k * 7 % len(record.theta)  # not always the same
-        points.append((record.theta[walker], record.values[walker]))
     logger.info("resume: %d points of %s are solved again", len(points), store.path)
     theta = np.array([point for point, _ in points])
     was = np.array([row[: len(posterior.rejected())] for _, row in points])

@@ -113,10 +113,18 @@ class Store:
         with self._reading() as file:
             return dict(file.execute(query))
 
-    def points(self) -> int:
-        """Return how many points all records have."""
+    def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
+        """Yield stored points with their values, spread evenly over all of them."""
+        query = "SELECT stream, number, points FROM record ORDER BY stream, number"
         with self._reading() as file:
-            return int(file.execute("SELECT total(points) FROM record").fetchone()[0])
+            records = np.array(file.execute(query).fetchall(), dtype=int).reshape(-1, 3)
+        ends = records[:, 2].cumsum()
+        total = int(records[:, 2].sum())
+        for place in np.linspace(0, total - 1, min(size, total)).astype(int):
+            at = int(np.searchsorted(ends, place, "right"))
+            stream, number, _ = records[at].tolist()
+            (record,) = self.read(stream, range(number, number + 1))
+            yield record.theta[place - ends[at]], record.values[place - ends[at]]
 
     def append(
         self, stream: int, number: int, record: Record, position: object = None

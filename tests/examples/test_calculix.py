@@ -84,16 +84,11 @@ def test_the_table_of_a_dat_file_is_read(driver):
     ("old", "new", "message"),
     [
         (DAT, "", "one table of eigenvalues, got 0"),
-        (DAT, DAT + DAT, "one table of eigenvalues, got 2"),
         (DAT[DAT.index("      3 ") :], "", r"modes 1 to 3, got \[1, 2\]"),
-        (DAT[DAT.index("2851626E+03") :], "28", r"modes 1 to 3, got \[1, 2\]"),
         ("0.8131771E+05", "*************", r"modes 1 to 3, got \[1, 2\]"),
-        ("0.8131771E+05", "          NaN", r"modes 1 to 3, got \[1, 2\]"),
         ("      2   0.56", "     12   0.56", r"modes 1 to 3, got \[1, 12, 3\]"),
         ("0.8131771E+05", "0.8131771E+06", "do not fit"),
-        ("0.4538504E+02", "0.4538704E+02", "do not fit"),
         ("0.7536844E+02", "0.7536944E+02", "do not fit"),
-        ("0.1831938E+04", "-.1831938E+04", "modes 1 to 3, got"),
         ("0.1831938E+04   0.4280114E+02   0.6812013E+01", HIGH, "do not fit"),
         (" 0.1831938E+04", "-0.1831938E+04", "positive eigenvalues"),
         ("0.1199526E+02   0.0000000", "0.1199526E+02   0.3000000", "positive"),
@@ -140,28 +135,6 @@ def test_a_solve_that_fails_says_why_and_leaves_nothing(
             driver.read_frequencies((folder / "job.dat").read_text(), 1)
     assert not list(tmp_path.iterdir())
     assert time.monotonic() - begin < 20
-
-
-@posix
-def test_a_time_limit_ends_what_the_program_started_too(driver, tmp_path):
-    fifo = tmp_path / "alive"
-    os.mkfifo(fifo)
-    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
-    child = f"exec 3> {shlex.quote(str(fifo))}; echo begun >&3; sleep 60"
-    with pytest.raises(subprocess.TimeoutExpired):  # noqa: SIM117
-        with driver.finished_job("", shell(f"({child}) & wait"), 1.0):
-            pass
-    assert os.read(reader, 100) == b"begun\n"
-    end = time.monotonic() + 10
-    while time.monotonic() < end:  # the end of file comes when nobody can write
-        try:
-            assert os.read(reader, 100) == b""
-            break
-        except BlockingIOError:
-            time.sleep(0.01)
-    else:
-        pytest.fail("the child of the program is alive")
-    os.close(reader)
 
 
 @posix
@@ -292,17 +265,6 @@ def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
 
 
 @posix
-def test_calculix_is_found_by_either_name_or_asked_for(driver, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(FileNotFoundError, match="apt install calculix-ccx"):
-        driver.find_command()
-    for name in ("ccx_2.21", "ccx"):
-        (tmp_path / name).write_text("#!/bin/sh\n")
-        (tmp_path / name).chmod(0o755)
-        assert driver.find_command() == (str(tmp_path / name), "-i", "job")
-
-
-@posix
 def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
     """The command of the page, with a program of that name in front of the others."""
     fake = tmp_path / "ccx"
@@ -313,46 +275,6 @@ def test_calculix_program(driver, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["calculix_program.py", str(tmp_path / "own.inp")])
     runpy.run_path(str(EXAMPLES / "calculix_program.py"), run_name="__main__")
     assert re.match(r"\[6\.81\d*\] Hz", capsys.readouterr().out)
-
-
-def keyword(lines, name):
-    """Return the data lines of a keyword, one list of words for each."""
-    begin = lines.index(name) + 1
-    ends = (i for i in range(begin, len(lines)) if lines[i].startswith("*"))
-    return [line.rstrip(",").split(",") for line in lines[begin : next(ends)]]
-
-
-def test_the_deck_of_the_beam_is_the_beam(beam):
-    lines = beam.deck({**beam.TRUTH, "tip": 0.9, "bearing": 0.5}).splitlines()
-    nodes = {int(n): np.array(x, float) for n, *x in keyword(lines, "*NODE")}
-    # CalculiX: 9 to 12 lie between 1 2, 2 3, 3 4, 4 1; 13 to 16 between 5 6, ..., 8 5;
-    # 17 to 20 between 1 5, ..., 4 8.
-    low, volume, elements = np.arange(4), 0.0, 0
-    first = np.concatenate([low, 4 + low, low])
-    second = np.concatenate([np.roll(low, -1), 4 + np.roll(low, -1), 4 + low])
-    for number, part in enumerate(beam.PARTS):
-        words = sum(keyword(lines, f"*ELEMENT,TYPE=C3D20R,ELSET={part}"), [])
-        for element in np.reshape(np.array(words, int), (-1, 21)):
-            at = np.array([nodes[n] for n in element[1:]])
-            np.testing.assert_allclose(at[8:], (at[first] + at[second]) / 2, atol=1e-9)
-            volume += np.linalg.det(at[[1, 3, 4]] - at[0])  # positive: right-handed
-            assert number <= at[:, 0].mean() < number + 1  # parts are 1 m long
-            elements += 1
-    assert elements == 48 and volume == pytest.approx(3.0 * 0.08 * 0.10)
-    fixed = {int(n) for n, *_ in keyword(lines, "*BOUNDARY")}
-    assert fixed == {n for n, x in nodes.items() if x[0] == 0}
-    springs = keyword(lines, "*ELEMENT,TYPE=SPRING1,ELSET=bearing")
-    resting = np.array([nodes[int(node)] for _, node in springs])
-    assert (resting[:, 0] == 3).all() and (resting[:, 2] == 0).all()
-    (direction,), (stiffness,) = keyword(lines, "*SPRING,ELSET=bearing")
-    assert direction == "3" and "." in stiffness  # or CalculiX would not see it
-    assert float(stiffness) * len(springs) == pytest.approx(0.5 * beam.BEARING)
-    moduli = [float(words[0]) for words in lines_after(lines, "*ELASTIC")]
-    np.testing.assert_allclose(moduli, np.multiply([0.8, 1.05, 0.9], beam.E))
-
-
-def lines_after(lines, name):
-    return [lines[i + 1].split(",") for i, x in enumerate(lines) if x == name]
 
 
 def test_frequencies_of_calculix_are_those_of_beam_theory(beam, calculix, tmp_path):

@@ -20,6 +20,6 @@ if __name__ == "__main__":
         try:
             run(ordinary, pool=pool)
         except ArithmeticError as error:
-            found.append(error.__notes__[-1])
+            found.append("\n".join(error.__notes__))
     with open(sys.argv[2], "wb") as file:
         pickle.dump(found, file)
