@@ -37,9 +37,8 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         accepted: How many of these it accepted.
 
     Args:
-        inner: The move that proposes: one of this package, or an emcee ``RedBlueMove``
-            or ``MHMove``. Temperatures go around it, as in
-            ``TemperedMove(DelayedAcceptanceMove(...), betas)``.
+        inner: The move that proposes, one of this package. Temperatures go around it,
+            as in ``TemperedMove(DelayedAcceptanceMove(...), betas)``.
         cheap: Log-probability of c, called with ``(n, ndim)``: returns ``(n,)``, or
             rows that begin with it, as a :class:`LogPosterior` does. It must be finite
             wherever the posterior is, or that region is never sampled.
@@ -78,11 +77,10 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     ) -> None:
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
-        self.inner, self.cheap = inner, cheap
+        self.inner, self.cheap = only_propose(inner), cheap
         low, high = self._lengths = _read_steps(steps)
         self.steps = low if low == high else (low, high)
         self.proposed = self.full_solves = self.accepted = 0
-        self._proposing = only_propose(inner)
         self._before: tuple[Floats, Floats] | None = None
 
     def _parts(self) -> Parts:
@@ -97,7 +95,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that the inner move refuses."""
-        self._proposing.check(nwalkers, ndim)
+        self.inner.check(nwalkers, ndim)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
         """Yield where subchains ended, and the log-factors that correct for them."""
@@ -109,7 +107,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
                 f"{coords[walker].tolist()}; it must be finite wherever the posterior "
                 "is (are its bounds narrower?)"
             )
-        for walkers, propose in self._proposing.parts(coords, random):
+        for walkers, propose in self.inner.parts(coords, random):
             ends, values = coords.take(walkers, axis=0), cheap[walkers]
             passed = self._walk(propose, ends, values, random)
             walkers, ends, values = walkers[passed], ends[passed], values[passed]

@@ -1,6 +1,8 @@
 """Differential evolution Markov chain (DE-MC), the paper's proposal."""
 
 import math
+from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.random import RandomState
@@ -8,12 +10,12 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
-from .proposing import GuidedMove, Indices, Proposal
+from .proposing import Indices, Part, Proposal, ProposingMove
 
 DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
 
 
-class DEMCMove(GuidedMove):
+class DEMCMove(ProposingMove):
     r"""Add a scaled difference of two other walkers, and a little noise (Equation 3.2).
 
     .. math:: \theta^* = \theta_i + \gamma (\theta_a - \theta_b) + \varepsilon,
@@ -66,7 +68,9 @@ class DEMCMove(GuidedMove):
         live_dangerously: bool = False,
         mode_jump: float = 0.0,
     ) -> None:
-        super().__init__(nsplits, randomize_split, live_dangerously)
+        self.nsplits = checks.whole_number("nsplits", nsplits, 2)
+        self.randomize_split = checks.flag("randomize_split", randomize_split)
+        self.live_dangerously = checks.flag("live_dangerously", live_dangerously)
         self.sigma = None if sigma is None else checks.real_array("sigma", sigma)
         if self.sigma is not None:
             if self.sigma.ndim > 1 or not self.sigma.size or (self.sigma < 0).any():
@@ -82,13 +86,52 @@ class DEMCMove(GuidedMove):
             raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse an ensemble that is too small, or that sigma does not fit."""
-        super().check(nwalkers, ndim)
+        """Refuse an ensemble that is too small, or that sigma does not fit.
+
+        Raises:
+            ValueError: If there are fewer walkers than splits, fewer than 2 at rest, or
+                sigma is for another dimension.
+            RuntimeError: As from emcee's moves, if there are fewer walkers than twice
+                the dimension and live_dangerously is not set.
+        """
+        if nwalkers < self.nsplits:
+            raise ValueError(
+                f"nsplits: expected at most nwalkers = {nwalkers}, got {self.nsplits}"
+            )
+        at_rest = nwalkers - -(-nwalkers // self.nsplits)
+        if at_rest < 2:
+            raise ValueError(
+                f"nwalkers: a proposal needs 2 walkers at rest, but {nwalkers} in "
+                f"{self.nsplits} splits leave {at_rest}; use at least "
+                f"{max(2 * ndim, 4)} walkers, better twice as many"
+            )
+        if nwalkers < 2 * ndim and not self.live_dangerously:
+            raise RuntimeError(
+                f"nwalkers: expected at least 2 * ndim = {2 * ndim}, got {nwalkers}; "
+                "fewer may stay in a subspace (live_dangerously=True of the move "
+                "allows it)"
+            )
         if self.sigma is not None and self.sigma.shape not in ((), (ndim,)):
             raise ValueError(
                 f"sigma: expected one number or shape ({ndim},) for {ndim} parameters, "
                 f"got shape {self.sigma.shape}"
             )
+
+    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
+        """Yield the walkers of each part, and what proposes by the guides at rest."""
+        nwalkers = len(coords)
+        if self.randomize_split:
+            order = random.random_sample(nwalkers).argsort()
+        else:
+            order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
+        ring = np.concatenate((order, order))
+        size, larger = divmod(nwalkers, self.nsplits)
+        end = 0
+        for split in range(self.nsplits):
+            start, end = end, end + size + (split < larger)
+            guides = [coords.take(ring[end : start + nwalkers], axis=0)]
+            propose = partial(self.get_proposal, c=guides, random=random)
+            yield order[start:end], propose
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).

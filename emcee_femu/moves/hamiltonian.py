@@ -1,7 +1,7 @@
 """Hamiltonian Monte Carlo: trajectories along gradients, for many parameters."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, Self, TypeAlias
+from typing import NamedTuple, Self, TypeAlias
 
 import numpy as np
 from emcee import State
@@ -141,10 +141,6 @@ class HamiltonianMove(Move):
         move.check(*draws.shape)
         rng = np.random.default_rng(checks.whole_number("seed", seed))
         return cls(metric, *tune_steps(move.leapfrog(posterior), draws, rng))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Leave out the known gradients, which are found again."""
-        return {**vars(self), "_before": None}
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse a dimension that the metric does not have."""

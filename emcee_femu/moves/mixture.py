@@ -12,6 +12,7 @@ from scipy.special import gammaln
 from .. import checks
 from ..interfaces import Floats
 
+GAUSSIAN = 1e6  # degrees of freedom from which a component is one
 MOST_COMPONENTS = 6  # that a fit chooses
 MOST_DRAWS = 20_000  # more do not make a fit better, only slower
 ITERATIONS, TOLERANCE = 300, 1e-5

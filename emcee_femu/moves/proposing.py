@@ -20,11 +20,10 @@ import emcee
 import numpy as np
 from emcee import State
 from emcee.model import Model
-from emcee.moves import DESnookerMove, GaussianMove, MHMove, Move, RedBlueMove
+from emcee.moves import DESnookerMove, GaussianMove, Move
 from numpy.random import RandomState
 from numpy.typing import NDArray
 
-from .. import checks
 from ..interfaces import Floats
 
 Indices: TypeAlias = NDArray[np.intp]
@@ -95,119 +94,20 @@ class ProposingMove(Move):
         return state, accepted
 
 
-class GuidedMove(ProposingMove):
-    """A move of one part of the ensemble after the other, guided by those at rest.
-
-    Args:
-        nsplits: Number of parts; ``nwalkers`` moves one walker after the other.
-        randomize_split: Whether to deal the walkers to the parts anew each step.
-        live_dangerously: Whether to allow fewer walkers than twice the dimension.
-
-    Raises:
-        TypeError: If nsplits is not a whole number.
-        ValueError: If nsplits < 2.
-    """
-
-    guides = 2  # the smallest number of walkers at rest that a proposal needs
-
-    def __init__(
-        self, nsplits: int, randomize_split: bool, live_dangerously: bool
-    ) -> None:
-        self.nsplits = checks.whole_number("nsplits", nsplits, 2)
-        self.randomize_split = checks.flag("randomize_split", randomize_split)
-        self.live_dangerously = checks.flag("live_dangerously", live_dangerously)
-
-    def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse an ensemble for which the move is not valid.
-
-        Raises:
-            ValueError: If there are fewer walkers than splits, or fewer at rest than
-                the proposal needs.
-            RuntimeError: As from emcee's moves, if there are fewer walkers than twice
-                the dimension and live_dangerously is not set.
-        """
-        if nwalkers < self.nsplits:
-            raise ValueError(
-                f"nsplits: expected at most nwalkers = {nwalkers}, got {self.nsplits}"
-            )
-        at_rest = nwalkers - -(-nwalkers // self.nsplits)
-        if at_rest < self.guides:
-            enough = self.guides + -(-self.guides // (self.nsplits - 1))
-            raise ValueError(
-                f"nwalkers: a proposal needs {self.guides} walkers at rest, but "
-                f"{nwalkers} in {self.nsplits} splits leave {at_rest}; use at least "
-                f"{max(2 * ndim, enough)} walkers, better twice as many"
-            )
-        if nwalkers < 2 * ndim and not self.live_dangerously:
-            raise RuntimeError(
-                f"nwalkers: expected at least 2 * ndim = {2 * ndim}, got {nwalkers}; "
-                "fewer may stay in a subspace (live_dangerously=True of the move "
-                "allows it)"
-            )
-
-    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
-        """Yield the walkers of each part, and what proposes by the guides at rest."""
-        nwalkers = len(coords)
-        if self.randomize_split:
-            order = random.random_sample(nwalkers).argsort()
-        else:
-            order = np.argsort(np.arange(nwalkers) % self.nsplits, kind="stable")
-        ring = np.concatenate((order, order))
-        size, larger = divmod(nwalkers, self.nsplits)
-        end = 0
-        for split in range(self.nsplits):
-            start, end = end, end + size + (split < larger)
-            guides = [coords.take(ring[end : start + nwalkers], axis=0)]
-            propose = partial(self.get_proposal, c=guides, random=random)
-            yield order[start:end], propose
-
-
-class StockMove(GuidedMove):
-    """The proposals of an emcee ``RedBlueMove`` or ``MHMove``, such as ``DEMove``.
-
-    Args:
-        move: The move whose ``get_proposal`` is used.
-    """
-
-    guides = 1
-
-    def __init__(self, move: RedBlueMove | MHMove) -> None:
-        self.move, self.alone = move, isinstance(move, MHMove)
-        if not self.alone:
-            super().__init__(move.nsplits, move.randomize_split, move.live_dangerously)
-
-    def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse an ensemble that is too small, where walkers guide each other."""
-        if not self.alone:
-            super().check(nwalkers, ndim)
-
-    def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
-        """Yield walkers that move at once, and what proposes for them."""
-        if self.alone:
-            return ProposingMove.parts(self, coords, random)
-        self.move.setup(coords)
-        return super().parts(coords, random)
-
-    def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
-        """Return what the wrapped move proposes."""
-        # A copy, for a move may change what it is given.
-        arguments = (s.copy(), random) if self.alone else (s, c, random)
-        proposed, log_factors = self.move.get_proposal(*arguments)
-        return proposed, np.broadcast_to(np.asarray(log_factors, dtype=float), len(s))
-
-
 def only_propose(inner: Move) -> ProposingMove:
     """Return a move that leaves the acceptance to others.
 
     Raises:
-        TypeError: If inner is not a move, or accepts in its own way.
+        TypeError: If inner is not one of this package, or accepts in its own way.
     """
-    for kind in (ProposingMove, RedBlueMove, MHMove):
-        if isinstance(inner, kind) and type(inner).propose is kind.propose:
-            return inner if isinstance(inner, ProposingMove) else StockMove(inner)
+    if (
+        isinstance(inner, ProposingMove)
+        and type(inner).propose is ProposingMove.propose
+    ):
+        return inner
     raise TypeError(
-        "inner: expected an untempered move of this package that needs no gradient, or "
-        f"an emcee RedBlueMove or MHMove with emcee's own propose, got {inner!r}"
+        "inner: expected an untempered move of this package that needs no gradient, "
+        f"got {inner!r}"
     )
 
 

@@ -43,8 +43,7 @@ class TemperedMove(Move):
     a chain from another backend, make a sampler with the same moves and that backend.
 
     Args:
-        inner: The move of the walkers of a block: one of this package, or an emcee
-            ``RedBlueMove`` or ``MHMove``.
+        inner: The move of the walkers of a block, one of this package.
         betas: Powers of the likelihood, descending from 1, at least two. Choose them
             denser near zero: ``numpy.linspace(1, 0, 8) ** 4``. Down to 0 (the prior)
             they allow :func:`log_evidence`, and hot walkers roam the prior.
@@ -68,8 +67,7 @@ class TemperedMove(Move):
     __repr__ = ProposingMove.__repr__
 
     def __init__(self, inner: Move, betas: ArrayLike) -> None:
-        self.inner = inner
-        self._proposing = only_propose(inner)
+        self.inner = only_propose(inner)
         self.betas = checks.real_array("betas", betas, 1)
         falling = len(self.betas) > 1 and (np.diff(self.betas) < 0).all()
         if not falling or self.betas[0] != 1 or self.betas[-1] < 0:
@@ -101,7 +99,7 @@ class TemperedMove(Move):
                 f"{nwalkers}; {usual} would be usual"
             )
         try:
-            self._proposing.check(block, ndim)
+            self.inner.check(block, ndim)
         except (ValueError, RuntimeError) as error:
             raise type(error)(
                 f"nwalkers: expected more than {nwalkers}, which leaves {block} for "
@@ -132,7 +130,7 @@ class TemperedMove(Move):
         starts, betas = range(0, len(accepted), block), self.betas.repeat(block)
         # Slices, not copies: each stream sees what was accepted in its block.
         blocks = [state.coords[start : start + block] for start in starts]
-        streams = [self._proposing.batches(coords, model.random) for coords in blocks]
+        streams = [self.inner.batches(coords, model.random) for coords in blocks]
         for batches in zip(*streams, strict=True):
             numbers, proposed, factors = zip(*batches, strict=True)
             pairs = zip(numbers, starts, strict=True)

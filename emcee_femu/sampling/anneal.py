@@ -386,19 +386,14 @@ def _renew(
     for sweep in range(MOST_SWEEPS):
         better = rates[1] > rates[0]
         walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
-        batches = [
-            next(move.batches(theta[half], random))
-            for move, half in zip(walks if walking else fits, halves, strict=True)
-        ]
-        proposed = np.concatenate([batch[1] for batch in batches])
-        factors = np.concatenate([batch[2] for batch in batches])
+        moves = zip(walks if walking else fits, halves, strict=True)
+        proposals = [move.get_proposal(theta[half], [], random) for move, half in moves]
+        proposed, factors = map(np.concatenate, zip(*proposals, strict=True))
         new = evaluate(proposed)
         target = _temper(new, power)
         if not walking:
-            log_q = [
-                fit.mixture.log_density(proposed[half])
-                for fit, half in zip(fits, halves, strict=True)
-            ]
+            pairs = zip(fits, halves, strict=True)
+            log_q = [fit.log_density(proposed[half]) for fit, half in pairs]
             log_weights.append(target - np.concatenate(log_q))
         threshold = _temper(rows, power) - random.standard_exponential(n) - factors
         better_ones = target > threshold

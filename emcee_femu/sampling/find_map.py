@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import special, stats
+from scipy import special
 
 from .. import checks
 from ..evaluation.evaluator import Evaluation
 from ..interfaces import Floats
+from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table
@@ -296,19 +297,9 @@ def _draw_inside(
         Draws, fewer than n where most of a Gaussian is out of bounds, and the log of
         their density but for a constant: cut at the bounds the law is the same.
     """
-    gaussians = [
-        stats.multivariate_normal(
-            m.theta, stats.Covariance.from_cholesky(np.linalg.cholesky(m.covariance))
-        )
-        for m in maxima
-    ]
-    chosen = rng.choice(len(maxima), size=TRIALS * n, p=weights)
-    draws = np.empty((TRIALS * n, len(bounds)))
-    for number, gaussian in enumerate(gaussians):
-        here = chosen == number
-        size = int(here.sum())
-        draws[here] = gaussian.rvs(size, random_state=rng).reshape(size, -1)
+    centres = np.array([maximum.theta for maximum in maxima])
+    covariances = np.array([maximum.covariance for maximum in maxima])
+    mixture = Mixture(weights, centres, covariances, GAUSSIAN)
+    draws = mixture.draw(rng, TRIALS * n)
     draws = draws[inside(draws, bounds)][:n]
-    densities = [gaussian.logpdf(draws).reshape(-1) for gaussian in gaussians]
-    log_density: Floats = special.logsumexp(densities, axis=0, b=weights[:, None])
-    return draws, log_density
+    return draws, mixture.log_density(draws)

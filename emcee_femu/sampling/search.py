@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..interfaces import Evaluator, Floats
-from ..moves.mixture import Mixture
+from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.priors import summarize_prior
 from .climbing import Maximum, climb, distinct
 from .proposals import Draws
 
 UNEXPLAINED = 2.0  # log-density beyond what Gaussians at the modes say
-GAUSSIAN = 1e6  # degrees of freedom
 ALONG = np.array([0.2, 0.4, 0.6, 0.8])  # of the way from a mode to a point
 VALLEY = 0.5  # log-density below that of the point
 TESTED = 8  # points per ensemble in a round, by weight and by what is unexplained

@@ -39,9 +39,6 @@ INNER = {
     "metropolis": lambda target: MetropolisMove(sd=0.5 * target.scale),
     "independence": independence,
     "component walk": lambda target: ComponentWalk(independence(target).mixture, 0.7),
-    "stretch": lambda target: emcee.moves.StretchMove(),
-    "emcee DEMove": lambda target: emcee.moves.DEMove(),
-    "emcee Gaussian": lambda target: emcee.moves.GaussianMove(0.2, mode="random"),
 }
 CASES = [  # inner, target, walkers, dimension, steps
     *[(inner, "gaussian", 12, 3, steps) for inner in INNER for steps in (1, 3)],
@@ -49,7 +46,7 @@ CASES = [  # inner, target, walkers, dimension, steps
     *[("demc", target, 4, 3, (1, 6)) for target in TARGETS],  # the fewest
     *[(inner, "gaussian", 1, 3, 5) for inner in ("metropolis", "independence")],
     *[(inner, "bounded", 4, 1, (2, 5)) for inner in ("demc", "metropolis")],
-    *[(inner, "gaussian", 12, 1, 1) for inner in ("demc", "stretch", "independence")],
+    *[(inner, "gaussian", 12, 1, 1) for inner in ("demc", "independence")],
 ]
 
 
@@ -75,7 +72,7 @@ def test_lengths_and_guides_that_depend_on_the_walkers_would_be_seen():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", CASES[1::8], ids=str)  # all would take minutes
+@pytest.mark.parametrize("case", CASES[1::6], ids=str)  # all would take minutes
 def test_the_target_is_exact_at_high_power(case):
     assert z_of(case, ensembles=240, steps=32) < LIMIT
 

@@ -19,11 +19,6 @@ def shifted(theta):
     return -0.2 * ((theta - 0.4) ** 2).sum(axis=1)
 
 
-def step_in_place(coords, random):
-    coords += 0.3 * random.standard_normal(coords.shape)
-    return coords, np.zeros(len(coords))
-
-
 TARGETS = {"gaussian": GaussianLaw(), "bounded": BoundedLaw()}
 INNER = {  # each with the walkers of a block; those of the package move together
     "DE-MC, few walkers": (DEMCMove(live_dangerously=True), 4),
@@ -31,8 +26,6 @@ INNER = {  # each with the walkers of a block; those of the package move togethe
     "DE-MC, one after another": (DEMCMove(nsplits=6, gamma0=0.5), 6),
     "Metropolis": (MetropolisMove(sd=0.3), 1),
     "delayed": (ef.moves.DelayedAcceptanceMove(MetropolisMove(sd=0.3), shifted), 3),
-    "stock stretch": (emcee.moves.StretchMove(), 8),
-    "stock, in place": (emcee.moves.MHMove(step_in_place), 2),
 }
 
 

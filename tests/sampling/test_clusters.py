@@ -26,8 +26,8 @@ def chain(pool=None):
 
 def gives_the_chain_and_names_errors(pool):
     expected = chain()
-    for own in (pool, EvaluationPool(pool), EvaluationPool(pool, 5)):
-        assert_allclose(chain(own), expected, rtol=1e-9)
+    for wrapped in (pool, EvaluationPool(pool, 5)):
+        assert_allclose(chain(wrapped), expected, rtol=1e-9)
     scale = 2.0  # what is not importable goes by value
     pool = EvaluationPool(pool, 2)
     assert pool.map(lambda theta: scale * theta[0], np.ones((3, 2))) == [scale] * 3
@@ -100,17 +100,10 @@ def test_dask_gives_the_serial_chain_and_survives_its_workers(found_by_workers):
         (victim,) = pool.map(pool_problems.where, np.zeros((1, 1)))
         threading.Timer(0.7, os.kill, (victim, KILL)).start()
         assert len(pool.map(pool_problems.where, np.full((8, 1), 0.4))) == 8
+        with pytest.raises(RuntimeError, match="^pool: .*a worker died.*KilledWorker"):
+            run(pool_problems.killed, pool=client)
     with pytest.raises(RuntimeError, match="^pool: .*was closed"):
         chain(client)
-
-
-@leaves_sockets
-def test_dask_gives_up_a_task_that_kills_its_workers(found_by_workers):
-    with (
-        dask() as (_, client),
-        pytest.raises(RuntimeError, match="^pool: .*a worker died.*KilledWorker"),
-    ):
-        run(pool_problems.killed, pool=client)
 
 
 # --- ray --------------------------------------------------------------------------
