@@ -187,11 +187,6 @@ def overwrite(
     state.coords[moved] = coords
     state.log_prob[moved] = log_prob
     if blobs is not None:
-        if state.blobs is None:
-            raise ValueError(
-                "initial_state: it has log_prob but no blobs, and the log-probability "
-                "returns blobs; pass State(coords, log_prob, blobs), or coords alone"
-            )
         state.blobs[moved] = blobs
 
 

@@ -1,7 +1,6 @@
 """The Hamiltonian move: its target, its solves, runs of it, and its tuning."""
 
 import os
-import pickle
 from functools import cache
 
 import emcee
@@ -257,13 +256,6 @@ def test_what_has_no_gradients_is_refused_by_name():
             run([(move, 1.0)], posterior, 8, **options)
 
 
-def test_it_is_pickled_and_prints_as_the_call_that_makes_it():
-    reference = chain(MOVE)
-    for again in (pickle.loads(pickle.dumps(MOVE)), eval(repr(MOVE), vars(ef.moves))):
-        assert repr(again) == repr(MOVE)
-        np.testing.assert_array_equal(chain(again), reference)
-
-
 # Tuned.
 
 
@@ -287,18 +279,3 @@ def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():
         SmoothGaussian(), np.tile([3.0, 2.0, 4.0], (24, 1)), [1e20] * 3, seed=1
     )
     assert wide.steps == 1
-
-
-@pytest.mark.slow
-def test_comparisons_count_every_gradient():
-    moves = {
-        name: ef.moves.HamiltonianMove(COVARIANCE, steps, 1e-6)
-        for name, steps in {"one": 1, "four": 4}.items()
-    }
-    result = ef.compare_moves(POSTERIOR, moves, 12, 20, ensembles=2, seed=1)
-    # Starts, their gradients, and a gradient for each step.
-    assert result.table.column("FE solves") == [48 + 24 * 20, 48 + 24 * 20 * 4]
-    ess = np.array([own.ess_bulk.min() for own in result.diagnoses.values()])
-    kept = 24 * 15 * np.array([1, 4])
-    column = result.table.column("ESS per 1000")
-    np.testing.assert_allclose(column, 1000 * ess / kept)

@@ -128,12 +128,6 @@ def test_integer_starts_are_refused_instead_of_truncated():
         sampler.run_mcmc(start, 1)
 
 
-def test_a_start_with_log_prob_but_without_blobs_is_explained():
-    sampler = emcee.EnsembleSampler(10, 3, with_blobs, moves=DEMCMove())
-    with pytest.raises(ValueError, match="blobs"):
-        sampler.run_mcmc(emcee.State(START, log_prob=log_prob(START)), 1)
-
-
 def test_walkers_at_minus_infinity_move_as_soon_as_they_can():
     def half(theta):
         return np.where(theta[:, 0] > 0, log_prob(theta), -np.inf)

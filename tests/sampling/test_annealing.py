@@ -172,11 +172,3 @@ def test_a_failed_solve_stops_or_is_rejected():
     assert "failed" in str(found)
     with pytest.raises(RuntimeError, match="max_failures"):
         ef.anneal(posterior, 120, seed=1, on_failure="reject", max_failures=0.001)
-
-
-def test_a_prior_that_hardly_ever_has_a_likelihood_is_refused():
-    def corner(theta):
-        return np.where((theta > 9.9).all(axis=1), 0.0, -np.inf)
-
-    with pytest.raises(ValueError, match="draws of the prior"):
-        ef.anneal(in_a_box(corner, 2, 10.0), 100, seed=1)

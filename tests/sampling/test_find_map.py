@@ -219,29 +219,12 @@ def test_two_modes_have_the_weights_of_quadrature():
     assert np.isfinite(found.posterior(draws)[:, 0]).all()
 
 
-def test_the_heaviest_maximum_is_first_not_the_highest():
-    """A needle of a tenth of the mass, 100 times as narrow in area."""
-
-    def log_density(theta):
-        broad = np.log(0.9) - 0.5 * (theta**2).sum(axis=1)
-        needle = np.log(0.1 * 100) - 50 * ((theta - 4) ** 2).sum(axis=1)
-        return np.logaddexp(broad, needle)
-
-    posterior = density_posterior(log_density, [9.0, 9.0])
-    found = ef.find_map(posterior, [[4.01, 3.99], [0.5, 0.5]], seed=1, check=100)
-    first, second = found.maxima
-    assert_allclose(first.theta, 0, atol=0.05)
-    assert second.log_posterior > first.log_posterior + 2
-    assert_allclose(found.weights, [0.9, 0.1], atol=0.01)
-    assert found.efficiency > 0.99
-
-
 @pytest.mark.parametrize(
     ("centre", "sharpness", "maxima"),
     [([0.04, 0.0], 1, 1), ([3.0, 0.0], 1, 2), ([0.5, 0.0], 400, 2)],
 )
 def test_tops_are_one_where_both_gaussians_would_have_both(centre, sharpness, maxima):
-    """Close and alike, far apart, and a needle that the broad one would have."""
+    """Close and alike, far apart, and a needle, which is lighter though higher."""
 
     def log_density(x):
         broad = -0.5 * (x**2).sum(axis=1)
@@ -252,14 +235,10 @@ def test_tops_are_one_where_both_gaussians_would_have_both(centre, sharpness, ma
     starts = np.array([[-0.1, 0.05], centre])
     found = ef.find_map(posterior, starts, seed=1)
     assert len(found.maxima) == maxima and found.climbs.sum() == 2
-
-
-def test_a_flat_ridge_on_which_climbs_end_everywhere_is_one_maximum():
-    posterior = density_posterior(
-        lambda x: -((x[:, 0] / 6) ** 8) - 50 * x[:, 1] ** 2, [3.0, 1.0]
-    )
-    found = ef.find_map(posterior, 12, seed=1)
-    assert found.climbs.tolist() == [12]
+    if sharpness > 1:  # the heavier is first
+        first, second = found.maxima
+        assert second.log_posterior > first.log_posterior + 2
+        assert_allclose(found.weights[1], np.exp(3) / (np.exp(3) + 400), atol=0.01)
 
 
 def test_a_start_between_two_modes_is_left():

@@ -5,13 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from emcee_femu.sampling.importance import (
-    bridge,
-    kish_share,
-    pareto_k,
-    resample,
-    smooth_tail,
-)
+from emcee_femu.sampling.importance import bridge, pareto_k, resample
 
 
 @pytest.mark.parametrize("k", [0.2, 0.5, 0.9])
@@ -26,26 +20,6 @@ def test_no_tail_and_no_weights():
     assert pareto_k(np.full(100, -np.inf)) == np.inf
     some = np.where(np.arange(1_000) % 2, -np.inf, 0.01 * np.arange(1_000.0) % 1)
     assert pareto_k(some) < 0.5
-
-
-def test_smoothed_weights_scatter_less_and_keep_those_of_zero():
-    rng, sd = np.random.default_rng(1), 0.8  # of a proposal that is too narrow
-    x = sd * rng.standard_normal((400, 500))
-    log_weights = stats.norm.logpdf(x) - stats.norm.logpdf(x, 0, sd)
-    log_weights[:, ::5] = -np.inf
-    smoothed = np.array([smooth_tail(row)[0] for row in log_weights])
-    assert (smoothed[:, ::5] == -np.inf).all()
-    raw, smooth = (
-        np.average(x**2, axis=1, weights=np.exp(log_w - log_w.max()))
-        for log_w in (log_weights, smoothed)
-    )
-    assert abs(smooth.mean() - 1.0) < 0.05 and smooth.std() < 0.95 * raw.std()
-
-
-def test_the_share_of_a_few_equal_weights_is_their_share():
-    weights = np.where(np.arange(8) < 2, 3.0, -np.inf)
-    assert kish_share(weights) == pytest.approx(0.25)
-    assert kish_share(np.full(3, -np.inf)) == 0.0
 
 
 def test_resampling_is_unbiased_and_off_by_less_than_one_each():
@@ -74,8 +48,3 @@ def test_a_bridge_between_two_gaussians_has_the_ratio_of_their_constants(share):
         assert 0 < found.overlap <= 1
     assert abs(np.mean(ratios) - 3.7) < 5 * np.std(ratios) / np.sqrt(200)
     assert_allclose(np.mean(errors), np.std(ratios), rtol=0.2)
-
-
-def test_what_does_not_overlap_has_no_bridge():
-    found = bridge(np.zeros(10), np.full(10, -np.inf))
-    assert np.isnan(found.log_ratio) and found.overlap == 0.0

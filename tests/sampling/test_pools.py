@@ -86,24 +86,6 @@ def test_the_number_of_workers_changes_nothing(method):
     agree(one, sample(posterior=posterior, steps=5))
 
 
-def scaled(theta, scale, power):
-    return -float(np.sum(np.abs(theta / scale) ** power))
-
-
-@forks
-def test_a_plain_sampler_binds_arguments_and_keeps_its_chain():
-    def end(pool):
-        sampler = emcee.EnsembleSampler(
-            8, 2, scaled, args=[3.0], kwargs={"power": 4}, pool=pool
-        )
-        start = np.random.default_rng(1).normal(size=(8, 2))
-        sampler.random_state = np.random.RandomState(2).get_state()
-        return sampler.run_mcmc(start, 5).coords
-
-    with open_executor("fork") as executor:
-        assert_allclose(end(EvaluationPool(executor)), end(None), rtol=1e-9)
-
-
 def test_results_keep_their_order_for_every_chunksize_and_number_of_workers():
     points = POSTERIOR.start(11, 2)
     expected = [POSTERIOR(point) for point in points]
@@ -302,11 +284,6 @@ def test_a_pool_that_waits_for_ever_for_the_dead_is_refused_with_a_remedy():
             EvaluationPool(pool)
         with pytest.raises(TypeError, match=f"^pool, executor: {refusal}"):
             sample(pool)
-    with suppress(ImportError):
-        from schwimmbad import MultiPool
-
-        with MultiPool(1) as pool, pytest.raises(TypeError, match=refusal):
-            EvaluationPool(pool)
 
 
 # --- scripts ----------------------------------------------------------------------
