@@ -160,10 +160,9 @@ def accept_or_reject(
         return walkers
     log_prob, blobs = model.compute_log_prob_fn(proposed)
     target, threshold = log_prob, state.log_prob.take(walkers)
-    if betas is not None:  # -inf stays -inf for every beta; beta = 1 changes no bit
-        target = log_prob - (1 - betas) * subtract_log_prior(log_prob, blobs[:, 0])
-        old = subtract_log_prior(threshold, state.blobs[walkers, 0])
-        threshold -= (1 - betas) * old
+    if betas is not None:
+        target = temper(log_prob, blobs[:, 0], betas)
+        threshold = temper(threshold, state.blobs[walkers, 0], betas)
     # log U = -Exp(1). Written without a difference, so that -inf against -inf is a
     # rejection and not a NaN.
     threshold -= model.random.standard_exponential(len(walkers))
@@ -210,6 +209,15 @@ def refresh(
     if changed.any():
         values[changed] = evaluate(coords[changed])
     return values
+
+
+def temper(log_prob: Floats, log_prior: Floats, beta: float | Floats) -> Floats:
+    """Return log densities with powers of the likelihood.
+
+    -inf stays -inf for every beta; beta = 1 changes no bit.
+    """
+    tempered: Floats = log_prob - (1 - beta) * subtract_log_prior(log_prob, log_prior)
+    return tempered
 
 
 def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:

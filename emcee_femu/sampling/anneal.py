@@ -19,6 +19,7 @@ from .. import checks
 from ..evaluation.resume import open_evaluator
 from ..interfaces import Evaluator, Floats
 from ..moves.independence import ComponentWalk, IndependenceMove
+from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table
 from .coordinates import Coordinates
@@ -390,12 +391,13 @@ def _renew(
         proposals = [move.get_proposal(theta[half], [], random) for move, half in moves]
         proposed, factors = map(np.concatenate, zip(*proposals, strict=True))
         new = evaluate(proposed)
-        target = _temper(new, power)
+        target = temper(new[:, 0], new[:, 1], power)
         if not walking:
             pairs = zip(fits, halves, strict=True)
             log_q = [fit.log_density(proposed[half]) for fit, half in pairs]
             log_weights.append(target - np.concatenate(log_q))
-        threshold = _temper(rows, power) - random.standard_exponential(n) - factors
+        threshold = temper(rows[:, 0], rows[:, 1], power) - factors
+        threshold -= random.standard_exponential(n)
         better_ones = target > threshold
         theta = np.where(better_ones[:, None], proposed, theta)
         rows = np.where(better_ones[:, None], new, rows)
@@ -408,15 +410,6 @@ def _renew(
         if np.minimum(renewed, 1).mean() > RENEWED:
             break
     return theta, rows, accepted, np.concatenate(log_weights)
-
-
-def _temper(rows: Floats, power: float) -> Floats:
-    """Return the log density with a power of the likelihood; -inf stays -inf."""
-    log_p = np.full(len(rows), -np.inf)
-    possible = rows[:, 0] > -np.inf
-    total, log_prior = rows[possible, 0], rows[possible, 1]
-    log_p[possible] = log_prior + power * (total - log_prior)
-    return log_p
 
 
 def _effective_size(theta: Floats, ancestors: NDArray[np.intp]) -> Floats:

@@ -59,36 +59,14 @@ def search_and_start(
         What was found, and the evaluated start of each ensemble with its random
         stream.
     """
-    ndim = evaluator.posterior.ndim
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
     search = Search(evaluator, streams)
     search.run(max(FEWEST, round(SEARCHED * evaluations)), starts)
     most = max(REFINED, evaluations // 2)
-
-    def propose(mixture: Mixture, number: int) -> tuple[Floats, Floats]:
-        each = -(-number // len(streams))
-        theta = np.concatenate([mixture.draw(rng, each) for rng in streams])
-        return theta, evaluator.rows(theta)
-
-    size = max(ROUND, 10 * ndim)
-    final = max(TRIED, 2 * size, 4 * nwalkers * ensembles)
-
-    def attempt(mixture: Mixture) -> Trial:
-        refined = refine(search.draws, mixture, size, most, propose)
-        return Trial(refined, *propose(refined, final))
-
-    trial = attempt(search.mixture())
-    populations: list[Population] = []
-    gradients = evaluator.posterior.differentiable and trial.acceptance < POOR
-    if trial.narrow and not (gradients and trial.efficiency):
-        if trial.acceptance < POOR:  # the shapes of the modes say too little
-            populations = _anneal_each(search)
-            members = np.concatenate([theta for theta, _ in populations])
-            second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
-        else:
-            second = attempt(uncover(trial.mixture))
-        trial = second if is_better(second, trial) else trial
+    trial, populations, gradients = _find_proposal(
+        search, most, 4 * nwalkers * ensembles
+    )
     mode_of = separate(trial.mixture)
     count = int(mode_of.max()) + 1
     tops = np.array([maximum.theta for maximum in search.maxima])
@@ -140,6 +118,43 @@ def search_and_start(
         trajectories=trajectories,
     )
     return record, states
+
+
+def _find_proposal(
+    search: Search, most: int, fewest: int
+) -> tuple[Trial, list[Population], bool]:
+    """Return a proposal, annealed populations, and whether gradients do better.
+
+    Args:
+        search: What was found.
+        most: Draws after which no round of the refinement begins.
+        fewest: Draws by which it is judged, at least.
+    """
+    evaluator, streams = search.evaluator, search.streams
+
+    def propose(mixture: Mixture, number: int) -> tuple[Floats, Floats]:
+        each = -(-number // len(streams))
+        theta = np.concatenate([mixture.draw(rng, each) for rng in streams])
+        return theta, evaluator.rows(theta)
+
+    size = max(ROUND, 10 * evaluator.posterior.ndim)
+
+    def attempt(mixture: Mixture) -> Trial:
+        refined = refine(search.draws, mixture, size, most, propose)
+        return Trial(refined, *propose(refined, max(TRIED, 2 * size, fewest)))
+
+    trial = attempt(search.mixture())
+    populations: list[Population] = []
+    gradients = evaluator.posterior.differentiable and trial.acceptance < POOR
+    if trial.narrow and not (gradients and trial.efficiency):
+        if trial.acceptance < POOR:  # the shapes of the modes say too little
+            populations = _anneal_each(search)
+            members = np.concatenate([theta for theta, _ in populations])
+            second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
+        else:
+            second = attempt(uncover(trial.mixture))
+        trial = second if is_better(second, trial) else trial
+    return trial, populations, gradients
 
 
 def is_better(second: Trial, first: Trial) -> bool:
