@@ -268,70 +268,68 @@ class _Space:
 
     def look(self, points: Floats, before: Sequence[Local] = ()) -> list[Local]:
         """Return the quadratics about points, which climbs reached from others."""
-        if not self.posterior.informative:
-            last: list[Local | None] = [*before] or [None] * len(points)
-            pairs = zip(points, last, strict=True)
-            return [self._look_around(point, local) for point, local in pairs]
-        rows, gradient, information = self.evaluator.linearize(self.theta(points))
-        if information is None:  # nothing but failures
-            information = np.full((*gradient.shape, len(self.scale)), np.nan)
-        gradient = gradient * self.scale
-        information = information * np.outer(self.scale, self.scale)
-        parts = zip(points, rows, gradient, information, strict=True)
-        return [Local(*part) for part in parts]
+        theta = self.theta(points)
+        if self.posterior.informative:
+            rows, gradient, information = self.evaluator.linearize(theta)
+            if information is None:  # nothing but failures
+                information = np.full((*gradient.shape, len(self.scale)), np.nan)
+            information = information * np.outer(self.scale, self.scale)
+            parts = zip(points, rows, gradient * self.scale, information, strict=True)
+            return [Local(*part) for part in parts]
+        unknown = np.full_like(points, np.nan)
+        if self.posterior.differentiable:
+            rows, gradient = self.evaluator.gradient(theta)
+        else:
+            rows, gradient = self.evaluator.rows(theta), unknown
+        diagonals = map(np.diag, unknown)
+        parts = zip(points, rows, gradient * self.scale, diagonals, strict=True)
+        last: list[Local | None] = [*before] or [None] * len(points)
+        return [
+            self._look_around(Local(*part, diagonal=unknown[0]), local)
+            for part, local in zip(parts, last, strict=True)
+        ]
 
-    def _look_around(self, point: Floats, before: Local | None) -> Local:
+    def _look_around(self, local: Local, before: Local | None) -> Local:
         """Return the quadratic about a point, with an old curvature if it still holds.
 
-        A gradient takes one solve of models with derivatives, else two on each axis,
-        which give the diagonal of the curvature too.
+        A gradient that is not known takes two rows on each axis, which give the
+        diagonal of the curvature too; a point lower than that before is not worth them.
         """
         curvature = self.guess if before is None else before.curvature
-        local = self._find_gradient(point, curvature, before)
+        first, second = self._offsets(local.point, curvature)
+        local = local._replace(offsets=first)
+        if not self.posterior.differentiable:
+            if not local.value > (-np.inf if before is None else before.value):
+                return local
+            local = self._difference(local, second)
         if curvature is None or not local.usable or local.curvature.size == 1:
             return self.fit(local) if local.usable else local
         local = local._replace(curvature=curvature, fresh=False)
         if before is None:
             return local
-        step, change = point - before.point, local.value - before.value
+        step, change = local.point - before.point, local.value - before.value
         predicted = before.gradient @ step - 0.5 * step @ curvature @ step
         error = abs(change - predicted)
         if error > USABLE * abs(change):
             return self.fit(local)
         changed = np.abs(local.diagonal - np.diag(curvature))
-        if (
-            error < EXACT * abs(change)
-            and (changed < EXACT * np.abs(np.diag(curvature))).all()
-        ):
+        exact = (changed < EXACT * np.abs(np.diag(curvature))).all()
+        if error < EXACT * abs(change) and exact:
             return local._replace(fresh=True)  # as of a Gaussian
         return local._replace(curvature=_bend(before, local))
 
-    def _find_gradient(
-        self, point: Floats, curvature: Floats | None, before: Local | None
-    ) -> Local:
-        """Return the gradient; none of a point that is lower than that before."""
-        first, second = self._offsets(point, curvature)
-        unknown = np.full(len(point), np.nan)
-        local = Local(point, unknown, unknown, np.diag(unknown), offsets=first)
-        if self.posterior.differentiable:
-            rows, gradient = self.evaluator.gradient(self.theta(point[None]))
-            return local._replace(
-                row=rows[0], gradient=gradient[0] * self.scale, diagonal=unknown
-            )
-        (row,) = self.evaluator.rows(self.theta(point[None]))
-        if not row[0] > (-np.inf if before is None else before.value):
-            return local._replace(row=row)
+    def _difference(self, local: Local, second: Floats) -> Local:
+        """Return gradient and diagonal of the curvature from rows beside a point."""
+        first = local.offsets
         steps = np.concatenate([np.diag(first), np.diag(second)])
-        rows = self.evaluator.rows(self.theta(point + steps))
-        ahead, behind = np.split(rows[:, 0] - row[0], 2)
+        rows = self.evaluator.rows(self.theta(local.point + steps))
+        ahead, behind = np.split(rows[:, 0] - local.value, 2)
         a, b = ahead / first, behind / second
         # Where a solve on one side failed, the slope of the other one is taken.
         a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
         gradient = (a * second - b * first) / (second - first)
         diagonal = -2 * (b - a) / (second - first)
-        return Local(
-            point, row, gradient, np.diag(diagonal), True, first, ahead, diagonal
-        )
+        return local._replace(gradient=gradient, ahead=ahead, diagonal=diagonal)
 
     def fit(self, local: Local) -> Local:
         """Return the quadratic with the curvature of its point.

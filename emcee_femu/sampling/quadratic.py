@@ -1,7 +1,5 @@
 """The Gaussian that fits the posterior at a maximum, and its mass inside bounds."""
 
-from typing import Any
-
 import numpy as np
 from scipy import special
 from scipy.optimize import brentq, lsq_linear
@@ -22,7 +20,7 @@ def log_integral(
 
     .. math:: \ln \int \exp(g^T p - \tfrac12 p^T H p) \, dp
     """
-    covariance: Any = np.linalg.inv(curvature)
+    covariance: Floats = np.asarray(np.linalg.inv(curvature), np.float64)
     mean = covariance @ gradient
     log_determinant = np.linalg.slogdet(curvature)[1]
     whole = 0.5 * (len(mean) * np.log(2 * np.pi) - log_determinant + gradient @ mean)

@@ -194,9 +194,7 @@ def run(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
             "a bare log-probability function use emcee.EnsembleSampler"
         )
-    weighted = (
-        None if isinstance(moves, str) and moves == "auto" else weigh_moves(moves)
-    )
+    weighted = None if moves == "auto" else weigh_moves(moves)
     nwalkers = check_walkers(nwalkers, weighted, posterior)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = checks.whole_number("steps", steps, 1)
