@@ -231,10 +231,10 @@ def test_failures_reject_and_are_counted_or_name_their_place():
     posterior = ef.LogPosterior(Failing(), TERM, PRIOR)
     move = ef.moves.HamiltonianMove([0.003, 0.003], steps=3, step_size=0.5)
     options = {"on_failure": "reject", "max_failures": 1.0}
-    found = run(move, posterior, 12, 40, **options)
-    assert found.failures.causes["exception"] > 10
-    assert set(found.failures.kept[0].parameters) == {"a", "b"}
-    assert (np.abs(found[0].get_chain(flat=True)[:, 0] - 1.1) >= 0.02).all()
+    result = run(move, posterior, 12, 40, **options)
+    assert result.failures.causes["exception"] > 10
+    assert set(result.failures.kept[0].parameters) == {"a", "b"}
+    assert (np.abs(result[0].get_chain(flat=True)[:, 0] - 1.1) >= 0.02).all()
     start = np.full((12, 2), [1.07, 0.95]) + 1e-4 * np.arange(12)[:, None]
     with pytest.raises(ArithmeticError) as caught:
         run(move, posterior, 12, 40, starts=start)

@@ -32,7 +32,7 @@ def test_the_density_is_that_of_scipy(d):
     scale = np.array([1e-8, 1.0, 1e11])[:d]  # units shift it by their logarithm
     x = 3 * np.random.default_rng(1).normal(size=(50, d))
     means, matrices = MEANS[:, :d], MATRICES[:, :d, :d]
-    parts = np.column_stack([own.pdf(x) for own in components(d)]) * WEIGHTS
+    parts = np.column_stack([component.pdf(x) for component in components(d)]) * WEIGHTS
     plain = mixture(WEIGHTS, means, matrices, DF)
     scaled = mixture(WEIGHTS, means * scale, matrices * np.outer(scale, scale), DF)
     for distribution, units in ((plain, np.ones(d)), (scaled, scale)):
@@ -53,7 +53,7 @@ def test_the_density_is_that_of_scipy(d):
 def test_draws_are_those_of_the_mixture(d, random):
     x = mixture(WEIGHTS, MEANS[:, :d], MATRICES[:, :d, :d], DF).draw(random, 20_000)
     shares = zip(WEIGHTS, components(d), strict=True)
-    parts = [own.rvs(round(60_000 * w)).reshape(-1, d) for w, own in shares]
+    parts = [component.rvs(round(60_000 * w)).reshape(-1, d) for w, component in shares]
     reference = np.concatenate(parts)
     for direction in (*np.eye(d), np.ones(d), (-1.0) ** np.arange(d)):
         test = stats.ks_2samp(x @ direction, reference @ direction)
@@ -111,15 +111,15 @@ def test_fit_recovers_one_component_at_scales_that_differ_by_1e19():
     draws = stats.multivariate_t([1, 2, 3], shape, df=8, seed=1).rvs(60_000) * scale
     move = ef.IndependenceMove.fit(draws)
     assert_allclose(move.means[0] / scale, [1, 2, 3], atol=0.05)
-    found = move.scale_matrices[0] / np.outer(scale, scale)
-    assert_allclose(found, shape, atol=0.05)
+    fitted = move.scale_matrices[0] / np.outer(scale, scale)
+    assert_allclose(fitted, shape, atol=0.05)
 
 
 def test_fit_recovers_one_dimension_and_finds_as_many_modes_as_there_are():
     distribution = stats.t(8, loc=3.0, scale=2.0)
     move = ef.IndependenceMove.fit(distribution.rvs((60_000, 1), random_state=1))
-    found = [move.means[0, 0], move.scale_matrices[0, 0, 0]]
-    assert_allclose(found, [3, 4], rtol=0.03)
+    fitted = [move.means[0, 0], move.scale_matrices[0, 0, 0]]
+    assert_allclose(fitted, [3, 4], rtol=0.03)
     noise = np.random.default_rng(0).normal(size=270)
     nine = (np.repeat(1e3 * np.arange(9.0), 30) + noise)[:, None]
     most = ef.IndependenceMove.fit(nine, "auto")

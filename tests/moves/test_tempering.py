@@ -47,8 +47,8 @@ class Blocks:
     def statistics(self, theta):
         n, walkers, _ = theta.shape
         blocks = zip(np.split(theta, len(self.betas), axis=1), self.betas, strict=True)
-        found = [self.target.statistics(x.reshape(-1, 3), beta) for x, beta in blocks]
-        return np.column_stack(found).reshape(n, walkers // len(self.betas), -1)
+        values = [self.target.statistics(x.reshape(-1, 3), beta) for x, beta in blocks]
+        return np.column_stack(values).reshape(n, walkers // len(self.betas), -1)
 
 
 def largest_z(move, target, block=8, ensembles=100, steps=8):
@@ -126,9 +126,9 @@ def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
     k1 = np.asarray(idata.posterior["k1"])
     assert_array_equal(k1, cold.transpose(0, 2, 1).reshape(24, 32))
     assert "k1" in str(ef.parameter_table(idata))
-    found = ef.diagnose(runs, discard=8)
-    assert_array_equal(found.acceptance, [r.acceptance_fraction[:12] for r in runs])
-    assert all(walker < 12 for _, walker in found.stuck)
+    values = ef.diagnose(runs, discard=8)
+    assert_array_equal(values.acceptance, [r.acceptance_fraction[:12] for r in runs])
+    assert all(walker < 12 for _, walker in values.stuck)
 
 
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])

@@ -33,35 +33,37 @@ def two_modes(theta):
 # --- the law ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", [LAW, BoundedLaw()], ids=["free", "bounded"])
-def test_population_and_evidence_are_exact_over_replicates(law):
-    found = [ef.anneal(law.posterior, 160, seed=seed) for seed in range(12)]
-    averages = np.array([law.statistics(p.theta, 1.0).mean(axis=0) for p in found])
-    errors = averages.std(axis=0, ddof=1) / np.sqrt(len(found))
+@pytest.mark.parametrize("target", [LAW, BoundedLaw()], ids=["free", "bounded"])
+def test_population_and_evidence_are_exact_over_replicates(target):
+    annealed = [ef.anneal(target.posterior, 160, seed=seed) for seed in range(12)]
+    averages = np.array(
+        [target.statistics(p.theta, 1.0).mean(axis=0) for p in annealed]
+    )
+    errors = averages.std(axis=0, ddof=1) / np.sqrt(len(annealed))
     assert np.abs(averages.mean(axis=0) / errors).max() < LIMIT
     assert errors.max() < 0.1  # of statistics of unit size: a test that can fail
-    off = np.array([p.log_evidence - law.log_evidence for p in found])
-    claimed = np.array([p.log_evidence_error for p in found])
-    assert abs(off.mean()) < LIMIT * off.std(ddof=1) / np.sqrt(len(found))
+    off = np.array([p.log_evidence - target.log_evidence for p in annealed])
+    claimed = np.array([p.log_evidence_error for p in annealed])
+    assert abs(off.mean()) < LIMIT * off.std(ddof=1) / np.sqrt(len(annealed))
     assert 1 / 2 < claimed.mean() / np.sqrt((off**2).mean()) < 2
     assert claimed.mean() < 0.2
 
 
 def test_two_modes_keep_their_shares():
     posterior = in_a_box(two_modes, 2, 10.0)
-    found = [ef.anneal(posterior, 300, seed=seed) for seed in range(6)]
-    shares = np.array([(p.theta[:, 0] > 0).mean() for p in found])
+    annealed = [ef.anneal(posterior, 300, seed=seed) for seed in range(6)]
+    shares = np.array([(p.theta[:, 0] > 0).mean() for p in annealed])
     assert abs(shares.mean() - 0.3) < LIMIT * np.std(shares, ddof=1) / np.sqrt(6)
     assert shares.std() < 0.06
-    assert abs(np.mean([p.log_evidence for p in found]) + 2 * np.log(20)) < 0.2
+    assert abs(np.mean([p.log_evidence for p in annealed]) + 2 * np.log(20)) < 0.2
 
 
 def test_a_likelihood_that_says_nothing_takes_one_step():
     posterior = in_a_box(lambda theta: np.full(len(theta), -3.5), 2, 1.0)
-    found = ef.anneal(posterior, 100, seed=1)
-    assert found.powers.tolist() == [0.0, 1.0]
-    assert found.log_evidence == pytest.approx(-3.5, abs=1e-12)
-    assert found.log_evidence_error == pytest.approx(0.0, abs=1e-6)
+    annealed = ef.anneal(posterior, 100, seed=1)
+    assert annealed.powers.tolist() == [0.0, 1.0]
+    assert annealed.log_evidence == pytest.approx(-3.5, abs=1e-12)
+    assert annealed.log_evidence_error == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
@@ -71,11 +73,11 @@ def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
         x = (theta - centre) / sd
         return -0.5 * (x**2).sum(axis=1) - 3 * np.log(sd * np.sqrt(2 * np.pi))
 
-    found = ef.anneal(in_a_box(sharp, 3, 1.0), 200, seed=1)
-    off = found.log_evidence + 3 * np.log(2.0)
-    assert abs(off) < LIMIT * found.log_evidence_error < 4
-    assert np.abs((found.theta.mean(axis=0) - centre) / sd).max() < 0.3
-    assert (np.diff(found.powers) > 0).all()
+    annealed = ef.anneal(in_a_box(sharp, 3, 1.0), 200, seed=1)
+    off = annealed.log_evidence + 3 * np.log(2.0)
+    assert abs(off) < LIMIT * annealed.log_evidence_error < 4
+    assert np.abs((annealed.theta.mean(axis=0) - centre) / sd).max() < 0.3
+    assert (np.diff(annealed.powers) > 0).all()
 
 
 def test_the_effective_size_counts_descendants_of_one_draw_as_one():
@@ -87,21 +89,21 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
         return np.logaddexp.reduce(parts).sum(axis=1)
 
     posterior = in_a_box(needles, 2, 10.0)
-    found = [ef.anneal(posterior, 80, seed=seed) for seed in range(8)]
-    means = np.array([p.theta.mean(axis=0) for p in found])
+    annealed = [ef.anneal(posterior, 80, seed=seed) for seed in range(8)]
+    means = np.array([p.theta.mean(axis=0) for p in annealed])
     size = np.mean(centres**2) / np.mean(means**2)
     assert size < 30
-    assert 1 / 3 < np.mean([p.effective_size for p in found]) / size < 3
+    assert 1 / 3 < np.mean([p.effective_size for p in annealed]) / size < 3
 
 
 def test_the_neck_of_a_funnel_is_missed_and_no_error_is_claimed():
     problem = load("evidence").funnel()
-    found = ef.anneal(problem.posterior, seed=1)
-    assert found.log_evidence < problem.exact - 1
-    assert found.log_evidence_error == np.inf
-    (reason,) = found.problems
-    assert "Pareto k" in reason and reason[1:] in str(found)
-    assert ef.log_evidence(found).problems == found.problems
+    annealed = ef.anneal(problem.posterior, seed=1)
+    assert annealed.log_evidence < problem.exact - 1
+    assert annealed.log_evidence_error == np.inf
+    (reason,) = annealed.problems
+    assert "Pareto k" in reason and reason[1:] in str(annealed)
+    assert ef.log_evidence(annealed).problems == annealed.problems
 
 
 def gaussian_in_a_box(theta):
@@ -111,13 +113,13 @@ def gaussian_in_a_box(theta):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("law", "d", "size"), [(two_modes, 2, 400), (gaussian_in_a_box, 8, 400)]
+    ("target", "d", "size"), [(two_modes, 2, 400), (gaussian_in_a_box, 8, 400)]
 )
-def test_the_claimed_error_of_the_evidence_is_its_spread(law, d, size):
-    posterior = in_a_box(law, d, 10.0)
-    found = [ef.anneal(posterior, size, seed=seed) for seed in range(20)]
-    off = np.array([p.log_evidence + d * np.log(20.0) for p in found])
-    claimed = np.array([p.log_evidence_error for p in found])
+def test_the_claimed_error_of_the_evidence_is_its_spread(target, d, size):
+    posterior = in_a_box(target, d, 10.0)
+    annealed = [ef.anneal(posterior, size, seed=seed) for seed in range(20)]
+    off = np.array([p.log_evidence + d * np.log(20.0) for p in annealed])
+    claimed = np.array([p.log_evidence_error for p in annealed])
     assert (np.abs(off / claimed) < 3).sum() >= 19
     assert 1 / 1.5 < np.mean(claimed) / np.std(off, ddof=1) < 1.5
     assert abs(np.mean(off)) < LIMIT * np.std(off, ddof=1) / np.sqrt(20)
@@ -138,12 +140,12 @@ def test_rows_are_those_of_the_posterior_and_all_solves_are_counted():
         solved.append(len(parameters["a"]))
         return LAW.solve(parameters)
 
-    found = ef.anneal(with_model(counted), 120, seed=1)
-    assert found.solves == sum(solved)
-    assert_allclose(LAW.posterior(found.theta), found.rows, rtol=1e-11)
-    assert found.theta.tobytes() == POPULATION.theta.tobytes()
+    annealed = ef.anneal(with_model(counted), 120, seed=1)
+    assert annealed.solves == sum(solved)
+    assert_allclose(LAW.posterior(annealed.theta), annealed.rows, rtol=1e-11)
+    assert annealed.theta.tobytes() == POPULATION.theta.tobytes()
     other = ef.anneal(LAW.posterior, 120, seed=2)
-    assert other.log_evidence != found.log_evidence == POPULATION.log_evidence
+    assert other.log_evidence != annealed.log_evidence == POPULATION.log_evidence
 
 
 @forks
@@ -166,9 +168,9 @@ def test_a_failed_solve_stops_or_is_rejected():
     posterior = with_model(failing)
     with pytest.raises(ArithmeticError):
         ef.anneal(posterior, 120, seed=1)
-    found = ef.anneal(posterior, 120, seed=1, on_failure="reject")
-    assert found.failed_solves > 0
-    assert (found.theta[:, 0] <= 0.5 + 1.645).all()
-    assert "failed" in str(found)
+    annealed = ef.anneal(posterior, 120, seed=1, on_failure="reject")
+    assert annealed.failed_solves > 0
+    assert (annealed.theta[:, 0] <= 0.5 + 1.645).all()
+    assert "failed" in str(annealed)
     with pytest.raises(RuntimeError, match="max_failures"):
         ef.anneal(posterior, 120, seed=1, on_failure="reject", max_failures=0.001)

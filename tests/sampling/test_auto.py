@@ -48,15 +48,15 @@ def largest_z(samplers, mean, sd, discard=0):
 
 def test_weights_of_modes_are_exact_and_so_are_their_errors():
     posterior = two_modes(0.15, 2)
-    found = []
+    estimates = []
     for seed in range(8):
         samplers = ef.run(posterior, "auto", 20, 50, ensembles=2, seed=seed)
         result = samplers.search
         assert len(result.weights) == 2 and np.sum(result.found_by, axis=0).all()
         weight, error = min(zip(result.weights, result.errors, strict=True))
         inside = [(s.get_chain()[..., 0] > 4.3).mean() for s in samplers]
-        found.append([weight, error, np.mean(inside)])
-    weights, errors, inside = np.array(found).T
+        estimates.append([weight, error, np.mean(inside)])
+    weights, errors, inside = np.array(estimates).T
     z = (weights - SHARE) / errors
     assert np.abs(z).max() < LIMIT and 0.4 < np.sqrt(np.mean(z**2)) < 2.0
     assert errors.max() < 0.03

@@ -183,12 +183,12 @@ class Still(ef.DEMCMove):
 def test_starts_are_drawn_from_the_prior_where_it_can_be_solved():
     options = REJECT | {"nwalkers": 500, "steps": 1, "ensembles": 2, "starts": None}
     samplers, again = (run(posterior_of(cut), Still(), **options) for _ in range(2))
-    law = stats.truncnorm(-np.inf, 0.9)
+    distribution = stats.truncnorm(-np.inf, 0.9)
     for sampler, same in zip(samplers, again, strict=True):
         starts = sampler.get_chain()[0]
         assert np.isfinite(sampler.get_log_prob()).all()
         assert_array_equal(starts, same.get_chain()[0])
-        assert all(stats.kstest(x, law.cdf).pvalue > 1e-3 for x in starts.T)
+        assert all(stats.kstest(x, distribution.cdf).pvalue > 1e-3 for x in starts.T)
     total, causes = failures(samplers)
     assert total > 2 * 500 and {*causes} == {"exception", "not finite"}
     # Those that can be solved stay where they were.

@@ -66,21 +66,23 @@ def paper_posterior(problem, kind):
 
 
 def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
-    law, d = GaussianLaw(), 3
-    found = ef.find_map(law.posterior, 5, seed=1, check=50)
-    mean, covariance = law.moments(1.0)
-    (best,) = found.maxima
+    target, d = GaussianLaw(), 3
+    result = ef.find_map(target.posterior, 5, seed=1, check=50)
+    mean, covariance = target.moments(1.0)
+    (best,) = result.maxima
     assert best.converged and not best.at_bound.any()
     assert_allclose(best.theta, mean, atol=1e-5)
     assert_allclose(best.covariance, covariance, rtol=1e-6)
-    assert_allclose(best.log_evidence, law.log_evidence, atol=1e-7)
-    assert_allclose(best.log_posterior, law.posterior(best.theta)[0], rtol=1e-12)
-    assert found.weights.tolist() == [1.0] and found.climbs.tolist() == [5]
-    assert found.solves == 5 * 2 * (d + 1) + 50  # the start and the maximum
-    assert found.draws == 50 and found.pareto_k < 0.7
-    assert_allclose(found.efficiency, 1.0, atol=1e-4)
-    assert_allclose(found.table.column("maximum 1"), mean, atol=1e-5)
-    assert_allclose(found.table.column("sd 1"), np.sqrt(np.diag(covariance)), rtol=1e-6)
+    assert_allclose(best.log_evidence, target.log_evidence, atol=1e-7)
+    assert_allclose(best.log_posterior, target.posterior(best.theta)[0], rtol=1e-12)
+    assert result.weights.tolist() == [1.0] and result.climbs.tolist() == [5]
+    assert result.solves == 5 * 2 * (d + 1) + 50  # the start and the maximum
+    assert result.draws == 50 and result.pareto_k < 0.7
+    assert_allclose(result.efficiency, 1.0, atol=1e-4)
+    assert_allclose(result.table.column("maximum 1"), mean, atol=1e-5)
+    assert_allclose(
+        result.table.column("sd 1"), np.sqrt(np.diag(covariance)), rtol=1e-6
+    )
 
 
 def turned(d, condition):
@@ -95,11 +97,11 @@ RIDGE = np.full((6, 6), 0.9999) + 1e-4 * np.eye(6)
 @pytest.mark.parametrize("covariance", [turned(2, 1e4), turned(20, 1e4), RIDGE])
 def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     d = len(covariance)
-    law = stats.multivariate_normal(np.full(d, 0.5), covariance)
-    posterior = density_posterior(law.logpdf, np.full(d, 20.0))
-    found = ef.find_map(posterior, 6, seed=1)
-    (best,) = found.maxima
-    assert best.converged and found.climbs.tolist() == [6]
+    target = stats.multivariate_normal(np.full(d, 0.5), covariance)
+    posterior = density_posterior(target.logpdf, np.full(d, 20.0))
+    result = ef.find_map(posterior, 6, seed=1)
+    (best,) = result.maxima
+    assert best.converged and result.climbs.tolist() == [6]
     rest = best.theta - 0.5
     assert rest @ np.linalg.solve(covariance, rest) < 0.1**2
     ratio = np.linalg.eigvals(np.linalg.solve(covariance, best.covariance))
@@ -107,7 +109,7 @@ def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     assert_allclose(best.log_evidence, 0.0, atol=1e-3)
     # Two Hessians for the first climb; the others begin with what it learned.
     hessian = 1 + 2 * d + d * (d - 1) // 2
-    assert found.solves <= 2 * hessian + 5 * 2 * (2 * d + 1)
+    assert result.solves <= 2 * hessian + 5 * 2 * (2 * d + 1)
 
 
 class Line:
@@ -134,12 +136,12 @@ def test_a_term_of_unknown_form_takes_one_solve_for_a_gradient():
     prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], [1.0, 2.0])
     data = Line.design.T @ np.diag([100.0, 25.0])
     precision = np.diag([1.0, 0.25]) + data @ Line.design
-    found = ef.find_map(ef.LogPosterior(Line(), term, prior), 6, seed=1)
-    (best,) = found.maxima
+    result = ef.find_map(ef.LogPosterior(Line(), term, prior), 6, seed=1)
+    (best,) = result.maxima
     assert best.converged
     assert_allclose(best.theta, np.linalg.solve(precision, data @ [1, 2]), atol=1e-4)
     assert_allclose(best.covariance, np.linalg.inv(precision), rtol=1e-4)
-    assert found.solves <= 6 * 7
+    assert result.solves <= 6 * 7
 
 
 # --- bounds -----------------------------------------------------------------------
@@ -150,17 +152,17 @@ def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
     posterior = density_posterior(
         lambda x: -20 * x[:, 0] + 30 * x[:, 1] - x[:, 2] ** 2 / 2, [2.0] * 3, bounds
     )
-    found = ef.find_map(posterior, 6, seed=1)
-    (best,) = found.maxima
+    result = ef.find_map(posterior, 6, seed=1)
+    (best,) = result.maxima
     assert best.converged
     assert best.at_bound.tolist() == [True, True, False]
     assert_allclose(best.theta, [0, 1, 0], atol=0.05)
     assert_allclose(np.sqrt(np.diag(best.covariance)), [1 / 20, 1 / 30, 1], rtol=1e-3)
     expected = np.log(1 / 20) + 30 + np.log(1 / 30) + 0.5 * np.log(2 * np.pi)
     assert_allclose(best.log_evidence, expected, atol=1e-3)
-    assert found.maxima_table.column("at a bound") == ["x0 x1"]
+    assert result.maxima_table.column("at a bound") == ["x0 x1"]
     # All draws of a check are inside, and solved.
-    assert ef.find_map(posterior, 6, seed=1, check=60).solves == found.solves + 60
+    assert ef.find_map(posterior, 6, seed=1, check=60).solves == result.solves + 60
 
 
 def test_rounding_leaves_no_maximum_an_ulp_out_of_bounds():
@@ -180,9 +182,9 @@ def test_rounding_leaves_no_maximum_an_ulp_out_of_bounds():
 def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     scale = np.diag([1.0, 2.0, 0.7])
     covariance = scale @ [[1.0, 0.5, 0.2], [0.5, 1.0, 0.3], [0.2, 0.3, 1.0]] @ scale
-    law = stats.multivariate_normal([-outside, 0.3, 0.5], covariance)
+    target = stats.multivariate_normal([-outside, 0.3, 0.5], covariance)
     bounds = np.array([(0.0, np.inf), (-2.0, 6.0), (-5.0, 0.7 + outside)])
-    posterior = density_posterior(law.logpdf, np.full(3, 3.0), bounds)
+    posterior = density_posterior(target.logpdf, np.full(3, 3.0), bounds)
     (best,) = ef.find_map(posterior, 6, seed=1).maxima
     assert best.converged and best.at_bound[0]
     # Draw the first from its tail, and the others given the first.
@@ -191,7 +193,7 @@ def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     along = covariance[1:, 0]
     rest = covariance[1:, 1:] - np.outer(along, along)
     first = tail.rvs(n, random_state=rng)
-    others = law.mean[1:] + (first + outside)[:, None] * along
+    others = target.mean[1:] + (first + outside)[:, None] * along
     others += rng.standard_normal((n, 2)) @ np.linalg.cholesky(rest).T
     inside = ((others > bounds[1:, 0]) & (others < bounds[1:, 1])).all(axis=1)
     exact = stats.norm.logsf(outside) + np.log(inside.mean())
@@ -202,21 +204,21 @@ def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
 
 
 def test_two_modes_have_the_weights_of_quadrature():
-    found = ef.find_map(load("evidence").beck_au().posterior, seed=1)
-    assert len(found.maxima) == 2 and found.climbs.sum() == 16
-    assert all(best.converged for best in found.maxima)
-    left = [best.theta[0] < 1 for best in found.maxima].index(True)
-    assert_allclose(found.weights[left], 0.53079, atol=0.02)
-    total = np.logaddexp.reduce([best.log_evidence for best in found.maxima])
+    result = ef.find_map(load("evidence").beck_au().posterior, seed=1)
+    assert len(result.maxima) == 2 and result.climbs.sum() == 16
+    assert all(best.converged for best in result.maxima)
+    left = [best.theta[0] < 1 for best in result.maxima].index(True)
+    assert_allclose(result.weights[left], 0.53079, atol=0.02)
+    total = np.logaddexp.reduce([best.log_evidence for best in result.maxima])
     assert_allclose(total, np.log(1.50950e-3), atol=0.05)
-    assert found.weights[0] >= found.weights[1]
-    assert found.draws == 0 and np.isnan(found.pareto_k)
-    assert "0.53" in str(found.maxima_table)
-    assert found._repr_html_().count("<table") == 2
-    draws = found.draw(2_000, seed=5)
+    assert result.weights[0] >= result.weights[1]
+    assert result.draws == 0 and np.isnan(result.pareto_k)
+    assert "0.53" in str(result.maxima_table)
+    assert result._repr_html_().count("<table") == 2
+    draws = result.draw(2_000, seed=5)
     share = (draws[:, 0] < 1).mean()
-    assert abs(share - found.weights[left]) < 5 * 0.5 / np.sqrt(2_000)
-    assert np.isfinite(found.posterior(draws)[:, 0]).all()
+    assert abs(share - result.weights[left]) < 5 * 0.5 / np.sqrt(2_000)
+    assert np.isfinite(result.posterior(draws)[:, 0]).all()
 
 
 @pytest.mark.parametrize(
@@ -233,12 +235,12 @@ def test_tops_are_one_where_both_gaussians_would_have_both(centre, sharpness, ma
 
     posterior = density_posterior(log_density, [9.0, 9.0])
     starts = np.array([[-0.1, 0.05], centre])
-    found = ef.find_map(posterior, starts, seed=1)
-    assert len(found.maxima) == maxima and found.climbs.sum() == 2
+    result = ef.find_map(posterior, starts, seed=1)
+    assert len(result.maxima) == maxima and result.climbs.sum() == 2
     if sharpness > 1:  # the heavier is first
-        first, second = found.maxima
+        first, second = result.maxima
         assert second.log_posterior > first.log_posterior + 2
-        assert_allclose(found.weights[1], np.exp(3) / (np.exp(3) + 400), atol=0.01)
+        assert_allclose(result.weights[1], np.exp(3) / (np.exp(3) + 400), atol=0.01)
 
 
 def test_a_start_between_two_modes_is_left():
@@ -255,11 +257,11 @@ def test_a_curved_valley_is_followed_to_its_end():
     def log_density(x):
         return -0.5 * (x[:, 0] ** 2 / 4 + 25 * (x[:, 1] + x[:, 0] ** 2 - 3) ** 2)
 
-    found = ef.find_map(density_posterior(log_density, [4.0, 8.0]), 8, seed=1)
-    (best,) = found.maxima
+    result = ef.find_map(density_posterior(log_density, [4.0, 8.0]), 8, seed=1)
+    (best,) = result.maxima
     assert best.converged
     assert_allclose(best.theta, [0, 3], atol=0.2)
-    assert found.solves < 8 * 250
+    assert result.solves < 8 * 250
 
 
 def test_a_density_without_bound_is_told():
@@ -275,11 +277,11 @@ def test_a_density_without_bound_is_told():
 
 
 def test_all_solves_are_counted_and_the_curvature_is_that_of_the_top():
-    law = stats.multivariate_t(np.zeros(3), np.eye(3), df=3)
-    posterior = density_posterior(law.logpdf, np.full(3, 4.0))
-    found = ef.find_map(posterior, 5, seed=2, check=40)
-    assert found.solves == posterior.model.solves
-    (best,) = found.maxima
+    target = stats.multivariate_t(np.zeros(3), np.eye(3), df=3)
+    posterior = density_posterior(target.logpdf, np.full(3, 4.0))
+    result = ef.find_map(posterior, 5, seed=2, check=40)
+    assert result.solves == posterior.model.solves
+    (best,) = result.maxima
     assert_allclose(best.theta, 0.0, atol=0.05)
     assert_allclose(best.covariance, np.eye(3) / 2, atol=0.02)  # (3 + d) / 3
 
@@ -288,9 +290,9 @@ def test_all_solves_are_counted_and_the_curvature_is_that_of_the_top():
 def test_the_problems_of_the_paper_take_few_solves(problem):
     for kind, each in ((Deriving, 5), (Counting, 5 * (1 + problem.posterior.ndim))):
         posterior = paper_posterior(problem, kind)
-        found = ef.find_map(posterior, 8, seed=3)
-        assert found.solves == posterior.model.solves <= 8 * each
-        best = found.maxima[0]
+        result = ef.find_map(posterior, 8, seed=3)
+        assert result.solves == posterior.model.solves <= 8 * each
+        best = result.maxima[0]
         again = ef.find_map(posterior, best.theta, seed=1)
         assert again.solves <= each / 2  # it is one
         off = again.maxima[0].theta - best.theta
@@ -307,22 +309,22 @@ def test_a_solver_that_prints_six_digits_is_climbed_too():
     prior, terms = problem.posterior.prior, problem.posterior.terms
     rounded = ef.LogPosterior(ef.FunctionModel(solve, n_modes=5), terms, prior)
     exact = ef.find_map(problem.posterior, 6, seed=1).maxima[0]
-    found = ef.find_map(rounded, 6, seed=1)
-    step = found.maxima[0].theta - exact.theta
+    result = ef.find_map(rounded, 6, seed=1)
+    step = result.maxima[0].theta - exact.theta
     assert step @ np.linalg.solve(exact.covariance, step) < 0.5**2
-    assert found.solves < 6 * 60
+    assert result.solves < 6 * 60
 
 
 @forks
 @pytest.mark.parametrize("kind", [Counting, Deriving])
 def test_the_number_of_workers_changes_nothing(kind):
     posterior = paper_posterior(ef.paper.mass_spring(), kind)
-    serial, one, two = (
+    serial, model, two = (
         ef.find_map(posterior, 4, seed=1, check=30, workers=n) for n in (None, 1, 2)
     )
-    assert str(one) == str(two)
-    assert serial.solves == one.solves == two.solves
-    for a, b, c in zip(serial.maxima, one.maxima, two.maxima, strict=True):
+    assert str(model) == str(two)
+    assert serial.solves == model.solves == two.solves
+    for a, b, c in zip(serial.maxima, model.maxima, two.maxima, strict=True):
         assert_array_equal(b.theta, c.theta)
         assert_array_equal(b.covariance, c.covariance)
         assert_allclose(a.theta, b.theta, rtol=1e-6)
@@ -348,9 +350,9 @@ def curved_posterior(function=curved):
 
 
 def test_it_says_where_the_posterior_is_not_gaussian():
-    found = ef.find_map(curved_posterior(), 4, seed=1, check=100)
-    assert found.efficiency < 0.5
-    assert "not Gaussian" in found.findings[-1]
+    result = ef.find_map(curved_posterior(), 4, seed=1, check=100)
+    assert result.efficiency < 0.5
+    assert "not Gaussian" in result.findings[-1]
 
 
 def test_failures_follow_the_policy():
@@ -360,9 +362,9 @@ def test_failures_follow_the_policy():
     with pytest.raises(ArithmeticError, match="no equilibrium"):
         ef.find_map(posterior, starts, seed=1)
     reject = {"seed": 1, "on_failure": "reject"}
-    found = ef.find_map(posterior, starts, **reject, max_failures=1.0)
-    assert found.climbs.sum() == 1 and len(found.lost) == 3
-    assert all("solve" in reason and "failed" in reason for reason in found.lost)
+    result = ef.find_map(posterior, starts, **reject, max_failures=1.0)
+    assert result.climbs.sum() == 1 and len(result.lost) == 3
+    assert all("solve" in reason and "failed" in reason for reason in result.lost)
     with pytest.raises(RuntimeError, match="starts: none of 2"):
         ef.find_map(posterior, starts[[0, 2]], **reject)
 
@@ -391,14 +393,14 @@ class SlopingPothole(Pothole):
     ("kind", "at"), [(Pothole, [-1.0, -3.0]), (SlopingPothole, [-1.1, -3.0 + 1e-9])]
 )
 def test_a_curvature_does_without_a_solve_that_failed(kind, at):
-    law = stats.multivariate_normal([1.0, -1.0], [[1.0, 0.3], [0.3, 2.0]])
+    target = stats.multivariate_normal([1.0, -1.0], [[1.0, 0.3], [0.3, 2.0]])
     model = kind(np.array(at))
-    posterior = density_posterior(law.logpdf, [4.0, 4.0], model=model)
+    posterior = density_posterior(target.logpdf, [4.0, 4.0], model=model)
     reject = {"on_failure": "reject", "max_failures": 1.0}
     (best,) = ef.find_map(posterior, [-1.0, -3.0], seed=1, **reject).maxima
     assert model.failed and best.converged
-    assert_allclose(best.theta, law.mean, atol=0.1)
-    assert_allclose(best.covariance, law.cov, rtol=0.01)
+    assert_allclose(best.theta, target.mean, atol=0.1)
+    assert_allclose(best.covariance, target.cov, rtol=0.01)
 
 
 class WithoutDerivatives(Derived):
@@ -423,12 +425,12 @@ def test_a_jacobian_that_fails_is_done_without(limit, raises):
     prior = ef.GaussianPrior(["a", "b"], [1, 1], [0.2, 0.2], [(0.5, 1.5)] * 2)
     model = WithoutDerivatives(limit, raises)
     exact, rejecting, stopping = (
-        ef.LogPosterior(one, terms, prior)
-        for one in (Derived(), model, WithoutDerivatives(limit, raises))
+        ef.LogPosterior(solver, terms, prior)
+        for solver in (Derived(), model, WithoutDerivatives(limit, raises))
     )
-    found = ef.find_map(rejecting, 4, seed=1, on_failure="reject")
-    assert found.lost == () and found.climbs.sum() == 4
-    (best,), (same,) = found.maxima, ef.find_map(exact, 4, seed=1).maxima
+    result = ef.find_map(rejecting, 4, seed=1, on_failure="reject")
+    assert result.lost == () and result.climbs.sum() == 4
+    (best,), (same,) = result.maxima, ef.find_map(exact, 4, seed=1).maxima
     off = best.theta - same.theta
     assert best.converged and off @ np.linalg.solve(same.covariance, off) < 0.05**2
     ratio = np.linalg.eigvals(np.linalg.solve(same.covariance, best.covariance))
@@ -441,16 +443,16 @@ def test_a_jacobian_that_fails_is_done_without(limit, raises):
 
 
 def test_chains_start_from_draws_of_the_gaussians():
-    law = GaussianLaw()
-    found = ef.find_map(law.posterior, 3, seed=1)
-    draws = found.draw(4_000, seed=2)
-    mean, covariance = law.moments(1.0)
+    target = GaussianLaw()
+    result = ef.find_map(target.posterior, 3, seed=1)
+    draws = result.draw(4_000, seed=2)
+    mean, covariance = target.moments(1.0)
     white = np.linalg.solve(np.linalg.cholesky(covariance), (draws - mean).T)
     assert_allclose(white.mean(axis=1), 0, atol=5 / 4_000**0.5)
     assert_allclose(np.cov(white), np.eye(3), atol=5 * (2 / 4_000) ** 0.5)
-    assert_array_equal(found.draw(4_000, 2), draws)
-    start = found.draw(16, 3)
+    assert_array_equal(result.draw(4_000, 2), draws)
+    start = result.draw(16, 3)
     (sampler,) = ef.run(
-        law.posterior, ef.DEMCMove(), 16, 2, ensembles=1, seed=1, starts=start
+        target.posterior, ef.DEMCMove(), 16, 2, ensembles=1, seed=1, starts=start
     )
     assert np.isfinite(sampler.get_log_prob()).all()

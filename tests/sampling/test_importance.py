@@ -11,8 +11,8 @@ from emcee_femu.sampling.importance import bridge, pareto_k, resample
 @pytest.mark.parametrize("k", [0.2, 0.5, 0.9])
 def test_the_tail_of_pareto_weights_has_their_k(k):
     rng = np.random.default_rng(3)
-    found = [pareto_k(-k * np.log(rng.random(4_000))) for _ in range(20)]
-    assert np.mean(found) == pytest.approx(k, abs=0.06)
+    estimate = [pareto_k(-k * np.log(rng.random(4_000))) for _ in range(20)]
+    assert np.mean(estimate) == pytest.approx(k, abs=0.06)
 
 
 def test_no_tail_and_no_weights():
@@ -41,10 +41,10 @@ def test_a_bridge_between_two_gaussians_has_the_ratio_of_their_constants(share):
             3.7 + f.logpdf(x) - g.logpdf(x) for x in (rng.normal(0, 1, 100),
                                                       rng.normal(0.5, 1.5, 200))
         )  # fmt: skip
-        found = bridge(at_f, at_g, share)
-        ratios.append(found.log_ratio)
-        variance = found.from_f.var() / 100 + found.from_g.var() / 200
+        estimate = bridge(at_f, at_g, share)
+        ratios.append(estimate.log_ratio)
+        variance = estimate.from_f.var() / 100 + estimate.from_g.var() / 200
         errors.append(np.sqrt(variance))
-        assert 0 < found.overlap <= 1
+        assert 0 < estimate.overlap <= 1
     assert abs(np.mean(ratios) - 3.7) < 5 * np.std(ratios) / np.sqrt(200)
     assert_allclose(np.mean(errors), np.std(ratios), rtol=0.2)

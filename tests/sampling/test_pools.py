@@ -43,9 +43,9 @@ anew = [spawn, pytest.param("forkserver", marks=SLOW)]
 
 def agree(samplers, others):
     """Compare chains, which may differ by rounding."""
-    for one, other in zip(samplers, others, strict=True):
-        assert_allclose(one.get_chain(), other.get_chain(), rtol=1e-9)
-        assert_allclose(one.get_blobs(), other.get_blobs(), rtol=1e-9)
+    for first, second in zip(samplers, others, strict=True):
+        assert_allclose(first.get_chain(), second.get_chain(), rtol=1e-9)
+        assert_allclose(first.get_blobs(), second.get_blobs(), rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +81,9 @@ def linear(p):
 @pytest.mark.parametrize("method", ["fork", *anew], indirect=True)
 def test_the_number_of_workers_changes_nothing(method):
     posterior = posterior_of(linear)
-    one, three = (sample(posterior=posterior, steps=5, workers=n) for n in (1, 3))
-    assert_same(one, three)
-    agree(one, sample(posterior=posterior, steps=5))
+    first, three = (sample(posterior=posterior, steps=5, workers=n) for n in (1, 3))
+    assert_same(first, three)
+    agree(first, sample(posterior=posterior, steps=5))
 
 
 def test_results_keep_their_order_for_every_chunksize_and_number_of_workers():
@@ -92,8 +92,8 @@ def test_results_keep_their_order_for_every_chunksize_and_number_of_workers():
     for workers in (1, 2, 3, 7, 20):
         for chunksize in (None, 1, 2, 5, 11, 50):
             pool = EvaluationPool(Immediate(workers), chunksize)
-            for given in (points, iter(points)):
-                assert_allclose(pool.map(POSTERIOR, given), expected, rtol=1e-11)
+            for argument in (points, iter(points)):
+                assert_allclose(pool.map(POSTERIOR, argument), expected, rtol=1e-11)
     assert EvaluationPool(Immediate()).map(POSTERIOR, []) == []
 
 
@@ -268,9 +268,9 @@ def test_the_keyboard_is_the_business_of_the_run():
 @pytest.mark.parametrize("name", ["fork", "threads", "thread pool"])
 def test_a_closed_pool_says_so(name, wrap):
     with open_executor(name) as executor:
-        given = wrap(executor)
-        sample(given, steps=1)
-    error = finishes(lambda: sample(given))
+        argument = wrap(executor)
+        sample(argument, steps=1)
+    error = finishes(lambda: sample(argument))
     assert type(error) is RuntimeError and not hasattr(error, "run")
     assert "the pool was closed" in str(error)
 

@@ -80,8 +80,12 @@ def test_integer_starts_are_converted_instead_of_truncated():
 
 def test_moves_may_be_one_a_list_or_weighted():
     moves = [ef.DEMCMove(), ef.MetropolisMove(sd=10.0)]
-    for given in (moves[0], moves, [(moves[0], 0.7), (emcee.moves.StretchMove(), 0.3)]):
-        assert chains(given)[0].shape == (20, 12, 5)
+    for choice in (
+        moves[0],
+        moves,
+        [(moves[0], 0.7), (emcee.moves.StretchMove(), 0.3)],
+    ):
+        assert chains(choice)[0].shape == (20, 12, 5)
 
 
 def test_one_metropolis_walker_is_a_legitimate_ensemble():
