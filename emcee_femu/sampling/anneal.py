@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.random import RandomState
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from .. import checks
 from ..evaluation.resume import open_evaluator
@@ -321,19 +322,13 @@ def _next_step(log_likelihood: Floats, most: float) -> float:
     """Return the increment whose weights have a coefficient of variation of 1."""
     centred = log_likelihood - log_likelihood.max()
 
-    def variation(step: float) -> float:
+    def excess(step: float) -> float:
         weights = np.exp(step * centred)
-        return float(weights.std() / weights.mean())
+        return float(weights.std() / weights.mean()) - 1
 
-    if variation(most) <= 1:
+    if excess(most) <= 0:
         return most
-    low, high = 0.0, most
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            break
-        low, high = (middle, high) if variation(middle) < 1 else (low, middle)
-    return low
+    return float(brentq(excess, 0.0, most, xtol=1e-300, maxiter=10_000))
 
 
 def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceMove:

@@ -112,22 +112,15 @@ class FoundMap(Report):
         """Weight, height, evidence and climbs that ended there, one row per maximum."""
         shown = self.maxima[:SHOWN]
         names = np.array(self.posterior.names)
+        at_bound = [" ".join(names[maximum.at_bound]) for maximum in shown]
         columns: list[Column] = [
             ("maximum", "d", [*range(1, len(shown) + 1)]),
             ("weight", ".3f", self.weights[:SHOWN]),
             ("log-posterior", ".2f", [maximum.log_posterior for maximum in shown]),
             ("log evidence", ".2f", [maximum.log_evidence for maximum in shown]),
             ("climbs", "d", self.climbs[:SHOWN]),
-            (
-                "at a bound",
-                "",
-                [" ".join(names[maximum.at_bound]) for maximum in shown],
-            ),
-            (
-                "converged",
-                "",
-                ["yes" if maximum.converged else "no" for maximum in shown],
-            ),
+            ("at a bound", "", at_bound),
+            ("converged", "", ["yes" if m.converged else "no" for m in shown]),
         ]
         return Table.from_columns("Gaussians about them (Laplace)", columns)
 

@@ -203,19 +203,17 @@ def run(
     progress = check_progress(progress)
     points = _check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
+    listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
+    ladder = find_ladder([move for _, move in listed])
     asked: dict[str, object] = {
-        "moves": "auto",
-        "betas": None,
+        "moves": listed or "auto",
+        "betas": None if ladder is None else ladder.betas,
         "nwalkers": nwalkers,
         "ensembles": ensembles,
         "thin_by": thin_by,
         "seed": seed,
         "starts": points,
     }
-    if weighted is not None:
-        asked["moves"] = [(f"{weight:g} x", move) for move, weight in weighted]
-        ladder = find_ladder([move for move, _ in weighted])
-        asked["betas"] = None if ladder is None else ladder.betas
     backends = _check_backends(None if in_file else backend, ensembles)
     with open_evaluator(
         posterior,
@@ -380,8 +378,7 @@ def _check_starts(
             f"starts: expected shape {expected} (ensembles, nwalkers, ndim), got "
             f"{points.shape}"
         )
-    for start in points:
-        posterior.check_inside("starts", start)
+    posterior.check_inside("starts", points.reshape(-1, posterior.ndim))
     return points
 
 
@@ -396,7 +393,7 @@ def _check_backends(backend: object, ensembles: int) -> list[Backend | None]:
             f"got {len(backends)}"
         )
     for chain in backends:
-        if isinstance(chain, type) or not hasattr(chain, "initialized"):
+        if not hasattr(chain, "initialized"):
             raise TypeError(
                 "backend: expected None, the name of a file, or emcee backends, got "
                 f"{chain!r}"

@@ -214,9 +214,8 @@ class Search:
         spread = summarize_prior(self.evaluator.posterior.prior)[1]
         widths = np.sqrt(np.diagonal(mixture.matrices, axis1=1, axis2=2))
         ratio = float((spread / widths).max())
-        wider: list[Mixture] = []
-        factor = WIDER
-        while factor < ratio and len(wider) < MOST_SCANS:
-            wider.append(replace(mixture, matrices=mixture.matrices * factor**2))
-            factor *= WIDER
-        return wider
+        factors = WIDER ** np.arange(1, MOST_SCANS + 1)
+        return [
+            replace(mixture, matrices=mixture.matrices * factor**2)
+            for factor in factors[factors < ratio]
+        ]
