@@ -72,6 +72,23 @@ def test_every_block_keeps_its_target_at_high_power(target):
     assert largest_z(move, TARGETS[target], ensembles=400, steps=13) < LIMIT
 
 
+def test_each_block_accepts_by_its_own_power_of_the_likelihood():
+    """The prior falls by half with every step, and so does the likelihood."""
+    betas, block = [1.0, 0.3, 0.0], 20_000
+    start, blobs = np.zeros((3 * block, 1)), np.tile([-3.0, 0.0], (3 * block, 1))
+    state = emcee.State(start, np.full(len(start), -5.0), blobs)
+
+    def fall(theta):
+        return np.full(len(theta), -6.0), np.tile([-3.5, 0.0], (len(theta), 1))
+
+    model = Model(None, fall, map, np.random.RandomState(0))
+    move = ef.moves.TemperedMove(MetropolisMove(sd=1.0), betas)
+    _, accepted = move.propose(model, state)
+    for beta, moved in zip(betas, np.split(accepted, 3), strict=True):
+        p = np.exp(-0.5 - 0.5 * beta)
+        assert stats.binomtest(int(moved.sum()), block, p).pvalue > 1e-4
+
+
 def nowhere(theta):
     return np.full(len(theta), -np.inf), np.zeros((len(theta), 2))
 
