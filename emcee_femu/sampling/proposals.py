@@ -152,28 +152,25 @@ def refine(
     Returns:
         The best proposal of the last rounds, with its covering components.
     """
-    proposals: list[Mixture] = []
-    shares: list[float] = []
-    spent = 0
+    rounds: list[Trial] = []
     for number in range(ROUNDS):
         wide = cover(mixture)
-        x, rows = propose(wide, size * max(2, number) // 2)
-        log_weights = rows[:, 0] - wide.log_density(x)
-        draws.add(x, rows, wide)
-        proposals.append(wide)
-        shares.append(kish_share(log_weights))
+        trial = Trial(wide, *propose(wide, size * max(2, number) // 2))
+        draws.add(trial.theta, trial.rows, wide)
+        rounds.append(trial)
+        shares = [past.efficiency for past in rounds]
         # As good as can be, or two rounds without a gain and no heavy tail that counts.
         settled = number > 2 and max(shares[-2:]) < 1.05 * max(shares[:-2])
-        light = shares[-1] > LEAST_SHARE and pareto_k(log_weights) < FAIR_K
+        light = shares[-1] > LEAST_SHARE and trial.pareto_k < FAIR_K
         enough = settled and (light or shares[-1] > HIGH_SHARE)
-        spent += len(x)
+        spent = sum(len(past.theta) for past in rounds)
         if not len(draws.x) or spent >= most:
             break
         if (shares[-1] > GOOD_SHARE or enough) and draws.lack(wide) < LACK:
             break
         mixture = _refit(draws, mixture)
     # The fits of early rounds know too little to be compared.
-    last = proposals[-3:]
+    last = [past.mixture for past in rounds[-3:]]
     return max(last, key=draws.effective_share) if len(draws.x) else wide
 
 
