@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
@@ -65,12 +64,17 @@ def plot_scatter(
     probability = checks.real_number("probability", probability)
     if not 0 < probability < 1:
         raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
-    known = [str(name) for name in dataset(idata, "posterior").data_vars]
-    marks = _marks(truths, names, known)
-    exponents = np.array([_exponent(column) for column in draws.T])
-    labels = _labels(units, names, known, exponents)
+    there = [str(name) for name in dataset(idata, "posterior").data_vars]
+    truths = checks.by_name("truths", truths or {}, there)
+    units = checks.by_name("units", units or {}, there)
+    marks = checks.numeric_array("truths", [truths.get(k, np.nan) for k in names])
+    exponents = [_exponent(column) for column in draws.T]
+    labels = [
+        _label(name, str(units.get(name, "")), exponent)
+        for name, exponent in zip(names, exponents, strict=True)
+    ]
     limits = _limits(draws, marks, _bounds(idata, names), probability)
-    scale = 10.0**exponents
+    scale = 10.0 ** np.array(exponents)
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]] / scale,
         labels=labels,
@@ -134,23 +138,13 @@ def covariance_ellipse(
     return axes_of, float(np.degrees(np.arctan2(y, x)))
 
 
-def _marks(
-    truths: Mapping[str, float] | None, names: list[str], known: list[str]
-) -> Floats:
-    """Return the values to mark, NaN where there is none, ``(d,)``."""
-    given = {} if truths is None else checks.by_name("truths", truths, known)
-    values = {k: checks.real_number(f"truths[{k!r}]", v) for k, v in given.items()}
-    return np.array([values.get(name, np.nan) for name in names])
-
-
 def _bounds(idata: InferenceData, names: list[str]) -> Floats:
     """Return the prior's bounds, NaN where there is no prior, ``(d, 2)``."""
     try:
-        constants = dataset(idata, "constant_data")[["lower", "upper"]]
+        constants = dataset(idata, "constant_data").reindex(parameter=names)
     except ValueError:  # chains from elsewhere
         return np.full((len(names), 2), np.nan)
-    by_name = constants.reindex(parameter=names)
-    return np.column_stack([by_name["lower"].values, by_name["upper"].values])
+    return np.column_stack([constants["lower"].values, constants["upper"].values])
 
 
 def _limits(draws: Floats, marks: Floats, bounds: Floats, probability: float) -> Floats:
@@ -170,22 +164,11 @@ def _exponent(column: Floats) -> int:
     return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
 
 
-def _labels(
-    units: Mapping[str, str] | None,
-    names: list[str],
-    known: list[str],
-    exponents: NDArray[np.int_],
-) -> list[str]:
-    by_name = {} if units is None else checks.by_name("units", units, known)
-    for name, unit in by_name.items():
-        if not isinstance(unit, str):
-            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
-    labels = []
-    for name, exponent in zip(names, exponents, strict=True):
-        power = f"$10^{{{exponent}}}$ " if exponent else ""
-        unit = f"{power}{by_name.get(name, '')}".strip()
-        labels.append(f"{name} [{unit}]" if unit else name)
-    return labels
+def _label(name: str, unit: str, exponent: int) -> str:
+    """Return a parameter with its unit and the power of ten taken out of its axis."""
+    power = f"$10^{{{exponent}}}$ " if exponent else ""
+    within = f"{power}{unit}".strip()
+    return f"{name} [{within}]" if within else name
 
 
 def plot_correlation(

@@ -9,7 +9,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
-from ..results.measured import measured_frequencies, total_average_error
+from ..results.measured import measured_frequencies
 from ..results.to_arviz import read_samples
 from .style import Style, finish
 
@@ -88,15 +88,16 @@ def running_tae(
 
     Source: the text below Table 4.2 of Sherri, Boulkaibet, Marwala and Friswell.
     """
-    measured = measured_frequencies(idata, experiment)
+    frequency = measured_frequencies(idata, experiment)
+    measured = frequency.values
     by_generation = samples(idata)[1].mean(axis=0)  # (draws, d)
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, POINTS).round().astype(int))
-    frequencies = posterior(means[where - 1])[:, posterior.columns[measured.variable]]
+    frequencies = posterior(means[where - 1])[:, posterior.columns[frequency.variable]]
     group = dataset(idata, "posterior")
     steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
-    return steps, total_average_error(measured.values, frequencies)
+    return steps, 100 * np.abs(frequencies[:, : len(measured)] / measured - 1).mean(1)
 
 
 def draw_errors(

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import halfnorm
-from support.chains import dataset
 from support.known_posteriors import (
     CURVATURE,
     GRADIENT,
@@ -75,68 +74,26 @@ def test_sensitivities_are_the_eigenvalue_derivatives_from_the_mode_shapes():
     assert found.r_squared.min() > 0.99999
 
 
-def test_a_sampled_linear_gaussian_problem_has_its_known_answer():
-    design = np.array([[3.0, 1.0], [1.0, -2.0]])  # Hz per unit of the parameters
-    model = ef.FunctionModel(
-        lambda p: [20 + 3 * p["a"] + p["b"], 50 + p["a"] - 2 * p["b"]], n_modes=2
-    )
-    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], [1.0, 0.5])
-    relative, measured = 0.02, np.array([20.0, 50.0])
-    posterior = ef.LogPosterior(
-        model, ef.FrequencyTerm(measured, relative_sd=relative), prior
-    )
-    runs = ef.run(posterior, ef.DEMCMove(), 40, 800, ensembles=2, seed=3)
-    found = ef.identifiability(ef.to_inference_data(runs, posterior, discard=100))
-    scaled = design * [1.0, 0.5] / (relative * measured[:, None])
-    covariance = np.linalg.inv(np.eye(2) + scaled.T @ scaled)
-    sd = np.sqrt(np.diag(covariance))
-    assert_allclose(found.sd_ratio, sd, rtol=0.05)
-    assert_allclose(found.correlation[0, 1], covariance[0, 1] / sd.prod(), atol=0.05)
-    # The mean of the posterior is zero: d ln(lambda) = 2 df / f.
-    expected = 2 * design * [1.0, 0.5] / measured[:, None]
-    assert_allclose(found.sensitivities, expected, rtol=0, atol=2e-3)
-
-
 def test_a_parameter_that_does_not_enter_is_named():
     design = np.array([[0.3, 0.0, 0.1], [-0.2, 0.0, 0.3]])
-    z = exact_draws(gaussian_posterior(design, 0.05))
-    found = ef.identifiability(made(z, linear_frequencies(z, design, 0.0)))
+    z = exact_draws(gaussian_posterior(design, 0.05), mean=[0.0, -0.4, 0.0])
+    idata = made(z, linear_frequencies(z, design, 0.0), prior_mean=[0.1, 0.0, 0.0])
+    found = ef.identifiability(idata)
     assert_allclose(found.sd_ratio[1], 1.0, rtol=1e-10)
+    assert_allclose(found.shift, [-0.1 / 3, -0.4, 0], atol=1e-12)
     assert_allclose(found.sensitivities[:, 1], 0.0, atol=1e-9)
-    (sentence,) = found.findings
-    assert sentence.startswith("The data say nothing about area: ")
-    assert "(sd ratio 1.00)" in sentence
+    assert found.findings == (
+        "The data leave area as uncertain as before (sd ratio 1.00), and move it by "
+        "-0.4 prior standard deviations.",
+    )
 
 
-@pytest.mark.parametrize(("ratio", "named"), [(0.89, False), (0.91, True), (1.3, True)])
+@pytest.mark.parametrize(("ratio", "named"), [(0.89, False), (0.91, True)])
 def test_the_threshold_is_nine_tenths_of_the_prior_sd(ratio, named):
     z = exact_draws(np.diag([0.2, ratio, 0.3]) ** 2)
-    found = ef.identifiability(made(z, linear_frequencies(z)))
-    expected = "The data say nothing about area: " if named else "The data inform every"
-    assert found.findings[0].startswith(expected)
-    assert f"(sd ratio {ratio:.2f})" in found.findings[0]
-    assert len(found.findings) == 1
-
-
-def test_a_sentence_gives_the_largest_change_of_the_eigenvalues():
-    z = exact_draws(np.diag([0.2, 0.3, 0.99]) ** 2)
-    found = ef.identifiability(made(z, linear_frequencies(z, -GRADIENT, 0.0)))
-    end = "a prior standard deviation of it changes the eigenvalues by 10 % at most."
-    assert found.findings[0].endswith(end)
-    assert_allclose(found.table.column("largest sensitivity %"), [30, 20, 10])
-
-
-@pytest.mark.parametrize(("shift", "moved"), [(-0.4, False), (0.6, True), (-2.0, True)])
-def test_a_mean_that_moved_is_not_called_uninformed(shift, moved):
-    z = exact_draws(np.diag([0.2, 0.3, 0.95]) ** 2, mean=[0, 0, shift])
-    prior_mean = [0.1, 0.0, 0.0]
-    idata = made(z, linear_frequencies(z), prior_mean=prior_mean)
-    found = ef.identifiability(idata)
-    assert_allclose(found.shift, [-0.1 / 3, 0, shift], atol=1e-12)
-    assert found.table.column("shift/prior sd") == found.shift.tolist()
-    text = f"The data move x by {shift:+.1f} prior standard deviations"
-    expected = text if moved else "The data say nothing about x: "
-    assert found.findings[0].startswith(expected)
+    (sentence,) = ef.identifiability(made(z, linear_frequencies(z))).findings
+    expected = "The data leave area" if named else "The data inform every parameter"
+    assert sentence.startswith(expected) and f"(sd ratio {ratio:.2f})" in sentence
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -164,14 +121,6 @@ def test_of_a_collinear_pair_the_known_combination_is_named(sign):
 
 def covariance_correlation(covariance):
     return abs(covariance[0, 2]) / np.sqrt(covariance[0, 0] * covariance[2, 2])
-
-
-def test_one_of_a_pair_is_unknown_by_itself_only():
-    covariance = gaussian_posterior([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0]], 0.002)
-    z = exact_draws(covariance)
-    findings = ef.identifiability(made(z, linear_frequencies(z))).findings
-    assert findings[0].startswith("The data say nothing about x by itself: ")
-    assert findings[1].startswith("Only stiff + 0.6 x is known well, not ")
 
 
 @pytest.mark.parametrize(("r", "named"), [(0.94, False), (-0.96, True)])
@@ -212,13 +161,6 @@ def test_a_posterior_at_a_bound_is_named(side, share):
         )
 
 
-def test_a_range_without_end_counts_as_four_prior_sds():
-    z = np.abs(exact_draws(np.eye(3), n=4000))
-    found = ef.identifiability(made(z, linear_frequencies(z), lower=np.zeros(3)))
-    assert_allclose(found.at_bound[:, 0], (z < 0.04).mean(axis=(0, 1)), atol=1e-12)
-    assert found.at_bound[:, 0].min() > 0.02
-
-
 def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
     frequencies = linear_frequencies(z)
@@ -228,18 +170,6 @@ def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
     assert_allclose(np.delete(found.r_squared, 1), [1, np.nan, 1], rtol=1e-9)
     assert found.findings[-1].startswith("The sensitivities of mode 2 are rough")
     assert not any("are rough" in text for text in found.findings[:-1])
-
-
-def test_samples_in_a_plane_give_no_sensitivities_and_say_so():
-    z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
-    z[..., 2] = z[..., 0] - z[..., 1]
-    found = ef.identifiability(made(z, linear_frequencies(z)))
-    assert np.isnan(found.sensitivities).all()
-    assert np.isnan(found.r_squared).all()
-    assert found.findings[-1].startswith(
-        "There are no sensitivities: the samples do not"
-    )
-    assert np.isfinite(found.sd_ratio).all()
 
 
 def test_a_rigid_body_mode_has_no_sensitivities_but_the_others_have():
@@ -283,56 +213,29 @@ def test_an_error_far_above_its_prior_mean_is_named(shift, named):
 
 
 @pytest.mark.parametrize("is_error", [True, False])
-def test_an_error_near_zero_is_small_and_not_pressed(is_error):
-    z = exact_draws(np.diag([0.3, 0.3, 0.01]) ** 2)
+def test_what_is_pressed_is_said_first_and_errors_may_be_small(is_error):
+    z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
     z[..., 2] = np.abs(z[..., 2])
-    idata = made(
-        z,
-        linear_frequencies(z),
-        lower=[-9.0, -9.0, 0.0],
-        upper=np.full(3, 2.0),
-        is_error=[False, False, is_error],
-    )
-    findings = ef.identifiability(idata).findings
-    if is_error:
-        assert findings[0].startswith("The data inform every parameter")
-        (text,) = findings[1:]
-        assert text.startswith("x may well be as small as its lower bound 0, where ")
-    else:
-        (text,) = findings
-        assert text.startswith("x is pressed against its lower bound 0: ")
+    lower, which = [-9e9, -9e9, 0.0], [False, False, is_error]
+    idata = made(z, linear_frequencies(z), lower=lower, is_error=which)
+    *pressed, last = ef.identifiability(idata).findings
+    assert last.startswith("The data leave stiff as uncertain as before")
+    assert len(pressed) == (not is_error)
+    if pressed:
+        assert pressed[0].startswith("x is pressed against its lower bound 0: ")
 
 
-@pytest.mark.parametrize("is_error", [True, False])
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(
-    side, is_error
-):
+def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(side):
     """As 60 +- 4.6 of a range from 0 to 1e5: 1 % of it reaches to 1000."""
     z = exact_draws(np.diag([0.3, 0.3, 0.01]) ** 2)
     ends = np.array([-0.13, 200.0] if side == 0 else [-200.0, 0.13]) * PRIOR_SD[2]
-    idata = made(
-        z,
-        linear_frequencies(z),
-        lower=[-9e9, -9e9, ends[0]],
-        upper=[9e9, 9e9, ends[1]],
-        is_error=[False, False, is_error],
-    )
-    found = ef.identifiability(idata)
+    bounds = {"lower": [-9e9, -9e9, ends[0]], "upper": [9e9, 9e9, ends[1]]}
+    found = ef.identifiability(made(z, linear_frequencies(z), **bounds))
     assert_allclose(found.at_bound[2, side], 1.0)
     assert_allclose(found.from_bound[2, side], 13, rtol=1e-6)
     (text,) = found.findings
     assert text.startswith("The data inform every parameter")
-
-
-def test_what_is_pressed_is_said_before_all_else():
-    z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
-    z[..., 2] = np.abs(z[..., 2])
-    lower = [-9e9, -9e9, 0.0]
-    found = ef.identifiability(made(z, linear_frequencies(z), lower=lower))
-    first, second = found.findings[:2]
-    assert first.startswith("x is pressed against its lower bound 0: ")
-    assert second.startswith("The data say nothing about stiff")
 
 
 def test_where_little_is_informed_the_known_combinations_are_named():
@@ -412,13 +315,3 @@ def test_too_few_different_values_are_refused_by_name():
         ef.identifiability(made(few, linear_frequencies(few)))
     few[0, 29, 1] = 0.123
     ef.identifiability(made(few, linear_frequencies(few)))
-
-
-def test_the_samples_are_not_modified():
-    z = exact_draws(COVARIANCE)
-    idata = made(z, linear_frequencies(z))
-    groups = ("posterior", "response", "constant_data")
-    before = [dataset(idata, group).copy(deep=True) for group in groups]
-    ef.identifiability(idata)
-    for group, copy in zip(groups, before, strict=True):
-        assert dataset(idata, group).identical(copy)
