@@ -113,16 +113,6 @@ def test_a_poor_one_is_refused_with_a_remedy(emulated):
     assert "emulate" in found.verdict and "Pareto k" in found.verdict
 
 
-def test_where_one_draw_has_all_the_weight_no_spread_is_made_of_it():
-    sharp = LogGaussian(np.array([1.0, 0.0, 1.0]), 1e-8 * COVARIANCE)
-    found = [certify(NEAR, sharp, seed=seed) for seed in range(6)]
-    assert any(np.isnan(one.sd).any() for one in found)
-    for one in found:
-        assert one.largest == pytest.approx(len(one.weights))
-        assert one.short == "refused" and "emulate with more" in one.verdict
-        assert np.isfinite(one.mean).all() and not (one.sd <= 0).any()
-
-
 def two_modes(share):
     """Return a law in the box with two modes, far from each other."""
 
@@ -192,17 +182,8 @@ def test_a_chain_in_several_parts_is_refused():
     assert "in several parts" in found.verdict
 
 
-def test_too_few_solves_are_refused_and_said():
-    found = certify(NEAR, solves=20)
-    assert found.short == "refused" and "too few solves" in found.verdict
-    assert found.pareto_k == np.inf
-
-
 def test_no_weight_at_all():
-    nowhere = free_posterior(lambda theta: np.full(len(theta), -1e9), box(-12, 12, 3))
-    far = free_posterior(TRUE, box(5.0, 12.0, 3))
-    assert certify(NEAR, nowhere).short in ("refused", "corrected")
-    found = certify(NEAR, far)
+    found = certify(NEAR, free_posterior(TRUE, box(5.0, 12.0, 3)))
     assert found.short == "refused" and "zero at all draws" in found.verdict
     assert "nan" not in str(found)
 

@@ -64,23 +64,6 @@ def test_two_ensembles_of_one_law_converge_but_one_cannot_show_it(same_law):
     assert not alone.converged and np.isnan(alone.rhat_between).all()
 
 
-def test_two_ensembles_in_different_modes_are_not_converged(same_law):
-    away = backend(ar1(PHI, STEPS, WALKERS, 4, mean=1e-4 + 6e-8, sd=1e-8))
-    found = ef.diagnose([same_law[0], away])
-    assert (found.rhat_between > 1.1).all() and (found.rhat_within < 1.05).all()
-    assert not found.converged
-    assert found.verdict.startswith("Not converged: the ensembles disagree about theta")
-
-
-def test_walkers_that_stay_apart_within_one_ensemble_are_flagged():
-    chain = ar1([0.5, 0.5], 1000, 8, 6)
-    chain[:, 4:, 1] += 6
-    found = ef.diagnose([backend(chain), backend(chain[::-1])])
-    assert found.rhat_within[1] > 1.5 and found.rhat_within[0] < 1.02
-    assert (found.steps_per_tau > 50).all()  # tau cannot see it
-    assert "the walkers of one ensemble stay apart in theta2" in found.verdict
-
-
 def test_stuck_walkers_are_reported_and_left_out_of_tau():
     chains = [ar1([0.5, 0.5], 1000, 8, seed) for seed in (1, 2)]
     chains[0][100:, 3, 1] = chains[0][100, 3, 1]  # one of its parameters

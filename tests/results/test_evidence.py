@@ -88,20 +88,6 @@ def test_independent_draws_of_a_known_ladder_give_its_evidence():
     assert 0.8 < errors[1] / alone < 1.6
 
 
-def test_the_error_grows_with_what_walkers_and_ensembles_share():
-    rng, means = np.random.default_rng(2), np.array([0.0, -1.0, -2.0])[:, None]
-    shared = means + rng.normal(size=(1_000, 1, 1)) * np.ones((1, 3, 5))
-    alone = means + rng.normal(size=(1_000, 3, 5))
-    errors = [
-        ef.log_evidence(ladder(values.reshape(1_000, -1))).log_evidence_error
-        for values in (alone, shared)
-    ]
-    assert errors[1] > 2.5 * errors[0]
-    two = [ladder(alone.reshape(1_000, -1) + shift) for shift in (0.0, 1.0)]
-    # Each is sure of itself; that they are 1 apart is the larger error.
-    assert_allclose(ef.log_evidence(two).log_evidence_error, 0.5, rtol=0.2)
-
-
 @pytest.mark.parametrize("ensembles", [2, 4])
 def test_the_spread_of_few_ensembles_does_not_make_the_error_too_large(ensembles):
     """The larger of both errors would be 1.25 times too large with two ensembles."""
@@ -254,7 +240,7 @@ def of_auto(seed, steps=1_000, ensembles=2, walkers=4, n=500, shift=0.0):
 
 
 def test_the_bridge_from_a_frozen_proposal_is_exact_and_its_error_the_spread():
-    found = [ef.log_evidence(of_auto(seed)) for seed in range(40)]
+    found = [ef.log_evidence(of_auto(seed)) for seed in range(30)]
     assert "frozen proposal" in str(found[0])
     values = np.array([one.log_evidence for one in found])
     errors = np.array([one.log_evidence_error for one in found])
