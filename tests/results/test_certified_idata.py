@@ -4,7 +4,6 @@ import arviz
 import numpy as np
 import pytest
 import xarray
-from matplotlib import pyplot as plt
 
 import emcee_femu as ef
 
@@ -72,26 +71,6 @@ def test_tables_show_the_weighted_draws_and_say_so(corrected, tmp_path):
     assert np.abs(emulated_mean / exact - 1).max() > 0.01
 
 
-def test_figures_show_the_weighted_draws_and_say_so(corrected):
-    found = corrected[1]
-    for figure in (
-        ef.figures.plot_scatter(found.idata),
-        ef.figures.plot_correlation(found.idata),
-        ef.figures.plot_predictive(found.idata),
-        ef.figures.plot_tae(found.idata, TRUE),
-    ):
-        title = figure.get_suptitle()
-        assert title == f"Corrected by the weights of {len(found.theta)} full solves"
-        plt.close(figure)
-    figure = ef.figures.plot_correlation(found.idata)
-    weights = found.weights / len(found.theta)
-    centred = found.theta - weights @ found.theta
-    covariance = (weights * centred.T) @ centred
-    r = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
-    texts = [text.get_text() for text in figure.axes[0].texts]
-    assert float(texts[1]) == pytest.approx(r, abs=0.006)
-
-
 def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(
     certified, tmp_path
 ):
@@ -109,12 +88,3 @@ def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(
         ef.diagnose(sealed)
     assert "certificate" not in ef.parameter_table(idata).title  # given as it was
     assert "certified" not in ef.parameter_table(idata).title
-
-
-def test_it_prints_as_text_and_in_notebooks(corrected):
-    found = corrected[1]
-    for text in (str(found), found._repr_html_()):
-        assert found.verdict in text and "shift/sd" in text
-    column = found.table.column("shift/sd")
-    shift = (found.mean - found.emulated_mean) / found.sd
-    np.testing.assert_allclose(column, shift)

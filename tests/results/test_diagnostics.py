@@ -225,29 +225,6 @@ def test_walkers_that_exchange_places_are_judged_by_their_mean():
     assert found.acceptance.shape == (4, walkers)
 
 
-class TwoModes:
-    """Unit-variance modes at -5 and 5, half of the mass each."""
-
-    name = "two"
-
-    def __call__(self, p, response):
-        far = [-2 * (p["stiff"] - 5) ** 2, -2 * (p["stiff"] + 5) ** 2]
-        return np.logaddexp(*far) - 0.5 * p["alpha"] ** 2
-
-
-@pytest.mark.slow
-def test_the_share_of_a_mode_scatters_over_tempered_runs_as_their_ess_says():
-    """By the series of walkers it scatters 2.2 to 2.6 times more."""
-    prior = ef.GaussianPrior(["stiff", "alpha"], [0.0, 0.0], 4.0, [(-12, 12)] * 2)
-    posterior = ef.LogPosterior(Square(), TwoModes(), prior)
-    move = ef.moves.TemperedMove(ef.DEMCMove(), np.linspace(1, 0, 8) ** 4)
-    runs = ef.run(posterior, move, 8 * 16, 600, ensembles=10, seed=5)
-    shares = [(run.get_chain(discard=80)[:, :16, 0] > 0).mean() for run in runs]
-    ess = np.array([ef.diagnose(run, 80).ess_bulk[0] for run in runs])
-    claimed = np.sqrt((0.25 / ess).mean())
-    assert 1 / 1.5 < np.std(shares, ddof=1) / claimed < 1.5
-
-
 def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
     """Fault 17: they have none of our groups, and perhaps vectors."""
     sampler = emcee.EnsembleSampler(8, 3, lambda x: -0.5 * float(x @ x))

@@ -161,18 +161,6 @@ def test_container_groups_variables_and_dimensions(idata):
             assert found.mode.values.tolist() == list(range(1, 1 + sizes["mode"]))
 
 
-def test_lp_is_log_prior_plus_log_likelihoods_and_frequency_is_the_model(idata):
-    stored, terms = dataset(idata, "sample_stats"), dataset(idata, "log_likelihood")
-    total = stored["log_prior"] + terms["frequency"].sum("mode") + terms["ridge"]
-    assert_allclose(stored["lp"], total, rtol=1e-13)
-    assert np.unique(stored["lp"]).size > 100
-    posterior = dataset(idata, "posterior")
-    draws = {name: posterior[name].values.ravel() for name in NAMES}
-    predicted = dataset(idata, "response")["frequency"].values
-    assert_allclose(predicted.reshape(-1, MODES), Model()(draws).frequencies, 1e-14)
-    assert_allclose(terms["ridge"].values.ravel(), ridge(draws, None), 1e-14)
-
-
 def test_observed_and_constant_data(idata):
     assert dataset(idata, "observed_data")["frequency"].values.tolist() == MEASURED
     constants = dataset(idata, "constant_data")

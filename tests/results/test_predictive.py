@@ -108,19 +108,6 @@ def test_a_new_measurement_has_measurement_error_and_discrepancy():
         assert_allclose(table.column(title), values, rtol=0, atol=0.02 * total.max())
 
 
-def test_each_sample_has_its_own_discrepancy():
-    rng = np.random.default_rng(6)
-    sigma = np.where(rng.random((4, 25_000)) < 0.5, 0.001, 0.05)
-    frequency = np.ones((*sigma.shape, 3)) * MEASURED
-    only_discrepancy = posterior(("a", "sigma"), discrepancy="sigma")
-    idata = made(frequency, by=only_discrepancy, a=[1.0], sigma=sigma)
-    table = ef.predictive_table(idata, only_discrepancy)
-    assert np.isnan(table.column("sd Hz")).all()
-    # 2.5 % of all are 5 % of those with the wide error; the others do not reach it.
-    half = 0.05 * stats.norm.ppf(0.95) * np.array(MEASURED)
-    assert_allclose(table.column("97.5 %"), MEASURED + half, rtol=0.003)
-
-
 def test_each_measurement_of_a_variable_has_its_rows_and_its_own_error():
     errors = {"first": 0.1, "again": 0.01}
     terms = [
@@ -209,16 +196,6 @@ def test_pairing_table_equals_numbers_by_hand():
     # By index is right only in the two samples of ascending order.
     assert_allclose(table.column("wrong by index in %"), [10, 80, 80, 80])
     assert "their order changed in 40 % of 10 samples" in table.title
-
-
-def test_the_usual_order_is_that_of_most_samples_not_of_each_mode():
-    orders = [*4 * [(1, 2)], *3 * [(2, 1)], *3 * [(3, 1)]]  # mode 2 is most often 1
-    order = np.array(orders).reshape(2, 5, 2)
-    frequency = np.ones((2, 5, 2)) * MEASURED[:2]
-    idata = made(frequency, np.ones((2, 5, 2)), order, measured=MEASURED[:2])
-    table = ef.pairing_table(idata)
-    assert table.column("model's mode") == ["1", "1", ""]
-    assert_allclose(table.column("another in %"), [60, 40, 60])
 
 
 class Crossing:

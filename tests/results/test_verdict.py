@@ -123,35 +123,23 @@ def third(weights, errors, **changes):
     )
 
 
+LOST = [0.7, 0.3, np.nan], [0.01, 0.01, np.nan]
+NEVER = {"found_by": [[1, 1, 0]] * 4}
+ONCE = {"starts": [[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3}
+
+
 @pytest.mark.parametrize(
-    ("short", "given", "words"),
+    ("short", "found_so", "words"),
     [
         ("converged", third([0.7, 0.296, 0.004], [0.01, 0.01, 0.001]), "agree"),
         ("a mode is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002]), "0.010 (+-"),
-        (
-            "a mode is lost",
-            third([0.7, 0.3, np.nan], [0.01, 0.01, np.nan]),
-            "not known",
-        ),
-        (
-            "a mode is lost",
-            third(
-                [0.7, 0.3, np.nan],
-                [0.01, 0.01, np.nan],
-                found_by=[[1, 1, 0]] * 4,
-                starts=[[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3,
-            ),
-            "mode 3, where a search ended or a walker started",
-        ),
-        (
-            "converged",
-            third([0.7, 0.3, np.nan], [0.01, 0.01, np.nan], found_by=[[1, 1, 0]] * 4),
-            "agree",  # nobody was ever there
-        ),
+        ("a mode is lost", third(*LOST), "not known"),
+        ("a mode is lost", third(*LOST, **NEVER, **ONCE), "or a walker started"),
+        ("converged", third(*LOST, **NEVER), "agree"),
     ],
 )
-def test_a_mode_that_no_walker_is_in_any_more(short, given, words):
-    found = judged(given)
+def test_a_mode_that_no_walker_is_in_any_more(short, found_so, words):
+    found = judged(found_so)
     assert found.short == short and words in found.verdict
     assert np.isnan(found.modes.acceptance[2])
 
