@@ -208,6 +208,7 @@ class Certificate(Report):
                 posterior.names,
                 self.theta[possible, None, None],
                 solved[..., 0],
+                np.full((1, 1), np.nan),
                 solved[..., 1:],
                 posterior=posterior,
                 kind="weighted",
