@@ -43,7 +43,6 @@ def compare_models(
     models: Mapping[str, object],
     *,
     prior: Mapping[str, float] | None = None,
-    discard: int = 0,
 ) -> ModelComparison:
     r"""Compare model classes by their evidence, for the same data.
 
@@ -59,11 +58,10 @@ def compare_models(
     and Raftery call weak (ln B below 1), positive (3), strong (5) or very strong.
 
     Args:
-        models: By label, what :func:`log_evidence` takes or has returned, or what
-            ``anneal`` has: at least two.
+        models: By label, at least two: what :func:`log_evidence` takes or has returned
+            (with ``discard=``, where there is a burn-in), or what ``anneal`` has.
         prior: Probabilities of the classes before the data, by label, above zero; they
             are normalised. The default is that all are equal.
-        discard: Stored steps to drop as burn-in where samplers are given.
 
     Returns:
         A table, probabilities and a conclusion in words; ``print`` it.
@@ -82,7 +80,7 @@ def compare_models(
         >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
         Ahead: four factors; the evidence against one factor is strong.
     """
-    evidences = _estimate(models, discard)
+    evidences = _estimate(models)
     weights = _weigh(prior, list(evidences))
     values = np.array([evidence.log_evidence for evidence in evidences.values()])
     order = np.argsort(-values, kind="stable")
@@ -123,7 +121,7 @@ def compare_models(
     )
 
 
-def _estimate(models: Mapping[str, object], discard: int) -> dict[str, Evidence]:
+def _estimate(models: Mapping[str, object]) -> dict[str, Evidence]:
     """Return the evidences by label."""
     if not isinstance(models, Mapping):
         raise TypeError(
@@ -132,11 +130,10 @@ def _estimate(models: Mapping[str, object], discard: int) -> dict[str, Evidence]
         )
     if len(models) < 2:
         raise ValueError(f"models: expected at least two classes, got {list(models)}")
-    discard = checks.whole_number("discard", discard)
     evidences = {}
     for label in checks.parameter_names("models", models):
         try:
-            evidence = log_evidence(models[label], discard)
+            evidence = log_evidence(models[label])
         except (TypeError, ValueError) as error:
             raise type(error)(f"models[{label!r}]: {error}") from error
         if not np.isfinite(evidence.log_evidence) or np.isnan(

@@ -1,6 +1,5 @@
 """The same posterior under several moves: one table and one conclusion."""
 
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +17,7 @@ from ..results.arviz_objects import InferenceData, samples
 from ..results.diagnose import FEWEST_STEPS, Diagnosis, diagnose
 from ..results.to_arviz import to_inference_data
 from ..results.verdict import CONVERGED
-from ..sampling.run import check_progress, run
+from ..sampling.run import run
 from ..table import Column, Parts, Report, Table
 
 MOST_NAMES = 4  # in a sentence
@@ -63,7 +62,6 @@ def compare_moves(
     seed: int,
     discard: int | None = None,
     reference: Mapping[str, tuple[float, float]] | None = None,
-    progress: bool | str = False,
 ) -> Comparison:
     r"""Sample one posterior with several moves from the same starts, and rank them.
 
@@ -89,8 +87,6 @@ def compare_moves(
         seed: A whole number, the same for every move.
         discard: Stored steps to drop as burn-in; None for a quarter of them.
         reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
-        progress: Whether to show a progress bar per ensemble (needs tqdm);
-            "notebook" for the bar of notebooks (needs ipywidgets too).
 
     Returns:
         A table, its winner and a conclusion in words; ``print`` it.
@@ -100,7 +96,6 @@ def compare_moves(
             argument is of a wrong type.
         ValueError: If a move does not fit the ensemble, a number is out of range, or
             too few steps are left to judge. All are raised before sampling.
-        ImportError: If progress is "notebook" and ipywidgets is not installed.
 
     Warns:
         UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.
@@ -116,7 +111,6 @@ def compare_moves(
     checks.instance("posterior", posterior, LogPosterior)
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
-    check_progress(progress)
     weighted = _weigh(moves, posterior)
     if nwalkers is None:
         nwalkers = max(check_walkers(None, w, posterior) for w in weighted.values())
@@ -135,19 +129,9 @@ def compare_moves(
     known = _check_reference(reference, posterior.names)
     entries = []
     for label, move in moves.items():
-        if progress:
-            print(f"{label}:", file=sys.stderr)  # the bars name only the ensemble
         # The same walkers and seed: all moves start from the same draws of the prior.
         clock = time.process_time()
-        sampled = run(
-            posterior,
-            move,
-            nwalkers,
-            steps,
-            ensembles=ensembles,
-            seed=seed,
-            progress=progress,
-        )
+        sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
         cpu = time.process_time() - clock
         evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
         ess = [diagnose(sampler, dropped).ess_bulk.min() for sampler in sampled]

@@ -15,6 +15,7 @@ from .style import BLUE, GREY, RED, Style, changing_draws, finish
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
 MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
 
 
@@ -24,27 +25,25 @@ def plot_scatter(
     var_names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
-    probability: float = 0.95,
 ) -> "Figure":
     """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
 
-    An ellipse holds ``probability`` of a Gaussian with the samples' covariance. Axes
-    end at the prior's bounds.
+    An ellipse holds 95 % of a Gaussian with the samples' covariance. Axes end at the
+    prior's bounds.
 
     Args:
         idata: What :func:`to_inference_data` returns or takes, such as a run.
         var_names: Variables of its ``posterior`` group; default: the sampled ones.
         units: Units by parameter name, for the axes.
         truths: Values to mark by parameter name, such as the nominal ones.
-        probability: The share inside an ellipse.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
         TypeError: If units or truths is not such a mapping.
-        ValueError: If units or truths name an unknown parameter, probability is not
-            between 0 and 1, or a parameter has the same value in all samples.
+        ValueError: If units or truths name an unknown parameter, or a parameter has the
+            same value in all samples.
 
     Examples:
         >>> import emcee_femu as ef
@@ -61,19 +60,20 @@ def plot_scatter(
 
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
-    probability = checks.real_number("probability", probability)
-    if not 0 < probability < 1:
-        raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
     there = [str(name) for name in dataset(idata, "posterior").data_vars]
-    truths = checks.by_name("truths", truths or {}, there)
-    units = checks.by_name("units", units or {}, there)
-    marks = checks.numeric_array("truths", [truths.get(k, np.nan) for k in names])
+    values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
+    by_name = dict(zip(there, values, strict=True))  # without elements of vectors
+    marks = np.array([by_name.get(name, np.nan) for name in names])
+    units = checks.by_name("units", {} if units is None else units, there)
+    for name, unit in units.items():
+        if not isinstance(unit, str):
+            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
     exponents = [_exponent(column) for column in draws.T]
     labels = [
-        _label(name, str(units.get(name, "")), exponent)
+        _label(name, units.get(name, ""), exponent)
         for name, exponent in zip(names, exponents, strict=True)
     ]
-    limits = _limits(draws, marks, _bounds(idata, names), probability)
+    limits = _limits(draws, marks, _bounds(idata, names))
     scale = 10.0 ** np.array(exponents)
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]] / scale,
@@ -94,13 +94,13 @@ def plot_scatter(
     panels = np.array(figure.axes).reshape(d, d)
     for row, left in zip(*np.tril_indices(d, -1), strict=True):
         points = (draws / scale)[:, (left, row)]
-        (width, height), angle = covariance_ellipse(points, probability)
+        (width, height), angle = covariance_ellipse(points)
         style: Style = {"fill": False, "color": RED, "lw": 1.8, "zorder": 5}
         ellipse = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
         panels[row, left].add_patch(ellipse)
     handles = [
         Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
-        Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
+        Line2D([], [], color=RED, lw=1.8, label="95 % ellipse"),
         Line2D([], [], color=BLUE, marker="s", label="reference"),
     ][: 3 if np.isfinite(marks).any() else 2]
     finish(figure, idata)
@@ -111,12 +111,10 @@ def plot_scatter(
     return figure
 
 
-def covariance_ellipse(
-    points: Floats, probability: float = 0.95
-) -> tuple[Floats, float]:
-    r"""Return the ellipse that holds a share of a Gaussian like the points ``(n, 2)``.
+def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
+    r"""Return the ellipse that holds 95 % of a Gaussian like the points ``(n, 2)``.
 
-    .. math:: (x - \bar x)^T C^{-1} (x - \bar x) = \chi^2_2(p) = -2 \ln(1 - p)
+    .. math:: (x - \bar x)^T C^{-1} (x - \bar x) = \chi^2_2(0.95) = -2 \ln 0.05
 
     with mean and covariance of the points; 95 % of the joint distribution lie inside
     2.448 standard deviations, not the 1.96 of one variable.
@@ -134,8 +132,7 @@ def covariance_ellipse(
     # Ascending eigenvalues; points on a line may leave one just below zero.
     variances = np.maximum(variances[::-1], 0.0)
     x, y = axes[:, 1]
-    axes_of = 2 * np.sqrt(-2 * np.log1p(-probability) * variances)
-    return axes_of, float(np.degrees(np.arctan2(y, x)))
+    return 2 * RADIUS * np.sqrt(variances), float(np.degrees(np.arctan2(y, x)))
 
 
 def _bounds(idata: InferenceData, names: list[str]) -> Floats:
@@ -147,9 +144,9 @@ def _bounds(idata: InferenceData, names: list[str]) -> Floats:
     return np.column_stack([constants["lower"].values, constants["upper"].values])
 
 
-def _limits(draws: Floats, marks: Floats, bounds: Floats, probability: float) -> Floats:
+def _limits(draws: Floats, marks: Floats, bounds: Floats) -> Floats:
     """Return axis limits ``(d, 2)``: samples and ellipses in the bounds, and marks."""
-    reach = 1.05 * math.sqrt(-2 * math.log1p(-probability)) * draws.std(axis=0)
+    reach = 1.05 * RADIUS * draws.std(axis=0)
     mean = draws.mean(axis=0)
     low = np.minimum(draws.min(axis=0), mean - reach)
     high = np.maximum(draws.max(axis=0), mean + reach)

@@ -27,7 +27,7 @@ def plot_tae(
 
     Args:
         idata: What :func:`run` or :func:`to_inference_data` returns, best without
-            burn-in removed, or several as ``{label: idata}`` of the same posterior.
+            burn-in removed.
         posterior: The sampled posterior; known of a run.
         experiment: Name of one experiment of a joint posterior.
 
@@ -36,8 +36,8 @@ def plot_tae(
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or needed.
-        ValueError: If no term of it has measured frequencies, it has other parameters,
-            or there is no idata.
+        ValueError: If no term of it has measured frequencies, or it has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -49,22 +49,14 @@ def plot_tae(
     """
     from matplotlib import pyplot as plt
 
-    given = idata if isinstance(idata, dict) else {"": idata}
-    if not given:
-        raise ValueError("idata: expected at least one, got none")
-    converted, curves = [], {}
-    for label, source in given.items():
-        samples_of, sampled = read_samples(source, posterior)
-        sampled = checks.instance("posterior", sampled, LogPosterior)
-        error = running_tae(samples_of, sampled, experiment)
-        end = f"ends at {error[1][-1]:.3g} %"
-        curves[f"{label}, {end}" if label else end] = error
-        converted.append(samples_of)
+    idata, posterior = read_samples(idata, posterior)
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    curve = running_tae(idata, posterior, experiment)
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    draw_errors(axes, curves)
+    draw_errors(axes, {f"ends at {curve[1][-1]:.3g} %": curve})
     axes.set_xlabel("generation")
     axes.legend(frameon=False)
-    return finish(figure, *converted)
+    return finish(figure, idata)
 
 
 def running_tae(

@@ -187,18 +187,17 @@ class PooledTests(Report):
     @property
     def conclusion(self) -> str:
         """What to do about tests out of reach, and about the chains."""
-        worst = self.pareto_k.max()
-        if not self.unreached:
-            reach = (
-                "The draws of every test reach where the population puts it (Pareto k "
-                f"at most {worst:.2f})."
-            )
-        else:
+        worst = f"{self.pareto_k.max():.2f}"
+        reach = (
+            "The draws of every test reach where the population puts it (Pareto k up "
+            f"to {worst})."
+        )
+        if self.unreached:
             first, more = self.unreached[0], len(self.unreached) - 5
             shown = ", ".join(self.unreached[:5]) + f" and {more} more" * (more > 0)
             reach = (
                 f"{shown}: do not trust this result. The draws do not reach where the "
-                f"population puts them (Pareto k up to {worst:.2f}). Sample these "
+                f"population puts them (Pareto k up to {worst}). Sample these "
                 f"tests again under the population: posteriors={{{first!r}: "
                 f"posterior}}, or run under_population({first!r}, posterior), and pool "
                 "again."
@@ -304,11 +303,13 @@ def pool_tests(
     complete = population.complete(mean.mean(axis=0), np.sqrt((sd**2).mean(axis=0)))
     pooled = _pool(by_test, complete, seed, steps, ensembles)
     renewed = [test for test in pooled.unreached if test in again]
+    if not renewed:
+        return pooled
     for test in renewed:
         under = pooled.under_population(test, again[test])
         idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
         by_test |= read_tests({**tests, test: idata}, names, number)
-    return _pool(by_test, complete, seed, steps, ensembles) if renewed else pooled
+    return _pool(by_test, complete, seed, steps, ensembles)
 
 
 def _pool(

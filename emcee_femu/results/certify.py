@@ -13,6 +13,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.special import expit
 
 from .. import checks
 from ..evaluation.resume import open_evaluator
@@ -342,17 +343,16 @@ def _find_missed(
     d = chain.draws.shape[1]
     log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
     heights = np.where(weights > 0, log_posterior, 0.0)
-    known = float(weights @ heights) + log_volume  # the log evidence of a Gaussian
+    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
     for top in maxima:
         if not top.converged:  # on its way, perhaps to what is known
             continue
-        share = 1 / (1 + np.exp(np.clip(known - top.log_evidence, -500, 500)))
+        share = expit(top.log_evidence - log_evidence)
         if share < MISSED:
             continue
-        offset = chain.draws - top.theta
-        squares = np.einsum(
-            "ni,ij,nj->n", offset, np.linalg.inv(top.covariance), offset
-        )
+        root = np.linalg.cholesky(top.covariance)
+        white = np.linalg.solve(root, (chain.draws - top.theta).T)
+        squares = (white**2).sum(axis=0)
         if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
             return (
                 f"a maximum of the true posterior is at {_name(chain, top.theta)}, "

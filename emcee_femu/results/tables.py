@@ -76,14 +76,15 @@ def parameter_table(
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
     if nominal is not None:
-        true = _by_name("nominal", nominal, names)
+        true = checks.numbers_by_name("nominal", nominal, names)
         columns.insert(3, ("error % ", ".2f", _percent_off(mean, true)))
         columns.insert(2, ("error %", ".2f", _percent_off(initial, true)))
         columns.insert(2, ("nominal", ".5g", true))
     if prior is None:
         columns = [column for column in columns if column[0] not in OF_PRIOR]
     for title, values in _columns(published):
-        columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
+        column = checks.numbers_by_name(f"published[{title!r}]", values, names)
+        columns.append((title, ".5g", column))
     title = f"Updating parameters{describe_certificate(idata)}"
     return Table.from_columns(title, columns)
 
@@ -353,18 +354,10 @@ def _name_rows(parts: list[Measured]) -> tuple[str, list[str], str]:
 
 def _columns(published: Mapping[str, Any] | None) -> list[tuple[str, Any]]:
     """Return the further columns of a table by title."""
-    if not isinstance(published, Mapping | None):
-        raise TypeError(
-            f"published: expected {{title: column}}, got {type(published).__name__}"
-        )
-    return list((published or {}).items())
-
-
-def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Floats:
-    """Return a number for each name, NaN where there is none."""
-    numbers = checks.by_name(argument, values, names)
-    column = [numbers.get(name, np.nan) for name in names]
-    return checks.numeric_array(argument, column)
+    if published is None:
+        return []
+    titles = checks.parameter_names("published", published)
+    return list(checks.by_name("published", published, titles).items())
 
 
 def _percent_off(values: Floats, reference: Floats) -> Floats:

@@ -79,8 +79,10 @@ def test_without_an_error_nothing_is_decided():
 def test_it_takes_runs_and_what_anneal_returns():
     move = ef.moves.TemperedMove(ef.DEMCMove(), np.linspace(1, 0, 6) ** 3)
     run = ef.run(LAW.posterior, move, nwalkers=96, steps=200, seed=1, ensembles=1)
-    found = ef.compare_models({"run": run, "annealed": ANNEALED}, discard=50)
     direct = ef.log_evidence(run, discard=50)
+    found = ef.compare_models({"run": run, "later": direct, "annealed": ANNEALED})
+    assert found.evidences["later"] is direct
+    direct = ef.log_evidence(run)
     assert found.evidences["run"].log_evidence == direct.log_evidence
     assert found.evidences["annealed"].log_evidence == ANNEALED.log_evidence
 
