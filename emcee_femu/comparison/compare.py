@@ -126,7 +126,7 @@ def compare_moves(
             f"{max(steps - dropped, 0)} of {steps} (discard={dropped}); run longer, "
             "or drop less"
         )
-    known = _check_reference(reference, posterior.names)
+    moments = _check_reference(reference, posterior.names)
     entries = []
     for label, move in moves.items():
         # The same walkers and seed: all moves start from the same draws of the prior.
@@ -161,7 +161,7 @@ def compare_moves(
         f"{dropped} of {steps} steps dropped; ESS per 1000 log-posterior evaluations"
     )
     return Comparison(
-        table=_tabulate(title, entries, known),
+        table=_tabulate(title, entries, moments),
         idata={entry.label: entry.idata for entry in entries},
         diagnoses={entry.label: entry.diagnosis for entry in entries},
         ess_per_1000={entry.label: entry.ess_per_1000 for entry in entries},
@@ -179,16 +179,10 @@ def _weigh(
     Warns:
         UserWarning: If one of emcee's moves samples wrongly.
     """
-    if not isinstance(moves, Mapping) or not moves:
-        raise TypeError(
-            "moves: expected moves by label, such as {'DE-MC': DEMCMove()}, got "
-            f"{type(moves).__name__}"
-        )
     weighted: dict[str, list[tuple[Move, float]] | None] = {}
     faults = []
-    for label, move in moves.items():
-        if not isinstance(label, str):
-            raise TypeError(f"moves: expected labels that are text, got {label!r}")
+    example = "moves, such as {'DE-MC': DEMCMove()}"
+    for label, move in checks.by_label("moves", moves, example).items():
         auto = isinstance(move, str) and move == "auto"
         weighted[label] = None if auto else weigh_moves(move, f"moves[{label!r}]")
         for single, _ in weighted[label] or ():
@@ -220,17 +214,18 @@ def _count_steps(steps: int | None, max_evaluations: int | None, per_step: int) 
 
 def _check_reference(
     reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
-) -> dict[str, tuple[float, float]]:
-    """Return the reference, checked, by parameter name; empty if there is none."""
-    known = checks.by_name("reference", {} if reference is None else reference, names)
-    for name, pair in known.items():
-        moments = checks.real_array(f"reference[{name!r}]", pair, 1)
-        if moments.shape != (2,) or not moments[1] > 0:
+) -> dict[str, Floats]:
+    """Return mean and sd by parameter name; empty if there is no reference."""
+    moments = {}
+    reference = {} if reference is None else reference
+    for name, pair in checks.by_name("reference", reference, names).items():
+        moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
+        if moments[name].shape != (2,) or not moments[name][1] > 0:
             raise ValueError(
                 f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
                 f"got {pair!r}"
             )
-    return known
+    return moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +286,7 @@ class Entry:
 
 
 def _tabulate(
-    title: str, entries: Sequence[Entry], known: Mapping[str, tuple[float, float]]
+    title: str, entries: Sequence[Entry], moments: Mapping[str, Floats]
 ) -> Table:
     """Tabulate the moves, one row each, with numbers of the worst parameter.
 
@@ -315,8 +310,8 @@ def _tabulate(
         ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
         ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in diagnoses]),
     ]
-    if known:
-        off = [_errors(entry.idata, known) for entry in entries]
+    if moments:
+        off = [_errors(entry.idata, moments) for entry in entries]
         columns.append(("mean error/sd", ".3f", [mean for mean, _ in off]))
         columns.append(("sd error %", ".1f", [sd for _, sd in off]))
     columns += [
@@ -326,13 +321,10 @@ def _tabulate(
     return Table.from_columns(title, columns)
 
 
-def _errors(
-    idata: InferenceData, known: Mapping[str, tuple[float, float]]
-) -> tuple[float, float]:
+def _errors(idata: InferenceData, moments: Mapping[str, Floats]) -> tuple[float, float]:
     """Return the largest error of a mean in sds, and of an sd in percent."""
-    chains = samples(idata, list(known))[1]
-    draws = chains.reshape(-1, len(known))
-    mean, sd = np.array(list(known.values())).T
+    draws = samples(idata, list(moments))[1].reshape(-1, len(moments))
+    mean, sd = np.array(list(moments.values())).T
     off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / sd - 1)
     return float(np.abs((draws.mean(axis=0) - mean) / sd).max()), float(off_sd.max())
 

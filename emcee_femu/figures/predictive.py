@@ -115,14 +115,14 @@ def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
     mean, low, high = scale * (summarize(part.predicted) - measured)
     before = scale * (part.initial - measured)
     band = np.abs(2 * scale * sd)
-    known = np.isfinite(band)
-    shown = [np.zeros(1), low, high, -band[known], band[known]]
+    stated = np.isfinite(band)
+    shown = [np.zeros(1), low, high, -band[stated], band[stated]]
     axes.axhline(0, color="black", lw=0.8)
-    if known.any():
+    if stated.any():
         axes.bar(
-            place[known],
-            2 * band[known],
-            bottom=-band[known],
+            place[stated],
+            2 * band[stated],
+            bottom=-band[stated],
             width=0.7,
             color="0.85",
             label="measured ± 2 sd",

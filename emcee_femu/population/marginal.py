@@ -67,11 +67,11 @@ def read_tests(
         TypeError: If tests is no mapping of ArviZ objects.
         ValueError: If there are fewer than two, or one does not fit; with its name.
     """
-    names_of_tests = checks.parameter_names("tests", tests)
-    if len(names_of_tests) < 2:
-        raise ValueError(f"tests: expected at least two, got {[*names_of_tests]}")
+    tests = checks.by_label("tests", tests, "what to_inference_data returns")
+    if len(tests) < 2:
+        raise ValueError(f"tests: expected at least two, got {[*tests]}")
     draws: dict[str, Draws] = {}
-    for test, idata in checks.by_name("tests", tests, names_of_tests).items():
+    for test, idata in tests.items():
         try:
             draws[test] = _read_test(idata, names, number)
         except (TypeError, ValueError) as error:

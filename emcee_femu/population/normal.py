@@ -168,11 +168,13 @@ class NormalPopulation(Report):
 
 def _check_covariates(covariates: Any) -> dict[str, dict[str, float]]:
     """Return ``{covariate: {test: number}}``; the tests are compared by pool_tests."""
-    names = checks.parameter_names("covariates", covariates) if covariates else ()
+    if covariates == {}:
+        return {}
     checked = {}
-    for name, values in checks.by_name("covariates", covariates, names).items():
+    tables = checks.by_label("covariates", covariates, "{test: number}")
+    for name, values in tables.items():
         argument = f"covariates[{name!r}]"
-        tests = checks.parameter_names(argument, values)
+        tests = [*checks.by_label(argument, values, "numbers")]
         numbers = checks.numbers_by_name(argument, values, tests).tolist()
         if len(set(numbers)) < 2:
             raise ValueError(

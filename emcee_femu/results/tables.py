@@ -356,8 +356,7 @@ def _columns(published: Mapping[str, Any] | None) -> list[tuple[str, Any]]:
     """Return the further columns of a table by title."""
     if published is None:
         return []
-    titles = checks.parameter_names("published", published)
-    return list(checks.by_name("published", published, titles).items())
+    return list(checks.by_label("published", published, "columns").items())
 
 
 def _percent_off(values: Floats, reference: Floats) -> Floats:

@@ -338,9 +338,10 @@ def _label(
     for size, (dim, labels) in zip(
         values.shape[lead:], variable.coords.items(), strict=True
     ):
-        known = returned.coords.get(dim, ()) if returned else ()
-        places = None in labels and len(known) >= len(labels)
-        coords[experiment.full_name(dim)] = list(known if places else labels)[:size]
+        of_response = returned.coords.get(dim, ()) if returned else ()
+        if None in labels and len(of_response) >= len(labels):
+            labels = of_response
+        coords[experiment.full_name(dim)] = list(labels)[:size]
     unit = variable.unit or (returned.unit if returned else "")
     return Labelled(values, Variable(coords, unit))
 

@@ -121,7 +121,7 @@ def _weights(modes: ModeWeights) -> Iterator[Complaint]:
     """Yield modes that are lost, or weigh otherwise than they should."""
     chain, exact = modes.weights.mean(axis=0), modes.importance
     errors = np.hypot(modes.errors, modes.importance_errors)
-    known = [
+    stated = [
         f"{weight:.3f} (+- {error:.3f})"
         for weight, error in zip(exact, modes.importance_errors, strict=True)
     ]
@@ -130,7 +130,7 @@ def _weights(modes: ModeWeights) -> Iterator[Complaint]:
             "a mode is lost",
             f"no walker is in mode {i + 1}, where a search ended or a walker started, "
             "and its weight by importance sampling is "
-            f"{'not known' if np.isnan(exact[i]) else known[i]}; run again with more "
+            f"{'not known' if np.isnan(exact[i]) else stated[i]}; run again with more "
             "walkers, or with a TemperedMove",
         )
     apart = np.abs(chain - exact)
@@ -138,7 +138,7 @@ def _weights(modes: ModeWeights) -> Iterator[Complaint]:
         yield (
             "weights disagree",
             f"mode {i + 1} holds {chain[i]:.3f} of the chain (+- "
-            f"{modes.errors[i]:.3f}) but {known[i]} by importance sampling; run "
+            f"{modes.errors[i]:.3f}) but {stated[i]} by importance sampling; run "
             "longer, and again with another seed",
         )
     for i in np.flatnonzero((modes.scatter > 1.0) & (chain > SMALL)):
