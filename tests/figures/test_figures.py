@@ -142,16 +142,6 @@ def test_truths_are_marked_on_the_scaled_axes():
     assert legend(figure)[-1] == "reference"
 
 
-@pytest.mark.parametrize("d", [1, 5])
-def test_few_parameters_and_long_names_are_not_clipped(d):
-    idata = gaussian(d)
-    units = {"long_name": "kg m²/rad"} if d == 5 else None
-    assert_nothing_is_clipped(
-        ef.figures.plot_scatter(idata, units=units), "95 % ellipse"
-    )
-    assert_nothing_is_clipped(ef.figures.plot_correlation(idata), *list(MIXED)[:d])
-
-
 @pytest.mark.parametrize("d", [1, 2, 5])
 def test_correlation_map_shows_the_correlations(d):
     idata = gaussian(d)
@@ -172,13 +162,6 @@ def test_proposals_show_both_moves():
     titles = [axes.get_title().split(":")[0] for axes in figure.axes]
     assert titles == ["Metropolis-Hastings", "DE-MC"]
     assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")
-
-
-def test_a_constant_parameter_is_refused_by_name():
-    idata = gaussian(3)
-    dataset(idata, "posterior")["alpha"][:] = 2e-8
-    with pytest.raises(ValueError, match="every sample of 'alpha' is 2e-08"):
-        ef.figures.plot_scatter(idata)
 
 
 @pytest.fixture

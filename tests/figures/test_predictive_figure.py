@@ -161,18 +161,6 @@ def test_initial_values_far_away_are_arrows_with_numbers():
     assert shown.min() > arrows["before:\n-70 %"].xyann[1] > low > -70
 
 
-@pytest.mark.parametrize("factor", [1.02, 1.1, 1.3])
-def test_an_initial_value_is_inside_the_frame_or_an_arrow_beyond_it(factor):
-    idata, _ = modal(initial=np.array([factor, 1.09, 2 - factor]))
-    axes = ef.figures.plot_predictive(idata).axes[0]
-    low, high = axes.get_ylim()
-    drawn = line(axes, marker="D").get_ydata()
-    assert ((low < drawn) & (drawn < high)).all()
-    pointed = [float(t.get_text().split()[1]) for t in axes.texts]
-    assert len(pointed) + len(drawn) == 3
-    assert all(value > high or value < low for value in pointed)
-
-
 def test_below_stand_mac_and_the_paired_mode():
     idata, measured = modal(with_mac=True)
     top, bottom = ef.figures.plot_predictive(idata).axes

@@ -230,18 +230,6 @@ def test_tests_that_do_not_fit_are_named(test, population, message):
         ef.pool_tests({**TESTS, "b": test}, population, seed=1)
 
 
-def test_covariates_are_those_of_the_tests():
-    known = {"T": {"test 1": 1.0, "test 2": 2.0, "x": 3.0}}
-    population = ef.population.NormalPopulation(["k1"], covariates=known)
-    with pytest.raises(ValueError, match=r"covariate 'T' is given for .*'x'\]; exp"):
-        ef.pool_tests(TESTS, population, seed=1)
-    known["T"] = {"a": 1.0, "b": 1.0}
-    with pytest.raises(ValueError, match="'T' must differ between the tests"):
-        ef.population.NormalPopulation(["k1"], covariates=known)
-    with pytest.raises(ValueError, match="a spread is not negative"):
-        ef.population.NormalPopulation(["k1"], hyperpriors={"sd k1": stats.norm()})
-
-
 def test_hyperpriors_are_stated_and_can_be_replaced():
     given = {"sd k2": stats.lognorm(0.5, scale=0.3), "mean k2": (3.0, 7.0)}
     population = ef.population.NormalPopulation(["k1", "k2"], hyperpriors=given)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from support.known_posteriors import (
     CURVATURE,
     GRADIENT,
@@ -219,15 +219,6 @@ def test_where_little_is_informed_the_known_combinations_are_named():
     assert "No combination of the parameters is known well either." in found.findings
 
 
-def test_without_frequencies_there_are_no_sensitivities():
-    z = exact_draws(COVARIANCE)
-    idata = made(z, linear_frequencies(z)[..., :0])
-    found = ef.identifiability(idata)
-    assert found.modes == () and found.sensitivities.shape == (0, 3)
-    assert "Sensitivity" not in str(found) and "sensitivities" not in str(found)
-    assert_allclose(found.sd_ratio, np.sqrt(np.diag(COVARIANCE)), rtol=1e-10)
-
-
 def test_a_single_parameter_has_no_partner():
     z = exact_draws(np.array([[0.25]]), n=40)
     idata = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
@@ -235,22 +226,6 @@ def test_a_single_parameter_has_no_partner():
     assert_allclose(found.sensitivities, [[0.2]], rtol=1e-9)
     assert found.table.column("with") == [""]
     assert np.isnan(found.table.column("correlation")[0])
-
-
-def test_it_prints_both_tables_and_the_findings(found):
-    text = str(found)
-    assert text.startswith(str(found.table))
-    assert str(found.sensitivity_table) in text
-    assert text.endswith("\n".join(found.findings))
-    page = found._repr_html_()
-    assert page.count("<table") == 2 and page.endswith(f"<p>{found.findings[-1]}</p>")
-    table = found.sensitivity_table
-    assert table.column("parameter") == [*NAMES, "R^2"]
-    for i in range(4):
-        column = table.column(f"mode {i + 1}")
-        assert_allclose(column[:-1], 100 * GRADIENT[i], rtol=0, atol=1e-7)
-        assert_array_equal(column[-1], found.r_squared[i])
-    assert_array_equal(found.table.column("sd/prior sd"), found.sd_ratio)
 
 
 def test_too_few_different_values_are_refused_by_name():

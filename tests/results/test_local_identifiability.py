@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.examples import load
 
 import emcee_femu as ef
 
@@ -50,13 +49,6 @@ def test_it_is_said_to_be_local(found):
     assert found.sensitivity_table.column("parameter") == ["a", "b", "c"]
 
 
-def test_one_of_two_maxima_is_named_with_its_weight():
-    found = ef.identifiability(
-        ef.find_map(load("evidence").beck_au().posterior, seed=1)
-    )
-    assert "about the maximum of weight 0.53, one of 2, not of" in found.findings[0]
-
-
 def test_sensitivities_of_the_paper_are_those_of_its_stiffness():
     """All springs together would have d ln(lambda) / d ln(k) = 1; some are fixed."""
     posterior = ef.paper.mass_spring().posterior
@@ -78,15 +70,3 @@ def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
     draws = posterior.prior.sample(np.random.default_rng(0), 100_000)[:, 0]
     mean, sd = draws.mean() + found.shift[0] * draws.std(), draws.std()
     assert 0.8 + 0.5 * found.sd_ratio[0] * sd < mean < 0.9
-
-
-def test_experiments_of_a_joint_posterior_are_named():
-    model = ef.FunctionModel(frequencies, n_modes=2)
-    term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
-    prior = ef.GaussianPrior(["a", "b"], [0, 0], SD[:2])
-    posterior = ef.LogPosterior.joint(
-        {"empty": (model, term), "loaded": (model, term)}, prior
-    )
-    found = ef.identifiability(ef.find_map(posterior, 2, seed=1))
-    assert found.modes[::2] == ("empty mode 1", "loaded mode 1")
-    assert_allclose(found.sensitivities[:2], found.sensitivities[2:])

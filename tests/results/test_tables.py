@@ -188,19 +188,6 @@ def test_running_tae_equals_a_computation_by_hand(idata):
     )
 
 
-def test_running_tae_ends_with_the_error_at_the_overall_mean():
-    run = ef.run(POSTERIOR, ef.DEMCMove(), 8, 300, ensembles=2, seed=1)
-    generations, errors = tae(ef.to_inference_data(run, discard=10), POSTERIOR)
-    chains = np.stack([sampler.get_chain(discard=10) for sampler in run], axis=1)
-    for generation, error in zip(generations, errors, strict=True):
-        stiff, alpha = chains[: int(generation) - 10].mean(axis=(0, 1, 2))
-        frequencies = np.array([10 * stiff**2, 20 * alpha])
-        expected = np.abs(frequencies / [10, 25] - 1).mean() * 100
-        assert_allclose(error, expected, rtol=1e-9)
-    assert (generations[0], generations[-1]) == (11, 300)
-    assert 50 <= len(generations) <= 200
-
-
 def test_measured_data_are_needed_for_an_error():
     bare = ef.LogPosterior(Square(), POSTERIOR.terms[0], POSTERIOR.prior)
     unmeasured = ef.run(bare, ef.DEMCMove(), 8, 4, seed=1, ensembles=1)
