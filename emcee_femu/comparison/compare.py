@@ -20,7 +20,6 @@ from ..results.verdict import CONVERGED
 from ..sampling.run import run
 from ..table import Column, Parts, Report, Table
 
-MOST_NAMES = 4  # in a sentence
 LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 
@@ -346,8 +345,6 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
         close = [e for e in others if lead[e] <= LEAD * np.hypot(best.error, e.error)]
         if close:
             names = [str(entry) for entry in (best, *close)]
-            if len(names) > MOST_NAMES:
-                names[MOST_NAMES - 1 :] = [f"{len(names) - MOST_NAMES + 1} more"]
             lines.append(
                 f"No winner: {', '.join(names[:-1])} and {names[-1]} are within the "
                 "spread of the ensembles (ESS per 1000 evaluations)."

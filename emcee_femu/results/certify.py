@@ -378,9 +378,8 @@ def _name(chain: EmulatedChain, theta: Floats) -> str:
 def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     """Return why the emulated posterior's chain cannot be trusted, or a finding."""
     group = dataset(idata, "posterior")
-    if "ensemble" not in group.coords or group.attrs.get("kind") == "population":
-        return [], []
-    if group.sizes["draw"] < FEWEST_STEPS:
+    judged = "ensemble" in group.coords and group.attrs.get("kind") != "population"
+    if not judged or group.sizes["draw"] < FEWEST_STEPS:
         return [], []
     diagnosis = diagnose(idata)
     apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > APART

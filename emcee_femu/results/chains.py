@@ -26,6 +26,8 @@ from ..sampling.run import Run
 from ..sampling.search_record import SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, is_weighted, samples
 
+TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
+STORED = ("acceptance", "betas", "failures", "search", "starts_given")  # as JSON
 LONGEST_REPR = 200  # of a move, in the attributes
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
@@ -293,26 +295,24 @@ def _of_arviz(
     kept = slice(discard + thin - 1, None, thin)
     if not len(draws[kept]):
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
-    told = group.attrs
-    search = json.loads(str(told.get("search", "null")))
-    fractions = np.array(json.loads(str(told.get("acceptance", "[]"))))
+    numbers = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
+    fractions = np.array(numbers.get("acceptance", []))
     if fractions.size != shape[0] * shape[1]:  # chains were selected
         fractions = np.full(shape, np.nan)
-    return Chains(
+    search = numbers.get("search")
+    chains_of = Chains(
         tuple(names),
         draws[kept],
         log_prob[kept],
         fractions.reshape(shape),
         posterior=posterior,
         search=None if search is None else SearchRecord.from_json(search),
-        betas=np.array(json.loads(str(told.get("betas", "[1.0]")))),
-        kind="weighted" if is_weighted(idata) else str(told.get("kind", "chain")),
-        moves=str(told.get("moves", Chains.moves)),
-        seed=str(told.get("seed", Chains.seed)),
-        origin=str(told.get("origin", "")),
-        failures=json.loads(str(told.get("failures", "{}"))),
-        starts_given=bool(told.get("starts_given", False)),
+        betas=np.array(numbers.get("betas", [1.0])),
+        failures=numbers.get("failures", {}),
+        starts_given=numbers.get("starts_given", False),
+        **{name: group.attrs[name] for name in TOLD if name in group.attrs},
     )
+    return replace(chains_of, kind="weighted") if is_weighted(idata) else chains_of
 
 
 def autocorrelation_time(chain: Floats) -> Floats:

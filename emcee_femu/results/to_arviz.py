@@ -25,7 +25,7 @@ from ..posterior.priors import (
     summarize_prior,
 )
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
-from .chains import Chains, read_chains
+from .chains import TOLD, Chains, read_chains
 
 PRIOR_DRAWS = 1_000
 
@@ -240,19 +240,18 @@ def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
 
 def _attributes_of(chains: Chains) -> dict[str, Any]:
     """Return what chains know of themselves, as attributes that netCDF can hold."""
-    search = None if chains.search is None else chains.search.to_json()
-    return {
-        "sampled": list(chains.names),
-        "acceptance": json.dumps(chains.acceptance.ravel().tolist()),
-        "search": json.dumps(search),
-        "betas": json.dumps(chains.betas.tolist()),
-        "kind": chains.kind,
-        "moves": chains.moves,
-        "seed": chains.seed,
-        "origin": chains.origin,
-        "failures": json.dumps(dict(chains.failures)),
-        "starts_given": int(chains.starts_given),
+    numbers = {
+        "acceptance": chains.acceptance.ravel().tolist(),
+        "betas": chains.betas.tolist(),
+        "failures": dict(chains.failures),
+        "search": None if chains.search is None else chains.search.to_json(),
+        "starts_given": chains.starts_given,
     }
+    return (
+        {"sampled": list(chains.names)}
+        | {name: vars(chains)[name] for name in TOLD}
+        | {name: json.dumps(value) for name, value in numbers.items()}
+    )
 
 
 def _log_prior_by_parameter(
