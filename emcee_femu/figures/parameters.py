@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Floats
-from ..results.arviz_objects import InferenceData, dataset
+from ..results.arviz_objects import dataset, prior_constants
 from ..results.to_arviz import read_samples
 from .style import BLUE, GREY, RED, Style, changing_draws, finish
 
@@ -73,7 +73,9 @@ def plot_scatter(
         _label(name, units.get(name, ""), exponent)
         for name, exponent in zip(names, exponents, strict=True)
     ]
-    limits = _limits(draws, marks, _bounds(idata, names))
+    prior = prior_constants(idata, names)
+    bounds = np.column_stack([prior["lower"].values, prior["upper"].values])
+    limits = _limits(draws, marks, bounds)
     scale = 10.0 ** np.array(exponents)
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]] / scale,
@@ -133,15 +135,6 @@ def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
     variances = np.maximum(variances[::-1], 0.0)
     x, y = axes[:, 1]
     return 2 * RADIUS * np.sqrt(variances), float(np.degrees(np.arctan2(y, x)))
-
-
-def _bounds(idata: InferenceData, names: list[str]) -> Floats:
-    """Return the prior's bounds, NaN where there is no prior, ``(d, 2)``."""
-    try:
-        constants = dataset(idata, "constant_data").reindex(parameter=names)
-    except ValueError:  # chains from elsewhere
-        return np.full((len(names), 2), np.nan)
-    return np.column_stack([constants["lower"].values, constants["upper"].values])
 
 
 def _limits(draws: Floats, marks: Floats, bounds: Floats) -> Floats:

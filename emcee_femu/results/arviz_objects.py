@@ -78,6 +78,18 @@ def dataset(idata: InferenceData, group: str) -> Any:
     return values
 
 
+def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
+    """Return what is known of the prior by parameter, NaN where there is none."""
+    import xarray
+
+    try:
+        return dataset(idata, "constant_data").reindex(parameter=list(names))
+    except ValueError:  # chains from elsewhere
+        nothing = "parameter", np.full(len(names), np.nan)
+        constants = ("lower", "upper", "initial", "prior_mean", "prior_sd")
+        return xarray.Dataset(dict.fromkeys(constants, nothing))
+
+
 def groups(idata: InferenceData) -> dict[str, Any]:
     """Return all groups as xarray Datasets."""
     tree = hasattr(idata, "children")

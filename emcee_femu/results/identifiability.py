@@ -202,9 +202,7 @@ class Identifiability(Report):
         strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
         partners = [self.names[j] if d > 1 else "" for j in strongest]
         pairs = self.correlation[np.arange(d), strongest]
-        largest = np.full(d, np.nan)  # of a response without frequencies
-        if self.modes:
-            largest = np.abs(self.sensitivities).max(axis=0)
+        largest = np.fmax.reduce(np.abs(self.sensitivities), initial=np.nan)
         return Table.from_columns(
             "What the data say",
             [

@@ -10,7 +10,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table
-from .arviz_objects import InferenceData, dataset, describe_certificate, samples
+from .arviz_objects import dataset, describe_certificate, prior_constants, samples
 from .measured import Measured, measured_frequencies, measured_variables
 from .to_arviz import read_samples
 
@@ -63,9 +63,8 @@ def parameter_table(
     draws = chains.reshape(-1, len(names))
     mean, low, high = summarize(draws)
     sd = draws.std(axis=0, ddof=1)
-    unknown = np.full(len(names), np.nan)
-    prior = _prior(idata, names)
-    initial, prior_sd = (unknown, unknown) if prior is None else prior
+    prior = prior_constants(idata, names)
+    initial, prior_sd = prior["initial"].values, prior["prior_sd"].values
     columns: list[Column] = [
         ("parameter", "", names),
         ("prior mean", ".5g", initial),
@@ -80,7 +79,7 @@ def parameter_table(
         columns.insert(3, ("error % ", ".2f", _percent_off(mean, true)))
         columns.insert(2, ("error %", ".2f", _percent_off(initial, true)))
         columns.insert(2, ("nominal", ".5g", true))
-    if prior is None:
+    if np.isnan(prior_sd).all():
         columns = [column for column in columns if column[0] not in OF_PRIOR]
     for title, values in _columns(published):
         column = checks.numbers_by_name(f"published[{title!r}]", values, names)
@@ -322,16 +321,6 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
 def summarize(draws: Floats) -> Floats:
     """Return mean and ends of the 95 % interval of ``draws (n, m)``, ``(3, m)``."""
     return np.stack([draws.mean(axis=0), *np.quantile(draws, INTERVAL, axis=0)])
-
-
-def _prior(idata: InferenceData, names: list[str]) -> tuple[Floats, Floats] | None:
-    """Return initial values and prior sds; None where there is no prior."""
-    try:
-        constants = dataset(idata, "constant_data")
-    except ValueError:  # chains from elsewhere
-        return None
-    by_name = constants.reindex(parameter=names)
-    return by_name["initial"].values, by_name["prior_sd"].values
 
 
 def _summarize_mac(part: Measured) -> Floats:
