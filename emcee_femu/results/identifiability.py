@@ -270,8 +270,8 @@ def identifiability(idata: object) -> Identifiability:
 
     Raises:
         TypeError: If idata is neither.
-        ValueError: If a parameter took fewer different values than three for each of
-            the (d + 1)(d + 2) / 2 coefficients of the quadratic.
+        ValueError: If there are fewer different samples than three for each of the
+            (d + 1)(d + 2) / 2 coefficients of the quadratic.
 
     Source: Fox and Kapoor (1968), doi:10.2514/3.5008, derive the same gradients from
     the mode shapes.
@@ -299,12 +299,11 @@ def _describe_samples(idata: InferenceData) -> Identifiability:
     structural = np.flatnonzero(~is_error)
     d = len(structural)
     needed = PER_COEFFICIENT * (d + 1) * (d + 2) // 2
-    for i in structural:
-        if (different := len(np.unique(draws[:, i]))) < needed:
-            raise ValueError(
-                f"idata: {names[i]!r} took {different} different value(s), but at "
-                f"least {needed} are needed for {d} parameter(s); run longer"
-            )
+    if (different := len(np.unique(draws, axis=0))) < needed:
+        raise ValueError(
+            f"idata: expected at least {needed} different samples for {d} "
+            f"parameter(s), got {different}; run longer"
+        )
     prior_sd = constants["prior_sd"].values
     bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
     modes, log_eigenvalues = _by_mode(
