@@ -156,7 +156,7 @@ class Certificate(Report):
             return (
                 f"too few solves: the weighted draws are worth {self.effective:.0f} "
                 f"independent ones, and {needed} are needed; {better}, or certify with "
-                f"{more:.2g} solves"
+                f"{-(-more // 10) * 10:.0f} solves"
             )
         return ""
 
