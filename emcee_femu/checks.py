@@ -148,7 +148,7 @@ def by_name(argument: str, values: Any, names: Sequence[str]) -> dict[str, Any]:
     return dict(values)
 
 
-def by_label(argument: str, values: Any, example: str) -> dict[str, Any]:
+def by_label(argument: str, values: object, example: str) -> dict[str, Any]:
     """Return a mapping with labels that are text as a dict."""
     if not isinstance(values, Mapping):
         raise TypeError(
@@ -157,7 +157,7 @@ def by_label(argument: str, values: Any, example: str) -> dict[str, Any]:
     return dict(zip(parameter_names(argument, values), values.values(), strict=True))
 
 
-def numbers_by_name(argument: str, values: Any, names: Sequence[str]) -> Floats:
+def numbers_by_name(argument: str, values: object, names: Sequence[str]) -> Floats:
     """Return a number for each name, NaN where the mapping has none."""
     numbers = np.full(len(names), np.nan)
     for name, value in by_name(argument, values, names).items():

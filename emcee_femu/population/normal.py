@@ -166,7 +166,7 @@ class NormalPopulation(Report):
         return Table(title, columns, ("", "", ".4g", ".4g"), tuple(rows))
 
 
-def _check_covariates(covariates: Any) -> dict[str, dict[str, float]]:
+def _check_covariates(covariates: object) -> dict[str, dict[str, float]]:
     """Return ``{covariate: {test: number}}``; the tests are compared by pool_tests."""
     if covariates == {}:
         return {}

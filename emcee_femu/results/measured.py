@@ -9,7 +9,7 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from .arviz_objects import InferenceData, dataset
+from .arviz_objects import Dataset, InferenceData, dataset
 from .to_arviz import original_name
 
 GROUPS = ("observed_data", "response", "constant_data", "posterior_predictive")
@@ -119,13 +119,13 @@ def _read(
 ) -> Measured:
     dims = list(map(str, groups["response"][variable].dims))
 
-    def align(values: Any) -> Any:
+    def align(values: Dataset) -> Dataset:
         """Return an array with the dimensions of the response."""
         return values.rename({d: original_name(str(d), dims) for d in values.dims})
 
     observed = align(groups["observed_data"][name])
 
-    def at_places(group: str, other: str) -> Any:
+    def at_places(group: str, other: str) -> Dataset:
         """Return samples ``(n, m)`` or constants ``(1, m)`` where it was measured."""
         if other not in groups[group]:
             return None

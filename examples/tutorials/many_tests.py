@@ -164,10 +164,9 @@ pooled.population
 # of each of 20 tests of two parameters the population's parameters are within 0.15
 # standard deviations, and their standard deviations within 10 %.
 #
-# Every test has a Pareto k of the weights that lead from its own posterior to that given
-# all tests. Above 0.7, with fewer than 100 of them effective, its draws hardly reach
-# where the population puts it; the conclusion says not to trust the result, and names
-# the tests that have to be sampled again, the farthest off first:
+# Every test has a Pareto k of the weights from its own posterior to that given all. Above
+# 0.7, with fewer than 100 effective draws, it hardly reaches where the population puts
+# it; the conclusion says not to trust the result, and which tests to sample again:
 #
 # - `pool_tests(..., posteriors={"day7": posterior})` does that for tests that need it;
 # - `pooled.under_population("day7", posterior)` returns the posterior with the
