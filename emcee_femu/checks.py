@@ -148,6 +148,23 @@ def by_name(argument: str, values: Any, names: Sequence[str]) -> dict[str, Any]:
     return dict(values)
 
 
+def by_label(argument: str, values: object, example: str) -> dict[str, Any]:
+    """Return a mapping with labels that are text as a dict."""
+    if not isinstance(values, Mapping):
+        raise TypeError(
+            f"{argument}: expected {example} by label, got {type(values).__name__}"
+        )
+    return dict(zip(parameter_names(argument, values), values.values(), strict=True))
+
+
+def numbers_by_name(argument: str, values: object, names: Sequence[str]) -> Floats:
+    """Return a number for each name, NaN where the mapping has none."""
+    numbers = np.full(len(names), np.nan)
+    for name, value in by_name(argument, values, names).items():
+        numbers[names.index(name)] = real_number(f"{argument}[{name!r}]", value)
+    return numbers
+
+
 def batch(parameters: Parameters) -> tuple[Parameters, int]:
     """Return the values of parameter sets, each ``(n,)`` floats, and n.
 

@@ -18,7 +18,6 @@ import emcee_femu as ef
 RECORDS = {"ModalSolution", "Problem", "Published", "Table"}
 PUBLIC = {name.rpartition(".")[2]: own for name, own in public_names().items()}
 PUBLIC |= {"Table": ef.table.Table}
-del PUBLIC["plot_proposals"]  # a figure of the paper, which takes nothing
 FOUND_MAP = type(ef.find_map(ef.paper.mass_spring().posterior, 1, seed=1))
 METHODS = {
     f"{owner.__name__}.{name}": getattr(owner, name)
@@ -89,4 +88,4 @@ def test_arguments_are_described_by_their_names_in_order(label):
 def test_what_is_returned_and_raised_is_described(label):
     thing, has = USED[label], sections(USED[label])
     assert inspect.isclass(thing) or "Returns" in has
-    assert label in RECORDS or "Raises" in has
+    assert label in RECORDS or "Raises" in has or not parameters(thing)

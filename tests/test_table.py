@@ -85,10 +85,6 @@ def test_a_frame_keeps_every_digit():
             assert cell == value or (np.isnan(cell) and np.isnan(value))
 
 
-def test_a_column_is_found_by_its_title():
-    assert MIXED.column("wrong") == ["yes", "", "no"]
-
-
 def test_whatever_prints_itself_is_shown_by_notebooks_too():
     modules = pkgutil.walk_packages(emcee_femu.__path__, "emcee_femu.")
     found = [c for m in modules for c in vars(import_module(m.name)).values()]

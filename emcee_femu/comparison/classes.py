@@ -43,7 +43,6 @@ def compare_models(
     models: Mapping[str, object],
     *,
     prior: Mapping[str, float] | None = None,
-    discard: int = 0,
 ) -> ModelComparison:
     r"""Compare model classes by their evidence, for the same data.
 
@@ -59,11 +58,10 @@ def compare_models(
     and Raftery call weak (ln B below 1), positive (3), strong (5) or very strong.
 
     Args:
-        models: By label, what :func:`log_evidence` takes or has returned, or what
-            ``anneal`` has: at least two.
+        models: By label, at least two: what :func:`log_evidence` takes or has returned
+            (with ``discard=``, where there is a burn-in), or what ``anneal`` has.
         prior: Probabilities of the classes before the data, by label, above zero; they
             are normalised. The default is that all are equal.
-        discard: Stored steps to drop as burn-in where samplers are given.
 
     Returns:
         A table, probabilities and a conclusion in words; ``print`` it.
@@ -82,7 +80,7 @@ def compare_models(
         >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
         Ahead: four factors; the evidence against one factor is strong.
     """
-    evidences = _estimate(models, discard)
+    evidences = _estimate(models)
     weights = _weigh(prior, list(evidences))
     values = np.array([evidence.log_evidence for evidence in evidences.values()])
     order = np.argsort(-values, kind="stable")
@@ -123,28 +121,22 @@ def compare_models(
     )
 
 
-def _estimate(models: Mapping[str, object], discard: int) -> dict[str, Evidence]:
+def _estimate(models: Mapping[str, object]) -> dict[str, Evidence]:
     """Return the evidences by label."""
-    if not isinstance(models, Mapping):
-        raise TypeError(
-            "models: expected samplers or evidences by label, such as {'one factor': "
-            f"a, 'four factors': b}}, got {type(models).__name__}"
-        )
-    if len(models) < 2:
-        raise ValueError(f"models: expected at least two classes, got {list(models)}")
-    discard = checks.whole_number("discard", discard)
+    sources = checks.by_label("models", models, "runs, such as {'one factor': run}")
+    if len(sources) < 2:
+        raise ValueError(f"models: expected at least two classes, got {[*sources]}")
     evidences = {}
-    for label in checks.parameter_names("models", models):
+    for label, source in sources.items():
         try:
-            evidence = log_evidence(models[label], discard)
+            evidence = log_evidence(source)
         except (TypeError, ValueError) as error:
             raise type(error)(f"models[{label!r}]: {error}") from error
-        if not np.isfinite(evidence.log_evidence) or np.isnan(
-            evidence.log_evidence_error
-        ):
+        value, spread = evidence.log_evidence, evidence.log_evidence_error
+        if not np.isfinite(value) or np.isnan(spread):
             raise ValueError(
                 f"models[{label!r}]: expected a finite log evidence and an error, got "
-                f"{evidence.log_evidence} +- {evidence.log_evidence_error}"
+                f"{value} +- {spread}"
             )
         evidences[label] = evidence
     return evidences
@@ -154,14 +146,13 @@ def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
     """Return the prior probabilities in the order of the labels."""
     if prior is None:
         return np.full(len(labels), 1 / len(labels))
-    known = checks.by_name("prior", prior, labels)
-    if set(known) != set(labels):
+    weights = checks.numbers_by_name("prior", prior, labels)
+    if not (weights > 0).all():
         raise ValueError(
-            f"prior: expected one probability for each of {labels}, got {list(known)}"
+            f"prior: expected a number above zero for each of {labels}, got {prior}"
         )
-    weights = [checks.positive_array(f"prior[{x!r}]", known[x], 0) for x in labels]
-    result: Floats = np.array(weights) / np.sum(weights)
-    return result
+    normalised: Floats = weights / weights.sum()
+    return normalised
 
 
 def _judge(lead: float) -> str:

@@ -1,6 +1,5 @@
 """The same posterior under several moves: one table and one conclusion."""
 
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,10 +17,9 @@ from ..results.arviz_objects import InferenceData, samples
 from ..results.diagnose import FEWEST_STEPS, Diagnosis, diagnose
 from ..results.to_arviz import to_inference_data
 from ..results.verdict import CONVERGED
-from ..sampling.run import check_progress, run
+from ..sampling.run import run
 from ..table import Column, Parts, Report, Table
 
-MOST_NAMES = 4  # in a sentence
 LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 
@@ -63,7 +61,6 @@ def compare_moves(
     seed: int,
     discard: int | None = None,
     reference: Mapping[str, tuple[float, float]] | None = None,
-    progress: bool | str = False,
 ) -> Comparison:
     r"""Sample one posterior with several moves from the same starts, and rank them.
 
@@ -89,8 +86,6 @@ def compare_moves(
         seed: A whole number, the same for every move.
         discard: Stored steps to drop as burn-in; None for a quarter of them.
         reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
-        progress: Whether to show a progress bar per ensemble (needs tqdm);
-            "notebook" for the bar of notebooks (needs ipywidgets too).
 
     Returns:
         A table, its winner and a conclusion in words; ``print`` it.
@@ -100,7 +95,6 @@ def compare_moves(
             argument is of a wrong type.
         ValueError: If a move does not fit the ensemble, a number is out of range, or
             too few steps are left to judge. All are raised before sampling.
-        ImportError: If progress is "notebook" and ipywidgets is not installed.
 
     Warns:
         UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.
@@ -116,7 +110,6 @@ def compare_moves(
     checks.instance("posterior", posterior, LogPosterior)
     ensembles = checks.whole_number("ensembles", ensembles, 2)
     seed = checks.whole_number("seed", seed)
-    check_progress(progress)
     weighted = _weigh(moves, posterior)
     if nwalkers is None:
         nwalkers = max(check_walkers(None, w, posterior) for w in weighted.values())
@@ -132,22 +125,12 @@ def compare_moves(
             f"{max(steps - dropped, 0)} of {steps} (discard={dropped}); run longer, "
             "or drop less"
         )
-    known = _check_reference(reference, posterior.names)
+    moments = _check_reference(reference, posterior.names)
     entries = []
     for label, move in moves.items():
-        if progress:
-            print(f"{label}:", file=sys.stderr)  # the bars name only the ensemble
         # The same walkers and seed: all moves start from the same draws of the prior.
         clock = time.process_time()
-        sampled = run(
-            posterior,
-            move,
-            nwalkers,
-            steps,
-            ensembles=ensembles,
-            seed=seed,
-            progress=progress,
-        )
+        sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
         cpu = time.process_time() - clock
         evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
         ess = [diagnose(sampler, dropped).ess_bulk.min() for sampler in sampled]
@@ -177,7 +160,7 @@ def compare_moves(
         f"{dropped} of {steps} steps dropped; ESS per 1000 log-posterior evaluations"
     )
     return Comparison(
-        table=_tabulate(title, entries, known),
+        table=_tabulate(title, entries, moments),
         idata={entry.label: entry.idata for entry in entries},
         diagnoses={entry.label: entry.diagnosis for entry in entries},
         ess_per_1000={entry.label: entry.ess_per_1000 for entry in entries},
@@ -195,16 +178,10 @@ def _weigh(
     Warns:
         UserWarning: If one of emcee's moves samples wrongly.
     """
-    if not isinstance(moves, Mapping) or not moves:
-        raise TypeError(
-            "moves: expected moves by label, such as {'DE-MC': DEMCMove()}, got "
-            f"{type(moves).__name__}"
-        )
     weighted: dict[str, list[tuple[Move, float]] | None] = {}
     faults = []
-    for label, move in moves.items():
-        if not isinstance(label, str):
-            raise TypeError(f"moves: expected labels that are text, got {label!r}")
+    example = "moves, such as {'DE-MC': DEMCMove()}"
+    for label, move in checks.by_label("moves", moves, example).items():
         auto = isinstance(move, str) and move == "auto"
         weighted[label] = None if auto else weigh_moves(move, f"moves[{label!r}]")
         for single, _ in weighted[label] or ():
@@ -236,17 +213,18 @@ def _count_steps(steps: int | None, max_evaluations: int | None, per_step: int) 
 
 def _check_reference(
     reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
-) -> dict[str, tuple[float, float]]:
-    """Return the reference, checked, by parameter name; empty if there is none."""
-    known = checks.by_name("reference", {} if reference is None else reference, names)
-    for name, pair in known.items():
-        moments = checks.real_array(f"reference[{name!r}]", pair, 1)
-        if moments.shape != (2,) or not moments[1] > 0:
+) -> dict[str, Floats]:
+    """Return mean and sd by parameter name; empty if there is no reference."""
+    moments = {}
+    reference = {} if reference is None else reference
+    for name, pair in checks.by_name("reference", reference, names).items():
+        moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
+        if moments[name].shape != (2,) or not moments[name][1] > 0:
             raise ValueError(
                 f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
                 f"got {pair!r}"
             )
-    return known
+    return moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +285,7 @@ class Entry:
 
 
 def _tabulate(
-    title: str, entries: Sequence[Entry], known: Mapping[str, tuple[float, float]]
+    title: str, entries: Sequence[Entry], moments: Mapping[str, Floats]
 ) -> Table:
     """Tabulate the moves, one row each, with numbers of the worst parameter.
 
@@ -331,8 +309,8 @@ def _tabulate(
         ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
         ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in diagnoses]),
     ]
-    if known:
-        off = [_errors(entry.idata, known) for entry in entries]
+    if moments:
+        off = [_errors(entry.idata, moments) for entry in entries]
         columns.append(("mean error/sd", ".3f", [mean for mean, _ in off]))
         columns.append(("sd error %", ".1f", [sd for _, sd in off]))
     columns += [
@@ -342,13 +320,10 @@ def _tabulate(
     return Table.from_columns(title, columns)
 
 
-def _errors(
-    idata: InferenceData, known: Mapping[str, tuple[float, float]]
-) -> tuple[float, float]:
+def _errors(idata: InferenceData, moments: Mapping[str, Floats]) -> tuple[float, float]:
     """Return the largest error of a mean in sds, and of an sd in percent."""
-    chains = samples(idata, list(known))[1]
-    draws = chains.reshape(-1, len(known))
-    mean, sd = np.array(list(known.values())).T
+    draws = samples(idata, list(moments))[1].reshape(-1, len(moments))
+    mean, sd = np.array(list(moments.values())).T
     off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / sd - 1)
     return float(np.abs((draws.mean(axis=0) - mean) / sd).max()), float(off_sd.max())
 
@@ -370,8 +345,6 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
         close = [e for e in others if lead[e] <= LEAD * np.hypot(best.error, e.error)]
         if close:
             names = [str(entry) for entry in (best, *close)]
-            if len(names) > MOST_NAMES:
-                names[MOST_NAMES - 1 :] = [f"{len(names) - MOST_NAMES + 1} more"]
             lines.append(
                 f"No winner: {', '.join(names[:-1])} and {names[-1]} are within the "
                 "spread of the ensembles (ESS per 1000 evaluations)."

@@ -8,8 +8,6 @@ import numpy as np
 from .. import checks
 from ..comparison.classes import LEAD, ModelComparison
 from ..comparison.compare import Comparison
-from ..interfaces import Floats
-from ..results.measured import measured_frequencies
 from ..results.verdict import CONVERGED
 from .style import BLUE, GREY, RED, finish
 from .total_average_error import draw_errors, running_tae
@@ -54,7 +52,13 @@ def plot_comparison(comparison: Comparison) -> "Figure":
     labels = comparison.table.column("move")
     palette = plt.get_cmap("tab10" if len(labels) <= 10 else "tab20").colors
     colors = {label: palette[i % len(palette)] for i, label in enumerate(labels)}
-    curves = _error_curves(comparison)
+    try:
+        curves = {
+            label: running_tae(idata, comparison.posterior)
+            for label, idata in comparison.idata.items()
+        }
+    except ValueError:  # no frequencies were measured
+        curves = {}
     lines = 2 + max(map(len, labels)) // LABEL_WIDTH  # of the longest, with its verdict
     height = 2.2 + max(len(labels) * max(0.5, 0.2 * lines), 2.2)
     figure, panels = plt.subplots(
@@ -67,7 +71,16 @@ def plot_comparison(comparison: Comparison) -> "Figure":
     )
     _draw_bars(panels[0, 0], comparison, colors)
     if curves:
-        _draw_curves(panels[0, 1], comparison, curves, colors)
+        axes, verdicts = panels[0, 1], comparison.table.column("verdict")
+        failed = [verdict != CONVERGED for verdict in verdicts]
+        styles = {
+            label: {"ls": "--" if bad else "-", "color": colors[label], "lw": 1.6}
+            for label, bad in zip(labels, failed, strict=True)
+        }
+        kept = {k: (steps - steps[0] + 1, tae) for k, (steps, tae) in curves.items()}
+        draw_errors(axes, kept, styles)
+        axes.set_xlabel("generation after burn-in")
+        axes.set_title(f"same colours{'; dashed: not converged' * any(failed)}")
     headline = comparison.conclusion.splitlines()[0]
     figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
     return finish(figure)
@@ -77,8 +90,8 @@ def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> 
     from matplotlib.patches import Patch
 
     column = comparison.table.column
-    fields = ("ESS per 1000", "+-", "move", "verdict")
-    rows = sorted(zip(*map(column, fields), strict=True), key=lambda row: row[0])
+    titles = ("ESS per 1000", "+-", "move", "verdict")
+    rows = sorted(zip(*map(column, titles), strict=True), key=lambda row: row[0])
     values, errors, labels, verdicts = zip(*rows, strict=True)
     fit = [verdict == CONVERGED for verdict in verdicts]
     bars = axes.barh(
@@ -86,15 +99,19 @@ def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> 
         values,
         xerr=errors,
         height=0.65,
-        color=[colors[x] if v == CONVERGED else "none" for _, _, x, v in rows],
+        color=[colors[k] if ok else "none" for k, ok in zip(labels, fit, strict=True)],
         edgecolor=[colors[label] for label in labels],
         hatch=["" if good else "////" for good in fit],
         error_kw={"capsize": 3, "lw": 1.2},
     )
     axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
-    longest = max(value + error for value, error, *_ in rows)
-    axes.set_xlim(0, 1.25 * longest)  # room for the numbers
-    axes.set_yticks(range(len(rows)), map(_name, labels, verdicts))
+    axes.set_xlim(0, 1.25 * np.add(values, errors).max())  # room for the numbers
+    names = [
+        textwrap.fill(label, LABEL_WIDTH, break_on_hyphens=False)
+        + ("" if verdict == CONVERGED else f"\n({verdict})")
+        for label, verdict in zip(labels, verdicts, strict=True)
+    ]
+    axes.set_yticks(range(len(rows)), names)
     axes.set_xlabel("ESS per 1000 log-posterior evaluations (more is better)")
     axes.spines[["top", "right"]].set_visible(False)
     keys = [Patch(color=GREY, label="converged")]
@@ -103,46 +120,6 @@ def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> 
         keys.append(Patch(fc="none", ec=GREY, hatch="////", label=text))
     where = {"loc": "outside lower left", "ncols": len(keys), "frameon": False}
     axes.figure.legend(handles=keys, **where)
-
-
-def _name(label: str, verdict: str) -> str:
-    """Return the label in short lines, with the verdict on moves that failed."""
-    lines = textwrap.wrap(label, LABEL_WIDTH, break_on_hyphens=False)
-    return "\n".join([*lines, *([] if verdict == CONVERGED else [f"({verdict})"])])
-
-
-def _error_curves(comparison: Comparison) -> dict[str, tuple[Floats, Floats]]:
-    """Return kept steps and TAE by label, nothing without measured frequencies."""
-    curves = {}
-    for label, idata in comparison.idata.items():
-        try:
-            measured_frequencies(idata)
-        except ValueError:
-            return {}
-        generations, tae = running_tae(idata, comparison.posterior)
-        curves[label] = (generations - generations[0] + 1, tae)
-    return curves
-
-
-def _draw_curves(
-    axes: "Axes",
-    comparison: Comparison,
-    curves: dict[str, tuple[Floats, Floats]],
-    colors: dict[str, Any],
-) -> None:
-    column = comparison.table.column
-    verdicts = dict(zip(column("move"), column("verdict"), strict=True))
-    dashed = {label for label, verdict in verdicts.items() if verdict != CONVERGED}
-    draw_errors(
-        axes,
-        curves,
-        {
-            label: {"ls": "--" if label in dashed else "-", "color": color, "lw": 1.6}
-            for label, color in colors.items()
-        },
-    )
-    axes.set_xlabel("generation after burn-in")
-    axes.set_title(f"same colours{'; dashed: not converged' if dashed else ''}")
 
 
 def plot_model_comparison(comparison: ModelComparison) -> "Figure":
@@ -174,9 +151,9 @@ def plot_model_comparison(comparison: ModelComparison) -> "Figure":
 
     column = comparison.table.column
     labels, verdicts = column("model class"), column("verdict")
-    behind = -np.array(column("ln Bayes factor"))
-    errors = LEAD * np.array(column("its +-"))
-    rows = np.arange(len(labels))
+    behind, rows = -np.array(column("ln Bayes factor")), np.arange(len(labels))
+    bars = LEAD * np.array(column("its +-"))
+    colours = [RED, *(BLUE for _ in labels[1:])]
     figure, (left, right) = plt.subplots(
         1,
         2,
@@ -186,40 +163,31 @@ def plot_model_comparison(comparison: ModelComparison) -> "Figure":
         width_ratios=[1.6, 1.0],
     )
     left.axvline(0.0, color=GREY, lw=0.8)
-    for row, verdict in enumerate(verdicts):
-        if behind[row] < -FAR:  # it would hide how the others differ
+    for row, (x, bar) in enumerate(zip(behind, bars, strict=True)):
+        if x < -FAR:  # it would hide how the others differ
             place = {"xycoords": left.get_yaxis_transform(), "va": "center"}
-            left.annotate(f"{behind[row]:.0f}, far left", (0.02, row), **place)
+            left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
             continue
-        colour = RED if row == 0 else BLUE
-        known = np.isfinite(errors[row])
         left.errorbar(
-            behind[row],
+            x,
             row,
-            xerr=errors[row] if row and known else None,
+            xerr=bar if row and np.isfinite(bar) else None,
             fmt="o",
-            color=colour,
-            mfc="white" if verdict == "undecided" else colour,
+            color=colours[row],
+            mfc="white" if verdicts[row] == "undecided" else colours[row],
             capsize=4,
         )
-        if not known:
+        if not np.isfinite(bar):
             where = {"xytext": (8, 4), "textcoords": "offset points"}
-            left.annotate("no error can be claimed", (behind[row], row), **where)
+            left.annotate("no error can be claimed", (x, row), **where)
     left.margins(x=0.12, y=0.2)
     left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])
     left.invert_yaxis()
     left.set_xlabel("log evidence less that of the first (natural)")
-    bars = right.barh(
-        rows,
-        column("probability"),
-        height=0.55,
-        color=[RED if row == 0 else BLUE for row in rows],
-    )
+    drawn = right.barh(rows, column("probability"), height=0.55, color=colours)
     shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in column("probability")]
-    right.bar_label(bars, shares, padding=4, fontsize=9)
-    right.set_xlim(0, 1.2)
-    right.set_xticks([0, 0.5, 1])
-    right.set_xlabel("probability given the data")
+    right.bar_label(drawn, shares, padding=4, fontsize=9)
+    right.set(xlim=(0, 1.2), xticks=[0, 0.5, 1], xlabel="probability given the data")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     headline = comparison.conclusion.splitlines()[0]

@@ -5,17 +5,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import checks
-from ..interfaces import Floats
 from ..likelihoods.frf import FRFTerm
-from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import samples, spread_out
 from ..results.tables import INTERVAL
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, finish
+from .style import BELOW, BLUE, Style, finish
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DRAWN = 200  # draws that are solved anew
@@ -65,37 +62,8 @@ def plot_frf(
 
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
-    measured_in, term = _find_frf(posterior, experiment)
-    theta = samples(idata)[1].reshape(-1, posterior.ndim)
-    some = theta[spread_out(len(theta), DRAWN)]
-    response = measured_in.model(posterior.parameters(some))
-    H = response[term.measured.kind]
-    channels, lines = term.measured.channels, term.measured.lines
-    rows = len(channels)
-    figure, panels = plt.subplots(
-        rows,
-        1,
-        figsize=(8, 1.0 + 2.3 * rows),
-        sharex=True,
-        layout="constrained",
-        squeeze=False,
-    )
-    unit = term.reads[term.measured.kind].unit
-    for i, channel in enumerate(channels):
-        _draw_channel(panels[i, 0], lines, np.abs(term.measured.values[i]), H[:, i])
-        panels[i, 0].set_ylabel(f"{channel.label}\n{term.measured.kind} ({unit})")
-    panels[-1, 0].set_xlabel("frequency (Hz)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, **BELOW)
-    return finish(figure, idata)
-
-
-def _find_frf(
-    posterior: LogPosterior, experiment: str | None
-) -> tuple[Experiment, FRFTerm]:
-    """Return the experiment with an FRF, and the term that compares it."""
     pairs = [
-        (measured_in, term)
+        (measured_in.model, term.measured, term.reads)
         for measured_in in posterior.experiments
         for term in measured_in.terms
         if isinstance(term, FRFTerm) and experiment in (None, measured_in.name)
@@ -106,15 +74,32 @@ def _find_frf(
             f"posterior, experiment: expected one FRFTerm, found {len(pairs)}; name "
             f"one of the experiments {names} with experiment="
         )
-    return pairs[0]
-
-
-def _draw_channel(axes: "Axes", lines: Floats, measured: Floats, H: Floats) -> None:
-    """Draw measured amplitudes, and the interval of predicted ones ``(n, l, 2)``."""
-    amplitude = np.sqrt((H**2).sum(axis=-1))
-    low, high = np.quantile(amplitude, INTERVAL, axis=0)
-    label = "updated model, 95 %"
-    axes.fill_between(lines, low, high, color=BLUE, alpha=0.6, lw=0.8, label=label)
-    axes.plot(lines, measured, ".", color="black", ms=3, label="measured")
-    axes.set_yscale("log")
-    axes.grid(True, alpha=0.25)
+    ((model, measured, reads),) = pairs
+    theta = samples(idata)[1].reshape(-1, posterior.ndim)
+    some = theta[spread_out(len(theta), DRAWN)]
+    H = model(posterior.parameters(some))[measured.kind]
+    ends = np.quantile(np.sqrt((H**2).sum(axis=-1)), INTERVAL, axis=0)
+    rows = len(measured.channels)
+    figure, panels = plt.subplots(
+        rows,
+        1,
+        figsize=(8, 1.0 + 2.3 * rows),
+        sharex=True,
+        layout="constrained",
+        squeeze=False,
+    )
+    unit, label = reads[measured.kind].unit, "updated model, 95 %"
+    for i, (axes, channel) in enumerate(
+        zip(panels[:, 0], measured.channels, strict=True)
+    ):
+        style: Style = {"color": BLUE, "alpha": 0.6, "lw": 0.8, "label": label}
+        axes.fill_between(measured.lines, *ends[:, i], **style)
+        style = {"color": "black", "ms": 3, "label": "measured"}
+        axes.plot(measured.lines, np.abs(measured.values[i]), ".", **style)
+        axes.set_yscale("log")
+        axes.grid(True, alpha=0.25)
+        axes.set_ylabel(f"{channel.label}\n{measured.kind} ({unit})")
+    panels[-1, 0].set_xlabel("frequency (Hz)")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, **BELOW)
+    return finish(figure, idata)

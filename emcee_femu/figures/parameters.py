@@ -5,17 +5,17 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from ..results.arviz_objects import InferenceData, dataset
+from ..results.arviz_objects import dataset, prior_constants
 from ..results.to_arviz import read_samples
 from .style import BLUE, GREY, RED, Style, changing_draws, finish
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
 MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
 
 
@@ -25,27 +25,25 @@ def plot_scatter(
     var_names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
-    probability: float = 0.95,
 ) -> "Figure":
     """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
 
-    An ellipse holds ``probability`` of a Gaussian with the samples' covariance. Axes
-    end at the prior's bounds.
+    An ellipse holds 95 % of a Gaussian with the samples' covariance. Axes end at the
+    prior's bounds.
 
     Args:
         idata: What :func:`to_inference_data` returns or takes, such as a run.
         var_names: Variables of its ``posterior`` group; default: the sampled ones.
         units: Units by parameter name, for the axes.
         truths: Values to mark by parameter name, such as the nominal ones.
-        probability: The share inside an ellipse.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
         TypeError: If units or truths is not such a mapping.
-        ValueError: If units or truths name an unknown parameter, probability is not
-            between 0 and 1, or a parameter has the same value in all samples.
+        ValueError: If units or truths name an unknown parameter, or a parameter has the
+            same value in all samples.
 
     Examples:
         >>> import emcee_femu as ef
@@ -62,15 +60,23 @@ def plot_scatter(
 
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
-    probability = checks.real_number("probability", probability)
-    if not 0 < probability < 1:
-        raise ValueError(f"probability: expected between 0 and 1, got {probability:g}")
-    known = [str(name) for name in dataset(idata, "posterior").data_vars]
-    marks = _marks(truths, names, known)
-    exponents = np.array([_exponent(column) for column in draws.T])
-    labels = _labels(units, names, known, exponents)
-    limits = _limits(draws, marks, _bounds(idata, names), probability)
-    scale = 10.0**exponents
+    there = [str(name) for name in dataset(idata, "posterior").data_vars]
+    values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
+    by_name = dict(zip(there, values, strict=True))  # without elements of vectors
+    marks = np.array([by_name.get(name, np.nan) for name in names])
+    units = checks.by_name("units", {} if units is None else units, there)
+    for name, unit in units.items():
+        if not isinstance(unit, str):
+            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
+    exponents = [_exponent(column) for column in draws.T]
+    labels = [
+        _label(name, units.get(name, ""), exponent)
+        for name, exponent in zip(names, exponents, strict=True)
+    ]
+    prior = prior_constants(idata, names)
+    bounds = np.column_stack([prior["lower"].values, prior["upper"].values])
+    limits = _limits(draws, marks, bounds)
+    scale = 10.0 ** np.array(exponents)
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]] / scale,
         labels=labels,
@@ -90,13 +96,13 @@ def plot_scatter(
     panels = np.array(figure.axes).reshape(d, d)
     for row, left in zip(*np.tril_indices(d, -1), strict=True):
         points = (draws / scale)[:, (left, row)]
-        (width, height), angle = covariance_ellipse(points, probability)
+        (width, height), angle = covariance_ellipse(points)
         style: Style = {"fill": False, "color": RED, "lw": 1.8, "zorder": 5}
         ellipse = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
         panels[row, left].add_patch(ellipse)
     handles = [
         Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
-        Line2D([], [], color=RED, lw=1.8, label=f"{100 * probability:g} % ellipse"),
+        Line2D([], [], color=RED, lw=1.8, label="95 % ellipse"),
         Line2D([], [], color=BLUE, marker="s", label="reference"),
     ][: 3 if np.isfinite(marks).any() else 2]
     finish(figure, idata)
@@ -107,12 +113,10 @@ def plot_scatter(
     return figure
 
 
-def covariance_ellipse(
-    points: Floats, probability: float = 0.95
-) -> tuple[Floats, float]:
-    r"""Return the ellipse that holds a share of a Gaussian like the points ``(n, 2)``.
+def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
+    r"""Return the ellipse that holds 95 % of a Gaussian like the points ``(n, 2)``.
 
-    .. math:: (x - \bar x)^T C^{-1} (x - \bar x) = \chi^2_2(p) = -2 \ln(1 - p)
+    .. math:: (x - \bar x)^T C^{-1} (x - \bar x) = \chi^2_2(0.95) = -2 \ln 0.05
 
     with mean and covariance of the points; 95 % of the joint distribution lie inside
     2.448 standard deviations, not the 1.96 of one variable.
@@ -130,32 +134,12 @@ def covariance_ellipse(
     # Ascending eigenvalues; points on a line may leave one just below zero.
     variances = np.maximum(variances[::-1], 0.0)
     x, y = axes[:, 1]
-    axes_of = 2 * np.sqrt(-2 * np.log1p(-probability) * variances)
-    return axes_of, float(np.degrees(np.arctan2(y, x)))
+    return 2 * RADIUS * np.sqrt(variances), float(np.degrees(np.arctan2(y, x)))
 
 
-def _marks(
-    truths: Mapping[str, float] | None, names: list[str], known: list[str]
-) -> Floats:
-    """Return the values to mark, NaN where there is none, ``(d,)``."""
-    given = {} if truths is None else checks.by_name("truths", truths, known)
-    values = {k: checks.real_number(f"truths[{k!r}]", v) for k, v in given.items()}
-    return np.array([values.get(name, np.nan) for name in names])
-
-
-def _bounds(idata: InferenceData, names: list[str]) -> Floats:
-    """Return the prior's bounds, NaN where there is no prior, ``(d, 2)``."""
-    try:
-        constants = dataset(idata, "constant_data")[["lower", "upper"]]
-    except ValueError:  # chains from elsewhere
-        return np.full((len(names), 2), np.nan)
-    by_name = constants.reindex(parameter=names)
-    return np.column_stack([by_name["lower"].values, by_name["upper"].values])
-
-
-def _limits(draws: Floats, marks: Floats, bounds: Floats, probability: float) -> Floats:
+def _limits(draws: Floats, marks: Floats, bounds: Floats) -> Floats:
     """Return axis limits ``(d, 2)``: samples and ellipses in the bounds, and marks."""
-    reach = 1.05 * math.sqrt(-2 * math.log1p(-probability)) * draws.std(axis=0)
+    reach = 1.05 * RADIUS * draws.std(axis=0)
     mean = draws.mean(axis=0)
     low = np.minimum(draws.min(axis=0), mean - reach)
     high = np.maximum(draws.max(axis=0), mean + reach)
@@ -170,22 +154,11 @@ def _exponent(column: Floats) -> int:
     return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
 
 
-def _labels(
-    units: Mapping[str, str] | None,
-    names: list[str],
-    known: list[str],
-    exponents: NDArray[np.int_],
-) -> list[str]:
-    by_name = {} if units is None else checks.by_name("units", units, known)
-    for name, unit in by_name.items():
-        if not isinstance(unit, str):
-            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
-    labels = []
-    for name, exponent in zip(names, exponents, strict=True):
-        power = f"$10^{{{exponent}}}$ " if exponent else ""
-        unit = f"{power}{by_name.get(name, '')}".strip()
-        labels.append(f"{name} [{unit}]" if unit else name)
-    return labels
+def _label(name: str, unit: str, exponent: int) -> str:
+    """Return a parameter with its unit and the power of ten taken out of its axis."""
+    power = f"$10^{{{exponent}}}$ " if exponent else ""
+    within = f"{power}{unit}".strip()
+    return f"{name} [{within}]" if within else name
 
 
 def plot_correlation(

@@ -58,23 +58,20 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure"
         ['May', 'June', "population's mean", 'next test']
     """
     checks.instance("pooled", pooled, PooledTests)
-    known = pooled.population.covariates
-    if against is not None and against not in [*known]:
+    covariates = [*pooled.population.covariates]
+    if against is not None and against not in covariates:
         raise ValueError(
-            f"against: expected a covariate among {[*known]}, got {against!r}"
+            f"against: expected a covariate among {covariates}, got {against!r}"
         )
     from matplotlib import pyplot as plt
 
-    d = len(pooled.population.names)
+    d, rows = len(pooled.population.names), len(pooled.tests) + 3
+    columns = min(d, 4 if against is None else 3)
+    lines = -(-d // columns)
+    size = (1.0 + 4.2 * columns, 0.9 + 3.3 * lines)
     if against is None:
-        rows = len(pooled.tests) + 3
-        columns, height = min(d, 4), 1.4 + float(np.clip(0.24 * rows, 2.0, 12.0))
-        lines = -(-d // columns)
+        height = 1.4 + float(np.clip(0.24 * rows, 2.0, 12.0))
         size = (2.6 + 2.4 * columns, height * lines)
-    else:
-        columns = min(d, 3)
-        lines = -(-d // columns)
-        size = (1.0 + 4.2 * columns, 0.9 + 3.3 * lines)
     figure, panels = plt.subplots(
         lines,
         columns,
@@ -100,20 +97,17 @@ def _draw_rows(axes: "Axes", pooled: PooledTests, i: int) -> None:
     name, count = pooled.population.names[i], len(pooled.tests)
     rows: Floats = np.arange(float(count))
     _draw_tests(axes, pooled, i, rows, SHIFT, sideways=True)
-    mean = np.quantile(pooled.hyperdraws[f"mean {name}"], LEVELS)
-    coming = np.quantile(pooled.next_test()[name], LEVELS)
-    band: Style = {"color": RED, "lw": 0}
-    axes.axvspan(coming[0], coming[2], alpha=0.12, **band)
-    axes.axvspan(mean[0], mean[2], alpha=0.35, **band)
     averages = pooled.population.averages.items()
     where = "".join(f", {covariate} = {x:.4g}" for covariate, x in averages)
-    for row, found, label, alpha in (
-        (count + 0.5, mean, f"population's mean{where}", 0.35),
-        (count + 1.5, coming, f"next test{where}", 0.15),
+    for row, label, values, light, dark in (
+        (0.5, "population's mean", pooled.hyperdraws[f"mean {name}"], 0.35, 0.35),
+        (1.5, "next test", pooled.next_test()[name], 0.12, 0.15),
     ):
-        axes.plot([found[0], found[2]], [row, row], color=RED, lw=2.4)
-        axes.plot(found[1], row, "o", color=RED, ms=5)
-        axes.plot([], [], color=RED, lw=7, alpha=alpha, label=label)
+        low, middle, high = np.quantile(values, LEVELS)
+        axes.axvspan(low, high, alpha=light, color=RED, lw=0)
+        axes.plot([low, high], 2 * [count + row], color=RED, lw=2.4)
+        axes.plot(middle, count + row, "o", color=RED, ms=5)
+        axes.plot([], [], color=RED, lw=7, alpha=dark, label=f"{label}{where}")
     step = -(-count // MOST_LABELS)
     axes.set_yticks(
         [*rows[::step], count + 0.5, count + 1.5],
@@ -131,19 +125,19 @@ def _draw_along(axes: "Axes", pooled: PooledTests, i: int, against: str) -> None
     x = np.array([values[test] for test in pooled.tests])
     reach = float(np.ptp(x))
     line = np.linspace(x.min() - 0.05 * reach, x.max() + 0.05 * reach, POINTS)
-    slopes = pooled.hyperdraws[f"{name} per {against}"]
+    centre = pooled.hyperdraws[f"mean {name}"]
     centred = line - pooled.population.averages[against]
-    mean = pooled.hyperdraws[f"mean {name}"] + centred[:, None] * slopes
+    mean = centre + centred[:, None] * pooled.hyperdraws[f"{name} per {against}"]
     # One standard test for all points, so that the band has no noise of its own.
-    coming = mean + pooled.next_test()[name] - pooled.hyperdraws[f"mean {name}"]
-    if np.isfinite(pooled.model.bounds_of[i]).any():
-        coming = np.clip(coming, *pooled.model.bounds_of[i])
-    outer, inner = (np.quantile(v, LEVELS, axis=1) for v in (coming, mean))
-    band: Style = {"color": RED, "lw": 0}
-    axes.fill_between(line, outer[0], outer[2], alpha=0.12, label="next test", **band)
-    label = "population's mean"
-    axes.fill_between(line, inner[0], inner[2], alpha=0.35, label=label, **band)
-    axes.plot(line, inner[1], color=RED, lw=1.6)
+    low, high = pooled.model.bounds_of[i]
+    coming = np.clip(mean + pooled.next_test()[name] - centre, low, high)
+    for label, drawn, alpha in (
+        ("next test", coming, 0.12),
+        ("population's mean", mean, 0.35),
+    ):
+        ends = np.quantile(drawn, (LEVELS[0], LEVELS[2]), axis=1)
+        axes.fill_between(line, *ends, alpha=alpha, label=label, color=RED, lw=0)
+    axes.plot(line, np.median(mean, axis=1), color=RED, lw=1.6)
     _draw_tests(axes, pooled, i, x, BESIDE * reach, sideways=False)
     axes.set_xlabel(against)
     axes.set_ylabel(name)
@@ -153,15 +147,13 @@ def _draw_tests(
     axes: "Axes", pooled: PooledTests, i: int, at: Floats, shift: float, sideways: bool
 ) -> None:
     """Draw the intervals of the tests at places, beside each other by a shift."""
-    alone = [
-        np.quantile(own.theta[:, i], LEVELS) for own in pooled.model.tests.values()
-    ]
+    tests = pooled.model.tests.values()
+    alone = np.transpose([np.quantile(test.theta[:, i], LEVELS) for test in tests])
     together = np.quantile(pooled.theta[:, :, i], LEVELS, axis=0)
-    count = len(pooled.tests)
-    many = count > MOST_LABELS
+    many = len(tests) > MOST_LABELS
     size = 2.5 if many else 4.0
     for place, (low, middle, high), colour, what in (
-        (at - shift, np.transpose(alone), GREY, "by itself"),
+        (at - shift, alone, GREY, "by itself"),
         (at + shift, together, BLUE, "in the light of all"),
     ):
         lines = axes.hlines if sideways else axes.vlines

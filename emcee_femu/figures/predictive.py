@@ -1,21 +1,13 @@
 """The figure of what was measured against what the model predicts."""
 
 from math import ceil
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..results.arviz_objects import InferenceData
-from ..results.measured import (
-    Measured,
-    at_places,
-    mac_at_places,
-    measured_variables,
-    measurement_sd,
-)
+from ..results.measured import Measured, measured_variables
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, RED, Style, finish
@@ -65,7 +57,7 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Fi
     from matplotlib import pyplot as plt
 
     idata, posterior = read_samples(idata, posterior)
-    parts = [_compare(idata, part, posterior) for part in measured_variables(idata)]
+    parts = measured_variables(idata)
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
     figure, panels = plt.subplots(
@@ -80,91 +72,57 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Fi
     handles: Style = {}
     for part in parts:
         axes = next(remaining)
-        _draw_deviations(axes, part)
-        drawn, labels = axes.get_legend_handles_labels()
-        handles |= dict(zip(labels, drawn, strict=True))
+        _draw_deviations(axes, part, part.sd(posterior))
+        drawn, texts = axes.get_legend_handles_labels()
+        handles |= dict(zip(texts, drawn, strict=True))
         if part.mac is not None:
             axes.set_xticks([])
             axes = next(remaining)
             _draw_mac(axes, part.mac)
-        step = ceil(len(part.labels) / MOST_LABELS)
-        axes.set_xticks(range(0, len(part.labels), step), part.labels[::step])
-        axes.set_xlabel(part.below)
+        labels, below = _label(part)
+        step = ceil(len(labels) / MOST_LABELS)
+        axes.set_xticks(range(0, len(labels), step), labels[::step])
+        axes.set_xlabel(below)
     figure.legend(handles.values(), handles.keys(), **BELOW)
     return finish(figure, idata)
 
 
-class Compared(NamedTuple):
-    """A variable measured at ``m`` places, and predicted there by ``n`` samples."""
-
-    what: Measured
-    labels: list[str]  # m
-    below: str  # what the labels say
-    sd: Floats  # (m,), NaN where unknown
-    initial: Floats  # (m,), at the prior mean
-    predicted: Floats  # (n, m)
-    replicated: Floats | None  # (n, m), predicted with a measurement's error
-    mac: Floats | None  # (n, m), where the variable is the frequency of paired modes
-
-
-def _compare(
-    idata: InferenceData, what: Measured, posterior: LogPosterior | None
-) -> Compared:
-    """Gather what is known where a variable was measured."""
+def _label(part: Measured) -> tuple[list[str], str]:
+    """Return what stands below the places, and what that is."""
     labels = [
-        f"{label}\n{value:.5g} {what.unit}".strip()
-        for label, value in zip(what.labels, what.values, strict=True)
+        f"{label}\n{value:.5g} {part.unit}".strip()
+        for label, value in zip(part.labels, part.values, strict=True)
     ]
-    below = f"measured {what.dims}, its {what.name}".replace(" , its", "")
-    mac = mac_at_places(idata, what)
-    modes = mac_at_places(idata, what, "model_mode")
-    if modes is not None:
-        below += ", and the model's mode paired with it"
-        partners = map(_partner, modes.astype(int).T)
-        labels = [f"{a}\n{b}" for a, b in zip(labels, partners, strict=True)]
-    unknown = np.full(len(labels), np.nan)
-    initial = at_places(idata, "constant_data", f"initial_{what.variable}", what)
-    predicted = at_places(idata, "response", what.variable, what)
-    if initial is None or predicted is None:
-        raise ValueError(f"idata: its response does not hold {what.variable!r}")
-    return Compared(
-        what=what,
-        labels=labels,
-        below=below,
-        sd=unknown if posterior is None else measurement_sd(what, posterior),
-        initial=initial[0],
-        predicted=predicted,
-        replicated=at_places(idata, "posterior_predictive", what.name, what),
-        mac=mac,
-    )
+    below = f"measured {part.dims}, its {part.name}".replace(" , its", "")
+    if part.model_mode is None:
+        return labels, below
+    for i, modes in enumerate(part.model_mode.astype(int).T):
+        counts = np.bincount(modes)
+        share = 100 * counts.max() / len(modes)
+        labels[i] += f"\nmodel's {counts.argmax()}"
+        if share < 100:
+            labels[i] += f"\nin {min(share, 99.9):.3g} %"
+    return labels, f"{below}, and the model's mode paired with it"
 
 
-def _partner(numbers: NDArray[np.int_]) -> str:
-    """Return the model's mode of most samples, with its share unless it is all."""
-    counts = np.bincount(numbers)
-    share = 100 * counts.max() / len(numbers)
-    text = f"model's {counts.argmax()}"
-    return text if share == 100 else f"{text}\nin {min(share, 99.9):.3g} %"
-
-
-def _draw_deviations(axes: "Axes", part: Compared) -> None:
+def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
     """Draw the variable before and after updating, and its measurement error."""
-    measured, unit = part.what.values, part.what.unit
+    measured, unit = part.values, part.unit
     scale = np.ones_like(measured)
     if unit == "Hz":
         scale, unit = 100 / measured, "%"
     place = np.arange(len(measured))
     mean, low, high = scale * (summarize(part.predicted) - measured)
     before = scale * (part.initial - measured)
-    band = np.abs(2 * scale * part.sd)
-    known = np.isfinite(band)
-    shown = [np.zeros(1), low, high, -band[known], band[known]]
+    band = np.abs(2 * scale * sd)
+    stated = np.isfinite(band)
+    shown = [np.zeros(1), low, high, -band[stated], band[stated]]
     axes.axhline(0, color="black", lw=0.8)
-    if known.any():
+    if stated.any():
         axes.bar(
-            place[known],
-            2 * band[known],
-            bottom=-band[known],
+            place[stated],
+            2 * band[stated],
+            bottom=-band[stated],
             width=0.7,
             color="0.85",
             label="measured ± 2 sd",
@@ -180,8 +138,8 @@ def _draw_deviations(axes: "Axes", part: Compared) -> None:
     old, new = (f"{np.abs(x).mean():.2g} {unit}".rstrip() for x in (before, mean))
     solved = np.isfinite(before).all()  # the model may fail at the prior mean
     title = f"{old} at the prior mean, {new} updated" if solved else f"{new} updated"
-    axes.set_title(f"{part.what.name}: mean error {title}", fontsize=10)
-    label = f"deviation from the\nmeasured {part.what.name}"
+    axes.set_title(f"{part.name}: mean error {title}", fontsize=10)
+    label = f"deviation from the\nmeasured {part.name}"
     axes.set_ylabel(f"{label} ({unit})" if unit else label)
     # A power of ten above the axis would stand in the title.
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:.6g}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..interfaces import Floats
-from .style import BLUE, GREY, RED, finish
+from .style import BLUE, GREY, RED, Style, finish
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -14,7 +14,17 @@ if TYPE_CHECKING:
 
 
 def plot_proposals() -> "Figure":
-    """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1)."""
+    """Draw how M-H and DE-MC make a proposal, on a 2-D Gaussian (Fig. 3.1).
+
+    Returns:
+        The matplotlib Figure.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> figure = ef.figures.plot_proposals()
+        >>> [axes.get_title().split(":")[0] for axes in figure.axes]
+        ['Metropolis-Hastings', 'DE-MC']
+    """
     from matplotlib import pyplot as plt
 
     covariance = np.array([[1.0, 0.8], [0.8, 1.0]])
@@ -31,39 +41,34 @@ def plot_proposals() -> "Figure":
         axes.contour(x, y, square, [0.5, 2, 4.5], colors=GREY, linewidths=0.8)
         axes.set(aspect="equal", xlabel=r"$\theta_1$", ylabel=r"$\theta_2$")
 
+    def arrow(axes: "Axes", start: Floats, end: Floats, color: str) -> None:
+        style: Style = {"arrowstyle": "-|>", "color": color, "lw": 1.8}
+        axes.annotate("", tuple(end), tuple(start), arrowprops=style)
+
+    def point(axes: "Axes", at: Floats, label: str, color: str, above: int = 8) -> None:
+        axes.plot(*at, "o", color=color, ms=7)
+        style: Style = {"textcoords": "offset points", "color": color, "fontsize": 14}
+        axes.annotate(label, tuple(at), (6, above), **style)
+
+    left, right = panels
     proposed = current + np.array([0.55, 0.25])
-    panels[0].set_title("Metropolis-Hastings: a step of fixed law")
-    panels[0].add_patch(plt.Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
-    _arrow(panels[0], current, proposed, RED)
-    _point(panels[0], current, r"$\theta_{t-1}$", below=True)
-    _point(panels[0], proposed, r"$\theta^*$", RED)
+    left.set_title("Metropolis-Hastings: a step of fixed law")
+    left.add_patch(plt.Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
+    arrow(left, current, proposed, RED)
+    point(left, current, r"$\theta_{t-1}$", "black", -20)
+    point(left, proposed, r"$\theta^*$", RED)
 
     gamma, noise = 2.38 / math.sqrt(2 * 2), np.array([0.06, -0.12])
     proposed = current + gamma * (a - b) + noise
-    panels[1].set_title(
+    right.set_title(
         r"DE-MC: $\theta^* = \theta_i + \gamma(\theta_a - \theta_b) + \varepsilon$"
     )
-    panels[1].plot(*np.transpose(others), "o", color=GREY, ms=5)
-    _arrow(panels[1], b, a, BLUE)
-    _arrow(panels[1], current, proposed, RED)
-    _point(panels[1], a, r"$\theta_a$", BLUE)
-    _point(panels[1], b, r"$\theta_b$", BLUE, below=True)
-    _point(panels[1], current, r"$\theta_i$", below=True)
-    _point(panels[1], proposed, r"$\theta^*$", RED)
+    right.plot(*np.transpose(others), "o", color=GREY, ms=5)
+    arrow(right, b, a, BLUE)
+    arrow(right, current, proposed, RED)
+    point(right, a, r"$\theta_a$", BLUE)
+    point(right, b, r"$\theta_b$", BLUE, -20)
+    point(right, current, r"$\theta_i$", "black", -20)
+    point(right, proposed, r"$\theta^*$", RED)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
     return finish(figure)
-
-
-def _arrow(axes: "Axes", start: Floats, end: Floats, color: str) -> None:
-    style = {"arrowstyle": "-|>", "color": color, "lw": 1.8}
-    axes.annotate("", tuple(end), tuple(start), arrowprops=style)
-
-
-def _point(
-    axes: "Axes", at: Floats, label: str, color: str = "black", below: bool = False
-) -> None:
-    axes.plot(*at, "o", color=color, ms=7)
-    offset = (6, -20 if below else 8)
-    axes.annotate(
-        label, tuple(at), offset, textcoords="offset points", color=color, fontsize=14
-    )

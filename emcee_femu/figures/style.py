@@ -35,7 +35,7 @@ def changing_draws(
     return names, draws
 
 
-def finish(figure: "Figure", *idata: InferenceData) -> "Figure":
+def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":
     """Return a figure of pyplot, which a notebook will show once.
 
     Above it stands what :func:`certify` said of its samples, if it did.
@@ -46,7 +46,7 @@ def finish(figure: "Figure", *idata: InferenceData) -> "Figure":
     """
     import matplotlib
 
-    for text in filter(None, (describe_certificate(i).strip(" ()") for i in idata)):
+    if idata is not None and (text := describe_certificate(idata).strip(" ()")):
         figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
     if "inline" in matplotlib.get_backend():
         show = partial(_leave_pyplot, figure)

@@ -9,7 +9,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
-from ..results.measured import measured_frequencies, total_average_error
+from ..results.measured import measured_frequencies
 from ..results.to_arviz import read_samples
 from .style import Style, finish
 
@@ -27,7 +27,7 @@ def plot_tae(
 
     Args:
         idata: What :func:`run` or :func:`to_inference_data` returns, best without
-            burn-in removed, or several as ``{label: idata}`` of the same posterior.
+            burn-in removed.
         posterior: The sampled posterior; known of a run.
         experiment: Name of one experiment of a joint posterior.
 
@@ -36,8 +36,8 @@ def plot_tae(
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or needed.
-        ValueError: If no term of it has measured frequencies, it has other parameters,
-            or there is no idata.
+        ValueError: If no term of it has measured frequencies, or it has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -49,22 +49,14 @@ def plot_tae(
     """
     from matplotlib import pyplot as plt
 
-    given = idata if isinstance(idata, dict) else {"": idata}
-    if not given:
-        raise ValueError("idata: expected at least one, got none")
-    converted, curves = [], {}
-    for label, source in given.items():
-        samples_of, sampled = read_samples(source, posterior)
-        sampled = checks.instance("posterior", sampled, LogPosterior)
-        error = running_tae(samples_of, sampled, experiment)
-        end = f"ends at {error[1][-1]:.3g} %"
-        curves[f"{label}, {end}" if label else end] = error
-        converted.append(samples_of)
+    idata, posterior = read_samples(idata, posterior)
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    curve = running_tae(idata, posterior, experiment)
     figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
-    draw_errors(axes, curves)
+    draw_errors(axes, {f"ends at {curve[1][-1]:.3g} %": curve})
     axes.set_xlabel("generation")
     axes.legend(frameon=False)
-    return finish(figure, *converted)
+    return finish(figure, idata)
 
 
 def running_tae(
@@ -88,15 +80,16 @@ def running_tae(
 
     Source: the text below Table 4.2 of Sherri, Boulkaibet, Marwala and Friswell.
     """
-    measured = measured_frequencies(idata, experiment)
+    frequency = measured_frequencies(idata, experiment)
+    measured = frequency.values
     by_generation = samples(idata)[1].mean(axis=0)  # (draws, d)
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
     where = np.unique(np.geomspace(1, n, POINTS).round().astype(int))
-    frequencies = posterior(means[where - 1])[:, posterior.columns[measured.variable]]
+    frequencies = posterior(means[where - 1])[:, posterior.columns[frequency.variable]]
     group = dataset(idata, "posterior")
     steps = 1.0 + group.get("step", group["draw"]).values[where - 1]
-    return steps, total_average_error(measured.values, frequencies)
+    return steps, 100 * np.abs(frequencies[:, : len(measured)] / measured - 1).mean(1)
 
 
 def draw_errors(

@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
+from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable
 from ..likelihoods.term import Term
-from ..results.arviz_objects import Dataset, InferenceData, dataset, samples
+from ..results.arviz_objects import InferenceData, dataset, samples
 from .normal import NormalPopulation
 
 FEWEST = 100  # draws of a test
@@ -66,16 +67,11 @@ def read_tests(
         TypeError: If tests is no mapping of ArviZ objects.
         ValueError: If there are fewer than two, or one does not fit; with its name.
     """
-    if not isinstance(tests, Mapping):
-        raise TypeError(
-            f"tests: expected {{name: what to_inference_data returns}}, got {tests!r}"
-        )
+    tests = checks.by_label("tests", tests, "what to_inference_data returns")
     if len(tests) < 2:
-        raise ValueError(f"tests: expected at least two, got {list(tests)}")
-    draws = {}
+        raise ValueError(f"tests: expected at least two, got {[*tests]}")
+    draws: dict[str, Draws] = {}
     for test, idata in tests.items():
-        if not isinstance(test, str) or not test:
-            raise TypeError(f"tests: expected names, got {test!r}")
         try:
             draws[test] = _read_test(idata, names, number)
         except (TypeError, ValueError) as error:
@@ -98,33 +94,25 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
     flat = chains.reshape(-1, len(sampled))
     if len(flat) < FEWEST:
         raise ValueError(f"expected at least {FEWEST} draws, got {len(flat)}")
-    still = [n for n, ptp in zip(sampled, np.ptp(flat, axis=0), strict=True) if not ptp]
-    if still:
-        raise ValueError(f"every draw of {still} is the same; run it longer")
     kept = np.linspace(0, len(flat) - 1, min(number, len(flat))).astype(int)
-
-    def take(group: Dataset, name: str) -> Floats:
-        values: Floats = group[name].transpose("chain", "draw").values.reshape(-1)[kept]
-        return values
-
+    # Of parameters that are not pooled the prior stays, and must not be divided out.
+    whole = len(names) == len(sampled)
+    group, variables = (
+        ("sample_stats", ["log_prior"]) if whole else ("log_prior", names)
+    )
     try:
-        if len(names) == len(sampled):
-            log_prior = take(dataset(idata, "sample_stats"), "log_prior")
-        else:  # the others' prior stays, and must not be divided out
-            by_parameter = dataset(idata, "log_prior")
-            log_prior = np.sum([take(by_parameter, name) for name in names], axis=0)
+        stored = dataset(idata, group)[list(variables)].transpose("chain", "draw")
     except (KeyError, ValueError):
         raise ValueError(
             "it lacks the log-prior of its draws, in sample_stats, or by parameter, in "
             "the group log_prior, where some parameters are not pooled; convert its "
             "run with to_inference_data, from a GaussianPrior or IndependentPrior"
         ) from None
-    if not np.isfinite(log_prior).all():
-        raise ValueError("log_prior of a draw is not finite")
+    log_prior = sum(stored[name].values.ravel()[kept] for name in variables)
     constant = dataset(idata, "constant_data").reindex(parameter=list(names))
     return Draws(
         theta=flat[kept][:, [sampled.index(name) for name in names]],
-        log_prior=log_prior,
+        log_prior=np.asarray(log_prior),
         bounds=np.column_stack([constant["lower"].values, constant["upper"].values]),
         prior=np.stack([constant["prior_mean"].values, constant["prior_sd"].values]),
     )
@@ -175,15 +163,15 @@ class PopulationModel:
     def log_weights(self, parameters: Parameters) -> Iterator[Floats]:
         """Yield the logarithm of density over prior at each test's draws ``(n, S)``."""
         location, spread = self._locate(parameters), self.population.spread(parameters)
-        for t, own in enumerate(self.tests.values()):
-            sd = np.maximum(spread, own.resolved)
+        for t, test in enumerate(self.tests.values()):
+            sd = np.maximum(spread, test.resolved)
             # About the draws' middle, where the squares hardly cancel.
-            middle = own.theta.mean(axis=0)
-            theta, away = own.theta - middle, location[:, t] - middle
+            middle = test.theta.mean(axis=0)
+            theta, away = test.theta - middle, location[:, t] - middle
             coefficients = np.hstack([away, np.full_like(sd, -0.5)]) / np.tile(sd**2, 2)
             log_density = coefficients @ np.hstack([theta, theta**2]).T
             log_density -= (np.log(sd) + (away / sd) ** 2 / 2).sum(axis=1)[:, None]
-            log_density -= own.log_prior
+            log_density -= test.log_prior
             yield log_density
 
     def _locate(self, parameters: Parameters) -> Floats:

@@ -156,14 +156,11 @@ class NormalPopulation(Report):
     @property
     def table(self) -> Table:
         """The hyperpriors, with the 95 % intervals that they state."""
-        rows: list[tuple[Any, ...]] = []
-        for name in self.parameters:
-            if name in self.hyperpriors:
-                hyperprior = self.hyperpriors[name]
+        rows = [(name, "by the tests", np.nan, np.nan) for name in self.parameters]
+        for i, name in enumerate(self.parameters):
+            if hyperprior := self.hyperpriors.get(name):
                 ends = hyperprior.ppf([0.025, 0.975]).tolist()
-                rows.append((name, describe_marginal(hyperprior), *ends))
-            else:
-                rows.append((name, "by the tests", np.nan, np.nan))
+                rows[i] = (name, describe_marginal(hyperprior), *ends)
         title = f"Population of {', '.join(self.names)}: hyperpriors"
         columns = ("parameter", "distribution", "2.5 %", "97.5 %")
         return Table(title, columns, ("", "", ".4g", ".4g"), tuple(rows))
@@ -171,24 +168,17 @@ class NormalPopulation(Report):
 
 def _check_covariates(covariates: object) -> dict[str, dict[str, float]]:
     """Return ``{covariate: {test: number}}``; the tests are compared by pool_tests."""
-    if not isinstance(covariates, Mapping):
-        raise TypeError(
-            f"covariates: expected {{name: {{test: number}}}}, got {covariates!r}"
-        )
+    if covariates == {}:
+        return {}
     checked = {}
-    for name, values in covariates.items():
-        names = [name, *values] if isinstance(values, Mapping) else [None]
-        if not all(isinstance(text, str) for text in names):
-            raise TypeError(
-                f"covariates[{name!r}]: expected {{test: number}} by the name of the "
-                f"covariate, got {values!r}; write dict(zip(tests, values))"
-            )
-        checked[name] = {
-            test: checks.real_number(f"covariates[{name!r}][{test!r}]", value)
-            for test, value in values.items()
-        }
-        if len({*checked[name].values()}) < 2:
+    tables = checks.by_label("covariates", covariates, "{test: number}")
+    for name, values in tables.items():
+        argument = f"covariates[{name!r}]"
+        tests = [*checks.by_label(argument, values, "numbers")]
+        numbers = checks.numbers_by_name(argument, values, tests).tolist()
+        if len(set(numbers)) < 2:
             raise ValueError(
                 f"covariates: {name!r} must differ between the tests, got {values!r}"
             )
+        checked[name] = dict(zip(tests, numbers, strict=True))
     return checked

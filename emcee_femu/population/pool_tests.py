@@ -20,9 +20,8 @@ from ..table import Column, Parts, Report, Table
 from .marginal import Draws, PopulationModel, PopulationTerm, read_tests
 from .normal import NormalPopulation
 
+ENOUGH = 100  # effective draws of a test, whatever the tail of their weights
 DRAWS = 1_000  # of the population and of each test's parameters, together
-JUDGED = 32  # draws of the population under which weights are judged
-QUARTILE = 0.25
 WIDER = 1.2  # a prior than the population, so that weights towards it stay even
 
 
@@ -38,7 +37,7 @@ class PooledTests(Report):
             ``log_likelihood`` holds that of each test (``arviz.loo`` leaves one out).
         hyperdraws: 1,000 draws of the population's parameters, ``{name: (1000,)}``.
         theta: With each of them a draw of every test's parameters, ``(1000, T, d)``.
-        pareto_k: Of each test's weights under the population, ``(T,)``.
+        pareto_k: Of the weights of each test's draws given all tests, ``(T,)``.
         effective: Its effective draws, ``(T,)``.
         verdict: Of :func:`.diagnose`, on the chains.
     """
@@ -60,9 +59,10 @@ class PooledTests(Report):
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """Tests that have to be sampled again under the population."""
-        judged = zip(self.tests, self.pareto_k, strict=True)
-        return tuple(test for test, k in judged if k > GOOD_K)
+        """Tests to sample again under the population, the farthest off first."""
+        few = (self.pareto_k > GOOD_K) & (self.effective < ENOUGH)
+        order = np.argsort(-self.pareto_k)
+        return tuple(self.tests[i] for i in order if few[i])
 
     def draws(self, test: str) -> dict[str, Floats]:
         """Return the parameters of a test given all tests, ``{name: (1000,)}``.
@@ -171,7 +171,7 @@ class PooledTests(Report):
         """Each test's parameters, alone and given all tests, and its weights."""
         columns: list[Column] = [("test", "", list(self.tests))]
         for i, name in enumerate(self.population.names):
-            alone = [own.theta[:, i] for own in self.model.tests.values()]
+            alone = [test.theta[:, i] for test in self.model.tests.values()]
             columns += [
                 (f"{name} alone", ".5g", [float(x.mean()) for x in alone]),
                 ("sd", ".3g", [float(x.std()) for x in alone]),
@@ -187,21 +187,20 @@ class PooledTests(Report):
     @property
     def conclusion(self) -> str:
         """What to do about tests out of reach, and about the chains."""
-        worst = self.pareto_k.max()
-        if not self.unreached:
+        worst = f"{self.pareto_k.max():.2f}"
+        reach = (
+            "The draws of every test reach where the population puts it (Pareto k up "
+            f"to {worst})."
+        )
+        if self.unreached:
+            first, more = self.unreached[0], len(self.unreached) - 5
+            shown = ", ".join(self.unreached[:5]) + f" and {more} more" * (more > 0)
             reach = (
-                "The draws of every test reach where the population puts it (Pareto k "
-                f"at most {worst:.2f})."
-            )
-        else:
-            shown, first = ", ".join(self.unreached[:5]), self.unreached[0]
-            more = len(self.unreached) - 5
-            reach = (
-                f"{shown}{f' and {more} more' if more > 0 else ''}: do not trust this "
-                "result. The draws do not reach where the population puts them (Pareto "
-                f"k up to {worst:.2f}). Sample these tests again under the population: "
-                f"posteriors={{{first!r}: posterior}}, or run under_population("
-                f"{first!r}, posterior), and pool again."
+                f"{shown}: do not trust this result. The draws do not reach where the "
+                f"population puts them (Pareto k up to {worst}). Sample these "
+                f"tests again under the population: posteriors={{{first!r}: "
+                f"posterior}}, or run under_population({first!r}, posterior), and pool "
+                "again."
             )
         return f"{reach}\n{self.verdict}"
 
@@ -229,11 +228,13 @@ def pool_tests(
     errors, stay each test's own, under its own prior. The parameters of the population
     are sampled with ``run(..., "auto")``.
 
-    A test is judged by the Pareto k of its weights under the population. Above 0.7 its
+    A test is judged by the Pareto k of the weights that lead from its own posterior to
+    that given all tests. Above 0.7, and with fewer than 100 of them effective, its
     draws hardly reach where the population puts it, and the result is not to be
-    trusted: the test has to be sampled again under the population. That is done here
-    if its posterior is given; with pools and files of your own run
-    ``result.under_population(test, posterior)`` and pool again.
+    trusted: the test has to be sampled again under the population. That is done here if
+    its posterior is given; with pools and files of your own run
+    ``result.under_population(test, posterior)`` and pool again. A test that drags the
+    population off may leave others out of reach, too.
 
     Args:
         tests: Of two tests at least, by name, what :func:`to_inference_data` returned;
@@ -298,15 +299,17 @@ def pool_tests(
     again = checks.by_name("posteriors", again, [*by_test])
     for test, posterior in again.items():
         checks.instance(f"posteriors[{test!r}]", posterior, LogPosterior)
-    mean, sd = np.transpose([own.prior for own in by_test.values()], (1, 0, 2))
+    mean, sd = np.transpose([test.prior for test in by_test.values()], (1, 0, 2))
     complete = population.complete(mean.mean(axis=0), np.sqrt((sd**2).mean(axis=0)))
     pooled = _pool(by_test, complete, seed, steps, ensembles)
     renewed = [test for test in pooled.unreached if test in again]
+    if not renewed:
+        return pooled
     for test in renewed:
         under = pooled.under_population(test, again[test])
         idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
         by_test |= read_tests({**tests, test: idata}, names, number)
-    return _pool(by_test, complete, seed, steps, ensembles) if renewed else pooled
+    return _pool(by_test, complete, seed, steps, ensembles)
 
 
 def _pool(
@@ -319,8 +322,9 @@ def _pool(
     """Sample the population, and each test's parameters given it.
 
     Given the population the tests are independent: of each a draw is taken by its
-    weights. They are judged under the one, of some draws of the population, for which
-    a quarter leaves fewer draws effective.
+    weights. They are judged by their means over the population's draws, which lead
+    from a test's own posterior to that given all tests. Those of a single draw would
+    not do: a narrow population has few draws about it wherever it is.
     """
     model = PopulationModel(population, tests)
     posterior = LogPosterior(model, PopulationTerm(model.variables), population.prior)
@@ -334,14 +338,15 @@ def _pool(
     theta = np.empty((DRAWS, len(tests), len(population.names)))
     k, effective = np.empty((2, len(tests)))
     pairs = zip(tests.values(), model.log_weights(hyperdraws), strict=True)
-    for t, (own, log_weights) in enumerate(pairs):
-        cumulative = np.array([normalise(row) for row in log_weights]).cumsum(axis=1)
+    for t, (test, log_weights) in enumerate(pairs):
+        weights = np.array([normalise(row) for row in log_weights])
+        cumulative = weights.cumsum(axis=1)
         level = rng.random((DRAWS, 1)) * cumulative[:, -1:]
-        theta[:, t] = own.theta[(cumulative < level).sum(axis=1)]
-        shares = np.array([kish_share(row) for row in log_weights[:JUDGED]])
-        judged = np.argsort(shares)[int(QUARTILE * JUDGED)]
-        k[t] = pareto_k(log_weights[judged])
-        effective[t] = shares[judged] * len(own.theta)
+        theta[:, t] = test.theta[(cumulative < level).sum(axis=1)]
+        with np.errstate(divide="ignore"):  # far from the population there is none
+            mean = np.log(weights.mean(axis=0))
+        k[t] = pareto_k(mean)
+        effective[t] = kish_share(mean) * len(test.theta)
     return PooledTests(
         population=population,
         model=model,

@@ -64,7 +64,7 @@ def dataset(idata: InferenceData, group: str) -> Any:
             f"{type(idata).__name__}"
         )
     try:
-        found = _group(idata, group)
+        values = _group(idata, group)
     except KeyError:
         raise ValueError(
             f"idata: it has no group {group!r}; to_inference_data(samplers, posterior) "
@@ -74,8 +74,20 @@ def dataset(idata: InferenceData, group: str) -> Any:
         weights = _group(idata, "sample_stats")["weight"].values.ravel()
         size = max(FEWEST_RESAMPLED, COPIES * len(weights))
         # So often that rounding is none.
-        found = found.isel(draw=resample(weights, size, 0.5))
-    return found
+        values = values.isel(draw=resample(weights, size, 0.5))
+    return values
+
+
+def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
+    """Return what is known of the prior by parameter, NaN where there is none."""
+    import xarray
+
+    try:
+        return dataset(idata, "constant_data").reindex(parameter=list(names))
+    except ValueError:  # chains from elsewhere
+        nothing = "parameter", np.full(len(names), np.nan)
+        constants = ("lower", "upper", "initial", "prior_mean", "prior_sd")
+        return xarray.Dataset(dict.fromkeys(constants, nothing))
 
 
 def groups(idata: InferenceData) -> dict[str, Any]:
@@ -92,8 +104,8 @@ def describe_certificate(idata: InferenceData) -> str:
 
 
 def _group(idata: InferenceData, group: str) -> Any:
-    found = idata[group]
-    return found.to_dataset() if hasattr(found, "to_dataset") else found
+    values = idata[group]
+    return values.to_dataset() if hasattr(values, "to_dataset") else values
 
 
 def is_weighted(idata: InferenceData) -> bool:

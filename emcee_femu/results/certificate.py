@@ -114,8 +114,7 @@ class Certificate(Report):
             )
         return (
             f"Corrected: {differences}, which the weights repair; use the idata, mean "
-            "and sd of the certificate, or emulate with more solves "
-            f"({facts})."
+            f"and sd of the certificate, or emulate with more solves ({facts})."
         )
 
     @property
@@ -138,21 +137,18 @@ class Certificate(Report):
 
     def _find_weakness(self) -> str:
         """Return why the weights cannot be trusted, the plainest reason; or nothing."""
-        n = len(self.weights)
-        k = max(self.pareto_k, self.curvature_k)
+        n, heavy = len(self.weights), self.efficiency < EQUAL
         better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
-        if n < FEWEST or not np.isfinite(self.effective):
-            return (
-                f"too few solves, {FEWEST} draws are the least that tell anything; "
-                "certify with more"
-            )
+        if n < FEWEST:
+            return f"too few solves, {FEWEST} draws are the least; certify with more"
         if not self.largest < np.inf:
             return f"the true posterior is zero at all draws; {better}"
-        heavy = self.efficiency < EQUAL
-        if heavy and k > GOOD_K:
+        if heavy and max(self.pareto_k, self.curvature_k) > min(
+            GOOD_K, 1 - 1 / np.log10(n)
+        ):
             return (
-                "the weights have so heavy a tail that no mean over them can be "
-                f"believed; {better}"
+                f"the weights have so heavy a tail that no mean over {n} of them can "
+                f"be believed; {better}"
             )
         needed = FEWEST_EFFECTIVE if heavy else FEWEST
         if self.effective < needed:
@@ -160,13 +156,7 @@ class Certificate(Report):
             return (
                 f"too few solves: the weighted draws are worth {self.effective:.0f} "
                 f"independent ones, and {needed} are needed; {better}, or certify with "
-                f"{_round_up(more)} solves"
-            )
-        if heavy and k > 1 - 1 / np.log10(n):
-            return (
-                "too few solves for so heavy a tail of the weights; certify with "
-                f"{_round_up(self.solves / n * 10 ** (1 / (1 - k)))} solves, or "
-                "emulate with more"
+                f"{-(-more // 10) * 10:.0f} solves"
             )
         return ""
 
@@ -209,7 +199,7 @@ class Certificate(Report):
         """
         import xarray
 
-        text, held = f"{self.short} by {self.solves} full solves", groups(idata)
+        text, sealed = f"{self.short} by {self.solves} full solves", groups(idata)
         if self.short == CORRECTED:
             text = f"corrected by the weights of {len(self.weights)} full solves"
             possible = self.weights > 0
@@ -218,41 +208,28 @@ class Certificate(Report):
                 posterior.names,
                 self.theta[possible, None, None],
                 solved[..., 0],
+                np.full((1, 1), np.nan),
                 solved[..., 1:],
                 posterior=posterior,
                 kind="weighted",
                 seed="unknown (solved at chosen draws)",
                 origin="draws of an emulated posterior, solved in full and weighted",
             )
-            held = groups(convert(chains))
+            sealed = groups(convert(chains))
             weight = ("chain", "draw"), self.weights[possible][None]
-            held["sample_stats"] = held["sample_stats"].assign(weight=weight)
-        held["posterior"] = held["posterior"].assign_attrs(certificate=text)
-        values = {
-            "theta": (("solve", "parameter"), self.theta),
-            "weight": ("solve", self.weights),
-            "lp": ("solve", self.log_posterior),
-            "lp_emulated": ("solve", log_emulated),
-        }
-        held["certificate"] = xarray.Dataset(
-            values,
-            {"solve": np.arange(len(self.theta)), "parameter": list(self.names)},
+            sealed["sample_stats"] = sealed["sample_stats"].assign(weight=weight)
+        sealed["posterior"] = sealed["posterior"].assign_attrs(certificate=text)
+        sealed["certificate"] = xarray.Dataset(
             {
-                "verdict": self.verdict,
-                "short": self.short,
-                "solves": self.solves,
-                "efficiency": self.efficiency,
-                "pareto_k": self.pareto_k,
-                "findings": json.dumps(self.findings),
+                "theta": (("solve", "parameter"), self.theta),
+                "weight": ("solve", self.weights),
+                "lp": ("solve", self.log_posterior),
+                "lp_emulated": ("solve", log_emulated),
             },
+            {"parameter": list(self.names)},
+            {"verdict": self.verdict, "findings": json.dumps(self.findings)},
         )
-        return replace(self, idata=wrap(held))
-
-
-def _round_up(solves: float) -> int:
-    """Return a number of two digits."""
-    size = 10 ** max(0, int(np.log10(solves)) - 1)
-    return int(-(-solves // size) * size)
+        return replace(self, idata=wrap(sealed))
 
 
 def correct_moments(
@@ -273,33 +250,29 @@ def correct_moments(
         weights: w, ``(n,)``.
     """
     n, centre = len(theta), chain.draws.mean(axis=0)
-    moved = weights - shares
-
-    def influence(at_draws: Floats, of_chain: Floats, size: Floats) -> list[Floats]:
-        """Return a mean, and how each solved draw and the chain move it."""
-        mean = of_chain.mean(axis=0) + moved @ at_draws
-        by_draws = moved[:, None] * (at_draws - mean)
-        return [mean, by_draws, (of_chain - mean) / np.sqrt(size)]
+    moved = (weights - shares)[:, None]
+    # First and second powers about the centre: means, and the influence of each draw.
+    solved = np.stack([theta - centre, (theta - centre) ** 2])
+    whole = np.stack([chain.draws - centre, (chain.draws - centre) ** 2])
+    shift, squares = moments = whole.mean(axis=1) + (moved * solved).sum(axis=1)
+    by_draws = moved * (solved - moments[:, None])
+    by_chain = (whole - moments[:, None]) / np.sqrt(chain.mean_sizes)[:, None]
 
     def error(by_draws: Floats, by_chain: Floats) -> Floats:
         square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / (n - 1)
         return np.asarray(np.sqrt(square + by_chain.var(axis=0)))
 
-    at, apart = theta - centre, chain.draws - centre
-    shift, *of_mean = influence(at, apart, chain.mean_sizes[0])
-    squares, *of_squares = influence(at**2, apart**2, chain.mean_sizes[1])
-    mean_error = error(*of_mean)
+    mean_error = error(by_draws[0], by_chain[0])
     variance = squares - shift**2 + mean_error**2
     left = 1 - (weights**2).sum()
     if left > ALONE:  # of the weighted draws alone
         alone = weights @ (theta - weights @ theta) ** 2 / left
         variance = np.where(variance > 0, variance, alone)
     sd = np.sqrt(np.where(variance > 0, variance, np.nan))
-    by_sd = [
-        (square - 2 * shift * mean) / (2 * sd)
-        for square, mean in zip(of_squares, of_mean, strict=True)
-    ]
-    return np.array([centre + shift, mean_error, sd, error(*by_sd)])
+    sd_error = error(
+        *((by[1] - 2 * shift * by[0]) / (2 * sd) for by in (by_draws, by_chain))
+    )
+    return np.array([centre + shift, mean_error, sd, sd_error])
 
 
 def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> float:
@@ -339,17 +312,16 @@ def compare_bounds(
             "of the prior, or certify against a posterior whose prior is cut at those "
             "of the emulator"
         )
-    sd = chain.draws.std(axis=0)
-    for i, name in enumerate(chain.names):
-        for end, sign in ((0, 1.0), (1, -1.0)):
-            bound, beyond = chain.bounds[i, end], prior.bounds[i, end]
-            if bound == beyond or not sign * (bound - beyond) > NEAR * NEAR * sd[i]:
-                continue
-            share = (sign * (chain.draws[:, i] - bound) < NEAR * sd[i]).mean()
-            if share > PRESSED:
-                faults.append(
-                    f"the draws press against {name} = {bound:.5g} ({100 * share:.2g} "
-                    f"% of them within {NEAR:g} standard deviations), where the "
-                    "emulator ends but the prior does not; emulate within wider bounds"
-                )
+    near = NEAR * chain.draws.std(axis=0)
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        bounds = sign * chain.bounds[:, end]
+        pressed = (sign * chain.draws < bounds + near).mean(axis=0)
+        narrower = bounds > sign * prior.bounds[:, end] + NEAR * near
+        for i in np.flatnonzero(narrower & (pressed > PRESSED)):
+            faults.append(
+                f"the draws press against {chain.names[i]} = "
+                f"{chain.bounds[i, end]:.5g} ({100 * pressed[i]:.2g} % of them within "
+                f"{NEAR:g} standard deviations), where the emulator ends but the prior "
+                "does not; emulate within wider bounds"
+            )
     return faults

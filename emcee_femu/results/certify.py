@@ -13,6 +13,7 @@ from os import PathLike
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.special import expit
 
 from .. import checks
 from ..evaluation.resume import open_evaluator
@@ -158,8 +159,7 @@ def certify(
         probe_tolerance=probe_tolerance,
     ) as evaluator:
         maxima = _look_elsewhere(chain, evaluator, min(solves // SHARE, MOST), rng)
-        searched = evaluator.solves
-        places, counts = chain.choose(solves - searched, rng)
+        places, counts = chain.choose(solves - evaluator.solves, rng)
         theta, emulated = chain.draws[places], chain.log_posterior[places]
         by_number = dict(evaluator.each(theta))
         rows = np.array([by_number[i] for i in range(len(theta))])
@@ -176,7 +176,7 @@ def certify(
         weights = normalise(counted)
         moments = correct_moments(chain, theta, counts / counts.sum(), weights)
     unsound, warned = _judge_chain(idata)
-    notes = _note(chain, n, maxima, searched, evaluator.solves, evaluator.failed)
+    notes = _note(chain, n, maxima, evaluator.failed)
     certificate = Certificate(
         names=chain.names,
         solves=evaluator.solves,
@@ -228,31 +228,21 @@ class EmulatedChain:
         """Return the chain; walkers are in random order at each step.
 
         Raises:
-            ValueError: If idata lacks the log-posterior or the bounds, or is not a
-                chain but what an earlier certificate corrected.
+            ValueError: If idata lacks the bounds, or is not a chain but what an earlier
+                certificate corrected.
         """
-        names, chains = samples(idata)
-        stats = dataset(idata, "sample_stats")
-        constant = dataset(idata, "constant_data")
-        if "lp" not in stats or not {"lower", "upper"} <= set(constant):
-            raise ValueError(
-                "idata: expected what to_inference_data returns of the emulated "
-                "posterior, with its log-posterior and its bounds"
-            )
         if is_weighted(idata):
             raise ValueError(
                 "idata: expected draws of the emulated posterior, got those that a "
                 "certificate has weighted; give it the object that you certified"
             )
+        names, chains = samples(idata)
         m, n, d = chains.shape
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
         steps = np.arange(n)[:, None]
         draws = chains[order, steps].reshape(-1, d)
-        for name, column in zip(names, draws.T, strict=True):
-            if np.ptp(column) == 0:
-                raise ValueError(f"idata: every draw of {name!r} is {column[0]:g}")
-        lp = stats["lp"].transpose("chain", "draw").values
-        constant = constant.reindex(parameter=names)
+        lp = dataset(idata, "sample_stats")["lp"].transpose("chain", "draw").values
+        constant = dataset(idata, "constant_data").reindex(parameter=names)
         bulk = effective_sizes(chains)[0]
         if len(json.loads(dataset(idata, "posterior").attrs.get("betas", "[1.0]"))) > 1:
             # Exchanges hand states over, which walker by walker look independent.
@@ -291,25 +281,20 @@ class EmulatedChain:
     def choose(
         self, n: int, rng: np.random.Generator
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return places of ``n`` different draws at equal distances, or of fewer.
+        """Return places of at most ``n`` different draws at equal distances.
 
         Every draw of the chain is as likely to be taken as any other. A walker that
         stood still may be met again: its draw is solved once and counts as often as it
         was met, which is returned too.
         """
-        total, start = len(self.draws), rng.random()
-        taken = min(n, total)
-        while True:
-            places = ((start + np.arange(taken)) * total / taken).astype(int)
-            places = np.minimum(places, total - 1)
-            _, first, counts = np.unique(
-                self.draws[places], axis=0, return_index=True, return_counts=True
-            )
-            if len(first) >= n or taken == total:
-                break
-            taken = min(taken + max(n - len(first), taken // 8), total)
-        kept = np.sort(rng.permutation(len(first))[:n])
-        return places[first[kept]], counts[kept]
+        total = len(self.draws)
+        n = min(n, total)
+        places = ((rng.random() + np.arange(n)) * total / n).astype(int)
+        places = np.minimum(places, total - 1)
+        _, first, counts = np.unique(
+            self.draws[places], axis=0, return_index=True, return_counts=True
+        )
+        return places[first], counts
 
     def excess(self, n: int) -> float:
         """Return by how much a mean of n draws varies more than of independent ones.
@@ -358,17 +343,16 @@ def _find_missed(
     d = chain.draws.shape[1]
     log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
     heights = np.where(weights > 0, log_posterior, 0.0)
-    known = float(weights @ heights) + log_volume  # the log evidence of a Gaussian
+    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
     for top in maxima:
         if not top.converged:  # on its way, perhaps to what is known
             continue
-        share = 1 / (1 + np.exp(np.clip(known - top.log_evidence, -500, 500)))
+        share = expit(top.log_evidence - log_evidence)
         if share < MISSED:
             continue
-        offset = chain.draws - top.theta
-        squares = np.einsum(
-            "ni,ij,nj->n", offset, np.linalg.inv(top.covariance), offset
-        )
+        root = np.linalg.cholesky(top.covariance)
+        white = np.linalg.solve(root, (chain.draws - top.theta).T)
+        squares = (white**2).sum(axis=0)
         if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
             return (
                 f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
@@ -391,57 +375,51 @@ def _name(chain: EmulatedChain, theta: Floats) -> str:
     return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)
 
 
-def _judge_chain(idata: InferenceData) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     """Return why the emulated posterior's chain cannot be trusted, or a finding."""
     group = dataset(idata, "posterior")
-    known = "ensemble" in group.coords and not group.attrs.get("kind") == "population"
-    if not known or group.sizes["draw"] < FEWEST_STEPS:
-        return (), ()
+    judged = "ensemble" in group.coords and group.attrs.get("kind") != "population"
+    if not judged or group.sizes["draw"] < FEWEST_STEPS:
+        return [], []
     diagnosis = diagnose(idata)
-    apart = np.nan_to_num([diagnosis.rhat_within.max(), diagnosis.rhat_between.max()])
+    apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > APART
+    if diagnosis.stuck or apart:
+        return [
+            "the chain of the emulated posterior is in several parts, which no weight "
+            "brings together; run it longer, without its burn-in, until diagnose finds "
+            "no walkers or ensembles apart"
+        ], []
     if not diagnosis.verdict.startswith("Not converged"):
-        return (), ()
-    if not diagnosis.stuck and apart.max() <= APART:
-        text = f"The chain of the emulated posterior itself: {diagnosis.verdict}"
-        return (), (f"{text} What it has not visited, no weight brings back.",)
-    return (
-        "the chain of the emulated posterior is in several parts, which no weight "
-        "brings together; run it longer, without its burn-in, until diagnose finds "
-        "no walkers or ensembles apart",
-    ), ()
+        return [], []
+    return [], [
+        f"The chain of the emulated posterior itself: {diagnosis.verdict} What it has "
+        "not visited, no weight brings back."
+    ]
 
 
 def _note(
-    chain: EmulatedChain,
-    n: int,
-    maxima: list[Maximum],
-    searched: int,
-    solves: int,
-    failed: int,
+    chain: EmulatedChain, n: int, maxima: list[Maximum], failed: int
 ) -> list[str]:
-    """Return what else to know, in sentences."""
+    """Return what else to know of ``n`` solved draws, in sentences."""
     sentences = []
     if failed:
         sentences.append(
-            f"{failed} of {solves} solves failed; the posterior is "
-            "taken for zero there, of which the emulator knows nothing: cut the prior "
-            "to where the model can be solved, and emulate again."
+            f"{failed} solves failed; the posterior is taken for zero there, of which "
+            "the emulator knows nothing: cut the prior to where the model can be "
+            "solved, and emulate again."
         )
     if chain.size < 2 * n:
         sentences.append(
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
             f"{n} solves: run it longer; the errors allow for it."
         )
-    if searched:
-        ends = sum(maximum.converged for maximum in maxima)
-        sentences.append(
-            f"{searched} solves went into climbs from elsewhere, of which {ends} "
-            "came to an end; what neither they nor the draws came upon stays unseen."
-        )
-    else:
-        sentences.append(
-            "No climb from elsewhere was made, for which the solves were too few: a "
-            "part of the posterior far from all draws would not be seen; find_map "
-            "looks for one."
-        )
+    ends = sum(maximum.converged for maximum in maxima)
+    sentences.append(
+        f"{len(maxima)} climbs were made from elsewhere, of which {ends} came to an "
+        "end; what neither they nor the draws came upon stays unseen."
+        if maxima
+        else "No climb from elsewhere was made, for which the solves were too few: a "
+        "part of the posterior far from all draws would not be seen; find_map looks "
+        "for one."
+    )
     return sentences

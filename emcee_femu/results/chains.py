@@ -26,6 +26,8 @@ from ..sampling.run import Run
 from ..sampling.search_record import SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, is_weighted, samples
 
+TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
+STORED = ("acceptance", "betas", "failures", "search", "starts_given")  # as JSON
 LONGEST_REPR = 200  # of a move, in the attributes
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
@@ -40,10 +42,10 @@ class Chains:
         names: Parameter names.
         draws: ``(steps, ensembles, walkers, d)``; of a tempered run its cold walkers.
         log_prob: Log-posteriors ``(steps, ensembles, walkers)``.
+        acceptance: Of each walker, ``(ensembles, walkers)``; NaN where not known.
         blobs: The rest of the rows, ``(steps, ensembles, walkers, columns - 1)``; None
             where there is none, or not asked for.
         posterior: What was sampled, None where it is not known.
-        acceptance: Of each walker, ``(ensembles, walkers)``; NaN where not known.
         search: What "auto" found, None if it did not run.
         betas: Powers of the likelihood of the blocks of walkers; one if untempered.
         kind: "chain", "population" (annealed), or "weighted" (draws of a certificate).
@@ -57,9 +59,9 @@ class Chains:
     names: tuple[str, ...]
     draws: Floats
     log_prob: Floats
+    acceptance: Floats
     blobs: Floats | None = None
     posterior: LogPosterior | None = None
-    acceptance: Floats = field(default_factory=lambda: np.empty((0, 0)))
     search: SearchRecord | None = None
     betas: Floats = field(default_factory=lambda: np.ones(1))
     kind: str = "chain"
@@ -68,12 +70,6 @@ class Chains:
     origin: str = ""
     failures: Mapping[str, int] = field(default_factory=dict)
     starts_given: bool = False
-
-    def __post_init__(self) -> None:
-        """Say that acceptance is not known where nothing was said."""
-        if not self.acceptance.size:
-            shape = self.draws.shape[1:3]
-            object.__setattr__(self, "acceptance", np.full(shape, np.nan))
 
 
 def read_chains(
@@ -121,38 +117,32 @@ def read_chains(
             raise ValueError(f"{argument}: {error}") from None
         return _of_file(store, posterior, discard, read)
     samplers = list(source) if isinstance(source, Sequence) else [source]
-    if not samplers:
-        raise ValueError(f"{argument}: expected at least one sampler, got none")
-    backends = []
-    for sampler in samplers:
-        stored = getattr(sampler, "backend", sampler)
-        if not isinstance(stored, Backend):
-            raise TypeError(
-                f"{argument}: expected what run returned, emcee samplers or backends, "
-                "the name of a run's file or an ArviZ object, got "
-                f"{type(sampler).__name__}"
-            )
-        backends.append(stored)
+    backends = [getattr(sampler, "backend", sampler) for sampler in samplers]
+    if not backends or not all(isinstance(b, Backend) for b in backends):
+        raise TypeError(
+            f"{argument}: expected what run returned, emcee samplers or backends, the "
+            f"name of a run's file or an ArviZ object, got {type(source).__name__}"
+        )
     weighted = moves_of(samplers[0])
     ladder = find_ladder([move for move, _ in weighted])
-    betas = np.ones(1) if ladder is None else ladder.betas
-    chains = read(backends, betas)
-    known = source.posterior if isinstance(source, Run) else _sampled_by(samplers[0])
+    chains = read(backends, np.ones(1) if ladder is None else ladder.betas)
+    run = source if isinstance(source, Run) else None
+    posterior = posterior or (run.posterior if run else _sampled_by(samplers[0]))
     chains = replace(
         chains,
-        names=_names(samplers[0], posterior or known, chains.draws.shape[-1]),
-        posterior=posterior or known,
+        names=_names(samplers[0], posterior, chains.draws.shape[-1]),
+        posterior=posterior,
         moves=describe_moves(weighted) or Chains.moves,
     )
-    if not isinstance(source, Run):
+    if run is None:
         return chains
     return replace(
         chains,
-        search=source.search,
-        seed=str(source.seed),
-        origin="" if source.search is None else source.search.sentence,
-        failures={} if source.failures is None else dict(source.failures.causes),
-        starts_given=source.starts_given,
+        search=run.search,
+        seed=str(run.seed),
+        origin="" if run.search is None else run.search.sentence,
+        failures={} if run.failures is None else dict(run.failures.causes),
+        starts_given=run.starts_given,
     )
 
 
@@ -166,37 +156,28 @@ def _read(
     hot: bool,
 ) -> Chains:
     """Return what is stored in emcee backends, of walkers without names."""
-    parts: dict[str, list[Floats]] = {"chain": [], "log_prob": [], "blobs": []}
-    acceptance = []
-    for backend in backends:
-        if not backend.iteration:
-            raise ValueError("source: one has no stored steps; run it first")
-        if backend.iteration < discard + thin:
-            raise ValueError(
-                f"discard: no steps are left after {discard} (thin={thin})"
-            )
-        kept = slice(0, backend.shape[0] // (1 if hot else len(betas)))
-        for name, values in parts.items():
-            if name != "blobs" or (blobs and backend.has_blobs()):
-                stored = backend.get_value(name, discard=discard, thin=thin)
-                values.append(stored[:, kept])
-        acceptance.append(backend.accepted[kept] / backend.iteration)
-    shapes = {part.shape[1:] for part in parts["chain"]}
+    steps = min(backend.iteration for backend in backends) - discard
+    if steps < thin:
+        raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
+    shapes = {backend.shape for backend in backends}
     if len(shapes) > 1:
         raise ValueError(
             "source: expected ensembles of one shape (walkers, parameters), got "
             f"{sorted(shapes)}"
         )
-    steps = min(map(len, parts["chain"]))
-    draws, log_prob, rest = (
-        [part[:steps] for part in values] for values in parts.values()
-    )
+    kept = slice(0, backends[0].shape[0] // (1 if hot else len(betas)))
+
+    def gather(name: str) -> Floats:
+        parts = [b.get_value(name, discard=discard, thin=thin) for b in backends]
+        return np.stack([part[: steps // thin, kept] for part in parts], axis=1)
+
+    acceptance = [backend.accepted[kept] / backend.iteration for backend in backends]
     return Chains(
         (),
-        np.stack(draws, axis=1),
-        np.stack(log_prob, axis=1),
-        np.stack(rest, axis=1) if rest else None,
-        acceptance=np.array(acceptance),
+        gather("chain"),
+        gather("log_prob"),
+        np.array(acceptance),
+        gather("blobs") if blobs and backends[0].has_blobs() else None,
         betas=betas,
     )
 
@@ -219,10 +200,9 @@ def _names(
         return posterior.names
     names = [f"theta{i + 1}" for i in range(ndim)]
     if isinstance(sampler, emcee.EnsembleSampler) and sampler.params_are_named:
-        for name, place in sampler.parameter_names.items():
-            places = np.atleast_1d(place).tolist()
-            for i in places:
-                names[i] = name if len(places) == 1 else f"{name}[{places.index(i)}]"
+        for name, places in sampler.parameter_names.items():
+            for k, i in enumerate(np.atleast_1d(places)):
+                names[i] = f"{name}[{k}]" if np.ndim(places) else name
     return tuple(names)
 
 
@@ -244,7 +224,7 @@ def _of_file(
     read: Callable[[Sequence[Backend], Floats], Chains],
 ) -> Chains:
     """Return the chains in the file of a run, which may still go on."""
-    manifest, known = store["manifest"], store["search"]
+    manifest, search = store["manifest"], store["search"]
     streams = [stream for stream in sorted(store.lengths()) if stream > 0]
     if not streams:
         raise ValueError(f"source: {store.path} holds no chain (yet)")
@@ -252,7 +232,7 @@ def _of_file(
     # The ensembles run one after another: those that have begun are compared.
     begun = [chain for chain in stored if chain.iteration > discard]
     betas = np.array(manifest.get("betas") or [1.0])
-    search = None if known is None else SearchRecord.from_json(known)
+    search = None if search is None else SearchRecord.from_json(search)
     return replace(
         read(begun or stored, betas),
         names=tuple(manifest["parameters"]),
@@ -279,9 +259,9 @@ def _of_population(
         population.names,
         population.theta[:, None, None],
         rows[:, None, None, 0],
+        population.acceptance[-1:, None],
         rows[:, None, None, 1:],
         posterior=posterior,
-        acceptance=population.acceptance[-1:, None],
         kind="population",
         moves="annealed",
         seed="unknown (annealed)",
@@ -296,7 +276,6 @@ def _of_arviz(
     idata: InferenceData, posterior: LogPosterior | None, discard: int, thin: int
 ) -> Chains:
     """Return the chains of an ArviZ object, ours or that of ``arviz.from_emcee``."""
-    weighted = is_weighted(idata)
     names, chains = samples(idata)  # (chains, draws, d)
     group = dataset(idata, "posterior")
     lp = dataset(idata, "sample_stats")["lp"].transpose("chain", "draw").values
@@ -305,7 +284,7 @@ def _of_arviz(
     if "ensemble" in group.coords:
         ensemble = group["ensemble"].values
     counts = np.unique(ensemble, return_counts=True)[1]
-    if len(set(counts.tolist())) != 1:
+    if np.ptp(counts):
         raise ValueError(
             "source: expected an ArviZ object with a coordinate 'ensemble' that "
             f"occurs equally often, got {counts.tolist()} chains by ensemble"
@@ -316,26 +295,24 @@ def _of_arviz(
     kept = slice(discard + thin - 1, None, thin)
     if not len(draws[kept]):
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
-    known = group.attrs
-    search = json.loads(str(known.get("search", "null")))
-    fractions = np.array(json.loads(str(known.get("acceptance", "[]"))))
+    numbers = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
+    fractions = np.array(numbers.get("acceptance", []))
     if fractions.size != shape[0] * shape[1]:  # chains were selected
         fractions = np.full(shape, np.nan)
-    return Chains(
+    search = numbers.get("search")
+    chains_of = Chains(
         tuple(names),
         draws[kept],
         log_prob[kept],
+        fractions.reshape(shape),
         posterior=posterior,
-        acceptance=fractions.reshape(shape),
         search=None if search is None else SearchRecord.from_json(search),
-        betas=np.array(json.loads(str(known.get("betas", "[1.0]")))),
-        kind="weighted" if weighted else str(known.get("kind", "chain")),
-        moves=str(known.get("moves", Chains.moves)),
-        seed=str(known.get("seed", Chains.seed)),
-        origin=str(known.get("origin", "")),
-        failures=json.loads(str(known.get("failures", "{}"))),
-        starts_given=bool(known.get("starts_given", False)),
+        betas=np.array(numbers.get("betas", [1.0])),
+        failures=numbers.get("failures", {}),
+        starts_given=numbers.get("starts_given", False),
+        **{name: group.attrs[name] for name in TOLD if name in group.attrs},
     )
+    return replace(chains_of, kind="weighted") if is_weighted(idata) else chains_of
 
 
 def autocorrelation_time(chain: Floats) -> Floats:

@@ -15,6 +15,12 @@ from .verdict import CONVERGED, judge
 
 FEWEST_STEPS = 8  # that can be judged
 TAILS = (0.05, 0.95)
+NO_CHAINS = {
+    "population": "an annealed population, which has no convergence to judge; run it "
+    "again with other seeds and compare",
+    "weighted": "the weighted draws of a certificate; print the certificate, and "
+    "diagnose the chain of the emulated posterior",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,22 +95,19 @@ class Diagnosis(Report):
             ],
         )
 
-    def _sentences(self) -> list[str]:
-        lines = []
+    def _parts(self) -> Parts:
+        yield self.table
+        if self.modes is not None and len(self.modes.importance) > 1:
+            yield self.modes.table
         if np.isfinite(self.acceptance).all():
-            lines.append(
+            yield (
                 f"Acceptance {self.acceptance.mean():.2f} (walkers "
                 f"{self.acceptance.min():.2f} to {self.acceptance.max():.2f}), "
                 f"{len(self.stuck)} stuck walkers."
             )
         if self.failures:
-            lines.append(f"Failed solves, taken for impossible: {dict(self.failures)}.")
-        return [*lines, self.verdict]
-
-    def _parts(self) -> Parts:
-        modes = self.modes
-        several = [] if modes is None or len(modes.importance) < 2 else [modes.table]
-        return self.table, *several, *self._sentences()
+            yield f"Failed solves, taken for impossible: {dict(self.failures)}."
+        yield self.verdict
 
 
 def diagnose(source: object, discard: int = 0) -> Diagnosis:
@@ -141,13 +144,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     """
     chains = read_chains(source, discard=discard)
     if chains.kind != "chain":
-        reason = {
-            "population": "an annealed population, which has no convergence to judge; "
-            "run it again with other seeds and compare",
-            "weighted": "the weighted draws of a certificate; print the certificate, "
-            "and diagnose the chain of the emulated posterior",
-        }[chains.kind]
-        raise ValueError(f"source: expected chains, got {reason}")
+        raise ValueError(f"source: expected chains, got {NO_CHAINS[chains.kind]}")
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
     if steps < FEWEST_STEPS:
@@ -157,7 +154,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
-    scatter = np.full(ndim, np.nan)
+    scatter = within = between = np.full(ndim, np.nan)
     if len(chains.betas) > 1:
         tau = tau_by_ensemble(
             draws.mean(axis=2, keepdims=True), moved.any(axis=1, keepdims=True)
@@ -169,17 +166,12 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         bulk, tail = effective_sizes(_as_chains(draws))
         of_squares = mean_sizes(_as_chains(squares))
         if n_ensembles >= FEWEST_ENSEMBLES:
-            means = excess_scatter(draws, tau)
-            scatter = np.fmax(
-                means, excess_scatter(squares, tau_by_ensemble(squares, moved))
-            )
-    within = [np.full(ndim, np.nan)]  # one walker alone has nothing to compare with
+            of_variances = excess_scatter(squares, tau_by_ensemble(squares, moved))
+            scatter = np.fmax(excess_scatter(draws, tau), of_variances)
     if n_walkers > 1:
-        within = [rhat(walkers) for walkers in by_ensemble]
-    between = np.full(ndim, np.nan)
+        within = np.max([rhat(walkers) for walkers in by_ensemble], axis=0)
     if n_ensembles > 1:
-        pooled = by_ensemble.reshape(n_ensembles, -1, ndim)  # walker after walker
-        between = rhat(pooled)
+        between = rhat(by_ensemble.reshape(n_ensembles, -1, ndim))
     with np.errstate(divide="ignore", invalid="ignore"):
         steps_per_tau = steps / tau.max(axis=0)
         of_variance = np.sqrt(squares.var(axis=(0, 1, 2)) / of_squares)
@@ -193,7 +185,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         ess_tail=tail,
         acceptance=chains.acceptance,
         stuck=tuple((int(e), int(w)) for e, w in np.argwhere(~moved)),
-        rhat_within=np.max(within, axis=0),
+        rhat_within=within,
         rhat_between=between,
         sd_error=sd_error,
         scatter=scatter,

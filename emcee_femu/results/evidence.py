@@ -44,10 +44,9 @@ class Evidence(Report):
             if np.isfinite(self.log_evidence_error)
             else "(no standard error can be claimed)"
         )
-        lines = [
-            f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}",
-            *(f"{problem[:1].upper()}{problem[1:]}." for problem in self.problems),
-        ]
+        yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
+        for problem in self.problems:
+            yield f"{problem[:1].upper()}{problem[1:]}."
         if self.failed_solves:
             meaning = (
                 "it holds for the prior where it can be solved; for all of it add "
@@ -55,8 +54,7 @@ class Evidence(Report):
                 if len(self.overlaps)
                 else "the part of the prior that cannot be solved counts as impossible"
             )
-            lines.append(f"{self.failed_solves} solves failed: {meaning}.")
-        return lines
+            yield f"{self.failed_solves} solves failed: {meaning}."
 
 
 def log_evidence(source: object, discard: int = 0) -> Evidence:
@@ -144,11 +142,9 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
             f"{len(log_prob)}"
         )
     if not np.isfinite(log_prob).all():
-        step, ensemble, walker = map(int, np.argwhere(~np.isfinite(log_prob))[0])
         raise ValueError(
-            f"source: the log-posterior of walker {walker} of ensemble {ensemble} is "
-            f"{log_prob[step, ensemble, walker]} at step {step} after discard; start "
-            "where it is finite, or discard more"
+            "source: a log-posterior after discard is not finite; start where it is "
+            "finite, or discard more"
         )
     failed = sum(chains.failures.values())
     overlaps, method = np.empty(0), "by a bridge from the frozen proposal"
@@ -159,8 +155,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     else:
         value, error, problems, overlaps = _climb_ladder(chains)
         method = f"by bridges between {len(chains.betas)} betas"
-    if problems:
-        error = np.inf
+    error = np.inf if problems else error
     return Evidence(value, error, method, problems, overlaps, failed)
 
 

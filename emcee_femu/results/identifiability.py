@@ -1,18 +1,16 @@
 """What the data say about each parameter, read off samples, or near a maximum."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from ..interfaces import Floats, read
+from ..interfaces import Floats
 from ..posterior.derivatives import place
-from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import summarize_prior
 from ..sampling.find_map import FoundMap
-from ..sampling.quadratic import draw_inside, is_inside, moments_inside
+from ..sampling.quadratic import draw_inside, moments_inside
 from ..table import Parts, Report, Table
 from .arviz_objects import (
     InferenceData,
@@ -21,14 +19,21 @@ from .arviz_objects import (
     samples,
     spread_out,
 )
-from .findings import describe_findings
 from .to_arviz import read_samples
 
 NEAR = 0.01  # of the range; a uniform density has a share of 0.01 so near a bound
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
-COLLINEAR = 1e-6  # relative singular value of samples that do not span all directions
 PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
 ENOUGH = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
+UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
+SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
+TOGETHER = 0.95  # |correlation| above which only a combination is known well
+MANY = 3  # uninformed parameters from which on the known combinations are named
+INFORMED = 0.5  # sd ratio below which a combination is worth naming
+MOST_COMBINATIONS, SMALL_PART = 3, 0.15
+CROWDED = 0.05  # share of the samples near a bound
+CLOSE = 3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential 1
+GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,42 +43,157 @@ class Identifiability(Report):
     Attributes:
         names: Parameter names, ``d`` of them.
         is_error: Whether only likelihood terms read it (noise, discrepancy), ``(d,)``.
+        prior_mean: Means of the prior, ``(d,)``.
         prior_sd: Standard deviations of the prior, ``(d,)``.
         bounds: Bounds of the prior, ``(d, 2)``.
-        sd_ratio: Posterior by prior standard deviation, ``(d,)``: near 1 the data say
-            nothing, near 0 they say everything.
-        shift: Posterior minus prior mean in prior standard deviations, ``(d,)``.
-        correlation: Correlation matrix of the posterior, ``(d, d)``.
+        mean: Means of the posterior, ``(d,)``.
+        covariance: Covariance matrix of the posterior, ``(d, d)``.
         at_bound: Share of samples within 1 % of the range of the lower and of the
             upper bound, ``(d, 2)``; of a range with an infinite end, within 4 % of a
             prior standard deviation.
-        from_bound: Distance of the posterior mean from the lower and from the upper
-            bound, in posterior standard deviations, ``(d, 2)``.
         modes: Which mode each row of the sensitivities is, in words.
         sensitivities: d ln(lambda_i) per prior standard deviation of each parameter,
-            at the posterior mean, ``(n_modes, d)``; NaN where the samples do not tell,
-            and for the parameters of errors.
+            at the posterior mean, ``(n_modes, d)``; NaN for a mode without a frequency
+            above zero, and for the parameters of errors.
         r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
             mode that no parameter changes.
         local: Where the numbers are from, if not from samples but from a maximum of the
             posterior.
-        findings: Plain sentences.
+        certificate: What :func:`.certify` said of the samples, if it did.
     """
 
     names: tuple[str, ...]
     is_error: NDArray[np.bool_]
+    prior_mean: Floats
     prior_sd: Floats
     bounds: Floats
-    sd_ratio: Floats
-    shift: Floats
-    correlation: Floats
+    mean: Floats
+    covariance: Floats
     at_bound: Floats
-    from_bound: Floats
     modes: tuple[str, ...]
     sensitivities: Floats
     r_squared: Floats
     local: str = ""
-    findings: tuple[str, ...] = ()
+    certificate: str = ""
+
+    @property
+    def sd_ratio(self) -> Floats:
+        """Posterior by prior standard deviation: near 1 the data say nothing."""
+        ratio: Floats = np.sqrt(np.diag(self.covariance)) / self.prior_sd
+        return ratio
+
+    @property
+    def shift(self) -> Floats:
+        """Posterior minus prior mean in prior standard deviations, ``(d,)``."""
+        return (self.mean - self.prior_mean) / self.prior_sd
+
+    @property
+    def correlation(self) -> Floats:
+        """The correlation matrix of the posterior, ``(d, d)``."""
+        sd = np.sqrt(np.diag(self.covariance))
+        correlation: Floats = self.covariance / np.outer(sd, sd)
+        return correlation
+
+    @property
+    def from_bound(self) -> Floats:
+        """Distances of the mean from both bounds in posterior sds, ``(d, 2)``."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return np.abs(self.bounds - self.mean[:, None]) / sd[:, None]
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What the data do not tell, bounds that matter, and doubts, in sentences."""
+        first = [text for text in (self.local, self.certificate) if text]
+        pressed, small = self._find_pressed(), self._find_unknown()
+        if not pressed and not small:
+            least = int(self.sd_ratio.argmax())
+            small = [
+                f"The data inform every parameter, {self.names[least]} least (sd ratio "
+                f"{self.sd_ratio[least]:.2f})."
+            ]
+        return (*first, *pressed, *small, *self._find_doubts())
+
+    def _find_unknown(self) -> list[str]:
+        """Name what the data leave open, and what they know of it all the same."""
+        names, correlation = self.names, self.correlation
+        together = np.triu(np.abs(correlation) > TOGETHER, 1)
+        uninformed = np.flatnonzero(self.sd_ratio > UNINFORMED)
+        sentences = [
+            f"The data leave {names[i]} as uncertain as before (sd ratio "
+            f"{self.sd_ratio[i]:.2f}), and move it by {self.shift[i]:+.1f} prior "
+            "standard deviations."
+            for i in uninformed
+        ]
+        for pair in np.argwhere(together):
+            variances, directions = self._principal(pair)
+            first, second = directions[:, 0] / self.prior_sd[pair]
+            (a, b), ratios = (names[k] for k in pair), self.sd_ratio[pair]
+            sentences.append(
+                f"Only {_add(a, second / first, b)} is known well, not {a} and {b} by "
+                f"themselves: sd ratio {np.sqrt(variances[0]):.2g}, against "
+                f"{ratios[0]:.2g} and {ratios[1]:.2g} (correlation "
+                f"{correlation[*pair]:+.3f})."
+            )
+        if (~self.is_error[uninformed]).sum() >= MANY:
+            sentences.append(self._name_combinations())
+        return sentences
+
+    def _name_combinations(self) -> str:
+        """Name the directions in which the posterior is narrowest, in prior sds."""
+        structural = np.flatnonzero(~self.is_error)
+        variances, directions = self._principal(structural)
+        narrow = np.flatnonzero(np.sqrt(variances) < INFORMED)
+        if not len(narrow):
+            return "No combination of the parameters is known well either."
+        words = []
+        for k in narrow[:MOST_COMBINATIONS]:
+            text, vector = "", directions[:, k] * np.sign(directions[:, k].sum())
+            for i in np.argsort(-np.abs(vector)):
+                if np.abs(vector[i]) >= SMALL_PART:
+                    text = _add(text, vector[i], self.names[structural[i]], ".2f")
+            words.append(f"{text} (sd ratio {np.sqrt(variances[k]):.2g})")
+        return (
+            f"{len(narrow)} of {len(structural)} independent combinations are known "
+            f"well (sd ratio below {INFORMED}), best, in prior standard deviations: "
+            f"{'; '.join(words)}."
+        )
+
+    def _principal(self, which: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return variances and directions of parameters in prior sds, least first."""
+        scaled = self.covariance / np.outer(self.prior_sd, self.prior_sd)
+        variances, directions = np.linalg.eigh(scaled[np.ix_(which, which)])
+        return np.maximum(variances, 0.0), directions
+
+    def _find_pressed(self) -> list[str]:
+        """Name bounds that the posterior is pressed against.
+
+        A narrow posterior may lie within 1 % of a wide range, and far from its bound;
+        an error may well be as small as its lower one.
+        """
+        what = "the Gaussian's draws" if self.local else "the samples"
+        crowded = (self.at_bound > CROWDED) & (self.from_bound < CLOSE)
+        crowded[:, 0] &= ~self.is_error
+        return [
+            f"{self.names[i]} is pressed against its {('lower', 'upper')[side]} bound "
+            f"{self.bounds[i, side]:.5g}: {100 * self.at_bound[i, side]:.0f} % of "
+            f"{what} lie within 1 % of the range from it. Widen the bounds, or doubt "
+            "the model."
+            for i, side in np.argwhere(crowded)
+        ]
+
+    def _find_doubts(self) -> list[str]:
+        """Name errors larger than expected, and sensitivities that are rough."""
+        surprising = np.flatnonzero(self.is_error & (self.shift > SURPRISING))
+        return [
+            f"{self.names[i]} is inferred {self.shift[i]:.1f} prior standard "
+            "deviations above its prior mean: model and data disagree by more than was "
+            "expected. Look for what the model lacks, or widen this prior."
+            for i in surprising
+        ] + [
+            f"The sensitivities of {self.modes[i]} are rough, for ln(lambda) is not a "
+            f"quadratic over the samples (R^2 {self.r_squared[i]:.2f})."
+            for i in np.flatnonzero(self.r_squared < GOOD_FIT)
+        ]
 
     @property
     def table(self) -> Table:
@@ -82,9 +202,7 @@ class Identifiability(Report):
         strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
         partners = [self.names[j] if d > 1 else "" for j in strongest]
         pairs = self.correlation[np.arange(d), strongest]
-        largest = np.full(d, np.nan)  # of a response without frequencies
-        if self.modes:
-            largest = np.abs(self.sensitivities).max(axis=0)
+        largest = np.fmax.reduce(np.abs(self.sensitivities), initial=np.nan)
         return Table.from_columns(
             "What the data say",
             [
@@ -121,8 +239,7 @@ def identifiability(idata: object) -> Identifiability:
 
     Before any sampling what :func:`find_map` found will do: the numbers are then those
     of the Gaussian about its heaviest maximum, cut at the bounds, and said to be local;
-    the sensitivities are derivatives there, by one solve if the models have
-    ``jacobian``, by ``2 d + 1`` otherwise.
+    the sensitivities are differences there, by ``2 d + 1`` solves.
 
     The sensitivities of samples are gradients at the posterior mean,
 
@@ -136,14 +253,13 @@ def identifiability(idata: object) -> Identifiability:
     left of their variation is curvature.) Parameters that only likelihood terms read,
     such as a noise level, have none.
 
-    The findings name a parameter that the data do not inform (sd ratio above 0.9 and
-    mean shifted by less than 0.5 prior sd), a pair of which only a combination is
-    known well (absolute correlation above 0.95), where three or more are not informed
-    the combinations that the data know best, a bound that the posterior is pressed
-    against (more than 5 % of the samples within 1 % of the range, and the bound within
-    3 posterior sds of the mean), an error more than 2
-    prior sds above its prior mean, and a mode of R^2 below 0.98. The prior is taken as
-    independent.
+    The findings name what the data do not tell: a parameter as uncertain as before (sd
+    ratio above 0.9), a pair of which only a combination is known well (absolute
+    correlation above 0.95), and where three or more are not informed the combinations
+    that the data know best; a bound that the posterior is pressed against (more than
+    5 % of the samples within 1 % of the range, and the bound within 3 posterior sds of
+    the mean); and doubts: an error more than 2 prior sds above its prior mean, and a
+    mode of R^2 below 0.98. The prior is taken as independent.
 
     Args:
         idata: What :func:`to_inference_data` returns, without burn-in, or :func:`run`;
@@ -154,8 +270,8 @@ def identifiability(idata: object) -> Identifiability:
 
     Raises:
         TypeError: If idata is neither.
-        ValueError: If a parameter took fewer different values than three for each of
-            the (d + 1)(d + 2) / 2 coefficients of the quadratic.
+        ValueError: If there are fewer different samples than three for each of the
+            (d + 1)(d + 2) / 2 coefficients of the quadratic.
 
     Source: Fox and Kapoor (1968), doi:10.2514/3.5008, derive the same gradients from
     the mode shapes.
@@ -171,29 +287,7 @@ def identifiability(idata: object) -> Identifiability:
     """
     if isinstance(idata, FoundMap):
         return _describe_maximum(idata)
-    idata, _ = read_samples(idata)
-    return _describe_samples(idata)
-
-
-def _describe(
-    prior: tuple[Floats, Floats],
-    mean: Floats,
-    covariance: Floats,
-    said: str,
-    **known: Any,
-) -> Identifiability:
-    """Return numbers and findings; the prior is its mean and standard deviation."""
-    (prior_mean, prior_sd), sd = prior, np.sqrt(np.diag(covariance))
-    result = Identifiability(
-        prior_sd=prior_sd,
-        sd_ratio=sd / prior_sd,
-        shift=(mean - prior_mean) / prior_sd,
-        correlation=covariance / np.outer(sd, sd),
-        from_bound=np.abs(known["bounds"] - mean[:, None]) / sd[:, None],
-        **known,
-    )
-    findings = [said] if said else []
-    return replace(result, findings=(*findings, *describe_findings(result)))
+    return _describe_samples(read_samples(idata)[0])
 
 
 def _describe_samples(idata: InferenceData) -> Identifiability:
@@ -205,82 +299,114 @@ def _describe_samples(idata: InferenceData) -> Identifiability:
     structural = np.flatnonzero(~is_error)
     d = len(structural)
     needed = PER_COEFFICIENT * (d + 1) * (d + 2) // 2
-    for i in structural:
-        if (different := len(np.unique(draws[:, i]))) < needed:
-            raise ValueError(
-                f"idata: {names[i]!r} took {different} different value(s), but at "
-                f"least {needed} are needed for {d} parameter(s); run longer"
-            )
-    prior_sd, sd = constants["prior_sd"].values, draws.std(axis=0, ddof=1)
-    modes, frequencies = _frequencies(idata, len(draws))
+    if (different := len(np.unique(draws, axis=0))) < needed:
+        raise ValueError(
+            f"idata: expected at least {needed} different samples for {d} "
+            f"parameter(s), got {different}; run longer"
+        )
+    prior_sd = constants["prior_sd"].values
+    bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
+    modes, log_eigenvalues = _by_mode(
+        {
+            str(name): v.transpose("chain", "draw", ...).values.reshape(len(draws), -1)
+            for name, v in dataset(idata, "response").data_vars.items()
+        },
+    )
     sensitivities = np.full((len(modes), len(names)), np.nan)
     fitted = spread_out(len(draws), ENOUGH)
-    gradients, r_squared = _gradients(
-        (draws / sd)[np.ix_(fitted, structural)], frequencies[fitted]
+    slopes, r_squared = _fit_slopes(
+        (draws / prior_sd)[np.ix_(fitted, structural)], log_eigenvalues[fitted]
     )
-    sensitivities[:, structural] = gradients * (prior_sd / sd)[structural]
-    bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
-    return _describe(
-        (constants["prior_mean"].values, prior_sd),
-        draws.mean(axis=0),
-        np.atleast_2d(np.corrcoef(draws, rowvar=False)) * np.outer(sd, sd),
-        describe_certificate(idata).strip(" ()"),
+    sensitivities[:, structural] = slopes
+    return Identifiability(
         names=tuple(names),
         is_error=is_error,
+        prior_mean=constants["prior_mean"].values,
+        prior_sd=prior_sd,
         bounds=bounds,
-        at_bound=_shares_at_bounds(draws, bounds, prior_sd),
+        mean=draws.mean(axis=0),
+        covariance=np.atleast_2d(np.cov(draws, rowvar=False)),
+        at_bound=_shares_at_bounds(draws, bounds, prior_sd, np.ones(len(draws))),
         modes=modes,
         sensitivities=sensitivities,
         r_squared=r_squared,
+        certificate=describe_certificate(idata).strip(" ()"),
     )
 
 
-def _frequencies(idata: InferenceData, n: int) -> tuple[tuple[str, ...], Floats]:
-    """Return the modes of all experiments, in words, and their frequencies (n, m)."""
+def _describe_maximum(maxima: FoundMap) -> Identifiability:
+    """Return what the Gaussian about the heaviest maximum says."""
+    posterior, best = maxima.posterior, maxima.maxima[0]
+    bounds = posterior.prior.bounds
+    prior_mean, prior_sd = summarize_prior(posterior.prior)
+    gaussian = best.theta, best.covariance, *bounds.T
+    mean, covariance = moments_inside(*gaussian)
+    draws, log_weights = draw_inside(*gaussian)
+    is_error = np.isin(posterior.names, posterior.error_names)
+    stencil = place(posterior.prior, best.theta[None], posterior.scale)
+    modes, log_eigenvalues = _by_mode(posterior.unfold(posterior(stencil.points)))
+    slopes = stencil.derive(log_eigenvalues)[0]
+    which, k = "the maximum", len(maxima.maxima)
+    if k > 1:
+        which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
+    return Identifiability(
+        names=posterior.names,
+        is_error=is_error,
+        prior_mean=prior_mean,
+        prior_sd=prior_sd,
+        bounds=bounds,
+        mean=mean,
+        covariance=covariance,
+        at_bound=_shares_at_bounds(draws, bounds, prior_sd, np.exp(log_weights)),
+        modes=modes,
+        sensitivities=np.where(is_error, np.nan, slopes * prior_sd),
+        r_squared=np.full(len(modes), np.nan),
+        local=(
+            f"Local: of the Gaussian about {which}, not of samples. Where the "
+            "posterior is not Gaussian samples may say otherwise."
+        ),
+    )
+
+
+def _by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
+    """Return the modes of all experiments, in words, and ln of eigenvalues ``(n, m)``.
+
+    Rigid-body modes have none: not finite.
+    """
     labels: list[str] = []
-    columns = [np.empty((n, 0))]
-    for name, values in dataset(idata, "response").data_vars.items():
-        experiment, _, variable = str(name).rpartition(".")
+    columns = [np.empty((len(values), 0)) for values in response.values()][:1]
+    for name, values in response.items():
+        experiment, _, variable = name.rpartition(".")
         if variable == "frequency":
-            array = values.transpose("chain", "draw", ...).values.reshape(n, -1)
-            columns.append(array)
-            labels += _name_modes(experiment, array.shape[1])
-    return tuple(labels), np.concatenate(columns, axis=1)
+            columns.append(values)
+            numbers = range(1, values.shape[1] + 1)
+            labels += [f"{experiment} mode {i}".strip() for i in numbers]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return tuple(labels), 2 * np.log(np.concatenate(columns, axis=1))
 
 
-def _name_modes(experiment: str, count: int) -> list[str]:
-    return [f"{experiment} mode {i + 1}".strip() for i in range(count)]
-
-
-def _gradients(draws: Floats, frequencies: Floats) -> tuple[Floats, Floats]:
-    """Return gradients ``(m, d)`` of ln(lambda) at the mean of the draws, and R^2."""
-    (n, d), m = draws.shape, frequencies.shape[1]
-    gradients, r_squared = np.full((m, d), np.nan), np.full(m, np.nan)
+def _fit_slopes(draws: Floats, log_eigenvalues: Floats) -> tuple[Floats, Floats]:
+    """Return gradients ``(m, d)`` at the mean of the draws, and R^2 of the fits."""
+    n, d = draws.shape
     # Whitened, because the squares of correlated draws are nearly collinear.
     U, S, Vt = np.linalg.svd(draws - draws.mean(axis=0), full_matrices=False)
-    if not d or not S[-1] > COLLINEAR * S[0]:
-        return gradients, r_squared
     white = np.sqrt(n) * U
     i, j = np.triu_indices(d)
     design = np.column_stack([white, white[:, i] * white[:, j], np.ones(n)])
-    usable = (frequencies > 0).all(axis=0)  # rigid-body modes have no logarithm
-    log_eigenvalues = 2 * np.log(frequencies[:, usable])
-    log_eigenvalues -= log_eigenvalues.mean(axis=0)
-    coefficients = np.linalg.lstsq(design, log_eigenvalues)[0]
-    rest = log_eigenvalues - design @ coefficients
-    variance = (rest**2).sum(axis=0) / (n - design.shape[1])
-    total = log_eigenvalues.var(axis=0, ddof=1)
-    varies = total > FLAT**2
+    with np.errstate(invalid="ignore"):  # of what is not finite comes NaN
+        y = log_eigenvalues - log_eigenvalues.mean(axis=0)
+        coefficients = np.linalg.pinv(design) @ y
+        rest = y - design @ coefficients
+        variance = (rest**2).sum(axis=0) / (n - design.shape[1])
+        total = y.var(axis=0, ddof=1)
+    still = total <= FLAT**2
     slopes = np.sqrt(n) * (coefficients[:d].T / S) @ Vt
-    gradients[usable] = np.where(varies[:, None], slopes, 0.0)
-    r_squared[usable] = np.where(
-        varies, 1 - variance / np.maximum(total, FLAT**2), np.nan
-    )
-    return gradients, r_squared
+    r_squared = 1 - variance / np.maximum(total, FLAT**2)
+    return np.where(still[:, None], 0.0, slopes), np.where(still, np.nan, r_squared)
 
 
 def _shares_at_bounds(
-    draws: Floats, bounds: Floats, prior_sd: Floats, weights: Floats | None = None
+    draws: Floats, bounds: Floats, prior_sd: Floats, weights: Floats
 ) -> Floats:
     """Return the shares of the samples near the bounds, ``(d, 2)``."""
     low, high = bounds.T
@@ -290,64 +416,8 @@ def _shares_at_bounds(
     return np.stack(shares, axis=1)
 
 
-def _describe_maximum(maxima: FoundMap) -> Identifiability:
-    """Return what the Gaussian about the heaviest maximum says."""
-    posterior, best = maxima.posterior, maxima.maxima[0]
-    bounds = posterior.prior.bounds
-    prior_mean, prior_sd = summarize_prior(posterior.prior)
-    gaussian = best.theta, best.covariance, *bounds.T
-    at_bound = np.zeros_like(bounds)
-    if not is_inside(*gaussian):
-        draws, log_weights = draw_inside(*gaussian)
-        weights = special.softmax(log_weights)
-        at_bound = _shares_at_bounds(draws, bounds, prior_sd, weights)
-    is_error = np.isin(posterior.names, posterior.error_names)
-    modes, sensitivities = _differentiate(posterior, best.theta)
-    sensitivities[:, is_error] = np.nan
-    which, k = "the maximum", len(maxima.maxima)
-    if k > 1:
-        which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
-    local = (
-        f"Local: of the Gaussian about {which}, not of samples. Where the posterior is "
-        "not Gaussian samples may say otherwise."
-    )
-    return _describe(
-        (prior_mean, prior_sd),
-        *moments_inside(*gaussian),
-        local,
-        names=posterior.names,
-        is_error=is_error,
-        bounds=bounds,
-        at_bound=at_bound,
-        modes=modes,
-        sensitivities=sensitivities * prior_sd,
-        r_squared=np.full(len(modes), np.nan),
-        local=local,
-    )
-
-
-def _differentiate(
-    posterior: LogPosterior, theta: Floats
-) -> tuple[tuple[str, ...], Floats]:
-    """Return the modes of all experiments, in words, and d ln(lambda) (m, d)."""
-    labels: list[str] = []
-    parts = [np.empty((0, posterior.ndim))]
-    stencil = place(posterior.prior, theta[None], posterior.scale)
-    rows = None if posterior.differentiable else posterior(stencil.points)
-    parameters = posterior.parameters(theta[None])
-    for experiment in posterior.experiments:
-        if "frequency" not in experiment.variables:
-            continue
-        if rows is None:
-            solved = experiment.solve(parameters, posterior.names, derivatives=True)
-            frequency = np.asarray(read(solved.response, "frequency"))[0]
-            slopes = solved.tangents["frequency"][0]
-        else:
-            name = experiment.full_name("frequency")
-            values = rows[:, posterior.columns[name]]
-            frequency, slopes = values[0], stencil.derive(values[None])[0]
-        labels += _name_modes(experiment.name, len(slopes))
-        usable = frequency > 0  # rigid-body modes have no logarithm
-        inverse = np.where(usable, 2 / np.where(usable, frequency, 1), np.nan)
-        parts.append(slopes * inverse[:, None])
-    return tuple(labels), np.concatenate(parts)
+def _add(text: str, factor: float, name: str, spec: str = ".3g") -> str:
+    """Return a sum of multiples of parameters with one more."""
+    if not text:
+        return f"{factor:{spec}} {name}"
+    return f"{text} {'+' if factor > 0 else '-'} {abs(factor):{spec}} {name}"

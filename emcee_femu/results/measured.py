@@ -1,18 +1,23 @@
 """What was measured, and what an ArviZ object holds at the same places."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from .arviz_objects import InferenceData, dataset
+from .arviz_objects import Dataset, InferenceData, dataset
 from .to_arviz import original_name
 
+GROUPS = ("observed_data", "response", "constant_data", "posterior_predictive")
 
-class Measured(NamedTuple):
-    """A measured variable.
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A variable measured at ``m`` places, and predicted there by ``n`` samples.
 
     Attributes:
         name: Its name, such as ``"frequency"``, ``"empty.frequency"`` or, measured a
@@ -22,6 +27,11 @@ class Measured(NamedTuple):
         dims: Its dimensions in words, such as ``"mode"``.
         labels: One label per place, such as ``"3"`` or ``"left, 3"``.
         values: What was measured there, ``(m,)``.
+        initial: What the model says at the prior mean, ``(m,)``; NaN where not known.
+        predicted: What it says at the samples, ``(n, m)``.
+        replicated: New measurements ``(n, m)``, None where no term draws them.
+        mac: MAC ``(n, m)`` of paired modes, if it is their frequency; else None.
+        model_mode: The model's modes paired with them, ``(n, m)``, or None.
     """
 
     name: str
@@ -30,6 +40,25 @@ class Measured(NamedTuple):
     dims: str
     labels: tuple[str, ...]
     values: Floats
+    initial: Floats
+    predicted: Floats
+    replicated: Floats | None
+    mac: Floats | None
+    model_mode: Floats | None
+
+    def sd(self, posterior: LogPosterior | None) -> Floats:
+        """Return the standard deviations of the measurement, NaN where unknown."""
+        for experiment in posterior.experiments if posterior else ():
+            for term, label in zip(
+                experiment.terms, experiment.term_names, strict=True
+            ):
+                for variable, sd in term.error_sd.items():
+                    name = experiment.full_name(variable)
+                    if self.name in (name, f"{name}[{label}]") and np.array_equal(
+                        np.ravel(term.observed[variable]), self.values
+                    ):
+                        return np.where(sd > 0, sd, np.nan).ravel()
+        return np.full(len(self.values), np.nan)
 
 
 def measured_variables(idata: InferenceData) -> list[Measured]:
@@ -38,15 +67,12 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     Raises:
         ValueError: If there are none.
     """
-    response = dataset(idata, "response")
-    every = [_measured(idata, str(name)) for name in _group(idata, "observed_data")]
-    among = [measured for measured in every if measured.variable in response]
-    if not among:
-        raise ValueError(
-            "idata: no likelihood term says what it measured of the response "
-            f"{list(response.data_vars)}"
-        )
-    return among
+    if every := _read_all(idata):
+        return every
+    response = list(dataset(idata, "response").data_vars)
+    raise ValueError(
+        f"idata: no likelihood term says what it measured of the response {response}"
+    )
 
 
 def measured_frequencies(
@@ -58,88 +84,71 @@ def measured_frequencies(
         ValueError: If there are none.
     """
     name = "frequency" if experiment is None else f"{experiment}.frequency"
-    observed = [str(other) for other in _group(idata, "observed_data")]
-    if name not in observed:
-        joint = any("." in other for other in observed)
+    by_name = {measured.name: measured for measured in _read_all(idata)}
+    if name not in by_name:
+        joint = any("." in other for other in by_name)
         raise ValueError(
-            f"idata, experiment: no term has measured {name!r}; measured are {observed}"
+            f"idata, experiment: no term has measured {name!r}; measured are "
+            f"{list(by_name)}"
             + ("; name one of the experiments with experiment=" if joint else "")
         )
-    return _measured(idata, name)
+    return by_name[name]
 
 
-def at_places(
-    idata: InferenceData, group: str, variable: str, like: Measured
-) -> Floats | None:
-    """Return a variable where another one was measured, None if there is none.
-
-    Samples have shape ``(n, m)``, constants ``(1, m)``.
-    """
-    values = _group(idata, group).get(variable)
-    if values is None:
-        return None
-    observed = _aligned(idata, _group(idata, "observed_data")[like.name], like.variable)
-    values = _aligned(idata, values, like.variable).reindex_like(observed)
-    if "chain" in values.dims:
-        values = values.transpose("chain", "draw", *observed.dims)
-    result: Floats = values.values.reshape(-1, observed.size)
-    return result
-
-
-def mac_at_places(
-    idata: InferenceData, measured: Measured, what: str = "mac"
-) -> Floats | None:
-    """Return the MAC ``(n, m)`` of measured frequencies, None if none were paired."""
-    experiment, dot, variable = measured.variable.rpartition(".")
-    if variable != "frequency":
-        return None
-    return at_places(idata, "response", f"{experiment}{dot}{what}", measured)
+def _read_all(idata: InferenceData) -> list[Measured]:
+    """Return every measured variable that the response holds."""
+    groups: dict[str, Mapping[str, Any]] = {}
+    for group in GROUPS:
+        try:
+            groups[group] = dataset(idata, group).data_vars
+        except ValueError:  # it is not there
+            groups[group] = {}
+    originals = {
+        str(name): original_name(str(name), groups["response"])
+        for name in groups["observed_data"]
+    }
+    return [
+        _read(groups, name, variable)
+        for name, variable in originals.items()
+        if variable in groups["response"]
+    ]
 
 
-def measurement_sd(measured: Measured, posterior: LogPosterior) -> Floats:
-    """Return the standard deviations of what was measured, NaN where unknown."""
-    for experiment in posterior.experiments:
-        for term, label in zip(experiment.terms, experiment.term_names, strict=True):
-            for variable, sd in term.error_sd.items():
-                name = experiment.full_name(variable)
-                if measured.name in (name, f"{name}[{label}]") and np.array_equal(
-                    np.ravel(term.observed[variable]), measured.values
-                ):
-                    return np.where(sd > 0, sd, np.nan).ravel()
-    return np.full(len(measured.values), np.nan)
+def _read(
+    groups: Mapping[str, Mapping[str, Any]], name: str, variable: str
+) -> Measured:
+    dims = list(map(str, groups["response"][variable].dims))
 
+    def align(values: Dataset) -> Dataset:
+        """Return an array with the dimensions of the response."""
+        return values.rename({d: original_name(str(d), dims) for d in values.dims})
 
-def total_average_error(measured: Floats, frequencies: Floats) -> Floats:
-    """Return the mean of ``|f_m - f| / f_m`` over the measured modes, in percent."""
-    errors = np.abs(frequencies[..., : len(measured)] / measured - 1)
-    result: Floats = 100 * errors.mean(axis=-1)
-    return result
+    observed = align(groups["observed_data"][name])
 
+    def at_places(group: str, other: str) -> Dataset:
+        """Return samples ``(n, m)`` or constants ``(1, m)`` where it was measured."""
+        if other not in groups[group]:
+            return None
+        values = align(groups[group][other]).reindex_like(observed)
+        if "chain" in values.dims:
+            values = values.transpose("chain", "draw", *observed.dims)
+        return values.values.reshape(-1, observed.size)
 
-def _group(idata: InferenceData, group: str) -> Any:
-    """Return the variables of a group; none of a group that is not there."""
-    try:
-        return dataset(idata, group).data_vars
-    except ValueError:
-        return {}
-
-
-def _aligned(idata: InferenceData, values: Any, variable: str) -> Any:
-    """Return an array with the dimensions of a variable of the response."""
-    response = _group(idata, "response")
-    dims = list(map(str, response[variable].dims)) if variable in response else []
-    return values.rename({dim: original_name(str(dim), dims) for dim in values.dims})
-
-
-def _measured(idata: InferenceData, name: str) -> Measured:
-    variable = original_name(name, _group(idata, "response"))
-    values = _aligned(idata, _group(idata, "observed_data")[name], variable)
-    places = product(*(values[dim].values.tolist() for dim in values.dims))
+    initial = at_places("constant_data", f"initial_{variable}")
+    predicted = at_places("response", variable)
+    experiment, dot, quantity = variable.rpartition(".")
+    modal = f"{experiment}{dot}" if quantity == "frequency" else "no "
+    places = product(*(observed[dim].values.tolist() for dim in observed.dims))
     return Measured(
         name=name,
         variable=variable,
-        unit=str(values.attrs.get("unit", "")),
-        dims=", ".join(str(dim).rpartition(".")[2] for dim in values.dims),
+        unit=str(observed.attrs.get("unit", "")),
+        dims=", ".join(str(dim).rpartition(".")[2] for dim in observed.dims),
         labels=tuple(", ".join(map(str, place)) for place in places),
-        values=np.asarray(values.values, dtype=float).ravel(),
+        values=np.asarray(observed.values, dtype=float).ravel(),
+        initial=np.full(observed.size, np.nan) if initial is None else initial[0],
+        predicted=predicted,
+        replicated=at_places("posterior_predictive", name),
+        mac=at_places("response", f"{modal}mac"),
+        model_mode=at_places("response", f"{modal}model_mode"),
     )

@@ -34,7 +34,7 @@ class ModeWeights(Report):
             where the chain has no draw.
         slowest: The least acceptance from a draw of the chain: how long the worst
             walker waits.
-        found: Whether a search ended or a walker started there, ``(g,)``.
+        reached: Whether a search ended or a walker started there, ``(g,)``.
         pareto_k: Of the importance weights of the proposal, at its refinement.
         chain_k: The same by the draws of the chain.
         efficiency: Effective share of its draws.
@@ -49,7 +49,7 @@ class ModeWeights(Report):
     importance_errors: Floats
     acceptance: Floats
     slowest: float
-    found: NDArray[np.bool_]
+    reached: NDArray[np.bool_]
     pareto_k: float
     chain_k: float
     efficiency: float
@@ -93,10 +93,10 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
     labels = owner.reshape(draws.shape[:3])
     indicators = 1.0 * (labels[..., None] == np.arange(n_modes))
     accepted = expected_acceptance(log_weights)
-    acceptance = [
-        accepted[owner == mode].mean() if (owner == mode).any() else np.nan
-        for mode in range(n_modes)
-    ]
+    with np.errstate(invalid="ignore"):  # of modes without a draw
+        acceptance = np.bincount(owner, accepted, n_modes) / np.bincount(
+            owner, minlength=n_modes
+        )
     # Draws of p, not of q, have the tail index k / (1 - k).
     k = pareto_k(log_weights[spread_out(len(flat), MOST_DRAWS)])
     as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_modes)
@@ -106,31 +106,26 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
     sizes = np.where(np.isfinite(sizes), sizes, labels.size)
     # Of a mode without draws, or with nothing else, as if there were one other draw.
     variance = np.maximum(total * (1 - total), 1 / sizes)
+    moved = (indicators != indicators[0]).any(axis=0)  # (ensembles, walkers, g)
+    tau = [
+        tau_by_ensemble(indicators[..., [mode]], moved[..., mode])
+        for mode in range(n_modes)
+    ]
     return ModeWeights(
         weights=by_ensemble,
         errors=np.sqrt(variance / sizes) * (n_modes > 1),
-        scatter=_scatter(indicators),
+        scatter=excess_scatter(indicators, np.hstack(tau)),
         importance=search.weights,
         importance_errors=search.errors,
-        acceptance=np.array(acceptance),
+        acceptance=acceptance,
         slowest=float(accepted.min()),
-        found=search.found_by.sum(axis=0) + search.starts.sum(axis=0) > 0,
+        reached=search.found_by.sum(axis=0) + search.starts.sum(axis=0) > 0,
         pareto_k=search.pareto_k,
         chain_k=k / (1 + k) if 0 < k < np.inf else min(k, 1.0),
         efficiency=search.efficiency,
         share=search.share,
         searched=search.points,
     )
-
-
-def _scatter(indicators: Floats) -> Floats:
-    """Return the excess scatter of each mode's weight ``(g,)``."""
-    moved = (indicators != indicators[0]).any(axis=0)  # (ensembles, walkers, g)
-    tau = [
-        tau_by_ensemble(indicators[..., [mode]], moved[..., mode])
-        for mode in range(indicators.shape[-1])
-    ]
-    return excess_scatter(indicators, np.hstack(tau))
 
 
 def expected_acceptance(log_weights: Floats) -> Floats:

@@ -4,22 +4,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table
-from .arviz_objects import InferenceData, dataset, describe_certificate, samples
-from .measured import (
-    Measured,
-    at_places,
-    mac_at_places,
-    measured_frequencies,
-    measured_variables,
-    measurement_sd,
-    total_average_error,
-)
+from .arviz_objects import dataset, describe_certificate, prior_constants, samples
+from .measured import Measured, measured_frequencies, measured_variables
 from .to_arviz import read_samples
 
 INTERVAL = (0.025, 0.975)
@@ -71,9 +63,8 @@ def parameter_table(
     draws = chains.reshape(-1, len(names))
     mean, low, high = summarize(draws)
     sd = draws.std(axis=0, ddof=1)
-    unknown = np.full(len(names), np.nan)
-    prior = _prior(idata, names)
-    initial, prior_sd = (unknown, unknown) if prior is None else prior
+    prior = prior_constants(idata, names)
+    initial, prior_sd = prior["initial"].values, prior["prior_sd"].values
     columns: list[Column] = [
         ("parameter", "", names),
         ("prior mean", ".5g", initial),
@@ -84,14 +75,15 @@ def parameter_table(
         ("sd/prior sd", ".2f", sd / prior_sd),
     ]
     if nominal is not None:
-        known = _by_name("nominal", nominal, names)
-        columns.insert(3, ("error % ", ".2f", _percent_off(mean, known)))
-        columns.insert(2, ("error %", ".2f", _percent_off(initial, known)))
-        columns.insert(2, ("nominal", ".5g", known))
-    if prior is None:
+        true = checks.numbers_by_name("nominal", nominal, names)
+        columns.insert(3, ("error % ", ".2f", _percent_off(mean, true)))
+        columns.insert(2, ("error %", ".2f", _percent_off(initial, true)))
+        columns.insert(2, ("nominal", ".5g", true))
+    if np.isnan(prior_sd).all():
         columns = [column for column in columns if column[0] not in OF_PRIOR]
     for title, values in _columns(published):
-        columns.append((title, ".5g", _by_name(f"published[{title!r}]", values, names)))
+        column = checks.numbers_by_name(f"published[{title!r}]", values, names)
+        columns.append((title, ".5g", column))
     title = f"Updating parameters{describe_certificate(idata)}"
     return Table.from_columns(title, columns)
 
@@ -135,30 +127,27 @@ def frequency_table(
         ['1', '2', '3', '4', '5', 'TAE']
     """
     idata, posterior = read_samples(idata, posterior)
-    of = measured_frequencies(idata, experiment)
-    measured, m = of.values, len(of.values)
-    draws = at_places(idata, "response", of.variable, of)
-    initial = at_places(idata, "constant_data", f"initial_{of.variable}", of)
-    if draws is None or initial is None:
-        raise ValueError(f"idata: its response does not hold {of.name!r}")
+    frequency = measured_frequencies(idata, experiment)
+    measured, draws = frequency.values, frequency.predicted
+    m = len(measured)
     updated, what = draws.mean(axis=0), "mean of samples"
     if posterior is not None:
         at_mean = posterior(samples(idata)[1].mean(axis=(0, 1)))
-        updated = at_mean[posterior.columns[of.variable]][:m]
+        updated = at_mean[posterior.columns[frequency.variable]][:m]
         what = "at posterior mean"
 
-    def pad(values: ArrayLike) -> Floats:
-        return np.append(np.asarray(values, dtype=float), np.nan)
+    def pad(values: Floats) -> Floats:
+        return np.append(values, np.nan)
 
     def with_tae(values: Floats) -> Floats:
-        errors = 100 * np.abs(values / measured - 1)
-        return np.append(errors, total_average_error(measured, values))
+        errors = _percent_off(values, measured)
+        return np.append(errors, errors.mean())
 
     columns: list[Column] = [
-        (of.dims, "", [*of.labels, "TAE"]),
+        (frequency.dims, "", [*frequency.labels, "TAE"]),
         ("measured Hz", ".3f", pad(measured)),
-        ("at prior mean Hz", ".3f", pad(initial[0])),
-        ("error %", ".2f", with_tae(initial[0])),
+        ("at prior mean Hz", ".3f", pad(frequency.initial)),
+        ("error %", ".2f", with_tae(frequency.initial)),
         (f"{what} Hz", ".3f", pad(updated)),
         ("c.o.v. %", ".3f", pad(100 * draws.std(axis=0, ddof=1) / updated)),
         ("error % ", ".3f", with_tae(updated)),
@@ -219,18 +208,19 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
     asked = posterior is not None
     idata, posterior = read_samples(idata, posterior)
     parts = measured_variables(idata)
-    drawn = [at_places(idata, "posterior_predictive", p.name, p) for p in parts]
-    what = "a new measurement, with its error and the discrepancy"
-    if posterior is None or any(new is None for new in drawn):
-        if asked:
-            missing = [p.name for p, d in zip(parts, drawn, strict=True) if d is None]
-            raise ValueError(
-                f"posterior: no term draws new measurements of {missing}, so that "
-                "their error is not known; leave posterior out"
-            )
+    missing = [part.name for part in parts if part.replicated is None]
+    if asked and missing:
+        raise ValueError(
+            f"posterior: no term draws new measurements of {missing}, so that their "
+            "error is not known; leave posterior out"
+        )
+    if posterior is None or missing:
         posterior, what = None, "the model alone"
-        drawn = [at_places(idata, "response", p.variable, p) for p in parts]
-    draws = np.concatenate([new for new in drawn if new is not None], axis=1)
+        drawn = [part.predicted for part in parts]
+    else:
+        what = "a new measurement, with its error and the discrepancy"
+        drawn = [part.replicated for part in parts if part.replicated is not None]
+    draws = np.concatenate(drawn, axis=1)
     measured = np.concatenate([part.values for part in parts])
     mean, low, high = summarize(draws)
     title, labels, unit = _name_rows(parts)
@@ -244,9 +234,9 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
         ("inside", "", np.where((low <= measured) & (measured <= high), "yes", "no")),
     ]
     if posterior is not None:
-        sd = np.concatenate([measurement_sd(part, posterior) for part in parts])
+        sd = np.concatenate([part.sd(posterior) for part in parts])
         columns.insert(2, (f"sd{unit}", ".3g", sd))
-    mac = np.concatenate([_mac(idata, part) for part in parts], axis=1)
+    mac = np.concatenate([_summarize_mac(part) for part in parts], axis=1)
     if np.isfinite(mac).any():
         columns += [("MAC", ".3f", mac[0]), ("MAC 5 %", ".3f", mac[1])]
     what += describe_certificate(idata)
@@ -333,22 +323,11 @@ def summarize(draws: Floats) -> Floats:
     return np.stack([draws.mean(axis=0), *np.quantile(draws, INTERVAL, axis=0)])
 
 
-def _prior(idata: InferenceData, names: list[str]) -> tuple[Floats, Floats] | None:
-    """Return initial values and prior sds; None where there is no prior."""
-    try:
-        constants = dataset(idata, "constant_data")
-    except ValueError:  # chains from elsewhere
-        return None
-    by_name = constants.reindex(parameter=names)
-    return by_name["initial"].values, by_name["prior_sd"].values
-
-
-def _mac(idata: InferenceData, part: Measured) -> Floats:
+def _summarize_mac(part: Measured) -> Floats:
     """Return mean and 5 % quantile of the MAC, NaN where no modes were paired."""
-    mac = mac_at_places(idata, part)
-    if mac is None:
+    if part.mac is None:
         return np.full((2, len(part.values)), np.nan)
-    return np.stack([mac.mean(axis=0), np.quantile(mac, 0.05, axis=0)])
+    return np.stack([part.mac.mean(axis=0), np.quantile(part.mac, 0.05, axis=0)])
 
 
 def _name_rows(parts: list[Measured]) -> tuple[str, list[str], str]:
@@ -362,36 +341,13 @@ def _name_rows(parts: list[Measured]) -> tuple[str, list[str], str]:
     return "quantity", [label.rstrip().replace("[]", "") for label in labels], ""
 
 
-def _columns(published: Any) -> list[tuple[str, Any]]:
+def _columns(published: Mapping[str, Any] | None) -> list[tuple[str, Any]]:
     """Return the further columns of a table by title."""
     if published is None:
         return []
-    if not isinstance(published, Mapping):
-        raise TypeError(
-            f"published: expected {{title: column}}, got {type(published).__name__}"
-        )
-    for title in published:
-        if not isinstance(title, str):
-            raise TypeError(f"published: expected titles that are text, got {title!r}")
-    return list(published.items())
+    return list(checks.by_label("published", published, "columns").items())
 
 
-def _by_name(argument: str, values: Mapping[str, float], names: list[str]) -> Floats:
-    """Return a number for each name, NaN where there is none."""
-    known = checks.by_name(argument, values, names)
-    result = np.full(len(names), np.nan)
-    for name, value in known.items():
-        number = checks.numeric_array(f"{argument}[{name!r}]", value)
-        if number.shape != ():
-            raise ValueError(
-                f"{argument}[{name!r}]: expected a number, got shape {number.shape}"
-            )
-        result[names.index(name)] = number
-    return result
-
-
-def _percent_off(values: Floats, known: Floats) -> Floats:
-    """Return the relative errors in percent, NaN where the known value is zero."""
-    result: Floats = np.full(len(known), np.nan)
-    np.divide(values, known, out=result, where=known != 0)
-    return 100 * np.abs(result - 1)
+def _percent_off(values: Floats, reference: Floats) -> Floats:
+    """Return the relative errors in percent, NaN where the reference is zero."""
+    return 100 * np.abs(values / np.where(reference == 0, np.nan, reference) - 1)

@@ -5,7 +5,7 @@ cannot read structured blobs, so the groups are built here.
 """
 
 import json
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from ..posterior.priors import (
     summarize_prior,
 )
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
-from .chains import Chains, read_chains
+from .chains import TOLD, Chains, read_chains
 
 PRIOR_DRAWS = 1_000
 
@@ -38,6 +38,7 @@ class Labelled(NamedTuple):
 
 
 NUMBER = Variable({})
+SAMPLES = ("chain", "draw")
 
 
 def to_inference_data(
@@ -174,13 +175,54 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
         }
         groups |= _by_terms(posterior, draws, rows)
         fixed = _fixed_groups(posterior, attributes)
+    steps, ensembles, walkers, _ = draws.shape
+    coords = {
+        "step": ("draw", discard + thin * (1 + np.arange(steps)) - 1),
+        "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
+        "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
+    }
     datasets = {
-        name: _sampled_dataset(group, discard, thin, attributes)
+        name: _dataset(_as_chains(group), attributes, SAMPLES, coords)
         for name, group in groups.items()
         if group
     }
     datasets["posterior"].attrs |= _attributes_of(chains)
     return wrap(datasets | fixed)
+
+
+def _as_chains(group: Mapping[str, Labelled]) -> dict[str, Labelled]:
+    """Return arrays ``(steps, ensembles, walkers, ...)`` as ``(chain, draw, ...)``."""
+    chains = {}
+    for name, (values, variable) in group.items():
+        steps, _, _, *shape = values.shape
+        moved = np.moveaxis(values, 0, 2).reshape(-1, steps, *shape)
+        chains[name] = Labelled(moved, variable)
+    return chains
+
+
+def _dataset(
+    group: Mapping[str, Labelled],
+    attributes: Mapping[str, object],
+    lead: tuple[str, ...] = (),
+    coords: Mapping[str, object] | None = None,
+) -> Dataset:
+    """Return arrays, whose first dimensions are those that lead, as a Dataset."""
+    import xarray
+
+    apart = name_apart({name: part.variable.coords for name, part in group.items()})
+    variables = {
+        name: ((*lead, *apart[name]), values, {"unit": variable.unit})
+        for name, (values, variable) in group.items()
+    }
+    first = next(iter(group.values())).values
+    places: dict[str, Any] = {
+        dim: np.arange(n) for dim, n in zip(lead, first.shape, strict=False)
+    }
+    places |= {dim: v for dims in apart.values() for dim, v in dims.items()}
+    sampled = {"sample_dims": list(lead)} if lead else {}
+    return xarray.Dataset(
+        variables, {**places, **(coords or {})}, {**attributes, **sampled}
+    )
 
 
 def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
@@ -198,19 +240,18 @@ def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
 
 def _attributes_of(chains: Chains) -> dict[str, Any]:
     """Return what chains know of themselves, as attributes that netCDF can hold."""
-    search = None if chains.search is None else chains.search.to_json()
-    return {
-        "sampled": list(chains.names),
-        "acceptance": json.dumps(chains.acceptance.ravel().tolist()),
-        "search": json.dumps(search),
-        "betas": json.dumps(chains.betas.tolist()),
-        "kind": chains.kind,
-        "moves": chains.moves,
-        "seed": chains.seed,
-        "origin": chains.origin,
-        "failures": json.dumps(dict(chains.failures)),
-        "starts_given": int(chains.starts_given),
+    numbers = {
+        "acceptance": chains.acceptance.ravel().tolist(),
+        "betas": chains.betas.tolist(),
+        "failures": dict(chains.failures),
+        "search": None if chains.search is None else chains.search.to_json(),
+        "starts_given": chains.starts_given,
     }
+    return (
+        {"sampled": list(chains.names)}
+        | {name: vars(chains)[name] for name in TOLD}
+        | {name: json.dumps(value) for name, value in numbers.items()}
+    )
 
 
 def _log_prior_by_parameter(
@@ -232,6 +273,7 @@ def _by_terms(
     parameters = posterior.parameters(draws.reshape(-1, posterior.ndim))
     response = posterior.unfold(rows.reshape(-1, rows.shape[-1]))
     rng = np.random.default_rng(0)  # the same draws at each conversion
+    names = _name_measured(posterior)
     likelihood: dict[str, Labelled] = {}
     predictive: dict[str, Labelled] = {}
     column = 2
@@ -249,8 +291,8 @@ def _by_terms(
             if not data:
                 likelihood[label] = Labelled(rows[..., column], NUMBER)
             for variable, values in term.replicate(rng, parameters, stored).items():
-                key = _name_measured(experiment, name, variable, predictive)
                 array = values.reshape(*lead, *values.shape[1:])
+                key = names[label, variable]
                 predictive[key] = _label(experiment, term, variable, array, len(lead))
             column += 1
     return {"log_likelihood": likelihood, "posterior_predictive": predictive}
@@ -258,24 +300,27 @@ def _by_terms(
 
 def _observed(posterior: LogPosterior) -> dict[str, Labelled]:
     """Return what was measured, by variable; a second time by the term's name too."""
-    measured: dict[str, Labelled] = {}
+    names = _name_measured(posterior)
+    return {
+        names[experiment.full_name(name), variable]: _label(
+            experiment, term, variable, np.asarray(observed)
+        )
+        for experiment in posterior.experiments
+        for term, name in zip(experiment.terms, experiment.term_names, strict=True)
+        for variable, observed in term.observed.items()
+    }
+
+
+def _name_measured(posterior: LogPosterior) -> dict[tuple[str, str], str]:
+    """Return names by term and variable; only the first measurement has its name."""
+    names: dict[tuple[str, str], str] = {}
     for experiment in posterior.experiments:
         for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            for variable, values in term.observed.items():
-                key = _name_measured(experiment, name, variable, measured)
-                measured[key] = _label(experiment, term, variable, np.asarray(values))
-    return measured
-
-
-def _name_measured(
-    experiment: Experiment, name: str, variable: str, taken: Mapping[str, Labelled]
-) -> str:
-    """Return a measured variable's label; only the first measurement has its name."""
-    pairs = zip(experiment.terms, experiment.term_names, strict=True)
-    measured_by = [other for term, other in pairs if variable in term.observed]
-    label = experiment.full_name(variable)
-    first = name in (measured_by[:1] or [name]) and label not in taken
-    return label if first else f"{label}[{name}]"
+            for variable in term.observed:
+                full = experiment.full_name(variable)
+                key = experiment.full_name(name), variable
+                names[key] = f"{full}[{name}]" if full in names.values() else full
+    return names
 
 
 def _label(
@@ -292,54 +337,24 @@ def _label(
     for size, (dim, labels) in zip(
         values.shape[lead:], variable.coords.items(), strict=True
     ):
-        known = returned.coords.get(dim, ()) if returned else ()
-        places = None in labels and len(known) >= len(labels)
-        coords[experiment.full_name(dim)] = list(known if places else labels)[:size]
+        of_response = returned.coords.get(dim, ()) if returned else ()
+        if None in labels and len(of_response) >= len(labels):
+            labels = of_response
+        coords[experiment.full_name(dim)] = list(labels)[:size]
     unit = variable.unit or (returned.unit if returned else "")
     return Labelled(values, Variable(coords, unit))
-
-
-def _sampled_dataset(
-    group: Mapping[str, Labelled],
-    discard: int,
-    thin: int,
-    attributes: Mapping[str, object],
-) -> Dataset:
-    """Return samples ``(draws, ensembles, walkers, ...)`` as an xarray Dataset."""
-    import xarray
-
-    n_draws, n_ensembles, n_walkers = next(iter(group.values())).values.shape[:3]
-    apart = name_apart({name: part.variable.coords for name, part in group.items()})
-    variables = {}
-    for name, (values, _) in group.items():
-        chains = np.moveaxis(values, 0, 2)  # to (chain, draw, ...)
-        chains = chains.reshape(n_ensembles * n_walkers, n_draws, *values.shape[3:])
-        variables[name] = (("chain", "draw", *apart[name]), chains)
-    coordinates: dict[Hashable, Any] = {
-        "chain": np.arange(n_ensembles * n_walkers),
-        "draw": np.arange(n_draws),
-        "step": ("draw", discard + thin * (1 + np.arange(n_draws)) - 1),
-        "ensemble": ("chain", np.repeat(np.arange(n_ensembles), n_walkers)),
-        "walker": ("chain", np.tile(np.arange(n_walkers), n_ensembles)),
-    }
-    coordinates |= {dim: v for dims in apart.values() for dim, v in dims.items()}
-    return xarray.Dataset(
-        variables, coordinates, {**attributes, "sample_dims": ["chain", "draw"]}
-    )
 
 
 def _fixed_groups(
     posterior: LogPosterior, attributes: Mapping[str, object]
 ) -> dict[str, Dataset]:
     """Return prior draws, what was measured, and constants."""
-    import xarray
-
     prior = posterior.prior
     mean, sd = summarize_prior(prior)
     initial = prior_centre(prior)
     row = Solver(posterior, reject=True)(("rows", initial))
     row = row if isinstance(row, np.ndarray) else posterior.rejected()
-    by_parameter = {
+    by_parameter: dict[str, Any] = {
         "lower": prior.bounds[:, 0],
         "upper": prior.bounds[:, 1],
         "initial": initial,
@@ -347,32 +362,20 @@ def _fixed_groups(
         "prior_sd": sd,
         "is_error": np.isin(posterior.names, posterior.error_names),
     }
-    constants: dict[str, Any] = {
-        name: ("parameter", value) for name, value in by_parameter.items()
+    parameter = Variable({"parameter": list(posterior.names)})
+    constants = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
+        f"initial_{name}": Labelled(value, posterior.variables[name])
+        for name, value in posterior.unfold(row).items()
     }
-    labels: dict[str, Any] = {"parameter": list(posterior.names)}
-    for name, value in posterior.unfold(row).items():
-        variable = posterior.variables[name]
-        constants[f"initial_{name}"] = (variable.dims, value, {"unit": variable.unit})
-        labels |= {dim: list(places) for dim, places in variable.coords.items()}
     draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     pairs = zip(posterior.names, draws.T, strict=True)
+    drawn = {name: Labelled(column[None], NUMBER) for name, column in pairs}
     groups = {
-        "prior": xarray.Dataset(
-            {name: (("chain", "draw"), column[None]) for name, column in pairs},
-            {"chain": [0], "draw": np.arange(PRIOR_DRAWS)},
-            {**attributes, "sample_dims": ["chain", "draw"]},
-        ),
-        "constant_data": xarray.Dataset(constants, labels, attributes),
+        "prior": _dataset(drawn, attributes, SAMPLES),
+        "constant_data": _dataset(constants, attributes),
     }
     if observed := _observed(posterior):
-        apart = name_apart({name: v.variable.coords for name, v in observed.items()})
-        measured = {
-            name: (tuple(apart[name]), values, {"unit": variable.unit})
-            for name, (values, variable) in observed.items()
-        }
-        places = {dim: v for dims in apart.values() for dim, v in dims.items()}
-        groups["observed_data"] = xarray.Dataset(measured, places, attributes)
+        groups["observed_data"] = _dataset(observed, attributes)
     return groups
 
 
@@ -384,23 +387,21 @@ def name_apart(
     Of dimensions that differ in their labels the longest keeps its name; xarray would
     fill up the others with NaN.
     """
-    taken: dict[str, list[Any]] = {}
-    renamed = {}
-    triples = [
-        (name, dim, list(labels))
-        for name, dims in coords.items()
-        for dim, labels in dims.items()
-    ]
-    for name, dim, labels in sorted(triples, key=lambda triple: -len(triple[2])):
-        suffix = name.removeprefix(f"{dim.rpartition('.')[0]}.")  # the experiment's
+    longest: dict[str, list[Any]] = {}
+    for dims in coords.values():
+        for dim, labels in dims.items():
+            longest[dim] = max(longest.get(dim, []), list(labels), key=len)
+
+    def rename(name: str, dim: str, labels: Sequence[Any]) -> str:
+        if list(labels) == longest[dim]:
+            return dim
+        measurement = name.removeprefix(f"{dim.rpartition('.')[0]}.")
         if name.endswith("]"):
-            suffix = name[:-1].partition("[")[2]
-        for free in (dim, f"{dim}[{suffix}]", f"{dim}[{name}]"):
-            if taken.setdefault(free, labels) == labels:
-                renamed[name, dim] = free
-                break
+            measurement = name[:-1].partition("[")[2]
+        return f"{dim}[{measurement}]"
+
     return {
-        name: {renamed[name, dim]: list(labels) for dim, labels in dims.items()}
+        name: {rename(name, dim, labels): list(labels) for dim, labels in dims.items()}
         for name, dims in coords.items()
     }
 

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from ..interfaces import Floats
 from ..sampling.importance import FAIR_SHARE, GOOD_K
 from .modes import ModeWeights
 
@@ -65,10 +64,9 @@ def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
     names, stuck = diagnosis.names, diagnosis.stuck
     if stuck:
-        yield (
-            f"{len(stuck)} walkers stuck",
-            (f"{len(stuck)} walkers never moved (ensemble, walker): {list(stuck[:5])}"),
-        )
+        walkers = f"{len(stuck)} walkers"
+        places = f"(ensemble, walker): {list(stuck[:5])}"
+        yield f"{walkers} stuck", f"{walkers} never moved {places}"
     worst = int(np.argmin(diagnosis.steps_per_tau))
     per_tau = diagnosis.steps_per_tau[worst]
     if per_tau < ENOUGH_TAU:
@@ -78,81 +76,83 @@ def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
             f"the chain is {length} autocorrelation times long for {names[worst]} "
             f"({ENOUGH_TAU} are needed); run longer",
         )
-    for i, rhat in _worst_above(WALKERS_APART, diagnosis.rhat_within):
-        yield (
+    for limit, values, short, sentence in (
+        (
+            WALKERS_APART,
+            diagnosis.rhat_within,
             "walkers stay apart",
-            f"the walkers of one ensemble stay apart in {names[i]} (R-hat {rhat:.3f} "
-            "over walkers), as they do between several modes; try "
-            "DEMCMove(mode_jump=0.1)",
-        )
-    for i, error in _worst_above(SD_KNOWN_TO, diagnosis.sd_error):
-        yield (
+            "the walkers of one ensemble stay apart in {name} (R-hat {value:.3f} over "
+            "walkers), as they do between several modes; try DEMCMove(mode_jump=0.1)",
+        ),
+        (
+            100 * SD_KNOWN_TO,
+            100 * diagnosis.sd_error,
             "sd unknown",
-            f"the standard deviation of {names[i]} is known to {100 * error:.0f} % "
-            "only, by the ESS of its squared deviations, as where tails are heavy or a "
-            "mode is rarely visited; run longer, or sample its logarithm",
-        )
-    for i, rhat in _worst_above(GOOD_RHAT, diagnosis.rhat_between):
-        yield (
+            "the standard deviation of {name} is known to {value:.0f} % only, by the "
+            "ESS of its squared deviations, as where tails are heavy or a mode is "
+            "rarely visited; run longer, or sample its logarithm",
+        ),
+        (
+            GOOD_RHAT,
+            diagnosis.rhat_between,
             "ensembles disagree",
-            f"the ensembles disagree about {names[i]} (R-hat {rhat:.3f}, at most "
+            "the ensembles disagree about {name} (R-hat {value:.3f}, at most "
             f"{GOOD_RHAT} is good); run longer, or try DEMCMove(mode_jump=0.1) if "
             "there are several modes",
-        )
-    for i, _ in _worst_above(1.0, diagnosis.scatter):
-        yield (
+        ),
+        (
+            1.0,
+            diagnosis.scatter,
             "ensembles scatter",
-            f"the ensembles' means or variances of {names[i]} scatter more than their "
+            "the ensembles' means or variances of {name} scatter more than their "
             "autocorrelation times allow: something slower than tau is going on, as "
             "between modes or in heavy tails; run longer",
-        )
+        ),
+    ):
+        worst = int(np.argmax(values))
+        if values[worst] > limit:  # never for NaN
+            yield short, sentence.format(name=names[worst], value=values[worst])
     if diagnosis.modes is not None:
         yield from _weights(diagnosis.modes)
         yield from _proposal(diagnosis.modes, diagnosis.steps)
-
-
-def _worst_above(limit: float, values: Floats) -> list[tuple[int, float]]:
-    """Return the place of the largest value and it, nothing if it is below a limit."""
-    i = int(np.argmax(values))
-    return [(i, values[i])] if values[i] > limit else []  # never for NaN
 
 
 def _weights(modes: ModeWeights) -> Iterator[Complaint]:
     """Yield modes that are lost, or weigh otherwise than they should."""
     chain, exact = modes.weights.mean(axis=0), modes.importance
     errors = np.hypot(modes.errors, modes.importance_errors)
-    for g, (share, weight, error) in enumerate(zip(chain, exact, errors, strict=True)):
-        if share == 0 and modes.found[g] and not weight < SMALL:
-            known = f"{weight:.3f} +- {modes.importance_errors[g]:.3f}"
-            yield (
-                "a mode is lost",
-                f"no walker is in mode {g + 1}, where a search ended or a walker "
-                "started, and its weight by importance sampling is "
-                f"{'not known' if np.isnan(weight) else known}; run again with more "
-                "walkers, or with a TemperedMove",
-            )
-        apart = abs(share - weight)
-        if apart > SMALL and apart > ERRORS_APART * error:
-            yield (
-                "weights disagree",
-                f"mode {g + 1} holds {share:.3f} of the chain (+- "
-                f"{modes.errors[g]:.3f}) but {weight:.3f} "
-                f"(+- {modes.importance_errors[g]:.3f}) by importance sampling; run "
-                "longer, and again with another seed",
-            )
-    for i, _ in _worst_above(1.0, np.nan_to_num(modes.scatter)):
-        if chain[i] > SMALL:
-            yield (
-                "weights disagree",
-                f"the ensembles disagree about the weight of mode {i + 1} "
-                f"({modes.weights[:, i].round(3).tolist()}); run longer, or try a "
-                "TemperedMove",
-            )
+    stated = [
+        f"{weight:.3f} (+- {error:.3f})"
+        for weight, error in zip(exact, modes.importance_errors, strict=True)
+    ]
+    for i in np.flatnonzero((chain == 0) & modes.reached & ~(exact < SMALL)):
+        yield (
+            "a mode is lost",
+            f"no walker is in mode {i + 1}, where a search ended or a walker started, "
+            "and its weight by importance sampling is "
+            f"{'not known' if np.isnan(exact[i]) else stated[i]}; run again with more "
+            "walkers, or with a TemperedMove",
+        )
+    apart = np.abs(chain - exact)
+    for i in np.flatnonzero((apart > SMALL) & (apart > ERRORS_APART * errors)):
+        yield (
+            "weights disagree",
+            f"mode {i + 1} holds {chain[i]:.3f} of the chain (+- "
+            f"{modes.errors[i]:.3f}) but {stated[i]} by importance sampling; run "
+            "longer, and again with another seed",
+        )
+    for i in np.flatnonzero((modes.scatter > 1.0) & (chain > SMALL)):
+        yield (
+            "weights disagree",
+            f"the ensembles disagree about the weight of mode {i + 1} "
+            f"({modes.weights[:, i].round(3).tolist()}); run longer, or try a "
+            "TemperedMove",
+        )
     best = np.fmin(modes.errors, modes.importance_errors)
-    for i, error in _worst_above(WEIGHT_KNOWN_TO, best):
+    for i in np.flatnonzero(best > WEIGHT_KNOWN_TO):
         yield (
             "weights unknown",
-            (f"the weight of mode {i + 1} is known to +- {error:.3f} only; run longer"),
+            f"the weight of mode {i + 1} is known to +- {best[i]:.3f} only; run longer",
         )
 
 
@@ -169,16 +169,16 @@ def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
             "TemperedMove",
         )
     # Weights that are nearly equal have a tail too, but not one that matters.
+    k = np.fmax(modes.pareto_k, modes.chain_k)
     narrow = not modes.efficiency > FAIR_SHARE
-    for k, where in ((modes.pareto_k, "its own"), (modes.chain_k, "the chain's")):
-        if k > GOOD_K and narrow and (modes.share or several):
-            yield (
-                "proposal too narrow",
-                f"the frozen proposal lacks part of the posterior (Pareto k {k:.2f} of "
-                f"the importance weights of {where} draws, at most {GOOD_K} is good), "
-                "where walkers stay long; run again with more walkers or steps, which "
-                "fits it anew, or with DEMCMove()",
-            )
+    if k > GOOD_K and narrow and (modes.share or several):
+        yield (
+            "proposal too narrow",
+            f"the frozen proposal lacks part of the posterior (Pareto k {k:.2f} of the "
+            f"importance weights, at most {GOOD_K} is good), where walkers stay long; "
+            "run again with more walkers or steps, which fits it anew, or with "
+            "DEMCMove()",
+        )
     rare = modes.slowest * modes.share * steps
     uneven = not modes.efficiency > HIGH_SHARE
     if uneven and modes.share > 0.5 and rare < ENOUGH_WAITS:

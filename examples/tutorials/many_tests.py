@@ -160,13 +160,13 @@ pooled.population
 # The likelihood of a population is, test by test, an average over the draws of that
 # test's posterior of normal density / prior density. Its error falls with the number of
 # draws, whatever the likelihood, and grows with the number of pooled parameters.
-# `pytest -m slow tests/population/test_truth.py` holds it to quadrature: with 4,000 draws
+# `pytest -m slow tests/population/test_truth.py` holds it to quadrature: with 3,000 draws
 # of each of 20 tests of two parameters the population's parameters are within 0.15
 # standard deviations, and their standard deviations within 10 %.
 #
-# Every test has a Pareto k of its weights under the population. Above 0.7 its draws
-# hardly reach where the population puts it; the conclusion says not to trust the
-# result, and names the tests that have to be sampled again:
+# Every test has a Pareto k of the weights from its own posterior to that given all. Above
+# 0.7, with fewer than 100 effective draws, it hardly reaches where the population puts
+# it; the conclusion says not to trust the result, and which tests to sample again:
 #
 # - `pool_tests(..., posteriors={"day7": posterior})` does that for tests that need it;
 # - `pooled.under_population("day7", posterior)` returns the posterior with the

@@ -145,23 +145,11 @@ def test_proposals_out_of_bounds_cost_no_solve(small):
     least = small.table.column("before chain")
     assert least[:3] == [WALKERS * ENSEMBLES] * 3  # the starts
     assert least[3] > 1_000  # a search and a refinement too
-
-
-def test_auto_says_what_it_did(small):
     line = small.conclusion.splitlines()[-1]
     assert line.startswith("auto: a search by") and "evaluations in all before" in line
-    assert small.conclusion.count("a search by") == 1
-    assert str(small) == f"{small.table}\n{small.conclusion}"
-    assert small._repr_html_().startswith(small.table._repr_html_() + "\n<p>")
 
 
-def test_without_a_reference_its_columns_are_missing():
-    found = ef.compare_moves(linear(), {"DE-MC": ef.DEMCMove()}, **SMALL)
-    assert not {"mean error/sd", "sd error %"} & set(found.table.columns)
-    assert found.posterior.names == NAMES
-
-
-@pytest.mark.parametrize(("evaluations", "steps"), [(2000, 25), (2079, 25), (2080, 26)])
+@pytest.mark.parametrize(("evaluations", "steps"), [(2079, 25), (2080, 26)])
 def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
     found = ef.compare_moves(
         linear(),
@@ -175,12 +163,6 @@ def test_the_budget_of_evaluations_is_for_all_ensembles(evaluations, steps):
     assert draws.shape == (4 * 20, steps - steps // 2, 3)
 
 
-def test_the_default_number_of_walkers_is_that_of_run():
-    found = ef.compare_moves(linear(), {"DE-MC": ef.DEMCMove()}, steps=12, seed=1)
-    (sampler,) = ef.run(linear(), steps=1, seed=1, moves=ef.DEMCMove(), ensembles=1)
-    assert len(samples(found.idata["DE-MC"])) == 4 * sampler.nwalkers
-
-
 class OtherStream(ef.DEMCMove):
     """The same law from other random numbers."""
 
@@ -190,56 +172,27 @@ class OtherStream(ef.DEMCMove):
 
 
 @pytest.mark.slow
-def test_a_far_better_move_wins_and_a_crawling_one_is_not_converged():
+def test_equal_moves_have_no_winner_and_a_crawling_one_is_not_converged():
+    # A lead of two standard errors: one seed in twenty has a winner by chance.
     moves = {
         "crawling": ef.MetropolisMove(sd=0.02),
-        "short steps": ef.MetropolisMove(sd=2.5),
-        "DE-MC": ef.DEMCMove(),
+        "one": ef.DEMCMove(),
+        "two": OtherStream(),
     }
-    found = ef.compare_moves(linear(), moves, 10, 1_500, seed=1)
-    crawling, short, good = found.table.column("verdict")
-    assert short == good == "converged" and crawling.startswith("too short: ")
-    assert found.winner == "DE-MC"
-    first, second = found.conclusion.splitlines()
-    assert first.startswith("Winner: DE-MC ") and "; the next is short steps " in first
-    assert second.startswith("Not converged, so out of the contest: crawling (too sho")
-
-
-@pytest.mark.parametrize("second", [ef.DEMCMove, OtherStream])
-@pytest.mark.slow
-def test_equal_moves_under_two_labels_have_no_winner(second):
-    # A lead of two standard errors: one seed in twenty has a winner by chance.
-    moves = {"one": ef.DEMCMove(), "two": second()}
     found = ef.compare_moves(linear(), moves, 10, 1_500, seed=4)
-    same = np.array_equal(*(samples(idata) for idata in found.idata.values()))
-    assert same == (second is ef.DEMCMove)
-    assert found.table.column("verdict") == ["converged"] * 2
+    crawling, one, two = found.table.column("verdict")
+    assert one == two == "converged" and crawling.startswith("too short: ")
     assert found.winner is None
-    assert found.conclusion.startswith("No winner: ")
-    assert "within the spread of the ensembles" in found.conclusion
-
-
-def test_too_short_chains_are_never_converged(small):
-    short = [d.steps_per_tau.min() < 50 for d in small.diagnoses.values()]
-    assert short[:3] == [True] * 3
-    for verdict, diagnosis in zip(
-        small.table.column("verdict"), small.diagnoses.values(), strict=True
-    ):
-        per_tau = diagnosis.steps_per_tau.min()
-        assert diagnosis.converged == (verdict == "converged")
-        if per_tau < 50:
-            assert verdict == f"too short: {min(round(per_tau), 49)} tau"
-    assert small.winner not in list(MOVES)[:3]
+    first, second = found.conclusion.splitlines()
+    assert first.startswith("No winner: ") and "within the spread of the ens" in first
+    assert second.startswith("Not converged, so out of the contest: crawling (too sho")
 
 
 @pytest.mark.parametrize(
     ("error", "message", "changes"),
     [
         (TypeError, r"moves\['x'\]: expected an emcee", {"moves": {"x": "demc"}}),
-        (ValueError, "nsplits: exp", {"moves": {"x": ef.DEMCMove(nsplits=9)}}),
         (ValueError, "sd: ", {"moves": {"x": ef.MetropolisMove(sd=[1.0, 2.0])}}),
-        (TypeError, "exactly one of the two", {"max_evaluations": 10_000}),
-        (ValueError, "at least 8 steps to judge, got 7 of 9", {"steps": 9}),
         (ValueError, "max_eval.*at least 128", {"steps": None, "max_evaluations": 127}),
         (ValueError, "to judge, got 7 of 20.*discard=13", {"discard": 13}),
         (ValueError, r"reference\['a'\]: .*sd above", {"reference": {"a": (1, 0)}}),

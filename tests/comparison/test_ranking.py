@@ -18,16 +18,6 @@ def entry(
     return Entry(label, diagnosis, ess, kept, 12_500, before, 1, 2.0, recipe, None)
 
 
-def test_the_numbers_of_an_entry():
-    found = entry("A", 40.0, 3.0, before=7_500)
-    assert found.efficiency == pytest.approx(40)
-    assert found.error == pytest.approx(3)
-    assert found.ess_per_1000 == pytest.approx(40 + 3 * 3**0.5 * np.array([1, -1] * 2))
-    assert found.end_to_end == pytest.approx(40 * 10_000 / 20_000)
-    assert found.per_cpu_second == pytest.approx(400 / (2.0 * 10_000 / 20_000))
-    assert str(found) == "A 40 +- 3"
-
-
 @pytest.mark.parametrize(("lead", "wins"), [(9.9, False), (10.1, True)])
 @pytest.mark.parametrize("backwards", [False, True])
 def test_a_lead_counts_from_two_combined_standard_errors(lead, wins, backwards):
@@ -44,23 +34,6 @@ def test_a_lead_counts_from_two_combined_standard_errors(lead, wins, backwards):
             f"No winner: {first} and B 50 +- 4 are within the spread of the ensembles "
             "(ESS per 1000 evaluations)."
         )
-
-
-def test_a_third_move_with_a_wide_spread_denies_the_win():
-    winner, words = conclude([entry("A", 60), entry("B", 50), entry("C", 40, 12.0)])
-    assert winner is None
-    assert "A 60 +- 1 and C 40 +- 12 are within" in words and "B" not in words
-
-
-def test_many_contenders_are_counted():
-    words = conclude([entry(label, 50) for label in "ABCD"])[1]
-    assert "A 50 +- 1, B 50 +- 1, C 50 +- 1 and D 50 +- 1 are within" in words
-    words = conclude([entry(label, 50) for label in "ABCDEF"])[1]
-    assert "A 50 +- 1, B 50 +- 1, C 50 +- 1 and 3 more are within" in words
-
-
-def test_equal_numbers_without_any_spread_are_no_win():
-    assert conclude([entry("A", 50, 0.0), entry("B", 50, 0.0)])[0] is None
 
 
 def test_a_move_that_has_not_converged_cannot_win():

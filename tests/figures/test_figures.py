@@ -5,14 +5,11 @@ from matplotlib.patches import Ellipse
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 from support.chains import dataset, wrap
-from support.figures import assert_nothing_is_clipped, legend, visible_texts
+from support.figures import assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
 
-PROBLEMS = {
-    "h_structure": ef.paper.h_structure(),
-    "mass_spring": ef.paper.mass_spring(),
-}
+PROBLEM = ef.paper.h_structure()
 CORRELATED = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
 MIXED = {"stiff": 1e3, "alpha": 2e-8, "x": 3.0, "big": 4e6, "long_name": 1e-3}
 
@@ -21,11 +18,8 @@ MOST_POINTS = 4_000  # drawn in a panel
 
 
 @pytest.fixture(scope="module")
-def runs():
-    return {
-        name: ef.run(problem.posterior, ef.DEMCMove(), 24, 200, seed=1, ensembles=1)
-        for name, problem in PROBLEMS.items()
-    }
+def run():
+    return ef.run(PROBLEM.posterior, ef.DEMCMove(), 24, 100, seed=1, ensembles=1)
 
 
 def samples(idata):
@@ -78,11 +72,10 @@ def share_inside(points, ellipse):
     return ((along * along).sum(axis=1) <= 1).mean()
 
 
-@pytest.mark.parametrize("probability", [0.95, 0.5])
-@pytest.mark.parametrize("d", [1, 2, 3, 5])
-def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
+@pytest.mark.parametrize("d", [1, 2, 4])
+def test_every_pair_has_the_covariance_ellipse_of_all_samples(d):
     idata = gaussian(d, n=1500)  # more samples than points are drawn
-    figure = ef.figures.plot_scatter(idata, probability=probability)
+    figure = ef.figures.plot_scatter(idata)
     draws = samples(idata)[1]
     assert len(draws) > MOST_POINTS
     draws = draws / np.where([k in (1, 3, 4) for k in range(d)], powers(draws), 1)
@@ -92,7 +85,7 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
         pair = draws[:, [left, row]]
         assert_allclose(patch.center, pair.mean(axis=0), rtol=1e-12)
         covariance = np.cov(pair.T)
-        radius = stats.chi2.ppf(probability, 2)
+        radius = stats.chi2.ppf(0.95, 2)
         sizes = [patch.height, patch.width]
         expected = 2 * np.sqrt(radius * np.linalg.eigvalsh(covariance))
         assert_allclose(sizes, expected, rtol=1e-6)
@@ -101,30 +94,39 @@ def test_every_pair_has_the_covariance_ellipse_of_all_samples(d, probability):
         squares = np.einsum("ni,ij,nj->n", offsets, np.linalg.inv(covariance), offsets)
         inside = (squares <= radius).mean()
         assert abs(share_inside(pair, patch) - inside) < 1e-3
-        assert abs(inside - probability) < 0.05  # a Gaussian
+        assert abs(inside - 0.95) < 0.05  # a Gaussian
         assert not patch.get_fill()
         assert patch.get_edgecolor()[0] > 0.7 > 0.3 > patch.get_edgecolor()[1]  # red
         points = set(map(tuple, figure.axes[row * d + left].lines[0].get_xydata()))
         assert len(points) == MOST_POINTS and points <= set(map(tuple, pair))
-    assert legend(figure) == ["samples", f"{100 * probability:g} % ellipse"]
+    assert legend(figure) == ["samples", "95 % ellipse"]
 
 
-def test_axes_carry_names_units_and_powers_of_ten(runs):
-    problem = PROBLEMS["h_structure"]
-    figure = ef.figures.plot_scatter(runs["h_structure"], units=problem.units)
+def test_axes_carry_names_units_and_powers_of_ten_and_nothing_is_clipped(run):
+    idata, units = ef.to_inference_data(run), PROBLEM.units
+    names, draws = samples(idata)
+    figure = ef.figures.plot_scatter(idata, units=units, truths=PROBLEM.nominal)
     panels = np.array(figure.axes).reshape(6, 6)
-    names, draws = samples(ef.to_inference_data(runs["h_structure"]))
     exponents = np.log10(powers(draws)).round().astype(int)
     assert set(exponents[:3]) <= {-8, -7} and set(exponents[3:]) <= {-4, -3}
     labels = [
-        f"{name} [$10^{{{exponent}}}$ {problem.units[name]}]"
+        f"{name} [$10^{{{exponent}}}$ {units[name]}]"
         for name, exponent in zip(names, exponents, strict=True)
     ]
     assert [panel.get_xlabel() for panel in panels[-1]] == labels
     assert [panel.get_ylabel() for panel in panels[1:, 0]] == labels[1:]
+    assert_nothing_is_clipped(figure, "95 % ellipse", "samples")
+    assert_nothing_is_clipped(ef.figures.plot_correlation(idata), "1.00", *names)
+    assert_array_equal(samples(idata)[1], draws)
     plain = ef.figures.plot_scatter(gaussian(3), units={"stiff": "N/m"})
     labels = [axes.get_xlabel() for axes in plain.axes[-3:]]
     assert labels == ["stiff [N/m]", "alpha [$10^{-7}$]", "x"]
+
+
+def test_the_error_of_the_running_mean_ends_at_that_of_the_table(run):
+    end = ef.frequency_table(run).column("error % ")[-1]
+    figure = ef.figures.plot_tae(run)
+    assert_nothing_is_clipped(figure, "generation", f"ends at {end:.3g} %")
 
 
 def test_truths_are_marked_on_the_scaled_axes():
@@ -138,52 +140,6 @@ def test_truths_are_marked_on_the_scaled_axes():
     assert_allclose(marks[1], [[1.1, 1.1]], rtol=1e-12)
     assert_allclose(marks[2], [[14.0, 14.0]], rtol=1e-12)
     assert legend(figure)[-1] == "reference"
-
-
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_nothing_is_clipped_and_the_samples_are_not_modified(runs, name):
-    problem, idata = PROBLEMS[name], ef.to_inference_data(runs[name])
-    names, before = samples(idata)
-    scatter = ef.figures.plot_scatter(
-        idata, units=problem.units, truths=problem.nominal
-    )
-    assert_nothing_is_clipped(scatter, "95 % ellipse", "samples")
-    labels = {text.get_text().split(" ")[0] for text in visible_texts(scatter)}
-    assert set(names) <= labels
-    axis_label = "total average error of the mean so far (%)"
-    both = {"all": idata, "a rather long label": idata}
-    end = ef.frequency_table(runs[name]).column("error % ")[-1]
-    for curves, labels in [(idata, [""]), (both, [f"{k}, " for k in both])]:
-        figure = ef.figures.plot_tae(curves, problem.posterior)
-        expected = [f"{label}ends at {end:.3g} %" for label in labels]
-        assert_nothing_is_clipped(figure, "generation", axis_label, *expected)
-    assert_nothing_is_clipped(
-        ef.figures.plot_correlation(idata), "correlation", "1.00", *names
-    )
-    assert_array_equal(samples(idata)[1], before)
-
-
-@pytest.mark.parametrize("d", [1, 2, 5])
-def test_few_parameters_and_long_names_are_not_clipped(d):
-    idata = gaussian(d)
-    before = dataset(idata, "posterior").copy(deep=True)
-    units = {"long_name": "kg m²/rad"} if d == 5 else None
-    assert_nothing_is_clipped(
-        ef.figures.plot_scatter(idata, units=units), "95 % ellipse"
-    )
-    assert_nothing_is_clipped(ef.figures.plot_correlation(idata), *list(MIXED)[:d])
-    assert dataset(idata, "posterior").identical(before)
-
-
-def test_several_tae_curves_are_those_of_one(runs):
-    run = runs["mass_spring"]
-    single = ef.figures.plot_tae(run).axes[0]
-    several = ef.figures.plot_tae(
-        {"a": run, "b": ef.to_inference_data(run)}, PROBLEMS["mass_spring"].posterior
-    ).axes[0]
-    for line in several.lines:
-        assert_array_equal(line.get_xydata(), single.lines[0].get_xydata())
-    assert single.get_xscale() == "log"
 
 
 @pytest.mark.parametrize("d", [1, 2, 5])
@@ -206,13 +162,6 @@ def test_proposals_show_both_moves():
     titles = [axes.get_title().split(":")[0] for axes in figure.axes]
     assert titles == ["Metropolis-Hastings", "DE-MC"]
     assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")
-
-
-def test_a_constant_parameter_is_refused_by_name():
-    idata = gaussian(3)
-    dataset(idata, "posterior")["alpha"][:] = 2e-8
-    with pytest.raises(ValueError, match="every sample of 'alpha' is 2e-08"):
-        ef.figures.plot_scatter(idata)
 
 
 @pytest.fixture

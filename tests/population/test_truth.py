@@ -38,7 +38,7 @@ def test_marginals_are_those_of_quadrature():
     found = model(tests, PLAIN, 20_000)
     rows = [[1.0, 1.1, 0.1, 0.1], [1.05, 1.12, 0.05, 0.08], [0.97, 1.2, 0.2, 0.03]]
     rows += [[1.05, 1.15, 0.4, 0.4]]
-    given = found(at(PLAIN, rows))["log_marginal"]
+    pooled = found(at(PLAIN, rows))["log_marginal"]
     k1, k2 = np.meshgrid(repeated.GRID, repeated.GRID, indexing="ij")
     likelihoods = [np.exp(repeated.log_likelihood(m, k1, k2)) for m in measured]
     exact = np.array(
@@ -46,15 +46,17 @@ def test_marginals_are_those_of_quadrature():
             [
                 np.log(
                     stats.norm(a, s).pdf(repeated.GRID)
-                    @ own
+                    @ likelihood
                     @ stats.norm(b, t).pdf(repeated.GRID)
                 )
-                for own in likelihoods
+                for likelihood in likelihoods
             ]
             for a, b, s, t in rows
         ]
     )
-    apart = (given - given[0]) - (exact - exact[0])  # each is known but for a constant
+    apart = (pooled - pooled[0]) - (
+        exact - exact[0]
+    )  # each is known but for a constant
     np.testing.assert_allclose(apart, 0, atol=0.06)
 
 
@@ -83,72 +85,25 @@ def test_populations_out_of_bounds_are_impossible_and_narrow_ones_are_not():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tests", "draws"), [(20, 4_000), (100, 2_000)])
-def test_two_parameter_structures_are_pooled_as_by_nested_quadrature(tests, draws):
-    rng = np.random.default_rng(tests)
-    measured, _ = repeated.simulate(rng, tests)
-    given = {
-        f"t{i}": repeated.make_test(rng, own, draws) for i, own in enumerate(measured)
-    }
+def test_two_parameter_structures_are_pooled_as_by_nested_quadrature():
+    rng, number = np.random.default_rng(20), 20
+    measured, _ = repeated.simulate(rng, number)
+    tests = {f"t{i}": repeated.make_test(rng, m, 3_000) for i, m in enumerate(measured)}
     population = ef.population.NormalPopulation(repeated.NAMES)
     found = ef.pool_tests(
-        given, population, seed=1, draws=draws, steps=200, ensembles=2
+        tests, population, seed=1, draws=3_000, steps=150, ensembles=2
     )
     exact = repeated.quadrature(measured, found.population.hyperpriors)
     posterior = found.idata["posterior"]
     got = np.array([posterior[name].values.ravel() for name in found.model.names])
     np.testing.assert_allclose((got.mean(axis=1) - exact.mean) / exact.sd, 0, atol=0.2)
     np.testing.assert_allclose(got.std(axis=1) / exact.sd, 1, atol=0.1)
+    assert found.unreached == ()
     mean, sd = exact.tests[:, :, 0], exact.tests[:, :, 1]
-    reached = ~np.isin(found.tests, found.unreached)  # 1,000 draws of each
-    error = (found.theta.mean(axis=0) - mean)[reached] / sd[reached]
+    error = (found.theta.mean(axis=0) - mean) / sd  # by 1,000 draws of each
     assert np.sqrt((error**2).mean()) < 0.1 and abs(error).max() < 0.4
-    ratio = found.theta.std(axis=0)[reached] / sd[reached]
+    ratio = found.theta.std(axis=0) / sd
     assert np.sqrt(((ratio - 1) ** 2).mean()) < 0.1
-
-
-@pytest.mark.slow
-def test_a_joint_run_of_all_parameters_agrees():
-    """Four tests: twelve parameters at once, eight of them the tests' own."""
-    rng = np.random.default_rng(5)
-    measured, _ = repeated.simulate(rng, 4)
-    given = {
-        f"t{i}": repeated.make_test(rng, own, 4_000) for i, own in enumerate(measured)
-    }
-    laws = {f"sd {name}": stats.uniform(0.02, 0.2) for name in repeated.NAMES}
-    population = ef.population.NormalPopulation(repeated.NAMES, hyperpriors=laws)
-    found = ef.pool_tests(given, population, seed=1, draws=4_000, ensembles=2)
-    own = [f"{name} {i}" for i in range(4) for name in repeated.NAMES]
-    flat = dict.fromkeys(own, stats.uniform(0.4, 1.4))
-    hyper = {n: found.population.hyperpriors[n] for n in population.parameters}
-    prior = ef.IndependentPrior({**hyper, **flat})
-
-    def joint(parameters, _):
-        theta = np.stack([parameters[name] for name in own], axis=1).reshape(-1, 4, 2)
-        total = repeated.log_likelihood(measured, theta[..., 0], theta[..., 1])
-        for i, name in enumerate(repeated.NAMES):
-            mean, sd = (parameters[f"{what} {name}"] for what in ("mean", "sd"))
-            z = (theta[..., i] - mean[:, None]) / sd[:, None]
-            total = total - z**2 / 2 - np.log(sd)[:, None]
-        return total.sum(axis=1)
-
-    posterior = ef.LogPosterior(
-        ef.FunctionModel(lambda p: [1.0], n_modes=1), joint, prior
-    )
-    samplers = ef.run(posterior, "auto", 48, 1_200, ensembles=2, seed=1)
-    chain = np.concatenate([run.get_chain(flat=True) for run in samplers])
-    for i, name in enumerate(found.model.names):
-        pooled = found.idata["posterior"][name].values.ravel()
-        assert pooled.mean() == pytest.approx(
-            chain[:, i].mean(), abs=0.1 * chain[:, i].std()
-        )
-        assert pooled.std() == pytest.approx(chain[:, i].std(), rel=0.08)
-    for i, name in enumerate(own):
-        drawn = found.theta.reshape(len(found.theta), -1)[:, i]
-        joint_draws = chain[:, 4 + posterior.names[4:].index(name)]
-        sd = joint_draws.std()
-        assert drawn.mean() == pytest.approx(joint_draws.mean(), abs=0.15 * sd)
-        assert drawn.std() == pytest.approx(sd, rel=0.12)
 
 
 HYPER = {
@@ -187,8 +142,8 @@ def calibrate(datasets, seed, kind=PopulationModel, bend=lambda draws: draws):
         measured += lognormal.ERROR * rng.standard_normal((6, 2))
         precision = 1 / lognormal.ERROR**2 + 1 / WIDTH**2
         draws = {}
-        for t, own in enumerate(measured):
-            mean = own / lognormal.ERROR**2 + np.log(CENTRE) / WIDTH**2
+        for t, log_measured in enumerate(measured):
+            mean = log_measured / lognormal.ERROR**2 + np.log(CENTRE) / WIDTH**2
             mean /= precision
             x = mean + rng.standard_normal((500, 2)) / np.sqrt(precision)
             log_prior = stats.lognorm(WIDTH, scale=CENTRE).logpdf(np.exp(x)).sum(axis=1)
@@ -209,8 +164,8 @@ def p_values(found):
 
 
 @pytest.mark.slow
-def test_the_truth_ranks_uniformly_in_200_data_sets():
-    assert p_values(calibrate(200, 1)).min() > 0.001 / 4
+def test_the_truth_ranks_uniformly_in_150_data_sets():
+    assert p_values(calibrate(150, 1)).min() > 0.001 / 4
 
 
 @pytest.mark.slow
@@ -219,4 +174,4 @@ def test_the_truth_ranks_uniformly_in_200_data_sets():
 )
 def test_the_truth_does_not_under_mutants(mutant):
     """The prior not divided out; the population's density without its constant."""
-    assert p_values(calibrate(200, 2, **mutant)).min() < 0.001 / 4
+    assert p_values(calibrate(100, 2, **mutant)).min() < 0.001 / 4

@@ -32,7 +32,7 @@ def certify(emulated, true=TRUE, n=4_000, seed=3, solves=100, phi=0.0, **options
 @pytest.mark.slow
 @pytest.mark.parametrize(("emulated", "phi"), [(NEAR, 0.8), (SHIFTED, 0.0)])
 def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, phi):
-    found = [certify(emulated, n=9_000, seed=s, solves=180, phi=phi) for s in range(40)]
+    found = [certify(emulated, n=6_000, seed=s, solves=180, phi=phi) for s in range(24)]
     z = np.array(
         [[*(c.mean / c.mean_error), *((c.sd - 1) / c.sd_error)] for c in found]
     )
@@ -82,17 +82,6 @@ def test_the_curvature_of_the_weights_tells_k(share):
     assert certify(NEAR, solves=10).curvature_k == -np.inf
 
 
-def test_a_good_one_is_certified_and_its_errors_are_small():
-    found = certify(NEAR)
-    assert found.short == "certified" and found.verdict.startswith("Certified")
-    assert found.solves <= 100 and found.efficiency > 0.97
-    # Draws alone would know a mean to 0.12 only.
-    assert found.mean_error.max() < 0.03
-    assert np.abs(found.mean).max() < 0.1 and np.abs(found.sd - 1).max() < 0.08
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        found.short = "refused"
-
-
 def test_a_shifted_one_is_corrected_by_its_weights():
     found = certify(SHIFTED, solves=200)
     assert found.short == "corrected" and "weights repair" in found.verdict
@@ -111,16 +100,6 @@ def test_a_poor_one_is_refused_with_a_remedy(emulated):
     found = certify(emulated)
     assert found.short == "refused"
     assert "emulate" in found.verdict and "Pareto k" in found.verdict
-
-
-def test_where_one_draw_has_all_the_weight_no_spread_is_made_of_it():
-    sharp = LogGaussian(np.array([1.0, 0.0, 1.0]), 1e-8 * COVARIANCE)
-    found = [certify(NEAR, sharp, seed=seed) for seed in range(6)]
-    assert any(np.isnan(one.sd).any() for one in found)
-    for one in found:
-        assert one.largest == pytest.approx(len(one.weights))
-        assert one.short == "refused" and "emulate with more" in one.verdict
-        assert np.isfinite(one.mean).all() and not (one.sd <= 0).any()
 
 
 def two_modes(share):
@@ -192,17 +171,8 @@ def test_a_chain_in_several_parts_is_refused():
     assert "in several parts" in found.verdict
 
 
-def test_too_few_solves_are_refused_and_said():
-    found = certify(NEAR, solves=20)
-    assert found.short == "refused" and "too few solves" in found.verdict
-    assert found.pareto_k == np.inf
-
-
 def test_no_weight_at_all():
-    nowhere = free_posterior(lambda theta: np.full(len(theta), -1e9), box(-12, 12, 3))
-    far = free_posterior(TRUE, box(5.0, 12.0, 3))
-    assert certify(NEAR, nowhere).short in ("refused", "corrected")
-    found = certify(NEAR, far)
+    found = certify(NEAR, free_posterior(TRUE, box(5.0, 12.0, 3)))
     assert found.short == "refused" and "zero at all draws" in found.verdict
     assert "nan" not in str(found)
 
@@ -222,26 +192,11 @@ def test_failed_solves_have_no_weight_where_they_are_rejected():
         certify(NEAR, true)
     found = certify(SHIFTED, true, solves=300, on_failure="reject", max_failures=0.5)
     assert found.failed_solves > 5
-    assert f"{found.failed_solves} of {found.solves} solves failed" in str(found)
+    assert f"{found.failed_solves} solves failed" in str(found)
     assert (found.weights == 0).sum() > 5
     kept = found.idata["posterior"]["x1"].values
     assert np.isfinite(kept).all()
     assert kept.size == (found.weights > 0).sum()
-
-
-def test_pools_and_files_give_the_same_certificate(tmp_path):
-    alone, path = certify(NEAR), tmp_path / "near.certificate"
-    with ThreadPoolExecutor(2) as pool:
-        assert str(certify(NEAR, pool=pool)) == str(alone)
-    file = {"backend": path, "resume": True}
-    assert str(certify(NEAR, **file)) == str(alone)
-    assert str(certify(NEAR, **file)) == str(alone)  # without solves
-    with pytest.raises(ValueError, match="near.certificate exists"):
-        certify(NEAR, backend=path)
-    with pytest.raises(ValueError, match="near.certificate"):
-        certify(NEAR, **file, solves=60)
-    with pytest.raises(ValueError, match="emulated draws: was"):  # emulated anew
-        certify(SHIFTED, **file)
 
 
 class Stopping:
@@ -258,27 +213,26 @@ class Stopping:
         return TRUE(theta)
 
 
-def test_a_kill_loses_no_solve_of_a_pool(tmp_path):
-    wide = box(-12.0, 12.0, 3)
-    path, laws = tmp_path / "cut.certificate", [Stopping(30), Stopping()]
-    for law in laws:
-        true = free_posterior(law, wide)
-        with ThreadPoolExecutor(2) as pool:
-            if law.stop:
-                with pytest.raises(KeyboardInterrupt):
-                    certify(NEAR, true, solves=40, pool=pool, backend=path, resume=True)
-            else:
-                certify(NEAR, true, solves=40, pool=pool, backend=path, resume=True)
+def test_a_kill_loses_no_solve_and_files_and_pools_change_nothing(tmp_path):
+    wide, alone = box(-12.0, 12.0, 3), certify(NEAR, solves=40)
+    path, laws = tmp_path / "cut.certificate", [Stopping(30), Stopping(), Stopping()]
+    file = {"backend": path, "resume": True}
+    with ThreadPoolExecutor(2) as pool:
+        cut, *going_on = (free_posterior(law, wide) for law in laws)
+        with pytest.raises(KeyboardInterrupt):
+            certify(NEAR, cut, solves=40, pool=pool, **file)
+        for true in going_on:
+            assert str(certify(NEAR, true, solves=40, pool=pool, **file)) == str(alone)
     # Up to 16 calls see that the model is the same; a few may have been under way.
-    assert laws[1].calls <= 40 - 30 + 16 + 8
-
-
-def test_bounds_of_neither_are_no_matter():
-    """A prior without bounds has infinite ones, as its emulator has."""
-    prior = ef.GaussianPrior(["x1", "x2", "x3"], np.zeros(3), 9.0)
-    free = free_posterior(TRUE, prior)
-    idata = sampled(free, draws(TRUE, 2_000, 1))
-    assert ef.certify(idata, free, seed=1).short == "certified"
+    assert laws[1].calls <= 40 - 30 + 16 + 8 and laws[2].calls <= 16
+    for options, message in (
+        ({"backend": path}, "cut.certificate exists"),
+        ({**file, "solves": 60}, "cut.certificate"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            certify(NEAR, **{"solves": 40, **options})
+    with pytest.raises(ValueError, match="emulated draws: was"):  # emulated anew
+        certify(SHIFTED, solves=40, **file)
 
 
 def test_what_is_no_chain_of_this_posterior_is_refused():
@@ -287,10 +241,6 @@ def test_what_is_no_chain_of_this_posterior_is_refused():
         ef.certify(found.idata, posterior(TRUE), seed=1)
     with pytest.raises(ValueError, match="posterior: expected the sampled one"):
         ef.certify(found.idata, free_posterior(len, box(0.0, 1.0, 2)), seed=1)
-    theta = draws(NEAR, 100, 1)
-    theta[:, 1] = 2.0
-    with pytest.raises(ValueError, match="every draw of 'x2' is 2"):
-        ef.certify(sampled(posterior(NEAR), theta), posterior(TRUE), seed=1)
 
 
 def test_weights_that_are_nearly_equal_are_trusted_whatever_their_k():
@@ -302,4 +252,4 @@ def test_weights_that_are_nearly_equal_are_trusted_whatever_their_k():
     bent = dataclasses.replace(unequal, pareto_k=0.1, curvature_k=0.9)
     assert bent.short == "refused"
     weak = dataclasses.replace(unequal, pareto_k=0.6)  # of 75 weights
-    assert "too few solves for so heavy a tail" in weak.verdict
+    assert "so heavy a tail that no mean over" in weak.verdict

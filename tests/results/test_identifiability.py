@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import halfnorm
-from support.chains import dataset
+from numpy.testing import assert_allclose
 from support.known_posteriors import (
     CURVATURE,
     GRADIENT,
@@ -48,95 +46,26 @@ def test_sensitivities_of_a_curved_model_are_its_gradient_at_the_posterior_mean(
     assert_allclose(found.sensitivities, expected, rtol=0, atol=1e-9)
 
 
-def test_sensitivities_are_the_eigenvalue_derivatives_from_the_mode_shapes():
-    stiffness = {
-        "k1": np.array([[1e3, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-        "k2": 800.0 * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]),
-        "k3": 600.0 * np.array([[0.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 1.0]]),
-    }
-    mass = np.diag([2.0, 1.0, 1.5])
-    model = ef.MatrixModel(np.zeros((3, 3)), mass, K=stiffness, n_modes=3)
-    mean, prior_sd = np.array([1.1, 0.9, 1.2]), np.array([0.3, 0.2, 0.1])
-    z = exact_draws(0.02**2 * np.array([[1, 0.9, 0], [0.9, 1, 0], [0, 0, 1]]))
-    z = z + mean / prior_sd
-    theta = dict(zip(stiffness, (z * prior_sd).reshape(-1, 3).T, strict=True))
-    frequencies = model(theta).frequencies.reshape(4, -1, 3)
-    found = ef.identifiability(made(z, frequencies, prior_sd, tuple(stiffness)))
-
-    K = sum(x * k for x, k in zip(mean, stiffness.values(), strict=True))
-    root = np.sqrt(np.diag(mass))
-    eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
-    shapes = shapes / root[:, None]
-    derivative = [
-        np.diag(shapes.T @ k @ shapes) / eigenvalues for k in stiffness.values()
-    ]
-    expected = np.transpose(derivative) * prior_sd
-    assert_allclose(found.sensitivities, expected, rtol=0, atol=2e-5)
-    assert found.r_squared.min() > 0.99999
-
-
-def test_a_sampled_linear_gaussian_problem_has_its_known_answer():
-    design = np.array([[3.0, 1.0], [1.0, -2.0]])  # Hz per unit of the parameters
-    model = ef.FunctionModel(
-        lambda p: [20 + 3 * p["a"] + p["b"], 50 + p["a"] - 2 * p["b"]], n_modes=2
-    )
-    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], [1.0, 0.5])
-    relative, measured = 0.02, np.array([20.0, 50.0])
-    posterior = ef.LogPosterior(
-        model, ef.FrequencyTerm(measured, relative_sd=relative), prior
-    )
-    runs = ef.run(posterior, ef.DEMCMove(), 40, 800, ensembles=2, seed=3)
-    found = ef.identifiability(ef.to_inference_data(runs, posterior, discard=100))
-    scaled = design * [1.0, 0.5] / (relative * measured[:, None])
-    covariance = np.linalg.inv(np.eye(2) + scaled.T @ scaled)
-    sd = np.sqrt(np.diag(covariance))
-    assert_allclose(found.sd_ratio, sd, rtol=0.05)
-    assert_allclose(found.correlation[0, 1], covariance[0, 1] / sd.prod(), atol=0.05)
-    # The mean of the posterior is zero: d ln(lambda) = 2 df / f.
-    expected = 2 * design * [1.0, 0.5] / measured[:, None]
-    assert_allclose(found.sensitivities, expected, rtol=0, atol=2e-3)
-
-
 def test_a_parameter_that_does_not_enter_is_named():
     design = np.array([[0.3, 0.0, 0.1], [-0.2, 0.0, 0.3]])
-    z = exact_draws(gaussian_posterior(design, 0.05))
-    found = ef.identifiability(made(z, linear_frequencies(z, design, 0.0)))
+    z = exact_draws(gaussian_posterior(design, 0.05), mean=[0.0, -0.4, 0.0])
+    idata = made(z, linear_frequencies(z, design, 0.0), prior_mean=[0.1, 0.0, 0.0])
+    found = ef.identifiability(idata)
     assert_allclose(found.sd_ratio[1], 1.0, rtol=1e-10)
+    assert_allclose(found.shift, [-0.1 / 3, -0.4, 0], atol=1e-12)
     assert_allclose(found.sensitivities[:, 1], 0.0, atol=1e-9)
-    (sentence,) = found.findings
-    assert sentence.startswith("The data say nothing about area: ")
-    assert "(sd ratio 1.00)" in sentence
+    assert found.findings == (
+        "The data leave area as uncertain as before (sd ratio 1.00), and move it by "
+        "-0.4 prior standard deviations.",
+    )
 
 
-@pytest.mark.parametrize(("ratio", "named"), [(0.89, False), (0.91, True), (1.3, True)])
+@pytest.mark.parametrize(("ratio", "named"), [(0.89, False), (0.91, True)])
 def test_the_threshold_is_nine_tenths_of_the_prior_sd(ratio, named):
     z = exact_draws(np.diag([0.2, ratio, 0.3]) ** 2)
-    found = ef.identifiability(made(z, linear_frequencies(z)))
-    expected = "The data say nothing about area: " if named else "The data inform every"
-    assert found.findings[0].startswith(expected)
-    assert f"(sd ratio {ratio:.2f})" in found.findings[0]
-    assert len(found.findings) == 1
-
-
-def test_a_sentence_gives_the_largest_change_of_the_eigenvalues():
-    z = exact_draws(np.diag([0.2, 0.3, 0.99]) ** 2)
-    found = ef.identifiability(made(z, linear_frequencies(z, -GRADIENT, 0.0)))
-    end = "a prior standard deviation of it changes the eigenvalues by 10 % at most."
-    assert found.findings[0].endswith(end)
-    assert_allclose(found.table.column("largest sensitivity %"), [30, 20, 10])
-
-
-@pytest.mark.parametrize(("shift", "moved"), [(-0.4, False), (0.6, True), (-2.0, True)])
-def test_a_mean_that_moved_is_not_called_uninformed(shift, moved):
-    z = exact_draws(np.diag([0.2, 0.3, 0.95]) ** 2, mean=[0, 0, shift])
-    prior_mean = [0.1, 0.0, 0.0]
-    idata = made(z, linear_frequencies(z), prior_mean=prior_mean)
-    found = ef.identifiability(idata)
-    assert_allclose(found.shift, [-0.1 / 3, 0, shift], atol=1e-12)
-    assert found.table.column("shift/prior sd") == found.shift.tolist()
-    text = f"The data move x by {shift:+.1f} prior standard deviations"
-    expected = text if moved else "The data say nothing about x: "
-    assert found.findings[0].startswith(expected)
+    (sentence,) = ef.identifiability(made(z, linear_frequencies(z))).findings
+    expected = "The data leave area" if named else "The data inform every parameter"
+    assert sentence.startswith(expected) and f"(sd ratio {ratio:.2f})" in sentence
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -166,14 +95,6 @@ def covariance_correlation(covariance):
     return abs(covariance[0, 2]) / np.sqrt(covariance[0, 0] * covariance[2, 2])
 
 
-def test_one_of_a_pair_is_unknown_by_itself_only():
-    covariance = gaussian_posterior([[1.0, 0.0, 0.1], [0.0, 1.0, 0.0]], 0.002)
-    z = exact_draws(covariance)
-    findings = ef.identifiability(made(z, linear_frequencies(z))).findings
-    assert findings[0].startswith("The data say nothing about x by itself: ")
-    assert findings[1].startswith("Only stiff + 0.6 x is known well, not ")
-
-
 @pytest.mark.parametrize(("r", "named"), [(0.94, False), (-0.96, True)])
 def test_the_threshold_of_a_pair_is_a_correlation_of_0_95(r, named):
     covariance = 0.04 * np.array([[1, r, 0], [r, 1, 0], [0, 0, 1]])
@@ -182,41 +103,24 @@ def test_the_threshold_of_a_pair_is_a_correlation_of_0_95(r, named):
     assert sentence.startswith("Only stiff" if named else "The data inform every")
 
 
-@pytest.mark.parametrize("side", [0, 1])
-@pytest.mark.parametrize("share", [0.04, 0.0625])
+@pytest.mark.parametrize(("side", "share"), [(0, 0.0625), (1, 0.0625), (0, 0.04)])
 def test_a_posterior_at_a_bound_is_named(side, share):
     z = exact_draws(np.diag([0.2, 0.3, 0.2]) ** 2)
     z[..., 0] = np.abs(z[..., 0]) * (1 - 2 * side)  # half of a Gaussian at a bound
-    ordered = np.sort(z[..., 0].ravel())
+    ordered = np.sort(np.abs(z[..., 0]).ravel())
     n = round(share * len(ordered))
     # A range of which 1 % reaches up to the n-th sample and not to the next one.
-    edge = ordered[[n - 1, n]].mean() if side == 0 else ordered[[-n, -n - 1]].mean()
-    bound = ordered[0] if side == 0 else ordered[-1]
-    ends = [bound, bound + 100 * (edge - bound)]
-    ends = np.array(sorted(ends)) * PRIOR_SD[0]
-    infinite = np.full(3, np.inf)
-    lower, upper = -infinite, infinite.copy()
-    lower[0], upper[0] = ends
+    reach = 100 * (ordered[[n - 1, n]].mean() - ordered[0])
+    near, far = np.array([ordered[0], ordered[0] + reach]) * (1 - 2 * side)
+    ends = np.sort([near, far]) * PRIOR_SD[0]
+    lower, upper = [ends[0], -np.inf, -np.inf], [ends[1], np.inf, np.inf]
     found = ef.identifiability(made(z, linear_frequencies(z), lower=lower, upper=upper))
     assert_allclose(found.at_bound[0, side], share)
     assert found.at_bound[1:].max() == 0
     assert_allclose(found.table.column("at a bound %")[0], 100 * share)
-    pressed = [text for text in found.findings if "is pressed against" in text]
-    if share < 0.05:
-        assert not pressed
-    else:
-        name, value = ("lower", "upper")[side], ends[side]
-        (text,) = pressed
-        assert text.startswith(
-            f"stiff is pressed against its {name} bound {value:.5g}: 6 % of the samples"
-        )
-
-
-def test_a_range_without_end_counts_as_four_prior_sds():
-    z = np.abs(exact_draws(np.eye(3), n=4000))
-    found = ef.identifiability(made(z, linear_frequencies(z), lower=np.zeros(3)))
-    assert_allclose(found.at_bound[:, 0], (z < 0.04).mean(axis=(0, 1)), atol=1e-12)
-    assert found.at_bound[:, 0].min() > 0.02
+    name = f"{('lower', 'upper')[side]} bound {ends[side]:.5g}: 6 % of the samples"
+    pressed = found.findings[0].startswith(f"stiff is pressed against its {name}")
+    assert pressed == (share > 0.05)
 
 
 def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
@@ -228,18 +132,6 @@ def test_a_mode_that_is_no_quadratic_of_the_parameters_is_named():
     assert_allclose(np.delete(found.r_squared, 1), [1, np.nan, 1], rtol=1e-9)
     assert found.findings[-1].startswith("The sensitivities of mode 2 are rough")
     assert not any("are rough" in text for text in found.findings[:-1])
-
-
-def test_samples_in_a_plane_give_no_sensitivities_and_say_so():
-    z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
-    z[..., 2] = z[..., 0] - z[..., 1]
-    found = ef.identifiability(made(z, linear_frequencies(z)))
-    assert np.isnan(found.sensitivities).all()
-    assert np.isnan(found.r_squared).all()
-    assert found.findings[-1].startswith(
-        "There are no sensitivities: the samples do not"
-    )
-    assert np.isfinite(found.sd_ratio).all()
 
 
 def test_a_rigid_body_mode_has_no_sensitivities_but_the_others_have():
@@ -283,56 +175,29 @@ def test_an_error_far_above_its_prior_mean_is_named(shift, named):
 
 
 @pytest.mark.parametrize("is_error", [True, False])
-def test_an_error_near_zero_is_small_and_not_pressed(is_error):
-    z = exact_draws(np.diag([0.3, 0.3, 0.01]) ** 2)
+def test_what_is_pressed_is_said_first_and_errors_may_be_small(is_error):
+    z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
     z[..., 2] = np.abs(z[..., 2])
-    idata = made(
-        z,
-        linear_frequencies(z),
-        lower=[-9.0, -9.0, 0.0],
-        upper=np.full(3, 2.0),
-        is_error=[False, False, is_error],
-    )
-    findings = ef.identifiability(idata).findings
-    if is_error:
-        assert findings[0].startswith("The data inform every parameter")
-        (text,) = findings[1:]
-        assert text.startswith("x may well be as small as its lower bound 0, where ")
-    else:
-        (text,) = findings
-        assert text.startswith("x is pressed against its lower bound 0: ")
+    lower, which = [-9e9, -9e9, 0.0], [False, False, is_error]
+    idata = made(z, linear_frequencies(z), lower=lower, is_error=which)
+    *pressed, last = ef.identifiability(idata).findings
+    assert last.startswith("The data leave stiff as uncertain as before")
+    assert len(pressed) == (not is_error)
+    if pressed:
+        assert pressed[0].startswith("x is pressed against its lower bound 0: ")
 
 
-@pytest.mark.parametrize("is_error", [True, False])
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(
-    side, is_error
-):
+def test_a_narrow_posterior_in_a_wide_range_is_not_pressed_against_its_bound(side):
     """As 60 +- 4.6 of a range from 0 to 1e5: 1 % of it reaches to 1000."""
     z = exact_draws(np.diag([0.3, 0.3, 0.01]) ** 2)
     ends = np.array([-0.13, 200.0] if side == 0 else [-200.0, 0.13]) * PRIOR_SD[2]
-    idata = made(
-        z,
-        linear_frequencies(z),
-        lower=[-9e9, -9e9, ends[0]],
-        upper=[9e9, 9e9, ends[1]],
-        is_error=[False, False, is_error],
-    )
-    found = ef.identifiability(idata)
+    bounds = {"lower": [-9e9, -9e9, ends[0]], "upper": [9e9, 9e9, ends[1]]}
+    found = ef.identifiability(made(z, linear_frequencies(z), **bounds))
     assert_allclose(found.at_bound[2, side], 1.0)
     assert_allclose(found.from_bound[2, side], 13, rtol=1e-6)
     (text,) = found.findings
     assert text.startswith("The data inform every parameter")
-
-
-def test_what_is_pressed_is_said_before_all_else():
-    z = exact_draws(np.diag([1.0, 0.3, 0.01]) ** 2)
-    z[..., 2] = np.abs(z[..., 2])
-    lower = [-9e9, -9e9, 0.0]
-    found = ef.identifiability(made(z, linear_frequencies(z), lower=lower))
-    first, second = found.findings[:2]
-    assert first.startswith("x is pressed against its lower bound 0: ")
-    assert second.startswith("The data say nothing about stiff")
 
 
 def test_where_little_is_informed_the_known_combinations_are_named():
@@ -354,30 +219,6 @@ def test_where_little_is_informed_the_known_combinations_are_named():
     assert "No combination of the parameters is known well either." in found.findings
 
 
-def test_a_joint_posterior_has_the_modes_of_all_experiments_and_its_errors():
-    modal = ef.FunctionModel(lambda p: [10 * p["k"] ** 0.5], n_modes=1)
-    term = ef.FrequencyTerm([10.0], discrepancy="sigma")
-    prior = ef.IndependentPrior({"k": (0.5, 2), "sigma": halfnorm(0, 1)})
-    joint = ef.LogPosterior.joint({"old": (modal, term), "new": (modal, term)}, prior)
-    found = ef.identifiability(
-        ef.to_inference_data(
-            ef.run(joint, ef.DEMCMove(), 8, 50, seed=1, ensembles=1), joint
-        )
-    )
-    assert found.modes == ("old mode 1", "new mode 1")
-    assert found.is_error.tolist() == [False, True]
-    assert_allclose(found.sensitivities[0], found.sensitivities[1], rtol=1e-12)
-
-
-def test_without_frequencies_there_are_no_sensitivities():
-    z = exact_draws(COVARIANCE)
-    idata = made(z, linear_frequencies(z)[..., :0])
-    found = ef.identifiability(idata)
-    assert found.modes == () and found.sensitivities.shape == (0, 3)
-    assert "Sensitivity" not in str(found) and "sensitivities" not in str(found)
-    assert_allclose(found.sd_ratio, np.sqrt(np.diag(COVARIANCE)), rtol=1e-10)
-
-
 def test_a_single_parameter_has_no_partner():
     z = exact_draws(np.array([[0.25]]), n=40)
     idata = made(z, 10 * np.exp(0.5 * 0.2 * z), PRIOR_SD[:1], NAMES[:1])
@@ -387,38 +228,8 @@ def test_a_single_parameter_has_no_partner():
     assert np.isnan(found.table.column("correlation")[0])
 
 
-def test_it_prints_both_tables_and_the_findings(found):
-    text = str(found)
-    assert text.startswith(str(found.table))
-    assert str(found.sensitivity_table) in text
-    assert text.endswith("\n".join(found.findings))
-    page = found._repr_html_()
-    assert page.count("<table") == 2 and page.endswith(f"<p>{found.findings[-1]}</p>")
-    table = found.sensitivity_table
-    assert table.column("parameter") == [*NAMES, "R^2"]
-    for i in range(4):
-        column = table.column(f"mode {i + 1}")
-        assert_allclose(column[:-1], 100 * GRADIENT[i], rtol=0, atol=1e-7)
-        assert_array_equal(column[-1], found.r_squared[i])
-    assert_array_equal(found.table.column("sd/prior sd"), found.sd_ratio)
-
-
-def test_too_few_different_values_are_refused_by_name():
+def test_too_few_different_samples_are_refused():
     z = exact_draws(np.diag([0.5, 0.5, 0.5]) ** 2)
-    few = z.copy()
-    few[..., 1] = np.resize(z[0, :29, 1], z.shape[:2])  # 30 are needed
-    message = r"idata: 'area' took 29 different value\(s\), but at least 30 are needed"
-    with pytest.raises(ValueError, match=message):
+    few = np.resize(z.reshape(-1, 3)[:29], z.shape)  # 30 are needed
+    with pytest.raises(ValueError, match="at least 30 different samples .* got 29"):
         ef.identifiability(made(few, linear_frequencies(few)))
-    few[0, 29, 1] = 0.123
-    ef.identifiability(made(few, linear_frequencies(few)))
-
-
-def test_the_samples_are_not_modified():
-    z = exact_draws(COVARIANCE)
-    idata = made(z, linear_frequencies(z))
-    groups = ("posterior", "response", "constant_data")
-    before = [dataset(idata, group).copy(deep=True) for group in groups]
-    ef.identifiability(idata)
-    for group, copy in zip(groups, before, strict=True):
-        assert dataset(idata, group).identical(copy)

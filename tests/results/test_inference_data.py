@@ -129,8 +129,7 @@ def assert_is_the_chain(idata, runs, discard=0, thin=1):
         assert_array_equal(found.chain, np.arange(len(pairs)))
 
 
-@pytest.mark.parametrize("discard, thin", [(0, 1), (5, 1), (0, 4), (5, 3), (23, 1)])
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count, discard, thin", [(3, 0, 1), (3, 5, 3), (1, 23, 1)])
 def test_every_number_is_the_sampler_s(runs, count, discard, thin):
     idata = ef.to_inference_data(runs[:count], POSTERIOR, discard, thin)
     assert_is_the_chain(idata, runs[:count], discard, thin)
@@ -143,51 +142,23 @@ def test_every_number_is_the_sampler_s(runs, count, discard, thin):
 
 
 def test_container_groups_variables_and_dimensions(idata):
-    expected = {
-        "posterior": (NAMES, {"chain": 30, "draw": 20}),
-        "sample_stats": (["lp", "log_prior"], {"chain": 30, "draw": 20}),
-        "log_likelihood": (
-            ["frequency", "ridge"],
-            {"chain": 30, "draw": 20, "mode": 2},
-        ),
-        "posterior_predictive": (["frequency"], {"chain": 30, "draw": 20, "mode": 2}),
-        "prior": (NAMES, {"chain": 1, "draw": 1000}),
-        "response": (["frequency"], {"chain": 30, "draw": 20, "mode": 4}),
-        "observed_data": (["frequency"], {"mode": 2}),
-        "constant_data": (
-            [
-                "lower",
-                "upper",
-                "initial",
-                "prior_mean",
-                "prior_sd",
-                "is_error",
-                "initial_frequency",
-            ],
-            {"parameter": 3, "mode": 4},
-        ),
-    }
-    assert set(GROUPS) == set(expected)
     old = az.__version__.startswith("0.")
     assert type(idata) is (az.InferenceData if old else xarray.DataTree)
+    by_draw = {"chain": 30, "draw": 20}
+    expected = {
+        "posterior": (NAMES, by_draw),
+        "sample_stats": (["lp", "log_prior"], by_draw),
+        "log_likelihood": (["frequency", "ridge"], by_draw | {"mode": 2}),
+        "posterior_predictive": (["frequency"], by_draw | {"mode": 2}),
+        "prior": (NAMES, {"chain": 1, "draw": 1000}),
+        "response": (["frequency"], by_draw | {"mode": 4}),
+        "observed_data": (["frequency"], {"mode": 2}),
+    }
     for group, (names, sizes) in expected.items():
         found = dataset(idata, group)
-        assert list(found.data_vars) == names
-        assert dict(found.sizes) == sizes
+        assert (list(found.data_vars), dict(found.sizes)) == (names, sizes)
         if "mode" in sizes:
             assert found.mode.values.tolist() == list(range(1, 1 + sizes["mode"]))
-
-
-def test_lp_is_log_prior_plus_log_likelihoods_and_frequency_is_the_model(idata):
-    stored, terms = dataset(idata, "sample_stats"), dataset(idata, "log_likelihood")
-    total = stored["log_prior"] + terms["frequency"].sum("mode") + terms["ridge"]
-    assert_allclose(stored["lp"], total, rtol=1e-13)
-    assert np.unique(stored["lp"]).size > 100
-    posterior = dataset(idata, "posterior")
-    draws = {name: posterior[name].values.ravel() for name in NAMES}
-    predicted = dataset(idata, "response")["frequency"].values
-    assert_allclose(predicted.reshape(-1, MODES), Model()(draws).frequencies, 1e-14)
-    assert_allclose(terms["ridge"].values.ravel(), ridge(draws, None), 1e-14)
 
 
 def test_observed_and_constant_data(idata):
@@ -203,21 +174,16 @@ def test_observed_and_constant_data(idata):
     assert_allclose(constants["initial_frequency"], expected, rtol=1e-14)
 
 
-@pytest.mark.parametrize("group", GROUPS)
-def test_attributes_tell_how_the_chain_was_made(idata, group):
-    found = dataset(idata, group).attrs
-    assert (found["discard"], found["thin"]) == (4, 1)
-    if group == "posterior":
-        first, second = found["moves"].split("; ")
-        assert first.startswith("0.75 x DEMCMove(")
-        assert second.startswith("0.25 x MetropolisMove(")
-        assert found["seed"] == "7" and found["sampled"] == NAMES
-    else:
-        assert "moves" not in found
-    assert found["inference_library"] == "emcee"
-    assert found["inference_library_version"] == version("emcee")
-    assert found["emcee_femu_version"] == version("emcee-femu")
-    assert found["numpy_version"] == version("numpy")
+def test_attributes_tell_how_the_chain_was_made(idata):
+    for group in GROUPS:
+        attrs = dataset(idata, group).attrs
+        assert (attrs["discard"], attrs["thin"]) == (4, 1)
+        assert attrs["emcee_femu_version"] == version("emcee-femu")
+    attrs = dataset(idata, "posterior").attrs
+    first, second = attrs["moves"].split("; ")
+    assert first.startswith("0.75 x DEMCMove(")
+    assert second.startswith("0.25 x MetropolisMove(")
+    assert attrs["seed"] == "7" and attrs["sampled"] == NAMES
 
 
 def test_a_plain_emcee_sampler_and_its_backend_are_converted():
@@ -271,11 +237,8 @@ def of_two_shapes():
     "error, message, options, make",
     [
         (ValueError, "discard: no steps are left", {"discard": STEPS}, None),
-        (ValueError, "no steps are left", {"discard": 20, "thin": 5}, None),
-        (ValueError, "source: expected at least one sampler", {}, lambda: []),
         (TypeError, "source: expected what run returned", {}, lambda: [3.0]),
         (ValueError, "expected ensembles of one shape", {}, of_two_shapes),
-        (ValueError, r"of 2 param.* which has 3", {}, lambda: finished(2, 5)),
         (ValueError, r"\(5,\) are not of this .*\(7,\)", {}, lambda: finished(3, 3)),
     ],
 )

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import stats
-from support.examples import load
 
 import emcee_femu as ef
 
@@ -45,56 +43,21 @@ def test_a_linear_gaussian_problem_has_its_exact_answer(found):
 
 def test_it_is_said_to_be_local(found):
     assert found.findings[0].startswith("Local: of the Gaussian about the maximum, not")
-    assert found.findings[1].startswith("The data say nothing about c: ")
+    assert found.findings[1].startswith("The data leave c as uncertain as before")
     assert len(found.findings) == 2
     assert "R^2" not in str(found) and "Local: " in str(found)
     assert found.sensitivity_table.column("parameter") == ["a", "b", "c"]
 
 
-def test_one_of_two_maxima_is_named_with_its_weight():
-    found = ef.identifiability(
-        ef.find_map(load("evidence").beck_au().posterior, seed=1)
-    )
-    assert "about the maximum of weight 0.53, one of 2, not of" in found.findings[0]
-
-
-def test_derivatives_of_the_model_and_differences_agree():
-    problem = ef.paper.mass_spring()
-    posterior = problem.posterior
-
-    def solve(p):
-        return problem.model({k: np.array([v]) for k, v in p.items()}).frequencies[0]
-
-    plain = ef.FunctionModel(solve, n_modes=5)
-    other = ef.LogPosterior(plain, posterior.terms, posterior.prior)
-    assert posterior.differentiable and not other.differentiable
+def test_sensitivities_of_the_paper_are_those_of_its_stiffness():
+    """All springs together would have d ln(lambda) / d ln(k) = 1; some are fixed."""
+    posterior = ef.paper.mass_spring().posterior
     start = [4000.0, 2200.0, 2120.0, 2600.0, 2400.0]
-    both = [ef.find_map(one, start, seed=1) for one in (posterior, other)]
-    one, two = map(ef.identifiability, both)
-    assert_allclose(one.sensitivities, two.sensitivities, rtol=1e-3)
-    # All springs together would have d ln(lambda) / d ln(k) = 1; some are fixed.
-    theta = both[0].maxima[0].theta
-    elastic = (one.sensitivities / one.prior_sd) @ theta
+    maximum = ef.find_map(posterior, start, seed=1)
+    found = ef.identifiability(maximum)
+    elastic = (found.sensitivities / found.prior_sd) @ maximum.maxima[0].theta
     assert ((elastic > 0) & (elastic < 1)).all()
-    assert one.modes == tuple(f"mode {i}" for i in range(1, 6))
-
-
-def test_an_inferred_error_has_no_sensitivity_and_a_bound_is_named():
-    prior = ef.IndependentPrior(
-        {
-            "a": stats.norm(0, 1),
-            "b": stats.uniform(1.0, 2.0),
-            "scatter": stats.halfnorm(0, 0.05),
-        }
-    )
-    term = ef.FrequencyTerm([20.0, 50.0], relative_sd=0.01, discrepancy="scatter")
-    model = ef.FunctionModel(frequencies, n_modes=2)
-    posterior = ef.LogPosterior(model, term, prior)
-    found = ef.identifiability(ef.find_map(posterior, 4, seed=1))
-    assert found.is_error.tolist() == [False, False, True]
-    assert np.isnan(found.sensitivities[:, 2]).all()
-    assert found.at_bound[1, 0] > 0.02
-    assert found.sd_ratio[1] < 1
+    assert found.modes == tuple(f"mode {i}" for i in range(1, 6))
 
 
 def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
@@ -107,15 +70,3 @@ def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
     draws = posterior.prior.sample(np.random.default_rng(0), 100_000)[:, 0]
     mean, sd = draws.mean() + found.shift[0] * draws.std(), draws.std()
     assert 0.8 + 0.5 * found.sd_ratio[0] * sd < mean < 0.9
-
-
-def test_experiments_of_a_joint_posterior_are_named():
-    model = ef.FunctionModel(frequencies, n_modes=2)
-    term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
-    prior = ef.GaussianPrior(["a", "b"], [0, 0], SD[:2])
-    posterior = ef.LogPosterior.joint(
-        {"empty": (model, term), "loaded": (model, term)}, prior
-    )
-    found = ef.identifiability(ef.find_map(posterior, 2, seed=1))
-    assert found.modes[::2] == ("empty mode 1", "loaded mode 1")
-    assert_allclose(found.sensitivities[:2], found.sensitivities[2:])

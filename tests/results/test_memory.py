@@ -8,7 +8,7 @@ from support.chains import dataset
 
 import emcee_femu as ef
 
-NDIM, NWALKERS, STEPS = 2, 256, 90
+NDIM, NWALKERS, STEPS = 2, 128, 50
 PRIOR = ef.GaussianPrior([f"k{i}" for i in range(NDIM)], np.zeros(NDIM), 1.0)
 
 
@@ -28,19 +28,16 @@ def peak_of(function, *arguments, **options):
     return peak, result
 
 
-@pytest.mark.parametrize("in_file", [True, False])
-def test_memory_stays_flat_while_a_file_grows(tmp_path, in_file):
+def test_memory_stays_flat_while_a_file_grows(tmp_path):
     options = {"moves": ef.DEMCMove(), "nwalkers": NWALKERS, "seed": 1}
     peaks = []
-    for steps in (5, 30, STEPS):  # the first one pays for imports
+    for steps in (2, 15, STEPS):  # the first one pays for imports
         file = tmp_path / f"{steps}.run"
-        own = {**options, "steps": steps, "backend": str(file) if in_file else None}
-        peaks.append(peak_of(ef.run, POSTERIOR, **own)[0])
-    added = (STEPS - 30) * NWALKERS * (NDIM + 1 + 2 + 20) * 8
-    if in_file:
-        assert peaks[2] - peaks[1] < 0.1 * added
-    else:
-        assert peaks[2] - peaks[1] > 0.9 * added  # the measure sees it
+        peaks.append(
+            peak_of(ef.run, POSTERIOR, steps=steps, backend=file, **options)[0]
+        )
+    added = (STEPS - 15) * NWALKERS * (NDIM + 1 + 2 + 20) * 8
+    assert peaks[2] - peaks[1] < 0.1 * added
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +52,7 @@ def samplers():
     )
 
 
-@pytest.mark.parametrize("options", [{}, {"thin": 3}, {"discard": 60}], ids=str)
+@pytest.mark.parametrize("options", [{}, {"thin": 3}, {"discard": 40}], ids=str)
 @pytest.mark.parametrize("ensembles", [1, 3])
 def test_a_conversion_holds_a_few_times_the_chain(samplers, ensembles, options):
     runs = samplers[:ensembles]

@@ -102,15 +102,6 @@ def test_parameter_table_compares_with_nominal_and_published(idata):
     assert_allclose(table.column("c.o.v. %"), 100 * SPREAD / [1.0, 1.3], rtol=1e-13)
     assert table.column("paper") == [8.0, 7.0]
     assert_array_equal(table.column("c.o.v."), [3.5, np.nan])
-    other = ef.parameter_table(idata, {"stiff": 1.25, "alpha": 1.25})
-    assert_allclose(other.column("error %"), [12.0, 4.0], rtol=1e-12)
-    assert_allclose(other.column("error % "), [20.0, 4.0], rtol=1e-12)
-
-
-def test_coefficient_of_variation_is_positive_for_a_negative_mean():
-    data = {"a": (("chain", "draw"), [[-1.0, -2.0, -3.0]])}
-    table = ef.parameter_table(wrap({"posterior": {"data_vars": data}}))
-    assert table.column("c.o.v. %") == [50.0]
 
 
 def test_derived_quantities_are_rows_only_if_asked_for():
@@ -120,12 +111,8 @@ def test_derived_quantities_are_rows_only_if_asked_for():
     group = dataset(idata, "posterior")
     ratio = group["alpha"] / group["stiff"]
     idata["posterior"]["ratio"] = ratio
-    for table, again in (
-        (ef.parameter_table(idata), before),
-        (ef.frequency_table(idata, POSTERIOR), ef.frequency_table(idata, POSTERIOR)),
-        (ef.diagnose(idata).table, ef.diagnose(run).table),
-    ):
-        assert str(table) == str(again)
+    assert str(ef.parameter_table(idata)) == str(before)
+    assert str(ef.diagnose(idata).table) == str(ef.diagnose(run).table)
     table = ef.parameter_table(idata, var_names=["ratio", "alpha"])
     assert table.column("parameter") == ["ratio", "alpha"]
     assert_allclose(table.column("mean")[0], ratio.mean(), rtol=1e-12)
@@ -148,8 +135,12 @@ FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
 def test_frequency_table_equals_numbers_by_hand(
     idata, posterior, what, updated, errors
 ):
-    table = ef.frequency_table(idata, posterior)
-    assert table.columns == tuple(HEADER.format(what).split(","))
+    published = {"Hz": (9.0, 24.0), "paper error %": (0.5, 0.7, 0.6)}
+    table = ef.frequency_table(idata, posterior, published)
+    assert table.columns[-2:] == ("Hz", "paper error %")
+    assert_array_equal(table.column("Hz"), [9.0, 24.0, np.nan])
+    assert table.column("paper error %") == [0.5, 0.7, 0.6]
+    assert table.columns[:-2] == tuple(HEADER.format(what).split(","))
     assert table.column("mode") == ["1", "2", "TAE"]
     assert_array_equal(table.column("measured Hz"), [*MEASURED, np.nan])
     assert_array_equal(table.column("at prior mean Hz"), [12.0, 22.0, np.nan])
@@ -158,14 +149,6 @@ def test_frequency_table_equals_numbers_by_hand(
     expected = [*(100 * FREQUENCY_SD / updated), np.nan]
     assert_allclose(table.column("c.o.v. %"), expected, rtol=1e-13)
     assert_allclose(table.column("error % "), errors, rtol=1e-12, atol=1e-12)
-
-
-def test_published_frequencies_are_columns_with_or_without_their_tae(idata):
-    published = {"Hz": (9.0, 24.0), "paper error %": (0.5, 0.7, 0.6)}
-    table = ef.frequency_table(idata, published=published)
-    assert table.columns[-2:] == ("Hz", "paper error %")
-    assert_array_equal(table.column("Hz"), [9.0, 24.0, np.nan])
-    assert table.column("paper error %") == [0.5, 0.7, 0.6]
 
 
 def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
@@ -203,19 +186,6 @@ def test_running_tae_equals_a_computation_by_hand(idata):
     assert_allclose(
         errors[-1], ef.frequency_table(idata, POSTERIOR).column("error % ")[-1]
     )
-
-
-def test_running_tae_ends_with_the_error_at_the_overall_mean():
-    run = ef.run(POSTERIOR, ef.DEMCMove(), 8, 600, ensembles=2, seed=1)
-    generations, errors = tae(ef.to_inference_data(run, discard=10), POSTERIOR)
-    chains = np.stack([sampler.get_chain(discard=10) for sampler in run], axis=1)
-    for generation, error in zip(generations, errors, strict=True):
-        stiff, alpha = chains[: int(generation) - 10].mean(axis=(0, 1, 2))
-        frequencies = np.array([10 * stiff**2, 20 * alpha])
-        expected = np.abs(frequencies / [10, 25] - 1).mean() * 100
-        assert_allclose(error, expected, rtol=1e-9)
-    assert (generations[0], generations[-1]) == (11, 600)
-    assert 50 <= len(generations) <= 200
 
 
 def test_measured_data_are_needed_for_an_error():

@@ -54,8 +54,7 @@ def runs(share=WEIGHT, stay=0.5, steps=STEPS, ensembles=4, sds=SDS):
     """Return ensembles that visit the second mode ``share`` of the time."""
     result = []
     for seed in range(ensembles):
-        own = share[seed] if np.ndim(share) else share
-        mode = switching(own, stay, steps, WALKERS, seed)
+        mode = switching(np.resize(share, seed + 1)[-1], stay, steps, WALKERS, seed)
         noise = ar1([stay, stay], steps, WALKERS, seed + 100)
         chain = CENTRES[mode] + np.array(sds)[mode][..., None] * noise
         result.append(backend(chain, log_prob=log_density(chain)))
@@ -79,7 +78,7 @@ def test_a_healthy_run_is_converged_and_shows_its_modes():
     expected = np.sqrt(WEIGHT * (1 - WEIGHT) * 3 / (4 * WALKERS * STEPS))
     assert_allclose(modes.errors, expected, rtol=0.1)
     assert (np.abs(modes.weights.mean(axis=0) - [0.7, 0.3]) < 4 * expected).all()
-    assert_array_equal(modes.found, [True, True])
+    assert_array_equal(modes.reached, [True, True])
     assert modes.chain_k < 0.5 and (modes.acceptance > 0.7).all()
     text, page = str(found), found._repr_html_()
     assert str(modes.table) in text and "importance" in page
@@ -112,47 +111,35 @@ def test_the_bounds_of_what_a_record_says(short, changes, words):
 
 def third(weights, errors, **changes):
     """Return a record with a third group, far away."""
-    given = record()
-    given["mixture"][0] = [0.5, 0.3, 0.1, 0.05, 0.05]
-    given["mixture"][1].insert(2, [-30.0, 0.0])
-    given["mixture"][2].insert(2, np.eye(2).tolist())
+    three = record()
+    three["mixture"][0] = [0.5, 0.3, 0.1, 0.05, 0.05]
+    three["mixture"][1].insert(2, [-30.0, 0.0])
+    three["mixture"][2].insert(2, np.eye(2).tolist())
     return (
-        given
+        three
         | {"mode_of": [0, 1, 2, -1, -1], "weights": weights, "errors": errors}
         | {"found_by": [[1, 1, 1]] + [[1, 1, 0]] * 3, "starts": [[0.7, 0.3, 0]] * 4}
         | changes
     )
 
 
+LOST = [0.7, 0.3, np.nan], [0.01, 0.01, np.nan]
+NEVER = {"found_by": [[1, 1, 0]] * 4}
+ONCE = {"starts": [[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3}
+
+
 @pytest.mark.parametrize(
-    ("short", "given", "words"),
+    ("short", "found_so", "words"),
     [
         ("converged", third([0.7, 0.296, 0.004], [0.01, 0.01, 0.001]), "agree"),
-        ("a mode is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002]), "0.010 +-"),
-        (
-            "a mode is lost",
-            third([0.7, 0.3, np.nan], [0.01, 0.01, np.nan]),
-            "not known",
-        ),
-        (
-            "a mode is lost",
-            third(
-                [0.7, 0.3, np.nan],
-                [0.01, 0.01, np.nan],
-                found_by=[[1, 1, 0]] * 4,
-                starts=[[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3,
-            ),
-            "mode 3, where a search ended or a walker started",
-        ),
-        (
-            "converged",
-            third([0.7, 0.3, np.nan], [0.01, 0.01, np.nan], found_by=[[1, 1, 0]] * 4),
-            "agree",  # nobody was ever there
-        ),
+        ("a mode is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002]), "0.010 (+-"),
+        ("a mode is lost", third(*LOST), "not known"),
+        ("a mode is lost", third(*LOST, **NEVER, **ONCE), "or a walker started"),
+        ("converged", third(*LOST, **NEVER), "agree"),
     ],
 )
-def test_a_mode_that_no_walker_is_in_any_more(short, given, words):
-    found = judged(given)
+def test_a_mode_that_no_walker_is_in_any_more(short, found_so, words):
+    found = judged(found_so)
     assert found.short == short and words in found.verdict
     assert np.isnan(found.modes.acceptance[2])
 
@@ -180,17 +167,6 @@ def gaussian(variance, df):
     return [weights, [[0.0, 0.0]] * 3, matrices, df]
 
 
-def test_a_proposal_that_lacks_what_the_chain_has_is_not_converged():
-    """The second mode of the posterior, in which walkers are, is not in the law."""
-    narrow = record(**ONE, pareto_k=0.1)
-    narrow["mixture"] = gaussian(1.0, 8.0)
-    narrow["mode_of"] = [0, -1, -1]
-    found = judged(narrow)
-    assert found.modes.slowest * 0.9 * STEPS < 10 and found.modes.chain_k < 0.7
-    assert found.short == "walkers wait too long" and "in 600 steps" in found.verdict
-    assert judged(narrow | {"share": 0.0}).converged  # it is not used
-
-
 def held_to_a_gaussian(chains, variance):
     """Return runs of N(0, 1) with the frozen proposal N(0, variance)."""
     found = record(**ONE, mixture=gaussian(variance, 1e6)) | {"mode_of": [0, -1, -1]}
@@ -198,7 +174,7 @@ def held_to_a_gaussian(chains, variance):
     return as_arviz(samplers, search=found)
 
 
-@pytest.mark.parametrize(("variance", "k"), [(0.3, 0.7), (0.15, 0.85), (0.8, 0.2)])
+@pytest.mark.parametrize(("variance", "k"), [(0.15, 0.85), (0.8, 0.2)])
 def test_the_pareto_k_of_the_chain_is_that_of_the_proposal(variance, k):
     """p is N(0, 1), q is N(0, v): of draws of q k is 1 - v."""
     chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
@@ -214,6 +190,7 @@ def test_a_walker_that_came_to_the_end_of_a_tail_is_seen():
     assert ef.diagnose(held_to_a_gaussian(chains, 0.8)).converged
     chains[2][500:505, 3] = 6.5, 0.0
     found = ef.diagnose(held_to_a_gaussian(chains, 0.8))
+    assert "in 1000 steps" in found.verdict
     assert found.modes.slowest < 0.01 and found.short == "walkers wait too long"
 
 
@@ -232,32 +209,26 @@ def test_the_expected_acceptance_is_that_of_proposals():
 
 
 def test_scatter_is_a_chi_square_over_its_quantile():
-    """Of 150 parameters of the right law; one ensemble shifted by nine errors."""
-    steps, walkers, d, phi = 800, 6, 150, 0.6
+    """Of 60 parameters of the right law; one ensemble shifted by nine errors."""
+    steps, walkers, d, phi = 400, 6, 60, 0.6
     draws = np.stack([ar1([phi] * d, steps, walkers, s) for s in range(4)], axis=1)
+    tau = np.full((4, d), (1 + phi) / (1 - phi))
 
     def diagnosed(draws):
         return ef.diagnose([backend(chain) for chain in np.moveaxis(draws, 1, 0)])
 
-    found = diagnosed(draws)
-
-    def chi_square(values, tau):
-        variance = values.var(axis=(0, 1, 2)) * tau / (steps * walkers)
-        means = values.mean(axis=(0, 2))
-        centre = (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
-        return ((means - centre) ** 2 / variance).sum(axis=0)
-
-    squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
-    both = chi_square(draws, found.tau), chi_square(squares, diagnosed(squares).tau)
-    assert_allclose(
-        found.scatter * 1.5 * stats.chi2.isf(1e-4 / d, 3), np.fmax(*both), rtol=1e-9
-    )
-    assert abs(both[0].mean() - 3) < 4 * np.sqrt(6 / d) + 0.2  # tau is estimated
-    assert stats.kstest(both[0], stats.chi2(3).cdf).pvalue > 1e-3
-    assert found.scatter.max() < 1
-    error = np.sqrt((1 + phi) / (1 - phi) / (steps * walkers))
+    variance = draws.var(axis=(0, 1, 2)) * tau / (steps * walkers)
+    squares = (draws.mean(axis=(0, 2)) - draws.mean(axis=(0, 1, 2))) ** 2
+    chi_square = (squares / variance).sum(axis=0)
+    assert stats.kstest(chi_square, stats.chi2(3).cdf).pvalue > 1e-3
     few = draws[..., :2].copy()
-    few[:, 2] += 9 * error
+    limit = 1.5 * stats.chi2.isf(1e-4 / 2, 3)
+    found = diagnosed(
+        few
+    )  # the worse of means and variances, by taus that it estimates
+    assert (found.scatter > 0.8 * chi_square[:2] / limit).all()
+    assert found.scatter.max() < 1
+    few[:, 2] += 9 * np.sqrt((1 + phi) / (1 - phi) / (steps * walkers))
     assert (diagnosed(few).scatter > 1).all()
     assert np.isnan(diagnosed(few[:, :2]).scatter).all()
     # An ensemble that never leaves a place has no tau of its own.
@@ -280,11 +251,11 @@ def test_standard_deviations_that_are_not_known_are_not_converged():
 def test_the_error_of_a_standard_deviation_is_its_scatter():
     """Of an autoregressive chain squares forget by phi^2."""
     phi, steps, runs = 0.7, 500, 40
-    chains = [ar1([phi], steps, 8, seed) for seed in range(runs)]
-    claimed = np.mean([ef.diagnose(backend(c)).sd_error[0] for c in chains])
-    sds = [chain.std() for chain in chains]
+    chains = np.stack([ar1([phi], steps, 8, seed) for seed in range(runs)])
+    claimed = np.mean([ef.diagnose(backend(c)).sd_error[0] for c in chains[:10]])
     exact = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * 8 * steps))
     assert_allclose(claimed, exact, rtol=0.1)
+    sds = chains.std(axis=(1, 2, 3))
     assert_allclose(np.std(sds), exact, rtol=4 / np.sqrt(2 * runs))
 
 
