@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters, modal_variables
-from .eigen_dense import Eigenproblem, Weight, pick_rows
+from .eigen_dense import Eigenproblem
 from .inputs import (
     Coefficients,
     Dofs,
@@ -173,7 +173,7 @@ class FrameModel:
             np.array([*M.values()]),
             np.array(self.modes) + skip - 1,
             skip,
-            pick_rows(tuple(chosen.values()), len(free)),
+            np.eye(len(free))[list(chosen.values())],
         )
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
@@ -192,17 +192,15 @@ class FrameModel:
         """
         values, (k, m, where) = self._read(parameters)
 
-        def derive(terms: Sequence[Term], name: str) -> dict[int, Weight]:
-            """Return how products of properties change with one, by their numbers."""
-            return {
-                number: sum(
-                    _multiply(term[:i] + term[i + 1 :], values)
-                    for i, own in enumerate(term)
-                    if own == name
-                )
-                for number, term in enumerate(terms)
-                if name in term
-            }
+        def derive(terms: Sequence[Term], name: str) -> Floats:
+            """Return how products of properties change with one, ``(n, n_terms)``."""
+            slopes = np.zeros((len(k), len(terms)))
+            for number, term in enumerate(terms):
+                for i, factor in enumerate(term):
+                    if factor == name:
+                        others = term[:i] + term[i + 1 :]
+                        slopes[:, number] += _multiply(others, values)
+            return slopes
 
         in_K, in_M = self._terms
         slopes = {name: (derive(in_K, name), derive(in_M, name)) for name in self.names}

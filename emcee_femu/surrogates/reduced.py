@@ -260,7 +260,7 @@ def reduce_model(
         full_solves=len(basis.points),
         speed_up=np.nan,
         _columns=(tuple(model.K), tuple(model.M)),
-        _problem=basis.reduce(matrices, V[dofs] if dofs else None),
+        _problem=basis.reduce(matrices, V[dofs]),
     )
     speed_up = _measure_speed_up(model, reduced)
     if reduced.size >= reduced.full_size or speed_up < PAYS:
@@ -355,7 +355,7 @@ class _Basis:
             self.append(*modes)
             errors.append(error)
 
-    def reduce(self, matrices: Matrices, output: Floats | None = None) -> Eigenproblem:
+    def reduce(self, matrices: Matrices, output: Floats) -> Eigenproblem:
         """Return the dense problem in a basis; ``output`` rows map to the DOFs."""
         skip, n_modes = self.model.skip, self.model.n_modes
         return Eigenproblem(*matrices, skip + np.arange(n_modes), skip, output)
@@ -368,7 +368,9 @@ class _Basis:
         coefficients = self.coefficients(points)
 
         def solve(size: int) -> Floats:
-            problem = self.reduce((K[:, :size, :size], M[:, :size, :size]))
+            problem = self.reduce(
+                (K[:, :size, :size], M[:, :size, :size]), np.empty((0, size))
+            )
             return problem.solve(*coefficients).frequencies
 
         low, high = self.model.skip + self.model.n_modes - 1, len(directions)
