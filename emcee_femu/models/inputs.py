@@ -107,6 +107,37 @@ def check_positive(values: Floats, names: Sequence[str], kind: str) -> None:
         )
 
 
+def derive_along(
+    function: Callable[..., Mapping[str, Floats]],
+    values: Sequence[Floats],
+    tangents: Sequence[Floats],
+    steps: Floats,
+) -> dict[str, Floats]:
+    """Return derivatives ``{variable: (d, n, *shape)}``, by central differences.
+
+    They cost calls of the function, and no solve.
+
+    Args:
+        function: From arrays to ``{variable: (n, *shape)}``.
+        values: The arrays, each ``(n, ...)``.
+        tangents: How each array changes along d directions, ``(d, n, ...)``.
+        steps: How far along each direction, ``(d, n)``.
+    """
+
+    def widen(step: Floats, value: Floats) -> Floats:
+        return step.reshape(-1, *[1] * (value.ndim - 1))
+
+    slopes: dict[str, list[Floats]] = {}
+    for j, step in enumerate(steps):
+        moves = [widen(step, v) * t[j] for v, t in zip(values, tangents, strict=True)]
+        ahead = function(*map(np.add, values, moves))
+        behind = function(*map(np.subtract, values, moves))
+        for name, value in ahead.items():
+            slope = (value - behind[name]) / widen(2 * step, value)
+            slopes.setdefault(name, []).append(slope)
+    return {name: np.array(by_direction) for name, by_direction in slopes.items()}
+
+
 def choose_dofs(
     argument: str, chosen: bool | Dofs, dofs: Sequence[Hashable]
 ) -> dict[Hashable, int]:
