@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array, diags_array, issparse
 
 from .. import checks
-from ..interfaces import Floats, Parameters
+from ..interfaces import Derivatives, Floats, Parameters
 
 Matrix: TypeAlias = Floats | csc_array
 # Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set in a message.
@@ -112,8 +112,9 @@ def derive_along(
     values: Sequence[Floats],
     tangents: Sequence[Floats],
     steps: Floats,
-) -> dict[str, Floats]:
-    """Return derivatives ``{variable: (d, n, *shape)}``, by central differences.
+    names: Iterable[str],
+) -> Derivatives:
+    """Return derivatives of what a function returns, by central differences.
 
     They cost calls of the function, and no solve.
 
@@ -122,20 +123,21 @@ def derive_along(
         values: The arrays, each ``(n, ...)``.
         tangents: How each array changes along d directions, ``(d, n, ...)``.
         steps: How far along each direction, ``(d, n)``.
+        names: What the directions are called.
     """
 
     def widen(step: Floats, value: Floats) -> Floats:
         return step.reshape(-1, *[1] * (value.ndim - 1))
 
-    slopes: dict[str, list[Floats]] = {}
-    for j, step in enumerate(steps):
+    slopes: Derivatives = {}
+    for j, (name, step) in enumerate(zip(names, steps, strict=True)):
         moves = [widen(step, v) * t[j] for v, t in zip(values, tangents, strict=True)]
         ahead = function(*map(np.add, values, moves))
         behind = function(*map(np.subtract, values, moves))
-        for name, value in ahead.items():
-            slope = (value - behind[name]) / widen(2 * step, value)
-            slopes.setdefault(name, []).append(slope)
-    return {name: np.array(by_direction) for name, by_direction in slopes.items()}
+        for variable, value in ahead.items():
+            slope = (value - behind[variable]) / widen(2 * step, value)
+            slopes.setdefault(variable, {})[name] = slope
+    return slopes
 
 
 def choose_dofs(

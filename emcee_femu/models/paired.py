@@ -182,13 +182,13 @@ class PairedModel:
         size = np.abs(modes[1]).max(axis=(1, 2))
         speed += np.abs(tangents[1]).max(axis=(2, 3)) / size
         steps = STEP / np.where(speed > 0, speed, 1.0)
-        slopes: Derivatives = {"model_mode": {}, "unpaired": {}}
-        derived = derive_along(pair_again, modes, tangents, steps)
-        # Those of frequencies are exact as they are.
-        derived |= {"frequency": np.take_along_axis(tangents[0], chosen[None], axis=2)}
-        for variable, along in derived.items():
-            slopes[variable] = dict(zip(names, along, strict=True))
-        return self._solution(chosen, paired), slopes
+        slopes = derive_along(pair_again, modes, tangents, steps, names)
+        exact = np.take_along_axis(tangents[0], chosen[None], axis=2)
+        slopes["frequency"] = dict(zip(names, exact, strict=True))
+        return self._solution(chosen, paired), slopes | {
+            "model_mode": {},
+            "unpaired": {},
+        }
 
     def _solution(
         self, chosen: NDArray[np.intp], paired: dict[str, Floats]

@@ -64,7 +64,7 @@ def test_what_is_declared_is_what_is_returned():
 
 
 WRONG = {
-    "measured: expected Spectra": {"measured": D},
+    "measured: expected a Spectra": {"measured": D},
     "n_modes: expected 1 or 2, got 3": {"n_modes": 3},
     "n_modes: expected a whole number": {"n_modes": 1.0},
     "reference: expected one of .'roof'": {"reference": "cellar"},
