@@ -1,7 +1,7 @@
 """The likelihood of FFTs near one mode or a close pair."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,8 @@ from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
 from ..measurements.spectra import KINDS, Spectra
 from .term import Term, derive, move_along
+
+Numbers: TypeAlias = Floats | NDArray[np.complex128]
 
 
 class SpectrumTerm(Term):
@@ -195,7 +197,7 @@ def _possible(response: Response) -> NDArray[np.bool_]:
 
 
 def _covariances(
-    shapes: Floats, h: NDArray[np.complex128], forces: Floats, noise: Floats
+    shapes: Numbers, h: Numbers, forces: Numbers, noise: Numbers
 ) -> NDArray[np.complex128]:
     """Return E of each line, ``(n, lines, channels, channels)``."""
     moving = np.einsum("nci,nik->nkci", shapes, h)
