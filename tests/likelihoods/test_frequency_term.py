@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import integrate, stats
 from support.contracts import assert_term
 
@@ -76,27 +76,6 @@ def test_the_likelihood_integrates_to_one_over_the_frequencies(beta):
     predicted = np.column_stack([first.ravel(), second.ravel()])
     total = np.exp(term({}, {"frequency": predicted})).sum() * step**2 * sd.prod()
     assert total == pytest.approx(1.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_the_lowest_modes_are_compared_when_the_model_returns_more(n):
-    term = ef.FrequencyTerm(MEASURED[:n], beta=BETA[:n])
-    assert term.n_modes == n
-    lowest = {"frequency": PREDICTED[:, :n]}
-    assert_array_equal(term({}, MODES), term({}, lowest))
-    density = stats.norm.logpdf(PREDICTED, MEASURED, MEASURED / np.sqrt(BETA))
-    assert_term(term, {}, MODES, density[:, :n].sum(axis=1))
-
-
-def test_arguments_are_copied_and_the_name_is_kept():
-    measured, beta = MEASURED.copy(), BETA.copy()
-    term = ef.FrequencyTerm(measured, beta=beta, name="run 2")
-    before = term({}, MODES)
-    measured += 1.0
-    beta += 1.0
-    assert_array_equal(term({}, MODES), before)
-    assert term.name == "run 2"
-    assert ef.FrequencyTerm([1.0], beta=1.0).name == "frequency"
 
 
 @pytest.mark.parametrize("beta", [1e2, [1e4, 4e2, 25.0]])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.calibration import auto_ranks, p_values, shorten_search
-from support.gradients import numerical
 
 import emcee_femu as ef
 
@@ -38,48 +37,6 @@ def test_values_are_those_of_scipy(amplitude, discrepancy):
         parts = [stats.norm.logpdf(part, 0, sd) for part in (r.real, r.imag)]
     found = term({"sigma": SIGMA}, RESPONSE)
     np.testing.assert_allclose(found, np.sum(parts, axis=0).sum(axis=(1, 2)))
-
-
-@pytest.mark.parametrize("amplitude", [True, False])
-def test_the_gradient_and_its_scores(amplitude):
-    """Of H = H0 + theta dH and sigma; information by expected second derivatives."""
-    term = ef.frf.FRFTerm(MEASURED, amplitude=amplitude, discrepancy="sigma")
-    slope = RNG.normal(size=(2, 3, 2))
-    theta = np.column_stack([0.1 * RNG.normal(size=5), SIGMA])
-    start = RESPONSE["receptance"][0]
-
-    def response(at):
-        return {"receptance": start + at[:, 0, None, None, None] * slope}
-
-    def value(at):
-        return term({"sigma": at[:, 1]}, response(at))
-
-    tangents = {
-        "receptance": np.stack([slope, 0 * slope], axis=-1)[None].repeat(5, 0),
-        "sigma": np.tile([0.0, 1.0], (5, 1)),
-    }
-    steps = np.full((5, 2), 1e-4)
-    gradient, scores = term.linearize(
-        {"sigma": theta[:, 1]}, response(theta), tangents, steps
-    )
-    np.testing.assert_allclose(gradient, numerical(value, theta), rtol=2e-5)
-
-    def standard(at):
-        r, sd = term.deviations({"sigma": at[:, 1]}, response(at))
-        return r, sd
-
-    unit = np.array([1e-6, 0.0])
-    r1, r0 = standard(theta + unit)[0], standard(theta - unit)[0]
-    d_r = (r1 - r0) / 2e-6 / standard(theta)[1]
-    np.testing.assert_allclose(
-        (scores[:, :, 0] ** 2).sum(axis=1), (d_r**2).sum(axis=1), rtol=1e-5
-    )
-    unit = np.array([0.0, 1e-6])
-    s1, s0 = standard(theta + unit)[1], standard(theta - unit)[1]
-    d_s = (s1 - s0) / 2e-6 / standard(theta)[1]
-    np.testing.assert_allclose(
-        (scores[:, :, 1] ** 2).sum(axis=1), 2 * (d_s**2).sum(axis=1), rtol=1e-5
-    )
 
 
 def test_errors_that_are_given():
@@ -136,16 +93,6 @@ def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
     shorten_search(monkeypatch)
     found = auto_ranks(lambda rng: simulated(rng, 0.5), 60, seed=32)
     assert p_values(found).min() < LEVEL
-
-
-def test_another_kind_or_unit_is_refused_by_name():
-    values = np.ones((2, 60)) + 1j
-    other = ef.frf.FRFMeasurements(GRID, values, PAIRS, kind="accelerance")
-    with pytest.raises(ValueError, match=r"reads 'accelerance', which the model does"):
-        ef.LogPosterior(MODEL, ef.frf.FRFTerm(other, sd=1.0), PRIOR)
-    gauges = ef.frf.FRFMeasurements(GRID, values, PAIRS, kind="receptance", unit="mm/N")
-    with pytest.raises(ValueError, match=r"in mm/N, but the model returns it in m/N"):
-        ef.LogPosterior(MODEL, ef.frf.FRFTerm(gauges, sd=1.0), PRIOR)
 
 
 def test_magnitudes_are_no_complex_values():

@@ -60,19 +60,6 @@ def test_values_are_those_of_real_and_imaginary_parts(n_modes, channels, kind):
     np.testing.assert_allclose(found, by_hand, rtol=1e-10)
 
 
-def test_averages_are_worth_the_segments_one_by_one():
-    model, _, theta = problem(1, 2)
-    record = RNG.standard_normal((401, 2))
-    cut = {"rate": 10.0, "band": (0.9, 1.3)}
-    whole = ef.spectra.Spectra.from_record(record, **cut, averages=4)
-    single = [
-        ef.spectra.Spectra.from_record(record[100 * i : 100 * (i + 1)], **cut)
-        for i in range(4)
-    ]
-    parts = [evaluate(model, own, theta) for own in single]
-    np.testing.assert_allclose(evaluate(model, whole, theta), np.sum(parts, axis=0))
-
-
 @pytest.mark.parametrize(("n_modes", "channels"), CASES)
 def test_gradient_and_information(n_modes, channels):
     """Against differences, and tr(E^-1 dE E^-1 dE) with whole matrices."""
@@ -251,12 +238,3 @@ def test_two_close_modes_and_the_coherence_of_their_forces():
     truth |= {"coherence_re": -0.4, "coherence_im": -0.3}  # s2 is up, not down
     z = (draws.mean(axis=0) - [truth[k] for k in post.names]) / draws.std(axis=0)
     assert np.abs(z).max() < 3.7
-
-
-def test_other_sensors_are_refused_before_the_first_evaluation():
-    other = ef.spectra.Spectra(
-        LINES, blank(2).matrices, averages=1, sensors=["roof", "floor"]
-    )
-    model = ef.spectra.SpectrumModel(blank(2))
-    with pytest.raises(ValueError, match=r"measured at sensor \['roof', 'floor'\]"):
-        ef.LogPosterior(model, ef.spectra.SpectrumTerm(other), widely(model))

@@ -116,16 +116,6 @@ def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
     assert_same_bits(changed, plain)
 
 
-def test_a_low_collinearity_is_told_again_on_reading(tmp_path):
-    shapes = [[1.0, 1.0], [2.0, 1j], [-1.0, -1.0]]
-    with pytest.warns(UserWarning, match="mode 2"):
-        m = Measurements([1.0, 2.0], shapes=shapes)
-    m.to_csv(tmp_path / "modes.csv")
-    with pytest.warns(UserWarning, match="mode 2"):
-        again = Measurements.from_csv(tmp_path / "modes.csv")
-    assert_same_bits(again, m)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -150,10 +140,3 @@ def test_errors_name_line_and_column(old, new, message, tmp_path):
         Measurements.from_csv(path)
     if "line" in message or "column" in message:
         assert str(path) in str(caught.value)
-
-
-def test_an_empty_or_missing_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="line 1: expected the titles"):
-        Measurements.from_csv(written(tmp_path, ""))
-    with pytest.raises(FileNotFoundError):
-        Measurements.from_csv(tmp_path / "nothing.csv")

@@ -14,23 +14,6 @@ def campaign(n):
     return RNG.multivariate_normal(F, COVARIANCE, n)
 
 
-def test_mean_and_sample_covariance_are_those_of_the_definition():
-    f = campaign(7)
-    m = Measurements.from_repeats(f)
-    np.testing.assert_allclose(m.frequencies, f.sum(axis=0) / 7, rtol=1e-14)
-    deviations = f - m.frequencies
-    expected = np.einsum("ti,tj->ij", deviations, deviations) / 6
-    np.testing.assert_allclose(m.covariance, expected, rtol=1e-12)
-    assert m.sd is None
-
-
-def test_without_correlation_two_tests_are_enough():
-    f = campaign(2)
-    m = Measurements.from_repeats(f, correlated=False)
-    np.testing.assert_allclose(m.sd, np.abs(f[0] - f[1]) / np.sqrt(2), rtol=1e-12)
-    assert m.covariance is None
-
-
 @pytest.mark.parametrize("n_tests", [5, 80])
 def test_more_repeats_do_not_narrow_the_covariance(n_tests):
     # The mean over many campaigns is the covariance of one test, whatever their size.

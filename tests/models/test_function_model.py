@@ -54,14 +54,6 @@ def test_it_returns_what_it_declares():
     assert copy.n_modes == 2 and copy.variables == FunctionModel(solve, 2).variables
 
 
-def test_shapes_are_stacked_walker_by_walker():
-    frequencies, shapes = FunctionModel(solve)(PARAMETERS)
-    np.testing.assert_allclose(frequencies, EXPECTED, rtol=1e-15)
-    assert np.array_equal(shapes[:, 0, 0], PARAMETERS["k"])
-    assert np.array_equal(shapes[:, 1, 0], PARAMETERS["m"])
-    assert np.array_equal(shapes[:, :, 1], [[1.0, 2.0, 3.0]] * 3)
-
-
 def test_the_function_is_called_once_per_walker_with_plain_floats():
     calls = []
     FunctionModel(lambda p: calls.append(p) or [1.0])(PARAMETERS)
@@ -69,23 +61,6 @@ def test_the_function_is_called_once_per_walker_with_plain_floats():
     assert calls == [dict(zip("km", row, strict=True)) for row in rows]
     assert {type(value) for call in calls for value in call.values()} == {float}
     assert np.array_equal(FunctionModel(lambda p: [1, 2])({}).frequencies, [[1, 2]])
-
-
-def test_what_the_function_reuses_is_not_aliased():
-    buffer = np.empty(1)
-
-    def reuse(p):
-        buffer[:] = p["k"]
-        return buffer
-
-    frequencies = FunctionModel(reuse)(PARAMETERS).frequencies
-    assert np.array_equal(frequencies[:, 0], PARAMETERS["k"])
-
-
-def test_a_failed_solve_may_return_nan():
-    model = FunctionModel(lambda p: [np.nan if p["k"] > 50 else 1.0])
-    expected = [[1.0], [np.nan], [1.0]]
-    assert np.array_equal(model(PARAMETERS).frequencies, expected, equal_nan=True)
 
 
 def test_an_error_names_parameters_that_the_function_changed():

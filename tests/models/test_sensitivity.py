@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 from support.beams import BOUNDS, OPTIONS, draws, reduce, three_parts
-from support.derivatives import CENTRAL, assert_jacobian, differences
+from support.derivatives import assert_jacobian
 
 from emcee_femu import FrameModel, MassSpringModel, MatrixModel, Section
 
@@ -137,31 +137,7 @@ def test_derivatives_are_those_of_differences(case):
     assert_jacobian(model, parameters, step)
 
 
-@pytest.mark.parametrize("variable", ["frequency", "shapes"])
-@pytest.mark.parametrize("case", ["dense K and M", "frame", "sparse"])
-def test_central_differences_converge_to_them_in_second_order(case, variable):
-    model, parameters = (make() for make in CASES[case])
-    response, derivatives = model.jacobian(parameters)
-    for name, exact in derivatives[variable].items():
-        errors = []
-        for step in (0.04, 0.02):
-            there = differences(model, parameters, name, variable, step, CENTRAL)
-            errors.append(np.abs(there - exact).max())
-        assert abs(np.log2(errors[0] / errors[1]) - 2) < 0.1, (name, errors)
-
-
 # --- closed forms
-
-
-@pytest.mark.parametrize("shapes", [False, True])
-def test_one_mass_on_one_spring_in_closed_form(shapes):
-    """f = sqrt(k / m) / 2 pi, and phi = m^(-1/2) whatever the spring."""
-    model = MassSpringModel([4.0], {"k1": (0, 1, 9.0)}, shapes=shapes)
-    modes, derivatives = model.jacobian({"k1": np.array([9.0, 25.0])})
-    expected = modes.frequencies / (2 * np.array([[9.0], [25.0]]))
-    np.testing.assert_allclose(derivatives["frequency"]["k1"], expected)
-    if shapes:
-        assert not derivatives["shapes"]["k1"].any()
 
 
 def test_two_masses_in_closed_form():
@@ -210,42 +186,7 @@ def test_a_uniform_chain_in_closed_form(kind):
     np.testing.assert_allclose(got, -response.shapes / (2 * 2.0), atol=1e-9)
 
 
-def test_sparse_and_dense_matrices_have_the_same_derivatives():
-    kinds = np.asarray, sparse.csc_array
-    (one, of_one), (two, of_two) = (
-        free_chain(kind).jacobian(draw(FREE, 2)) for kind in kinds
-    )
-    signs = np.sign((one.shapes * two.shapes).sum(axis=1, keepdims=True))
-    for name in FREE:
-        first, second = (of["shapes"][name] for of in (of_one, of_two))
-        np.testing.assert_allclose(first, second * signs, atol=1e-7)
-        first, second = (of["frequency"][name] for of in (of_one, of_two))
-        np.testing.assert_allclose(first, second, atol=1e-9)
-
-
 # --- what is differentiated, and what is not
-
-
-def test_what_is_not_asked_for_has_no_derivative():
-    _, derivatives = mass_spring().jacobian({"k4": np.ones(2)})
-    assert {k: [*of] for k, of in derivatives.items()} == {
-        "frequency": ["k4"], "shapes": ["k4"],
-    }  # fmt: skip
-    assert "shapes" not in mass_spring(False).jacobian({"k4": np.ones(2)})[1]
-    for kind in (np.asarray, sparse.csc_array):
-        K = kind(sum(chain(30).values()))
-        model = MatrixModel(K, kind(np.eye(30)), {}, n_modes=2, shapes=[3])
-        response, derivatives = model.jacobian({})
-        assert derivatives == {"frequency": {}, "shapes": {}}
-        np.testing.assert_array_equal(response.frequency, model({}).frequency)
-
-
-def test_what_a_call_refuses_is_refused():
-    with pytest.raises(ValueError, match="stiffness 'k1' must be above zero"):
-        mass_spring().jacobian({"k1": np.array([-1.0])})
-    left = {"left": np.array([-1.0, 1.0])}
-    with pytest.raises(ValueError, match="not elastic"):
-        loaded_beam(True).jacobian(beam_parameters() | left)
 
 
 # --- modes that coincide
