@@ -157,10 +157,10 @@ class SpectrumTerm(Term):
         S12 = psd[:, 0, 1, 0] + 1j * psd[:, 0, 1, 1]
         H12 = S12[:, None] * h[:, 0] * h[:, 1].conj()
         det = H11 * H22 - np.abs(H12) ** 2
-        one, two = phi[:, :, 0], phi[:, :, 1]
-        cosine = (one * two).sum(axis=1)[:, None]
-        W11, W22 = self._project(one, one, 0), self._project(two, two, 0)
-        W12 = self._project(one, two, 0) + 1j * self._project(one, two, 1)
+        first, second = phi[:, :, 0], phi[:, :, 1]
+        cosine = (first * second).sum(axis=1)[:, None]
+        W11, W22 = self._project(first, first, 0), self._project(second, second, 0)
+        W12 = self._project(first, second, 0) + 1j * self._project(first, second, 1)
         # Of the matrix of two rows noise I + (Phi^T Phi) H.
         determinant = noise**2 + noise * (H11 + H22 + 2 * cosine * H12.real)
         determinant += (1 - cosine**2) * det

@@ -186,8 +186,8 @@ class Term:
 
         None where it reads what is not stored, or cannot be drawn.
         """
-        known = self.observed and self._reads_only(stored)
-        pair = self.deviations(parameters, stored) if known else None
+        readable = self.observed and self._reads_only(stored)
+        pair = self.deviations(parameters, stored) if readable else None
         if pair is None:
             return {}
         r, sd = pair

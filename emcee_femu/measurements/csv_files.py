@@ -102,8 +102,8 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"{path}, column 'dof': expected a DOF for each sensor or for none, but "
             f"{of_shapes[dofs.index('')]!r} has none"
         )
-    given = None if "" in dofs or not dofs else dofs
-    return fields | {"sensors": of_shapes or None, "dofs": given}
+    labels = None if "" in dofs or not dofs else dofs
+    return fields | {"sensors": of_shapes or None, "dofs": labels}
 
 
 def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float]:

@@ -163,7 +163,7 @@ class FrameModel:
         chosen = choose_dofs("shapes", shapes, self.dofs)
         self.shape_dofs = tuple(self.dofs[place] for place in chosen.values())
         self.variables = modal_variables(self.n_modes, tuple(chosen))
-        named = [name for own in sections.values() for name in own.parameters]
+        named = [name for section in sections.values() for name in section.parameters]
         self.names = tuple(dict.fromkeys(named))
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         K, M = _assemble(points, elements, sections, free)
@@ -219,7 +219,7 @@ class FrameModel:
 
 def _multiply(term: Term, values: Parameters) -> Floats | float:
     """Return a product of properties, ``(n,)`` or a number."""
-    factors = (values[own] if isinstance(own, str) else own for own in term)
+    factors = (values[factor] if isinstance(factor, str) else factor for factor in term)
     product: Floats | float = math.prod(factors, start=1.0)
     return product
 
@@ -247,7 +247,7 @@ def _assemble(
             for product, matrix in matrices.items():
                 term: Term = tuple(section.properties[key] for key in product)
                 factor: Floats | float = 1.0
-                if not any(isinstance(own, str) for own in term):
+                if not any(isinstance(factor, str) for factor in term):
                     term, factor = (), _multiply(term, {})
                 if term not in total:
                     total[term] = np.zeros((size, size))

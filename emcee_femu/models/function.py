@@ -111,15 +111,15 @@ class FunctionModel:
         values, n = checks.batch(parameters)
         results: list[Result] = []
         for i in range(n):
-            own = {name: float(value[i]) for name, value in values.items()}
+            row = {name: float(value[i]) for name, value in values.items()}
             try:
-                results.append(read(function(dict(own))))
+                results.append(read(function(dict(row))))
                 _check_shapes("function", results[-1][0], _shapes(results[0][0]))
             except (Exception, SystemExit) as error:
-                add_place(error, own, [*own])
+                add_place(error, row, [*row])
                 raise
         names = results[0][0]
-        response = {name: np.array([own[name] for own, _ in results]) for name in names}
+        response = {name: np.array([row[name] for row, _ in results]) for name in names}
         derivatives: Derivatives = {}
         for i, (_, slopes) in enumerate(results):
             for variable, by_parameter in slopes.items():

@@ -269,7 +269,8 @@ def fit_affine(
             constants[part] = constants[part] - start * slope
     keep = csc_array if issparse(_split(base)["K"]) else csc_array.toarray
     fitted = {
-        part: {name: keep(A) for name, A in own.items()} for part, own in units.items()
+        part: {name: keep(A) for name, A in by_name.items()}
+        for part, by_name in units.items()
     }
     return {part: keep(_drop(constants[part], first[part])) for part in first}, fitted
 
@@ -277,11 +278,11 @@ def fit_affine(
 def _split(export: Export) -> dict[str, Matrix]:
     """Return stiffness and mass of an export, those that there are."""
     if isinstance(export, Matrices):
-        given = export.matrices
+        matrices = export.matrices
     else:
         pair = export if isinstance(export, tuple) else (export,)
-        given = dict(zip("KM", pair, strict=False))
-    return {part: given[part] for part in "KM" if given.get(part) is not None}
+        matrices = dict(zip("KM", pair, strict=False))
+    return {part: matrices[part] for part in "KM" if matrices.get(part) is not None}
 
 
 def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_array]:
@@ -292,12 +293,12 @@ def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_a
                 f"{argument}: expected the nodes and directions of the base, in its "
                 "order; was the mesh or a support changed, or the program numbers anew?"
             )
-    given, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
-    if not given or not size:
+    matrices, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
+    if not matrices or not size:
         raise ValueError(f"{argument}: expected K, (K, M) or Matrices, got none")
     return {
         part: read_matrix(f"{argument}, {part}", matrix, size[0], sparse=True)
-        for part, matrix in given.items()
+        for part, matrix in matrices.items()
     }
 
 

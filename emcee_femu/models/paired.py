@@ -286,11 +286,11 @@ def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) ->
             )
         return shapes
     if numbers is None or numbers.max() >= n_rows:
-        given = "None" if dofs is None else str(dofs.tolist())
+        labels = "None" if dofs is None else str(dofs.tolist())
         remedy = "; give Measurements(dofs=[...])" if dofs is None else ""
         raise ValueError(
             f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
-            f"model's shapes, got {given}{remedy}"
+            f"model's shapes, got {labels}{remedy}"
         )
     return shapes[..., numbers, :]
 

@@ -82,22 +82,6 @@ class ReducedModel(Report):
         full_solves: Full solves spent, the certificate included.
         speed_up: Time of the full model over that of this one, per parameter set, in
             a batch of 16; measured when the model was made.
-
-    Examples:
-        >>> import numpy as np
-        >>> from scipy.sparse import csc_array, diags_array
-        >>> import emcee_femu as ef
-        >>> n = 1000  # masses in a row; the springs of either half have one stiffness
-        >>> unit = csc_array(np.eye(n))
-        >>> B = csc_array(diags_array([np.ones(n), -np.ones(n - 1)], offsets=[0, -1]))
-        >>> halves = {"low": B[: n // 2], "high": B[n // 2 :]}
-        >>> K = {name: half.T @ half for name, half in halves.items()}
-        >>> full = ef.MatrixModel(0 * unit, unit, K, n_modes=2)
-        >>> bounds = {"low": (0.5, 2.0), "high": (0.5, 2.0)}
-        >>> small = ef.reduce_model(full, bounds, tolerance=1e-3, test_points=4)
-        >>> at = {"low": np.array([0.7]), "high": np.array([1.6])}
-        >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
-        True
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -208,6 +192,9 @@ def reduce_model(
         >>> small = ef.reduce_model(full, bounds, tolerance=1e-3, test_points=4)
         >>> small.size < 20, small.max_error < 1e-3
         (True, True)
+        >>> at = {"low": np.array([0.7]), "high": np.array([1.6])}
+        >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
+        True
     """
     if not isinstance(model, MatrixModel):
         raise TypeError(
@@ -234,15 +221,15 @@ def reduce_model(
         V, matrices = basis.truncate(candidates[:CHECKED], target)
         rest = rng.uniform(size=(n_tests - len(certified), len(box)))
         tests = np.concatenate([certified, rest])
-        found = [basis.compare(V, matrices, point) for point in tests]
-        errors = np.array([error for error, _, _ in found])
+        comparisons = [basis.compare(V, matrices, point) for point in tests]
+        errors = np.array([error for error, _, _ in comparisons])
         if errors.max() <= tolerance:
             break
         if len(basis.points) + n_tests >= max_solves:
             raise _not_reached(tolerance, errors.max(), len(basis.points))
         # Look closer there; certify at new points, and corners that were good.
         for i in np.flatnonzero(errors > target):
-            basis.append(*found[i][2])
+            basis.append(*comparisons[i][2])
         certified = certified[errors[: len(certified)] <= target]
         target *= 0.3
     dofs = list(model.shape_dofs)
@@ -253,7 +240,7 @@ def reduce_model(
         shape_dofs=tuple(labels),
         tolerance=tolerance,
         max_error=float(errors.max()),
-        shape_error=max(lost for _, lost, _ in found),
+        shape_error=max(lost for _, lost, _ in comparisons),
         test_points=n_tests,
         size=V.shape[1],
         full_size=len(V),
@@ -427,13 +414,13 @@ def _read_bounds(
     """Return the bounds in the order of ``names``; every name must have them."""
     if not names:
         raise ValueError("bounds: the model has no parameters; solve it once instead")
-    given, box = checks.by_name("bounds", bounds, names), {}
+    pairs, box = checks.by_name("bounds", bounds, names), {}
     for name in names:
-        pair = checks.real_array(f"bounds[{name!r}]", given.get(name, ()), 1)
+        pair = checks.real_array(f"bounds[{name!r}]", pairs.get(name, ()), 1)
         if len(pair) != 2 or not pair[0] < pair[1]:
             raise ValueError(
                 f"bounds[{name!r}]: expected (low, high) with low < high, got "
-                f"{given.get(name)!r}"
+                f"{pairs.get(name)!r}"
             )
         box[name] = (float(pair[0]), float(pair[1]))
     return box

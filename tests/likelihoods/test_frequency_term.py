@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import integrate, stats
+from scipy import stats
 from support.contracts import assert_term
 
 import emcee_femu as ef
@@ -76,45 +76,6 @@ def test_the_likelihood_integrates_to_one_over_the_frequencies(beta):
     predicted = np.column_stack([first.ravel(), second.ravel()])
     total = np.exp(term({}, {"frequency": predicted})).sum() * step**2 * sd.prod()
     assert total == pytest.approx(1.0, abs=1e-12)
-
-
-@pytest.mark.parametrize("beta", [1e2, [1e4, 4e2, 25.0]])
-@pytest.mark.parametrize(("mean", "sd"), [(0.0, 0.1), (0.3, 0.02)])
-def test_evidence_of_a_linear_model_is_the_closed_form_gaussian(beta, mean, sd):
-    # f = f0 (1 + theta), theta ~ N(mean, sd^2), errors N(0, fm^2 / beta):
-    # marginally fm ~ N(f0 (1 + mean), sd^2 f0 f0^T + diag(fm^2 / beta)).
-    f0, measured = np.array([10.0, 25.0, 60.0]), np.array([10.5, 25.2, 66.0])
-    posterior = ef.LogPosterior(
-        ef.FunctionModel(lambda p: f0 * (1 + p["theta"]), n_modes=3),
-        ef.FrequencyTerm(measured, beta=beta),
-        ef.GaussianPrior(["theta"], [mean], sd),
-    )
-    noise = np.diag(measured**2 / beta)
-    exact = stats.multivariate_normal.pdf(
-        measured, f0 * (1 + mean), noise + sd**2 * np.outer(f0, f0)
-    )
-    ends = mean - 12 * sd, mean + 12 * sd
-    options = {"epsabs": 0, "epsrel": 1e-10, "limit": 200, "points": [0.0, 0.05, mean]}
-    evidence, _ = integrate.quad(lambda x: np.exp(posterior([x])[0]), *ends, **options)
-    assert evidence == pytest.approx(exact, rel=1e-9)
-
-
-def test_an_inferred_discrepancy_has_the_density_of_its_formula():
-    # Two parameters: a common factor of three frequencies, and the discrepancy.
-    measured, shape = np.array([10.0, 20.0, 33.0]), np.array([10, 20.5, 32])
-    laws = {"factor": stats.norm(1, 0.1), "sigma": stats.halfnorm(scale=0.05)}
-    posterior = ef.LogPosterior(
-        lambda p: ef.ModalSolution(p["factor"][:, None] * shape),
-        ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="sigma"),
-        ef.IndependentPrior(laws),
-    )
-    theta = posterior.start(50, 1)
-    sd = np.hypot(0.002, theta[:, 1:]) * measured
-    expected = stats.norm.logpdf(theta[:, :1] * shape, measured, sd).sum(axis=1)
-    expected += sum(
-        law.logpdf(x) for law, x in zip(laws.values(), theta.T, strict=True)
-    )
-    assert_allclose(posterior(theta)[:, 0], expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("kind", ["relative_sd", "covariance"])

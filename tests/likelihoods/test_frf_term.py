@@ -55,7 +55,7 @@ def chain():
     return ef.MatrixModel(np.zeros((3, 3)), M, K, n_modes=3, shapes=True)
 
 
-GRID = np.linspace(0.8, 8.0, 60)
+GRID = np.linspace(0.8, 8.0, 24)
 PAIRS = [(0, 2), (2, 2)]
 PRIOR = ef.GaussianPrior(
     ["k1", "k2", "k3", "zeta"],
@@ -85,13 +85,13 @@ LEVEL = 0.001 / 5
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
     shorten_search(monkeypatch)
-    assert p_values(auto_ranks(simulated, 120, seed=31)).min() > LEVEL
+    assert p_values(auto_ranks(simulated, 48, seed=31)).min() > LEVEL
 
 
 @pytest.mark.slow
 def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
     shorten_search(monkeypatch)
-    found = auto_ranks(lambda rng: simulated(rng, 0.5), 60, seed=32)
+    found = auto_ranks(lambda rng: simulated(rng, 0.5), 12, seed=32)
     assert p_values(found).min() < LEVEL
 
 

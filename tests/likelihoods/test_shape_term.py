@@ -102,23 +102,3 @@ def test_a_shape_with_no_motion_at_the_sensors_has_mac_zero():
     still = {"shapes": np.zeros((1, 7, 1))}
     value = ef.ShapeTerm(MEASURED[:, :1], delta=0.1)({}, still)[0]
     assert_allclose(value, -1 / 0.02 - 3 * np.log(2 * np.pi * 0.01))
-
-
-def test_the_posterior_of_two_parameters_is_its_formula():
-    # A shape (1, a, a^2) measured with an inferred delta, whose prior is half-normal.
-    measured = np.array([[1.0], [0.5], [0.35]])  # no value of a fits exactly
-
-    def model(p):
-        a = p["a"]
-        shapes = np.column_stack([np.ones_like(a), a, a**2])[..., None]
-        return ef.ModalSolution(np.ones((len(a), 1)), shapes)
-
-    laws = {"a": stats.uniform(0.2, 0.6), "delta": stats.halfnorm(scale=0.1)}
-    term = ef.ShapeTerm(measured, discrepancy="delta")
-    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(laws))
-    theta = posterior.start(50, 1)
-    a, delta = theta.T
-    shapes = np.stack([np.ones(50), a, a**2], axis=1)[..., None]
-    expected = -(1 - mac(measured, shapes)[:, 0]) / (2 * delta**2)
-    expected -= np.log(2 * np.pi * delta**2) + delta**2 / (2 * 0.1**2)
-    assert_allclose(np.ptp(posterior(theta)[:, 0] - expected), 0, atol=1e-9)

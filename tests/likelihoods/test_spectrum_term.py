@@ -203,13 +203,13 @@ LEVEL = 0.001 / 6
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
     shorten_search(monkeypatch)
-    assert p_values(auto_ranks(simulated, 120, seed=41)).min() > LEVEL
+    assert p_values(auto_ranks(simulated, 48, seed=41)).min() > LEVEL
 
 
 @pytest.mark.slow
 def test_ranks_with_lines_counted_twice_are_not_uniform(monkeypatch):
     shorten_search(monkeypatch)
-    found = auto_ranks(lambda rng: simulated(rng, 4), 60, seed=42)
+    found = auto_ranks(lambda rng: simulated(rng, 4), 24, seed=42)
     assert p_values(found).min() < LEVEL
 
 
@@ -229,7 +229,7 @@ def test_two_close_modes_and_the_coherence_of_their_forces():
         0.4 + 0.3j,
     )
     spectra = ef.spectra.Spectra.from_record(record, rate, (0.94, 1.09))
-    samplers, post = sample(spectra, 2, reference=["s1", "s2"])
+    samplers, post = sample(spectra, 2, reference=["s1", "s2"], steps=40)
     draws = samplers[0].get_chain(flat=True)
     length = np.linalg.norm([0.6, -0.8, 0.2])  # of the simulated shape
     truth = {"f1": 1.0, "f2": 1.03, "zeta1": 0.01, "zeta2": 0.012, "phi1_s2": 0.75}

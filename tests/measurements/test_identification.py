@@ -41,19 +41,6 @@ def test_normal_modes_among_other_data_sets(pyuff, write):
     assert m.sd is None
 
 
-def test_no_sensor_is_left_out_that_moves_in_one_mode(pyuff, write):
-    lively = a_mode(pyuff, 2, r3=np.array([0.0, 1e-3, 0.0]))
-    path = write(a_mode(pyuff, 1), lively)
-    with pytest.warns(UserWarning, match=r"\['4:z', '7:z'\]"):
-        m = Measurements.from_uff(path)
-    assert m.sensors == ("4:x", "4:y", "12:x", "12:y", "12:z", "7:x", "7:y")
-    turning = dict(zip(("r4", "r5", "r6"), (X[:, 0], Y[:, 0], X[:, 1]), strict=True))
-    path = write(a_mode(pyuff, 1, r3=np.ones(3), **turning))
-    m = Measurements.from_uff(path)  # and no warning
-    assert m.sensors[:6] == ("4:x", "4:y", "4:z", "4:rx", "4:ry", "4:rz")
-    np.testing.assert_allclose(m.shapes[6:12, 0], [0.7, 0.1, 1, 0.7, 0.1, -0.2])
-
-
 @pytest.mark.parametrize("kind", [2, 3, 7])
 def test_complex_modes(kind, pyuff, write):
     damping = np.array([0.02, 0.01, 0.3])  # 0.3: |lambda| is not its imaginary part

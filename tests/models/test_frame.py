@@ -182,18 +182,3 @@ def test_named_properties_equal_numbers(named):
         numbers = solve(h_frame(base=H | {key: factor * H[key] for key in named}))
         batch = model(values).frequencies
         np.testing.assert_allclose(batch[row], numbers, rtol=1e-9)
-
-
-def test_sensors_are_matched_to_the_DOFs_of_the_same_name():
-    # Fault 13: in any order of sensors and of the model's shapes.
-    dofs, truth = ["12:uz", "0:uy", "8:uz", "3:uy", "10:uz"], h_values(["E"])
-    modes = h_frame(["E"], shapes=dofs, n_modes=5)(truth)
-    for order in ([0, 1, 2, 3, 4], [3, 0, 4, 2, 1]):
-        shapes, labels = modes.shapes[0][order], [dofs[i] for i in order]
-        test = ef.Measurements(modes.frequencies[0], shapes=shapes, dofs=labels)
-        for own in (True, dofs, sorted(dofs)):
-            model = ef.PairedModel(h_frame(["E"], shapes=own), test, candidates=8)
-            np.testing.assert_allclose(model(truth).mac, 1.0, rtol=1e-9)
-    test = ef.Measurements(modes.frequencies[0], shapes=modes.shapes[0], dofs=range(5))
-    with pytest.raises(ValueError, match="sensors at .0, 1, 2, 3, 4., but the model"):
-        ef.PairedModel(h_frame(["E"], shapes=dofs), test, candidates=8)

@@ -8,7 +8,7 @@ from support.contracts import assert_model
 from support.derivatives import assert_jacobian
 
 import emcee_femu as ef
-from emcee_femu import FunctionModel, ModalSolution, Variable
+from emcee_femu import FunctionModel, ModalSolution
 
 PARAMETERS = {"k": np.array([40.0, 90.0, 10.0]), "m": np.array([0.1, 0.4, 2.5])}
 OMEGA = np.array([20.0, 15.0, 2.0])  # sqrt(k / m)
@@ -86,17 +86,3 @@ def test_derivatives_are_stacked_as_the_response_is():
 
 def square(p):
     return [p["k"] ** 2], {"frequency": {"k": [2 * p["k"]]}}
-
-
-def test_derivatives_of_other_variables():
-    tip = {"tip": Variable({}, "m"), "base": Variable({}, "m")}
-
-    def jacobian(p):  # k is left out where it changes nothing
-        slope = {"k": 2 * p["k"]} if p["k"] else {}
-        return {"tip": p["k"] ** 2, "base": 0.0}, {"tip": slope, "base": {}}
-
-    model = FunctionModel(lambda p: {}, variables=tip, jacobian=jacobian)
-    response, derivatives = model.jacobian({"k": np.array([0.0, 1.0, 3.0])})
-    assert np.array_equal(response["tip"], [0, 1, 9])
-    assert np.array_equal(derivatives["tip"]["k"], [0, 2, 6])
-    assert derivatives["base"] == {}

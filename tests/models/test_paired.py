@@ -83,15 +83,6 @@ def test_two_equal_frequencies_are_paired_however_they_are_turned(angle):
         np.testing.assert_allclose(alone.pairing.mac[0, 1], expected, rtol=1e-9)
 
 
-def test_a_cluster_wins_by_its_span_where_none_of_its_modes_would():
-    shape = np.array([0.8, 0.8, 0.8, 0.6 * np.sqrt(3)]) / np.sqrt(3)
-    test = Measurements([1.0], shapes=shape[:, None])  # MACs 0.213 three times, 0.36
-    model = Fixed([1.0, 1.01, 1.02, 2.0], np.eye(4)[None])
-    pairing = PairedModel(model, test, candidates=4)({}).pairing
-    assert pairing.model_modes[0, 0] < 4
-    np.testing.assert_allclose(pairing.mac, 0.64, rtol=1e-12)
-
-
 def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     shapes = random_shapes(5, 9, 5)
     measured = shapes[:, 1:4] @ random_shapes(6, 3, 2)

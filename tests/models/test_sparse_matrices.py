@@ -1,11 +1,8 @@
 """MatrixModel of scipy.sparse matrices: against closed forms and the dense path."""
 
-import inspect
-
 import numpy as np
 import pytest
 from scipy import sparse
-from scipy.sparse.linalg import eigsh
 from support.beams import assemble, bending, inertia
 
 from emcee_femu import MatrixModel
@@ -159,27 +156,11 @@ def test_a_free_chain_is_no_elastic_one(n):
             MatrixModel(K, sparse.eye_array(n), {}, n_modes=3)({})
 
 
-@pytest.mark.skipif(
-    "rng" not in inspect.signature(eigsh).parameters,
-    reason="this scipy restarts Lanczos unseeded",
-)
-def test_shapes_that_are_any_are_always_the_same():
-    # The Krylov space ends at once, and ARPACK goes on from a random vector.
-    eye = sparse.eye_array(40)
-    model = MatrixModel(4 * eye, eye, {}, n_modes=3, shapes=True)
-    first, second = model({}), model({})
-    np.testing.assert_allclose(first.frequencies, np.full((1, 3), 1 / np.pi))
-    assert np.array_equal(first.shapes, second.shapes)
-
-
 @pytest.mark.parametrize(
     ("k", "free", "skip", "message"),
     [
         (-1.0, False, 0, r"mode 1 is not elastic .* at \{'k': -1.0\}"),
-        (-1.0, True, 1, r"mode 2 is not elastic .* at \{'k': -1.0\}"),
         (3.0, True, 0, r"mode 1 is not elastic .* at \{'k': 3.0\}.*beyond skip=0"),
-        (1.0, True, 0, r"mode 1 is not elastic .* at \{'k': 1.0\}.*beyond skip=0"),
-        (0.0, False, 1, r"mode 2 is not elastic .* at \{'k': 0.0\}.*beyond skip=1"),
         (1.0, False, 1, r"skip=1, but mode 1 is elastic: 0.0\d+ Hz at \{'k': 1.0\}"),
         (1.0, True, 3, r"skip=3, but mode 3 is elastic"),
     ],
