@@ -247,7 +247,7 @@ def _assemble(
             for product, matrix in matrices.items():
                 term: Term = tuple(section.properties[key] for key in product)
                 factor: Floats | float = 1.0
-                if not any(isinstance(factor, str) for factor in term):
+                if not {*section.parameters} & {*term}:
                     term, factor = (), _multiply(term, {})
                 if term not in total:
                     total[term] = np.zeros((size, size))
@@ -365,8 +365,7 @@ def _check_elements(
     check_mapping("sections", sections, "{name: Section}")
     checks.parameter_names("sections", list(sections))
     for name, section in sections.items():
-        if not isinstance(section, Section):
-            raise TypeError(f"sections[{name!r}]: expected a Section, got {section!r}")
+        checks.instance(f"sections[{name!r}]", section, Section)
     if not isinstance(elements, Sequence) or isinstance(elements, str) or not elements:
         raise TypeError(
             "elements: expected at least one (node, node, section name), got "

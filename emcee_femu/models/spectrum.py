@@ -157,8 +157,8 @@ def _read_reference(
     """Return a sensor for each mode."""
     if reference is None:
         reference = measured.sensors[int(np.argmax(measured.psd.sum(axis=0)))]
-    sensors = (reference,) * n if isinstance(reference, str) else tuple(reference)
-    if len(sensors) != n or not {*sensors} <= {*measured.sensors}:
+    sensors = tuple(reference) if np.ndim(reference) else (str(reference),) * n
+    if len(sensors) != n or any(x not in measured.sensors for x in sensors):
         raise ValueError(
             f"reference: expected one of {list(measured.sensors)}, or one for each of "
             f"{n} modes, got {reference!r}"

@@ -10,7 +10,7 @@ the basis.
 import time
 import timeit
 import warnings
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeAlias
@@ -196,11 +196,7 @@ def reduce_model(
         >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
         True
     """
-    if not isinstance(model, MatrixModel):
-        raise TypeError(
-            f"model: expected a MatrixModel, got {type(model).__name__}; export its K "
-            "and M for every parameter"
-        )
+    checks.instance("model", model, MatrixModel)
     box = _read_bounds(bounds, model.names)
     tolerance = checks.real_number("tolerance", tolerance)
     if not 1e-9 <= tolerance <= 0.1:
@@ -210,7 +206,8 @@ def reduce_model(
     n_tests = checks.whole_number("test_points", test_points, 2)
     max_solves = checks.whole_number("max_solves", max_solves, n_tests + 1 + GOOD)
     rng = np.random.default_rng(checks.whole_number("seed", seed))
-    corners = _find_corners(len(box), rng)
+    corners = np.unique(rng.integers(0, 2, size=(1024, len(box))), axis=0).astype(float)
+    rng.shuffle(corners)
     certified, trained = corners[: n_tests // 2], corners[n_tests // 2 :][:CORNERS]
     near = 0.5 + INWARDS * (certified - 0.5)
     inside = qmc.Sobol(len(box), seed=rng).random(INSIDE)
@@ -426,13 +423,6 @@ def _read_bounds(
     return box
 
 
-def _find_corners(d: int, rng: np.random.Generator) -> Floats:
-    """Return corners of the unit cube in random order, all of them if they are few."""
-    corners = np.unique(rng.integers(0, 2, size=(1024, d)), axis=0).astype(float)
-    rng.shuffle(corners)
-    return corners
-
-
 def _measure_speed_up(model: MatrixModel, reduced: ReducedModel) -> float:
     """Return the time of the full model over that of the other, per parameter set."""
     rng, box = np.random.default_rng(0), reduced.bounds
@@ -440,11 +430,8 @@ def _measure_speed_up(model: MatrixModel, reduced: ReducedModel) -> float:
     # A sparse model solves one by one: one is enough to know the time of each.
     rows = 1 if issparse(model.K0) else BATCH
     some = {name: value[:rows] for name, value in batch.items()}
-    before, after = _time(lambda: model(some)), _time(lambda: reduced(batch))
-    return (before / rows) / (after / BATCH)
-
-
-def _time(call: Callable[[], object]) -> float:
-    """Return the median process time of a call, in s."""
-    taken = timeit.repeat(call, timer=time.process_time, number=1, repeat=5)
-    return float(np.median(taken))
+    before, after = (
+        np.median(timeit.repeat(call, timer=time.process_time, number=1, repeat=5))
+        for call in (lambda: model(some), lambda: reduced(batch))
+    )
+    return float((before / rows) / (after / BATCH))
