@@ -114,7 +114,8 @@ class FunctionModel:
             row = {name: float(value[i]) for name, value in values.items()}
             try:
                 results.append(read(function(dict(row))))
-                _check_shapes("function", results[-1][0], _shapes(results[0][0]))
+                first = {name: array.shape for name, array in results[0][0].items()}
+                _check_shapes("function", results[-1][0], first)
             except (Exception, SystemExit) as error:
                 add_place(error, row, [*row])
                 raise
@@ -178,15 +179,11 @@ class FunctionModel:
         return response, slopes
 
 
-def _shapes(arrays: Arrays) -> dict[str, tuple[int, ...]]:
-    return {name: array.shape for name, array in arrays.items()}
-
-
 def _check_shapes(
     label: str, arrays: Arrays, expected: Mapping[str, tuple[int, ...]]
 ) -> None:
-    if _shapes(arrays) != expected:
+    shapes = {name: array.shape for name, array in arrays.items()}
+    if shapes != expected:
         raise SolveError(
-            "wrong shape",
-            f"{label}: expected arrays of shape {expected}, got {_shapes(arrays)}",
+            "wrong shape", f"{label}: expected arrays of shape {expected}, got {shapes}"
         )
