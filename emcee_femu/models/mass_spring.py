@@ -135,6 +135,4 @@ def _incidence(name: str, first: int, second: int, n: int) -> Floats:
             )
     if first == second:
         raise ValueError(f"springs[{name!r}]: both ends are node {first}")
-    b = np.zeros(n + 1)
-    b[first], b[second] = 1.0, -1.0
-    return b[1:]
+    return np.eye(n + 1)[first, 1:] - np.eye(n + 1)[second, 1:]
