@@ -125,13 +125,13 @@ class FRFModel:
         }
         self._proportional = isinstance(damping, Mapping)
         self._damping = _read_damping(damping, declared["frequency"].size)
-        of_damping = [name for name in self._damping if isinstance(name, str)]
+        self._inferred = [str(x) for x in self._damping if isinstance(x, str)]
         names = read_declared(model, "names")
         self.names = (
-            None if names is None else tuple(dict.fromkeys([*names, *of_damping]))
+            None if names is None else tuple(dict.fromkeys([*names, *self._inferred]))
         )
         bounds = dict(read_declared(model, "bounds") or {})
-        self.bounds = bounds | dict.fromkeys(of_damping, (0.0, np.inf))
+        self.bounds = bounds | dict.fromkeys(self._inferred, (0.0, np.inf))
         self._static: Static | None = None
         if checks.flag("residual", residual):
             self._static = _build_static(model, self._rows, self._columns)
@@ -172,8 +172,7 @@ class FRFModel:
         damping = self._numbers(parameters, len(f))
         by_damping = {
             name: np.ones_like(damping) * [name == x for x in self._damping]
-            for name in self._damping
-            if isinstance(name, str)
+            for name in self._inferred
         }
         of_model = (name for by_name in by_model.values() for name in by_name)
         names = dict.fromkeys([*of_model, *by_damping])

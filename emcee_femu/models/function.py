@@ -69,9 +69,10 @@ class FunctionModel:
         *,
         jacobian: Function | None = None,
     ) -> None:
-        for label, given in (("function", function), ("jacobian", jacobian)):
-            if not callable(given) and (label == "function" or given is not None):
-                raise TypeError(f"{label}: expected a callable, got {given!r}")
+        slopes = function if jacobian is None else jacobian
+        for label, call in (("function", function), ("jacobian", slopes)):
+            if not callable(call):
+                raise TypeError(f"{label}: expected a callable, got {call!r}")
         self._is_modal = variables is None
         if n_modes is not None:
             if variables is not None:
@@ -82,7 +83,7 @@ class FunctionModel:
         elif variables is not None and not (
             isinstance(variables, Mapping)
             and variables
-            and all(isinstance(own, Variable) for own in variables.values())
+            and all(isinstance(value, Variable) for value in variables.values())
         ):
             raise TypeError(
                 f"variables: expected {{name: Variable}}, got {variables!r}"
