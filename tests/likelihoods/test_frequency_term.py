@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy import stats
+from scipy import integrate, stats
 from support.contracts import assert_term
 
 import emcee_femu as ef
@@ -96,3 +96,24 @@ def test_replicates_have_the_covariance_of_all_errors(kind, discrepancy):
     spread = 5 * np.sqrt(2 * n) * np.outer(error, error)
     assert (np.abs(np.cov(drawn.T) - expected) < spread).all()
     assert (np.abs(drawn.mean(axis=0) - [2, 7, 9.5]) < 5 * error).all()
+
+
+@pytest.mark.parametrize("beta", [1e2, [1e4, 4e2, 25.0]])
+@pytest.mark.parametrize(("mean", "sd"), [(0.0, 0.1), (0.3, 0.02)])
+def test_evidence_of_a_linear_model_is_the_closed_form_gaussian(beta, mean, sd):
+    # f = f0 (1 + theta), theta ~ N(mean, sd^2), errors N(0, fm^2 / beta):
+    # marginally fm ~ N(f0 (1 + mean), sd^2 f0 f0^T + diag(fm^2 / beta)).
+    f0, measured = np.array([10.0, 25.0, 60.0]), np.array([10.5, 25.2, 66.0])
+    posterior = ef.LogPosterior(
+        ef.FunctionModel(lambda p: f0 * (1 + p["theta"]), n_modes=3),
+        ef.FrequencyTerm(measured, beta=beta),
+        ef.GaussianPrior(["theta"], [mean], sd),
+    )
+    noise = np.diag(measured**2 / beta)
+    exact = stats.multivariate_normal.pdf(
+        measured, f0 * (1 + mean), noise + sd**2 * np.outer(f0, f0)
+    )
+    ends = mean - 12 * sd, mean + 12 * sd
+    options = {"epsabs": 0, "epsrel": 1e-10, "limit": 200, "points": [0.0, 0.05, mean]}
+    evidence, _ = integrate.quad(lambda x: np.exp(posterior([x])[0]), *ends, **options)
+    assert evidence == pytest.approx(exact, rel=1e-9)

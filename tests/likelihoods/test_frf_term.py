@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.calibration import auto_ranks, p_values, shorten_search
+from support.gradients import numerical
 
 import emcee_femu as ef
 
@@ -102,3 +103,45 @@ def test_magnitudes_are_no_complex_values():
     both = [ef.frf.FRFTerm(own, sd=0.1, amplitude=True) for own in (sizes, MEASURED)]
     values = [term({}, RESPONSE) for term in both]
     np.testing.assert_allclose(*values)
+
+
+@pytest.mark.parametrize("amplitude", [True, False])
+def test_the_gradient_and_its_scores(amplitude):
+    """Of H = H0 + theta dH and sigma; information by expected second derivatives."""
+    term = ef.frf.FRFTerm(MEASURED, amplitude=amplitude, discrepancy="sigma")
+    slope = RNG.normal(size=(2, 3, 2))
+    theta = np.column_stack([0.1 * RNG.normal(size=5), SIGMA])
+    start = RESPONSE["receptance"][0]
+
+    def response(at):
+        return {"receptance": start + at[:, 0, None, None, None] * slope}
+
+    def value(at):
+        return term({"sigma": at[:, 1]}, response(at))
+
+    tangents = {
+        "receptance": np.stack([slope, 0 * slope], axis=-1)[None].repeat(5, 0),
+        "sigma": np.tile([0.0, 1.0], (5, 1)),
+    }
+    steps = np.full((5, 2), 1e-4)
+    gradient, scores = term.linearize(
+        {"sigma": theta[:, 1]}, response(theta), tangents, steps
+    )
+    np.testing.assert_allclose(gradient, numerical(value, theta), rtol=2e-5)
+
+    def standard(at):
+        r, sd = term.deviations({"sigma": at[:, 1]}, response(at))
+        return r, sd
+
+    unit = np.array([1e-6, 0.0])
+    r1, r0 = standard(theta + unit)[0], standard(theta - unit)[0]
+    d_r = (r1 - r0) / 2e-6 / standard(theta)[1]
+    np.testing.assert_allclose(
+        (scores[:, :, 0] ** 2).sum(axis=1), (d_r**2).sum(axis=1), rtol=1e-5
+    )
+    unit = np.array([0.0, 1e-6])
+    s1, s0 = standard(theta + unit)[1], standard(theta - unit)[1]
+    d_s = (s1 - s0) / 2e-6 / standard(theta)[1]
+    np.testing.assert_allclose(
+        (scores[:, :, 1] ** 2).sum(axis=1), 2 * (d_s**2).sum(axis=1), rtol=1e-5
+    )
