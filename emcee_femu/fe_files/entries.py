@@ -133,20 +133,21 @@ def read_columns(
     every = read_lines(path)
     lines = [x for x in every[skip:] if x.strip() and not x.startswith("*")]
     width = len(form.split(delimiter))
-    try:
-        found = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
-    except ValueError:
-        found = np.empty((0, 0))
-    good = found.shape[1] == width and np.isfinite(found).all()
-    if good and (found[:, :whole] == np.rint(found[:, :whole])).all():
-        return found[:, :whole].astype(np.int64), found[:, whole:]
-    for line in lines:
+
+    def parse(some: list[str]) -> Floats | None:
+        """Return the numbers of some lines, None where they are others."""
         try:
-            numbers = np.array(line.split(delimiter), dtype=float)
-            wrong = len(numbers) != width or not np.isfinite(numbers).all()
+            table = np.loadtxt(some, delimiter=delimiter, comments=None, ndmin=2)
         except ValueError:
-            wrong = True
-        if wrong or (numbers[:whole] % 1).any():
+            return None
+        good = table.shape[1] == width and np.isfinite(table).all()
+        return table if good and not (table[:, :whole] % 1).any() else None
+
+    table = parse(lines) if lines else None
+    if table is not None:
+        return table[:, :whole].astype(np.int64), table[:, whole:]
+    for line in lines:
+        if parse([line]) is None:
             raise ValueError(
                 f"{path}, line {every.index(line, skip) + 1}: expected {form!r}, got "
                 f"{line[:60]!r}; {AGAIN}"

@@ -105,13 +105,13 @@ def read_matrix_market(path: Path) -> list[Part]:
             (``scipy.io.mmread`` of version 1.17 crashes the interpreter on such files.)
     """
     lines = read_lines(path)
-    known = MARKET.fullmatch(lines[0])
-    if known is None:
+    header = MARKET.fullmatch(lines[0])
+    if header is None:
         raise ValueError(
             f"{path}, line 1: expected a matrix of real numbers, general or symmetric, "
             f"got {lines[0]!r}"
         )
-    coordinate, symmetric = (known[i].lower()[0] in "cs" for i in (1, 2))
+    coordinate, symmetric = (header[i].lower()[0] in "cs" for i in (1, 2))
     skip = next((i for i, x in enumerate(lines) if x[:1] != "%" and x.strip()), 0)
     sizes = lines[skip].split()
     if len(sizes) != 2 + coordinate or not all(map(str.isdecimal, sizes)):
@@ -179,7 +179,7 @@ def read_labels(path: Path) -> Dofs:
     Raises:
         ValueError: If a line is no label.
     """
-    found = []
+    labels = []
     for number, line in enumerate(read_lines(path), 1):
         node, point, direction = line.strip().partition(".")
         if not (point and node.isdecimal() and direction.isdecimal()):
@@ -187,8 +187,8 @@ def read_labels(path: Path) -> Dofs:
                 f"{path}, line {number}: expected node.direction, such as 12.3, got "
                 f"{line[:60]!r}; {AGAIN}"
             )
-        found.append((int(node), int(direction)))
-    return np.array(found, dtype=np.int64).reshape(-1, 2)
+        labels.append((int(node), int(direction)))
+    return np.array(labels, dtype=np.int64).reshape(-1, 2)
 
 
 def read_calculix(path: Path) -> list[Part]:

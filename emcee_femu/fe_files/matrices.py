@@ -73,8 +73,8 @@ class Matrices(Report):
     @property
     def labels(self) -> tuple[str, ...]:
         """The names of all DOFs, such as ``"12:uz"``; none if they are not known."""
-        known = [] if self.nodes is None else self.nodes.tolist()
-        return tuple(write_name(*dof) for dof in known)
+        rows = [] if self.nodes is None else self.nodes.tolist()
+        return tuple(write_name(*dof) for dof in rows)
 
     def dofs(self, names: str | Sequence[str] | NDArray[Any]) -> Any:
         """Return the row of a DOF, or those of several as an array, in the order given.
@@ -175,13 +175,13 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
         parts = []
         for name, file in files.items():
             held = read_file(file)
-            own = [part for part in held if len(held) == 1 or part.name == name]
-            if len(own) != 1:
+            chosen = [part for part in held if len(held) == 1 or part.name == name]
+            if len(chosen) != 1:
                 raise ValueError(
                     f"{file}: expected one matrix, or one named {name}, got "
                     f"{[part.name for part in held]}"
                 )
-            parts.append(own[0]._replace(name=name))
+            parts.append(chosen[0]._replace(name=name))
         if labels is not None:
             parts = _label(parts, labels)
         source = ", ".join(file.name for file in files.values())
@@ -247,25 +247,25 @@ def _at_rows(part: Part, first: Part) -> csc_array:
     if np.array_equal(part.dofs, first.dofs):
         return part.matrix
     place = {tuple(dof): i for i, dof in enumerate(first.dofs.tolist())}
-    own = [tuple(dof) for dof in part.dofs.tolist()]
-    unknown = [write_name(*dof) for dof in own if dof not in place]
+    dofs = [tuple(dof) for dof in part.dofs.tolist()]
+    unknown = [write_name(*dof) for dof in dofs if dof not in place]
     if unknown:
         raise ValueError(
             f"{part.path}: {len(unknown)} DOFs, {unknown[0]} the first, which "
             f"{first.name} of {first.path} has not; are they of the same job?"
         )
-    rows = [place[dof] for dof in own]
-    there = (np.ones(len(own)), (rows, range(len(own))))
-    selection = csc_array(there, shape=(size, len(own)))
+    rows = [place[dof] for dof in dofs]
+    there = (np.ones(len(dofs)), (rows, range(len(dofs))))
+    selection = csc_array(there, shape=(size, len(dofs)))
     return csc_array(selection @ part.matrix @ selection.T)
 
 
 def read_name(name: str) -> tuple[int, int]:
     """Return node and direction of ``"node 12 z"``, ``"12:uz"`` or ``"12 3"``."""
-    found = FORM.fullmatch(name)
-    word = found[2].lower() if found else ""
-    if found and (word in NAMES or word.isdecimal()):
-        return int(found[1]), NAMES.get(word) or int(word)
+    match = FORM.fullmatch(name)
+    word = match[2].lower() if match else ""
+    if match and (word in NAMES or word.isdecimal()):
+        return int(match[1]), NAMES.get(word) or int(word)
     raise ValueError(
         f"names: expected a node and a direction such as 'node 12 z' or '12:uz' (out "
         f"of {' '.join(NAMES)}, or a number), got {name!r}"
@@ -274,8 +274,8 @@ def read_name(name: str) -> tuple[int, int]:
 
 def write_name(node: int, direction: int) -> str:
     """Return the name of a DOF, such as ``"12:uz"``; from 7 on the number is kept."""
-    known = 1 <= direction <= len(DIRECTIONS)
-    return f"{node}:{DIRECTIONS[direction - 1] if known else direction}"
+    named = 1 <= direction <= len(DIRECTIONS)
+    return f"{node}:{DIRECTIONS[direction - 1] if named else direction}"
 
 
 def find_rows(dofs: Dofs, names: Sequence[str]) -> NDArray[np.intp]:
@@ -284,7 +284,7 @@ def find_rows(dofs: Dofs, names: Sequence[str]) -> NDArray[np.intp]:
     Raises:
         ValueError: If there is no such node, no such direction at it, or several.
     """
-    found = []
+    rows = []
     for name in names:
         node, direction = read_name(name)
         at_node = np.flatnonzero(dofs[:, 0] == node)
@@ -307,5 +307,5 @@ def find_rows(dofs: Dofs, names: Sequence[str]) -> NDArray[np.intp]:
                 "beams and shells, with several nodes for one; choose one by its row, "
                 f"such as shapes={{{name!r}: {row[0]}}}"
             )
-        found.append(row[0])
-    return np.array(found, dtype=np.intp)
+        rows.append(row[0])
+    return np.array(rows, dtype=np.intp)

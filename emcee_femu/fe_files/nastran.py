@@ -168,7 +168,7 @@ def name_parts(parts: list[Part]) -> list[Part]:
     names = [part.name for part in parts]
     renamed = {}
     for letter in "KM":
-        own = [x for x in names if x[:1].upper() == letter and not x[1:2].isdecimal()]
-        if len(own) == 1:
-            renamed[own[0]] = letter
+        alike = [x for x in names if re.match(rf"{letter}(?!\d)", x, re.I)]
+        if len(alike) == 1:
+            renamed[alike[0]] = letter
     return [part._replace(name=renamed.get(part.name, part.name)) for part in parts]

@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
-from .term import GaussianTerm, add_discrepancy, check_labels, choose_error, error_array
+from .term import Term, add_discrepancy, choose_error, error_array
 
 
-class DisplacementTerm(GaussianTerm):
+class DisplacementTerm(Term):
     r"""Gaussian errors of the displacements of a static test.
 
     .. math:: \ln p = \sum_{c,i} \ln N(u_{ci} - u_{ci}^m; 0, v_{ci}), \qquad
@@ -62,13 +62,12 @@ class DisplacementTerm(GaussianTerm):
         self.measured = u = checks.real_array("measured", measured, 2)
         if not u.size:
             raise ValueError("measured: expected at least one displacement, got none")
-        check_labels(name, discrepancy)
+        self.label(name, discrepancy)
         errors = {"sd": sd, "relative_sd": relative_sd}
-        error, given = choose_error(errors, discrepancy)
-        self.name, self.discrepancy = name, discrepancy
+        error, value = choose_error(errors, discrepancy)
         self.sd = np.zeros(u.shape)
         if error:
-            numbers = error_array(error, given, u.shape[1:], u.shape)
+            numbers = error_array(error, value, u.shape[1:], u.shape)
             self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
         if not (self.sd > 0).all() and (error or not u.all()):
             raise ValueError(

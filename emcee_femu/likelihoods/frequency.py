@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, modal_variables, read
 from ..measurements import Measurements
-from .term import GaussianTerm, add_discrepancy, check_labels, choose_error, error_array
+from .term import Term, add_discrepancy, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
 
 
-class FrequencyTerm(GaussianTerm):
+class FrequencyTerm(Term):
     r"""Gaussian errors of the natural frequencies.
 
     .. math:: \ln p = -\tfrac12 r^T (R + \sigma_d^2 I)^{-1} r
@@ -90,21 +90,17 @@ class FrequencyTerm(GaussianTerm):
         self.measured = checks.positive_array("measured", measured, 1)
         if not self.measured.size:
             raise ValueError("measured: expected at least one frequency, got none")
-        check_labels(name, discrepancy)
-        error, given = choose_error(errors, discrepancy, " (beta = relative_sd**-2)")
-        self.name, self.discrepancy, self.n_modes = (
-            name,
-            discrepancy,
-            len(self.measured),
-        )
+        self.label(name, discrepancy)
+        error, value = choose_error(errors, discrepancy, " (beta = relative_sd**-2)")
+        self.n_modes = len(self.measured)
         self.log_constants = -np.log(self.measured)
         self.separate = error != "covariance"
         # Precisions of r, or of r in its principal axes; infinite where they are exact.
         self.beta, self._axes = np.full(self.n_modes, np.inf), np.eye(self.n_modes)
         if error == "covariance":
-            self.beta, self._axes = _principal_axes(given, self.measured)
+            self.beta, self._axes = _principal_axes(value, self.measured)
         elif error:
-            numbers = error_array(error, given, self.measured.shape)
+            numbers = error_array(error, value, self.measured.shape)
             if error == "sd":
                 numbers = numbers / self.measured
             self.beta[:] = numbers if error == "beta" else numbers**-2

@@ -1,7 +1,6 @@
 """The likelihood of measured frequency response functions."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,11 +8,10 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
 from ..measurements.frf import FRFMeasurements, frf_variable
-from .term import GaussianTerm, add_discrepancy, check_labels, error_array
+from .term import Term, add_discrepancy, error_array
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class FRFTerm(GaussianTerm):
+class FRFTerm(Term):
     r"""Gaussian errors of frequency response functions, line by line.
 
     .. math:: \ln p = \sum_{cl} \ln N(\mathrm{Re}\,\Delta_{cl}; 0, v_{cl})
@@ -55,12 +53,7 @@ class FRFTerm(GaussianTerm):
         [2.2673]
     """
 
-    measured: FRFMeasurements
-    sd: Floats  # (n_channels, n_lines); zero if exact
-    amplitude: bool
-    discrepancy: str | None
-    name: str
-    reads: Mapping[str, Variable] = field(repr=False)
+    reads: Mapping[str, Variable]
 
     def __init__(
         self,
@@ -71,36 +64,25 @@ class FRFTerm(GaussianTerm):
         discrepancy: str | None = None,
         name: str = "frf",
     ) -> None:
-        if not isinstance(measured, FRFMeasurements):
-            raise TypeError(
-                f"measured: expected FRFMeasurements, got {type(measured).__name__}"
-            )
-        check_labels(name, discrepancy)
-        if not (checks.flag("amplitude", amplitude) or measured.values.imag.any()):
+        self.measured = checks.instance("measured", measured, FRFMeasurements)
+        self.label(name, discrepancy)
+        self.amplitude = checks.flag("amplitude", amplitude)
+        if not (self.amplitude or measured.values.imag.any()):
             raise ValueError(
                 "measured: expected complex values with their phases, got real ones "
                 "alone; of magnitudes take FRFTerm(..., amplitude=True)"
             )
-        shape = measured.values.shape
-        spread = measured.sd
+        shape, spread = measured.values.shape, measured.sd
         if sd is not None:
             spread = error_array("sd", sd, (shape[0], 1), shape)
         elif spread is None and discrepancy is None:
             raise ValueError(
                 "sd: the measurements have no coherence; give sd, or a discrepancy"
             )
+        # (n_channels, n_lines); zero if exact
+        self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
         kind, unit = measured.kind, measured.unit
-        reads = frf_variable(measured.channels, measured.lines, kind, unit)
-        spread = np.zeros(shape) if spread is None else np.broadcast_to(spread, shape)
-        checks.set_fields(
-            self,
-            measured=measured,
-            sd=spread,
-            amplitude=checks.flag("amplitude", amplitude),
-            discrepancy=discrepancy,
-            name=name,
-            reads={kind: reads},
-        )
+        self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
 
     def deviations(
         self, parameters: Parameters, response: Response

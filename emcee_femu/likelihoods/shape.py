@@ -9,10 +9,10 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
 from ..models.paired import at_sensors
-from .term import LEAST_SD, GaussianTerm, check_labels, error_array, log_normal
+from .term import LEAST_SD, Term, error_array, log_normal
 
 
-class ShapeTerm(GaussianTerm):
+class ShapeTerm(Term):
     r"""Errors of measured mode shapes; scale and sign of a shape do not matter.
 
     With ``delta``, the standard deviation of each sensor for a shape of unit length:
@@ -84,7 +84,7 @@ class ShapeTerm(GaussianTerm):
                 "measured: expected shapes (n_sensors, n_modes) of at least two "
                 f"sensors, none of them all zero, got shape {shapes.shape}"
             )
-        check_labels(name, discrepancy)
+        self.label(name, discrepancy)
         if isinstance(delta, str):
             raise TypeError(f"delta: expected numbers; write discrepancy={delta!r}")
         if sum(value is not None for value in (delta, discrepancy, sd)) != 1:
@@ -92,7 +92,6 @@ class ShapeTerm(GaussianTerm):
                 "delta, discrepancy, sd: expected exactly one of them, or Measurements "
                 "with shape_sd; delta=0.02 is a noise of 2 % of the shape's length"
             )
-        self.name, self.discrepancy = name, discrepancy
         n_sensors, self.n_modes = shapes.shape
         self.delta = self.sd = None
         if delta is not None:

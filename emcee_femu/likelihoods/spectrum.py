@@ -1,8 +1,7 @@
 """The likelihood of FFTs near one mode or a close pair."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,9 @@ from ..interfaces import Floats, Parameters, Response, Variable, read
 from ..measurements.spectra import KINDS, Spectra
 from .term import Term, derive, move_along
 
+Numbers: TypeAlias = Floats | NDArray[np.complex128]
 
-@dataclass(frozen=True, eq=False, init=False)
+
 class SpectrumTerm(Term):
     r"""Whittle likelihood of spectral matrices: FFTs are independent complex Gaussians.
 
@@ -53,37 +53,24 @@ class SpectrumTerm(Term):
         [0.5]
     """
 
-    measured: Spectra
-    name: str
-    reads: Mapping[str, Variable] = field(repr=False)
-    _power: Floats = field(repr=False)  # (lines,)
-    _parts: tuple[Floats, Floats] = field(repr=False)  # each (channels ** 2, lines)
+    gaussian, scored = False, True
 
     def __init__(self, measured: Spectra, *, name: str = "spectrum") -> None:
-        if not isinstance(measured, Spectra):
-            raise TypeError(f"measured: expected Spectra, got {measured!r}")
-        if not isinstance(name, str) or not name:
-            raise TypeError(f"name: expected a non-empty string, got {name!r}")
+        self.measured = checks.instance("measured", measured, Spectra)
+        self.label(name)
+        mode: dict[str, Any] = {"mode": [1]}  # or more
+        force = mode | {"other": [1], "part": ["real", "imaginary"]}
+        self.reads = {
+            "frequency": Variable(mode, "Hz"),
+            "damping_ratio": Variable(mode),
+            "shapes": Variable({"sensor": measured.sensors} | mode),
+            "force_psd": Variable(force),
+            "noise_psd": Variable({}),
+        }
+        self._power = measured.psd.sum(axis=1)  # (lines,)
         D = measured.matrices.reshape(len(measured.lines), -1).T
-        first: dict[str, Any] = {"mode": [1]}  # or more
-        checks.set_fields(
-            self,
-            measured=measured,
-            name=name,
-            reads={
-                "frequency": Variable(first, "Hz"),
-                "damping_ratio": Variable(first),
-                "shapes": Variable({"sensor": measured.sensors} | first),
-                "force_psd": Variable(
-                    first | {"other": [1], "part": ["real", "imaginary"]}
-                ),
-                "noise_psd": Variable({}),
-            },
-            _power=measured.psd.sum(axis=1),
-            _parts=(np.ascontiguousarray(D.real), np.ascontiguousarray(D.imag)),
-        )
-
-    scored = True
+        # (channels ** 2, lines)
+        self._halves = np.ascontiguousarray(D.real), np.ascontiguousarray(D.imag)
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
@@ -114,61 +101,40 @@ class SpectrumTerm(Term):
     ) -> tuple[Floats, Floats]:
         r"""Return the gradient of the log-likelihood, and its scores ``(n, m, d)``.
 
-        With :math:`\Phi = Q R` the covariance is :math:`B_k = S_e I + R H_k R^T` within
-        the span of Q and :math:`S_e` across it, so that Fisher's information,
+        Fisher's information is
 
         .. math:: F_{ab} = n_d \sum_k \mathrm{tr}(E_k^{-1} \partial_a E_k
             E_k^{-1} \partial_b E_k),
 
-        has three parts: within, between, where only shapes turn out of the span, and
-        across, where only the noise changes.
+        so that scores are the parts of :math:`E_k^{-1/2} \partial E_k E_k^{-1/2}`.
 
         Source: Whittle (1953), doi:10.1007/BF02590998; by Slepian and Bangs' formula.
         """
-        phi, noise = read(response, "shapes"), read(response, "noise_psd")
-        Q, R = np.linalg.qr(phi)
-        (n, c, r), m, lines = Q.shape, phi.shape[2], len(self.measured.lines)
         steps = self._choose_steps(parameters, response, tangents, steps)
         _, moved = move_along(parameters, response, tangents, steps)
         gradient = derive(self._density(moved), steps)[:, 0]
-        H = self._covariance(response)
-        dH = derive(self._covariance(moved), steps).reshape(n, lines, m, m, -1)
-        B = R[:, None] @ H @ R.swapaxes(1, 2)[:, None]
-        B += noise[:, None, None, None] * np.eye(r)
-        values, vectors = np.linalg.eigh(B)
-        # By rounding, or where the likelihood is zero, they are below the noise.
-        sizes = np.sqrt(np.maximum(values, noise[:, None, None]))[:, :, None]
-        adjoint = vectors / sizes
-        inverse = adjoint.conj().swapaxes(2, 3)  # of a root of B
-        turned = np.einsum("nci,ncjd->nijd", Q, tangents["shapes"])
-        out = tangents["shapes"] - np.einsum("nci,nijd->ncjd", Q, turned)
-        HR = H @ R.swapaxes(1, 2)[:, None]
-        dB = np.einsum("naid,nkib->nkabd", turned, HR)
-        dB = dB + dB.conj().swapaxes(2, 3)
-        dB += np.einsum("nai,nkijd,nbj->nkabd", R, dH, R)
-        dB += np.eye(r)[..., None] * tangents["noise_psd"][:, None, None, None]
-        within = np.einsum("nkab,nkbcd,nkce->nkaed", inverse, dB, adjoint)
-        between = HR @ adjoint @ inverse @ HR.conj().swapaxes(2, 3)
-        between = 2 * between.sum(axis=1).real / noise[:, None, None]
-        values, vectors = np.linalg.eigh(between)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-        by_noise = tangents["noise_psd"] / noise[:, None]
-        scores = [
-            within.real.reshape(n, lines * r * r, -1),
-            within.imag.reshape(n, lines * r * r, -1),
-            np.einsum("ncmd,nmp->ncpd", out, root).reshape(n, c * m, -1),
-            np.sqrt((c - r) * lines) * by_noise[:, None],
-        ]
-        return gradient, np.sqrt(self.measured.averages) * np.concatenate(
-            scores, axis=1
-        )
+        here, around = self._modal(response), self._modal(moved)
+        (n, d), scores = steps.shape, []
+        for i in range(n):  # one by one, for whole matrices are large
+            E = _covariances(*(part[i : i + 1] for part in here))[0]
+            rows = slice(2 * d * i, 2 * d * (i + 1))
+            sides = _covariances(*(part[rows] for part in around))
+            values, vectors = np.linalg.eigh(E)
+            # By rounding, or where the likelihood is zero, they are below the noise.
+            root = vectors / np.sqrt(np.maximum(values, here[-1][i]))[:, None]
+            dE = derive(sides, steps[i : i + 1])[0].T.reshape(d, *E.shape)
+            white = (root.conj().swapaxes(1, 2) @ dE @ root).reshape(d, -1).T
+            parts = np.concatenate([white.real, white.imag])
+            scores.append(np.linalg.qr(parts, mode="r"))
+        return gradient, np.sqrt(self.measured.averages) * np.array(scores)
 
-    def _covariance(self, response: Response) -> NDArray[np.complex128]:
-        """Return H, that of the modes at each line, ``(n, lines, modes, modes)``."""
-        h = 1 / self._flexibility(response)
-        S = read(response, "force_psd") @ [1, 1j]
-        result: NDArray[np.complex128] = np.einsum("nij,nik,njk->nkij", S, h, h.conj())
-        return result
+    def _modal(
+        self, response: Response
+    ) -> tuple[Floats, NDArray[np.complex128], Floats, Floats]:
+        """Return shapes, what they transfer at each line, forces and noise."""
+        forces = read(response, "force_psd") @ [1, 1j]
+        noise = read(response, "noise_psd")
+        return read(response, "shapes"), 1 / self._flexibility(response), forces, noise
 
     def _one_mode(self, response: Response) -> Floats:
         """Return what each line adds for one mode, but for the noise's logarithm."""
@@ -191,10 +157,10 @@ class SpectrumTerm(Term):
         S12 = psd[:, 0, 1, 0] + 1j * psd[:, 0, 1, 1]
         H12 = S12[:, None] * h[:, 0] * h[:, 1].conj()
         det = H11 * H22 - np.abs(H12) ** 2
-        one, two = phi[:, :, 0], phi[:, :, 1]
-        cosine = (one * two).sum(axis=1)[:, None]
-        W11, W22 = self._project(one, one, 0), self._project(two, two, 0)
-        W12 = self._project(one, two, 0) + 1j * self._project(one, two, 1)
+        first, second = phi[:, :, 0], phi[:, :, 1]
+        cosine = (first * second).sum(axis=1)[:, None]
+        W11, W22 = self._project(first, first, 0), self._project(second, second, 0)
+        W12 = self._project(first, second, 0) + 1j * self._project(first, second, 1)
         # Of the matrix of two rows noise I + (Phi^T Phi) H.
         determinant = noise**2 + noise * (H11 + H22 + 2 * cosine * H12.real)
         determinant += (1 - cosine**2) * det
@@ -217,7 +183,7 @@ class SpectrumTerm(Term):
     def _project(self, left: Floats, right: Floats, part: int) -> Floats:
         """Return one part of ``left^T D right``, ``(n, lines)``."""
         both = (left[:, :, None] * right[:, None]).reshape(len(left), 1, -1)
-        result: Floats = (both @ self._parts[part])[:, 0]  # a row rounds as if alone
+        result: Floats = (both @ self._halves[part])[:, 0]  # a row rounds as if alone
         return result
 
 
@@ -228,3 +194,13 @@ def _possible(response: Response) -> NDArray[np.bool_]:
     possible: NDArray[np.bool_] = f[:, 0] < f[:, 1]
     possible &= cross < psd[:, 0, 0, 0] * psd[:, 1, 1, 0]
     return possible
+
+
+def _covariances(
+    shapes: Numbers, h: Numbers, forces: Numbers, noise: Numbers
+) -> NDArray[np.complex128]:
+    """Return E of each line, ``(n, lines, channels, channels)``."""
+    moving = np.einsum("nci,nik->nkci", shapes, h)
+    E: NDArray[np.complex128]
+    E = (moving @ forces[:, None]) @ moving.conj().swapaxes(2, 3)
+    return E + noise[:, None, None, None] * np.eye(shapes.shape[1])

@@ -1,8 +1,8 @@
 r"""What every likelihood term can say; from deviations and their sds all of it follows.
 
 A term that is Gaussian in what was measured gives deviations r and their standard
-deviations (:class:`GaussianTerm`); density, pointwise densities, replicates, gradient
-and Fisher information follow here. Any other callable becomes a
+deviations; density, pointwise densities, replicates, gradient and Fisher information
+follow here. Any other callable becomes a
 :class:`FunctionTerm`, with whatever it declares of itself (interfaces.py).
 
 Derivatives are central differences along *tangents*, the derivatives of each variable
@@ -20,9 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..interfaces import (
     Floats,
-    ModalSolution,
-    PairedSolution,
-    Pairing,
     Parameters,
     Response,
     Variable,
@@ -39,31 +36,57 @@ ALONG = 6e-6  # relative change of a response, where no solve adds noise
 
 
 class Term:
-    """One factor of the likelihood, with all that is asked of it.
+    r"""One factor of the likelihood, with all that is asked of it.
+
+    .. math:: \ln p = \sum_i [\ln N(r_i; 0, \sigma_i) + c_i]
+
+    A subclass gives :meth:`deviations`, and :meth:`restore` where measurements can be
+    drawn anew; or its own density, if it is not Gaussian.
 
     Attributes:
+        gaussian: Whether it has :meth:`deviations`.
+        scored: Whether :meth:`linearize` gives scores in another way.
         name: The label under which its log-likelihood is stored.
+        discrepancy: Name of the inferred error, or None.
         names: The parameters that it reads; None if it does not say.
         bounds: ``{parameter: (low, high)}`` within which it holds, for some of them.
         reads: What it needs of a response; None if it does not say.
         observed: What was measured, by the name of a variable.
         error_sd: Standard deviations of these, 0 where they count as exact.
-        gaussian: Whether it has :meth:`deviations`.
-        scored: Whether :meth:`linearize` gives scores in another way.
+        log_constants: c, from units and normalisation, one number or ``(m,)``.
+        separate: Whether each deviation is that of one datum.
     """
 
-    gaussian: bool = False
+    gaussian: bool = True
     scored: bool = False
     name: str = ""
+    discrepancy: str | None = None
     names: tuple[str, ...] | None = None
     bounds: Mapping[str, tuple[float, float]] = {}
     reads: Mapping[str, Variable] | None = None
     observed: Mapping[str, Floats] = {}
     error_sd: Mapping[str, Floats] = {}
+    log_constants: Floats | float = 0.0
+    separate: bool = True
+
+    def label(self, name: str, discrepancy: str | None = None) -> None:
+        """Set the name, and the discrepancy as the only parameter that is read."""
+        for argument, text in (("name", name), ("discrepancy", discrepancy)):
+            left_out = argument == "discrepancy" and text is None
+            if not left_out and (not isinstance(text, str) or not text):
+                raise TypeError(
+                    f"{argument}: expected a non-empty string, got {text!r}"
+                )
+        self.name, self.discrepancy = name, discrepancy
+        self.names = () if discrepancy is None else (discrepancy,)
+        self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        raise NotImplementedError
+        log_likelihood: Floats = np.add.reduce(
+            self._parts(parameters, response), axis=1
+        )
+        return log_likelihood
 
     def deviations(
         self, parameters: Parameters, response: Response
@@ -73,6 +96,22 @@ class Term:
         The log-likelihood is, but for a constant, the sum of those of N(r; 0, sd).
         """
         return None
+
+    def constants(self, response: Response) -> Floats | float:
+        """Return c, of which a response may take something off."""
+        return self.log_constants
+
+    def restore(self, deviations: Floats) -> Floats | None:
+        """Return measurements ``(n, *shape)`` that have these deviations ``(n, m)``."""
+        return None
+
+    def _parts(self, parameters: Parameters, response: Response) -> Floats:
+        """Return the log-likelihood of each deviation, ``(n, m)``."""
+        pair = self.deviations(parameters, response)
+        assert pair is not None
+        values = log_normal(*pair)
+        values += self.constants(response)
+        return values
 
     def linearize(
         self,
@@ -126,88 +165,15 @@ class Term:
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]
     ) -> Mapping[str, Floats]:
-        """Return the log-likelihood of each datum by variable; none if not known."""
-        return {}
-
-    def replicate(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        stored: Mapping[str, Floats],
-    ) -> Mapping[str, Floats]:
-        """Return a new measurement for each sample; none if it cannot be drawn."""
-        return {}
-
-
-class GaussianTerm(Term):
-    r"""Base of terms with Gaussian deviations, perhaps with an inferred discrepancy.
-
-    .. math:: \ln p = \sum_i [\ln N(r_i; 0, \sigma_i) + c_i]
-
-    A subclass gives :meth:`deviations`, and :meth:`restore` where measurements can be
-    drawn anew.
-
-    Attributes:
-        discrepancy: Name of the inferred error, or None.
-        log_constants: c, from units and normalisation, one number or ``(m,)``.
-        separate: Whether each deviation is that of one datum.
-    """
-
-    gaussian = True
-    discrepancy: str | None = None
-    log_constants: Floats | float = 0.0
-    separate: bool = True
-
-    @property
-    def names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The discrepancy, where there is one, the only parameter that is read."""
-        return () if self.discrepancy is None else (self.discrepancy,)
-
-    @property
-    def bounds(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
-        """The discrepancy is a standard deviation."""
-        return dict.fromkeys(self.names, (0.0, np.inf))
-
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
-        """Return independent deviations and their standard deviations."""
-        raise NotImplementedError
-
-    def constants(self, response: Response) -> Floats | float:
-        """Return c, of which a response may take something off."""
-        return self.log_constants
-
-    def restore(self, deviations: Floats) -> Floats | None:
-        """Return measurements ``(n, *shape)`` that have these deviations ``(n, m)``."""
-        return None
-
-    def __call__(self, parameters: Parameters, response: Response) -> Floats:
-        """Return the log-likelihood of every parameter set, ``(n,)``."""
-        log_likelihood: Floats = np.add.reduce(
-            self._parts(parameters, response), axis=1
-        )
-        return log_likelihood
-
-    def _parts(self, parameters: Parameters, response: Response) -> Floats:
-        values = log_normal(*self.deviations(parameters, response))
-        values += self.constants(response)
-        return values
-
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> Mapping[str, Floats]:
         """Return the log-likelihood of each datum, in the shape of what was measured.
 
         Deviations that are no single data, as of a covariance, have none, nor have
         those of variables that are not stored.
         """
-        known = self.separate and self.observed and self._reads_only(stored)
-        if not known:
+        if not (self.separate and self.observed and self._reads_only(stored)):
             return {}
         ((variable, measured),) = self.observed.items()
-        values = log_normal(*self.deviations(parameters, stored))
-        values += self.constants(stored)
+        values = self._parts(parameters, stored)
         return {variable: values.reshape(-1, *measured.shape)}
 
     def replicate(
@@ -218,11 +184,13 @@ class GaussianTerm(Term):
     ) -> Mapping[str, Floats]:
         """Return a new measurement for each sample, with all its errors.
 
-        None where it reads what is not stored.
+        None where it reads what is not stored, or cannot be drawn.
         """
-        if not self._reads_only(stored):
+        readable = self.observed and self._reads_only(stored)
+        pair = self.deviations(parameters, stored) if readable else None
+        if pair is None:
             return {}
-        r, sd = self.deviations(parameters, stored)
+        r, sd = pair
         measured = self.restore(r + sd * rng.standard_normal(r.shape))
         return {} if measured is None else dict.fromkeys(self.observed, measured)
 
@@ -251,8 +219,7 @@ class FunctionTerm(Term):
         self, parameters: Parameters, response: Response
     ) -> tuple[Floats, Floats] | None:
         """Return what the callable says, None where it does not."""
-        known = self._deviations
-        return None if known is None else known(parameters, response)
+        return self._deviations(parameters, response) if self.gaussian else None
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]
@@ -273,14 +240,6 @@ class FunctionTerm(Term):
 def as_term(term: Callable[[Parameters, Response], Floats]) -> Term:
     """Return a term of this package as it is, and any other callable as one."""
     return term if isinstance(term, Term) else FunctionTerm(term)
-
-
-def check_labels(name: str, discrepancy: str | None) -> None:
-    """Refuse a name or a discrepancy that is no text."""
-    for argument, text in (("name", name), ("discrepancy", discrepancy)):
-        left_out = argument == "discrepancy" and text is None
-        if not left_out and (not isinstance(text, str) or not text):
-            raise TypeError(f"{argument}: expected a non-empty string, got {text!r}")
 
 
 def choose_error(
@@ -393,28 +352,24 @@ def _replace(
 ) -> Response:
     """Return a response with other variables, and the rest of it repeated."""
 
-    def repeat(value: Response) -> Response:
-        own = isinstance(value, np.ndarray) and value.ndim and len(value) == n
-        return np.repeat(value, times, axis=0) if own else value
+    def move(name: str, value: Response) -> Response:
+        if name in shifted:
+            return shifted[name]
+        if isinstance(value, tuple):  # the pairing of modes
+            return _replace(value, shifted, n, times)
+        by_row = isinstance(value, np.ndarray) and value.ndim and len(value) == n
+        return np.repeat(value, times, axis=0) if by_row else value
 
     if isinstance(response, Mapping):
-        return {**{k: repeat(v) for k, v in response.items()}, **shifted}
-    if isinstance(response, ModalSolution | PairedSolution):
-        frequency = shifted.get("frequency", repeat(response.frequencies))
-        shapes = shifted.get("shapes", repeat(response.shapes))
-        if isinstance(response, ModalSolution):
-            return ModalSolution(frequency, shapes)
-        mac, modes, unpaired = map(repeat, response.pairing)
-        pairing = Pairing(shifted.get("mac", mac), modes, unpaired)
-        return PairedSolution(frequency, shapes, pairing)
+        return {k: move(k, v) for k, v in response.items()} | dict(shifted)
+    if "frequency" in shifted:  # the field of modal solutions
+        shifted = {**shifted, "frequencies": shifted["frequency"]}
+    if isinstance(response, tuple):
+        fields = response._asdict()  # type: ignore[attr-defined]
+        return response._replace(  # type: ignore[attr-defined]
+            **{name: move(name, value) for name, value in fields.items()}
+        )
     other = copy(response)
-    try:
-        for name, value in vars(response).items():
-            object.__setattr__(other, name, shifted.get(name, repeat(value)))
-    except (AttributeError, TypeError):
-        raise TypeError(
-            "terms: one without derivatives of its own cannot be differenced on a "
-            f"response of {type(response).__name__}; let the model return "
-            "{variable: array}"
-        ) from None
+    for name, value in vars(response).items():
+        object.__setattr__(other, name, move(name, value))
     return other

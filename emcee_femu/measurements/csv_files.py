@@ -23,7 +23,6 @@ QUANTITIES = {
     "shape sd": "shape_sd",
 }
 PER_SENSOR = ("shapes", "shape_sd")
-ONE_ROW = ("frequencies", "sd", "phase_collinearity", "damping", "damping_sd")
 
 
 def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
@@ -79,16 +78,15 @@ def read_csv(path: Path) -> dict[str, Any]:
                 f"of shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
             )
         numbers = _read_numbers(place, titles, cells)
-        if field in ONE_ROW:
-            if field in fields:
-                raise ValueError(f"{place}: a second row of {field}")
-            fields[field] = numbers
-        else:
-            fields.setdefault(field, []).append(numbers)
+        fields.setdefault(field, []).append(numbers)
         if field in PER_SENSOR:
             sensors[field].append(sensor)
+        elif field != "covariance" and len(fields[field]) > 1:
+            raise ValueError(f"{place}: a second row of {field}")
         if field == "shapes":
             dofs.append(int(dof) if dof.isdigit() else dof)
+    for field in fields.keys() - {"covariance", *PER_SENSOR}:
+        (fields[field],) = fields[field]
     if "frequencies" not in fields:
         raise ValueError(f"{path}: no row 'frequency [Hz]'")
     of_shapes, of_sd = sensors.values()
@@ -102,8 +100,8 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"{path}, column 'dof': expected a DOF for each sensor or for none, but "
             f"{of_shapes[dofs.index('')]!r} has none"
         )
-    given = None if "" in dofs or not dofs else dofs
-    return fields | {"sensors": of_shapes or None, "dofs": given}
+    labels = None if "" in dofs or not dofs else dofs
+    return fields | {"sensors": of_shapes or None, "dofs": labels}
 
 
 def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float]:
@@ -127,6 +125,5 @@ def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float
 def _trim(row: list[str]) -> list[str]:
     """Return the cells without surrounding blanks and without empty ones at the end."""
     cells = [cell.strip() for cell in row]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
+    last = max((i for i, cell in enumerate(cells, 1) if cell), default=0)
+    return cells[:last]

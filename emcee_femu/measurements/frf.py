@@ -66,10 +66,10 @@ def read_channels(channels: Any) -> tuple[Channel, ...]:
         raise TypeError(
             f"channels: expected pairs (response DOF, excitation DOF), got {channels!r}"
         )
-    found = tuple(Channel(*pair) for pair in channels)
-    if len(set(found)) < len(found):
+    result = tuple(Channel(*pair) for pair in channels)
+    if len(set(result)) < len(result):
         raise ValueError(f"channels: expected each pair once, got {list(channels)}")
-    return found
+    return result
 
 
 def read_lines(lines: ArrayLike) -> Floats:

@@ -38,44 +38,44 @@ def frequencies(value: ArrayLike) -> Floats:
 
 def shapes(value: ArrayLike, n_modes: int, argument: str = "shapes") -> Shapes:
     """Return real or complex shapes ``(..., n_sensors, n_modes)``, none zero."""
-    given = checks.complex_array(argument, value)
-    if given.ndim < 2 or given.shape[-1] != n_modes or not given.size:
-        turned = "; transpose them" if given.shape[:1] == (n_modes,) else ""
+    raw = checks.complex_array(argument, value)
+    if raw.ndim < 2 or raw.shape[-1] != n_modes or not raw.size:
+        turned = "; transpose them" if raw.shape[:1] == (n_modes,) else ""
         raise ValueError(
             f"{argument}: expected (n_sensors, {n_modes}), one column per frequency, "
-            f"got {given.shape}{turned}"
+            f"got {raw.shape}{turned}"
         )
-    _refuse(argument, given, "finite numbers", ~np.isfinite(given))
-    for index in np.argwhere(~given.any(axis=-2)):
+    _refuse(argument, raw, "finite numbers", ~np.isfinite(raw))
+    for index in np.argwhere(~raw.any(axis=-2)):
         raise ValueError(f"{argument}: mode {index[-1] + 1} is zero at all sensors")
-    return given
+    return raw
 
 
-def phases(given: Shapes) -> Shapes:
+def phases(raw: Shapes) -> Shapes:
     """Return the factor per mode that turns its shape to its largest real part."""
-    if not np.iscomplexobj(given):
-        return np.ones(given.shape[-1])
-    unit = given / np.abs(given).max(axis=0)  # squares neither over- nor underflow
+    if not np.iscomplexobj(raw):
+        return np.ones(raw.shape[-1])
+    unit = raw / np.abs(raw).max(axis=0)  # squares neither over- nor underflow
     factors: Shapes = np.exp(-0.5j * np.angle((unit * unit).sum(axis=0)))
     return factors
 
 
-def phase_collinearity(given: Shapes, known: ArrayLike | None = None) -> Floats:
+def phase_collinearity(raw: Shapes, stated: ArrayLike | None = None) -> Floats:
     """Return the MAC of each shape with its own conjugate; 1 for a real shape.
 
-    ``known`` is what real shapes had before they were turned real, ``(n_modes,)``.
+    ``stated`` is what real shapes had before they were turned real, ``(n_modes,)``.
     """
-    n_modes = given.shape[-1]
-    if np.iscomplexobj(given):
-        if known is not None:
+    n_modes = raw.shape[-1]
+    if np.iscomplexobj(raw):
+        if stated is not None:
             raise ValueError(
                 "phase_collinearity: it is computed from complex shapes; leave it out"
             )
-        unit = given / np.abs(given).max(axis=0)
+        unit = raw / np.abs(raw).max(axis=0)
         ratio = np.abs((unit * unit).sum(axis=0)) / (np.abs(unit) ** 2).sum(axis=0)
-        known = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
-    known = [1.0] * n_modes if known is None else known
-    mpc = checks.real_array("phase_collinearity", known)
+        stated = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
+    stated = [1.0] * n_modes if stated is None else stated
+    mpc = checks.real_array("phase_collinearity", stated)
     if mpc.shape != (n_modes,) or mpc.min() < 0 or mpc.max() > 1:
         raise ValueError(
             f"phase_collinearity: expected {n_modes} numbers from 0 to 1, got {mpc}"
@@ -158,23 +158,23 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
     """Return the model's DOF at each sensor: whole numbers from 0, or labels."""
     if value is None:
         return None
-    found = np.array(np.asarray(value).tolist())  # strings of pandas too
-    labels = found.dtype.kind == "U"
-    digits = labels and any(x.replace(".", "").isdigit() for x in found.flat)
-    if found.dtype.kind not in "iU" or digits:
+    places = np.array(np.asarray(value).tolist())  # strings of pandas too
+    labels = places.dtype.kind == "U"
+    digits = labels and any(x.replace(".", "").isdigit() for x in places.flat)
+    if places.dtype.kind not in "iU" or digits:
         raise TypeError(
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
-    if found.shape != (n_sensors,):
+    if places.shape != (n_sensors,):
         raise ValueError(
-            f"dofs: expected one for each of {n_sensors} sensors, got {found.shape}"
+            f"dofs: expected one for each of {n_sensors} sensors, got {places.shape}"
         )
-    if len({*found.tolist()}) < n_sensors or (not labels and found.min() < 0):
+    if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
         raise ValueError(
-            f"dofs: expected distinct DOFs, numbers from 0, got {found.tolist()}; "
+            f"dofs: expected distinct DOFs, numbers from 0, got {places.tolist()}; "
             "average sensors at one DOF first"
         )
-    return found
+    return places
 
 
 def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
@@ -198,10 +198,10 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
             f"frequencies: mode {i + 1} is {tests[0, i]} Hz in all tests, which says "
             "nothing about its scatter; give more digits, or Measurements(.., sd=..)"
         )
-    found: dict[str, Any] = {"frequencies": tests.mean(axis=0)}
+    scatter: dict[str, Any] = {"frequencies": tests.mean(axis=0)}
     if correlated:
-        return found | {"covariance": np.atleast_2d(np.cov(tests, rowvar=False))}
-    return found | {"sd": tests.std(axis=0, ddof=1)}
+        return scatter | {"covariance": np.atleast_2d(np.cov(tests, rowvar=False))}
+    return scatter | {"sd": tests.std(axis=0, ddof=1)}
 
 
 def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any]:

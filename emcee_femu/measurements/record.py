@@ -111,15 +111,15 @@ class Measurements(Report):
         n_modes, n_sensors = len(hertz), 0
         real = collinearity = None
         if shapes is not None:
-            given = modes.shapes(shapes, n_modes)
-            if given.ndim > 2:
+            raw = modes.shapes(shapes, n_modes)
+            if raw.ndim > 2:
                 raise ValueError(
-                    f"shapes: expected (n_sensors, {n_modes}), got {given.shape}; for "
+                    f"shapes: expected (n_sensors, {n_modes}), got {raw.shape}; for "
                     "repeated tests see from_repeats"
                 )
-            n_sensors = len(given)
-            real = (given * modes.phases(given)).real
-            collinearity = modes.phase_collinearity(given, phase_collinearity)
+            n_sensors = len(raw)
+            real = (raw * modes.phases(raw)).real
+            collinearity = modes.phase_collinearity(raw, phase_collinearity)
             modes.warn_about_complex(collinearity)
         modes.refuse_duplicates(hertz, real)
         checks.set_fields(
@@ -311,8 +311,8 @@ class Measurements(Report):
             >>> Measurements.from_pyoma2(result).frequencies.tolist()
             [3.1, 9.8]
         """
-        found = uff.read_pyoma2(result, shape_sd)
-        return cls(**found, sensors=sensors, dofs=dofs)
+        fields = uff.read_pyoma2(result, shape_sd)
+        return cls(**fields, sensors=sensors, dofs=dofs)
 
     @property
     def n_modes(self) -> int:
@@ -348,5 +348,5 @@ class Measurements(Report):
             ("its sd %", ".2g", its_sd),
             ("MPC", ".3f", self.phase_collinearity),
         )
-        known = [(t, form, v) for t, form, v in columns if v is not None]
-        return Table.from_columns(title, known)
+        shown = [(t, form, v) for t, form, v in columns if v is not None]
+        return Table.from_columns(title, shown)

@@ -69,14 +69,11 @@ class Spectra(Report):
     ) -> None:
         numbers = read_lines(lines)
         D = np.asarray(checks.complex_array("matrices", matrices), dtype=np.complex128)
-        if D.ndim != 3 or D.shape[1:] != D.shape[:0:-1] or len(D) != len(numbers):
+        square = D.ndim == 3 and D.shape[1] == D.shape[2] > 0
+        if not square or len(D) != len(numbers) or not np.isfinite(D).all():
             raise ValueError(
                 f"matrices: expected ({len(numbers)}, n_channels, n_channels), one "
-                f"matrix for each line, got {D.shape}"
-            )
-        if not D.size or not np.isfinite(D).all():
-            raise ValueError(
-                "matrices: expected finite numbers of at least one channel"
+                f"matrix of finite numbers for each line, got {D.shape}"
             )
         diagonal = np.diagonal(D, axis1=1, axis2=2)
         asymmetry = np.abs(D - D.conj().swapaxes(1, 2)).max()

@@ -48,11 +48,11 @@ def read_uff(path: Path, sensors: Sequence[str] | None = None) -> dict[str, Any]
             raise ValueError(
                 f"sensors: {sorted(unknown)} are not in {path}; there are {labels}"
             )
-    found = {
+    fields = {
         "frequencies": np.array([_frequency(data) for data in modes.values()]),
         "shapes": shapes[[labels.index(label) for label in kept]],
     }
-    return {**_sort_modes(found), "sensors": kept}
+    return {**_sort_modes(fields), "sensors": kept}
 
 
 def read_pyoma2(result: Any, shape_sd: bool) -> dict[str, Any]:
@@ -81,14 +81,14 @@ def read_pyoma2(result: Any, shape_sd: bool) -> dict[str, Any]:
     )
 
 
-def _sort_modes(found: dict[str, Any]) -> dict[str, Any]:
+def _sort_modes(fields: dict[str, Any]) -> dict[str, Any]:
     """Put the modes, the last axis of every field, in ascending order of frequency.
 
     Where the fields do not fit together :class:`Measurements` says so.
     """
-    order = np.argsort(found["frequencies"], kind="stable")
-    fit = all(value.shape[-1:] == order.shape for value in found.values())
-    return {k: v[..., order] for k, v in found.items()} if fit else found
+    order = np.argsort(fields["frequencies"], kind="stable")
+    fit = all(value.shape[-1:] == order.shape for value in fields.values())
+    return {k: v[..., order] for k, v in fields.items()} if fit else fields
 
 
 def read_sets(path: Path, number: int) -> dict[int, DataSet]:
@@ -151,9 +151,9 @@ def _nodal_values(path: Path, data: DataSet) -> dict[str, complex]:
 def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
     """Return the arguments of :class:`FRFMeasurements` that a universal file holds."""
     sets = read_sets(path, 58)
-    functions = {i: own for i, own in sets.items() if own["func_type"] == FRF}
+    functions = {i: data for i, data in sets.items() if data["func_type"] == FRF}
     if not functions:
-        types = sorted({int(own["func_type"]) for own in sets.values()})
+        types = sorted({int(data["func_type"]) for data in sets.values()})
         raise ValueError(
             f"{path}: expected data sets 58 of type 4 (FRF), got {len(sets)} data sets "
             f"58, of types {types}"
@@ -161,42 +161,42 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
     first = next(iter(functions))
     lines = np.asarray(functions[first]["x"], dtype=float)
     kinds, values = {}, {}
-    for i, own in functions.items():
-        if not np.array_equal(own["x"], lines):
+    for i, data in functions.items():
+        if not np.array_equal(data["x"], lines):
             raise ValueError(
                 f"{path}, data set {i}: its lines are not those of data set {first}"
             )
-        kinds[i] = _find_kind(path, i, own)
-        channel, sign = _find_channel(own)
+        kinds[i] = _find_kind(path, i, data)
+        channel, sign = _find_channel(data)
         if channel in values:
             raise ValueError(f"{path}, data set {i}: {'/'.join(channel)} appears twice")
-        values[channel] = sign * np.asarray(own["data"], dtype=complex)
+        values[channel] = sign * np.asarray(data["data"], dtype=complex)
     if len(set(kinds.values())) > 1:
         raise ValueError(f"{path}: expected FRFs of one kind, got {kinds} by data set")
-    found = {
+    fields = {
         "lines": lines,
         "values": np.array([*values.values()]),
         "channels": [*values],
         "kind": kinds[first],
     }
     if averages is None:
-        return found
-    given = {
-        _find_channel(own)[0]: np.asarray(own["data"]).real
-        for own in sets.values()
-        if own["func_type"] == COHERENCE
+        return fields
+    coherences = {
+        _find_channel(data)[0]: np.asarray(data["data"]).real
+        for data in sets.values()
+        if data["func_type"] == COHERENCE
     }
-    missing = ["/".join(channel) for channel in values if channel not in given]
+    missing = ["/".join(channel) for channel in values if channel not in coherences]
     if missing:
         raise ValueError(
             f"averages: {path} has no coherence of {missing}; leave it out"
         )
-    coherence = np.array([given[channel] for channel in values])
-    return {**found, "coherence": coherence, "averages": averages}
+    coherence = np.array([coherences[channel] for channel in values])
+    return {**fields, "coherence": coherence, "averages": averages}
 
 
-def _find_kind(path: Path, i: int, own: DataSet) -> str:
-    above, below = own["ordinate_spec_data_type"], own["orddenom_spec_data_type"]
+def _find_kind(path: Path, i: int, data: DataSet) -> str:
+    above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
     if above not in ORDINATES or below != FORCE:
         raise ValueError(
             f"{path}, data set {i}: expected displacement, velocity or acceleration "
@@ -206,12 +206,12 @@ def _find_kind(path: Path, i: int, own: DataSet) -> str:
     return ORDINATES[above]
 
 
-def _find_channel(own: DataSet) -> tuple[tuple[str, str], float]:
+def _find_channel(data: DataSet) -> tuple[tuple[str, str], float]:
     """Return labels of DOFs, and the sign of both directions."""
     labels, sign = [], 1.0
     for end in ("rsp", "ref"):
-        direction = int(own[f"{end}_dir"])
+        direction = int(data[f"{end}_dir"])
         sign *= -1.0 if direction < 0 else 1.0
         axis = f":{[*AXES.values()][abs(direction) - 1]}" if direction else ""
-        labels.append(f"{int(own[f'{end}_node'])}{axis}")
+        labels.append(f"{int(data[f'{end}_node'])}{axis}")
     return (labels[0], labels[1]), sign

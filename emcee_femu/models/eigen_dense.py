@@ -19,7 +19,7 @@ Source: Fox and Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008.
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,44 +32,19 @@ RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next on
 REPEATED = 1e-10  # relative gap of eigenvalues below which modes coincide
 PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 
-Weight: TypeAlias = Floats | float  # (n,), or the same for all parameter sets
-# How the coefficients of K, and those of M, change with a parameter, by number.
-Slope: TypeAlias = tuple[Mapping[int, Weight], Mapping[int, Weight]]
-Slopes: TypeAlias = Mapping[str, Slope]
-
-
-class Unit(NamedTuple):
-    """A matrix of a coefficient, without its rows and columns of zeros.
-
-    The matrix of a spring, storey or member has few that are not zero.
-
-    Attributes:
-        rows: The rows that are not zero, ``(s,)``.
-        entries: What is in them, ``(s, s)``.
-    """
-
-    rows: NDArray[np.intp]
-    entries: Matrix
-
-
-# Of the coefficients of K, and of those of M.
-Units: TypeAlias = tuple[list[Unit], list[Unit]]
-
-
-def trim_units(K: Sequence[Matrix], M: Sequence[Matrix]) -> Units:
-    """Return what coefficients multiply, given the constant matrices first."""
-
-    def trim(matrix: Matrix) -> Unit:
-        rows = np.unique(matrix.nonzero()[0])
-        return Unit(rows, matrix[np.ix_(rows, rows)])
-
-    return [trim(A) for A in K[1:]], [trim(A) for A in M[1:]]
+# How the coefficients of K (n, n_k), and those of M (n, n_m), change with a parameter;
+# one row where that is the same for all parameter sets.
+Slopes: TypeAlias = Mapping[str, tuple[Floats, Floats]]
 
 
 def unit_slopes(K: Iterable[str], M: Iterable[str]) -> Slopes:
     """Return the slopes of parameters that are the coefficients of K and of M."""
-    in_K, in_M = ({name: {i: 1.0} for i, name in enumerate(part)} for part in (K, M))
-    return {name: (in_K.get(name, {}), in_M.get(name, {})) for name in in_K | in_M}
+    k, m = [*K], [*M]
+
+    def slope(name: str, units: list[str]) -> Floats:
+        return np.array([[float(name == unit) for unit in units]])
+
+    return {name: (slope(name, k), slope(name, m)) for name in dict.fromkeys(k + m)}
 
 
 class Eigenproblem:
@@ -87,7 +62,7 @@ class Eigenproblem:
         selected: Indices of the wanted modes, 0 = the lowest, rigid ones included.
         skip: Number of rigid-body modes, checked at each solve.
         output: Maps mass-normalised shapes to what is returned of them, ``(n_out, N)``;
-            None for frequencies alone.
+            without rows for frequencies alone.
     """
 
     def __init__(
@@ -95,17 +70,14 @@ class Eigenproblem:
         K: Floats,
         M: Floats,
         selected: NDArray[np.intp],
-        skip: int = 0,
-        output: Floats | None = None,
+        skip: int,
+        output: Floats,
     ) -> None:
-        self.K, self.M, self.selected, self.skip = K, M, selected, skip
-        self.output, self.units = output, trim_units([*K], [*M])
-        self._basis: Floats | None = None  # L^-T of a constant M
-        self._to_output: Floats | None = None  # output @ L^-T
-        if len(M) == 1:
+        self.selected, self.skip, self.folded = selected, skip, len(M) == 1
+        self.K, self.M, self.output = K, M, output
+        if self.folded:  # from here on y stands for the shapes
             inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
-            self.K, self._basis = inverse @ K @ inverse.T, inverse.T
-            self._to_output = None if output is None else output @ inverse.T
+            self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
@@ -114,15 +86,8 @@ class Eigenproblem:
 
         ``describe(i)`` names parameter set i in an error message.
         """
-        vectors = self.output is not None
-        eigenvalues, y, basis = self._decompose(k, m, describe, vectors)
-        frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1)) / (2 * np.pi)
-        if self.output is None:
-            return ModalSolution(frequencies)
-        y = y.take(self.selected, axis=2)
-        if self._to_output is not None:
-            return ModalSolution(frequencies, self._to_output @ y)
-        return ModalSolution(frequencies, self.output @ (basis @ y))
+        eigenvalues, shapes = self._decompose(k, m, describe, len(self.output) > 0)
+        return self._select(eigenvalues, shapes)
 
     def jacobian(
         self, k: Floats, m: Floats, slopes: Slopes, describe: Callable[[int], str]
@@ -135,64 +100,51 @@ class Eigenproblem:
             ValueError: As :meth:`solve` does, or if modes coincide that part as a
                 parameter changes: which of them is the lower one changes there.
         """
-        eigenvalues, y, basis = self._decompose(k, m, describe, True)
-        selected, count = self.selected, np.arange(len(self.selected))
-        every = basis @ y  # (n, N, N)
+        eigenvalues, every = self._decompose(k, m, describe, True)
+        solution, selected = self._select(eigenvalues, every), self.selected
         wanted, squares = every[:, :, selected], eigenvalues[:, None, selected]
-        frequencies = np.sqrt(squares[:, 0]) / (2 * np.pi)
-        clusters = _number_clusters(eigenvalues)
-        together = clusters[:, :, None] == clusters[:, None, selected]  # (n, N, m)
-        for row in np.flatnonzero(together.sum(axis=(1, 2)) > len(count)):
-            for number in np.unique(clusters[row, selected]):
-                members = np.flatnonzero(clusters[row] == number)
-                refuse_parting(
-                    every[row][:, members],
-                    float(eigenvalues[row, members[0]]),
-                    int(members[0]) - self.skip + 1,
-                    self.units,
-                    take_row(slopes, int(row)),
-                    describe(int(row)),
-                )
-        output = None if self.output is None else self.output @ every
+        together = self._find_clusters(eigenvalues, every, slopes, describe)
         # Without shapes nothing but the diagonal of H is needed: of other modes none.
-        left, own = (wanted, count) if output is None else (every, selected)
-        forces = [
-            [entries @ wanted[:, rows] for rows, entries in part] for part in self.units
-        ]
-
-        def project(part: int, weights: Mapping[int, Weight]) -> Floats:
-            """Return ``phi_k^T A' phi_i``, ``(n, N or m, m)``."""
-            total = np.zeros((1, 1, 1))
-            for number, weight in weights.items():
-                force = (weight * forces[part][number].T).T  # of each parameter set
-                rows = self.units[part][number].rows
-                total = total + left[:, rows].swapaxes(1, 2) @ force
-            return total
-
+        shaped, count = len(self.output) > 0, np.arange(len(selected))
+        left, diagonal = (every, selected) if shaped else (wanted, count)
+        in_K, in_M = (
+            np.array([left.swapaxes(1, 2) @ (A @ wanted) for A in part[1:]]).reshape(
+                -1, len(k), left.shape[2], len(selected)
+            )
+            for part in (self.K, self.M)
+        )
         gaps = squares - eigenvalues[:, :, None]
         inverse = np.where(together, 0.0, 1.0 / np.where(together, 1.0, gaps))
-        frequency, shapes, scale = {}, {}, 8 * np.pi**2 * frequencies
-        for name, (in_K, in_M) in slopes.items():
-            H, T = project(0, in_K), project(1, in_M)
-            if in_M:
-                H = H - squares * T
-            frequency[name] = H[:, own, count] / scale
-            if output is not None:
-                turn = inverse * H
-                if in_M:
-                    turn -= 0.5 * together * T
-                shapes[name] = output @ turn
-        if output is None:
-            return ModalSolution(frequencies), {"frequency": frequency}
-        derivatives = {"frequency": frequency, "shapes": shapes}
-        return ModalSolution(frequencies, output[:, :, selected]), derivatives
+        derivatives: Derivatives = {"frequency": {}}
+        if shaped:
+            derivatives["shapes"] = {}
+        for name, (by_k, by_m) in slopes.items():
+            T = _weigh(in_M, by_m)
+            H = _weigh(in_K, by_k) - squares * T
+            of_square = H[:, diagonal, count]
+            derivatives["frequency"][name] = of_square / (
+                8 * np.pi**2 * solution.frequencies
+            )
+            if shaped:
+                turn = inverse * H - 0.5 * together * T
+                derivatives["shapes"][name] = self.output @ (every @ turn)
+        return solution, derivatives
+
+    def _select(self, eigenvalues: Floats, shapes: Floats) -> ModalSolution:
+        """Return the wanted modes of all."""
+        frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1)) / (2 * np.pi)
+        if not len(self.output):
+            return ModalSolution(frequencies)
+        return ModalSolution(
+            frequencies, self.output @ shapes.take(self.selected, axis=2)
+        )
 
     def _decompose(
         self, k: Floats, m: Floats, describe: Callable[[int], str], vectors: bool
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return eigenvalues, y (none unless ``vectors``) and ``L^-T``."""
-        A, basis = combine(self.K, k), self._basis
-        if basis is None:
+    ) -> tuple[Floats, Floats]:
+        """Return eigenvalues, and shapes, none unless ``vectors``."""
+        A, basis = combine(self.K, k), np.eye(self.K.shape[1])
+        if not self.folded:
             mass = combine(self.M, m)
             try:
                 inverse = np.linalg.inv(np.linalg.cholesky(mass))
@@ -215,12 +167,42 @@ class Eigenproblem:
         # What a zero eigenvalue may come out as; grows like a random walk.
         rounding = 10 * EPS * math.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1]
         check_elastic(eigenvalues, rounding, self.skip, describe)
-        return eigenvalues, y, basis
+        return eigenvalues, y if self.folded or not vectors else basis @ y
+
+    def _find_clusters(
+        self,
+        eigenvalues: Floats,
+        shapes: Floats,
+        slopes: Slopes,
+        describe: Callable[[int], str],
+    ) -> NDArray[np.bool_]:
+        """Return which modes coincide with each wanted one, ``(n, N, m)``."""
+        rounding = EPS * np.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1:]
+        least = np.maximum(REPEATED * eigenvalues[:, 1:], rounding)
+        clusters = np.zeros(eigenvalues.shape, dtype=np.intp)
+        clusters[:, 1:] = np.cumsum(np.diff(eigenvalues) > least, axis=1)
+        together: NDArray[np.bool_]
+        together = clusters[:, :, None] == clusters[:, None, self.selected]
+        for row, column in np.argwhere(together.sum(axis=1) > 1).tolist():
+            members = np.flatnonzero(together[row, :, column])
+            first = int(members[0])
+            refuse_parting(
+                shapes[row][:, members],
+                float(eigenvalues[row, first]),
+                first - self.skip + 1,
+                [*self.K[1:], *self.M[1:]],
+                at_row(slopes, row),
+                describe(row),
+            )
+        return together
 
 
-def pick_rows(dofs: Sequence[int], size: int) -> Floats | None:
-    """Return the ``output`` of an :class:`Eigenproblem` for shapes at some DOFs."""
-    return np.eye(size)[list(dofs)] if dofs else None
+def _weigh(parts: Floats, weights: Floats) -> Floats:
+    """Return the sum of ``parts (n_units, n, ..)`` by ``weights (n, n_units)``."""
+    total = np.zeros((1, 1, 1))
+    for unit in np.flatnonzero(weights.any(axis=0)):  # of few units
+        total = total + weights[:, unit, None, None] * parts[unit]
+    return total
 
 
 def combine(terms: Floats, coefficients: Floats) -> Floats:
@@ -267,35 +249,21 @@ def check_elastic(
             )
 
 
-def _number_clusters(eigenvalues: Floats) -> NDArray[np.intp]:
-    """Return the number of each mode's cluster, the same where modes coincide."""
-    rounding = EPS * np.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1:]
-    apart = np.diff(eigenvalues) > np.maximum(REPEATED * eigenvalues[:, 1:], rounding)
-    clusters = np.zeros(eigenvalues.shape, dtype=np.intp)
-    clusters[:, 1:] = np.cumsum(apart, axis=1)
-    return clusters
-
-
-def take_row(slopes: Slopes, row: int) -> Slopes:
-    """Return the slopes of one parameter set."""
-
-    def at(weights: Mapping[int, Weight]) -> dict[int, Weight]:
-        return {i: w if isinstance(w, float) else w[row] for i, w in weights.items()}
-
-    return {name: (at(in_K), at(in_M)) for name, (in_K, in_M) in slopes.items()}
-
-
-def push(units: list[Unit], weights: Mapping[int, Weight], phi: Floats) -> Floats:
-    """Return ``sum_i w_i A_i phi`` for ``phi (N, c)``."""
-    total = np.zeros_like(phi)
-    for number, weight in weights.items():
-        rows, entries = units[number]
-        total[rows] += weight * (entries @ phi[rows])
-    return total
+def at_row(slopes: Slopes, row: int) -> Slopes:
+    """Return the slopes of one parameter set, ``(n_k,)`` and ``(n_m,)``."""
+    return {
+        name: (by_k[row % len(by_k)], by_m[row % len(by_m)])
+        for name, (by_k, by_m) in slopes.items()
+    }
 
 
 def refuse_parting(
-    phi: Floats, eigenvalue: float, first: int, units: Units, slopes: Slopes, where: str
+    phi: Floats,
+    eigenvalue: float,
+    first: int,
+    units: Sequence[Matrix],
+    slopes: Slopes,
+    where: str,
 ) -> None:
     """Raise ValueError unless coinciding modes change alike, with every parameter.
 
@@ -303,24 +271,20 @@ def refuse_parting(
         phi: Their shapes, ``(N, c)``.
         eigenvalue: That of all of them.
         first: The number of the first of them, 1 = the lowest elastic one.
-        units: The matrices of the coefficients.
+        units: What the coefficients multiply, those of K and then those of M.
         slopes: How these change here.
         where: Names the parameters.
     """
-    if phi.shape[1] == 1:
-        return
-    for name, slope in slopes.items():
-        H, size = np.zeros((phi.shape[1],) * 2), 0.0
-        for part, weights, sign in zip(units, slope, (1.0, -eigenvalue), strict=True):
-            for number, weight in weights.items():
-                rows, entries = part[number]
-                H += sign * weight * phi[rows].T @ (entries @ phi[rows])
-                absolute = np.abs(phi[rows]) * (abs(entries) @ np.abs(phi[rows]))
-                size += float(np.abs(sign * weight) * absolute.sum())
-        gap = H - np.trace(H) / len(H) * np.eye(len(H))
-        if np.abs(gap).max() > PARTING * size:
+    c, size = phi.shape[1], np.abs(phi)
+    parts = np.array([phi.T @ (A @ phi) for A in units]).reshape(-1, c, c)
+    sizes = np.array([(size * (abs(A) @ size)).sum() for A in units])
+    for name, (by_k, by_m) in slopes.items():
+        weights = np.append(by_k, -eigenvalue * by_m)
+        H = np.tensordot(weights, parts, 1)
+        gap = H - np.trace(H) / c * np.eye(c)
+        if np.abs(gap).max() > PARTING * np.abs(weights) @ sizes:
             raise ValueError(
-                f"modes {first} and {first + len(H) - 1} coincide "
+                f"modes {first} and {first + c - 1} coincide "
                 f"({np.sqrt(eigenvalue) / (2 * np.pi):.6g} Hz) at {where} and part as "
                 f"{name!r} changes: which is the lower one changes there, so that they "
                 "have no derivatives; move the parameters a little, by 1e-6 of their "

@@ -32,11 +32,9 @@ from .eigen_dense import (
     EPS,
     REPEATED,
     Slopes,
+    at_row,
     check_elastic,
-    push,
     refuse_parting,
-    take_row,
-    trim_units,
 )
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
@@ -120,7 +118,6 @@ class SparseEigenproblem:
         self.K, self.M, self.n_modes, self.skip = tuple(K), tuple(M), n_modes, skip
         self.dofs = np.array(dofs, dtype=np.intp)
         self.stiffness, self.mass = SparseSum(K), SparseSum(M)
-        self.units = trim_units(K, M)
         # Seeded: equal parameters give equal bits. Random: it holds every mode.
         self._start = np.random.default_rng(0).normal(size=K[0].shape[0])
 
@@ -154,7 +151,7 @@ class SparseEigenproblem:
             if slopes:
                 matrices = self.stiffness(k[i]), self.mass(m[i])
                 changes[:, i], turns[:, i] = self._differentiate(
-                    matrices, modes, take_row(slopes, i), describe(i)
+                    matrices, modes, at_row(slopes, i), describe(i)
                 )
         changes /= 8 * np.pi**2 * frequencies
         derivatives = {"frequency": dict(zip(slopes, changes, strict=True))}
@@ -174,6 +171,8 @@ class SparseEigenproblem:
         Of one parameter set, with its K and M; modes that coincide are one cluster.
         """
         (K, M), (eigenvalues, shapes), dofs = matrices, modes, self.dofs
+        units = [*self.K[1:], *self.M[1:]]
+        weights = [np.array([*part]) for part in zip(*slopes.values(), strict=True)]
         size = np.abs(shapes)
         rounding = 10 * EPS * (size * (abs(K) @ size)).sum(axis=0)
         least = np.maximum(REPEATED * eigenvalues, rounding)
@@ -183,13 +182,12 @@ class SparseEigenproblem:
         for cluster in np.split(np.arange(len(eigenvalues)), ends):
             phi, eigenvalue = shapes[:, cluster], float(eigenvalues[cluster].mean())
             first = int(cluster[0]) + 1
-            refuse_parting(phi, eigenvalue, first, self.units, slopes, where)
-            pushed = [
-                [push(*pair, phi) for pair in zip(self.units, own, strict=True)]
-                for own in slopes.values()
-            ]
-            inertia = np.array([force for _, force in pushed])
-            force = np.array([force for force, _ in pushed]) - eigenvalue * inertia
+            if len(cluster) > 1:
+                refuse_parting(phi, eigenvalue, first, units, slopes, where)
+            pushed = np.array([A @ phi for A in units])
+            elastic = np.tensordot(weights[0], pushed[: len(self.K) - 1], 1)
+            inertia = np.tensordot(weights[1], pushed[len(self.K) - 1 :], 1)
+            force = elastic - eigenvalue * inertia
             H = phi.T @ force
             changes[:, cluster] = np.diagonal(H, axis1=1, axis2=2)
             if len(dofs):
@@ -230,23 +228,19 @@ class SparseEigenproblem:
         check_elastic(values[None], rounding, self.skip, lambda _: where)
         return values, vectors
 
-    def _choose_shift(self, K: csc_array, M: csc_array) -> float:
-        """Return sigma: small, but enough to factor a K with rigid-body modes.
-
-        From 1e-6 to 1e4 times the first elastic eigenvalue the result is the same.
-        """
-        if not self.skip:
-            return 0.0
-        mass = M.diagonal()
-        ratio = K.diagonal()[mass > 0] / mass[mass > 0]
-        positive = ratio[ratio > 0]
-        return 1e-6 * float(np.median(positive)) if len(positive) else 1.0
-
     def _solve_shifted(
         self, K: csc_array, M: csc_array, count: int, where: str
     ) -> Pairs:
-        """Return the pairs nearest to ``-sigma``, ascending."""
-        shift = self._choose_shift(K, M)
+        """Return the pairs nearest to ``-sigma``, ascending.
+
+        Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to
+        1e4 times the first elastic eigenvalue the result is the same.
+        """
+        mass, shift = M.diagonal(), 0.0
+        if self.skip:
+            ratio = K.diagonal()[mass > 0] / mass[mass > 0]
+            positive = ratio[ratio > 0]
+            shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
         factor = factor_definite(csc_array(K + shift * M) if shift else K)
         if factor is None:
             raise ValueError(
@@ -255,7 +249,7 @@ class SparseEigenproblem:
                 "(give the prior bounds that keep stiffnesses and masses above zero), "
                 f"or a rigid-body mode beyond skip={self.skip}"
             )
-        if np.count_nonzero(M.diagonal()) <= max(2 * count + 1, 20):
+        if np.count_nonzero(mass) <= max(2 * count + 1, 20):
             values, vectors = _solve_condensed(factor, M, count)
             return values - shift, vectors
         options: dict[str, object] = {"v0": self._start, "tol": TOLERANCE}

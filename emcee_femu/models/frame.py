@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters, modal_variables
-from .eigen_dense import Eigenproblem, Weight, pick_rows
+from .eigen_dense import Eigenproblem
 from .inputs import (
     Coefficients,
     Dofs,
@@ -163,7 +163,7 @@ class FrameModel:
         chosen = choose_dofs("shapes", shapes, self.dofs)
         self.shape_dofs = tuple(self.dofs[place] for place in chosen.values())
         self.variables = modal_variables(self.n_modes, tuple(chosen))
-        named = [name for own in sections.values() for name in own.parameters]
+        named = [name for section in sections.values() for name in section.parameters]
         self.names = tuple(dict.fromkeys(named))
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         K, M = _assemble(points, elements, sections, free)
@@ -173,7 +173,7 @@ class FrameModel:
             np.array([*M.values()]),
             np.array(self.modes) + skip - 1,
             skip,
-            pick_rows(tuple(chosen.values()), len(free)),
+            np.eye(len(free))[list(chosen.values())],
         )
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
@@ -192,17 +192,15 @@ class FrameModel:
         """
         values, (k, m, where) = self._read(parameters)
 
-        def derive(terms: Sequence[Term], name: str) -> dict[int, Weight]:
-            """Return how products of properties change with one, by their numbers."""
-            return {
-                number: sum(
-                    _multiply(term[:i] + term[i + 1 :], values)
-                    for i, own in enumerate(term)
-                    if own == name
-                )
-                for number, term in enumerate(terms)
-                if name in term
-            }
+        def derive(terms: Sequence[Term], name: str) -> Floats:
+            """Return how products of properties change with one, ``(n, n_terms)``."""
+            slopes = np.zeros((len(k), len(terms)))
+            for number, term in enumerate(terms):
+                for i, factor in enumerate(term):
+                    if factor == name:
+                        others = term[:i] + term[i + 1 :]
+                        slopes[:, number] += _multiply(others, values)
+            return slopes
 
         in_K, in_M = self._terms
         slopes = {name: (derive(in_K, name), derive(in_M, name)) for name in self.names}
@@ -221,7 +219,7 @@ class FrameModel:
 
 def _multiply(term: Term, values: Parameters) -> Floats | float:
     """Return a product of properties, ``(n,)`` or a number."""
-    factors = (values[own] if isinstance(own, str) else own for own in term)
+    factors = (values[factor] if isinstance(factor, str) else factor for factor in term)
     product: Floats | float = math.prod(factors, start=1.0)
     return product
 
@@ -249,7 +247,7 @@ def _assemble(
             for product, matrix in matrices.items():
                 term: Term = tuple(section.properties[key] for key in product)
                 factor: Floats | float = 1.0
-                if not any(isinstance(own, str) for own in term):
+                if not {*section.parameters} & {*term}:
                     term, factor = (), _multiply(term, {})
                 if term not in total:
                     total[term] = np.zeros((size, size))
@@ -367,8 +365,7 @@ def _check_elements(
     check_mapping("sections", sections, "{name: Section}")
     checks.parameter_names("sections", list(sections))
     for name, section in sections.items():
-        if not isinstance(section, Section):
-            raise TypeError(f"sections[{name!r}]: expected a Section, got {section!r}")
+        checks.instance(f"sections[{name!r}]", section, Section)
     if not isinstance(elements, Sequence) or isinstance(elements, str) or not elements:
         raise TypeError(
             "elements: expected at least one (node, node, section name), got "

@@ -1,8 +1,7 @@
 """Frequency response functions by modal superposition, with their derivatives."""
 
-from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Self, TypeAlias
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +18,12 @@ from ..interfaces import (
 )
 from ..measurements.frf import (
     KINDS,
-    Channel,
     frf_variable,
     read_channels,
     read_kind,
     read_lines,
 )
+from .inputs import derive_along
 from .matrix import MatrixModel
 from .static import StaticModel
 
@@ -32,76 +31,11 @@ AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
 PROPORTIONAL = ("mass", "stiffness")
 STEP = 1e-4  # share of the narrowest resonance by which derivatives move modes
 
-# Frequencies (n, modes), shapes (n, dofs, modes), and the flexibility of each channel
-# (n, channels), zero where no residual was asked for.
-Modes: TypeAlias = tuple[Floats, Floats, Floats]
+Arrays: TypeAlias = dict[str, Floats]
+# A model of the flexibility, and each channel's load case and point.
+Static: TypeAlias = tuple[StaticModel, list[int], list[int]]
 
 
-class Damping(NamedTuple):
-    r"""Ratios of each mode, or proportional damping.
-
-    .. math:: \zeta_m = \zeta_m^0, \qquad \text{or} \qquad
-        \zeta_m = \frac{a}{2 \omega_m} + \frac{b \omega_m}{2}
-
-    Attributes:
-        given: One per mode, or a and b: numbers, or names of parameters.
-        proportional: Whether they are a and b.
-    """
-
-    given: tuple[float | str, ...]
-    proportional: bool
-
-    @classmethod
-    def of(cls, damping: Any, n_modes: int) -> Self:
-        """Return what a user gave.
-
-        Raises:
-            TypeError: If it is neither numbers nor names, nor a mapping of both.
-            ValueError: If a number is negative, or there is not one per mode.
-        """
-        if isinstance(damping, Mapping):
-            if not damping or {*damping} - {*PROPORTIONAL}:
-                raise ValueError(
-                    f"damping: expected {list(PROPORTIONAL)}, got {list(damping)}"
-                )
-            given = tuple(_read_damping(damping.get(key, 0.0)) for key in PROPORTIONAL)
-            return cls(given, True)
-        if isinstance(damping, str) or np.ndim(damping) == 0:
-            return cls((_read_damping(damping),) * n_modes, False)
-        if not isinstance(damping, Sequence | np.ndarray) or len(damping) != n_modes:
-            raise ValueError(
-                f"damping: expected one number or name, or one for each of {n_modes} "
-                f"modes, or {{'mass': a, 'stiffness': b}}, got {damping!r}"
-            )
-        return cls(tuple(_read_damping(one) for one in damping), False)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The parameters among them."""
-        return tuple(dict.fromkeys(one for one in self.given if isinstance(one, str)))
-
-    def __call__(self, parameters: Parameters, f: Floats) -> Floats:
-        """Return the ratios ``(n, modes)`` of modes of frequencies f in Hz."""
-        values = [
-            parameters[one] if isinstance(one, str) else np.full(len(f), one)
-            for one in self.given
-        ]
-        numbers = np.stack(values, axis=1)
-        if not self.proportional:
-            return numbers
-        w = 2 * np.pi * f
-        ratios: Floats = numbers[:, :1] / (2 * w) + numbers[:, 1:] * w / 2
-        return ratios
-
-
-def _read_damping(value: Any) -> float | str:
-    """Return a ratio or factor, or the name of a parameter."""
-    if isinstance(value, str):
-        return checks.parameter_names("damping", [value])[0]
-    return checks.real_number("damping", value, 0.0)
-
-
-@dataclass(frozen=True, eq=False, init=False)
 class FRFModel:
     r"""Frequency response functions of a modal model with damping.
 
@@ -149,15 +83,6 @@ class FRFModel:
         [[[[0.0, -2.5]]]]
     """
 
-    model: Any
-    lines: Floats = field(repr=False)
-    channels: tuple[Channel, ...]
-    damping: Damping
-    kind: str
-    variables: Mapping[str, Variable] = field(repr=False)
-    _rows: tuple[list[int], list[int]] = field(repr=False)
-    _static: tuple[StaticModel, list[int], list[int]] | None = field(repr=False)
-
     def __init__(
         self,
         model: Any,
@@ -172,11 +97,8 @@ class FRFModel:
     ) -> None:
         if not callable(model):
             raise TypeError(f"model: expected a callable, got {model!r}")
-        kind, pairs, numbers = (
-            read_kind(kind),
-            read_channels(channels),
-            read_lines(lines),
-        )
+        self.model, self.kind = model, read_kind(kind)
+        self.channels, self.lines = read_channels(channels), read_lines(lines)
         declared = read_declared(model, "variables") or {}
         shapes = declared.get("shapes")
         dofs = [] if shapes is None else [*shapes.coords.get("dof", ())]
@@ -185,134 +107,120 @@ class FRFModel:
                 "model: expected mode shapes at named DOFs; ask it for shapes "
                 "(shapes=True)"
             )
-        for channel in pairs:
-            for dof in channel:
-                if dof not in dofs:
-                    raise ValueError(
-                        f"channels: no shapes at the DOF {dof!r}; there are {dofs}"
-                    )
-        n_modes = declared["frequency"].size
-        modal = modal_variables(n_modes)
-        stored = checks.flag("stored", stored)
-        static = None
-        if checks.flag("residual", residual):
-            static = _build_static(model, dofs, pairs)
-        checks.set_fields(
-            self,
-            model=model,
-            lines=numbers,
-            channels=pairs,
-            damping=Damping.of(damping, n_modes),
-            kind=kind,
-            variables={
-                "frequency": modal["frequency"],
-                "damping_ratio": Variable(modal["frequency"].coords),
-                kind: frf_variable(pairs, numbers, kind, unit, stored),
-            },
-            _rows=(
-                [dofs.index(c[0]) for c in pairs],
-                [dofs.index(c[1]) for c in pairs],
-            ),
-            _static=static,
+        unknown = [dof for pair in self.channels for dof in pair if dof not in dofs]
+        if unknown:
+            raise ValueError(
+                f"channels: no shapes at the DOF {unknown[0]!r}; there are {dofs}"
+            )
+        self._rows, self._columns = (
+            [dofs.index(dof) for dof in side]
+            for side in zip(*self.channels, strict=True)
         )
+        modal = modal_variables(declared["frequency"].size)
+        stored = checks.flag("stored", stored)
+        self.variables = {
+            "frequency": modal["frequency"],
+            "damping_ratio": Variable(modal["frequency"].coords),
+            self.kind: frf_variable(self.channels, self.lines, self.kind, unit, stored),
+        }
+        self._proportional = isinstance(damping, Mapping)
+        self._damping = _read_damping(damping, declared["frequency"].size)
+        self._inferred = [str(x) for x in self._damping if isinstance(x, str)]
+        names = read_declared(model, "names")
+        self.names = (
+            None if names is None else tuple(dict.fromkeys([*names, *self._inferred]))
+        )
+        bounds = dict(read_declared(model, "bounds") or {})
+        self.bounds = bounds | dict.fromkeys(self._inferred, (0.0, np.inf))
+        self._static: Static | None = None
+        if checks.flag("residual", residual):
+            self._static = _build_static(model, self._rows, self._columns)
 
     @property
-    def n_modes(self) -> int:
-        """The number of superposed modes."""
-        return self.variables["frequency"].size
-
-    @property
-    def names(self) -> tuple[str, ...] | None:
-        """The parameters that are read, None if the modal model does not say."""
-        known = read_declared(self.model, "names")
-        if known is None:
-            return None
-        return tuple(dict.fromkeys([*known, *self.damping.names]))
-
-    @property
-    def bounds(self) -> dict[str, tuple[float, float]]:
-        """Those of the modal model; damping stays above zero."""
-        bounds = dict(read_declared(self.model, "bounds") or {})
-        return bounds | dict.fromkeys(self.damping.names, (0.0, np.inf))
-
-    @property
-    def jacobian(self) -> Any:
+    def jacobian(self) -> Callable[[Parameters], tuple[Arrays, Derivatives]] | None:
         """Response and derivatives; None if the modal model has none."""
         derivable = read_declared(self.model, "jacobian") is not None
         return self._differentiate if derivable else None
 
-    def __call__(self, parameters: Parameters) -> dict[str, Floats]:
+    def __call__(self, parameters: Parameters) -> Arrays:
         """Return FRFs ``(n, channels, lines, 2)``, frequencies and damping ratios."""
         modes = self.model(parameters)
-        flexibility = np.zeros(1)
+        flexibility = np.zeros((1, 1))
         if self._static is not None:
-            solved = self._static[0](parameters)["displacement"]
-            flexibility = self._flexibility(solved)
-        shapes = read(modes, "shapes")
-        return self._superpose(
-            parameters, (read(modes, "frequency"), shapes, flexibility)
-        )
+            static, cases, points = self._static
+            flexibility = static(parameters)["displacement"][:, cases, points]
+        f, shapes = read(modes, "frequency"), read(modes, "shapes")
+        damping = self._numbers(parameters, len(f))
+        return self._superpose(f, shapes, flexibility, damping)
 
-    def _differentiate(
-        self, parameters: Parameters
-    ) -> tuple[dict[str, Floats], Derivatives]:
+    def _differentiate(self, parameters: Parameters) -> tuple[Arrays, Derivatives]:
         """Return the response and its derivatives, ``jacobian`` of a model.
 
         Differences along those of the modes, which cost no solve.
         """
-        solved, by_model = self.model.jacobian(parameters)
-        f, shapes = read(solved, "frequency"), read(solved, "shapes")
+        modes, by_model = self.model.jacobian(parameters)
+        f, shapes = read(modes, "frequency"), read(modes, "shapes")
         flexibility, by_static = np.zeros((len(f), 1)), {}
         if self._static is not None:
-            static, slopes = self._static[0].jacobian(parameters)
-            flexibility = self._flexibility(static["displacement"])
+            static, cases, points = self._static
+            response, slopes = static.jacobian(parameters)
+            flexibility = response["displacement"][:, cases, points]
             by_static = {
-                name: self._flexibility(slope)
+                name: slope[:, cases, points]
                 for name, slope in slopes["displacement"].items()
             }
-        modes = f, shapes, flexibility
-        response = self._superpose(parameters, modes)
-        derivatives: Derivatives = {variable: {} for variable in response}
-        narrowest = np.maximum(response["damping_ratio"].min(axis=1), STEP)
+        damping = self._numbers(parameters, len(f))
+        by_damping = {
+            name: np.ones_like(damping) * [name == x for x in self._damping]
+            for name in self._inferred
+        }
         of_model = (name for by_name in by_model.values() for name in by_name)
-        for name in dict.fromkeys([*of_model, *self.damping.names]):
-            tangents = (
-                by_model["frequency"].get(name, np.zeros_like(f)),
-                by_model["shapes"].get(name, np.zeros_like(shapes)),
-                by_static.get(name, np.zeros_like(flexibility)),
-            )
-            # Of shapes and flexibilities a difference is exact with any step.
-            speed = (np.abs(tangents[0]) / f).max(axis=1)
-            speed = np.maximum(speed, 1 / np.maximum(np.abs(parameters[name]), STEP))
-            step = STEP * narrowest / speed
-            ahead, behind = (
-                self._superpose(
-                    {**parameters, name: parameters[name] + by},
-                    tuple(
-                        value + tangent * by.reshape(-1, *[1] * (value.ndim - 1))
-                        for value, tangent in zip(modes, tangents, strict=True)
-                    ),
-                )
-                for by in (step, -step)
-            )
-            for variable, value in ahead.items():
-                width = 2 * step.reshape(-1, *[1] * (value.ndim - 1))
-                derivatives[variable][name] = (value - behind[variable]) / width
-        return response, derivatives
+        names = dict.fromkeys([*of_model, *by_damping])
+        values = f, shapes, flexibility, damping
+        parts = by_model["frequency"], by_model["shapes"], by_static, by_damping
+        tangents = [
+            np.array([part.get(name, np.zeros_like(value)) for name in names])
+            for part, value in zip(parts, values, strict=True)
+        ]
+        result = self._superpose(*values)
+        # Of shapes and flexibilities a difference is exact with any step.
+        size = np.abs([parameters[name] for name in names])
+        speed = (np.abs(tangents[0]) / f).max(axis=2)
+        speed = np.maximum(speed, 1 / np.maximum(size, STEP))
+        narrowest = np.maximum(result["damping_ratio"].min(axis=1), STEP)
+        steps = STEP * narrowest / speed
+        return result, derive_along(self._superpose, values, tangents, steps, names)
 
-    def _superpose(self, parameters: Parameters, modes: Modes) -> dict[str, Floats]:
-        """Return the response of modes."""
-        f, shapes, flexibility = modes
-        zeta = self.damping(parameters, f)
-        rows, columns = self._rows
-        residues = shapes[:, rows] * shapes[:, columns]
+    def _numbers(self, parameters: Parameters, n: int) -> Floats:
+        """Return the damping of each mode, or a and b, ``(n, n_modes or 2)``."""
+        columns = [
+            parameters[x] if isinstance(x, str) else np.full(n, x)
+            for x in self._damping
+        ]
+        return np.stack(columns, axis=1)
+
+    def _superpose(
+        self, f: Floats, shapes: Floats, flexibility: Floats, damping: Floats
+    ) -> Arrays:
+        """Return the response of modes.
+
+        Args:
+            f: Frequencies in Hz ``(n, n_modes)``.
+            shapes: ``(n, n_dofs, n_modes)``.
+            flexibility: Of each channel ``(n, channels)``, for the residual.
+            damping: Ratios ``(n, n_modes)``; or a and b, ``(n, 2)``.
+        """
         w, W = 2 * np.pi * f, 2 * np.pi * self.lines
-        H = np.empty((len(f), len(rows), len(W), 2))
-        size = max(1, AT_ONCE // (self.n_modes * len(W)))
+        zeta = damping
+        if self._proportional:
+            zeta = damping[:, :1] / (2 * w) + damping[:, 1:] * w / 2
+        residues = shapes[:, self._rows] * shapes[:, self._columns]
+        H = np.empty((len(f), len(self._rows), len(W), 2))
+        size = max(1, AT_ONCE // (f.shape[1] * len(W)))
         for start in range(0, len(f), size):  # so that arrays are not too large
             part = slice(start, start + size)
-            own, ratio = w[part, :, None], zeta[part, :, None]
-            whole = residues[part] @ (1 / (own * own - W * W + 2j * ratio * own * W))
+            wm, ratio = w[part, :, None], zeta[part, :, None]
+            whole = residues[part] @ (1 / (wm * wm - W * W + 2j * ratio * wm * W))
             if self._static is not None:
                 modal = (residues[part] / w[part, None] ** 2).sum(axis=2)
                 whole += (flexibility[part] - modal)[:, :, None]
@@ -320,16 +228,33 @@ class FRFModel:
             H[part] = np.stack([whole.real, whole.imag], axis=-1)
         return {"frequency": f, "damping_ratio": zeta, self.kind: H}
 
-    def _flexibility(self, displacement: Floats) -> Floats:
-        """Return that of each channel, ``(n, channels)``."""
-        assert self._static is not None
-        _, cases, points = self._static
-        return displacement[:, cases, points]
+
+def _read_damping(damping: Any, n_modes: int) -> tuple[float | str, ...]:
+    """Return one for each mode, or a and b: numbers, or names of parameters."""
+    if isinstance(damping, Mapping):
+        if not damping or {*damping} - {*PROPORTIONAL}:
+            raise ValueError(
+                f"damping: expected {list(PROPORTIONAL)}, got {list(damping)}"
+            )
+        values = [damping.get(key, 0.0) for key in PROPORTIONAL]
+    elif np.ndim(damping) == 0:
+        values = [damping] * n_modes
+    else:
+        values = list(damping)
+        if len(values) != n_modes:
+            raise ValueError(
+                "damping: expected one number or name, or one for each of "
+                f"{n_modes} modes, or {{'mass': a, 'stiffness': b}}, got {damping!r}"
+            )
+    return tuple(
+        checks.parameter_names("damping", [x])[0]
+        if isinstance(x, str)
+        else checks.real_number("damping", x, 0.0)
+        for x in values
+    )
 
 
-def _build_static(
-    model: object, dofs: list[Any], channels: Sequence[Channel]
-) -> tuple[StaticModel, list[int], list[int]]:
+def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
     """Return a model of the flexibility, and each channel's load case and point."""
     if not isinstance(model, MatrixModel) or model.skip:
         raise TypeError(
@@ -337,9 +262,10 @@ def _build_static(
             f"stiffness gives the flexibility, got {type(model).__name__}; take more "
             "modes instead"
         )
-    places = dict(zip(dofs, model.shape_dofs, strict=True))
-    loads = {str(c.excitation): {places[c.excitation]: 1.0} for c in channels}
-    points = [*dict.fromkeys(places[c.response] for c in channels)]
-    static = StaticModel(model.K0, loads, model.K, points=points)
-    cases = [static.cases.index(str(c.excitation)) for c in channels]
-    return static, cases, [points.index(places[c.response]) for c in channels]
+    responses, excitations = (
+        [model.shape_dofs[i] for i in side] for side in (rows, columns)
+    )
+    loads = {str(dof): {dof: 1.0} for dof in excitations}
+    static = StaticModel(model.K0, loads, model.K, points=[*dict.fromkeys(responses)])
+    cases = [static.cases.index(str(dof)) for dof in excitations]
+    return static, cases, [static.points.index(dof) for dof in responses]

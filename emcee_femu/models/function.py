@@ -69,9 +69,10 @@ class FunctionModel:
         *,
         jacobian: Function | None = None,
     ) -> None:
-        for label, given in (("function", function), ("jacobian", jacobian)):
-            if not callable(given) and (label == "function" or given is not None):
-                raise TypeError(f"{label}: expected a callable, got {given!r}")
+        slopes = function if jacobian is None else jacobian
+        for label, call in (("function", function), ("jacobian", slopes)):
+            if not callable(call):
+                raise TypeError(f"{label}: expected a callable, got {call!r}")
         self._is_modal = variables is None
         if n_modes is not None:
             if variables is not None:
@@ -82,7 +83,7 @@ class FunctionModel:
         elif variables is not None and not (
             isinstance(variables, Mapping)
             and variables
-            and all(isinstance(own, Variable) for own in variables.values())
+            and all(isinstance(value, Variable) for value in variables.values())
         ):
             raise TypeError(
                 f"variables: expected {{name: Variable}}, got {variables!r}"
@@ -111,15 +112,16 @@ class FunctionModel:
         values, n = checks.batch(parameters)
         results: list[Result] = []
         for i in range(n):
-            own = {name: float(value[i]) for name, value in values.items()}
+            row = {name: float(value[i]) for name, value in values.items()}
             try:
-                results.append(read(function(dict(own))))
-                _check_shapes("function", results[-1][0], _shapes(results[0][0]))
+                results.append(read(function(dict(row))))
+                first = {name: array.shape for name, array in results[0][0].items()}
+                _check_shapes("function", results[-1][0], first)
             except (Exception, SystemExit) as error:
-                add_place(error, own, [*own])
+                add_place(error, row, [*row])
                 raise
         names = results[0][0]
-        response = {name: np.array([own[name] for own, _ in results]) for name in names}
+        response = {name: np.array([row[name] for row, _ in results]) for name in names}
         derivatives: Derivatives = {}
         for i, (_, slopes) in enumerate(results):
             for variable, by_parameter in slopes.items():
@@ -178,15 +180,11 @@ class FunctionModel:
         return response, slopes
 
 
-def _shapes(arrays: Arrays) -> dict[str, tuple[int, ...]]:
-    return {name: array.shape for name, array in arrays.items()}
-
-
 def _check_shapes(
     label: str, arrays: Arrays, expected: Mapping[str, tuple[int, ...]]
 ) -> None:
-    if _shapes(arrays) != expected:
+    shapes = {name: array.shape for name, array in arrays.items()}
+    if shapes != expected:
         raise SolveError(
-            "wrong shape",
-            f"{label}: expected arrays of shape {expected}, got {_shapes(arrays)}",
+            "wrong shape", f"{label}: expected arrays of shape {expected}, got {shapes}"
         )

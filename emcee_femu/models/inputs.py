@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array, diags_array, issparse
 
 from .. import checks
-from ..interfaces import Floats, Parameters
+from ..interfaces import Derivatives, Floats, Parameters
 
 Matrix: TypeAlias = Floats | csc_array
 # Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set in a message.
@@ -105,6 +105,39 @@ def check_positive(values: Floats, names: Sequence[str], kind: str) -> None:
             f"parameters: the {kind} {names[column]!r} must be above zero, got "
             f"{values[:, column].min():g}; give its prior a lower bound"
         )
+
+
+def derive_along(
+    function: Callable[..., Mapping[str, Floats]],
+    values: Sequence[Floats],
+    tangents: Sequence[Floats],
+    steps: Floats,
+    names: Iterable[str],
+) -> Derivatives:
+    """Return derivatives of what a function returns, by central differences.
+
+    They cost calls of the function, and no solve.
+
+    Args:
+        function: From arrays to ``{variable: (n, *shape)}``.
+        values: The arrays, each ``(n, ...)``.
+        tangents: How each array changes along d directions, ``(d, n, ...)``.
+        steps: How far along each direction, ``(d, n)``.
+        names: What the directions are called.
+    """
+
+    def widen(step: Floats, value: Floats) -> Floats:
+        return step.reshape(-1, *[1] * (value.ndim - 1))
+
+    slopes: Derivatives = {}
+    for j, (name, step) in enumerate(zip(names, steps, strict=True)):
+        moves = [widen(step, v) * t[j] for v, t in zip(values, tangents, strict=True)]
+        ahead = function(*map(np.add, values, moves))
+        behind = function(*map(np.subtract, values, moves))
+        for variable, value in ahead.items():
+            slope = (value - behind[variable]) / widen(2 * step, value)
+            slopes.setdefault(variable, {})[name] = slope
+    return slopes
 
 
 def choose_dofs(
@@ -236,7 +269,8 @@ def fit_affine(
             constants[part] = constants[part] - start * slope
     keep = csc_array if issparse(_split(base)["K"]) else csc_array.toarray
     fitted = {
-        part: {name: keep(A) for name, A in own.items()} for part, own in units.items()
+        part: {name: keep(A) for name, A in by_name.items()}
+        for part, by_name in units.items()
     }
     return {part: keep(_drop(constants[part], first[part])) for part in first}, fitted
 
@@ -244,11 +278,11 @@ def fit_affine(
 def _split(export: Export) -> dict[str, Matrix]:
     """Return stiffness and mass of an export, those that there are."""
     if isinstance(export, Matrices):
-        given = export.matrices
+        matrices = export.matrices
     else:
         pair = export if isinstance(export, tuple) else (export,)
-        given = dict(zip("KM", pair, strict=False))
-    return {part: given[part] for part in "KM" if given.get(part) is not None}
+        matrices = dict(zip("KM", pair, strict=False))
+    return {part: matrices[part] for part in "KM" if matrices.get(part) is not None}
 
 
 def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_array]:
@@ -259,12 +293,12 @@ def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_a
                 f"{argument}: expected the nodes and directions of the base, in its "
                 "order; was the mesh or a support changed, or the program numbers anew?"
             )
-    given, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
-    if not given or not size:
+    matrices, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
+    if not matrices or not size:
         raise ValueError(f"{argument}: expected K, (K, M) or Matrices, got none")
     return {
         part: read_matrix(f"{argument}, {part}", matrix, size[0], sparse=True)
-        for part, matrix in given.items()
+        for part, matrix in matrices.items()
     }
 
 

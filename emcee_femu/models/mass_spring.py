@@ -87,17 +87,17 @@ class MassSpringModel:
         """
         k, m, where = self._coefficients(parameters)
         slopes = unit_slopes(self.bounds, ())
-        given = {name: slopes[name] for name in slopes if name in parameters}
-        return self._model.problem.jacobian(k, m, given, where)
+        read = {name: slopes[name] for name in slopes if name in parameters}
+        return self._model.problem.jacobian(k, m, read, where)
 
     def _coefficients(self, parameters: Parameters) -> Coefficients:
         """Return the coefficients of K and M, and what names a parameter set."""
-        given, n = checks.batch(parameters)
+        values, n = checks.batch(parameters)
         k = np.empty((n, len(self.bounds)))
         k[:] = self._defaults
         for column, name in enumerate(self.bounds):
-            if name in given:
-                k[:, column] = given[name]
+            if name in values:
+                k[:, column] = values[name]
         check_positive(k, [*self.bounds], "stiffness")
 
         def where(row: int) -> str:
@@ -135,6 +135,4 @@ def _incidence(name: str, first: int, second: int, n: int) -> Floats:
             )
     if first == second:
         raise ValueError(f"springs[{name!r}]: both ends are node {first}")
-    b = np.zeros(n + 1)
-    b[first], b[second] = 1.0, -1.0
-    return b[1:]
+    return np.eye(n + 1)[first, 1:] - np.eye(n + 1)[second, 1:]

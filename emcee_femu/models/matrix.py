@@ -9,7 +9,7 @@ from scipy.sparse import csc_array, issparse
 
 from .. import checks
 from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
-from .eigen_dense import Eigenproblem, pick_rows, unit_slopes
+from .eigen_dense import Eigenproblem, unit_slopes
 from .eigen_sparse import SparseEigenproblem, check_mass
 from .inputs import (
     Coefficients,
@@ -202,5 +202,5 @@ def _dense_problem(model: MatrixModel) -> Eigenproblem:
         np.array([model.M0, *model.M.values()]),
         np.arange(model.skip, model.skip + model.n_modes),
         model.skip,
-        pick_rows(model.shape_dofs, len(model.K0)),
+        np.eye(len(model.K0))[list(model.shape_dofs)],
     )

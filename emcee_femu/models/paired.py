@@ -1,14 +1,12 @@
 r"""A model whose modes are in the order of the measured ones.
 
 By MAC: one-to-one pairs, clusters of modes too close to tell, and all derivatives.
-Which mode is whose is fixed in derivatives, as are the order in which neighbours are
-made orthogonal and the link that is the weakest: they change in steps, where
-frequencies and shapes of a :class:`PairedModel` have steps or kinks themselves. All
-else is differentiated, the fading of the sharing too.
+Derivatives are differences along those of the modes, which cost no solve. Which mode is
+whose is fixed in them; all else is differentiated, the fading of the sharing too.
 """
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +29,7 @@ from ..interfaces import (
     read_declared,
 )
 from ..measurements import Measurements
+from .inputs import derive_along
 
 # What a model's jacobian, or its spread, is.
 Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
@@ -38,6 +37,7 @@ Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
 DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
+STEP = 1e-4  # by which derivatives move shapes, and frequencies as a share of min_gap
 
 
 class PairedModel:
@@ -123,8 +123,8 @@ class PairedModel:
         labels = [None] * len(self._shapes) if dofs is None else dofs.tolist()
         modal = modal_variables(n_modes, labels)
         by_mode = Variable(modal["frequency"].coords)
-        own = dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
-        self.variables = modal | own
+        paired = dict.fromkeys(("mac", "model_mode", "unpaired"), by_mode)
+        self.variables = modal | paired
         self.names = read_declared(model, "names")
         self.bounds = read_declared(model, "bounds")
         self.one_by_one = read_declared(model, "one_by_one")
@@ -148,40 +148,53 @@ class PairedModel:
 
     def pair(self, response: Response) -> PairedSolution:
         """Return the modes that the model inside returned, in that order."""
-        return self._pair(response, {"frequency": {}, "shapes": {}})[0]
+        modes = self.read_candidates(response)
+        return self._solution(*_pair_modes(self._shapes, *modes, self.min_gap))
 
     def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
         if differentiate is None:
             return None
-        return lambda parameters: self._pair(*differentiate(parameters))
+        return lambda parameters: self._differentiate(*differentiate(parameters))
 
-    def _pair(
+    def _differentiate(
         self, response: Response, derivatives: Derivatives
     ) -> tuple[PairedSolution, Derivatives]:
         """Return paired modes and their derivatives, of what the model returned."""
-        frequencies, shapes = self.read_candidates(response)
-        names = [*dict.fromkeys(name for own in derivatives.values() for name in own)]
-        tangents = gather_tangents("model: jacobian", response, derivatives, names)
-        missing = [name for name in ("frequency", "shapes") if name not in tangents]
+        modes = self.read_candidates(response)
+        chosen, paired = _pair_modes(self._shapes, *modes, self.min_gap)
+        names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]
+        gathered = gather_tangents("model: jacobian", response, derivatives, names)
+        missing = [name for name in ("frequency", "shapes") if name not in gathered]
         if missing:
             raise ValueError(
                 f"model: its jacobian returned no derivatives of {missing}, by which "
                 "modes are paired; return {variable: {parameter: array}}"
             )
-        d_frequencies, d_shapes = (
-            np.moveaxis(tangents[name], -1, 1) for name in ("frequency", "shapes")
+        tangents = (
+            np.moveaxis(gathered["frequency"], -1, 0)[..., : self.candidates],
+            self._at_sensors(np.moveaxis(gathered["shapes"], -1, 0)),
         )
-        d_frequencies = d_frequencies[..., : self.candidates]
-        modes = frequencies, shapes, d_frequencies, self._at_sensors(d_shapes)
-        chosen, paired, mac, d_mac = _pair_modes(
-            self._shapes, Candidates(*modes), self.min_gap
-        )
-        parts = paired.d_frequencies, paired.d_shapes, d_mac
-        slopes: Derivatives = {"model_mode": {}, "unpaired": {}}
-        for variable, part in zip(("frequency", "shapes", "mac"), parts, strict=True):
-            slopes[variable] = {name: part[:, i] for i, name in enumerate(names)}
-        pairing = Pairing(mac, chosen + 1, mac < self.min_mac)
-        return PairedSolution(paired.frequencies, paired.shapes, pairing), slopes
+
+        def pair_again(f: Floats, shapes: Floats) -> dict[str, Floats]:
+            return _pair_modes(self._shapes, f, shapes, self.min_gap, chosen)[1]
+
+        speed = (np.abs(tangents[0]) / modes[0]).max(axis=2) / (self.min_gap or 1.0)
+        size = np.abs(modes[1]).max(axis=(1, 2))
+        speed += np.abs(tangents[1]).max(axis=(2, 3)) / size
+        steps = STEP / np.where(speed > 0, speed, 1.0)
+        slopes = derive_along(pair_again, modes, tangents, steps, names)
+        exact = np.take_along_axis(tangents[0], chosen[None], axis=2)
+        slopes["frequency"] = dict(zip(names, exact, strict=True))
+        return self._solution(chosen, paired), slopes | {
+            "model_mode": {},
+            "unpaired": {},
+        }
+
+    def _solution(
+        self, chosen: NDArray[np.intp], paired: dict[str, Floats]
+    ) -> PairedSolution:
+        pairing = Pairing(paired["mac"], chosen + 1, paired["mac"] < self.min_mac)
+        return PairedSolution(paired["frequency"], paired["shapes"], pairing)
 
     def read_candidates(self, response: Response) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of a response's candidates."""
@@ -249,22 +262,6 @@ def _match_rows(
     return np.array([places[dof] for dof in sensors])
 
 
-class Candidates(NamedTuple):
-    """Modes of a model at the sensors, and their derivatives by d parameters.
-
-    Attributes:
-        frequencies: ``(n, q)``.
-        shapes: ``(n, r, q)``.
-        d_frequencies: ``(n, d, q)``.
-        d_shapes: ``(n, d, r, q)``.
-    """
-
-    frequencies: Floats
-    shapes: Floats
-    d_frequencies: Floats
-    d_shapes: Floats
-
-
 def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) -> Floats:
     """Return the rows of a model's shapes that belong to the sensors, in their order.
 
@@ -289,66 +286,64 @@ def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) ->
             )
         return shapes
     if numbers is None or numbers.max() >= n_rows:
-        given = "None" if dofs is None else str(dofs.tolist())
+        labels = "None" if dofs is None else str(dofs.tolist())
         remedy = "; give Measurements(dofs=[...])" if dofs is None else ""
         raise ValueError(
             f"dofs: expected the rows of {n_sensors} sensors among the {n_rows} of the "
-            f"model's shapes, got {given}{remedy}"
+            f"model's shapes, got {labels}{remedy}"
         )
     return shapes[..., numbers, :]
 
 
 def _pair_modes(
-    measured: Floats, modes: Candidates, min_gap: float
-) -> tuple[NDArray[np.intp], Candidates, Floats, Floats]:
+    measured: Floats,
+    frequencies: Floats,
+    shapes: Floats,
+    min_gap: float,
+    chosen: NDArray[np.intp] | None = None,
+) -> tuple[NDArray[np.intp], dict[str, Floats]]:
     """Return one of the candidates for each measured mode, one-to-one by their MAC.
 
     Args:
         measured: Unit shapes ``(r, p)``.
-        modes: The candidates.
+        frequencies: The candidates' ``(n, q)``.
+        shapes: Their shapes at the sensors ``(n, r, q)``.
         min_gap: See :class:`PairedModel`.
+        chosen: The choice, where it is made already, ``(n, p)``.
 
     Returns:
-        The number of each, 0 = the lowest, ``(n, p)``; frequencies, shapes and their
-        derivatives in that order; the MAC of every pair ``(n, p)``, and its derivatives
-        ``(n, d, p)``.
+        The number of each, 0 = the lowest, ``(n, p)``; their frequencies, shapes and
+        MAC in that order.
     """
-    unit, bends = _normalise(modes.shapes, modes.d_shapes)
-    along = measured.T @ unit  # (n, p, q)
-    mac, d_mac = along**2, 2 * along[:, None] * (measured.T @ bends)
+    norms = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
+    unit = shapes * np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+    mac = (measured.T @ unit) ** 2  # (n, p, q)
     score = mac.copy()
-    shared = np.full(modes.frequencies.shape, -1)  # numbers of those that share a space
+    shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
+    projections = np.empty((0, *measured.shape))
     with np.errstate(invalid="ignore"):  # infinite ones, which LogPosterior refuses
-        gaps = np.diff(modes.frequencies)
-        close = (gaps < min_gap * modes.frequencies[:, :-1]).any(axis=1)
-    if rows := np.flatnonzero(close).tolist():
-        coupling, fading = _couple_modes(
-            modes.frequencies[rows], modes.d_frequencies[rows], min_gap
-        )
+        close = (np.diff(frequencies) < min_gap * frequencies[:, :-1]).any(axis=1)
+    if close.any():
+        coupling = _couple_modes(frequencies[close], min_gap)
         at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
-        row = np.array(rows)[at]
+        row = np.flatnonzero(close)[at]
         shared[row, mode] = np.arange(len(row))
-        mac[row, :, mode], shapes, d_mac[row, :, :, mode], d_shapes = _share_shapes(
-            measured, (unit[row], bends[row]), (coupling[at, mode], fading[at, :, mode])
+        mac[row, :, mode], projections = _share_shapes(
+            measured, unit[row], coupling[at, mode]
         )
         score = mac + TIE_BREAK * score
-    chosen = _choose_one_to_one(score)
-    pick = chosen[:, None]  # (n, 1, p)
-    paired = Candidates(
-        np.take_along_axis(modes.frequencies, chosen, axis=1),
-        np.take_along_axis(modes.shapes, pick, axis=2),
-        np.take_along_axis(modes.d_frequencies, pick, axis=2),
-        np.take_along_axis(modes.d_shapes, pick[:, None], axis=3),
-    )
+    if chosen is None:
+        chosen = _choose_one_to_one(score)
+    paired = np.take_along_axis(shapes, chosen[:, None], axis=2)
     number = np.take_along_axis(shared, chosen, axis=1)
     row, which = np.nonzero(number >= 0)
-    if len(row):  # the projection of each measured shape on the space of its mode
-        number = number[row, which]
-        paired.shapes[row, :, which] = shapes[number, :, which]
-        paired.d_shapes[row, :, :, which] = d_shapes[number, :, :, which]
-    own = np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0]
-    d_own = np.take_along_axis(d_mac, pick[..., None], axis=3)[..., 0]
-    return chosen, paired, own, d_own
+    # Of those that share one, the projection of the measured shape on their space.
+    paired[row, :, which] = projections[number[row, which], :, which]
+    return chosen, {
+        "frequency": np.take_along_axis(frequencies, chosen, axis=1),
+        "shapes": paired,
+        "mac": np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0],
+    }
 
 
 def _choose_one_to_one(score: Floats) -> NDArray[np.intp]:
@@ -362,54 +357,27 @@ def _choose_one_to_one(score: Floats) -> NDArray[np.intp]:
     return best
 
 
-def _normalise(shapes: Floats, slopes: Floats) -> tuple[Floats, Floats]:
-    """Return unit shapes ``(n, r, q)`` and their derivatives ``(n, d, r, q)``."""
-    norms = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
-    inverse = np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
-    unit = (shapes * inverse)[:, None]
-    bends = slopes * inverse[:, None]
-    return unit[:, 0], bends - unit * (unit * bends).sum(axis=2, keepdims=True)
-
-
-def _couple_modes(
-    frequencies: Floats, slopes: Floats, min_gap: float
-) -> tuple[Floats, Floats]:
-    """Return how far each mode shares its space with each other, and derivatives.
+def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:
+    """Return how far each mode ``(n, q)`` shares its space with each other.
 
     1 for neighbours nearer than half of ``min_gap``, 0 beyond it, a smooth passage
     between; along a row of close neighbours the weakest link counts.
-
-    Args:
-        frequencies: ``(n, q)``.
-        slopes: Their derivatives ``(n, d, q)``.
-        min_gap: See :class:`PairedModel`.
-
-    Returns:
-        ``(n, q, q)`` and ``(n, d, q, q)``.
     """
-    n, d, q = slopes.shape
-    below = min_gap * frequencies[:, :-1]
+    n, q = frequencies.shape
     with np.errstate(invalid="ignore"):
-        gaps = np.diff(frequencies) / below
-        d_gaps = np.diff(slopes) - (gaps * min_gap)[:, None] * slopes[:, :, :-1]
-        d_gaps = d_gaps / below[:, None]
+        gaps = np.diff(frequencies) / (min_gap * frequencies[:, :-1])
     x = np.clip(2.0 * np.nan_to_num(gaps, nan=np.inf) - 1.0, 0.0, 1.0)
     links = 1.0 - x * x * (3.0 - 2.0 * x)  # (n, q - 1)
-    d_links = (-12.0 * x * (1.0 - x))[:, None] * d_gaps
-    link, mode = np.arange(q - 1), np.arange(q)
-    low, high = (each.outer(mode, mode) for each in (np.minimum, np.maximum))
-    between = (link >= low[:, :, None]) & (link < high[:, :, None])
-    weakest = np.where(between, links[:, None, None], np.inf).argmin(axis=3)
-    weakest = weakest.reshape(n, 1, q * q)
-    coupling = np.take_along_axis(links, weakest[:, 0], axis=1).reshape(n, q, q)
-    fading = np.take_along_axis(d_links, weakest, axis=2).reshape(n, d, q, q)
-    coupling[:, mode, mode], fading[:, :, mode, mode] = 1.0, 0.0
-    return coupling, fading
+    coupling = np.ones((n, q, q))
+    for mode in range(q - 1):
+        weakest = np.minimum.accumulate(links[:, mode:], axis=1)
+        coupling[:, mode, mode + 1 :] = coupling[:, mode + 1 :, mode] = weakest
+    return coupling
 
 
 def _share_shapes(
-    measured: Floats, modes: tuple[Floats, Floats], coupling: tuple[Floats, Floats]
-) -> tuple[Floats, Floats, Floats, Floats]:
+    measured: Floats, unit: Floats, weights: Floats
+) -> tuple[Floats, Floats]:
     r"""Return MAC and shape of coupled modes, widened by those they are coupled to.
 
     .. math:: v = \sum_k c_k q_k q_k^T \phi^m, \qquad
@@ -421,49 +389,28 @@ def _share_shapes(
 
     Args:
         measured: Unit shapes ``(r, p)``.
-        modes: Unit shapes of all modes, of m rows, ``(m, r, q)``, and their derivatives
-            ``(m, d, r, q)``.
-        coupling: Of one mode of each row with all, ``(m, q)``, and its derivatives
-            ``(m, d, q)``.
+        unit: Unit shapes of all modes, of m rows, ``(m, r, q)``.
+        weights: The coupling of one mode of each row with all, ``(m, q)``.
 
     Returns:
-        MAC ``(m, p)``, shapes ``(m, r, p)``, and derivatives of both.
+        MAC ``(m, p)``, and shapes ``(m, r, p)``.
     """
-    (unit, bends), (weights, fading) = modes, coupling
-    (m, d, r, _), p, row = bends.shape, measured.shape[1], np.arange(len(unit))
+    row = np.arange(len(unit))
     order = np.argsort(-weights, axis=1, kind="stable")  # itself first
     most = int((weights > 0).sum(axis=1).max(initial=0))
-    known: list[tuple[Floats, Floats]] = []  # orthonormal shapes, their derivatives
-    first, second = np.zeros((2, m, 1, p))
-    d_first, d_second = np.zeros((2, m, d, p))
-    shapes, d_shapes = np.zeros((m, r, p)), np.zeros((m, d, r, p))
+    axes: list[Floats] = []  # orthonormal shapes
+    first, second = np.zeros((2, len(unit), measured.shape[1]))
+    shapes = np.zeros((len(unit), *measured.shape))
     for place in order.T[:most]:
-        q, dq = unit[row, :, place][:, None], bends[row, :, :, place]
-        for base, slope in known * 2:  # Gram-Schmidt, twice for accuracy
-            dot = _dot(base, q)
-            dq = dq - slope * dot - base * (_dot(slope, q) + _dot(base, dq))
-            q = q - base * dot
-        length = np.sqrt(_dot(q, q))
-        inverse = np.divide(
-            1.0, length, out=np.zeros_like(length), where=length > DEPENDENT
-        )
-        q = q * inverse
-        dq = (dq - q * _dot(q, dq)) * inverse
-        known.append((q, dq))
-        w, dw = weights[row, place][:, None, None], fading[row, :, place][:, :, None]
-        t, dt = q @ measured, dq @ measured
-        wt, dwt = w * t, dw * t + w * dt
-        first += wt * t
-        second += wt**2
-        d_first += dw * t**2 + 2 * wt * dt
-        d_second += 2 * wt * dwt
-        shapes += q.swapaxes(1, 2) * wt
-        d_shapes += dq[..., None] * wt[:, :, None] + q[..., None] * dwt[:, :, None]
+        axis = unit[row, :, place]
+        for earlier in axes * 2:  # Gram-Schmidt, twice for accuracy
+            axis = axis - earlier * (earlier * axis).sum(axis=1, keepdims=True)
+        length = np.linalg.norm(axis, axis=1, keepdims=True)
+        axis = axis * np.where(length > DEPENDENT, 1 / np.maximum(length, DEPENDENT), 0)
+        axes.append(axis)
+        weight, t = weights[row, place][:, None], axis @ measured
+        first += weight * t**2
+        second += (weight * t) ** 2
+        shapes += axis[:, :, None] * (weight * t)[:, None]
     share = np.divide(first, second, out=np.zeros_like(first), where=second > 0)
-    d_mac = share * (2 * d_first - share * d_second)
-    return (share * first)[:, 0], shapes, d_mac, d_shapes
-
-
-def _dot(a: Floats, b: Floats) -> Floats:
-    product: Floats = (a * b).sum(axis=2, keepdims=True)
-    return product
+    return share * first, shapes

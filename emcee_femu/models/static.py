@@ -152,7 +152,6 @@ def _read_force(case: str, value: ArrayLike | Mapping[int, float], size: int) ->
     if force.shape != (size,) or not force.any():
         raise ValueError(
             f"{label}: expected forces ({size},) on the DOFs of K0, not all zero, or "
-            f"{{dof: force}}, got shape {force.shape}"
-            + ("" if force.any() else " of zeros")
+            f"{{dof: force}}, got shape {force.shape}, {np.count_nonzero(force)} not 0"
         )
     return force

@@ -10,7 +10,7 @@ the basis.
 import time
 import timeit
 import warnings
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeAlias
@@ -82,22 +82,6 @@ class ReducedModel(Report):
         full_solves: Full solves spent, the certificate included.
         speed_up: Time of the full model over that of this one, per parameter set, in
             a batch of 16; measured when the model was made.
-
-    Examples:
-        >>> import numpy as np
-        >>> from scipy.sparse import csc_array, diags_array
-        >>> import emcee_femu as ef
-        >>> n = 1000  # masses in a row; the springs of either half have one stiffness
-        >>> unit = csc_array(np.eye(n))
-        >>> B = csc_array(diags_array([np.ones(n), -np.ones(n - 1)], offsets=[0, -1]))
-        >>> halves = {"low": B[: n // 2], "high": B[n // 2 :]}
-        >>> K = {name: half.T @ half for name, half in halves.items()}
-        >>> full = ef.MatrixModel(0 * unit, unit, K, n_modes=2)
-        >>> bounds = {"low": (0.5, 2.0), "high": (0.5, 2.0)}
-        >>> small = ef.reduce_model(full, bounds, tolerance=1e-3, test_points=4)
-        >>> at = {"low": np.array([0.7]), "high": np.array([1.6])}
-        >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
-        True
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -208,12 +192,11 @@ def reduce_model(
         >>> small = ef.reduce_model(full, bounds, tolerance=1e-3, test_points=4)
         >>> small.size < 20, small.max_error < 1e-3
         (True, True)
+        >>> at = {"low": np.array([0.7]), "high": np.array([1.6])}
+        >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
+        True
     """
-    if not isinstance(model, MatrixModel):
-        raise TypeError(
-            f"model: expected a MatrixModel, got {type(model).__name__}; export its K "
-            "and M for every parameter"
-        )
+    checks.instance("model", model, MatrixModel)
     box = _read_bounds(bounds, model.names)
     tolerance = checks.real_number("tolerance", tolerance)
     if not 1e-9 <= tolerance <= 0.1:
@@ -223,7 +206,8 @@ def reduce_model(
     n_tests = checks.whole_number("test_points", test_points, 2)
     max_solves = checks.whole_number("max_solves", max_solves, n_tests + 1 + GOOD)
     rng = np.random.default_rng(checks.whole_number("seed", seed))
-    corners = _find_corners(len(box), rng)
+    corners = np.unique(rng.integers(0, 2, size=(1024, len(box))), axis=0).astype(float)
+    rng.shuffle(corners)
     certified, trained = corners[: n_tests // 2], corners[n_tests // 2 :][:CORNERS]
     near = 0.5 + INWARDS * (certified - 0.5)
     inside = qmc.Sobol(len(box), seed=rng).random(INSIDE)
@@ -234,15 +218,15 @@ def reduce_model(
         V, matrices = basis.truncate(candidates[:CHECKED], target)
         rest = rng.uniform(size=(n_tests - len(certified), len(box)))
         tests = np.concatenate([certified, rest])
-        found = [basis.compare(V, matrices, point) for point in tests]
-        errors = np.array([error for error, _, _ in found])
+        comparisons = [basis.compare(V, matrices, point) for point in tests]
+        errors = np.array([error for error, _, _ in comparisons])
         if errors.max() <= tolerance:
             break
         if len(basis.points) + n_tests >= max_solves:
             raise _not_reached(tolerance, errors.max(), len(basis.points))
         # Look closer there; certify at new points, and corners that were good.
         for i in np.flatnonzero(errors > target):
-            basis.append(*found[i][2])
+            basis.append(*comparisons[i][2])
         certified = certified[errors[: len(certified)] <= target]
         target *= 0.3
     dofs = list(model.shape_dofs)
@@ -253,14 +237,14 @@ def reduce_model(
         shape_dofs=tuple(labels),
         tolerance=tolerance,
         max_error=float(errors.max()),
-        shape_error=max(lost for _, lost, _ in found),
+        shape_error=max(lost for _, lost, _ in comparisons),
         test_points=n_tests,
         size=V.shape[1],
         full_size=len(V),
         full_solves=len(basis.points),
         speed_up=np.nan,
         _columns=(tuple(model.K), tuple(model.M)),
-        _problem=basis.reduce(matrices, V[dofs] if dofs else None),
+        _problem=basis.reduce(matrices, V[dofs]),
     )
     speed_up = _measure_speed_up(model, reduced)
     if reduced.size >= reduced.full_size or speed_up < PAYS:
@@ -355,7 +339,7 @@ class _Basis:
             self.append(*modes)
             errors.append(error)
 
-    def reduce(self, matrices: Matrices, output: Floats | None = None) -> Eigenproblem:
+    def reduce(self, matrices: Matrices, output: Floats) -> Eigenproblem:
         """Return the dense problem in a basis; ``output`` rows map to the DOFs."""
         skip, n_modes = self.model.skip, self.model.n_modes
         return Eigenproblem(*matrices, skip + np.arange(n_modes), skip, output)
@@ -368,7 +352,9 @@ class _Basis:
         coefficients = self.coefficients(points)
 
         def solve(size: int) -> Floats:
-            problem = self.reduce((K[:, :size, :size], M[:, :size, :size]))
+            problem = self.reduce(
+                (K[:, :size, :size], M[:, :size, :size]), np.empty((0, size))
+            )
             return problem.solve(*coefficients).frequencies
 
         low, high = self.model.skip + self.model.n_modes - 1, len(directions)
@@ -425,23 +411,16 @@ def _read_bounds(
     """Return the bounds in the order of ``names``; every name must have them."""
     if not names:
         raise ValueError("bounds: the model has no parameters; solve it once instead")
-    given, box = checks.by_name("bounds", bounds, names), {}
+    pairs, box = checks.by_name("bounds", bounds, names), {}
     for name in names:
-        pair = checks.real_array(f"bounds[{name!r}]", given.get(name, ()), 1)
+        pair = checks.real_array(f"bounds[{name!r}]", pairs.get(name, ()), 1)
         if len(pair) != 2 or not pair[0] < pair[1]:
             raise ValueError(
                 f"bounds[{name!r}]: expected (low, high) with low < high, got "
-                f"{given.get(name)!r}"
+                f"{pairs.get(name)!r}"
             )
         box[name] = (float(pair[0]), float(pair[1]))
     return box
-
-
-def _find_corners(d: int, rng: np.random.Generator) -> Floats:
-    """Return corners of the unit cube in random order, all of them if they are few."""
-    corners = np.unique(rng.integers(0, 2, size=(1024, d)), axis=0).astype(float)
-    rng.shuffle(corners)
-    return corners
 
 
 def _measure_speed_up(model: MatrixModel, reduced: ReducedModel) -> float:
@@ -451,11 +430,8 @@ def _measure_speed_up(model: MatrixModel, reduced: ReducedModel) -> float:
     # A sparse model solves one by one: one is enough to know the time of each.
     rows = 1 if issparse(model.K0) else BATCH
     some = {name: value[:rows] for name, value in batch.items()}
-    before, after = _time(lambda: model(some)), _time(lambda: reduced(batch))
-    return (before / rows) / (after / BATCH)
-
-
-def _time(call: Callable[[], object]) -> float:
-    """Return the median process time of a call, in s."""
-    taken = timeit.repeat(call, timer=time.process_time, number=1, repeat=5)
-    return float(np.median(taken))
+    before, after = (
+        np.median(timeit.repeat(call, timer=time.process_time, number=1, repeat=5))
+        for call in (lambda: model(some), lambda: reduced(batch))
+    )
+    return float((before / rows) / (after / BATCH))

@@ -33,12 +33,3 @@ def test_abaqus_numbers_inner_nodes_below_zero_and_in_any_order(tmp_path):
     assert rows.tolist() == [2, 0, 15]
     model = ef.MatrixModel(read.K, read.M, {}, n_modes=3)
     np.testing.assert_allclose(model({}).frequencies[0], FREQUENCIES, rtol=3e-3)
-
-
-def test_abaqus_may_export_the_stiffness_alone(tmp_path):
-    path = write_abaqus(tmp_path, K, M, DOFS)
-    path.with_name("beam_MASS1.mtx").unlink()
-    read = ef.read_matrices(path)
-    assert [*read.matrices] == ["K"]
-    with pytest.raises(AttributeError, match=r"beam_STIF1.mtx holds \['K'\], no M"):
-        read.M  # noqa: B018

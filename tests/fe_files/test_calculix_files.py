@@ -105,7 +105,6 @@ def damage(text, line, new):
 @pytest.mark.parametrize(
     ("end", "change", "message"),
     [
-        ("sti", lambda t: t[:-9], r"beam\.sti, line 45: the file ends within a line"),
         (
             "sti",
             lambda t: t[: t.rindex("16 16")],
@@ -113,15 +112,12 @@ def damage(text, line, new):
         ),
         ("dof", lambda t: t[:-5], r"beam\.sti: .*last line to be row 15, column 15"),
         ("sti", lambda t: damage(t, 7, "1 2\n"), r"beam\.sti, line 7: expected 'row"),
-        ("mas", lambda t: damage(t, 7, "2 4 nan\n"), r"beam\.mas, line 7: expected"),
-        ("sti", lambda t: damage(t, 7, "2.5 4 1.0\n"), r"beam\.sti, line 7: expected"),
         ("sti", lambda t: damage(t, 7, "0 4 1.0\n"), r"beam\.sti: .*from 1 on"),
         (
             "sti",
             lambda t: damage(t, 7, "1 1 1.0\n"),
             r"row 1, column 1 is .*twice",
         ),
-        ("sti", lambda t: damage(t, 7, "3 1 1.0\n"), r"sti: .*symmetric matrix"),
         ("sti", lambda t: damage(t, 7, "2 \0\n"), r"beam\.sti, line 7: binary bytes"),
         (
             "dof",
@@ -145,21 +141,3 @@ def test_a_node_that_became_several_is_chosen_by_row(tmp_path):
     with pytest.raises(ValueError, match=r"'15:uz' is rows \[2, 4\].*\{'15:uz': 2\}"):
         read.sensors(["27:uz", "15:uz"])
     assert read.dofs("27:uz") == 14
-
-
-@pytest.mark.parametrize("end", ["mas", "dof"])
-def test_a_missing_file_of_the_job_is_named(tmp_path, end):
-    path = write_calculix(tmp_path, *cantilever())
-    path.with_suffix(f".{end}").unlink()
-    with pytest.raises(ValueError, match=rf"beam\.sti: beam\.{end} is missing beside"):
-        ef.read_matrices(path)
-    with pytest.raises(FileNotFoundError, match="beam"):
-        ef.read_matrices(path.with_name(f"beam.{end}"))
-
-
-def test_files_of_two_models_are_not_mixed(tmp_path):
-    one = write_calculix(tmp_path, *cantilever(8), job="one")
-    two = write_calculix(tmp_path, *cantilever(9), job="two")
-    files = {"K": one, "M": two.with_suffix(".mas")}
-    with pytest.raises(ValueError, match=r"two\.mas: 2 DOFs, 29:uz the first, which K"):
-        ef.read_matrices(files)

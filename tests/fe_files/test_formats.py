@@ -116,41 +116,6 @@ def test_an_entry_that_is_no_number_is_refused(tmp_path, program, wrong):
         ef.read_matrices(given)
 
 
-@pytest.mark.parametrize("program", WRITERS)
-def test_an_unsymmetric_matrix_is_refused(tmp_path, program):
-    skewed = K.copy()
-    skewed[0, 2] *= 1.1
-    i, j, x = sparse.find(skewed)
-    path = tmp_path / "beam_STIF1.mtx"
-    if program == "SciPy":
-        path = tmp_path / "K.npz"
-        sparse.save_npz(path, sparse.csr_array(skewed))
-    elif program.startswith("Matrix Market"):
-        mmwrite(path, sparse.coo_array(skewed), symmetry="general")
-    elif program.startswith("Nastran OP4"):
-        write_op4(path, program.split()[-1], K=skewed)
-    elif program == "Nastran DMIG":
-        lines = [f"DMIG    K       {0:8d}{1:8d}{2:8d}\n"]
-        for a, b, value in zip(i, j, x, strict=True):
-            (p, c), (q, d) = DOFS[a], DOFS[b]
-            lines.append(f"DMIG,K,{q},{d},,{p},{c},{value:.9E}\n")
-        path.write_text("".join(lines))
-    else:
-        (p, c), (q, d) = DOFS[i].T, DOFS[j].T
-        columns = (i + 1, j + 1, x)
-        if program in ("Abaqus", "Abaqus, labels"):
-            columns = (p, c, q, d, x)
-        separator = "," if program == "Abaqus" else " "
-        lines = [separator.join(map(repr, row)) for row in np.array(columns).T.tolist()]
-        path.write_text("".join(line + "\n" for line in lines).replace(".0,", ","))
-        if separator == " ":
-            cells = [line.split() for line in lines]
-            text = [[*(str(int(float(n))) for n in row[:-1]), row[-1]] for row in cells]
-            path.write_text("".join(" ".join(row) + "\n" for row in text))
-    with pytest.raises(ValueError, match=rf"{path}.*symmetric"):
-        ef.read_matrices({"K": path})
-
-
 @pytest.mark.parametrize(
     "content",
     [

@@ -66,29 +66,3 @@ def test_the_posterior_of_a_spring_is_its_formula():
     rows, gradient = posterior.gradient(k[:, None])
     assert_allclose(rows[:, 0], exact, rtol=1e-12)
     assert_allclose(gradient[:, 0], (2 / k - 1.0) / 0.05**2 * 2 / k**2, rtol=1e-9)
-
-
-def test_labels_are_held_against_those_of_the_model():
-    with pytest.raises(ValueError, match="point.*bottom"):
-        spring(sd=0.05, points=["bottom"])
-    with pytest.raises(ValueError, match="at 2 points"):
-        spring(measured=[[1.0, 2.0]], sd=0.05)
-
-
-@pytest.mark.parametrize(
-    ("priors", "options", "sd"),
-    [
-        (K, {"sd": 0.05, "cases": ["pull"], "points": ["top"]}, 0.05),
-        # A term that knows but the places takes the labels of the model.
-        (K | {"s": stats.halfnorm(scale=0.1)}, {"discrepancy": "s"}, np.nan),
-    ],
-)
-def test_tables_and_figures_take_it(priors, options, sd):
-    posterior = spring(priors, **options)
-    samplers = ef.run(posterior, ef.DEMCMove(), steps=30, ensembles=1, seed=1)
-    idata = ef.to_inference_data(samplers, posterior)
-    table = ef.predictive_table(idata, posterior)
-    assert table.column("load_case, point") == ["pull, top"]
-    assert_allclose([table.column("measured m"), table.column("sd m")], [[1], [sd]])
-    axes = ef.figures.plot_predictive(idata, posterior).axes[0]
-    assert axes.get_ylabel().endswith("(m)")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import integrate, stats
 from support.contracts import assert_term
 
@@ -78,25 +78,24 @@ def test_the_likelihood_integrates_to_one_over_the_frequencies(beta):
     assert total == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize("n", [1, 3])
-def test_the_lowest_modes_are_compared_when_the_model_returns_more(n):
-    term = ef.FrequencyTerm(MEASURED[:n], beta=BETA[:n])
-    assert term.n_modes == n
-    lowest = {"frequency": PREDICTED[:, :n]}
-    assert_array_equal(term({}, MODES), term({}, lowest))
-    density = stats.norm.logpdf(PREDICTED, MEASURED, MEASURED / np.sqrt(BETA))
-    assert_term(term, {}, MODES, density[:, :n].sum(axis=1))
-
-
-def test_arguments_are_copied_and_the_name_is_kept():
-    measured, beta = MEASURED.copy(), BETA.copy()
-    term = ef.FrequencyTerm(measured, beta=beta, name="run 2")
-    before = term({}, MODES)
-    measured += 1.0
-    beta += 1.0
-    assert_array_equal(term({}, MODES), before)
-    assert term.name == "run 2"
-    assert ef.FrequencyTerm([1.0], beta=1.0).name == "frequency"
+@pytest.mark.parametrize("kind", ["relative_sd", "covariance"])
+@pytest.mark.parametrize("discrepancy", [None, "error"])
+def test_replicates_have_the_covariance_of_all_errors(kind, discrepancy):
+    measured = np.array([3.0, 8.0, 9.0])
+    C = np.array([[0.04, 0.05, 0.01], [0.05, 0.25, 0.1], [0.01, 0.1, 0.36]])
+    given = {"covariance": C, "relative_sd": [0.1, 0.05, 0.02]}[kind]
+    term = ef.FrequencyTerm(measured, **{kind: given}, discrepancy=discrepancy)
+    expected = C if kind == "covariance" else np.diag((measured * given) ** 2)
+    n, parameters = 40_000, {"error": np.full(40_000, 0.08)}
+    if discrepancy:
+        expected = expected + np.diag((0.08 * measured) ** 2)
+    stored = {"frequency": np.tile([2.0, 7.0, 9.5, 11.0], (n, 1))}
+    drawn = term.replicate(np.random.default_rng(1), parameters, stored)["frequency"]
+    assert drawn.shape == (n, 3)
+    error = np.sqrt(np.diag(expected) / n)
+    spread = 5 * np.sqrt(2 * n) * np.outer(error, error)
+    assert (np.abs(np.cov(drawn.T) - expected) < spread).all()
+    assert (np.abs(drawn.mean(axis=0) - [2, 7, 9.5]) < 5 * error).all()
 
 
 @pytest.mark.parametrize("beta", [1e2, [1e4, 4e2, 25.0]])
@@ -118,41 +117,3 @@ def test_evidence_of_a_linear_model_is_the_closed_form_gaussian(beta, mean, sd):
     options = {"epsabs": 0, "epsrel": 1e-10, "limit": 200, "points": [0.0, 0.05, mean]}
     evidence, _ = integrate.quad(lambda x: np.exp(posterior([x])[0]), *ends, **options)
     assert evidence == pytest.approx(exact, rel=1e-9)
-
-
-def test_an_inferred_discrepancy_has_the_density_of_its_formula():
-    # Two parameters: a common factor of three frequencies, and the discrepancy.
-    measured, shape = np.array([10.0, 20.0, 33.0]), np.array([10, 20.5, 32])
-    laws = {"factor": stats.norm(1, 0.1), "sigma": stats.halfnorm(scale=0.05)}
-    posterior = ef.LogPosterior(
-        lambda p: ef.ModalSolution(p["factor"][:, None] * shape),
-        ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="sigma"),
-        ef.IndependentPrior(laws),
-    )
-    theta = posterior.start(50, 1)
-    sd = np.hypot(0.002, theta[:, 1:]) * measured
-    expected = stats.norm.logpdf(theta[:, :1] * shape, measured, sd).sum(axis=1)
-    expected += sum(
-        law.logpdf(x) for law, x in zip(laws.values(), theta.T, strict=True)
-    )
-    assert_allclose(posterior(theta)[:, 0], expected, rtol=1e-10)
-
-
-@pytest.mark.parametrize("kind", ["relative_sd", "covariance"])
-@pytest.mark.parametrize("discrepancy", [None, "error"])
-def test_replicates_have_the_covariance_of_all_errors(kind, discrepancy):
-    measured = np.array([3.0, 8.0, 9.0])
-    C = np.array([[0.04, 0.05, 0.01], [0.05, 0.25, 0.1], [0.01, 0.1, 0.36]])
-    given = {"covariance": C, "relative_sd": [0.1, 0.05, 0.02]}[kind]
-    term = ef.FrequencyTerm(measured, **{kind: given}, discrepancy=discrepancy)
-    expected = C if kind == "covariance" else np.diag((measured * given) ** 2)
-    n, parameters = 40_000, {"error": np.full(40_000, 0.08)}
-    if discrepancy:
-        expected = expected + np.diag((0.08 * measured) ** 2)
-    stored = {"frequency": np.tile([2.0, 7.0, 9.5, 11.0], (n, 1))}
-    drawn = term.replicate(np.random.default_rng(1), parameters, stored)["frequency"]
-    assert drawn.shape == (n, 3)
-    error = np.sqrt(np.diag(expected) / n)
-    spread = 5 * np.sqrt(2 * n) * np.outer(error, error)
-    assert (np.abs(np.cov(drawn.T) - expected) < spread).all()
-    assert (np.abs(drawn.mean(axis=0) - [2, 7, 9.5]) < 5 * error).all()

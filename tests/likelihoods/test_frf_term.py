@@ -40,6 +40,71 @@ def test_values_are_those_of_scipy(amplitude, discrepancy):
     np.testing.assert_allclose(found, np.sum(parts, axis=0).sum(axis=(1, 2)))
 
 
+def test_errors_that_are_given():
+    known = ef.frf.FRFTerm(MEASURED, sd=MEASURED.sd)
+    np.testing.assert_allclose(
+        known({}, RESPONSE), ef.frf.FRFTerm(MEASURED)({}, RESPONSE)
+    )
+    per_channel = ef.frf.FRFTerm(MEASURED, sd=[[0.1], [0.2]])
+    np.testing.assert_array_equal(per_channel.sd, [[0.1] * 3, [0.2] * 3])
+
+
+def chain():
+    ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
+    K = {f"k{i}": np.outer(e, e) for i, e in enumerate(ends, 1)}
+    M = np.diag([2.0, 1.5, 1.0])
+    return ef.MatrixModel(np.zeros((3, 3)), M, K, n_modes=3, shapes=True)
+
+
+GRID = np.linspace(0.8, 8.0, 24)
+PAIRS = [(0, 2), (2, 2)]
+PRIOR = ef.GaussianPrior(
+    ["k1", "k2", "k3", "zeta"],
+    [600.0, 600.0, 600.0, 0.03],
+    [120.0, 120.0, 120.0, 0.01],
+    [(200.0, 1_000.0), (200.0, 1_000.0), (200.0, 1_000.0), (0.002, 0.08)],
+)
+MODEL = ef.frf.FRFModel(chain(), GRID, PAIRS, damping="zeta")
+SD = 0.002  # m/N, of each part; peaks are ten times that
+
+
+def simulated(rng, stated=1.0):
+    """Return the posterior of a simulated data set, and the truth ``(1, 4)``."""
+    truth = PRIOR.sample(rng, 1)
+    true = MODEL(dict(zip(PRIOR.names, truth.T, strict=True)))["receptance"][0]
+    noisy = true + SD * rng.standard_normal(true.shape)
+    measured = ef.frf.FRFMeasurements(
+        GRID, noisy[..., 0] + 1j * noisy[..., 1], PAIRS, kind="receptance"
+    )
+    term = ef.frf.FRFTerm(measured, sd=stated * SD)
+    return ef.LogPosterior(MODEL, term, PRIOR), truth
+
+
+LEVEL = 0.001 / 5
+
+
+@pytest.mark.slow
+def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
+    shorten_search(monkeypatch)
+    assert p_values(auto_ranks(simulated, 48, seed=31)).min() > LEVEL
+
+
+@pytest.mark.slow
+def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
+    shorten_search(monkeypatch)
+    found = auto_ranks(lambda rng: simulated(rng, 0.5), 12, seed=32)
+    assert p_values(found).min() < LEVEL
+
+
+def test_magnitudes_are_no_complex_values():
+    sizes = ef.frf.FRFMeasurements(LINES, np.abs(VALUES), CHANNELS, kind="receptance")
+    with pytest.raises(ValueError, match="measured: expected complex values"):
+        ef.frf.FRFTerm(sizes, sd=0.1)
+    both = [ef.frf.FRFTerm(own, sd=0.1, amplitude=True) for own in (sizes, MEASURED)]
+    values = [term({}, RESPONSE) for term in both]
+    np.testing.assert_allclose(*values)
+
+
 @pytest.mark.parametrize("amplitude", [True, False])
 def test_the_gradient_and_its_scores(amplitude):
     """Of H = H0 + theta dH and sigma; information by expected second derivatives."""
@@ -80,78 +145,3 @@ def test_the_gradient_and_its_scores(amplitude):
     np.testing.assert_allclose(
         (scores[:, :, 1] ** 2).sum(axis=1), 2 * (d_s**2).sum(axis=1), rtol=1e-5
     )
-
-
-def test_errors_that_are_given():
-    known = ef.frf.FRFTerm(MEASURED, sd=MEASURED.sd)
-    np.testing.assert_allclose(
-        known({}, RESPONSE), ef.frf.FRFTerm(MEASURED)({}, RESPONSE)
-    )
-    per_channel = ef.frf.FRFTerm(MEASURED, sd=[[0.1], [0.2]])
-    np.testing.assert_array_equal(per_channel.sd, [[0.1] * 3, [0.2] * 3])
-
-
-def chain():
-    ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
-    K = {f"k{i}": np.outer(e, e) for i, e in enumerate(ends, 1)}
-    M = np.diag([2.0, 1.5, 1.0])
-    return ef.MatrixModel(np.zeros((3, 3)), M, K, n_modes=3, shapes=True)
-
-
-GRID = np.linspace(0.8, 8.0, 60)
-PAIRS = [(0, 2), (2, 2)]
-PRIOR = ef.GaussianPrior(
-    ["k1", "k2", "k3", "zeta"],
-    [600.0, 600.0, 600.0, 0.03],
-    [120.0, 120.0, 120.0, 0.01],
-    [(200.0, 1_000.0), (200.0, 1_000.0), (200.0, 1_000.0), (0.002, 0.08)],
-)
-MODEL = ef.frf.FRFModel(chain(), GRID, PAIRS, damping="zeta")
-SD = 0.002  # m/N, of each part; peaks are ten times that
-
-
-def simulated(rng, stated=1.0):
-    """Return the posterior of a simulated data set, and the truth ``(1, 4)``."""
-    truth = PRIOR.sample(rng, 1)
-    true = MODEL(dict(zip(PRIOR.names, truth.T, strict=True)))["receptance"][0]
-    noisy = true + SD * rng.standard_normal(true.shape)
-    measured = ef.frf.FRFMeasurements(
-        GRID, noisy[..., 0] + 1j * noisy[..., 1], PAIRS, kind="receptance"
-    )
-    term = ef.frf.FRFTerm(measured, sd=stated * SD)
-    return ef.LogPosterior(MODEL, term, PRIOR), truth
-
-
-LEVEL = 0.001 / 5
-
-
-@pytest.mark.slow
-def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
-    shorten_search(monkeypatch)
-    assert p_values(auto_ranks(simulated, 120, seed=31)).min() > LEVEL
-
-
-@pytest.mark.slow
-def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
-    shorten_search(monkeypatch)
-    found = auto_ranks(lambda rng: simulated(rng, 0.5), 60, seed=32)
-    assert p_values(found).min() < LEVEL
-
-
-def test_another_kind_or_unit_is_refused_by_name():
-    values = np.ones((2, 60)) + 1j
-    other = ef.frf.FRFMeasurements(GRID, values, PAIRS, kind="accelerance")
-    with pytest.raises(ValueError, match=r"reads 'accelerance', which the model does"):
-        ef.LogPosterior(MODEL, ef.frf.FRFTerm(other, sd=1.0), PRIOR)
-    gauges = ef.frf.FRFMeasurements(GRID, values, PAIRS, kind="receptance", unit="mm/N")
-    with pytest.raises(ValueError, match=r"in mm/N, but the model returns it in m/N"):
-        ef.LogPosterior(MODEL, ef.frf.FRFTerm(gauges, sd=1.0), PRIOR)
-
-
-def test_magnitudes_are_no_complex_values():
-    sizes = ef.frf.FRFMeasurements(LINES, np.abs(VALUES), CHANNELS, kind="receptance")
-    with pytest.raises(ValueError, match="measured: expected complex values"):
-        ef.frf.FRFTerm(sizes, sd=0.1)
-    both = [ef.frf.FRFTerm(own, sd=0.1, amplitude=True) for own in (sizes, MEASURED)]
-    values = [term({}, RESPONSE) for term in both]
-    np.testing.assert_allclose(*values)

@@ -88,13 +88,6 @@ def test_the_noise_of_unit_shapes_has_the_deviation_delta():
     assert abs(best / delta - 1) < 4 / np.sqrt(2 * 400 * (n_sensors - 1)) + 0.005
 
 
-@pytest.mark.parametrize("options", [{"delta": 0.05}, {"sd": 0.05}])
-def test_scale_and_sign_of_the_models_shapes_do_not_matter(options):
-    term = ef.ShapeTerm(MEASURED, **options)
-    scaled = {"shapes": SHAPES * [-3.0, 1e-6, 1e6]}
-    assert_allclose(term({}, scaled), term({}, MODES), rtol=1e-9)
-
-
 def test_close_to_one_a_mac_keeps_its_digits():
     nudge = np.zeros((7, 1))
     nudge[2] = 1e-9
@@ -109,49 +102,3 @@ def test_a_shape_with_no_motion_at_the_sensors_has_mac_zero():
     still = {"shapes": np.zeros((1, 7, 1))}
     value = ef.ShapeTerm(MEASURED[:, :1], delta=0.1)({}, still)[0]
     assert_allclose(value, -1 / 0.02 - 3 * np.log(2 * np.pi * 0.01))
-
-
-def test_the_posterior_of_two_parameters_is_its_formula():
-    # A shape (1, a, a^2) measured with an inferred delta, whose prior is half-normal.
-    measured = np.array([[1.0], [0.5], [0.35]])  # no value of a fits exactly
-
-    def model(p):
-        a = p["a"]
-        shapes = np.column_stack([np.ones_like(a), a, a**2])[..., None]
-        return ef.ModalSolution(np.ones((len(a), 1)), shapes)
-
-    laws = {"a": stats.uniform(0.2, 0.6), "delta": stats.halfnorm(scale=0.1)}
-    term = ef.ShapeTerm(measured, discrepancy="delta")
-    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(laws))
-    theta = posterior.start(50, 1)
-    a, delta = theta.T
-    shapes = np.stack([np.ones(50), a, a**2], axis=1)[..., None]
-    expected = -(1 - mac(measured, shapes)[:, 0]) / (2 * delta**2)
-    expected -= np.log(2 * np.pi * delta**2) + delta**2 / (2 * 0.1**2)
-    assert_allclose(np.ptp(posterior(theta)[:, 0] - expected), 0, atol=1e-9)
-
-
-def test_measurements_give_shapes_sensors_and_deviations():
-    sd = np.full((2, 1), 0.1)
-    test = ef.Measurements([5.0], shapes=[[1.0], [2.0]], shape_sd=sd, dofs=[3, 0])
-    term = ef.ShapeTerm(test)
-    assert_array_equal(term.sd, sd)
-    assert term.n_modes == 1
-    shapes = RNG.normal(size=(4, 5, 2))
-    at_rows = term({}, {"shapes": shapes[:, [3, 0]]})
-    assert_allclose(term({}, {"shapes": shapes}), at_rows, rtol=1e-12)
-    assert ef.ShapeTerm(test, delta=0.1).sd is None
-
-
-def test_paired_with_a_turned_cluster_the_shape_term_sees_no_turning():
-    basis = np.linalg.qr(RNG.normal(size=(7, 4)))[0]
-    test = ef.Measurements([1.0, 2.0, 2.1], shapes=basis[:, :3])
-    values = []
-    for angle in (0.0, 0.7):
-        c, s = np.cos(angle), np.sin(angle)
-        shapes = basis.copy()
-        shapes[:, 1:3] = basis[:, 1:3] @ [[c, -s], [s, c]]
-        solution = ef.ModalSolution(np.array([[1.0, 2.0, 2.01, 4.0]]), shapes[None])
-        paired = ef.PairedModel(lambda p, m=solution: m, test, candidates=4)
-        values.append(ef.ShapeTerm(test, delta=0.05)({}, paired({}))[0])
-    assert_allclose(values[1], values[0], rtol=1e-10)

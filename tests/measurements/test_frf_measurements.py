@@ -83,17 +83,3 @@ def test_universal_files(tmp_path, signs):
     np.testing.assert_allclose(found.values, H, rtol=1e-4)
     np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
     assert ef.frf.FRFMeasurements.from_uff(path).coherence is None
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"func_type": 1}, "expected data sets 58 of type 4 .FRF.*of types .1."),
-        ({"func_type": 4, "rsp_node": 4, "rsp_dir": 1}, "4:x/7:z appears twice"),
-        ({"ordinate_spec_data_type": 9}, "got type 9 over 13"),
-    ],
-)
-def test_other_universal_files_are_refused(tmp_path, changes, message):
-    path = write(tmp_path / "frf.uff", **changes)
-    with pytest.raises(ValueError, match=message):
-        ef.frf.FRFMeasurements.from_uff(path)

@@ -1,4 +1,3 @@
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -40,27 +39,6 @@ def test_normal_modes_among_other_data_sets(pyuff, write):
     np.testing.assert_allclose(m.shapes, ROWS, rtol=1e-5)
     np.testing.assert_array_equal(m.phase_collinearity, 1)
     assert m.sd is None
-
-
-def test_the_caller_chooses_sensors_and_their_order(pyuff, write):
-    path = write(*(a_mode(pyuff, i) for i in (2, 3, 1)))  # put in ascending order
-    m = Measurements.from_uff(path, sensors=["7:y", "4:x", "4:z"])
-    np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)
-    assert m.sensors == ("7:y", "4:x", "4:z")
-    np.testing.assert_allclose(m.shapes, [Y[2], X[0], Z[0]], rtol=1e-5)
-
-
-def test_no_sensor_is_left_out_that_moves_in_one_mode(pyuff, write):
-    lively = a_mode(pyuff, 2, r3=np.array([0.0, 1e-3, 0.0]))
-    path = write(a_mode(pyuff, 1), lively)
-    with pytest.warns(UserWarning, match=r"\['4:z', '7:z'\]"):
-        m = Measurements.from_uff(path)
-    assert m.sensors == ("4:x", "4:y", "12:x", "12:y", "12:z", "7:x", "7:y")
-    turning = dict(zip(("r4", "r5", "r6"), (X[:, 0], Y[:, 0], X[:, 1]), strict=True))
-    path = write(a_mode(pyuff, 1, r3=np.ones(3), **turning))
-    m = Measurements.from_uff(path)  # and no warning
-    assert m.sensors[:6] == ("4:x", "4:y", "4:z", "4:rx", "4:ry", "4:rz")
-    np.testing.assert_allclose(m.shapes[6:12, 0], [0.7, 0.1, 1, 0.7, 0.1, -0.2])
 
 
 @pytest.mark.parametrize("kind", [2, 3, 7])
@@ -115,12 +93,6 @@ def test_a_damaged_universal_file_is_refused(pyuff, write):
         Measurements.from_uff(path)
 
 
-def test_without_pyuff_the_message_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "pyuff", None)
-    with pytest.raises(ImportError, match=r'pip install "emcee_femu\[uff\]"'):
-        Measurements.from_uff(tmp_path / "test.uff")
-
-
 # pyOMA2; its real results are tested by the example
 
 
@@ -152,12 +124,6 @@ def test_the_modes_of_pyoma2_are_put_in_ascending_order():
     )
     for field in ("frequencies", "sd", "shapes", "shape_sd"):
         np.testing.assert_array_equal(getattr(m, field), getattr(n, field))
-
-
-def test_a_result_without_uncertainties_has_no_sd():
-    assert Measurements.from_pyoma2(a_result(Fn_std=None)).sd is None
-    bare = SimpleNamespace(Fn=np.array(F), Phi=X)  # FDD: attributes that are missing
-    assert Measurements.from_pyoma2(bare).sd is None
 
 
 def test_a_result_of_pyoma2_that_is_not_complete_is_refused():

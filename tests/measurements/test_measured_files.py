@@ -116,31 +116,16 @@ def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
     assert_same_bits(changed, plain)
 
 
-def test_a_low_collinearity_is_told_again_on_reading(tmp_path):
-    shapes = [[1.0, 1.0], [2.0, 1j], [-1.0, -1.0]]
-    with pytest.warns(UserWarning, match="mode 2"):
-        m = Measurements([1.0, 2.0], shapes=shapes)
-    m.to_csv(tmp_path / "modes.csv")
-    with pytest.warns(UserWarning, match="mode 2"):
-        again = Measurements.from_csv(tmp_path / "modes.csv")
-    assert_same_bits(again, m)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("quantity", "what", "line 1: expected the titles quantity,sensor,dof"),
         (",", ";", "line 1: .*separated by commas"),
         ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sd .Hz.'.* got 'sigma'"),
         ("0.01,0.02", "0.01,abc", "line 3, column 'mode 2': .*number, got 'abc'"),
         ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),
         ("floor 1,6", "floor 1,", "column 'dof': .*'floor 1' has none"),
         ("shape,floor 1", "shape,", "line 5, columns 'sensor' .*got '' and '6'"),
-        ("sd [Hz],,", "sd [Hz],a,", "line 3, columns 'sensor' .*got 'a' and ''"),
-        ("shape sd,roof", "shape sd,porch", "rows 'shape sd'.*roof.*porch"),
-        ("sd [Hz]", "frequency [Hz]", "line 3: a second row of frequencies"),
         ("frequency [Hz],,,3.13,9.83\n", "", "no row 'frequency"),
-        ("0.61,-1.0", "0.61,nan", "shapes: .*mode 2 has nan at sensor 2"),
     ],
 )
 def test_errors_name_line_and_column(old, new, message, tmp_path):
@@ -150,10 +135,3 @@ def test_errors_name_line_and_column(old, new, message, tmp_path):
         Measurements.from_csv(path)
     if "line" in message or "column" in message:
         assert str(path) in str(caught.value)
-
-
-def test_an_empty_or_missing_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="line 1: expected the titles"):
-        Measurements.from_csv(written(tmp_path, ""))
-    with pytest.raises(FileNotFoundError):
-        Measurements.from_csv(tmp_path / "nothing.csv")

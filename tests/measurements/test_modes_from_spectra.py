@@ -1,7 +1,6 @@
 """Draws of modes near several peaks become one record of measurements."""
 
 import numpy as np
-import pytest
 import xarray as xr
 from support.ambient import draw_spectra, widely
 from support.repeated import wrap
@@ -46,13 +45,6 @@ def test_modes_of_all_bands_ascend_with_their_covariance():
     assert found.sensors == ("a", "b") and found.dofs.tolist() == [4, 2]
 
 
-def test_modes_that_are_alone_have_deviations_without_a_covariance():
-    found = ef.spectra.modes_from_spectra({"one": drawn([2.0], ["a"])[0]})
-    assert found.covariance is None and found.shape_sd is None
-    assert found.sd[0] == pytest.approx(0.01, rel=0.1)
-    assert "damping %" in str(found)
-
-
 def test_a_run_enters_an_update(tmp_path):
     """From spectra to modes to the likelihood of a frequency, and through a file."""
     lines = np.arange(80, 121) / 100
@@ -72,16 +64,3 @@ def test_a_run_enters_an_update(tmp_path):
     again = ef.Measurements.from_csv(tmp_path / "modes.csv")
     np.testing.assert_array_equal(again.damping, found.damping)
     np.testing.assert_array_equal(again.damping_sd, found.damping_sd)
-
-
-def test_mistakes_are_named():
-    idata, _ = drawn([1.0])
-    with pytest.raises(TypeError, match="expected {label: idata}, .*(Inf|DataT)"):
-        ef.spectra.modes_from_spectra(idata)
-    with pytest.raises(TypeError, match="posteriors: expected {label: idata}"):
-        ef.spectra.modes_from_spectra({})
-    with pytest.raises(TypeError, match="posteriors: 'a' has no draws of frequency"):
-        ef.spectra.modes_from_spectra({"a": None})
-    other, _ = drawn([2.0], ["a", "c"])
-    with pytest.raises(ValueError, match="posteriors: 'two' has the sensors"):
-        ef.spectra.modes_from_spectra({"one": idata, "two": other})

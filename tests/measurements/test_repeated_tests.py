@@ -14,23 +14,6 @@ def campaign(n):
     return RNG.multivariate_normal(F, COVARIANCE, n)
 
 
-def test_mean_and_sample_covariance_are_those_of_the_definition():
-    f = campaign(7)
-    m = Measurements.from_repeats(f)
-    np.testing.assert_allclose(m.frequencies, f.sum(axis=0) / 7, rtol=1e-14)
-    deviations = f - m.frequencies
-    expected = np.einsum("ti,tj->ij", deviations, deviations) / 6
-    np.testing.assert_allclose(m.covariance, expected, rtol=1e-12)
-    assert m.sd is None
-
-
-def test_without_correlation_two_tests_are_enough():
-    f = campaign(2)
-    m = Measurements.from_repeats(f, correlated=False)
-    np.testing.assert_allclose(m.sd, np.abs(f[0] - f[1]) / np.sqrt(2), rtol=1e-12)
-    assert m.covariance is None
-
-
 @pytest.mark.parametrize("n_tests", [5, 80])
 def test_more_repeats_do_not_narrow_the_covariance(n_tests):
     # The mean over many campaigns is the covariance of one test, whatever their size.
@@ -81,26 +64,6 @@ def test_scatter_of_unit_shapes_is_the_sensor_noise_across_the_shape(kind):
     np.testing.assert_allclose(m.shapes * signs, UNIT, rtol=0, atol=0.002)
 
 
-def test_the_real_part_is_taken_at_the_phase_of_the_mean():
-    # The first sensor lags by 0.6 rad, so that no sensor's phase is that of the shape,
-    # and the noise is almost all across it: the wrong phase would let it in.
-    shape = UNIT[:, 0] * np.exp(1j * np.array([0.6, 0.0, -0.1, 0.0]))
-    noise = (0.001 + 0.02j) * RNG.standard_normal((200, 4))
-    turn = np.exp(2j * np.pi * RNG.random((200, 1)))
-    shapes = ((shape + noise) * turn)[:, :, None]
-    m = Measurements.from_repeats(campaign(200)[:, :1], shapes)
-
-    unit = shapes[:, :, 0] / np.linalg.norm(shapes[:, :, 0], axis=1)[:, None]
-    reference = np.linalg.eigh(unit.T @ unit.conj())[1][:, -1]
-    aligned = unit * np.exp(-1j * np.angle(unit @ reference.conj()))[:, None]
-    mean = aligned.mean(axis=0)
-    phases = np.exp(1j * np.linspace(0, np.pi, 20_001))
-    best = phases[((mean[:, None] * phases).real ** 2).sum(axis=0).argmax()]
-    sd = (aligned * best).real.std(axis=0, ddof=1)
-    np.testing.assert_allclose(m.shape_sd[:, 0], sd, rtol=1e-3)
-    np.testing.assert_allclose(np.abs(m.shapes[:, 0]), np.abs((mean * best).real), 1e-3)
-
-
 GOOD = campaign(5)
 REPEATS = SHAPES + 0.01 * RNG.standard_normal((5, 4, 3))
 SWAPPED = REPEATS.copy()
@@ -119,3 +82,33 @@ SWAPPED[3] = SWAPPED[3][:, [0, 2, 1]]
 def test_from_repeats_refuses(frequencies, shapes, options, message):
     with pytest.raises(ValueError, match=message):
         Measurements.from_repeats(frequencies, shapes, **options)
+
+
+def test_mean_and_sample_covariance_are_those_of_the_definition():
+    f = campaign(7)
+    m = Measurements.from_repeats(f)
+    np.testing.assert_allclose(m.frequencies, f.sum(axis=0) / 7, rtol=1e-14)
+    deviations = f - m.frequencies
+    expected = np.einsum("ti,tj->ij", deviations, deviations) / 6
+    np.testing.assert_allclose(m.covariance, expected, rtol=1e-12)
+    assert m.sd is None
+
+
+def test_the_real_part_is_taken_at_the_phase_of_the_mean():
+    # The first sensor lags by 0.6 rad, so that no sensor's phase is that of the shape,
+    # and the noise is almost all across it: the wrong phase would let it in.
+    shape = UNIT[:, 0] * np.exp(1j * np.array([0.6, 0.0, -0.1, 0.0]))
+    noise = (0.001 + 0.02j) * RNG.standard_normal((200, 4))
+    turn = np.exp(2j * np.pi * RNG.random((200, 1)))
+    shapes = ((shape + noise) * turn)[:, :, None]
+    m = Measurements.from_repeats(campaign(200)[:, :1], shapes)
+
+    unit = shapes[:, :, 0] / np.linalg.norm(shapes[:, :, 0], axis=1)[:, None]
+    reference = np.linalg.eigh(unit.T @ unit.conj())[1][:, -1]
+    aligned = unit * np.exp(-1j * np.angle(unit @ reference.conj()))[:, None]
+    mean = aligned.mean(axis=0)
+    phases = np.exp(1j * np.linspace(0, np.pi, 20_001))
+    best = phases[((mean[:, None] * phases).real ** 2).sum(axis=0).argmax()]
+    sd = (aligned * best).real.std(axis=0, ddof=1)
+    np.testing.assert_allclose(m.shape_sd[:, 0], sd, rtol=1e-3)
+    np.testing.assert_allclose(np.abs(m.shapes[:, 0]), np.abs((mean * best).real), 1e-3)

@@ -38,15 +38,6 @@ def test_a_channel_that_lags_has_its_phase():
     assert spectra.psd[at, 0] * 0.1 == pytest.approx(0.5)
 
 
-def test_averages_are_the_mean_of_the_segments():
-    four = ef.spectra.Spectra.from_record(RECORD, 50.0, (2.0, 3.0), averages=4)
-    own = [
-        ef.spectra.Spectra.from_record(part, 50.0, (2.0, 3.0)).matrices
-        for part in np.split(RECORD, 4)
-    ]
-    np.testing.assert_allclose(four.matrices, np.mean(own, axis=0), atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -59,9 +50,3 @@ def test_records_that_tell_nothing_are_refused(wrong, message):
     given = {"record": RECORD, "rate": 50.0, "band": (2.0, 3.0)} | wrong
     with pytest.raises(ValueError, match=message):
         ef.spectra.Spectra.from_record(**given)
-
-
-@pytest.mark.parametrize("wrong", [EYE + [[0.0, 0.1], [0.0, 0.0]], -EYE])
-def test_matrices_are_hermitian_and_positive(wrong):
-    with pytest.raises(ValueError, match="expected Hermitian .*diagonal above zero"):
-        ef.spectra.Spectra(LINES, wrong, averages=3)

@@ -182,30 +182,3 @@ def test_named_properties_equal_numbers(named):
         numbers = solve(h_frame(base=H | {key: factor * H[key] for key in named}))
         batch = model(values).frequencies
         np.testing.assert_allclose(batch[row], numbers, rtol=1e-9)
-
-
-def test_frequencies_scale_with_the_root_of_stiffness_over_density():
-    stiffness, density = h_values(["E", "GJ"], [1, 2, 2]), h_values(["rho"], [1, 1, 4])
-    f = h_frame(["E", "GJ", "rho"])(stiffness | density).frequencies
-    np.testing.assert_allclose(f[1:], f[0] * np.sqrt([[2.0], [0.5]]), rtol=1e-9)
-
-
-def test_modes_pick_from_the_lowest():
-    picked = solve(h_frame(n_modes=None, modes=(1, 2, 4, 5, 7)))
-    lowest = solve(h_frame(n_modes=7))
-    np.testing.assert_allclose(picked, lowest[[0, 1, 3, 4, 6]], rtol=1e-12)
-
-
-def test_sensors_are_matched_to_the_DOFs_of_the_same_name():
-    # Fault 13: in any order of sensors and of the model's shapes.
-    dofs, truth = ["12:uz", "0:uy", "8:uz", "3:uy", "10:uz"], h_values(["E"])
-    modes = h_frame(["E"], shapes=dofs, n_modes=5)(truth)
-    for order in ([0, 1, 2, 3, 4], [3, 0, 4, 2, 1]):
-        shapes, labels = modes.shapes[0][order], [dofs[i] for i in order]
-        test = ef.Measurements(modes.frequencies[0], shapes=shapes, dofs=labels)
-        for own in (True, dofs, sorted(dofs)):
-            model = ef.PairedModel(h_frame(["E"], shapes=own), test, candidates=8)
-            np.testing.assert_allclose(model(truth).mac, 1.0, rtol=1e-9)
-    test = ef.Measurements(modes.frequencies[0], shapes=modes.shapes[0], dofs=range(5))
-    with pytest.raises(ValueError, match="sensors at .0, 1, 2, 3, 4., but the model"):
-        ef.PairedModel(h_frame(["E"], shapes=dofs), test, candidates=8)

@@ -8,7 +8,7 @@ from support.contracts import assert_model
 from support.derivatives import assert_jacobian
 
 import emcee_femu as ef
-from emcee_femu import FunctionModel, ModalSolution, Variable
+from emcee_femu import FunctionModel, ModalSolution
 
 PARAMETERS = {"k": np.array([40.0, 90.0, 10.0]), "m": np.array([0.1, 0.4, 2.5])}
 OMEGA = np.array([20.0, 15.0, 2.0])  # sqrt(k / m)
@@ -54,14 +54,6 @@ def test_it_returns_what_it_declares():
     assert copy.n_modes == 2 and copy.variables == FunctionModel(solve, 2).variables
 
 
-def test_shapes_are_stacked_walker_by_walker():
-    frequencies, shapes = FunctionModel(solve)(PARAMETERS)
-    np.testing.assert_allclose(frequencies, EXPECTED, rtol=1e-15)
-    assert np.array_equal(shapes[:, 0, 0], PARAMETERS["k"])
-    assert np.array_equal(shapes[:, 1, 0], PARAMETERS["m"])
-    assert np.array_equal(shapes[:, :, 1], [[1.0, 2.0, 3.0]] * 3)
-
-
 def test_the_function_is_called_once_per_walker_with_plain_floats():
     calls = []
     FunctionModel(lambda p: calls.append(p) or [1.0])(PARAMETERS)
@@ -69,23 +61,6 @@ def test_the_function_is_called_once_per_walker_with_plain_floats():
     assert calls == [dict(zip("km", row, strict=True)) for row in rows]
     assert {type(value) for call in calls for value in call.values()} == {float}
     assert np.array_equal(FunctionModel(lambda p: [1, 2])({}).frequencies, [[1, 2]])
-
-
-def test_what_the_function_reuses_is_not_aliased():
-    buffer = np.empty(1)
-
-    def reuse(p):
-        buffer[:] = p["k"]
-        return buffer
-
-    frequencies = FunctionModel(reuse)(PARAMETERS).frequencies
-    assert np.array_equal(frequencies[:, 0], PARAMETERS["k"])
-
-
-def test_a_failed_solve_may_return_nan():
-    model = FunctionModel(lambda p: [np.nan if p["k"] > 50 else 1.0])
-    expected = [[1.0], [np.nan], [1.0]]
-    assert np.array_equal(model(PARAMETERS).frequencies, expected, equal_nan=True)
 
 
 def test_an_error_names_parameters_that_the_function_changed():
@@ -111,17 +86,3 @@ def test_derivatives_are_stacked_as_the_response_is():
 
 def square(p):
     return [p["k"] ** 2], {"frequency": {"k": [2 * p["k"]]}}
-
-
-def test_derivatives_of_other_variables():
-    tip = {"tip": Variable({}, "m"), "base": Variable({}, "m")}
-
-    def jacobian(p):  # k is left out where it changes nothing
-        slope = {"k": 2 * p["k"]} if p["k"] else {}
-        return {"tip": p["k"] ** 2, "base": 0.0}, {"tip": slope, "base": {}}
-
-    model = FunctionModel(lambda p: {}, variables=tip, jacobian=jacobian)
-    response, derivatives = model.jacobian({"k": np.array([0.0, 1.0, 3.0])})
-    assert np.array_equal(response["tip"], [0, 1, 9])
-    assert np.array_equal(derivatives["tip"]["k"], [0, 2, 6])
-    assert derivatives["base"] == {}

@@ -67,16 +67,6 @@ def test_frequencies_and_shapes_agree_with_scipy(case, shapes):
             np.testing.assert_allclose(phi * signs, exact, atol=1e-10, rtol=0)
 
 
-def test_a_mass_parameter_of_one_equals_the_constant_mass():
-    K0, M0, K, _ = matrices("constant M")
-    parameters = draw("constant M") | {"one": np.ones(4)}
-    folded = MatrixModel(K0, M0, K, n_modes=5)(parameters)
-    split = MatrixModel(K0, 0.25 * M0, K, {"one": 0.75 * M0}, n_modes=5)(parameters)
-    np.testing.assert_allclose(folded.frequencies, split.frequencies, rtol=1e-12)
-    whole = MatrixModel(K0, 0 * M0, K, {"one": M0}, n_modes=5)(parameters)
-    np.testing.assert_allclose(folded.frequencies, whole.frequencies, rtol=1e-12)
-
-
 @pytest.mark.parametrize("n", [2, 5, 30])
 @pytest.mark.parametrize("mass_varies", [False, True])
 def test_a_free_chain_skips_its_rigid_body_mode(n, mass_varies):
@@ -125,13 +115,6 @@ def test_the_model_says_what_it_reads_and_returns():
     named = MatrixModel(K0, M0, K, M, n_modes=3, shapes={"roof": 4, "base": 1})
     assert named.variables["shapes"].coords["dof"] == ("roof", "base")
     assert named.shape_dofs == (4, 1)
-
-
-def test_a_model_without_parameters_solves_once():
-    K0, M0, _, _ = matrices("constant M")
-    frequencies = MatrixModel(K0, M0, {}, n_modes=2)({}).frequencies
-    expected = np.sqrt(eigh(K0, M0, eigvals_only=True)[:2]) / (2 * np.pi)
-    np.testing.assert_allclose(frequencies, expected[None], rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", [np.asarray, sparse.csr_array])

@@ -83,26 +83,6 @@ def test_two_equal_frequencies_are_paired_however_they_are_turned(angle):
         np.testing.assert_allclose(alone.pairing.mac[0, 1], expected, rtol=1e-9)
 
 
-def test_modes_farther_apart_than_the_gap_are_no_cluster():
-    shapes = np.eye(5)
-    shapes[:2, :2] = turned(0.5)
-    model = Fixed([1.0, 1.03, 2.0, 3.0, 4.0], shapes[None])
-    test = Measurements([1.0, 1.1], shapes=np.eye(5)[:, :2])
-    single = np.cos(0.5) ** 2
-    for min_gap, expected in ((0.02, single), (0.03, single), (0.061, 1.0)):
-        macs = PairedModel(model, test, min_gap=min_gap)({}).pairing.mac
-        np.testing.assert_allclose(macs, expected, rtol=1e-12)
-
-
-def test_a_cluster_wins_by_its_span_where_none_of_its_modes_would():
-    shape = np.array([0.8, 0.8, 0.8, 0.6 * np.sqrt(3)]) / np.sqrt(3)
-    test = Measurements([1.0], shapes=shape[:, None])  # MACs 0.213 three times, 0.36
-    model = Fixed([1.0, 1.01, 1.02, 2.0], np.eye(4)[None])
-    pairing = PairedModel(model, test, candidates=4)({}).pairing
-    assert pairing.model_modes[0, 0] < 4
-    np.testing.assert_allclose(pairing.mac, 0.64, rtol=1e-12)
-
-
 def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     shapes = random_shapes(5, 9, 5)
     measured = shapes[:, 1:4] @ random_shapes(6, 3, 2)
@@ -114,28 +94,6 @@ def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     fit = shapes[:, 1:4] @ np.linalg.lstsq(shapes[:, 1:4], outside)[0]
     cosine = (fit @ outside) ** 2 / (fit @ fit) / (outside @ outside)
     np.testing.assert_allclose(macs[2], cosine, rtol=1e-10)
-
-
-def test_few_sensors_that_cannot_tell_a_cluster_apart_give_finite_numbers():
-    shapes = np.array([[[1.0, 1.0, 0.5, 0.0], [1.0, 1.0, -0.5, 0.0]]])
-    test = Measurements([1.0, 1.1], shapes=[[1.0, 1.0], [0.0, 2.0]])
-    model = Fixed([1.0, 1.001, 1.002, 5.0], shapes)
-    paired = PairedModel(model, test, candidates=4)({})
-    np.testing.assert_allclose(paired.pairing.mac, 1.0, rtol=1e-12)  # they span all
-    assert np.isfinite(paired.shapes).all()
-
-
-def test_rows_are_the_same_alone_and_in_a_batch():
-    frequencies = np.sort(np.random.default_rng(8).uniform(1, 1.3, (40, 8)), axis=1)
-    shapes = random_shapes(9, 40, 11, 8)
-    test = Measurements([1.0, 1.1, 1.2, 1.3], shapes=random_shapes(10, 11, 4))
-    whole = PairedModel(Fixed(frequencies, shapes), test)({})
-    for row in range(40):
-        one = [part[row : row + 1] for part in (frequencies, shapes)]
-        alone = PairedModel(Fixed(*one), test)({})
-        assert (alone.model_mode[0] == whole.model_mode[row]).all()
-        np.testing.assert_allclose(alone.mac[0], whole.mac[row], rtol=1e-9)
-        np.testing.assert_allclose(alone.shapes[0], whole.shapes[row], atol=1e-9)
 
 
 # --- frequencies that cross inside the bounds
@@ -196,33 +154,6 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
     stored = {"frequency": paired.frequency, "unpaired": neither.astype(float)}
     by_mode = term.pointwise({}, stored)["frequency"]
     np.testing.assert_allclose(by_mode.sum(), two)
-
-
-def test_the_models_own_statements_pass_through():
-    K, test = (
-        {"k": np.diag([1.0, 2.0, 3.0])},
-        Measurements([1.0], shapes=np.ones((3, 1))),
-    )
-    model = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, n_modes=3, shapes=True)
-    paired = PairedModel(model, test)
-    assert (paired.names, paired.bounds, paired.spread) == (("k",), None, None)
-    prior = ef.IndependentPrior({"q": stats.uniform(1, 2)})
-    with pytest.raises(ValueError, match=r"no parameter \['k'\]"):
-        ef.LogPosterior(paired, ef.FrequencyTerm(test, relative_sd=0.01), prior)
-    springs = ef.MassSpringModel([1, 1, 1], {"k": (0, 1, 1.0)}, shapes=True)
-    assert PairedModel(springs, test).bounds == {"k": (0.0, np.inf)}
-
-
-def test_mac_and_numbers_of_the_paired_modes_are_stored():
-    test = Measurements([1.0, 2.0], sd=[0.1, 0.1], shapes=[[0.0, 0.8], [0.6, 0.6]])
-    model = PairedModel(Fixed([1.0, 2.0], np.eye(2)[None]), test, candidates=2)
-    prior = ef.IndependentPrior({"q": stats.uniform(1, 2)})
-    posterior = ef.LogPosterior(model, ef.FrequencyTerm(test), prior)
-    row, where = posterior([1.5]), posterior.columns
-    np.testing.assert_array_equal(row[where["frequency"]], [2.0, 1.0])
-    np.testing.assert_allclose(row[where["mac"]], [1.0, 0.64])
-    np.testing.assert_array_equal(row[where["model_mode"]], [2, 1])
-    np.testing.assert_array_equal(row[where["unpaired"]], [0, 0])
 
 
 # --- what was wrong in 0.1.0

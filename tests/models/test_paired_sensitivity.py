@@ -4,10 +4,8 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy import stats
 from support.derivatives import assert_jacobian
 
-import emcee_femu as ef
 from emcee_femu import FunctionModel, MatrixModel, Measurements, PairedModel
 
 SIZE, SENSORS = 8, [6, 0, 3, 5, 2]
@@ -86,11 +84,6 @@ def test_modes_that_always_coincide_share_a_space_that_has_a_derivative():
     assert_jacobian(model, parameters, step=1e-3, alike=True)
 
 
-def test_no_gap_shares_nothing():
-    model = paired(oscillators(GAPS["together"], 2), min_gap=0.0)
-    assert_jacobian(model, near_one(model), step=1e-5, alike=True)
-
-
 def test_the_frequencies_of_crossed_modes_are_in_the_order_of_the_measured_ones():
     K = {"a": np.diag([1.0, 0.0]), "b": np.diag([0.0, 1.0])}
     model = MatrixModel(np.zeros((2, 2)), np.eye(2), K, n_modes=2, shapes=True)
@@ -109,23 +102,6 @@ def test_the_frequencies_of_crossed_modes_are_in_the_order_of_the_measured_ones(
         np.testing.assert_allclose(derivatives["mac"][name], 0.0, atol=1e-12)
 
 
-def test_a_posterior_of_paired_modes_has_a_gradient():
-    model = paired(oscillators(GAPS["fading"], 2))
-    terms = [
-        ef.FrequencyTerm(model.measurements, relative_sd=0.02),
-        ef.ShapeTerm(model.measurements, delta=0.1),
-    ]
-    prior = ef.IndependentPrior(dict.fromkeys(model.names, stats.norm(1.0, 0.1)))
-    posterior = ef.LogPosterior(model, terms, prior)
-    theta = np.column_stack([*near_one(model, 3).values()])
-    rows, gradient = posterior.gradient(theta)
-    np.testing.assert_allclose(rows, posterior(theta), rtol=1e-10)
-    for j, unit in enumerate(np.eye(theta.shape[1])):
-        ahead, behind = (posterior(theta + s * 1e-6 * unit)[:, 0] for s in (1, -1))
-        error = np.abs(gradient[:, j] - (ahead - behind) / 2e-6)
-        assert (error < 1e-6 * np.abs(gradient).max(axis=1)).all()
-
-
 def test_only_a_model_with_derivatives_passes_them_on():
     with_them = paired(oscillators(GAPS["apart"], 2))
     copy = pickle.loads(pickle.dumps(with_them))
@@ -133,31 +109,3 @@ def test_only_a_model_with_derivatives_passes_them_on():
     np.testing.assert_array_equal(one, other)
     function = FunctionModel(lambda p: [1.0], variables=with_them.model.variables)
     assert PairedModel(function, with_them.measurements).jacobian is None
-
-
-class Derived:
-    """A model whose jacobian is what a test gives."""
-
-    def __init__(self, derivatives):
-        self.derivatives = derivatives
-
-    def __call__(self, parameters):
-        return ef.ModalSolution(np.array([[1.0, 2.0]]), np.eye(3)[None, :, :2])
-
-    def jacobian(self, parameters):
-        return self(parameters), self.derivatives
-
-
-def derived(derivatives, mode=0):
-    test = Measurements([1.0], shapes=np.eye(3)[:, [mode]])
-    return PairedModel(Derived(derivatives), test, candidates=2)
-
-
-def test_a_parameter_may_change_only_one_of_them():
-    slope = np.ones((1, 3, 2))
-    given = {"frequency": {"k": np.array([[3.0, 4.0]])}, "shapes": {"s": slope}}
-    derivatives = derived(given, 1).jacobian({})[1]
-    np.testing.assert_array_equal(derivatives["frequency"]["k"], [[4.0]])
-    np.testing.assert_array_equal(derivatives["frequency"]["s"], [[0.0]])
-    np.testing.assert_array_equal(derivatives["shapes"]["s"], slope[:, :, :1])
-    np.testing.assert_array_equal(derivatives["shapes"]["k"], 0 * slope[:, :, :1])

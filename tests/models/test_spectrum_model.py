@@ -54,25 +54,3 @@ def test_derivatives_are_those_of_differences(n_modes):
             expected = (ahead[key] - behind[key]) / 2e-6
             found = np.broadcast_to(own.get(name, 0.0), expected.shape)
             np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-8)
-
-
-def test_what_is_declared_is_what_is_returned():
-    for n_modes in (1, 2):
-        model = ef.spectra.SpectrumModel(SPECTRA, n_modes)
-        for name, values in model(draw(model)).items():
-            assert values.shape[1:] == model.variables[name].shape, name
-
-
-WRONG = {
-    "measured: expected Spectra": {"measured": D},
-    "n_modes: expected 1 or 2, got 3": {"n_modes": 3},
-    "n_modes: expected a whole number": {"n_modes": 1.0},
-    "reference: expected one of .'roof'": {"reference": "cellar"},
-    "reference: .* one for each of 1": {"reference": ["roof", "two"]},
-}
-
-
-@pytest.mark.parametrize("message", WRONG)
-def test_mistakes_are_named(message):
-    with pytest.raises((TypeError, ValueError), match=message):
-        ef.spectra.SpectrumModel(**({"measured": SPECTRA} | WRONG[message]))

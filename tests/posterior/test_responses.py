@@ -23,7 +23,7 @@ def deflect(parameters):
 deflect.variables = {"deflection": ef.Variable({"point": ["a", "b", "c"]}, "mm")}
 
 
-class DeflectionTerm(ef.likelihoods.term.GaussianTerm):
+class DeflectionTerm(ef.likelihoods.term.Term):
     name = "gauges"
     reads = deflect.variables
     observed = {"deflection": np.array(MEASURED)}

@@ -1,10 +1,8 @@
 """ReducedModel: its certificate against full solves, its limits, what it refuses."""
 
-import pickle
-
 import numpy as np
 import pytest
-from scipy import sparse, stats
+from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 from support.beams import BOUNDS, OPTIONS, draws, error, reduce, three_parts
@@ -77,13 +75,6 @@ def test_the_basis_grows_as_the_tolerance_falls(full, reduced, tolerance):
     assert model.max_error > tolerance / 1000  # and no more than is needed
     assert (model.size > reduced.size) == (tolerance < 1e-4)
     assert model.full_solves <= 10 + 12
-
-
-def test_a_pickle_is_small_and_the_same_seed_gives_the_same_model(full, reduced):
-    assert len(pickle.dumps(reduced)) < 20 * 8 * reduced.size**2
-    again, parameters = reduce(full, BOUNDS, 1e-4), draws(3)
-    same = again(parameters).frequencies == reduced(parameters).frequencies
-    assert same.all()
 
 
 def dense():
@@ -202,23 +193,3 @@ def test_a_full_solve_that_misses_a_mode_is_found_out(full, monkeypatch, call):
     with pytest.raises(ValueError, match=r"the full model missed a mode near .* Hz at"):
         ef.reduce_model(full, BOUNDS, 1e-2)
     assert len(calls) == call
-
-
-def test_the_posterior_is_that_of_the_full_model(full, reduced):
-    sd, rng = 0.005, np.random.default_rng(0)
-    truth = {"left": 0.9, "middle": 1.1, "spring": 20.0}
-    exact = full({name: np.array([value]) for name, value in truth.items()})
-    measured = exact.frequencies[0] * (1 + sd * rng.standard_normal(5))
-    prior = ef.IndependentPrior(
-        {name: stats.uniform(low, high - low) for name, (low, high) in BOUNDS.items()}
-    )
-    term = ef.FrequencyTerm(measured, relative_sd=sd)
-    small, large = (ef.LogPosterior(m, term, prior) for m in (reduced, full))
-    # Within a few standard deviations of the maximum, which are 5 % of the bounds.
-    box = np.array([0.05, 0.05, 3.0])
-    theta = np.array([*truth.values()]) + box * rng.standard_normal((150, 3))
-    theta = np.clip(theta, *prior.bounds.T)
-    there, here = (posterior(theta)[:, 0] for posterior in (large, small))
-    likely = there > there.max() - 8
-    assert likely.sum() > 20
-    assert np.abs((here - there)[likely]).max() < 0.25
