@@ -139,7 +139,8 @@ def test_spread_is_the_scatter_of_sampled_outputs():
     model, far = emulate("frequency", "shapes", n=9), 2.0 * X
     points, processes = model.coordinates(far * SCALE), model.processes
     q, draws = len(processes.covariance), 4_000
-    factor = np.linalg.cholesky(processes.covariance + 1e-12 * np.eye(q))
+    squares, axes = np.linalg.eigh(processes.covariance)  # of more outputs than points
+    factor = axes * np.sqrt(np.maximum(squares, 0.0))
     z = np.random.default_rng(0).standard_normal((len(far), draws, q))
     values = processes.predict(points)[:, None]
     values = values + processes.doubt(points)[:, None, None] * (z @ factor.T)
