@@ -127,9 +127,7 @@ def emulate(
         >>> emulated.solves <= 12, emulated.posterior.names
         (True, ('k',))
     """
-    if not isinstance(posterior, LogPosterior):
-        got = type(posterior).__name__
-        raise TypeError(f"posterior: expected a LogPosterior, got {got}")
+    checks.instance("posterior", posterior, LogPosterior)
     problem = EmulationProblem.of(posterior)
     seed = checks.whole_number("seed", seed)
     design = _check_starts(starts, problem)
@@ -204,18 +202,15 @@ class _Emulation:
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
             history.append((spent, draws.predicted, error))
-            if hasattr(self.bar, "set_postfix_str") and np.isfinite(error):
+            if hasattr(self.bar, "set_postfix_str"):
                 text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
                 self.bar.set_postfix_str(text)
         history.append((spent, draws.predicted, np.nan))
-        by_round = list(zip(*history, strict=True))
-        table = Table.from_columns(
+        table = Table(
             "Errors at draws of the posterior, in units of measurement error",
-            [
-                ("solves", "d", by_round[0]),
-                ("predicted error", ".3g", by_round[1]),
-                ("true error", ".3g", by_round[2]),
-            ],
+            ("solves", "predicted error", "true error"),
+            ("d", ".3g", ".3g"),
+            tuple(history),
         )
         posterior = self.problem.replace_model(emulator)
         return replace(emulator, history=table, posterior=posterior)
@@ -295,11 +290,10 @@ class _Emulation:
         solved = np.flatnonzero(self._solved[-number:]) - number
         if not len(solved):
             return np.inf
-        theta, problem = self.theta[solved], self.problem
+        theta, emulated = self.theta[solved], self.problem.replace_model(emulator)
         full = self.evaluator.posterior.unfold(self.rows[solved])
-        emulated = emulator.emulate(theta[:, problem.inputs])
-        true = problem.deviate(theta, full, emulated)
-        square = problem.predict_error(problem.replace_model(emulator), theta)
+        true = self.problem.deviate(theta, full, emulated)
+        square = self.problem.predict_error(emulated, theta)
         factor = np.sqrt((true**2 / np.maximum(square, TINY**2)).mean())
         return float(factor * np.maximum(predicted, TINY))
 
@@ -349,17 +343,13 @@ def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats
         return None
     points, posterior = checks.real_array("starts", starts), problem.posterior
     posterior.check_inside("starts", np.atleast_2d(points))
-    if points.ndim == 2 and len(points) < FEWEST:
-        raise ValueError(
-            f"starts: expected a point (d,), or at least {FEWEST} points (n, d), got "
-            f"shape {points.shape}"
-        )
-    same = [i for i in problem.inputs if points.ndim == 2 and not np.ptp(points[:, i])]
-    if same:
-        raise ValueError(
-            "starts: expected points that differ in every parameter of the model, got "
-            f"one value of {[posterior.names[i] for i in same]}"
-        )
+    if points.ndim == 2:
+        differ = np.ptp(points[:, problem.inputs], axis=0) > 0
+        if len(points) < FEWEST or not differ.all():
+            raise ValueError(
+                f"starts: expected a point (d,), or at least {FEWEST} points (n, d) "
+                f"that differ in every parameter of the model, got {points.tolist()}"
+            )
     return points
 
 

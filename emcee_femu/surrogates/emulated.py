@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,6 @@ from .gaussian_process import Processes, fit_processes
 
 if TYPE_CHECKING:
     from ..posterior.log_posterior import LogPosterior
-
-Label = TypeVar("Label", str, int)
 
 SMALL = 0.02  # in units of measurement error: what no direction of doubt is kept for
 LEAST = 1e-300  # whose logarithm is taken in place of that of zero
@@ -79,8 +77,8 @@ class EmulatedModel(Report):
     def fit(
         cls,
         theta: Floats,
-        response: Mapping[str, Floats],
-        units: Mapping[str, Floats],
+        response: Named,
+        units: Named,
         bounds: Mapping[str, tuple[float, float]],
         variables: Mapping[str, Variable],
         *,
@@ -133,7 +131,8 @@ class EmulatedModel(Report):
         return tuple(self.bounds)
 
     def _parts(self) -> Parts:
-        error = self.leave_one_out()
+        left_out = self.processes.leave_out(self.processes.values)
+        error = np.sqrt((left_out**2).mean(axis=0))
         yield (
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
             f"from {len(self.processes.points)} points, {self.solves} full solves"
@@ -151,16 +150,11 @@ class EmulatedModel(Report):
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
-        return as_modal(self.emulate(self._theta(parameters)))
+        points = self.coordinates(self._theta(parameters))
+        still = np.empty((len(points), self.outputs.size, 0))
+        return self._decode(points, still, ())[0]
 
-    def emulate(self, theta: Floats) -> Named:
-        """Return the variables ``{name: (n, *shape)}`` at ``theta (n, d)``."""
-        mean = self.processes.predict(self.coordinates(theta))
-        return self.outputs.decode(mean, np.empty((*mean.shape, 0)))[0]
-
-    def spread(
-        self, parameters: Parameters
-    ) -> tuple[Response, dict[str, dict[int, Floats]]]:
+    def spread(self, parameters: Parameters) -> tuple[Response, Derivatives]:
         """Return the response, and how it moves along each direction of doubt.
 
         ``{variable: {direction: (n, *shape)}}``, by one standard deviation; directions
@@ -172,8 +166,8 @@ class EmulatedModel(Report):
         points = self.coordinates(self._theta(parameters))
         doubt = self.factor * self.processes.doubt(points)
         moves = doubt[:, None, None] * self._directions
-        labels = range(self._directions.shape[1])
-        return self._decode(self.processes.predict(points), moves, labels, finite=True)
+        labels = [str(k) for k in range(self._directions.shape[1])]
+        return self._decode(points, moves, labels, finite=True)
 
     def jacobian(self, parameters: Parameters) -> tuple[Response, Derivatives]:
         """Return the response and its derivatives, those of the mean.
@@ -185,15 +179,7 @@ class EmulatedModel(Report):
         points = self.coordinates(theta)
         slopes = self.processes.slopes(points) @ self._whiten[1]
         slopes /= np.where(self._logs, theta, 1.0)[:, None]
-        return self._decode(self.processes.predict(points), slopes, self.names)
-
-    def leave_one_out(self) -> Floats:
-        """Return the root mean square error of each output, from the other points.
-
-        In units of measurement error, ``(size,)``.
-        """
-        errors = self.processes.leave_out(self.processes.values)
-        return np.asarray(np.sqrt((errors**2).mean(axis=0)))
+        return self._decode(points, slopes, self.names)
 
     def coordinates(self, theta: Floats) -> Floats:
         """Return whitened coordinates ``(n, d)`` of parameters in their order."""
@@ -207,12 +193,13 @@ class EmulatedModel(Report):
 
     def _decode(
         self,
-        mean: Floats,
+        points: Floats,
         directions: Floats,
-        labels: Sequence[Label],
+        labels: Sequence[str],
         finite: bool = False,
-    ) -> tuple[Response, dict[str, dict[Label, Floats]]]:
+    ) -> tuple[Response, Derivatives]:
         """Return the response, and how it moves along labelled directions."""
+        mean = self.processes.predict(points)
         response, moves = self.outputs.decode(mean, directions, finite)
         labelled = {
             name: {label: move[..., k] for k, label in enumerate(labels)}

@@ -15,7 +15,7 @@ k)`` of the numbers: as far as they are long if they are ``finite``, so that wha
 root or a crossing stays finite; otherwise the moves are derivatives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self, TypeAlias
 
@@ -322,7 +322,7 @@ def eigenvalues_of(response: Named) -> Floats:
 def choose_outputs(
     points: Floats,
     response: Named,
-    units: Mapping[str, Floats],
+    units: Named,
     start: Floats | None = None,
 ) -> Outputs:
     """Return what to emulate of a response that was solved for at some points.

@@ -248,7 +248,7 @@ def test_the_first_design_may_be_given():
     )
     ef.emulate(given, 6, seed=1, starts=points)
     assert_array_equal(given.model.solved[:4], points)
-    with pytest.raises(ValueError, match="starts: .*'a'"):  # which would never differ
+    with pytest.raises(ValueError, match="starts: .*differ"):  # which would never differ
         ef.emulate(posed(), 20, seed=1, starts=[[0.0, x] for x in range(3)])
 
 
