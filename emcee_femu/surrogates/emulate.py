@@ -26,6 +26,7 @@ DRAWS = 20_000  # of the prior, for its quantiles
 SPREAD = 0.8  # share of the prior's spread that the first points have
 NEAR = 0.25  # the same of first points about a given one
 UNITS = 8  # points by which the errors of the measurement are read off the terms
+MORE = 4  # points of a first design than parameters: some more than a linear trend
 FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
 TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
@@ -130,14 +131,21 @@ def emulate(
     checks.instance("posterior", posterior, LogPosterior)
     problem = EmulationProblem.of(posterior)
     seed = checks.whole_number("seed", seed)
-    design = _check_starts(starts, problem)
-    solves = _check_solves(solves, posterior.ndim, design)
+    coordinates = Coordinates.of(posterior.prior)
+    first = _first_points(coordinates, seed, _check_starts(starts, problem))
+    batch = posterior.ndim // 2 + 1
+    if checks.whole_number("solves", solves, 1) < len(first) + batch:
+        raise ValueError(
+            f"solves: expected at least {len(first) + batch} for {posterior.ndim} "
+            f"parameters, {len(first)} of a first design and a batch of {batch}, got "
+            f"{solves}; about {10 * posterior.ndim} are usual"
+        )
     tolerance = checks.real_number("tolerance", tolerance, 0)
     display = check_progress(progress)
     with (
         open_evaluator(
             problem.recorder(),
-            describe(posterior, {"moves": "emulate", "seed": seed, "starts": design}),
+            describe(posterior, {"moves": "emulate", "seed": seed, "starts": first}),
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -148,8 +156,9 @@ def emulate(
         ) as evaluator,
         emcee.pbar.get_progress_bar(display, solves, desc="emulate") as bar,
     ):
-        emulation = _Emulation(problem, evaluator, bar)
-        return emulation.run(solves, seed, design, tolerance)
+        emulation = _Emulation(problem, evaluator, coordinates, bar)
+        emulation.solve(first)
+        return emulation.run(solves, batch, seed, tolerance)
 
 
 class _Emulation:
@@ -158,8 +167,8 @@ class _Emulation:
     Attributes:
         problem: What is emulated.
         evaluator: Solves in full.
-        bar: Shows the progress.
         coordinates: Those in which the posterior is explored.
+        bar: Shows the progress.
         theta: Where it was solved, ``(N, d)``.
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
     """
@@ -168,19 +177,18 @@ class _Emulation:
         self,
         problem: EmulationProblem,
         evaluator: Evaluation | StoredEvaluation,
+        coordinates: Coordinates,
         bar: Any,
     ) -> None:
         self.problem, self.evaluator, self.bar = problem, evaluator, bar
-        self.coordinates = Coordinates.of(problem.posterior.prior)
+        self.coordinates = coordinates
         self.theta = np.empty((0, problem.posterior.ndim))
         self.rows = np.empty((0, len(evaluator.posterior.rejected())))
 
     def run(
-        self, solves: int, seed: int, design: Floats | None, tolerance: float
+        self, solves: int, batch: int, seed: int, tolerance: float
     ) -> EmulatedModel:
         """Go on until the true error is small, or all solves are spent."""
-        (first,) = np.random.SeedSequence(seed).spawn(1)
-        self._solve(_first_points(self.coordinates, first, design))
         if (number := int(self._solved.sum())) < FEWEST:
             raise RuntimeError(
                 f"on_failure: only {number} of {len(self.theta)} solves of the first "
@@ -197,8 +205,8 @@ class _Emulation:
             spent = len(self.theta)
             if spent == solves or settled == SETTLED:
                 break
-            number = min(_batch_size(self.problem.posterior.ndim), solves - spent)
-            self._solve(self._choose(number, emulator, draws))
+            number = min(batch, solves - spent)
+            self.solve(self._choose(number, emulator, draws))
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
             history.append((spent, draws.predicted, error))
@@ -220,7 +228,7 @@ class _Emulation:
         """Which points could be solved, ``(N,)``."""
         return np.isfinite(self.rows[:, 0])
 
-    def _solve(self, points: Floats) -> None:
+    def solve(self, points: Floats) -> None:
         """Solve in full; each solve is stored as it arrives."""
         rows = np.empty((len(points), self.rows.shape[1]))
         for number, row in self.evaluator.each(points):
@@ -265,15 +273,14 @@ class _Emulation:
         emulated one. Points whose solves failed count as solved, and are not asked
         again.
         """
-        inputs, doubt = self.problem.inputs, emulator.processes.doubt
+        inputs, unit_sd = self.problem.inputs, emulator.processes.unit_sd
         extra = self.theta[~self._solved]
         for place in range(number):
-            theta, errors = draws.theta, draws.errors
-            if not place:
-                theta, errors = draws.wide, draws.wide_errors
+            among = draws.members if place else slice(None)
+            theta, errors = draws.wide[among], draws.errors[among]
             at = emulator.coordinates(theta[:, inputs])
-            before = doubt(at) ** 2
-            after = doubt(at, emulator.coordinates(extra[:, inputs])) ** 2
+            before = unit_sd(at) ** 2
+            after = unit_sd(at, emulator.coordinates(extra[:, inputs])) ** 2
             share = np.divide(after, before, np.zeros_like(after), where=before > 0)
             left = errors * share
             left[(theta[:, None] == extra).all(axis=2).any(axis=1)] = -1.0
@@ -298,9 +305,7 @@ class _Emulation:
         return float(factor * np.maximum(predicted, TINY))
 
 
-def _first_points(
-    coordinates: Coordinates, seed: np.random.SeedSequence, starts: Floats | None
-) -> Floats:
+def _first_points(coordinates: Coordinates, seed: int, starts: Floats | None) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
     Sobol points, mapped through the quantiles of the prior and drawn together towards
@@ -308,10 +313,11 @@ def _first_points(
     """
     if starts is not None and starts.ndim == 2:
         return starts
-    prior, number = coordinates.prior, _first_size(len(coordinates.prior.names)) - 1
-    rng = np.random.default_rng(seed)
+    prior = coordinates.prior
+    rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
     draws = coordinates.sample(np.random.default_rng(0), DRAWS)
     mean = draws.mean(axis=0)
+    number = len(mean) + MORE - 1
     power = int(np.ceil(np.log2(number)))
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[:number]
     columns = zip(draws.T, places.T, strict=True)
@@ -325,16 +331,6 @@ def _first_points(
     outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
     theta[outside] = prior.sample(rng, int(outside.sum()))
     return theta
-
-
-def _first_size(ndim: int) -> int:
-    """Return how many points a first design has: some more than a linear trend."""
-    return ndim + 4
-
-
-def _batch_size(ndim: int) -> int:
-    """Return how many points are solved between two fits."""
-    return ndim // 2 + 1
 
 
 def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats | None:
@@ -351,19 +347,3 @@ def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats
                 f"that differ in every parameter of the model, got {points.tolist()}"
             )
     return points
-
-
-def _check_solves(solves: int, ndim: int, starts: Floats | None) -> int:
-    """Return the budget, which is to suffice for a first design and a batch."""
-    number = checks.whole_number("solves", solves, 1)
-    first = _first_size(ndim)
-    if starts is not None and starts.ndim == 2:
-        first = len(starts)
-    fewest = first + _batch_size(ndim)
-    if number < fewest:
-        raise ValueError(
-            f"solves: expected at least {fewest} for {ndim} parameters, {first} of a "
-            f"first design and a batch of {_batch_size(ndim)}, got {number}; about "
-            f"{10 * ndim} are usual"
-        )
-    return number

@@ -164,8 +164,8 @@ class EmulatedModel(Report):
             ValueError: As a call does.
         """
         points = self.coordinates(self._theta(parameters))
-        doubt = self.factor * self.processes.doubt(points)
-        moves = doubt[:, None, None] * self._directions
+        sd = self.factor * self.processes.unit_sd(points)
+        moves = sd[:, None, None] * self._directions
         labels = [str(k) for k in range(self._directions.shape[1])]
         return self._decode(points, moves, labels, finite=True)
 
@@ -229,7 +229,7 @@ def _find_directions(processes: Processes) -> Floats:
     """
     squares, axes = np.linalg.eigh(processes.covariance)
     sizes = np.sqrt(np.maximum(squares, 0.0))
-    kept = sizes * processes.left_out_doubt.max() > SMALL
+    kept = sizes * processes.left_out_sd.max() > SMALL
     kept[:-MOST] = False
     kept[-1] = True
     directions: Floats = axes[:, kept] * sizes[kept]

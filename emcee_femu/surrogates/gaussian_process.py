@@ -79,7 +79,7 @@ class Processes:
             points, values, lengths, rough, covariance, whitener, unknown, weights
         )
         sd = np.maximum(
-            expected.amplitudes * expected.left_out_doubt[:, None], np.sqrt(TINY)
+            expected.amplitudes * expected.left_out_sd[:, None], np.sqrt(TINY)
         )
         ratios = expected.leave_out(values) / sd
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
@@ -95,7 +95,7 @@ class Processes:
         predicted: Floats = np.hstack(self._basis(points)) @ self._weights
         return predicted
 
-    def doubt(self, points: Floats, extra: Floats | None = None) -> Floats:
+    def unit_sd(self, points: Floats, extra: Floats | None = None) -> Floats:
         """Return the standard deviation ``(n,)`` of an output of amplitude one.
 
         Args:
@@ -139,7 +139,7 @@ class Processes:
         return residuals / self._projector.diagonal()[:, None]
 
     @property
-    def left_out_doubt(self) -> Floats:
+    def left_out_sd(self) -> Floats:
         """The doubt of each known point from the others, ``(N,)``."""
         return np.asarray(1.0 / np.sqrt(self._projector.diagonal()))
 
@@ -190,7 +190,7 @@ def fit_processes(
         >>> x = np.linspace(-1.0, 1.0, 7)[:, None]
         >>> fitted = fit_processes(x, 100.0 * np.sin(x))
         >>> at = np.array([[0.5]])
-        >>> sd = fitted.doubt(at) * fitted.amplitudes
+        >>> sd = fitted.unit_sd(at) * fitted.amplitudes
         >>> error = fitted.predict(at)[0] - 100.0 * np.sin(0.5)
         >>> bool(abs(error[0]) < 5.0 * sd[0] < 0.5)
         True

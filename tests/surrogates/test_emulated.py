@@ -143,7 +143,7 @@ def test_spread_is_the_scatter_of_sampled_outputs():
     factor = axes * np.sqrt(np.maximum(squares, 0.0))
     z = np.random.default_rng(0).standard_normal((len(far), draws, q))
     values = processes.predict(points)[:, None]
-    values = values + processes.doubt(points)[:, None, None] * (z @ factor.T)
+    values = values + processes.unit_sd(points)[:, None, None] * (z @ factor.T)
     still = np.empty((len(far) * draws, q, 0))
     decoded = model.outputs.decode(values.reshape(-1, q), still)[0]["frequency"]
     expected = decoded.reshape(len(far), draws, 3).std(axis=1)
