@@ -24,7 +24,6 @@ Sides: TypeAlias = tuple[tuple[float, ...], ...]
 STEP = 3e-5
 COARSE = 3e-3  # for a search: frequencies that are good to six digits will do
 WIDE = 1e-3  # of second derivatives of the prior, from first ones
-DRAWS = 256
 # Central where both points are inside, else one-sided with the same order.
 SIDES: Sides = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
 ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
@@ -54,14 +53,6 @@ class Stencil(NamedTuple):
                 second, b = changes[:, 1].swapaxes(1, 2), self.steps[:, None, 1]
                 derivatives = (first * (b / a) - second * (a / b)) / (b - a)
         return derivatives
-
-
-def prior_scale(prior: Prior) -> Floats:
-    """Return the scale of each parameter ``(d,)``: from quartile to quartile."""
-    draws = prior.sample(np.random.default_rng(0), DRAWS)
-    low, high = np.quantile(draws, [0.25, 0.75], axis=0)
-    scale: Floats = (high - low) / 1.35
-    return scale
 
 
 def place(
@@ -127,11 +118,13 @@ def along_tangents(
     along = {name: np.broadcast_to(unit, theta.shape) for name, unit in units}
     gradient = prior_gradient(posterior.prior, theta, posterior.scale)
     scores = []
-    for experiment, own in zip(posterior.experiments, solved, strict=True):
-        tangents = own.tangents | along
-        for term in experiment.terms:
+    for part in solved:
+        tangents = part.tangents | along
+        for term in part.terms:
             with np.errstate(all="ignore"):  # of rows that are -inf
-                slope, score = term.linearize(parameters, own.response, tangents, steps)
+                slope, score = term.linearize(
+                    parameters, part.response, tangents, steps
+                )
             gradient += slope
             scores.append(score)
     return _side_by_side(posterior, theta, rows, gradient, scores, information)
@@ -177,12 +170,12 @@ def difference(
     result = np.full((n, width + d + (d * d if information else 0)), np.nan)
     result[:, :width] = rows
     # A solve that failed beside a point leaves it without a gradient.
-    known = np.isfinite(values[:, :, 0]).all(axis=1)
-    known &= ~np.isnan(stencil.steps).any(axis=(1, 2))
-    if known.any():
-        some = [None if score is None else score[known] for score in scores]
-        result[known, width:] = _side_by_side(
-            posterior, theta[known], rows[known], gradient[known], some, information
+    solved = np.isfinite(values[:, :, 0]).all(axis=1)
+    solved &= ~np.isnan(stencil.steps).any(axis=(1, 2))
+    if solved.any():
+        some = [None if score is None else score[solved] for score in scores]
+        result[solved, width:] = _side_by_side(
+            posterior, theta[solved], rows[solved], gradient[solved], some, information
         )
     return result
 

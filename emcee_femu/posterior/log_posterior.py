@@ -22,15 +22,11 @@ from ..interfaces import (
 )
 from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
-from .derivatives import along_tangents, difference, prior_scale, unstack
-from .experiments import (
-    Experiment,
-    Solved,
-    Terms,
-    check_joint,
-    name_sets,
-)
+from .derivatives import along_tangents, difference, unstack
+from .experiments import Experiment, Solved, Terms, check_joint, name_sets
 from .priors import summarize_prior, tabulate_prior
+
+DRAWS = 256  # of the prior, for the scales of derivatives
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
 # its row; with the gradient behind it; with the information behind that; or the row
@@ -290,30 +286,31 @@ class LogPosterior(Report):
         if derivatives and not self.differentiable:
             around = partial(self.stack, kind="deviations")
             return difference(self, theta, around, information)
-        parameters, solved = self.parameters(theta), []
-        for experiment in self.experiments:
-            solved.append(experiment.solve(parameters, self.names, derivatives))
+        parameters = self.parameters(theta)
+        solved = [
+            experiment.solve(parameters, self.names, derivatives)
+            for experiment in self.experiments
+        ]
         rows = self._gather(theta, log_prior, solved)
         if derivatives:
             rest = along_tangents(self, theta, rows, solved, information)
             return np.hstack([rows, rest])
         if kind == "rows":
             return rows
-        pairs = [
-            term.deviations(parameters, own.response)
-            for experiment, own in zip(self.experiments, solved, strict=True)
-            for term in experiment.terms
-            if term.gaussian
-        ]
-        known = [pair for pair in pairs if pair is not None]
-        return np.hstack([rows, *(r for r, _ in known), *(sd for _, sd in known)])
+        r, sd = [], []
+        for part in solved:
+            for term in part.terms:
+                if (pair := term.deviations(parameters, part.response)) is not None:
+                    r.append(pair[0])
+                    sd.append(pair[1])
+        return np.hstack([rows, *r, *sd])
 
     def _gather(
         self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
     ) -> Floats:
         """Return the rows of what experiments gave, refusing NaN and infinity."""
-        values = [value for own in solved for value in own.log_likelihoods]
-        stored = [value for own in solved for value in own.stored]
+        values = [value for part in solved for value in part.log_likelihoods]
+        stored = [value for part in solved for value in part.stored]
         total = sum(values, start=log_prior)
         densities = [column[:, None] for column in (total, log_prior, *values)]
         rows: Floats = np.concatenate([*densities, *stored], axis=1)
@@ -325,11 +322,11 @@ class LogPosterior(Report):
         wrong[:, first:] |= ~np.isfinite(rows[:, first:])
         if wrong.any():  # else the sum overflowed, not a number
             row = int(np.argmax(wrong.any(axis=1)))
-            said = zip(self.labels, rows[row].tolist(), wrong[row], strict=True)
+            columns = zip(self.labels, rows[row].tolist(), wrong[row], strict=True)
             raise SolveError(
                 "not finite",
                 f"at {name_sets(self.parameters(theta[row : row + 1]))}: "
-                f"{ {label: number for label, number, bad in said if bad} }; a model "
+                f"{ {label: value for label, value, bad in columns if bad} }; a model "
                 "must return finite numbers, a term finite ones, or -inf to reject. If "
                 "the parameters make no sense, give the prior bounds",
             )
@@ -371,8 +368,10 @@ class LogPosterior(Report):
 
     @cached_property
     def scale(self) -> Floats:
-        """The scale of each parameter under the prior ``(d,)``."""
-        return prior_scale(self.prior)
+        """The scale of each parameter under the prior: between quartiles, ``(d,)``."""
+        draws = self.prior.sample(np.random.default_rng(0), DRAWS)
+        low, high = np.quantile(draws, [0.25, 0.75], axis=0)
+        return np.asarray((high - low) / 1.35)
 
     def start(
         self,

@@ -339,11 +339,10 @@ def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats
         return None
     points, posterior = checks.real_array("starts", starts), problem.posterior
     posterior.check_inside("starts", np.atleast_2d(points))
-    if points.ndim == 2:
-        differ = np.ptp(points[:, problem.inputs], axis=0) > 0
-        if len(points) < FEWEST or not differ.all():
-            raise ValueError(
-                f"starts: expected a point (d,), or at least {FEWEST} points (n, d) "
-                f"that differ in every parameter of the model, got {points.tolist()}"
-            )
+    alike = len(points) < FEWEST or not np.ptp(points[..., problem.inputs], 0).all()
+    if points.ndim == 2 and alike:
+        raise ValueError(
+            f"starts: expected a point (d,), or at least {FEWEST} points (n, d) that "
+            f"differ in every parameter of the model, got {points.tolist()}"
+        )
     return points

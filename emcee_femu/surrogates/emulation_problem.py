@@ -24,7 +24,7 @@ from ..interfaces import (
     read_declared,
 )
 from ..models.paired import PairedModel
-from ..posterior.emulator_error import expand, tangents_of
+from ..posterior.experiments import expand, tangents_of
 from ..posterior.log_posterior import LogPosterior
 from .emulated import EmulatedModel, as_modal
 from .encoding import Named
