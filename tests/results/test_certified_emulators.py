@@ -9,7 +9,7 @@ import emcee_femu as ef
 
 PROBLEM = ef.paper.mass_spring().posterior
 PRIOR, MODEL, TERM = PROBLEM.prior, PROBLEM.model, PROBLEM.terms[0]
-SEEDS = 3  # 20 take minutes
+SEEDS = 2  # 20 take minutes
 
 
 @cache
@@ -56,7 +56,7 @@ def half_of_the_box(rng):
 
 def judge(make, seed):
     emulated = make(np.random.default_rng(seed))
-    sampler = ef.run(emulated, "auto", 20, 1_000, seed=seed, ensembles=1)
+    sampler = ef.run(emulated, "auto", 20, 200, seed=seed, ensembles=1)
     idata = ef.to_inference_data(sampler, emulated)
     return ef.certify(idata, PROBLEM, 100, seed=seed)
 
