@@ -48,12 +48,6 @@ def check_terms(model: object, terms: Sequence[object]) -> None:
             raise TypeError(f"{argument}: expected a callable, got {part!r}")
 
 
-def name_terms(terms: Sequence[Term]) -> tuple[str, ...]:
-    """Return the distinct labels of terms."""
-    names = [term.name or f"term{i}" for i, term in enumerate(terms)]
-    return checks.parameter_names("terms (their names)", names)
-
-
 def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
     """Refuse a prior whose names or bounds do not fit the models and terms."""
     models: list[Model | Term] = [e.model for e in experiments]

@@ -20,7 +20,7 @@ from ..interfaces import (
     read_declared,
 )
 from ..likelihoods.term import Term, as_term, move_along
-from .compatibility import check_terms, declare, name_terms
+from .compatibility import check_terms, declare
 
 Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
 Directions: TypeAlias = Mapping[str, Mapping[str, Floats]]  # as spread returns them
@@ -68,7 +68,8 @@ class Experiment:
         check_terms(model, sequence)
         self.name, self.model = name, model
         self.terms = tuple(map(as_term, sequence))
-        self.term_names = name_terms(self.terms)
+        names = [term.name or f"term{i}" for i, term in enumerate(self.terms)]
+        self.term_names = checks.parameter_names("terms (their names)", names)
         declared = declare(model, self.terms)
         self.variables = {name: v for name, v in declared.items() if v.stored}
         self.exact = read_declared(model, "variables") is not None

@@ -1,6 +1,6 @@
 """Emulate a model from few solves, chosen where the posterior needs them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -21,6 +21,8 @@ from ..table import Table
 from .emulated import EmulatedModel
 from .emulated_draws import EmulatedDraws, Explorer
 from .emulation_problem import EmulationProblem
+from .encoding import choose_outputs
+from .gaussian_process import fit_processes
 
 DRAWS = 20_000  # of the prior, for its quantiles
 SPREAD = 0.8  # share of the prior's spread that the first points have
@@ -161,6 +163,7 @@ def emulate(
         return emulation.run(solves, batch, seed, tolerance)
 
 
+@dataclass(eq=False)
 class _Emulation:
     """Full solves so far, and what was learned of them.
 
@@ -173,17 +176,16 @@ class _Emulation:
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
     """
 
-    def __init__(
-        self,
-        problem: EmulationProblem,
-        evaluator: Evaluation | StoredEvaluation,
-        coordinates: Coordinates,
-        bar: Any,
-    ) -> None:
-        self.problem, self.evaluator, self.bar = problem, evaluator, bar
-        self.coordinates = coordinates
-        self.theta = np.empty((0, problem.posterior.ndim))
-        self.rows = np.empty((0, len(evaluator.posterior.rejected())))
+    problem: EmulationProblem
+    evaluator: Evaluation | StoredEvaluation
+    coordinates: Coordinates
+    bar: Any
+    theta: Floats = field(init=False)
+    rows: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.theta = np.empty((0, self.problem.posterior.ndim))
+        self.rows = np.empty((0, len(self.evaluator.posterior.rejected())))
 
     def run(
         self, solves: int, batch: int, seed: int, tolerance: float
@@ -242,26 +244,35 @@ class _Emulation:
     def _fit(
         self, last: EmulatedModel | None, draws: EmulatedDraws | None
     ) -> EmulatedModel:
-        """Fit an emulator to all that was solved."""
+        """Fit an emulator to all that was solved, whitened by the last draws."""
         problem, inputs = self.problem, self.problem.inputs
         theta = self.theta[self._solved]
         response = self.evaluator.posterior.unfold(self.rows[self._solved])
         newest = {name: values[-UNITS:] for name, values in response.items()}
+        units = problem.units(theta[-UNITS:], newest)
+        x = self.coordinates.coordinates(theta).take(inputs, axis=1)
+        mean, covariance = x.mean(axis=0), np.diag(x.var(axis=0))
+        if draws is not None:
+            mean = draws.mean[inputs]
+            covariance = draws.covariance[np.ix_(inputs, inputs)]
+        # The directions of a covariance in units of its own spreads, so that a
+        # parameter of 1e10 and one of 1 are alike.
+        sd = np.sqrt(np.diag(covariance))
+        factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
+        turn = np.linalg.inv(factor)
+        points = (x - mean) @ turn.T
+        lengths = None if last is None else last.processes.lengths
+        outputs = choose_outputs(points, response, units, lengths)
         names = [problem.posterior.names[i] for i in inputs]
         limits = map(tuple, problem.posterior.prior.bounds[inputs].tolist())
-        whiten = None
-        if draws is not None:
-            whiten = draws.mean[inputs], draws.covariance[np.ix_(inputs, inputs)]
-        return EmulatedModel.fit(
-            theta[:, inputs],
-            response,
-            problem.units(theta[-UNITS:], newest),
-            dict(zip(names, limits, strict=True)),
-            problem.variables,
-            logs=self.coordinates.logs[inputs],
+        return EmulatedModel(
+            bounds=dict(zip(names, limits, strict=True)),
+            variables={name: problem.variables[name] for name in units},
+            outputs=outputs,
+            processes=fit_processes(points, outputs.encode(response), lengths),
             solves=self.evaluator.solves,
-            whiten=whiten,
-            lengths=None if last is None else last.processes.lengths,
+            _whiten=(mean, turn),
+            _logs=self.coordinates.logs[inputs],
         )
 
     def _choose(

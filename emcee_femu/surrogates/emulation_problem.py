@@ -39,24 +39,24 @@ class Recorder:
     """A model whose response is nothing but the variables that are to be emulated.
 
     Attributes:
-        model: The full model, of which the variables are read; for a
-            :class:`PairedModel` those of all its candidates, at the sensors.
-        variables: What is recorded.
+        model: The full model, inside of its pairing.
+        variables: What is recorded of it.
         names: The parameters that there are.
+        paired: The pairing, of whose candidates it is recorded at the sensors.
     """
 
     model: Model
     variables: dict[str, Variable]
     names: tuple[str, ...]
+    paired: PairedModel | None
     one_by_one: bool = True  # as they are asked for, so that a failure is known
 
     def __call__(self, parameters: Parameters) -> Named:
         """Solve in full."""
-        if isinstance(self.model, PairedModel):
-            response = self.model.model(parameters)
-            frequency, shapes = self.model.read_candidates(response)
-            return {"frequency": frequency, "shapes": shapes}
         response = self.model(parameters)
+        if self.paired is not None:
+            candidates = self.paired.read_candidates(response)
+            return dict(zip(("frequency", "shapes"), candidates, strict=True))
         return {name: read(response, name) for name in self.variables}
 
 
@@ -110,9 +110,10 @@ class EmulationProblem:
 
     def recorder(self) -> LogPosterior:
         """Return the posterior whose rows store the raw variables of a full solve."""
-        prior = self.posterior.prior
-        model = Recorder(self.posterior.model, self.variables, tuple(prior.names))
-        return LogPosterior(model, compare_nothing, prior)
+        prior, paired = self.posterior.prior, self.paired
+        model = self.posterior.model if paired is None else paired.model
+        recorder = Recorder(model, self.variables, tuple(prior.names), paired)
+        return LogPosterior(recorder, compare_nothing, prior)
 
     def replace_model(self, model: EmulatedModel) -> LogPosterior:
         """Return the posterior with another source of the raw variables."""

@@ -47,8 +47,8 @@ def condition(points, values, at, fitted):
         correlate(every, every, fitted.lengths, fitted.rough) + 1e6 * trend @ trend.T
     )
     n = len(points)
-    own = joint[:n, :n] + gp.NUGGET * np.eye(n)
-    gain = np.linalg.solve(own, joint[:n, n:]).T
+    among = joint[:n, :n] + gp.NUGGET * np.eye(n)
+    gain = np.linalg.solve(among, joint[:n, n:]).T
     return gain @ values, (joint[n:, n:] - gain @ joint[:n, n:]).diagonal()
 
 
@@ -61,19 +61,19 @@ def test_prediction_is_the_conditional_gaussian(fitted):
 
 @BOTH
 def test_leaving_one_out_is_what_the_others_predict(fitted):
-    residual, doubt = fitted.leave_out(VALUES), fitted.left_out_sd
+    residual, sd = fitted.leave_out(VALUES), fitted.left_out_sd
     for i in range(len(POINTS)):
         rest, at = np.arange(len(POINTS)) != i, POINTS[i : i + 1]
         mean, factor = condition(POINTS[rest], VALUES[rest], at, fitted)
         np.testing.assert_allclose(residual[i], VALUES[i] - mean[0], atol=2e-3)
-        np.testing.assert_allclose(doubt[i], np.sqrt(factor + gp.NUGGET), rtol=1e-2)
+        np.testing.assert_allclose(sd[i], np.sqrt(factor + gp.NUGGET), rtol=1e-2)
 
 
 @BOTH
-def test_doubt_after_further_solves_needs_no_values(fitted):
+def test_the_sd_after_further_solves_needs_no_values(fitted):
     extra = RNG.standard_normal((3, 3))
-    known = np.vstack([POINTS, extra])
-    _, factor = condition(known, answers(known), FRESH, fitted)
+    solved = np.vstack([POINTS, extra])
+    _, factor = condition(solved, answers(solved), FRESH, fitted)
     after = fitted.unit_sd(FRESH, extra)
     np.testing.assert_allclose(after, np.sqrt(factor), rtol=0.01, atol=1e-3)
     np.testing.assert_allclose(fitted.unit_sd(FRESH, extra[:0]), fitted.unit_sd(FRESH))
