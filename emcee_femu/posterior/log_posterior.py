@@ -7,7 +7,6 @@ from typing import Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from .. import checks
 from ..interfaces import (
@@ -24,7 +23,7 @@ from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
 from .derivatives import along_tangents, difference, unstack
 from .experiments import Experiment, Solved, Terms, check_joint, name_sets
-from .priors import summarize_prior, tabulate_prior
+from .priors import tabulate_prior
 
 DRAWS = 256  # of the prior, for the scales of derivatives
 
@@ -377,22 +376,19 @@ class LogPosterior(Report):
         self,
         nwalkers: int,
         seed: int | np.random.SeedSequence | np.random.Generator,
-        around: ArrayLike | None = None,
     ) -> Floats:
-        """Draw starting positions ``(nwalkers, d)``, all inside the bounds.
+        """Draw starting positions ``(nwalkers, d)`` from the prior.
 
-        The default is over-dispersed, a draw from the prior: only then can independent
-        ensembles reveal a mode that one of them missed.
+        They are over-dispersed: only then can independent ensembles reveal a mode that
+        one of them missed.
 
         Args:
             nwalkers: Number of walkers.
             seed: Anything that ``numpy.random.default_rng`` takes.
-            around: A point ``(d,)``; the walkers are then Gaussian about it with a
-                tenth of the prior's standard deviation, cut at the bounds.
 
         Raises:
             TypeError: If nwalkers is not a whole number.
-            ValueError: If nwalkers < 1, or around lies outside the bounds.
+            ValueError: If nwalkers < 1.
 
         Examples:
             >>> import emcee_femu as ef
@@ -408,17 +404,7 @@ class LogPosterior(Report):
                 f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
                 f"({error})"
             ) from None
-        if around is None:
-            return self.prior.sample(rng, nwalkers)
-        centre = checks.real_array("around", around, 1)
-        self.check_inside("around", centre[None])
-        spread = 0.1 * summarize_prior(self.prior)[1]
-        low, high = (self.prior.bounds.T - centre) / spread
-        shape = (nwalkers, len(centre))
-        standard = stats.truncnorm.rvs(low, high, size=shape, random_state=rng)
-        # Rounding alone can pass a bound, by an ulp.
-        drawn: Floats = np.clip(centre + spread * standard, *self.prior.bounds.T)
-        return drawn
+        return self.prior.sample(rng, nwalkers)
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""

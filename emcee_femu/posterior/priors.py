@@ -11,6 +11,8 @@ from .. import checks
 from ..interfaces import Floats, Prior
 from ..table import Column, Parts, Report, Table
 
+DRAWS = 20_000  # of a prior, for its moments
+
 
 class GaussianPrior(Report):
     r"""Independent Gaussians, cut at bounds and normalised inside them (Equation 2.3).
@@ -236,13 +238,13 @@ def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     return result
 
 
-def summarize_prior(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
+def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
     """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
 
-    Both are those of ``draws`` samples, whatever the prior; the standard deviation has
-    a Monte Carlo error of 0.5 %.
+    Both are those of samples, whatever the prior; the standard deviation has a Monte
+    Carlo error of 0.5 %.
     """
-    sample = prior.sample(np.random.default_rng(0), draws)
+    sample = prior.sample(np.random.default_rng(0), DRAWS)
     return sample.mean(axis=0), sample.std(axis=0)
 
 

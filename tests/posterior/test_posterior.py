@@ -166,17 +166,11 @@ def test_a_pickled_posterior_gives_the_same_bits():
     assert_array_equal(copy(theta), posterior(theta))
 
 
-@pytest.mark.parametrize("around", [None, INSIDE, [-0.1, 0.5]])
-def test_starts_are_inside_and_repeat_with_their_seed(around):
+def test_starts_are_draws_of_the_prior_and_repeat_with_their_seed():
     posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
-    first, again, other = (posterior.start(500, seed, around) for seed in (3, 3, 4))
+    first, again, other = (posterior.start(500, seed) for seed in (3, 3, 4))
     assert first.shape == (500, 2) and np.isfinite(PRIOR.logpdf(first)).all()
     assert_array_equal(first, again)
     assert not np.isin(first, other).any()
     sd = PRIOR.sample(np.random.default_rng(9), 50_000).std(axis=0)
-    if around is None:
-        assert_allclose(first.std(axis=0), sd, rtol=0.15)
-        return
-    distance = (first - around) / (0.1 * sd)  # (half-)normal about the point
-    assert np.abs(distance).max() < 5
-    assert_allclose((distance**2).mean(axis=0), 1.0, atol=0.35)
+    assert_allclose(first.std(axis=0), sd, rtol=0.15)
