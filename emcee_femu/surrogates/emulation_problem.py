@@ -259,10 +259,9 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
 
 def _average_units(relative: Floats, size: Floats) -> Floats:
     """Return the standard deviations; where nothing is known, some usual ones."""
-    there = np.isfinite(relative)
-    count = np.maximum(there.sum(axis=0), 1)
-    mean = np.where(there, relative, 0.0).sum(axis=0) / count
-    read = mean > 0
-    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=read))
-    unit: Floats = size * np.where(read, errors, UNREAD * np.median(errors[read]))
+    count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
+    mean = np.nansum(relative, axis=0) / count
+    compared = mean > 0
+    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=compared))
+    unit: Floats = size * np.where(compared, errors, UNREAD * np.median(errors[compared]))
     return unit
