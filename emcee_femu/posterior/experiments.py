@@ -98,10 +98,7 @@ class Experiment:
             for term, name in zip(self.terms, self.term_names, strict=True)
         ]
         if directions is not None:
-            label = f"{self.full_name('model')}: spread"
-            values = average(
-                label, self.terms, parameters, response, directions, values
-            )
+            values = self._average(parameters, response, directions, values)
         return Solved(self.terms, response, values, stored, tangents)
 
     def _respond(
@@ -167,6 +164,47 @@ class Experiment:
             )
         return value
 
+    def _average(
+        self,
+        parameters: Parameters,
+        response: Response,
+        directions: Directions,
+        log_likelihoods: list[Floats],
+    ) -> list[Floats]:
+        r"""Return log-likelihoods averaged over the error that the model claims.
+
+        The response moves by one standard deviation along each of q independent
+        directions, whose coordinates z are standard normal. To second order in z
+
+        .. math:: \ln \int N(z; 0, I) \, p(D | z) \, dz \approx \ln p(D | 0)
+            + \tfrac12 g^T (I + F)^{-1} g - \tfrac12 \ln \det(I + F)
+
+        with gradient g and Fisher information F of the log-likelihood along the
+        directions: exact where the data are Gaussian and their mean is linear in z. The
+        variance of the model then adds to that of the measurement.
+
+        Each is given the data of the terms before it, so that their sum is that of all
+        data: a term that shares the model's error with one before it knows it better.
+        """
+        label = f"{self.full_name('model')}: spread"
+        tangents = tangents_of(label, parameters, response, directions)
+        n, q = tangents[next(iter(parameters))].shape
+        gradient, information = np.zeros((n, q)), np.tile(np.eye(q), (n, 1, 1))
+        before, averaged = np.zeros(n), []
+        for term, value in zip(self.terms, log_likelihoods, strict=True):
+            possible = value > -np.inf
+            with np.errstate(all="ignore"):  # of rows that are -inf
+                slope, curvature = expand(term, parameters, response, tangents, value)
+            gradient += np.where(possible[:, None], slope, 0.0)
+            information += np.where(possible[:, None, None], curvature, 0.0)
+            factor = np.linalg.cholesky(information)
+            scaled = np.linalg.solve(factor, gradient[:, :, None])[:, :, 0]
+            widths = np.diagonal(factor, axis1=1, axis2=2)
+            gain = 0.5 * (scaled**2).sum(axis=1) - np.log(widths).sum(axis=1)
+            averaged.append(value + gain - before)
+            before = gain
+        return averaged
+
     def _extract(
         self, response: Response, name: str, shape: tuple[int, ...], n: int
     ) -> Floats:
@@ -188,56 +226,6 @@ class Experiment:
                 "measured; let the model return more, or give its term fewer",
             )
         return part.reshape(n, -1)
-
-
-def average(
-    label: str,
-    terms: Sequence[Term],
-    parameters: Parameters,
-    response: Response,
-    directions: Directions,
-    log_likelihoods: list[Floats],
-) -> list[Floats]:
-    r"""Return log-likelihoods averaged over the error that a model claims to have.
-
-    The response moves by one standard deviation along each of q independent directions,
-    whose coordinates z are standard normal. To second order in z
-
-    .. math:: \ln \int N(z; 0, I) \, p(D | z) \, dz \approx \ln p(D | 0)
-        + \tfrac12 g^T (I + F)^{-1} g - \tfrac12 \ln \det(I + F)
-
-    with gradient g and Fisher information F of the log-likelihood along the directions:
-    exact where the data are Gaussian and their mean is linear in z. The variance of the
-    model then adds to that of the measurement.
-
-    Each is given the data of the terms before it, so that their sum is that of all
-    data: a term that shares the model's error with one before it knows it better.
-
-    Args:
-        label: What to call the directions in messages.
-        terms: Likelihood terms.
-        parameters: ``{name: (n,)}``.
-        response: The model's.
-        directions: By how much each variable moves along each direction.
-        log_likelihoods: Those of the terms ``(n,)`` at this response.
-    """
-    tangents = tangents_of(label, parameters, response, directions)
-    n, q = tangents[next(iter(parameters))].shape
-    gradient, information = np.zeros((n, q)), np.tile(np.eye(q), (n, 1, 1))
-    before, averaged = np.zeros(n), []
-    for term, value in zip(terms, log_likelihoods, strict=True):
-        possible = value > -np.inf
-        with np.errstate(all="ignore"):  # of rows that are -inf
-            slope, curvature = expand(term, parameters, response, tangents, value)
-        gradient += np.where(possible[:, None], slope, 0.0)
-        information += np.where(possible[:, None, None], curvature, 0.0)
-        factor = np.linalg.cholesky(information)
-        scaled = np.linalg.solve(factor, gradient[:, :, None])[:, :, 0]
-        widths = np.diagonal(factor, axis1=1, axis2=2)
-        gain = 0.5 * (scaled**2).sum(axis=1) - np.log(widths).sum(axis=1)
-        averaged.append(value + gain - before)
-        before = gain
-    return averaged
 
 
 def tangents_of(

@@ -139,8 +139,8 @@ class IndependentPrior(Report):
                 low, high = checks.real_array(f"marginals[{name!r}]", marginal)
                 check_bounds([marginal], (name,))
                 marginal = stats.uniform(low, high - low)
-            frozen = not isinstance(marginal, stats.rv_continuous)
-            if not (frozen and {"logpdf", "rvs", "support"} <= {*dir(marginal)}):
+            methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}
+            if methods != {"logpdf", "rvs", "support"}:  # what can be frozen is not
                 raise TypeError(
                     f"marginals[{name!r}]: expected a frozen continuous distribution "
                     "such as scipy.stats.norm(0, 1), or a pair (low, high), got "

@@ -261,7 +261,7 @@ def _average_units(relative: Floats, size: Floats) -> Floats:
     """Return the standard deviations; where nothing is known, some usual ones."""
     count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
     mean = np.nansum(relative, axis=0) / count
-    compared = mean > 0
-    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=compared))
-    unit: Floats = size * np.where(compared, errors, UNREAD * np.median(errors[compared]))
+    there = mean > 0
+    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=there))
+    unit: Floats = size * np.where(there, errors, UNREAD * np.median(errors[there]))
     return unit
