@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..interfaces import Floats, Linearization, Prior, SolveError
 from ..likelihoods.term import linearize_normal
@@ -127,7 +128,8 @@ def along_tangents(
                 )
             gradient += slope
             scores.append(score)
-    return _side_by_side(posterior, theta, rows, gradient, scores, information)
+    possible = rows[:, 0] > -np.inf
+    return _side_by_side(posterior, theta, possible, gradient, scores, information)
 
 
 def difference(
@@ -146,14 +148,12 @@ def difference(
         information: Whether it is wanted.
         searching: Whether d + 1 solves per point will do, in place of 2 d + 1.
     """
-    n, d = theta.shape
-    width = len(posterior.rejected())
+    n, width = len(theta), len(posterior.rejected())
     how = (COARSE, ONE_SIDE) if searching else (STEP, SIDES)
     stencil = place(posterior.prior, theta, posterior.scale, *how)
     evaluated = evaluate(stencil.points)
     slopes = stencil.derive(evaluated)  # (n, columns, d)
     values = evaluated.reshape(n, -1, evaluated.shape[1])
-    rows = values[:, 0, :width]
     gradient = prior_gradient(posterior.prior, theta, posterior.scale)
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
     gradient += slopes[:, others].sum(axis=1)
@@ -167,28 +167,22 @@ def difference(
             )
         gradient += slope
         scores.append(score)
-    result = np.full((n, width + d + (d * d if information else 0)), np.nan)
-    result[:, :width] = rows
     # A solve that failed beside a point leaves it without a gradient.
-    solved = np.isfinite(values[:, :, 0]).all(axis=1)
-    solved &= ~np.isnan(stencil.steps).any(axis=(1, 2))
-    if solved.any():
-        some = [None if score is None else score[solved] for score in scores]
-        result[solved, width:] = _side_by_side(
-            posterior, theta[solved], rows[solved], gradient[solved], some, information
-        )
-    return result
+    possible = np.asarray(np.isfinite(values[:, :, 0]).all(axis=1))
+    possible &= ~np.isnan(stencil.steps).any(axis=(1, 2))
+    rest = _side_by_side(posterior, theta, possible, gradient, scores, information)
+    return np.hstack([values[:, 0, :width], rest])
 
 
 def _side_by_side(
     posterior: "LogPosterior",
     theta: Floats,
-    rows: Floats,
+    possible: NDArray[np.bool_],
     gradient: Floats,
     scores: Sequence[Floats | None],
     information: bool,
 ) -> Floats:
-    """Return gradient and information side by side; NaN where a row is -inf.
+    """Return gradient and information side by side; NaN where there can be none.
 
     Raises:
         SolveError: If a gradient is not finite elsewhere.
@@ -197,13 +191,13 @@ def _side_by_side(
     parts = [gradient]
     if information:
         matrix = -prior_hessian(posterior.prior, theta, posterior.scale)
-        for score in scores:
-            matrix += np.nan if score is None else score.swapaxes(1, 2) @ score
+        with np.errstate(all="ignore"):  # of rows that are -inf
+            for score in scores:
+                matrix += np.nan if score is None else score.swapaxes(1, 2) @ score
         parts.append(matrix.reshape(n, d * d))
     result = np.hstack(parts)
-    rejected = rows[:, 0] == -np.inf
-    result[rejected] = np.nan
-    wrong = ~rejected & ~np.isfinite(gradient).all(axis=1)
+    result[~possible] = np.nan
+    wrong = possible & ~np.isfinite(gradient).all(axis=1)
     if wrong.any():
         row = int(np.argmax(wrong))
         values = dict(zip(posterior.names, theta[row].tolist(), strict=True))
