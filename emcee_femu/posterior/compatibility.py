@@ -108,8 +108,11 @@ def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
             "write FunctionModel(function, n_modes=...) or FunctionModel(function, "
             "variables={name: Variable(...)}), or give it an attribute variables"
         )
-    if declared is None:  # the largest that terms need of each name
-        declared = {n: v for _, n, v in sorted(needs, key=lambda need: need[2].size)}
+    if declared is None:  # the largest of each name that terms need
+        declared = {}
+        for _, name, variable in needs:
+            usual = declared.get(name, variable)
+            declared[name] = max(usual, variable, key=lambda v: v.size)
     for name, variable in declared.items():
         checks.instance(f"model (its variables, {name!r})", variable, Variable)
     for term, name, variable in needs:
