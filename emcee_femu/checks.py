@@ -108,7 +108,7 @@ def real_number(argument: str, value: Any, low: float = -math.inf) -> float:
 
 def whole_number(argument: str, value: Any, low: int = 0) -> int:
     """Return ``value`` as an int that is at least ``low``; floats are refused."""
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+    if type(value) is bool or not isinstance(value, int | np.integer):
         raise TypeError(f"{argument}: expected a whole number, got {value!r}")
     if value < low:
         raise ValueError(f"{argument}: expected at least {low}, got {value}")
@@ -117,7 +117,7 @@ def whole_number(argument: str, value: Any, low: int = 0) -> int:
 
 def flag(argument: str, value: Any) -> bool:
     """Return True or False; nothing else will do, not even 0 or "no"."""
-    if not isinstance(value, bool | np.bool_):
+    if type(value) not in (bool, np.bool_):
         raise TypeError(f"{argument}: expected True or False, got {value!r}")
     return bool(value)
 
@@ -131,6 +131,12 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
     return value
 
 
+def mapping(argument: str, value: object, form: str) -> None:
+    """Refuse what is not a mapping; ``form`` is what was expected."""
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{argument}: expected {form}, got {type(value).__name__}")
+
+
 def file_name(argument: str, value: Any) -> str | PathLike[str]:
     """Return the name of a file; a number would be an open file, such as stdin."""
     if not isinstance(value, str | PathLike) or not str(value):
@@ -140,8 +146,7 @@ def file_name(argument: str, value: Any) -> str | PathLike[str]:
 
 def by_name(argument: str, values: Any, names: Sequence[str]) -> dict[str, Any]:
     """Return a mapping as a dict, refusing names that are not among ``names``."""
-    if not isinstance(values, Mapping):
-        raise TypeError(f"{argument}: expected {{name: value}}, got {values!r}")
+    mapping(argument, values, "{name: value}")
     unknown = [name for name in values if name not in names]
     if unknown:
         raise ValueError(f"{argument}: no parameter {unknown}; there are {list(names)}")
@@ -170,8 +175,7 @@ def batch(parameters: Parameters) -> tuple[Parameters, int]:
 
     What a :class:`LogPosterior` passes, arrays of floats, is passed on as it is.
     """
-    if not isinstance(parameters, Mapping):
-        raise TypeError(f"parameters: expected {{name: (n,)}}, got {parameters!r}")
+    mapping("parameters", parameters, "{name: (n,)}")
     values = {
         name: value
         if type(value) is np.ndarray and value.dtype == np.float64 and value.ndim == 1
@@ -186,8 +190,8 @@ def batch(parameters: Parameters) -> tuple[Parameters, int]:
 
 def parameter_names(argument: str, names: Iterable[str]) -> tuple[str, ...]:
     """Return ``names`` as a tuple of distinct, non-empty strings."""
-    if not isinstance(names, Iterable) or isinstance(names, str | set | frozenset):
-        remedy = f"; write [{names!r}]" if isinstance(names, str) else ""
+    if isinstance(names, str | set | frozenset) or not isinstance(names, Iterable):
+        remedy = f"; write [{names!r}]" if type(names) is str else ""
         raise TypeError(
             f"{argument}: expected a sequence of names, got {names!r}{remedy}"
         )

@@ -32,7 +32,7 @@ def check_prior(prior: Prior) -> None:
                 f"{type(prior).__name__} has no {attribute}; see GaussianPrior"
             )
     shape = (len(prior.names), 2)
-    if not isinstance(prior.bounds, np.ndarray) or prior.bounds.shape != shape:
+    if type(prior.bounds) is not np.ndarray or prior.bounds.shape != shape:
         raise TypeError(
             f"prior: expected bounds as an array (low, high) of shape {shape}, one row "
             f"for each of {list(prior.names)}, got {prior.bounds!r}"
@@ -41,42 +41,31 @@ def check_prior(prior: Prior) -> None:
 
 def check_terms(model: object, terms: Sequence[object]) -> None:
     """Refuse what is not a model, or a sequence of terms."""
-    if not callable(model):
-        raise TypeError(f"model: expected a callable, got {model!r}")
     if not terms:
         raise ValueError("terms: expected at least one likelihood term, got none")
-    for term in terms:
-        if not callable(term):
-            raise TypeError(f"terms: expected callables, got {term!r}")
-
-
-def name_terms(terms: Sequence[Term]) -> tuple[str, ...]:
-    """Return the distinct labels of terms."""
-    names = [term.name or f"term{i}" for i, term in enumerate(terms)]
-    return checks.parameter_names("terms (their names)", names)
+    for argument, part in (("model", model), *(("terms", term) for term in terms)):
+        if not callable(part):
+            raise TypeError(f"{argument}: expected a callable, got {part!r}")
 
 
 def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
     """Refuse a prior whose names or bounds do not fit the models and terms."""
-    readers: list[Model | Term] = [e.model for e in experiments]
-    readers += [term for e in experiments for term in e.terms]
+    models: list[Model | Term] = [e.model for e in experiments]
     read: set[str] = set()
-    open_ended = False  # whether a model reads what it likes
-    for reader in readers:
-        names = read_declared(reader, "names")
-        open_ended |= names is None and not isinstance(reader, Term)
+    for reader in models + [term for e in experiments for term in e.terms]:
+        names = read_declared(reader, "names") or ()
         bounds = read_declared(reader, "bounds") or {}
-        missing = {*(names or ())} - {*prior.names}
-        if missing:
+        if missing := {*names} - {*prior.names}:
             raise ValueError(
                 f"prior: no parameter {sorted(missing)}, which model or terms need"
             )
-        read |= {*(names or ()), *bounds}
+        read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:
             ends = prior.bounds[prior.names.index(name)].tolist()
             _check_bounds(type(reader).__name__, name, ends, *bounds[name])
     unread = [name for name in prior.names if name not in read]
-    if unread and not open_ended:
+    # A model that declares no names reads what it likes.
+    if unread and all(read_declared(model, "names") is not None for model in models):
         raise ValueError(
             f"prior: neither a model nor a term reads {unread}; they read "
             f"{sorted(read)}"
@@ -119,12 +108,11 @@ def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
             "write FunctionModel(function, n_modes=...) or FunctionModel(function, "
             "variables={name: Variable(...)}), or give it an attribute variables"
         )
-    if declared is None:
-        largest: dict[str, Variable] = {}
+    if declared is None:  # the largest of each name that terms need
+        declared = {}
         for _, name, variable in needs:
-            if name not in largest or largest[name].size < variable.size:
-                largest[name] = variable
-        declared = largest
+            usual = declared.get(name, variable)
+            declared[name] = max(usual, variable, key=lambda v: v.size)
     for name, variable in declared.items():
         checks.instance(f"model (its variables, {name!r})", variable, Variable)
     for term, name, variable in needs:
@@ -138,29 +126,29 @@ def declare(model: Model, terms: Sequence[Term]) -> Mapping[str, Variable]:
             raise ValueError(f"terms: {term.name!r} reads {name!r} {wrong}")
     for term in terms:
         for name, values in term.observed.items():
-            known = (term.reads or {}).get(name) or declared.get(name)
-            if known is None or np.shape(values) != known.shape:
+            read = (term.reads or {}).get(name) or declared.get(name)
+            if read is None or np.shape(values) != read.shape:
                 raise ValueError(
                     f"terms: {term.name!r} observed {name!r} of shape "
                     f"{np.shape(values)}, but it is read or returned with "
-                    f"{known and known.shape}; there are {list(declared)}"
+                    f"{read and read.shape}; there are {list(declared)}"
                 )
     return declared
 
 
-def _compare(needed: Variable, given: Variable) -> str:
+def _compare(needed: Variable, returned: Variable) -> str:
     """Return in which way a variable is not what a term reads, empty if it is."""
-    if not given.stored and not given.coords:  # of a shape that is not known
+    if not returned.stored and not returned.coords:  # of a shape that is not known
         return ""
-    if given.dims != needed.dims:
-        return f"with dimensions {needed.dims}, but the model returns {given.dims}"
-    if given.unit and needed.unit and given.unit != needed.unit:
+    if returned.dims != needed.dims:
+        return f"with dimensions {needed.dims}, but the model returns {returned.dims}"
+    if returned.unit and needed.unit and returned.unit != needed.unit:
         return (
-            f"measured in {needed.unit}, but the model returns it in {given.unit}; "
+            f"measured in {needed.unit}, but the model returns it in {returned.unit}; "
             "convert what was measured, or say unit= where both are the same"
         )
     for dim, labels in needed.coords.items():
-        there = list(given.coords[dim])
+        there = list(returned.coords[dim])
         if len(labels) > len(there):
             return (
                 f"at {len(labels)} {dim}s, but the model returns {len(there)}; ask it "
@@ -193,11 +181,11 @@ def check_names(
                     f"{what}: ArviZ has no place for the name {name!r} (nor for any of "
                     f"{sorted(RESERVED)}, or with a slash); rename it"
                 )
-    known: dict[str, Sequence[object]] = {}
+    labels_of: dict[str, Sequence[object]] = {}
     taken = RESERVED | CONSTANTS | {*variables, *prior.names}
     for name, variable in variables.items():
         for dim, labels in variable.coords.items():
-            same = list(known.setdefault(dim, labels)) == list(labels)
+            same = list(labels_of.setdefault(dim, labels)) == list(labels)
             if dim in taken or "/" in dim or not same:
                 raise ValueError(
                     f"model: the name of the dimension {dim!r} of {name!r} stands for "

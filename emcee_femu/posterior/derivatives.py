@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..interfaces import Floats, Linearization, Prior, SolveError
 from ..likelihoods.term import linearize_normal
@@ -24,7 +25,6 @@ Sides: TypeAlias = tuple[tuple[float, ...], ...]
 STEP = 3e-5
 COARSE = 3e-3  # for a search: frequencies that are good to six digits will do
 WIDE = 1e-3  # of second derivatives of the prior, from first ones
-DRAWS = 256
 # Central where both points are inside, else one-sided with the same order.
 SIDES: Sides = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
 ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
@@ -54,14 +54,6 @@ class Stencil(NamedTuple):
                 second, b = changes[:, 1].swapaxes(1, 2), self.steps[:, None, 1]
                 derivatives = (first * (b / a) - second * (a / b)) / (b - a)
         return derivatives
-
-
-def prior_scale(prior: Prior) -> Floats:
-    """Return the scale of each parameter ``(d,)``: from quartile to quartile."""
-    draws = prior.sample(np.random.default_rng(0), DRAWS)
-    low, high = np.quantile(draws, [0.25, 0.75], axis=0)
-    scale: Floats = (high - low) / 1.35
-    return scale
 
 
 def place(
@@ -127,14 +119,17 @@ def along_tangents(
     along = {name: np.broadcast_to(unit, theta.shape) for name, unit in units}
     gradient = prior_gradient(posterior.prior, theta, posterior.scale)
     scores = []
-    for experiment, own in zip(posterior.experiments, solved, strict=True):
-        tangents = own.tangents | along
-        for term in experiment.terms:
+    for part in solved:
+        tangents = part.tangents | along
+        for term in part.terms:
             with np.errstate(all="ignore"):  # of rows that are -inf
-                slope, score = term.linearize(parameters, own.response, tangents, steps)
+                slope, score = term.linearize(
+                    parameters, part.response, tangents, steps
+                )
             gradient += slope
             scores.append(score)
-    return _side_by_side(posterior, theta, rows, gradient, scores, information)
+    possible = rows[:, 0] > -np.inf
+    return _side_by_side(posterior, theta, possible, gradient, scores, information)
 
 
 def difference(
@@ -153,14 +148,12 @@ def difference(
         information: Whether it is wanted.
         searching: Whether d + 1 solves per point will do, in place of 2 d + 1.
     """
-    n, d = theta.shape
-    width = len(posterior.rejected())
+    n, width = len(theta), len(posterior.rejected())
     how = (COARSE, ONE_SIDE) if searching else (STEP, SIDES)
     stencil = place(posterior.prior, theta, posterior.scale, *how)
     evaluated = evaluate(stencil.points)
     slopes = stencil.derive(evaluated)  # (n, columns, d)
     values = evaluated.reshape(n, -1, evaluated.shape[1])
-    rows = values[:, 0, :width]
     gradient = prior_gradient(posterior.prior, theta, posterior.scale)
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
     gradient += slopes[:, others].sum(axis=1)
@@ -174,28 +167,22 @@ def difference(
             )
         gradient += slope
         scores.append(score)
-    result = np.full((n, width + d + (d * d if information else 0)), np.nan)
-    result[:, :width] = rows
     # A solve that failed beside a point leaves it without a gradient.
-    known = np.isfinite(values[:, :, 0]).all(axis=1)
-    known &= ~np.isnan(stencil.steps).any(axis=(1, 2))
-    if known.any():
-        some = [None if score is None else score[known] for score in scores]
-        result[known, width:] = _side_by_side(
-            posterior, theta[known], rows[known], gradient[known], some, information
-        )
-    return result
+    possible = np.asarray(np.isfinite(values[:, :, 0]).all(axis=1))
+    possible &= ~np.isnan(stencil.steps).any(axis=(1, 2))
+    rest = _side_by_side(posterior, theta, possible, gradient, scores, information)
+    return np.hstack([values[:, 0, :width], rest])
 
 
 def _side_by_side(
     posterior: "LogPosterior",
     theta: Floats,
-    rows: Floats,
+    possible: NDArray[np.bool_],
     gradient: Floats,
     scores: Sequence[Floats | None],
     information: bool,
 ) -> Floats:
-    """Return gradient and information side by side; NaN where a row is -inf.
+    """Return gradient and information side by side; NaN where there can be none.
 
     Raises:
         SolveError: If a gradient is not finite elsewhere.
@@ -204,13 +191,13 @@ def _side_by_side(
     parts = [gradient]
     if information:
         matrix = -prior_hessian(posterior.prior, theta, posterior.scale)
-        for score in scores:
-            matrix += np.nan if score is None else score.swapaxes(1, 2) @ score
+        with np.errstate(all="ignore"):  # of rows that are -inf
+            for score in scores:
+                matrix += np.nan if score is None else score.swapaxes(1, 2) @ score
         parts.append(matrix.reshape(n, d * d))
     result = np.hstack(parts)
-    rejected = rows[:, 0] == -np.inf
-    result[rejected] = np.nan
-    wrong = ~rejected & ~np.isfinite(gradient).all(axis=1)
+    result[~possible] = np.nan
+    wrong = possible & ~np.isfinite(gradient).all(axis=1)
     if wrong.any():
         row = int(np.argmax(wrong))
         values = dict(zip(posterior.names, theta[row].tolist(), strict=True))

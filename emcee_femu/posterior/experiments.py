@@ -19,11 +19,11 @@ from ..interfaces import (
     read,
     read_declared,
 )
-from ..likelihoods.term import Term, as_term
-from .compatibility import check_terms, declare, name_terms
-from .emulator_error import Directions, average
+from ..likelihoods.term import Term, as_term, move_along
+from .compatibility import check_terms, declare
 
 Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
+Directions: TypeAlias = Mapping[str, Mapping[str, Floats]]  # as spread returns them
 Ask: TypeAlias = Callable[[Parameters], tuple[Response, Directions]]
 
 SHOWN = 8  # parameter sets of a batch in a message
@@ -33,12 +33,14 @@ class Solved(NamedTuple):
     """What one experiment gave for n parameter sets.
 
     Attributes:
+        terms: Those of the experiment.
         response: That of the model.
         log_likelihoods: One ``(n,)`` for each term.
         stored: One ``(n, size)`` for each stored variable.
         tangents: Derivatives ``(n, *shape, d)`` by variable; empty without.
     """
 
+    terms: tuple[Term, ...]
     response: Response
     log_likelihoods: list[Floats]
     stored: list[Floats]
@@ -66,7 +68,8 @@ class Experiment:
         check_terms(model, sequence)
         self.name, self.model = name, model
         self.terms = tuple(map(as_term, sequence))
-        self.term_names = name_terms(self.terms)
+        names = [term.name or f"term{i}" for i, term in enumerate(self.terms)]
+        self.term_names = checks.parameter_names("terms (their names)", names)
         declared = declare(model, self.terms)
         self.variables = {name: v for name, v in declared.items() if v.stored}
         self.exact = read_declared(model, "variables") is not None
@@ -95,11 +98,8 @@ class Experiment:
             for term, name in zip(self.terms, self.term_names, strict=True)
         ]
         if directions is not None:
-            label = f"{self.full_name('model')}: spread"
-            values = average(
-                label, self.terms, parameters, response, directions, values
-            )
-        return Solved(response, values, stored, tangents)
+            values = self._average(parameters, response, directions, values)
+        return Solved(self.terms, response, values, stored, tangents)
 
     def _respond(
         self, parameters: Parameters, names: Sequence[str], derivatives: bool
@@ -140,7 +140,7 @@ class Experiment:
                 add_place(error, name_sets(parameters), [*parameters])
             if self.name:
                 error.add_note(f"in the experiment {self.name!r}")
-            if not isinstance(error, StopIteration | SystemExit):
+            if type(error) not in (StopIteration, SystemExit):
                 raise
             # The one would lose its notes in emcee's generator, the other end the
             # program without a word, and with exit code 0.
@@ -163,6 +163,47 @@ class Experiment:
                 f"{value.shape}"
             )
         return value
+
+    def _average(
+        self,
+        parameters: Parameters,
+        response: Response,
+        directions: Directions,
+        log_likelihoods: list[Floats],
+    ) -> list[Floats]:
+        r"""Return log-likelihoods averaged over the error that the model claims.
+
+        The response moves by one standard deviation along each of q independent
+        directions, whose coordinates z are standard normal. To second order in z
+
+        .. math:: \ln \int N(z; 0, I) \, p(D | z) \, dz \approx \ln p(D | 0)
+            + \tfrac12 g^T (I + F)^{-1} g - \tfrac12 \ln \det(I + F)
+
+        with gradient g and Fisher information F of the log-likelihood along the
+        directions: exact where the data are Gaussian and their mean is linear in z. The
+        variance of the model then adds to that of the measurement.
+
+        Each is given the data of the terms before it, so that their sum is that of all
+        data: a term that shares the model's error with one before it knows it better.
+        """
+        label = f"{self.full_name('model')}: spread"
+        tangents = tangents_of(label, parameters, response, directions)
+        n, q = tangents[next(iter(parameters))].shape
+        gradient, information = np.zeros((n, q)), np.tile(np.eye(q), (n, 1, 1))
+        before, averaged = np.zeros(n), []
+        for term, value in zip(self.terms, log_likelihoods, strict=True):
+            possible = value > -np.inf
+            with np.errstate(all="ignore"):  # of rows that are -inf
+                slope, curvature = expand(term, parameters, response, tangents, value)
+            gradient += np.where(possible[:, None], slope, 0.0)
+            information += np.where(possible[:, None, None], curvature, 0.0)
+            factor = np.linalg.cholesky(information)
+            scaled = np.linalg.solve(factor, gradient[:, :, None])[:, :, 0]
+            widths = np.diagonal(factor, axis1=1, axis2=2)
+            gain = 0.5 * (scaled**2).sum(axis=1) - np.log(widths).sum(axis=1)
+            averaged.append(value + gain - before)
+            before = gain
+        return averaged
 
     def _extract(
         self, response: Response, name: str, shape: tuple[int, ...], n: int
@@ -187,17 +228,50 @@ class Experiment:
         return part.reshape(n, -1)
 
 
-def check_joint(experiments: object) -> None:
+def tangents_of(
+    label: str, parameters: Parameters, response: Response, directions: Directions
+) -> dict[str, Floats]:
+    """Return moves of variables ``(n, *shape, q)``, and of parameters, which rest."""
+    names = [*dict.fromkeys(name for moves in directions.values() for name in moves)]
+    n = len(next(iter(parameters.values())))
+    still = dict.fromkeys(parameters, np.zeros((n, len(names))))
+    return gather_tangents(label, response, directions, names) | still
+
+
+def expand(
+    term: Term,
+    parameters: Parameters,
+    response: Response,
+    tangents: Mapping[str, Floats],
+    log_likelihood: Floats,
+) -> tuple[Floats, Floats]:
+    """Return gradient ``(n, q)`` and information ``(n, q, q)`` along the directions."""
+    steps = np.ones_like(tangents[next(iter(parameters))])
+    gradient, scores = term.linearize(parameters, response, tangents, steps)
+    if scores is not None:
+        return gradient, scores.swapaxes(1, 2) @ scores
+    # One standard deviation to both sides of each direction.
+    q, value = steps.shape[-1], log_likelihood[:, None]
+    moved = move_along(parameters, response, tangents, steps)
+    ahead, behind = term(*moved).reshape(-1, 2, q).swapaxes(0, 1)
+    slope = (ahead - behind) / 2
+    bend = 2 * value - ahead - behind
+    # What bends the other way has no maximum: it gains what was seen, no more.
+    seen = np.maximum(np.maximum(ahead, behind) - value, 0.5)
+    least = np.maximum(slope**2 / (2 * seen) - 1.0, 0.0)
+    bend = np.where(bend > 0, bend, least)
+    return slope, bend[:, :, None] * np.eye(q)
+
+
+def check_joint(experiments: Mapping[str, tuple[Model, Terms]]) -> None:
     """Refuse what is not ``{name: (model, terms)}``."""
-    if not isinstance(experiments, Mapping) or not experiments:
-        raise TypeError(
-            f"experiments: expected {{name: (model, terms)}}, got {experiments!r}"
-        )
-    for name, pair in experiments.items():
-        if not isinstance(name, str) or not name or set(name) & set("./"):
+    checks.mapping("experiments", experiments, "{name: (model, terms)}")
+    for name in checks.parameter_names("experiments", experiments):
+        if set(name) & set("./"):
             raise ValueError(
                 f"experiments: expected names without dots and slashes, got {name!r}"
             )
+        pair = experiments[name]
         if not isinstance(pair, Sequence) or len(pair) != 2:
             raise TypeError(
                 f"experiments: expected (model, terms) for {name!r}, got {pair!r}"

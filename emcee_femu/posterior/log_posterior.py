@@ -7,7 +7,6 @@ from typing import Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from .. import checks
 from ..interfaces import (
@@ -22,15 +21,11 @@ from ..interfaces import (
 )
 from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
-from .derivatives import along_tangents, difference, prior_scale, unstack
-from .experiments import (
-    Experiment,
-    Solved,
-    Terms,
-    check_joint,
-    name_sets,
-)
-from .priors import summarize_prior, tabulate_prior
+from .derivatives import along_tangents, difference, unstack
+from .experiments import Experiment, Solved, Terms, check_joint, name_sets
+from .priors import tabulate_prior
+
+DRAWS = 256  # of the prior, for the scales of derivatives
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
 # its row; with the gradient behind it; with the information behind that; or the row
@@ -290,30 +285,31 @@ class LogPosterior(Report):
         if derivatives and not self.differentiable:
             around = partial(self.stack, kind="deviations")
             return difference(self, theta, around, information)
-        parameters, solved = self.parameters(theta), []
-        for experiment in self.experiments:
-            solved.append(experiment.solve(parameters, self.names, derivatives))
+        parameters = self.parameters(theta)
+        solved = [
+            experiment.solve(parameters, self.names, derivatives)
+            for experiment in self.experiments
+        ]
         rows = self._gather(theta, log_prior, solved)
         if derivatives:
             rest = along_tangents(self, theta, rows, solved, information)
             return np.hstack([rows, rest])
         if kind == "rows":
             return rows
-        pairs = [
-            term.deviations(parameters, own.response)
-            for experiment, own in zip(self.experiments, solved, strict=True)
-            for term in experiment.terms
-            if term.gaussian
-        ]
-        known = [pair for pair in pairs if pair is not None]
-        return np.hstack([rows, *(r for r, _ in known), *(sd for _, sd in known)])
+        r, sd = [], []
+        for part in solved:
+            for term in part.terms:
+                if (pair := term.deviations(parameters, part.response)) is not None:
+                    r.append(pair[0])
+                    sd.append(pair[1])
+        return np.hstack([rows, *r, *sd])
 
     def _gather(
         self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
     ) -> Floats:
         """Return the rows of what experiments gave, refusing NaN and infinity."""
-        values = [value for own in solved for value in own.log_likelihoods]
-        stored = [value for own in solved for value in own.stored]
+        values = [value for part in solved for value in part.log_likelihoods]
+        stored = [value for part in solved for value in part.stored]
         total = sum(values, start=log_prior)
         densities = [column[:, None] for column in (total, log_prior, *values)]
         rows: Floats = np.concatenate([*densities, *stored], axis=1)
@@ -325,11 +321,11 @@ class LogPosterior(Report):
         wrong[:, first:] |= ~np.isfinite(rows[:, first:])
         if wrong.any():  # else the sum overflowed, not a number
             row = int(np.argmax(wrong.any(axis=1)))
-            said = zip(self.labels, rows[row].tolist(), wrong[row], strict=True)
+            columns = zip(self.labels, rows[row].tolist(), wrong[row], strict=True)
             raise SolveError(
                 "not finite",
                 f"at {name_sets(self.parameters(theta[row : row + 1]))}: "
-                f"{ {label: number for label, number, bad in said if bad} }; a model "
+                f"{ {label: value for label, value, bad in columns if bad} }; a model "
                 "must return finite numbers, a term finite ones, or -inf to reject. If "
                 "the parameters make no sense, give the prior bounds",
             )
@@ -371,29 +367,28 @@ class LogPosterior(Report):
 
     @cached_property
     def scale(self) -> Floats:
-        """The scale of each parameter under the prior ``(d,)``."""
-        return prior_scale(self.prior)
+        """The scale of each parameter under the prior: between quartiles, ``(d,)``."""
+        draws = self.prior.sample(np.random.default_rng(0), DRAWS)
+        low, high = np.quantile(draws, [0.25, 0.75], axis=0)
+        return np.asarray((high - low) / 1.35)
 
     def start(
         self,
         nwalkers: int,
         seed: int | np.random.SeedSequence | np.random.Generator,
-        around: ArrayLike | None = None,
     ) -> Floats:
-        """Draw starting positions ``(nwalkers, d)``, all inside the bounds.
+        """Draw starting positions ``(nwalkers, d)`` from the prior.
 
-        The default is over-dispersed, a draw from the prior: only then can independent
-        ensembles reveal a mode that one of them missed.
+        They are over-dispersed: only then can independent ensembles reveal a mode that
+        one of them missed.
 
         Args:
             nwalkers: Number of walkers.
             seed: Anything that ``numpy.random.default_rng`` takes.
-            around: A point ``(d,)``; the walkers are then Gaussian about it with a
-                tenth of the prior's standard deviation, cut at the bounds.
 
         Raises:
             TypeError: If nwalkers is not a whole number.
-            ValueError: If nwalkers < 1, or around lies outside the bounds.
+            ValueError: If nwalkers < 1.
 
         Examples:
             >>> import emcee_femu as ef
@@ -409,17 +404,7 @@ class LogPosterior(Report):
                 f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
                 f"({error})"
             ) from None
-        if around is None:
-            return self.prior.sample(rng, nwalkers)
-        centre = checks.real_array("around", around, 1)
-        self.check_inside("around", centre[None])
-        spread = 0.1 * summarize_prior(self.prior)[1]
-        low, high = (self.prior.bounds.T - centre) / spread
-        shape = (nwalkers, len(centre))
-        standard = stats.truncnorm.rvs(low, high, size=shape, random_state=rng)
-        # Rounding alone can pass a bound, by an ulp.
-        drawn: Floats = np.clip(centre + spread * standard, *self.prior.bounds.T)
-        return drawn
+        return self.prior.sample(rng, nwalkers)
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""

@@ -11,6 +11,8 @@ from .. import checks
 from ..interfaces import Floats, Prior
 from ..table import Column, Parts, Report, Table
 
+DRAWS = 20_000  # of a prior, for its moments
+
 
 class GaussianPrior(Report):
     r"""Independent Gaussians, cut at bounds and normalised inside them (Equation 2.3).
@@ -77,15 +79,13 @@ class GaussianPrior(Report):
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
         standard = (theta - self.mean) / self.sd
-        log_density: Floats = self._log_constant - 0.5 * (standard**2).sum(axis=1)
-        log_density[~inside(theta, self.bounds)] = -np.inf
-        return log_density
+        log_density = self._log_constant - 0.5 * (standard**2).sum(axis=1)
+        return np.where(inside(theta, self.bounds), log_density, -np.inf)
 
     def logpdfs(self, theta: Floats) -> Floats:
         """Return each parameter's log density ``(n, d)``, -inf out of bounds."""
         low, high = _standardize(self.bounds, self.mean, self.sd)
-        own: Floats = stats.truncnorm.logpdf(theta, low, high, self.mean, self.sd)
-        return own
+        return np.asarray(stats.truncnorm.logpdf(theta, low, high, self.mean, self.sd))
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` parameter sets inside the bounds."""
@@ -93,9 +93,7 @@ class GaussianPrior(Report):
         size = (n, len(self.names))
         standard = stats.truncnorm.rvs(low, high, size=size, random_state=rng)
         # Rounding may put mean + sd * low an ulp beyond a bound that was hit.
-        theta = self.mean + self.sd * standard
-        result: Floats = np.clip(theta, self.bounds[:, 0], self.bounds[:, 1])
-        return result
+        return np.asarray(np.clip(self.mean + self.sd * standard, *self.bounds.T))
 
 
 class IndependentPrior(Report):
@@ -129,9 +127,7 @@ class IndependentPrior(Report):
         marginals: Mapping[str, Any],
         bounds: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
-        if not isinstance(marginals, Mapping):
-            got = type(marginals).__name__
-            raise TypeError(f"marginals: expected {{name: distribution}}, got {got}")
+        checks.mapping("marginals", marginals, "{name: distribution}")
         self.names = names = checks.parameter_names("marginals", list(marginals))
         ends = checks.by_name("bounds", {} if bounds is None else bounds, names)
         if ends:
@@ -140,9 +136,11 @@ class IndependentPrior(Report):
         self.marginals: dict[str, Any] = {}
         for name, marginal in marginals.items():
             if np.shape(marginal) == (2,):
-                marginal = _uniform(name, marginal)
-            frozen = not isinstance(marginal, stats.rv_continuous)
-            if not (frozen and {"logpdf", "rvs", "support"} <= {*dir(marginal)}):
+                low, high = checks.real_array(f"marginals[{name!r}]", marginal)
+                check_bounds([marginal], (name,))
+                marginal = stats.uniform(low, high - low)
+            methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}
+            if methods != {"logpdf", "rvs", "support"}:  # what can be frozen is not
                 raise TypeError(
                     f"marginals[{name!r}]: expected a frozen continuous distribution "
                     "such as scipy.stats.norm(0, 1), or a pair (low, high), got "
@@ -200,32 +198,21 @@ class _Cut:
             )
 
     def logpdf(self, x: Floats) -> Floats:
-        inside = (x >= self.low) & (x <= self.high)
-        log_density: Floats = self.marginal.logpdf(x) - self._log_mass
-        return np.where(inside, log_density, -np.inf)
+        within = (x >= self.low) & (x <= self.high)
+        return np.where(within, self.marginal.logpdf(x) - self._log_mass, -np.inf)
 
     def rvs(self, size: int, random_state: np.random.Generator) -> Floats:
         share = random_state.random(size)
         draws = self._quantile(self._start + (self._stop - self._start) * share)
-        result: Floats = np.clip(draws, self.low, self.high)
-        return result
+        return np.asarray(np.clip(draws, self.low, self.high))
 
     def support(self) -> tuple[float, float]:
         return self.low, self.high
 
 
-def _uniform(name: str, ends: Any) -> Any:
-    """Return the uniform distribution between two numbers."""
-    low, high = checks.real_array(f"marginals[{name!r}]", ends, 1)
-    if not low < high:
-        raise ValueError(f"marginals[{name!r}]: expected low < high, got {ends!r}")
-    return stats.uniform(low, high - low)
-
-
 def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
     """Return bounds in standard deviations from the mean, ``(2, d)``."""
-    result: Floats = ((bounds - mean[:, None]) / sd[:, None]).T
-    return result
+    return np.asarray((bounds.T - mean) / sd)
 
 
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
@@ -251,13 +238,13 @@ def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     return result
 
 
-def summarize_prior(prior: Prior, draws: int = 20_000) -> tuple[Floats, Floats]:
+def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
     """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
 
-    Both are those of ``draws`` samples, whatever the prior; the standard deviation has
-    a Monte Carlo error of 0.5 %.
+    Both are those of samples, whatever the prior; the standard deviation has a Monte
+    Carlo error of 0.5 %.
     """
-    sample = prior.sample(np.random.default_rng(0), draws)
+    sample = prior.sample(np.random.default_rng(0), DRAWS)
     return sample.mean(axis=0), sample.std(axis=0)
 
 

@@ -1,6 +1,6 @@
 """Emulate a model from few solves, chosen where the posterior needs them."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
@@ -21,11 +21,14 @@ from ..table import Table
 from .emulated import EmulatedModel
 from .emulated_draws import EmulatedDraws, Explorer
 from .emulation_problem import EmulationProblem
+from .encoding import choose_outputs
+from .gaussian_process import fit_processes
 
 DRAWS = 20_000  # of the prior, for its quantiles
 SPREAD = 0.8  # share of the prior's spread that the first points have
 NEAR = 0.25  # the same of first points about a given one
 UNITS = 8  # points by which the errors of the measurement are read off the terms
+MORE = 4  # points of a first design than parameters: some more than a linear trend
 FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
 TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
@@ -127,19 +130,24 @@ def emulate(
         >>> emulated.solves <= 12, emulated.posterior.names
         (True, ('k',))
     """
-    if not isinstance(posterior, LogPosterior):
-        got = type(posterior).__name__
-        raise TypeError(f"posterior: expected a LogPosterior, got {got}")
+    checks.instance("posterior", posterior, LogPosterior)
     problem = EmulationProblem.of(posterior)
     seed = checks.whole_number("seed", seed)
-    design = _check_starts(starts, problem)
-    solves = _check_solves(solves, posterior.ndim, design)
+    coordinates = Coordinates.of(posterior.prior)
+    first = _first_points(coordinates, seed, _check_starts(starts, problem))
+    batch = posterior.ndim // 2 + 1
+    if checks.whole_number("solves", solves, 1) < len(first) + batch:
+        raise ValueError(
+            f"solves: expected at least {len(first) + batch} for {posterior.ndim} "
+            f"parameters, {len(first)} of a first design and a batch of {batch}, got "
+            f"{solves}; about {10 * posterior.ndim} are usual"
+        )
     tolerance = checks.real_number("tolerance", tolerance, 0)
     display = check_progress(progress)
     with (
         open_evaluator(
             problem.recorder(),
-            describe(posterior, {"moves": "emulate", "seed": seed, "starts": design}),
+            describe(posterior, {"moves": "emulate", "seed": seed, "starts": first}),
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -150,39 +158,39 @@ def emulate(
         ) as evaluator,
         emcee.pbar.get_progress_bar(display, solves, desc="emulate") as bar,
     ):
-        emulation = _Emulation(problem, evaluator, bar)
-        return emulation.run(solves, seed, design, tolerance)
+        emulation = _Emulation(problem, evaluator, coordinates, bar)
+        emulation.solve(first)
+        return emulation.run(solves, batch, seed, tolerance)
 
 
+@dataclass(eq=False)
 class _Emulation:
     """Full solves so far, and what was learned of them.
 
     Attributes:
         problem: What is emulated.
         evaluator: Solves in full.
-        bar: Shows the progress.
         coordinates: Those in which the posterior is explored.
+        bar: Shows the progress.
         theta: Where it was solved, ``(N, d)``.
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
     """
 
-    def __init__(
-        self,
-        problem: EmulationProblem,
-        evaluator: Evaluation | StoredEvaluation,
-        bar: Any,
-    ) -> None:
-        self.problem, self.evaluator, self.bar = problem, evaluator, bar
-        self.coordinates = Coordinates.of(problem.posterior.prior)
-        self.theta = np.empty((0, problem.posterior.ndim))
-        self.rows = np.empty((0, len(evaluator.posterior.rejected())))
+    problem: EmulationProblem
+    evaluator: Evaluation | StoredEvaluation
+    coordinates: Coordinates
+    bar: Any
+    theta: Floats = field(init=False)
+    rows: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.theta = np.empty((0, self.problem.posterior.ndim))
+        self.rows = np.empty((0, len(self.evaluator.posterior.rejected())))
 
     def run(
-        self, solves: int, seed: int, design: Floats | None, tolerance: float
+        self, solves: int, batch: int, seed: int, tolerance: float
     ) -> EmulatedModel:
         """Go on until the true error is small, or all solves are spent."""
-        (first,) = np.random.SeedSequence(seed).spawn(1)
-        self._solve(_first_points(self.coordinates, first, design))
         if (number := int(self._solved.sum())) < FEWEST:
             raise RuntimeError(
                 f"on_failure: only {number} of {len(self.theta)} solves of the first "
@@ -199,23 +207,20 @@ class _Emulation:
             spent = len(self.theta)
             if spent == solves or settled == SETTLED:
                 break
-            number = min(_batch_size(self.problem.posterior.ndim), solves - spent)
-            self._solve(self._choose(number, emulator, draws))
+            number = min(batch, solves - spent)
+            self.solve(self._choose(number, emulator, draws))
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
             history.append((spent, draws.predicted, error))
-            if hasattr(self.bar, "set_postfix_str") and np.isfinite(error):
+            if hasattr(self.bar, "set_postfix_str"):
                 text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
                 self.bar.set_postfix_str(text)
         history.append((spent, draws.predicted, np.nan))
-        by_round = list(zip(*history, strict=True))
-        table = Table.from_columns(
+        table = Table(
             "Errors at draws of the posterior, in units of measurement error",
-            [
-                ("solves", "d", by_round[0]),
-                ("predicted error", ".3g", by_round[1]),
-                ("true error", ".3g", by_round[2]),
-            ],
+            ("solves", "predicted error", "true error"),
+            ("d", ".3g", ".3g"),
+            tuple(history),
         )
         posterior = self.problem.replace_model(emulator)
         return replace(emulator, history=table, posterior=posterior)
@@ -225,7 +230,7 @@ class _Emulation:
         """Which points could be solved, ``(N,)``."""
         return np.isfinite(self.rows[:, 0])
 
-    def _solve(self, points: Floats) -> None:
+    def solve(self, points: Floats) -> None:
         """Solve in full; each solve is stored as it arrives."""
         rows = np.empty((len(points), self.rows.shape[1]))
         for number, row in self.evaluator.each(points):
@@ -239,26 +244,35 @@ class _Emulation:
     def _fit(
         self, last: EmulatedModel | None, draws: EmulatedDraws | None
     ) -> EmulatedModel:
-        """Fit an emulator to all that was solved."""
+        """Fit an emulator to all that was solved, whitened by the last draws."""
         problem, inputs = self.problem, self.problem.inputs
         theta = self.theta[self._solved]
         response = self.evaluator.posterior.unfold(self.rows[self._solved])
         newest = {name: values[-UNITS:] for name, values in response.items()}
+        units = problem.units(theta[-UNITS:], newest)
+        x = self.coordinates.coordinates(theta).take(inputs, axis=1)
+        mean, covariance = x.mean(axis=0), np.diag(x.var(axis=0))
+        if draws is not None:
+            mean = draws.mean[inputs]
+            covariance = draws.covariance[np.ix_(inputs, inputs)]
+        # The directions of a covariance in units of its own spreads, so that a
+        # parameter of 1e10 and one of 1 are alike.
+        sd = np.sqrt(np.diag(covariance))
+        factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
+        turn = np.linalg.inv(factor)
+        points = (x - mean) @ turn.T
+        lengths = None if last is None else last.processes.lengths
+        outputs = choose_outputs(points, response, units, lengths)
         names = [problem.posterior.names[i] for i in inputs]
         limits = map(tuple, problem.posterior.prior.bounds[inputs].tolist())
-        whiten = None
-        if draws is not None:
-            whiten = draws.mean[inputs], draws.covariance[np.ix_(inputs, inputs)]
-        return EmulatedModel.fit(
-            theta[:, inputs],
-            response,
-            problem.units(theta[-UNITS:], newest),
-            dict(zip(names, limits, strict=True)),
-            problem.variables,
-            logs=self.coordinates.logs[inputs],
+        return EmulatedModel(
+            bounds=dict(zip(names, limits, strict=True)),
+            variables={name: problem.variables[name] for name in units},
+            outputs=outputs,
+            processes=fit_processes(points, outputs.encode(response), lengths),
             solves=self.evaluator.solves,
-            whiten=whiten,
-            lengths=None if last is None else last.processes.lengths,
+            _whiten=(mean, turn),
+            _logs=self.coordinates.logs[inputs],
         )
 
     def _choose(
@@ -270,15 +284,14 @@ class _Emulation:
         emulated one. Points whose solves failed count as solved, and are not asked
         again.
         """
-        inputs, doubt = self.problem.inputs, emulator.processes.doubt
+        inputs, unit_sd = self.problem.inputs, emulator.processes.unit_sd
         extra = self.theta[~self._solved]
         for place in range(number):
-            theta, errors = draws.theta, draws.errors
-            if not place:
-                theta, errors = draws.wide, draws.wide_errors
+            among = draws.members if place else slice(None)
+            theta, errors = draws.wide[among], draws.errors[among]
             at = emulator.coordinates(theta[:, inputs])
-            before = doubt(at) ** 2
-            after = doubt(at, emulator.coordinates(extra[:, inputs])) ** 2
+            before = unit_sd(at) ** 2
+            after = unit_sd(at, emulator.coordinates(extra[:, inputs])) ** 2
             share = np.divide(after, before, np.zeros_like(after), where=before > 0)
             left = errors * share
             left[(theta[:, None] == extra).all(axis=2).any(axis=1)] = -1.0
@@ -295,18 +308,15 @@ class _Emulation:
         solved = np.flatnonzero(self._solved[-number:]) - number
         if not len(solved):
             return np.inf
-        theta, problem = self.theta[solved], self.problem
+        theta, emulated = self.theta[solved], self.problem.replace_model(emulator)
         full = self.evaluator.posterior.unfold(self.rows[solved])
-        emulated = emulator.emulate(theta[:, problem.inputs])
-        true = problem.deviate(theta, full, emulated)
-        square = problem.predict_error(problem.replace_model(emulator), theta)
+        true = self.problem.deviate(theta, full, emulated)
+        square = self.problem.predict_error(emulated, theta)
         factor = np.sqrt((true**2 / np.maximum(square, TINY**2)).mean())
         return float(factor * np.maximum(predicted, TINY))
 
 
-def _first_points(
-    coordinates: Coordinates, seed: np.random.SeedSequence, starts: Floats | None
-) -> Floats:
+def _first_points(coordinates: Coordinates, seed: int, starts: Floats | None) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
     Sobol points, mapped through the quantiles of the prior and drawn together towards
@@ -314,10 +324,11 @@ def _first_points(
     """
     if starts is not None and starts.ndim == 2:
         return starts
-    prior, number = coordinates.prior, _first_size(len(coordinates.prior.names)) - 1
-    rng = np.random.default_rng(seed)
+    prior = coordinates.prior
+    rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
     draws = coordinates.sample(np.random.default_rng(0), DRAWS)
     mean = draws.mean(axis=0)
+    number = len(mean) + MORE - 1
     power = int(np.ceil(np.log2(number)))
     places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[:number]
     columns = zip(draws.T, places.T, strict=True)
@@ -333,47 +344,16 @@ def _first_points(
     return theta
 
 
-def _first_size(ndim: int) -> int:
-    """Return how many points a first design has: some more than a linear trend."""
-    return ndim + 4
-
-
-def _batch_size(ndim: int) -> int:
-    """Return how many points are solved between two fits."""
-    return ndim // 2 + 1
-
-
 def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats | None:
     """Return a point ``(d,)`` or points ``(n, d)`` inside the bounds, or None."""
     if starts is None:
         return None
     points, posterior = checks.real_array("starts", starts), problem.posterior
     posterior.check_inside("starts", np.atleast_2d(points))
-    if points.ndim == 2 and len(points) < FEWEST:
+    alike = len(points) < FEWEST or not np.ptp(points[..., problem.inputs], 0).all()
+    if points.ndim == 2 and alike:
         raise ValueError(
-            f"starts: expected a point (d,), or at least {FEWEST} points (n, d), got "
-            f"shape {points.shape}"
-        )
-    same = [i for i in problem.inputs if points.ndim == 2 and not np.ptp(points[:, i])]
-    if same:
-        raise ValueError(
-            "starts: expected points that differ in every parameter of the model, got "
-            f"one value of {[posterior.names[i] for i in same]}"
+            f"starts: expected a point (d,), or at least {FEWEST} points (n, d) that "
+            f"differ in every parameter of the model, got {points.tolist()}"
         )
     return points
-
-
-def _check_solves(solves: int, ndim: int, starts: Floats | None) -> int:
-    """Return the budget, which is to suffice for a first design and a batch."""
-    number = checks.whole_number("solves", solves, 1)
-    first = _first_size(ndim)
-    if starts is not None and starts.ndim == 2:
-        first = len(starts)
-    fewest = first + _batch_size(ndim)
-    if number < fewest:
-        raise ValueError(
-            f"solves: expected at least {fewest} for {ndim} parameters, {first} of a "
-            f"first design and a batch of {_batch_size(ndim)}, got {number}; about "
-            f"{10 * ndim} are usual"
-        )
-    return number

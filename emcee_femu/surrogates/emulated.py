@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Self, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,17 +18,15 @@ from ..interfaces import (
 )
 from ..models.inputs import columns, read_inside
 from ..table import Parts, Report, Table
-from .encoding import Named, Outputs, choose_outputs
-from .gaussian_process import Processes, fit_processes
+from .encoding import Outputs
+from .gaussian_process import Processes
 
 if TYPE_CHECKING:
     from ..posterior.log_posterior import LogPosterior
 
-Label = TypeVar("Label", str, int)
-
-SMALL = 0.02  # in units of measurement error: what no direction of doubt is kept for
+SMALL = 0.02  # in units of measurement error: for less no direction is kept
 LEAST = 1e-300  # whose logarithm is taken in place of that of zero
-MOST = 24  # directions of doubt, the largest ones
+MOST = 24  # directions in which the emulator errs, the largest ones
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,63 +68,10 @@ class EmulatedModel(Report):
     processes: Processes = field(repr=False)
     solves: int
     _whiten: tuple[Floats, Floats] = field(repr=False)  # mean, and to coordinates
-    _directions: Floats = field(repr=False)  # (size, r)
     _logs: NDArray[np.bool_] = field(repr=False)  # parameters seen by logarithms, (d,)
     factor: float = 1.0
     history: Table | None = field(default=None, repr=False)
     posterior: "LogPosterior | None" = field(default=None, repr=False)
-
-    @classmethod
-    def fit(
-        cls,
-        theta: Floats,
-        response: Mapping[str, Floats],
-        units: Mapping[str, Floats],
-        bounds: Mapping[str, tuple[float, float]],
-        variables: Mapping[str, Variable],
-        *,
-        logs: NDArray[np.bool_],
-        solves: int,
-        whiten: tuple[Floats, Floats] | None = None,
-        lengths: Floats | None = None,
-    ) -> Self:
-        """Return a model that emulates responses at some points.
-
-        Args:
-            theta: Parameters ``(N, d)``, in the order of ``bounds``.
-            response: The variables at the points, ``(N, *shape)``.
-            units: Standard deviations of the measurement error, ``{variable:
-                (*shape)}``; the variables that are emulated.
-            bounds: ``{parameter: (low, high)}`` within which the model may be called.
-            variables: What the response is made of.
-            logs: Of which parameters, all above zero, the logarithms are taken,
-                ``(d,)``.
-            solves: Full solves spent.
-            whiten: Mean ``(d,)`` and covariance ``(d, d)`` of the parameters that
-                matter, those of the current posterior, of logarithms where logs are
-                taken; None for those of the points.
-            lengths: Those of an earlier fit, from which this one begins.
-        """
-        points = _take_logs(theta, logs)
-        mean, covariance = whiten or (points.mean(axis=0), np.diag(points.var(axis=0)))
-        # The directions of a covariance in units of its own spreads, so that a
-        # parameter of 1e10 and one of 1 are alike.
-        sd = np.sqrt(np.diag(covariance))
-        factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
-        turn = np.linalg.inv(factor)
-        coordinates = (points - mean) @ turn.T
-        outputs = choose_outputs(coordinates, response, units, lengths)
-        processes = fit_processes(coordinates, outputs.encode(response), lengths)
-        return cls(
-            bounds=bounds,
-            variables={name: variables[name] for name in units},
-            outputs=outputs,
-            processes=processes,
-            solves=solves,
-            _whiten=(mean, turn),
-            _directions=_find_directions(processes),
-            _logs=logs,
-        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,7 +79,8 @@ class EmulatedModel(Report):
         return tuple(self.bounds)
 
     def _parts(self) -> Parts:
-        error = self.leave_one_out()
+        left_out = self.processes.leave_out(self.processes.values)
+        error = np.sqrt((left_out**2).mean(axis=0))
         yield (
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
             f"from {len(self.processes.points)} points, {self.solves} full solves"
@@ -151,17 +98,12 @@ class EmulatedModel(Report):
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
-        return as_modal(self.emulate(self._theta(parameters)))
+        points = self.coordinates(self._theta(parameters))
+        still = np.empty((len(points), self.outputs.size, 0))
+        return self._decode(points, still, ())[0]
 
-    def emulate(self, theta: Floats) -> Named:
-        """Return the variables ``{name: (n, *shape)}`` at ``theta (n, d)``."""
-        mean = self.processes.predict(self.coordinates(theta))
-        return self.outputs.decode(mean, np.empty((*mean.shape, 0)))[0]
-
-    def spread(
-        self, parameters: Parameters
-    ) -> tuple[Response, dict[str, dict[int, Floats]]]:
-        """Return the response, and how it moves along each direction of doubt.
+    def spread(self, parameters: Parameters) -> tuple[Response, Derivatives]:
+        """Return the response, and how it moves along each direction of error.
 
         ``{variable: {direction: (n, *shape)}}``, by one standard deviation; directions
         are independent.
@@ -170,10 +112,10 @@ class EmulatedModel(Report):
             ValueError: As a call does.
         """
         points = self.coordinates(self._theta(parameters))
-        doubt = self.factor * self.processes.doubt(points)
-        moves = doubt[:, None, None] * self._directions
-        labels = range(self._directions.shape[1])
-        return self._decode(self.processes.predict(points), moves, labels, finite=True)
+        sd = self.factor * self.processes.unit_sd(points)
+        moves = sd[:, None, None] * self._directions
+        labels = [str(k) for k in range(self._directions.shape[1])]
+        return self._decode(points, moves, labels, finite=True)
 
     def jacobian(self, parameters: Parameters) -> tuple[Response, Derivatives]:
         """Return the response and its derivatives, those of the mean.
@@ -185,21 +127,28 @@ class EmulatedModel(Report):
         points = self.coordinates(theta)
         slopes = self.processes.slopes(points) @ self._whiten[1]
         slopes /= np.where(self._logs, theta, 1.0)[:, None]
-        return self._decode(self.processes.predict(points), slopes, self.names)
-
-    def leave_one_out(self) -> Floats:
-        """Return the root mean square error of each output, from the other points.
-
-        In units of measurement error, ``(size,)``.
-        """
-        errors = self.processes.leave_out(self.processes.values)
-        return np.asarray(np.sqrt((errors**2).mean(axis=0)))
+        return self._decode(points, slopes, self.names)
 
     def coordinates(self, theta: Floats) -> Floats:
         """Return whitened coordinates ``(n, d)`` of parameters in their order."""
         mean, turn = self._whiten
-        whitened: Floats = (_take_logs(theta, self._logs) - mean) @ turn.T
-        return whitened
+        x = theta.copy()
+        x[:, self._logs] = np.log(np.maximum(theta[:, self._logs], LEAST))
+        return np.asarray((x - mean) @ turn.T)
+
+    @cached_property
+    def _directions(self) -> Floats:
+        """The independent directions ``(size, r)`` in which the processes err.
+
+        They are those of a standard deviation of one; outputs that err together share
+        them.
+        """
+        squares, axes = np.linalg.eigh(self.processes.covariance)
+        sizes = np.sqrt(np.maximum(squares, 0.0))
+        kept = sizes * self.processes.left_out_sd.max() > SMALL
+        kept[:-MOST] = False
+        kept[-1] = True
+        return np.asarray(axes[:, kept] * sizes[kept])[:, ::-1]
 
     def _theta(self, parameters: Parameters) -> Floats:
         values, n = read_inside(parameters, self.bounds, "emulate")
@@ -207,12 +156,13 @@ class EmulatedModel(Report):
 
     def _decode(
         self,
-        mean: Floats,
+        points: Floats,
         directions: Floats,
-        labels: Sequence[Label],
+        labels: Sequence[str],
         finite: bool = False,
-    ) -> tuple[Response, dict[str, dict[Label, Floats]]]:
+    ) -> tuple[Response, Derivatives]:
         """Return the response, and how it moves along labelled directions."""
+        mean = self.processes.predict(points)
         response, moves = self.outputs.decode(mean, directions, finite)
         labelled = {
             name: {label: move[..., k] for k, label in enumerate(labels)}
@@ -226,24 +176,3 @@ def as_modal(response: Mapping[str, Floats]) -> Response:
     if "frequency" in response and {*response} <= {"frequency", "shapes"}:
         return ModalSolution(response["frequency"], response.get("shapes"))
     return response
-
-
-def _take_logs(theta: Floats, logs: NDArray[np.bool_]) -> Floats:
-    """Return parameters ``(n, d)``, of some the logarithms."""
-    taken = theta.copy()
-    taken[:, logs] = np.log(np.maximum(theta[:, logs], LEAST))
-    return taken
-
-
-def _find_directions(processes: Processes) -> Floats:
-    """Return the independent directions ``(q, r)`` in which the processes err.
-
-    They are those of a doubt of one; outputs that err together share them.
-    """
-    squares, axes = np.linalg.eigh(processes.covariance)
-    sizes = np.sqrt(np.maximum(squares, 0.0))
-    kept = sizes * processes.left_out_doubt.max() > SMALL
-    kept[:-MOST] = False
-    kept[-1] = True
-    directions: Floats = axes[:, kept] * sizes[kept]
-    return directions[:, ::-1]

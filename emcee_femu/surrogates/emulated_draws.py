@@ -31,24 +31,22 @@ class EmulatedDraws:
     the full model may turn out to be better than the emulator says.
 
     Attributes:
-        theta: Draws of the emulated posterior, ``(n, d)``, of equal weight.
+        wide: Draws of the wider one, ``(n, d)``, of equal weight.
         errors: Mean square errors predicted there, ``(n,)``, as those of ``deviate``.
-        wide: Draws of the wider one, ``(n, d)``.
-        wide_errors: Mean square errors predicted there.
+        members: Which of them are draws of the emulated one, with repetitions.
         mean, covariance: Of the emulated posterior's coordinates.
     """
 
-    theta: Floats
-    errors: Floats
     wide: Floats
-    wide_errors: Floats
+    errors: Floats
+    members: NDArray[np.intp]
     mean: Floats
     covariance: Floats
 
     @property
     def predicted(self) -> float:
         """The root mean square of the predicted errors."""
-        return float(np.sqrt(self.errors.mean()))
+        return float(np.sqrt(self.errors[self.members].mean()))
 
 
 class Explorer:
@@ -99,13 +97,10 @@ class Explorer:
         log_weights += (draws.log_weights - tempered)[chosen]
         weights = normalise(_temper(log_weights, d + 1, chosen))
         mean = weights @ x
-        errors = problem.predict_error(posterior, wide)
-        members = resample(weights, MEMBERS, rng.random())
         return EmulatedDraws(
-            theta=wide[members],
-            errors=errors[members],
             wide=wide,
-            wide_errors=errors,
+            errors=problem.predict_error(posterior, wide),
+            members=resample(weights, MEMBERS, rng.random()),
             mean=mean,
             covariance=(weights * (x - mean).T) @ (x - mean),
         )

@@ -24,11 +24,12 @@ from ..interfaces import (
     read_declared,
 )
 from ..models.paired import PairedModel
-from ..posterior.emulator_error import expand, tangents_of
+from ..posterior.experiments import expand, tangents_of
 from ..posterior.log_posterior import LogPosterior
 from .emulated import EmulatedModel, as_modal
 from .encoding import Named
 
+PAIRS = 0.1  # share of a shape that may be wrong where it only tells pairs
 UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
 STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
 
@@ -38,24 +39,24 @@ class Recorder:
     """A model whose response is nothing but the variables that are to be emulated.
 
     Attributes:
-        model: The full model, of which the variables are read; for a
-            :class:`PairedModel` those of all its candidates, at the sensors.
-        variables: What is recorded.
+        model: The full model, inside of its pairing.
+        variables: What is recorded of it.
         names: The parameters that there are.
+        paired: The pairing, of whose candidates it is recorded at the sensors.
     """
 
     model: Model
     variables: dict[str, Variable]
     names: tuple[str, ...]
+    paired: PairedModel | None
     one_by_one: bool = True  # as they are asked for, so that a failure is known
 
     def __call__(self, parameters: Parameters) -> Named:
         """Solve in full."""
-        if isinstance(self.model, PairedModel):
-            response = self.model.model(parameters)
-            frequency, shapes = self.model.read_candidates(response)
-            return {"frequency": frequency, "shapes": shapes}
         response = self.model(parameters)
+        if self.paired is not None:
+            candidates = self.paired.read_candidates(response)
+            return dict(zip(("frequency", "shapes"), candidates, strict=True))
         return {name: read(response, name) for name in self.variables}
 
 
@@ -99,14 +100,20 @@ class EmulationProblem:
         errors, model = posterior.error_names, posterior.model
         inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
         paired = model if isinstance(model, PairedModel) else None
-        variables = _find_variables(posterior) if paired is None else _recorded(paired)
-        return cls(posterior, variables, inputs, paired)
+        if paired is None:
+            variables = _find_variables(posterior)
+        else:  # the candidates, at the sensors
+            dofs = paired.variables["shapes"].coords["dof"]
+            variables = modal_variables(paired.candidates, dofs)
+        stored = {name: Variable(v.coords, v.unit) for name, v in variables.items()}
+        return cls(posterior, stored, inputs, paired)
 
     def recorder(self) -> LogPosterior:
         """Return the posterior whose rows store the raw variables of a full solve."""
-        prior = self.posterior.prior
-        model = Recorder(self.posterior.model, self.variables, tuple(prior.names))
-        return LogPosterior(model, compare_nothing, prior)
+        prior, paired = self.posterior.prior, self.paired
+        model = self.posterior.model if paired is None else paired.model
+        recorder = Recorder(model, self.variables, tuple(prior.names), paired)
+        return LogPosterior(recorder, compare_nothing, prior)
 
     def replace_model(self, model: EmulatedModel) -> LogPosterior:
         """Return the posterior with another source of the raw variables."""
@@ -126,8 +133,8 @@ class EmulationProblem:
         modal = as_modal(response)
         return modal if self.paired is None else self.paired.pair(modal)
 
-    def deviate(self, theta: Floats, response: Named, other: Named) -> Floats:
-        r"""Return how far apart two responses are, ``(n,)``, for the data.
+    def deviate(self, theta: Floats, response: Named, emulated: LogPosterior) -> Floats:
+        r"""Return how far an emulator is from full solves, ``(n,)``, for the data.
 
         .. math:: \Big[\sum_i (r_i - r'_i)^2 / \sigma_i^2\Big]^{1/2}
 
@@ -135,16 +142,16 @@ class EmulationProblem:
         the difference of the log-likelihoods counts.
         """
         parameters = self.posterior.parameters(theta)
-        pair = [self.compared(one) for one in (response, other)]
+        full, close = self.compared(response), emulated.model(parameters)
         total = np.zeros(len(theta))
         for term in self.posterior.terms:
             with np.errstate(all="ignore"):
-                full, emulated = (term.deviations(parameters, one) for one in pair)
-                if full is not None and emulated is not None:
-                    total += (((full[0] - emulated[0]) / full[1]) ** 2).sum(axis=1)
+                here = term.deviations(parameters, full)
+                there = term.deviations(parameters, close)
+                if here is not None and there is not None:
+                    total += (((here[0] - there[0]) / here[1]) ** 2).sum(axis=1)
                 else:
-                    values = [term(parameters, one) for one in pair]
-                    total += (values[0] - values[1]) ** 2
+                    total += (term(parameters, full) - term(parameters, close)) ** 2
         return np.asarray(np.sqrt(total))
 
     def predict_error(self, emulated: LogPosterior, theta: Floats) -> Floats:
@@ -167,12 +174,12 @@ class EmulationProblem:
         """
         compared = self.compared(response)
         reads = {n for term in self.posterior.terms for n in term.reads or response}
-        seen = {n: np.asarray(read(compared, n), float) for n in response if n in reads}
         units = {}
-        for name, information in self._information(theta, compared, seen).items():
+        for name in [name for name in response if name in reads]:
+            raw, value = response[name], np.asarray(read(compared, name), float)
+            information = self._information(theta, compared, name, value)
             if not (information > 0).any():
                 continue
-            raw, value = response[name], seen[name]
             by_mode = name == "shapes" and raw.ndim == 3
             if by_mode:
                 raw, value = (np.linalg.norm(x, axis=1) for x in (raw, value))
@@ -190,26 +197,22 @@ class EmulationProblem:
                 "terms: they tell nothing about what the model returns, so that it is "
                 "not known which errors of an emulator matter"
             )
+        if self.paired is not None and "shapes" not in units:
+            sizes = np.sqrt((response["shapes"] ** 2).mean(axis=(0, 1)))
+            units["shapes"] = np.tile(PAIRS * sizes, (response["shapes"].shape[1], 1))
         return units
 
-    def _information(self, theta: Floats, compared: Response, seen: Named) -> Named:
-        """Return what the data know of each ordinate, ``{variable: (n, *shape)}``."""
-        parameters = self.posterior.parameters(theta)
-        ends = np.cumsum([0, *(value[0].size for value in seen.values())]).tolist()
-        n, q = len(theta), ends[-1]
-        moves = dict.fromkeys(parameters, np.zeros((n, q)))
-        steps = np.ones(q)
-        for (name, value), begin in zip(seen.items(), ends, strict=False):
-            shape, size = value.shape[1:], value[0].size
-            step = STEP * max(float(np.abs(value).mean()), 1e-300)
-            move = (step * np.eye(size, q, begin)).reshape(*shape, q)
-            moves[name] = np.broadcast_to(move, (n, *shape, q))
-            steps[begin : begin + size] = step
-        total = self._inform(parameters, compared, moves) / steps**2
-        return {
-            name: total[:, begin : begin + value[0].size].reshape(value.shape)
-            for (name, value), begin in zip(seen.items(), ends, strict=False)
-        }
+    def _information(
+        self, theta: Floats, compared: Response, name: str, value: Floats
+    ) -> Floats:
+        """Return what the data know of each ordinate of a variable, ``(n, *shape)``."""
+        parameters, size = self.posterior.parameters(theta), value[0].size
+        step = STEP * max(float(np.abs(value).mean()), 1e-300)
+        move = (step * np.eye(size)).reshape(*value.shape[1:], size)
+        moves = dict.fromkeys(parameters, np.zeros((len(theta), size)))
+        moves[name] = np.broadcast_to(move, (*value.shape, size))
+        information = self._inform(parameters, compared, moves) / step**2
+        return information.reshape(value.shape)
 
     def _inform(
         self, parameters: Parameters, response: Response, moves: Mapping[str, Floats]
@@ -220,19 +223,9 @@ class EmulationProblem:
             with np.errstate(all="ignore"):
                 value = term(parameters, response)
                 curvature = expand(term, parameters, response, moves, value)[1]
-            known = np.diagonal(curvature, axis1=1, axis2=2)
-            total += np.where(np.isfinite(known), known, 0.0)
+            information = np.diagonal(curvature, axis1=1, axis2=2)
+            total += np.where(np.isfinite(information), information, 0.0)
         return total
-
-
-def _recorded(paired: PairedModel) -> dict[str, Variable]:
-    """Return the candidates that a pairing reads, at the sensors."""
-    dofs = paired.measurements.dofs
-    labels = range(len(np.asarray(paired.measurements.shapes)))
-    modes = modal_variables(
-        paired.candidates or 0, labels if dofs is None else dofs.tolist()
-    )
-    return {name: Variable(v.coords, v.unit) for name, v in modes.items()}
 
 
 def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
@@ -257,19 +250,18 @@ def _find_variables(posterior: LogPosterior) -> dict[str, Variable]:
                     "posterior: the model does not say at which DOFs it returns mode "
                     "shapes; put a PairedModel around it, or declare its variables"
                 )
-            usual = posterior.variables.get(name, variable)
-            needed[name] = declared.get(name, usual)
+            stored = posterior.variables.get(name, variable)
+            needed[name] = declared.get(name, stored)
     if "frequency" in needed and "shapes" in declared:  # to tell which mode is which
         needed["shapes"] = declared["shapes"]
-    return {name: Variable(v.coords, v.unit) for name, v in needed.items()}
+    return needed
 
 
 def _average_units(relative: Floats, size: Floats) -> Floats:
     """Return the standard deviations; where nothing is known, some usual ones."""
-    there = np.isfinite(relative)
-    count = np.maximum(there.sum(axis=0), 1)
-    mean = np.where(there, relative, 0.0).sum(axis=0) / count
-    known = mean > 0
-    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=known))
-    unit: Floats = size * np.where(known, errors, UNREAD * np.median(errors[known]))
+    count = np.maximum(np.isfinite(relative).sum(axis=0), 1)
+    mean = np.nansum(relative, axis=0) / count
+    there = mean > 0
+    errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=there))
+    unit: Floats = size * np.where(there, errors, UNREAD * np.median(errors[there]))
     return unit

@@ -15,13 +15,13 @@ k)`` of the numbers: as far as they are long if they are ``finite``, so that wha
 root or a crossing stays finite; otherwise the moves are derivatives.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 
-from ..interfaces import Floats, Response, read
+from ..interfaces import Floats
 from .gaussian_process import fit_processes
 
 LEAST = 1e-8  # an eigenvalue predicted below this share of the usual one is cut there
@@ -32,13 +32,6 @@ ROUNDS = 3  # of lengths, then of blocks with them
 
 Named: TypeAlias = dict[str, Floats]
 Key: TypeAlias = tuple[int, int]  # the first mode, and the one behind the last
-
-
-class Modes(NamedTuple):
-    """Eigenvalues ``(n, m)``, and shapes ``(n, n_dof, m)`` where they are known."""
-
-    eigenvalues: Floats
-    shapes: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,23 +54,22 @@ class Aligned:
     def size(self) -> int:
         """How many numbers."""
         r = len(self.unit)
-        return r * (r + 1) // 2 + (
-            0 if self.shape_unit is None else self.shape_unit.size
-        )
+        shapes = 0 if self.shape_unit is None else self.shape_unit.size
+        return r * (r + 1) // 2 + shapes
 
     @property
     def _scale(self) -> Floats:
         """The units of the entries of A, ``(r, r)``."""
         return np.asarray(np.sqrt(np.outer(self.unit, self.unit)))
 
-    def encode(self, modes: Modes) -> Floats:
+    def encode(self, response: Named) -> Floats:
         """Return the entries of A and the aligned shapes, ``(n, size)``."""
         members = slice(self.first, self.first + len(self.unit))
-        eigenvalues = modes.eigenvalues[:, members]
-        if self.inverse is None or modes.shapes is None:
+        eigenvalues = eigenvalues_of(response)[:, members]
+        if self.inverse is None:
             scaled: Floats = eigenvalues / self.unit
             return scaled
-        shapes = modes.shapes[:, :, members]
+        shapes = response["shapes"][:, :, members]
         left, _, right = np.linalg.svd(self.inverse @ shapes)
         turn = (left @ right).swapaxes(1, 2)
         A = turn.swapaxes(1, 2) @ (eigenvalues[:, :, None] * turn)
@@ -89,7 +81,7 @@ class Aligned:
 
     def decode(
         self, values: Floats, directions: Floats, finite: bool
-    ) -> tuple[Modes, Modes]:
+    ) -> tuple[Named, Named]:
         """Return the modes in ascending order, and how they move."""
         (n, _, k), r = directions.shape, len(self.unit)
         A, aligned = self._matrix(values)
@@ -104,7 +96,7 @@ class Aligned:
         turned = (vectors.swapaxes(1, 2) @ beside).reshape(n, r, k, r)
         moved = np.diagonal(turned, axis1=1, axis2=3).swapaxes(1, 2)
         if aligned is None or rest is None:
-            return Modes(eigenvalues), Modes(moved)
+            return {"eigenvalues": eigenvalues}, {"eigenvalues": moved}
         gaps = (eigenvalues[:, None] - eigenvalues[:, :, None])[:, :, None]
         if finite:
             # The angle by which two modes turn, at most an eighth of a turn.
@@ -116,10 +108,9 @@ class Aligned:
         shapes, n_dof = aligned @ vectors, aligned.shape[1]
         changed = (rest.reshape(n, k * n_dof, r) @ vectors).reshape(n, k, n_dof, r)
         mixed = (shapes @ mixing.reshape(n, r, k * r)).reshape(n, n_dof, k, r)
-        return (
-            Modes(eigenvalues, shapes),
-            Modes(moved, changed.transpose(0, 2, 3, 1) + mixed.swapaxes(2, 3)),
-        )
+        change = changed.transpose(0, 2, 3, 1) + mixed.swapaxes(2, 3)
+        modes = {"eigenvalues": eigenvalues, "shapes": shapes}
+        return modes, {"eigenvalues": moved, "shapes": change}
 
     def _matrix(self, values: Floats) -> tuple[Floats, Floats | None]:
         """Return A ``(n, r, r)``, and the aligned shapes ``(n, n_dof, r)``."""
@@ -165,9 +156,10 @@ class Symmetric:
         """How many numbers."""
         return len(self.unit)
 
-    def encode(self, modes: Modes) -> Floats:
+    def encode(self, response: Named) -> Floats:
         """Return the moments, ``(n, size)``."""
-        eigenvalues = modes.eigenvalues[:, self.first : self.first + self.size]
+        members = slice(self.first, self.first + self.size)
+        eigenvalues = eigenvalues_of(response)[:, members]
         mean = eigenvalues.mean(axis=1, keepdims=True)
         powers = range(2, self.size + 1)
         moments = [((eigenvalues - mean) ** p).mean(axis=1) for p in powers]
@@ -175,21 +167,21 @@ class Symmetric:
 
     def decode(
         self, values: Floats, directions: Floats, finite: bool
-    ) -> tuple[Modes, Modes]:
+    ) -> tuple[Named, Named]:
         """Return the eigenvalues of these moments, or the nearest real ones."""
-        eigenvalues, moves = self._solve(values), directions.swapaxes(1, 2)
+        eigenvalues = self._solve(values)
         if finite:
-            ahead, behind = (
-                self._solve(values[:, None] + s * moves) for s in (1.0, -1)
-            )
-            change = (ahead - behind) / 2.0
-            return Modes(eigenvalues), Modes(change.swapaxes(1, 2))
-        apart = eigenvalues - eigenvalues.mean(axis=1, keepdims=True)
-        # How the moments move with the eigenvalues, row by row
-        squares = apart**2 - (apart**2).mean(axis=1, keepdims=True)
-        rows = [np.ones_like(apart), 2.0 * apart, 3.0 * squares][: self.size]
-        forward = np.stack(rows, axis=1) / self.size / self.unit[:, None]
-        return Modes(eigenvalues), Modes(np.linalg.pinv(forward) @ directions)
+            moves, here = directions.swapaxes(1, 2), values[:, None]
+            change = (self._solve(here + moves) - self._solve(here - moves)) / 2.0
+            moved = change.swapaxes(1, 2)
+        else:
+            apart = eigenvalues - eigenvalues.mean(axis=1, keepdims=True)
+            # How the moments move with the eigenvalues, row by row
+            squares = apart**2 - (apart**2).mean(axis=1, keepdims=True)
+            rows = [np.ones_like(apart), 2.0 * apart, 3.0 * squares][: self.size]
+            forward = np.stack(rows, axis=1) / self.size / self.unit[:, None]
+            moved = np.linalg.pinv(forward) @ directions
+        return {"eigenvalues": eigenvalues}, {"eigenvalues": moved}
 
     def _solve(self, values: Floats) -> Floats:
         """Return the eigenvalues ``(..., r)`` that have the moments ``(..., r)``."""
@@ -211,64 +203,6 @@ class Symmetric:
 
 
 @dataclass(frozen=True, eq=False)
-class ModalOutputs:
-    r"""Frequencies in Hz, and shapes, by eigenvalues in units of measurement error.
-
-    .. math:: \lambda = (2 \pi f)^2, \qquad \sigma_\lambda = 8 \pi^2 f \sigma_f
-
-    Where the frequencies were in ascending order, so are those that are predicted.
-
-    Attributes:
-        blocks: The modes, in blocks that cross among themselves.
-        least: Eigenvalues below which none is predicted, ``(m,)``.
-        ascending: Whether the frequencies were in ascending order.
-    """
-
-    blocks: tuple[Aligned | Symmetric, ...]
-    least: Floats
-    ascending: bool
-
-    @property
-    def size(self) -> int:
-        """How many numbers."""
-        return sum(block.size for block in self.blocks)
-
-    def encode(self, response: Response) -> Floats:
-        """Return the numbers ``(n, size)``."""
-        modes = read_modes(response)
-        return np.hstack([block.encode(modes) for block in self.blocks])
-
-    def decode(
-        self, values: Floats, directions: Floats, finite: bool
-    ) -> tuple[Named, Named]:
-        """Return the frequencies in Hz and the shapes, and how they move."""
-        pairs = [
-            block.decode(values[:, part], directions[:, part], finite)
-            for block, part in zip(self.blocks, _split(self.blocks), strict=True)
-        ]
-        modes, moves = (_join(group) for group in zip(*pairs, strict=True))
-        order = np.broadcast_to(np.arange(len(self.least)), modes.eigenvalues.shape)
-        if self.ascending:
-            order = np.argsort(modes.eigenvalues, axis=1, kind="stable")
-        ordered = np.take_along_axis(modes.eigenvalues, order, axis=1)
-        root = np.sqrt(np.maximum(ordered, self.least))
-        response = {"frequency": root / (2 * np.pi)}
-        moved = np.take_along_axis(moves.eigenvalues, order[:, :, None], axis=1)
-        root = root[:, :, None]
-        if finite:
-            # No further than to zero: half the way from there to twice as far.
-            root = np.maximum(root, np.sqrt(np.abs(moved)) / 2.0)
-        changes = {"frequency": moved / (4 * np.pi * root)}
-        if modes.shapes is not None and moves.shapes is not None:
-            pick = order[:, None]
-            response["shapes"] = np.take_along_axis(modes.shapes, pick, axis=2)
-            changes["shapes"] = np.take_along_axis(
-                moves.shapes, pick[..., None], axis=2
-            )
-        return response, changes
-
-
-@dataclass(frozen=True, eq=False)
 class Numbers:
     """Any real variable, divided by the standard deviations of its measurement.
 
@@ -287,9 +221,9 @@ class Numbers:
         """How many numbers."""
         return self.unit.size
 
-    def encode(self, response: Response) -> Floats:
+    def encode(self, response: Named) -> Floats:
         """Return the numbers ``(n, size)``."""
-        values = np.asarray(read(response, self.name), dtype=float) / self.unit
+        values = response[self.name] / self.unit
         if self.reference is not None:
             side = (values * self.unit * self.reference).sum(axis=1, keepdims=True)
             values = values * np.where(side < 0, -1.0, 1.0)
@@ -306,18 +240,32 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """The parts that together make a response; made by :func:`choose_outputs`."""
+    r"""The blocks that together make a response; made by :func:`choose_outputs`.
 
-    parts: tuple[ModalOutputs | Numbers, ...]
+    Frequencies in Hz come as eigenvalues in units of measurement error,
+
+    .. math:: \lambda = (2 \pi f)^2, \qquad \sigma_\lambda = 8 \pi^2 f \sigma_f
+
+    Where the frequencies were in ascending order, so are those that are predicted.
+
+    Attributes:
+        blocks: Modes that cross among themselves, and other variables.
+        least: Eigenvalues below which none is predicted, ``(m,)``.
+        ascending: Whether the frequencies were in ascending order.
+    """
+
+    blocks: tuple[Aligned | Symmetric | Numbers, ...]
+    least: Floats
+    ascending: bool
 
     @property
     def size(self) -> int:
         """How many numbers are emulated."""
-        return sum(part.size for part in self.parts)
+        return sum(block.size for block in self.blocks)
 
-    def encode(self, response: Response) -> Floats:
+    def encode(self, response: Named) -> Floats:
         """Return the numbers ``(n, size)``, in units of measurement error."""
-        return np.hstack([part.encode(response) for part in self.parts])
+        return np.hstack([block.encode(response) for block in self.blocks])
 
     def decode(
         self, values: Floats, directions: Floats, finite: bool = False
@@ -326,19 +274,55 @@ class Outputs:
 
         ``{variable: (n, *shape)}`` and ``{variable: (n, *shape, k)}``.
         """
-        response: Named = {}
-        moves: Named = {}
-        for part, columns in zip(self.parts, _split(self.parts), strict=True):
-            pair = part.decode(values[:, columns], directions[:, columns], finite)
-            response |= pair[0]
-            moves |= pair[1]
+        parts: list[tuple[Named, Named]] = []
+        begin = 0
+        for block in self.blocks:
+            part = slice(begin, begin := begin + block.size)
+            parts.append(block.decode(values[:, part], directions[:, part], finite))
+        response, moves = (_join(side) for side in zip(*parts, strict=True))
+        if "eigenvalues" not in response:
+            return response, moves
+        eigenvalues, moved = response.pop("eigenvalues"), moves.pop("eigenvalues")
+        order = np.broadcast_to(np.arange(len(self.least)), eigenvalues.shape)
+        if self.ascending:
+            order = np.argsort(eigenvalues, axis=1, kind="stable")
+        ordered = np.take_along_axis(eigenvalues, order, axis=1)
+        root = np.sqrt(np.maximum(ordered, self.least))
+        response["frequency"] = root / (2 * np.pi)
+        moved = np.take_along_axis(moved, order[:, :, None], axis=1)
+        root = root[:, :, None]
+        if finite:
+            # No further than to zero: half the way from there to twice as far.
+            root = np.maximum(root, np.sqrt(np.abs(moved)) / 2.0)
+        moves["frequency"] = moved / (4 * np.pi * root)
+        if "shapes" in response:
+            order = order[:, None]
+            response["shapes"] = np.take_along_axis(response["shapes"], order, axis=2)
+            order = order[..., None]
+            moves["shapes"] = np.take_along_axis(moves["shapes"], order, axis=2)
         return response, moves
+
+
+def _join(parts: Sequence[Named]) -> Named:
+    """Return the modes of all blocks side by side, and the other variables."""
+    joined: Named = {}
+    for name in dict.fromkeys(name for part in parts for name in part):
+        arrays = [part[name] for part in parts if name in part]
+        axis = 2 if name == "shapes" else 1
+        joined[name] = arrays[0] if len(arrays) == 1 else np.concatenate(arrays, axis)
+    return joined
+
+
+def eigenvalues_of(response: Named) -> Floats:
+    """Return the eigenvalues ``(n, m)`` of frequencies in Hz."""
+    eigenvalues: Floats = (2 * np.pi * response["frequency"]) ** 2
+    return eigenvalues
 
 
 def choose_outputs(
     points: Floats,
-    response: Response,
-    units: Mapping[str, Floats],
+    response: Named,
+    units: Named,
     start: Floats | None = None,
 ) -> Outputs:
     """Return what to emulate of a response that was solved for at some points.
@@ -354,38 +338,29 @@ def choose_outputs(
             wanted still tell which mode is which.
         start: Lengths to begin with.
     """
-    rest = dict(units)
-    parts: list[ModalOutputs | Numbers] = []
-    if "frequency" in rest and rest["frequency"].ndim == 1:
-        modal_units = rest.pop("frequency"), rest.pop("shapes", None)
-        parts.append(_choose_modes(points, read_modes(response), *modal_units, start))
-    for name, unit in rest.items():
+    numbers = dict(units)
+    modal = Outputs((), np.empty(0), False)
+    if "frequency" in units and units["frequency"].ndim == 1:
+        unit, shape_unit = numbers.pop("frequency"), numbers.pop("shapes", None)
+        modal = _choose_modes(points, response, unit, shape_unit, start)
+    blocks = [*modal.blocks]
+    for name, unit in numbers.items():
         reference = None
         if name == "shapes" and unit.ndim == 2:
             # The direction that most shapes have in common, whatever their signs.
-            by_mode = np.asarray(read(response, name)).transpose(2, 0, 1)
+            by_mode = response[name].transpose(2, 0, 1)
             reference = np.linalg.svd(by_mode, full_matrices=False)[2][:, 0].T
-        parts.append(Numbers(name, unit, reference))
-    return Outputs(tuple(parts))
-
-
-def read_modes(response: Response) -> Modes:
-    """Return eigenvalues, and shapes where the response has them."""
-    frequencies = np.asarray(read(response, "frequency"), dtype=float)
-    try:
-        shapes = np.asarray(read(response, "shapes"), dtype=float)
-    except TypeError:
-        shapes = None
-    return Modes((2 * np.pi * frequencies) ** 2, shapes)
+        blocks.append(Numbers(name, unit, reference))
+    return Outputs(tuple(blocks), modal.least, modal.ascending)
 
 
 def _choose_modes(
     points: Floats,
-    modes: Modes,
+    response: Named,
     frequency_unit: Floats,
     shape_unit: Floats | None,
     start: Floats | None,
-) -> ModalOutputs:
+) -> Outputs:
     """Return the blocks of neighbours in which modes are emulated best.
 
     Alone, turned onto reference shapes where shapes are known, two or three in
@@ -394,32 +369,33 @@ def _choose_modes(
     as large as they may be; the best leaves the smallest error, each point left out in
     turn.
     """
-    frequencies = np.sqrt(modes.eigenvalues) / (2 * np.pi)
+    frequencies, shapes = response["frequency"], response.get("shapes")
+    eigenvalues = eigenvalues_of(response)
     usual = np.maximum(np.median(frequencies, axis=0), frequency_unit)
-    unit, shapes, m = 8 * np.pi**2 * usual * frequency_unit, modes.shapes, len(usual)
+    unit, m = 8 * np.pi**2 * usual * frequency_unit, len(usual)
     centre = int(np.argmin((points**2).sum(axis=1)))
 
     def make(first: int, last: int) -> Aligned | Symmetric:
         members = slice(first, last)
         if shapes is None and last > first + 1:
-            return Symmetric.of(first, unit[members], modes.eigenvalues[:, members])
+            return Symmetric.of(first, unit[members], eigenvalues[:, members])
         wanted = None if shape_unit is None else shape_unit[:, members]
         inverse = None if shapes is None else np.linalg.pinv(shapes[centre][:, members])
         return Aligned(first, unit[members], wanted, inverse)
 
     least = LEAST * (2 * np.pi * usual) ** 2
     if not (np.diff(frequencies, axis=1) >= 0).all():
-        return ModalOutputs(tuple(make(j, j + 1) for j in range(m)), least, False)
+        return Outputs(tuple(make(j, j + 1) for j in range(m)), least, False)
     largest = 3 if shapes is None else min(m, shapes.shape[1])
     keys = [(i, j) for i in range(m) for j in range(i + 1, min(i + largest, m) + 1)]
     blocks = {key: make(*key) for key in keys}
-    codes = {key: block.encode(modes) for key, block in blocks.items()}
+    codes = {key: block.encode(response) for key, block in blocks.items()}
     weights = 1.0 / (1.0 + ((points**2).mean(axis=1) / FAR) ** 2)
 
     def cost(key: Key, errors: Floats) -> float:
-        still = np.empty((*errors.shape, 0))
-        decoded = blocks[key].decode(codes[key] - errors, still, False)[0].eigenvalues
-        wrong = (decoded - modes.eigenvalues[:, slice(*key)]) / unit[slice(*key)]
+        still, members = np.empty((*errors.shape, 0)), slice(*key)
+        decoded, _ = blocks[key].decode(codes[key] - errors, still, False)
+        wrong = (decoded["eigenvalues"] - eigenvalues[:, members]) / unit[members]
         total = np.minimum(wrong**2, WORST).sum(axis=1)
         count = key[1] - key[0]
         if shape_unit is not None:
@@ -441,7 +417,7 @@ def _choose_modes(
             partings[chosen] = sum(costs[key] for key in chosen)
             chosen, lengths = _cheapest(costs, m), processes.lengths
     best = min(partings, key=lambda parting: partings[parting])
-    return ModalOutputs(tuple(blocks[key] for key in best), least, True)
+    return Outputs(tuple(blocks[key] for key in best), least, True)
 
 
 def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:
@@ -455,20 +431,3 @@ def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:
         ]
         best.append(min(ends))
     return best[m][1]
-
-
-def _split(
-    parts: Sequence[Aligned | Symmetric] | Sequence[ModalOutputs | Numbers],
-) -> list[slice]:
-    """Return the columns of each part."""
-    ends = np.cumsum([0, *(part.size for part in parts)]).tolist()
-    return [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-
-
-def _join(blocks: Sequence[Modes]) -> Modes:
-    """Return the modes of all blocks, or their moves, side by side."""
-    eigenvalues = np.concatenate([block.eigenvalues for block in blocks], axis=1)
-    shapes = [block.shapes for block in blocks if block.shapes is not None]
-    if len(shapes) < len(blocks):
-        return Modes(eigenvalues)
-    return Modes(eigenvalues, np.concatenate(shapes, axis=2))

@@ -79,7 +79,7 @@ class Processes:
             points, values, lengths, rough, covariance, whitener, unknown, weights
         )
         sd = np.maximum(
-            expected.amplitudes * expected.left_out_doubt[:, None], np.sqrt(TINY)
+            expected.amplitudes * expected.left_out_sd[:, None], np.sqrt(TINY)
         )
         ratios = expected.leave_out(values) / sd
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
@@ -92,25 +92,26 @@ class Processes:
 
     def predict(self, points: Floats) -> Floats:
         """Return means ``(n, q)`` at points ``(n, d)``."""
-        predicted: Floats = np.hstack(self._basis(points)) @ self._weights
+        kernel = self._correlate(points, self.points)
+        basis = np.hstack([kernel, _trend(points, len(self._trend))])
+        predicted: Floats = basis @ self._weights
         return predicted
 
-    def doubt(self, points: Floats, extra: Floats | None = None) -> Floats:
+    def unit_sd(self, points: Floats, extra: Floats | None = None) -> Floats:
         """Return the standard deviation ``(n,)`` of an output of amplitude one.
 
         Args:
             points: Where, ``(n, d)``.
             extra: Points ``(m, d)`` that are solved too, whatever comes out.
         """
-        known, unknown = self._parts(points)
-        square = 1.0 - (known**2).sum(axis=1) + (unknown**2).sum(axis=1)
+        explained, hidden = self._parts(points)
+        square = 1.0 - (explained**2).sum(axis=1) + (hidden**2).sum(axis=1)
         if extra is not None and len(extra):
-            at, free = self._parts(extra)
+            there, free = self._parts(extra)
             between = self._correlate(extra, points)
-            between += free @ unknown.T - at @ known.T
-            among = self._correlate(extra, extra) + free @ free.T - at @ at.T
-            among[np.diag_indices(len(extra))] += NUGGET
-            factor = np.linalg.cholesky(among)
+            between += free @ hidden.T - there @ explained.T
+            among = self._correlate(extra, extra) + free @ free.T - there @ there.T
+            factor = np.linalg.cholesky(among + NUGGET * np.eye(len(extra)))
             square -= (solve_triangular(factor, between, lower=True) ** 2).sum(axis=0)
         return np.asarray(np.sqrt(np.maximum(square, 0.0)))
 
@@ -139,8 +140,8 @@ class Processes:
         return residuals / self._projector.diagonal()[:, None]
 
     @property
-    def left_out_doubt(self) -> Floats:
-        """The doubt of each known point from the others, ``(N,)``."""
+    def left_out_sd(self) -> Floats:
+        """The ``unit_sd`` of each point of the fit from the others, ``(N,)``."""
         return np.asarray(1.0 / np.sqrt(self._projector.diagonal()))
 
     @cached_property
@@ -154,16 +155,13 @@ class Processes:
     def _correlate(self, a: Floats, b: Floats) -> Floats:
         return _correlate(a, b, self.lengths, self.rough)[0]
 
-    def _basis(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return the kernel to the known points ``(n, N)`` and the trend ``(n, p)``."""
-        return self._correlate(points, self.points), _trend(points, len(self._trend))
-
     def _parts(self, points: Floats) -> tuple[Floats, Floats]:
         """Return what the values tell ``(n, N)`` and the trend hides ``(n, p)``."""
-        kernel, trend = self._basis(points)
-        known = kernel @ self._whitener.T
-        told = self._whitener @ _trend(self.points, len(self._trend))
-        return known, (trend - known @ told) @ self._trend.T
+        size = len(self._trend)
+        explained = self._correlate(points, self.points) @ self._whitener.T
+        white_trend = self._whitener @ _trend(self.points, size)
+        hidden = _trend(points, size) - explained @ white_trend
+        return explained, hidden @ self._trend.T
 
 
 def fit_processes(
@@ -190,7 +188,7 @@ def fit_processes(
         >>> x = np.linspace(-1.0, 1.0, 7)[:, None]
         >>> fitted = fit_processes(x, 100.0 * np.sin(x))
         >>> at = np.array([[0.5]])
-        >>> sd = fitted.doubt(at) * fitted.amplitudes
+        >>> sd = fitted.unit_sd(at) * fitted.amplitudes
         >>> error = fitted.predict(at)[0] - 100.0 * np.sin(0.5)
         >>> bool(abs(error[0]) < 5.0 * sd[0] < 0.5)
         True
@@ -199,10 +197,10 @@ def fit_processes(
     trend = _trend(points, _trend_size(points))
     bent = values - trend @ np.linalg.lstsq(trend, values, rcond=None)[0]
     square = (bent**2).mean(axis=0)
-    say = square / (square + STRAIGHT**2)
+    counts = square / (square + STRAIGHT**2)  # of outputs that are not straight
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
-        return _restricted(points, bent, trend, np.exp(logs), rough, say)
+        return _restricted(points, bent, trend, np.exp(logs), rough, counts)
 
     bounds = np.log(np.outer(spread, [0.1, WIDEST]))
     common = [np.log(scale * spread) for scale in SCALES]
@@ -258,8 +256,8 @@ def _trend(points: Floats, size: int) -> Floats:
 def _factor(kernel: Floats) -> Floats:
     """Return the Cholesky factor of a kernel and its nugget."""
     kernel = kernel.copy()
-    kernel[np.diag_indices(len(kernel))] = 1.0 + NUGGET
-    return np.asarray(np.linalg.cholesky(kernel), dtype=float)
+    np.fill_diagonal(kernel, 1.0 + NUGGET)
+    return np.asarray(np.linalg.cholesky(kernel))
 
 
 def _restricted(
@@ -268,11 +266,11 @@ def _restricted(
     trend: Floats,
     lengths: Floats,
     rough: bool,
-    say: Floats,
+    counts: Floats,
 ) -> tuple[float, Floats]:
     """Return minus the restricted log-likelihood, and its slopes by log-lengths.
 
-    Each output counts as often as it has a say, ``(q,)``.
+    Outputs have a say in it by their ``counts (q,)``, from 0 to 1.
     """
     kernel, steep = _correlate(points, points, lengths, rough)
     factor = _factor(kernel)
@@ -282,13 +280,13 @@ def _restricted(
     half = solve_triangular(information, weighed.T, lower=True)
     projector = inverse - half.T @ half
     projected = projector @ values
-    free, count = len(points) - trend.shape[1], say.sum()
+    free, total = len(points) - trend.shape[1], counts.sum()
     squares = (values * projected).sum(axis=0)
     variances = np.maximum(squares / free, TINY)
     logs = np.log(factor.diagonal()).sum() + np.log(information.diagonal()).sum()
-    cost = 0.5 * free * (say * np.log(variances)).sum() + count * logs
+    cost = 0.5 * free * (counts * np.log(variances)).sum() + total * logs
     # d cost / d R, times R; the squared differences by coordinates come as products
-    inner = count * projector - (projected * say / variances) @ projected.T
+    inner = total * projector - (projected * counts / variances) @ projected.T
     pull = 0.5 * steep * inner
     scaled = points / lengths
     around = (pull.sum(axis=1) @ scaled**2) - (scaled * (pull @ scaled)).sum(axis=0)

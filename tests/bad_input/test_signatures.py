@@ -152,7 +152,6 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (array(), {"mean": POINT, "means": DRAWS[:2], "nodes": NODES}),
     (array().but(zero=0 * UP), {"orientation": UP}),
     (many.but(few=DRAWS[:2]), {"samples": DRAWS}),
-    (array().but(outside=99.0 * POINT), {"around": POINT}),
     (array().but(outside=99.0 * START), {"starts": START}),
     (per_mode, {"damping_sd": SD}),
     (probabilities, {"phase_collinearity": np.array([0.95, 1.0])}),

@@ -47,7 +47,7 @@ class Typo:
 
 
 @pytest.mark.parametrize(
-    ("model", "told"),
+    ("model", "remedied"),
     [
         (ef.FunctionModel(lambda p: p["A"]), True),
         (Typo(), True),
@@ -55,9 +55,9 @@ class Typo:
         (ef.FunctionModel(lambda p: {}[3]), False),
     ],
 )
-def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(model, told):
+def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(model, remedied):
     with pytest.raises(KeyError) as caught:
         ef.LogPosterior(model, TERM, PRIOR)([1.0, 1.0])
     place, *names = caught.value.__notes__
     assert "'a': 1.0" in place
-    assert ["a, b" in note for note in names] == [True] * told
+    assert ["a, b" in note for note in names] == [True] * remedied

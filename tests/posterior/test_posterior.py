@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy import integrate, stats
+from scipy import stats
 
 import emcee_femu as ef
 
@@ -69,17 +69,11 @@ def test_one_vector_gives_one_row_and_a_batch_gives_rows(shape):
     assert posterior(np.full((*shape, 2), 0.1)).shape == (*shape, 5)
 
 
-@pytest.mark.parametrize("n", [2, 9])
-def test_a_batch_in_any_memory_order_equals_a_loop(n):
-    names = [f"k{i}" for i in range(n)]
-    springs = {name: (i, i + 1, 100.0) for i, name in enumerate(names)}
-    model = ef.MassSpringModel(np.ones(n), springs)
-    measured = 1.02 * model({"k0": np.array([90.0])}).frequencies[0]
-    prior = ef.GaussianPrior(names, [100.0] * n, 20.0, [(50.0, 130.0)] * n)
-    posterior = ef.LogPosterior(model, ef.FrequencyTerm(measured, beta=1e3), prior)
-    theta = np.random.default_rng(2).normal(100, 20, (60, n)) % 85 + 50
+def test_a_batch_in_any_memory_order_equals_a_loop():
+    posterior = ef.paper.mass_spring().posterior
+    theta = posterior.start(60, 1) * np.random.default_rng(2).uniform(0.9, 1.1, (60, 5))
     rows = posterior(theta)
-    assert np.isfinite(rows[:, 0]).any() and (n < 5 or (rows[:, 0] == -INF).any())
+    assert np.isfinite(rows[:, 0]).any() and (rows[:, 0] == -INF).any()
     for other in (posterior(np.asfortranarray(theta)), [posterior(t) for t in theta]):
         assert_allclose(rows, other, rtol=1e-11)
 
@@ -99,42 +93,24 @@ def test_rows_outside_are_rejected_and_never_reach_the_model():
 
 
 @pytest.mark.parametrize("batch", [[INSIDE] * 3, [INSIDE, OUTSIDE], INSIDE])
-@pytest.mark.parametrize("order", "CF")
-def test_theta_survives_a_model_that_overwrites_its_input(batch, order):
-    theta = np.array(batch, order=order)
+def test_theta_and_other_models_survive_one_that_overwrites_its_input(batch):
+    theta = np.array(batch, order="F")
     rows = ef.LogPosterior(Linear(overwrite=True), TERM, PRIOR)(theta)
     assert_array_equal(theta, batch)
     assert_array_equal(rows, ef.LogPosterior(Linear(), TERM, PRIOR)(batch))
+    pair = {"a": (Linear(overwrite=True), TERM), "b": (Linear(), TERM)}
+    joint = ef.LogPosterior.joint(pair, PRIOR)(np.atleast_2d(theta))
+    assert_array_equal(joint[:, 2], joint[:, 3])
 
 
 @pytest.mark.parametrize("bad", [np.nan, INF])
 def test_a_log_likelihood_of_nan_or_infinity_is_an_error_at_its_place(bad):
     terms = [TERM, lambda p, modes: np.where(p["a"] == 0.05, bad, -INF)]
     posterior = ef.LogPosterior(Linear(), terms, PRIOR)
-    assert posterior([0.1, 0.2])[0] == -INF
+    rejected = posterior([0.1, 0.2])  # its frequencies are kept
+    assert_array_equal(np.isfinite(rejected), [False, True, True, False, True, True])
     with pytest.raises(ValueError, match=r"\{'a': 0.05, 'b': 0.1\}"):
         posterior([OUTSIDE, [0.1, 0.2], INSIDE])
-
-
-def test_minus_infinity_of_a_term_rejects_one_row_and_keeps_its_frequencies():
-    rows = ef.LogPosterior(Linear(), [TERM, negative_a], PRIOR)([[0.15, 0.1], INSIDE])
-    assert rows[0, 0] == rows[0, 3] == -INF and np.isfinite(rows[0, [1, 2, 4, 5]]).all()
-    assert np.isfinite(rows[1]).all()
-
-
-def test_evidence_with_a_cut_prior_is_the_closed_form():
-    prior = ef.GaussianPrior(["a"], [0.02], 0.1, [(-0.05, 0.15)])
-    model = ef.FunctionModel(lambda p: F0 * (1 + p["a"]))
-    posterior = ef.LogPosterior(model, TERM, prior)
-    value, _ = integrate.quad(lambda a: np.exp(posterior([a])[0]), -0.05, 0.15)
-    noise = np.diag([10.5**2, 25.2**2]) / 4e2
-    spread = noise + 0.1**2 * np.outer(F0, F0)
-    full = stats.multivariate_normal.pdf([10.5, 25.2], F0 * 1.02, spread)
-    precision = 100 + F0 @ np.linalg.solve(noise, F0)
-    mean = (2.0 + F0 @ np.linalg.solve(noise, [0.5, 0.2])) / precision
-    after = np.diff(stats.norm.cdf([-0.05, 0.15], mean, precision**-0.5)).item()
-    before = np.diff(stats.norm.cdf([-0.05, 0.15], 0.02, 0.1)).item()
-    assert value == pytest.approx(full * after / before, rel=1e-9)
 
 
 SPRINGS = ef.MassSpringModel([1.0, 1.0], {"k1": (0, 1, 9.0), "k2": (1, 2, 4.0)})
@@ -170,15 +146,13 @@ def test_what_does_not_fit_together_is_named(model, terms, marginals, named):
         ef.LogPosterior(model, terms, ef.IndependentPrior(marginals))
 
 
-@pytest.mark.parametrize(("n_modes", "stored"), [(None, 1), (2, 2)])
+@pytest.mark.parametrize(("n_modes", "stored"), [(None, [10.05]), (2, [10.05, 20])])
 def test_a_function_of_unknown_n_modes_stores_those_of_the_terms(n_modes, stored):
     model = ef.FunctionModel(lambda p: [10.0 + p["a"], 20.0], n_modes)
-    assert_allclose(
-        ef.LogPosterior(model, ONE, PRIOR)(INSIDE)[3:], [10.05, 20][:stored]
-    )
+    assert_allclose(ef.LogPosterior(model, ONE, PRIOR)(INSIDE)[3:], stored)
 
 
-@pytest.mark.parametrize("frequencies", [[1.0, 2.0], [[1.0]] * 3, [[1.0, 2.0]] * 2])
+@pytest.mark.parametrize("frequencies", [[1.0, 2.0], [[1.0, 2.0]] * 2])
 def test_a_model_that_returns_a_wrong_shape_is_refused(frequencies):
     solution = ef.ModalSolution(np.array(frequencies))
     posterior = ef.LogPosterior(lambda parameters: solution, TERM, PRIOR)
@@ -186,39 +160,17 @@ def test_a_model_that_returns_a_wrong_shape_is_refused(frequencies):
         posterior([INSIDE] * 3)
 
 
-def first_two(p):
-    return [10.0 + p["a"], 20.0]
-
-
-@pytest.mark.parametrize("model", [SPRINGS, ef.FunctionModel(first_two, 2)])
-def test_a_pickled_posterior_gives_the_same_bits(model):
-    names = ("k1", "k2") if model is SPRINGS else ("a", "b")
-    prior = ef.IndependentPrior({name: (0.5, 2.0) for name in names})
-    posterior = ef.LogPosterior(model, ef.FrequencyTerm([1.0, 2.0], beta=3.0), prior)
-    theta = posterior.start(20, 1)
-    copy = pickle.loads(pickle.dumps(posterior))
+def test_a_pickled_posterior_gives_the_same_bits():
+    posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
+    theta, copy = posterior.start(20, 1), pickle.loads(pickle.dumps(posterior))
     assert_array_equal(copy(theta), posterior(theta))
 
 
-@pytest.mark.parametrize("around", [None, INSIDE, [-0.1, 0.0], [0.2, 0.5], [-0.1, 0.5]])
-def test_starts_are_inside_and_repeat_with_their_seed(around):
+def test_starts_are_draws_of_the_prior_and_repeat_with_their_seed():
     posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
-    first, again, other = (posterior.start(500, seed, around) for seed in (3, 3, 4))
+    first, again, other = (posterior.start(500, seed) for seed in (3, 3, 4))
     assert first.shape == (500, 2) and np.isfinite(PRIOR.logpdf(first)).all()
     assert_array_equal(first, again)
     assert not np.isin(first, other).any()
     sd = PRIOR.sample(np.random.default_rng(9), 50_000).std(axis=0)
-    if around is None:
-        assert_allclose(first.std(axis=0), sd, rtol=0.15)
-        return
-    distance = (first - around) / (0.1 * sd)  # (half-)normal about the point
-    assert np.abs(distance).max() < 5
-    assert_allclose((distance**2).mean(axis=0), 1.0, atol=0.35)
-
-
-def test_functions_without_a_name_are_told_apart():
-    model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
-    terms = [lambda p, modes: -(p["k"] ** 2), lambda p, modes: -p["k"]]
-    posterior = ef.LogPosterior(model, terms, ef.GaussianPrior(["k"], [1.0], [0.1]))
-    assert len({*posterior.term_names}) == 2
-    assert all(name.isidentifier() for name in posterior.term_names)
+    assert_allclose(first.std(axis=0), sd, rtol=0.15)

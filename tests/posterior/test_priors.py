@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import integrate, stats
-from support.gradients import numerical
 
 import emcee_femu as ef
 
@@ -21,7 +20,7 @@ CUTS = {  # (low, high) in standard deviations from the mean
     "half-infinite far tail": (40.0, INF),
     "mean outside": (2.0, 5.0),
 }
-UNITS = {"1": (0.0, 1.0), "1e-8": (3e-8, 1e-8), "1e11": (2.1e11, 1e10)}
+UNITS = {"1e-8": (3e-8, 1e-8), "1e11": (2.1e11, 1e10)}
 
 
 def check_cut_law(prior, uncut, low, high, start, stop):
@@ -74,50 +73,32 @@ def test_without_bounds_the_gaussian_is_a_sum_of_norm_logpdf():
     assert_array_equal(prior.bounds, [[-INF, INF]] * 4)
 
 
-def test_a_gaussian_copies_its_arguments():
-    mean, sd, bounds = np.array([1.0]), np.array([2.0]), np.array([[-1.0, 3.0]])
-    prior = ef.GaussianPrior(["a"], mean, sd, bounds)
-    before = prior.logpdf(np.array([[0.5]]))
-    for array in (mean, sd, bounds):
-        array += 1.0
-    assert_array_equal(prior.logpdf(np.array([[0.5]])), before)
-
-
-LAWS = {
+MARGINALS = {
     "u": stats.uniform(1e3, 4e3),
     "ln": stats.lognorm(0.5, scale=3e-8),
     "tn": stats.truncnorm(-1.0, 3.0, loc=2.1e11, scale=1e10),
 }
 
 
-@pytest.mark.parametrize("order", [("u", "ln", "tn"), ("tn", "u", "ln")])
-def test_an_independent_prior_is_its_marginals_in_their_order(order):
-    prior = ef.IndependentPrior({name: LAWS[name] for name in order})
-    assert prior.names == order
-    assert_array_equal(prior.bounds, [LAWS[name].support() for name in order])
+def test_an_independent_prior_is_its_marginals_in_their_order():
+    prior = ef.IndependentPrior(MARGINALS)
+    assert prior.names == (*MARGINALS,)
+    assert_array_equal(prior.bounds, [m.support() for m in MARGINALS.values()])
     draws = prior.sample(np.random.default_rng(3), 4000)
     assert draws.shape == (4000, 3)
     expected = np.zeros(4000)
-    for name, column in zip(order, draws.T, strict=True):
-        assert stats.kstest(column, LAWS[name].cdf).pvalue > 1e-4, name
-        expected += LAWS[name].logpdf(column)
+    for (name, marginal), column in zip(MARGINALS.items(), draws.T, strict=True):
+        assert stats.kstest(column, marginal.cdf).pvalue > 1e-4, name
+        expected += marginal.logpdf(column)
     assert_allclose(prior.logpdf(draws), expected, rtol=1e-14)
+    assert_allclose(prior.logpdfs(draws).sum(axis=1), expected, rtol=1e-14)
     correlation = np.corrcoef(draws.T)[np.triu_indices(3, 1)]
     assert (abs(correlation) * np.sqrt(4000) < 5).all()
+    theta = np.tile([2e3, 3e-8, 2.1e11], (3, 1)) + np.diag([-1001, -4e-8, 4e10])
+    assert (prior.logpdf(theta) == -INF).all()
 
 
-@pytest.mark.parametrize(
-    ("column", "value"), [(0, 999.0), (0, 5001.0), (1, -1e-9), (2, 1.9e11), (2, 2.5e11)]
-)
-def test_an_independent_prior_is_zero_outside_one_support(column, value):
-    theta = np.array([[2e3, 3e-8, 2.1e11]] * 2)
-    theta[1, column] = value
-    assert_array_equal(
-        np.isfinite(ef.IndependentPrior(LAWS).logpdf(theta)), [True, False]
-    )
-
-
-CUT_MARGINALS = {  # marginal, bounds given, bounds that result
+CUT_MARGINALS = {  # marginal, bounds, bounds that result
     "lognormal": (stats.lognorm(0.5), (0.5, 1.5), (0.5, 1.5)),
     "one-sided": (stats.lognorm(0.5, scale=2.1e11), (1e11, INF), (1e11, INF)),
     "wider than the support": (stats.expon(), (-1.0, 2.0), (0.0, 2.0)),
@@ -128,10 +109,9 @@ CUT_MARGINALS = {  # marginal, bounds given, bounds that result
 
 @pytest.mark.parametrize("case", CUT_MARGINALS)
 def test_a_cut_marginal_is_renormalised_and_drawn_from(case):
-    marginal, given, (low, high) = CUT_MARGINALS[case]
-    prior = ef.IndependentPrior(
-        {"u": stats.uniform(), "a": marginal}, bounds={"a": given}
-    )
+    marginal, bounds, (low, high) = CUT_MARGINALS[case]
+    marginals = {"u": stats.uniform(), "a": marginal}
+    prior = ef.IndependentPrior(marginals, bounds={"a": bounds})
     stop = high if high < INF else marginal.isf(1e-13)
     again = pickle.loads(pickle.dumps(prior))
     check_cut_law(again, marginal, low, high, low, stop)
@@ -151,45 +131,18 @@ def test_a_pair_is_flat_from_low_to_high():
     assert_allclose(prior.logpdf(x), [-INF, flat, flat, flat, -INF])
 
 
-MARGINALS = {
-    "norm": stats.norm(3, 2),
-    "truncnorm": stats.truncnorm(-1, 2, loc=3, scale=2),
-    "uniform": stats.uniform(1, 4),
-    "halfnorm": stats.halfnorm(scale=0.02),
-    "expon": stats.expon(scale=5),
-    "lognorm": stats.lognorm(s=0.3, scale=1e9),
-    "t": stats.t(3, 1, 2),
-    "gamma": stats.gamma(2.5, scale=3),
-    "invgamma": stats.invgamma(3, scale=2),
-    "beta": stats.beta(2, 5, loc=-1, scale=3),
-    "weibull": stats.weibull_min(1.8, scale=4),
-    "logistic": stats.logistic(2, 0.5),
-}
-
-
-def slope_under(prior, x):
-    """Return the gradient of the log-prior ``(n,)``, which no likelihood adds to."""
+@pytest.mark.parametrize(
+    ("marginal", "slope"),
+    [
+        (stats.norm(3, 2), lambda x: (3 - x) / 4),
+        (stats.lognorm(0.3, 0, 1e9), lambda x: -(1 + np.log(x / 1e9) / 0.09) / x),
+        (stats.beta(1, 3), lambda x: -2 / (1 - x)),
+    ],
+)
+def test_gradients_are_those_of_the_densities(marginal, slope):
+    low, high = marginal.ppf([0.1, 0.8])
+    prior = ef.IndependentPrior({"x": marginal}, bounds={"x": (low, high)})
     model = ef.FunctionModel(lambda p: 1.0, variables={"y": ef.Variable({})})
     posterior = ef.LogPosterior(model, lambda p, y: np.zeros(len(p["x"])), prior)
-    return posterior.gradient(np.reshape(x, (-1, 1)))[1][:, 0]
-
-
-@pytest.mark.parametrize("cut", [False, True], ids=["whole", "cut"])
-@pytest.mark.parametrize("marginal", MARGINALS.values(), ids=MARGINALS)
-def test_gradients_of_marginals_are_those_of_their_densities(marginal, cut):
-    low, high = marginal.ppf([0.1, 0.8])
-    prior = ef.IndependentPrior(
-        {"x": marginal}, bounds={"x": (low, high)} if cut else None
-    )
-    x = np.linspace(low, high, 7)[1:-1]
-    scaled = numerical(lambda z: prior.logpdf(z * high), x[:, None] / high) / high
-    assert_allclose(slope_under(prior, x), scaled[:, 0], 1e-6, 1e-7 / (high - low))
-
-
-@pytest.mark.parametrize(
-    ("marginal", "expected"),
-    [(stats.gamma(1, scale=2), -0.5), (stats.beta(1, 3), -2.0), (stats.expon(), -1.0)],
-)
-def test_a_marginal_has_a_gradient_on_its_bound(marginal, expected):
-    slope = slope_under(ef.IndependentPrior({"x": marginal}), 0.0)
-    assert_allclose(slope, expected, rtol=1e-6)
+    x = np.linspace(low, high, 7)[:, None]  # on the bounds too
+    assert_allclose(posterior.gradient(x)[1], slope(x), 1e-6, 1e-7 / (high - low))

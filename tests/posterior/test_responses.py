@@ -1,8 +1,5 @@
 """A response of another kind than modes: all that a user writes, and what follows."""
 
-import warnings
-
-import arviz
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -80,13 +77,6 @@ def test_the_posterior_is_the_one_of_least_squares(idata):
     assert_allclose((1 / EI).mean(), flexibility, rtol=8e-3)
 
 
-def test_leave_one_out_takes_the_factors_of_the_likelihood(idata):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # three data leave a large Pareto k
-        loo = arviz.loo(idata, var_name="gauges", pointwise=True)
-    assert loo.n_data_points == 3
-
-
 GAP = {"gap": ef.Variable({})}
 BACKWARDS = {"deflection": ef.Variable({"point": ["c", "b", "a"]})}
 FEWER = {"deflection": ef.Variable({"point": ["a", "b"]})}
@@ -107,18 +97,6 @@ def test_a_term_names_what_the_response_lacks(variables, term, message):
     model = ef.FunctionModel(lambda p: p["EI"], variables=variables)
     with pytest.raises(ValueError, match=message):
         ef.LogPosterior(model, term, prior)
-
-
-@pytest.mark.parametrize(
-    ("returned", "error"),
-    [([1.0] * 4, ValueError), ({"gap": 1.0}, ValueError), ("abc", TypeError)],
-)
-def test_a_function_that_returns_something_else_is_refused(returned, error):
-    model = ef.FunctionModel(lambda p: returned, variables=deflect.variables)
-    with pytest.raises(error) as caught:
-        ef.LogPosterior(model, DeflectionTerm(), prior)([70.0])
-    notes = getattr(caught.value, "__notes__", [])
-    assert "'EI': 70.0" in "\n".join([str(caught.value), *notes])
 
 
 def posterior_of(names, dims, term="gauges", parameter="EI"):

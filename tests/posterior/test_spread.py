@@ -1,12 +1,10 @@
 """The likelihood under a model that knows its own error."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
-from support.gradients import DATA, LINEAR, LinearDerived, LinearModel
+from support.gradients import DATA, LINEAR, LinearDerived, LinearModel, LinearTerm
 
 import emcee_femu as ef
 
@@ -33,22 +31,7 @@ class UncertainDerived(LinearDerived, Uncertain):
     """The same with derivatives."""
 
 
-@dataclass
-class Gaussian:
-    """Independent Gaussian errors of some of the data."""
-
-    points: slice
-
-    def __call__(self, parameters, response):
-        r, sd = self.deviations(parameters, response)
-        return stats.norm.logpdf(r, scale=sd).sum(axis=1)
-
-    def deviations(self, parameters, response):
-        r = response["y"][:, self.points] - DATA[self.points]
-        return r, np.full_like(r, SD)
-
-
-ALL, FIRST, LAST = (Gaussian(slice(*ends)) for ends in ((4,), (3,), (3, None)))
+ALL, FIRST, LAST = LinearTerm(), LinearTerm(last=3), LinearTerm(first=3)
 
 
 def exact(theta, directions=SPREAD):

@@ -45,7 +45,7 @@ def wrong_model(rng):
 
 def judge(make, seed):
     emulated = make(np.random.default_rng(seed))
-    sampler = ef.run(emulated, "auto", 20, 1_000, seed=seed, ensembles=1)
+    sampler = ef.run(emulated, "auto", 20, 200, seed=seed, ensembles=1)
     idata = ef.to_inference_data(sampler, emulated)
     return ef.certify(idata, PROBLEM, 100, seed=seed)
 

@@ -32,13 +32,13 @@ def certify(emulated, true=TRUE, n=4_000, seed=3, solves=100, phi=0.0, **options
 @pytest.mark.slow
 @pytest.mark.parametrize(("emulated", "phi"), [(NEAR, 0.8), (SHIFTED, 0.0)])
 def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, phi):
-    found = [certify(emulated, n=6_000, seed=s, solves=180, phi=phi) for s in range(24)]
+    found = [certify(emulated, n=3_000, seed=s, solves=180, phi=phi) for s in range(30)]
     z = np.array(
         [[*(c.mean / c.mean_error), *((c.sd - 1) / c.sd_error)] for c in found]
     )
     assert (np.abs(z.mean(axis=0)) < 4.5 / np.sqrt(len(z))).all()
     # All six together: the mean square of a z-score is 1.
-    assert 0.7 < (z**2).mean() < 1.35
+    assert 0.6 < (z**2).mean() < 1.45
 
 
 def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():

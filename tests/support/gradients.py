@@ -89,6 +89,24 @@ class LinearDerived(LinearModel):
         return response, {"y": slopes}
 
 
+@dataclass
+class LinearTerm:
+    """Independent Gaussian errors of some of the data."""
+
+    first: int = 0
+    last: int = 4
+    sd: float = 0.2
+
+    def __call__(self, parameters, response):
+        r, sd = self.deviations(parameters, response)
+        return -0.5 * ((r / sd) ** 2 + np.log(2 * np.pi * sd**2)).sum(axis=1)
+
+    def deviations(self, parameters, response):
+        points = slice(self.first, self.last)
+        r = response["y"][:, points] - DATA[points]
+        return r, np.full_like(r, self.sd)
+
+
 def linear_posterior(jacobian=True):
     """Return a Gaussian posterior, its mean and its covariance."""
     prior = GaussianPrior(LinearModel.names, np.zeros(3), np.ones(3))

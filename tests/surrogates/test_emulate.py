@@ -39,8 +39,8 @@ def exact(function, term, prior, theta):
     return prior.logpdf(theta) - 0.5 * (((y - term.data) / term.sd) ** 2).sum(axis=1)
 
 
-def total_variation(one, other):
-    return 0.5 * np.abs(shares(one) - shares(other)).sum()
+def total_variation(close, full):
+    return 0.5 * np.abs(shares(close) - shares(full)).sum()
 
 
 # --- what it finds ----------------------------------------------------------------
@@ -117,8 +117,9 @@ def test_inferred_errors_are_no_inputs_of_the_emulator():
     assert_allclose(close[near], full[near], atol=0.1)
 
 
-def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
-    """Candidates of frequencies and shapes, each with the error of its measured one."""
+@pytest.mark.parametrize("n_terms", [1, 2])
+def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
+    """Candidates, each with the error of its measured one; shapes tell the pairs."""
     K = {"a": np.diag([1.0, 0.0, 0.0]), "b": np.array([[1, -1, 0], [-1, 2, -1],
                                                        [0, -1, 1.0]])}  # fmt: skip
     model = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, n_modes=3, shapes=True)
@@ -133,7 +134,7 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors():
         ef.ShapeTerm(measured, delta=[0.1, 0.02]),
     ]
     prior = ef.IndependentPrior({"a": (0.5, 2.0), "b": (0.5, 2.0)})
-    posterior = ef.LogPosterior(paired, terms, prior)
+    posterior = ef.LogPosterior(paired, terms[:n_terms], prior)
     emulated = ef.emulate(posterior, 24, seed=1)
     theta = prior.sample(np.random.default_rng(1), 2_000)
     close, full = emulated.posterior(theta)[:, 0], posterior(theta)[:, 0]
@@ -180,7 +181,7 @@ def draw_ridge(n, relative_sd):
 
 
 @SLOW
-@pytest.mark.parametrize("seed", [3, 7, 9, 11])
+@pytest.mark.parametrize("seed", [3, 11])
 def test_a_thin_ridge_is_emulated_right(seed):
     """Few members of a population ever come upon it, and they become copies."""
     emulated = ef.emulate(posed_slab(5e-4), 60, seed=seed)
@@ -193,9 +194,8 @@ def test_a_thin_ridge_is_emulated_right(seed):
 
 
 @SLOW
-@pytest.mark.parametrize("relative_sd", [1e-6, 1e-8])
-def test_where_all_becomes_copies_the_history_tells(relative_sd):
-    emulated = ef.emulate(posed_slab(relative_sd), 20, seed=1)
+def test_where_all_becomes_copies_the_history_tells():
+    emulated = ef.emulate(posed_slab(1e-7), 20, seed=1)
     assert emulated.solves == 20
     assert emulated.history.column("predicted error")[-1] > 0.1
 
@@ -204,11 +204,17 @@ def test_where_all_becomes_copies_the_history_tells(relative_sd):
 
 
 @SLOW
-def test_true_errors_decide_where_predicted_ones_do_not_see():
-    strict = ef.emulate(posed(rippled), 26, seed=1, tolerance=0.3)
-    assert strict.solves == 26
-    assert min(strict.history.column("true error")[:-1]) > 0.3
-    assert ef.emulate(posed(rippled), 26, seed=1, tolerance=50.0).solves == 10
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_it_ends_once_two_true_errors_running_are_within_tolerance(seed):
+    """Waves that no few points can show: predicted errors would end it elsewhere."""
+    history = ef.emulate(posed(rippled), 22, seed=seed, tolerance=0.1).history
+    spent = history.column("solves")
+    assert spent[-1] == 22
+    errors = np.array(history.column("true error")[:-1])
+    pairs = np.maximum(errors[:-1], errors[1:])  # of rounds that follow each other
+    first = int(np.argmin(pairs))
+    ended = ef.emulate(posed(rippled), 22, seed=seed, tolerance=pairs[first])
+    assert ended.solves == spent[first + 2]
 
 
 def test_no_tolerance_spends_all_solves_and_history_tells():
@@ -223,27 +229,26 @@ def test_no_tolerance_spends_all_solves_and_history_tells():
     assert_array_equal(again.posterior(theta), emulated.posterior(theta))
 
 
+def first_solves(starts, n):
+    posterior = posed()
+    ef.emulate(posterior, n + 2, seed=1, starts=starts)
+    return np.array(posterior.model.solved[:n])
+
+
 @pytest.mark.parametrize("around", [None, [0.5, -0.5]])
 def test_the_first_design_spreads_over_the_prior_or_about_a_point(around):
-    posterior = posed()
-    ef.emulate(posterior, 8, seed=1, starts=around)
-    centre = [0.0, 0.0] if around is None else around
-    first = np.array(posterior.model.solved[:6])
+    centre, first = around or [0.0, 0.0], first_solves(around, 6)
     assert np.isfinite(PRIOR.logpdf(first)).all()
     assert_allclose(first[0], centre, atol=0.01)
     reach = np.abs(first - centre).max()
     assert 1.0 < reach < 4.0 if around is None else 0.1 < reach < 0.8
 
 
-def test_the_first_design_may_be_given():
-    points, given = (
-        np.array([[0.1, 0.2], [0.5, -0.4], [0.6, 0.9], [-0.3, 0.1]]),
-        posed(),
-    )
-    ef.emulate(given, 6, seed=1, starts=points)
-    assert_array_equal(given.model.solved[:4], points)
-    with pytest.raises(ValueError, match="starts: .*'a'"):  # which would never differ
-        ef.emulate(posed(), 20, seed=1, starts=[[0.0, x] for x in range(3)])
+def test_the_first_design_may_be_chosen():
+    points = [[0.1, 0.2], [0.5, -0.4], [0.6, 0.9], [-0.3, 0.1]]
+    assert_array_equal(first_solves(points, 4), points)
+    with pytest.raises(ValueError, match="starts: .*differ"):
+        first_solves([[0.0, x] for x in range(3)], 3)
 
 
 def hopeless(x):
@@ -272,17 +277,16 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
 
 @forks
 def test_the_number_of_workers_changes_nothing():
-    serial, one, two = (ef.emulate(posed(), 8, seed=4, workers=n) for n in (None, 1, 2))
+    here, there = (ef.emulate(posed(), 8, seed=4, workers=n) for n in (None, 2))
     theta = PRIOR.sample(np.random.default_rng(1), 5)
-    assert one.solves == two.solves == serial.solves
-    assert_array_equal(one.posterior(theta), two.posterior(theta))
-    assert_allclose(one.posterior(theta), serial.posterior(theta), rtol=1e-6)
+    assert here.solves == there.solves
+    assert_allclose(there.posterior(theta), here.posterior(theta), rtol=1e-6)
 
 
 def test_what_cannot_be_emulated_is_refused_before_the_first_solve():
-    one = posed()
-    tests = {name: (one.model, Gaussian()) for name in ("empty", "loaded")}
+    model = posed().model
+    tests = {name: (model, Gaussian()) for name in ("empty", "loaded")}
     joint = ef.LogPosterior.joint(tests, PRIOR)
     with pytest.raises(ValueError, match="'empty', 'loaded'"):
         ef.emulate(joint, 20, seed=1)
-    assert one.model.solved == []
+    assert model.solved == []

@@ -47,8 +47,8 @@ def condition(points, values, at, fitted):
         correlate(every, every, fitted.lengths, fitted.rough) + 1e6 * trend @ trend.T
     )
     n = len(points)
-    own = joint[:n, :n] + gp.NUGGET * np.eye(n)
-    gain = np.linalg.solve(own, joint[:n, n:]).T
+    among = joint[:n, :n] + gp.NUGGET * np.eye(n)
+    gain = np.linalg.solve(among, joint[:n, n:]).T
     return gain @ values, (joint[n:, n:] - gain @ joint[:n, n:]).diagonal()
 
 
@@ -56,27 +56,27 @@ def condition(points, values, at, fitted):
 def test_prediction_is_the_conditional_gaussian(fitted):
     expected, factor = condition(POINTS, VALUES, FRESH, fitted)
     np.testing.assert_allclose(fitted.predict(FRESH), expected, atol=1e-3)
-    np.testing.assert_allclose(fitted.doubt(FRESH), np.sqrt(factor), rtol=1e-2)
+    np.testing.assert_allclose(fitted.unit_sd(FRESH), np.sqrt(factor), rtol=1e-2)
 
 
 @BOTH
 def test_leaving_one_out_is_what_the_others_predict(fitted):
-    residual, doubt = fitted.leave_out(VALUES), fitted.left_out_doubt
+    residual, sd = fitted.leave_out(VALUES), fitted.left_out_sd
     for i in range(len(POINTS)):
         rest, at = np.arange(len(POINTS)) != i, POINTS[i : i + 1]
         mean, factor = condition(POINTS[rest], VALUES[rest], at, fitted)
         np.testing.assert_allclose(residual[i], VALUES[i] - mean[0], atol=2e-3)
-        np.testing.assert_allclose(doubt[i], np.sqrt(factor + gp.NUGGET), rtol=1e-2)
+        np.testing.assert_allclose(sd[i], np.sqrt(factor + gp.NUGGET), rtol=1e-2)
 
 
 @BOTH
-def test_doubt_after_further_solves_needs_no_values(fitted):
+def test_the_sd_after_further_solves_needs_no_values(fitted):
     extra = RNG.standard_normal((3, 3))
-    known = np.vstack([POINTS, extra])
-    _, factor = condition(known, answers(known), FRESH, fitted)
-    after = fitted.doubt(FRESH, extra)
+    solved = np.vstack([POINTS, extra])
+    _, factor = condition(solved, answers(solved), FRESH, fitted)
+    after = fitted.unit_sd(FRESH, extra)
     np.testing.assert_allclose(after, np.sqrt(factor), rtol=0.01, atol=1e-3)
-    np.testing.assert_allclose(fitted.doubt(FRESH, extra[:0]), fitted.doubt(FRESH))
+    np.testing.assert_allclose(fitted.unit_sd(FRESH, extra[:0]), fitted.unit_sd(FRESH))
 
 
 @BOTH
@@ -132,7 +132,7 @@ def test_errors_are_about_as_large_as_predicted():
         rng = np.random.default_rng(seed)
         x, fresh = rng.standard_normal((25, 3)), rng.standard_normal((50, 3))
         fitted = gp.fit_processes(x, answers(x))
-        sd = fitted.doubt(fresh)[:, None] * fitted.amplitudes
+        sd = fitted.unit_sd(fresh)[:, None] * fitted.amplitudes
         wrong = (fitted.predict(fresh) - answers(fresh)) / sd
         ratios.append(np.sqrt((wrong**2).mean()))
     assert 0.2 < np.median(ratios) < 2.0
@@ -141,7 +141,7 @@ def test_errors_are_about_as_large_as_predicted():
 def test_few_points_have_a_constant_trend():
     fitted = gp.fit_processes(POINTS[:4], VALUES[:4])
     np.testing.assert_allclose(fitted.predict(POINTS[:4]), VALUES[:4], atol=0.1)
-    assert np.isfinite(fitted.doubt(FRESH)).all()
+    assert np.isfinite(fitted.unit_sd(FRESH)).all()
 
 
 def test_a_straight_output_changes_nothing_for_the_others():
