@@ -118,8 +118,7 @@ class Store:
         query = "SELECT stream, number, points FROM record ORDER BY stream, number"
         with self._reading() as file:
             records = np.array(file.execute(query).fetchall(), dtype=int).reshape(-1, 3)
-        ends = records[:, 2].cumsum()
-        total = int(records[:, 2].sum())
+        ends, total = records[:, 2].cumsum(), int(records[:, 2].sum())
         for place in np.linspace(0, total - 1, min(size, total)).astype(int):
             at = int(np.searchsorted(ends, place, "right"))
             stream, number, _ = records[at].tolist()
@@ -318,9 +317,9 @@ class StoredChain(emcee.backends.Backend):
 
 def _counts(evaluation: Evaluation | None) -> list[int]:
     """Return solves, evaluations and failures by cause so far."""
-    failures = None if evaluation is None else evaluation.failures
-    solves = 0 if evaluation is None else evaluation.solves
-    return [solves, *([0] * (COUNTS - 1) if failures is None else failures.counts)]
+    if evaluation is None or evaluation.failures is None:
+        return [evaluation.solves if evaluation else 0, *[0] * (COUNTS - 1)]
+    return [evaluation.solves, *evaluation.failures.counts]
 
 
 def restore_counts(evaluation: Evaluation, record: Record) -> None:
@@ -368,8 +367,7 @@ class StoredEvaluation:
 
     def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return rows and gradients."""
-        rows, gradient, _ = self.linearize(theta)
-        return rows, gradient
+        return self.linearize(theta)[:2]
 
     def linearize(self, theta: Floats) -> Linearization:
         """Return rows, gradients and information."""
@@ -415,8 +413,7 @@ class StoredEvaluation:
     def _append(self, record: Record) -> None:
         record = record._replace(counts=_counts(self.evaluation))
         self.store.append(0, self._number, record)
-        self._number += 1
-        self._end = self._number
+        self._number = self._end = self._number + 1
 
     def _other_way(self) -> ValueError:
         return ValueError(
