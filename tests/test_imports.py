@@ -34,11 +34,6 @@ ORDER = [
     "spectra",
     "paper",
 ]
-# Emulation is on its way to surrogates/, which come after sampling.
-EXCEPTIONS = {
-    ("sampling/emulate.py", "surrogates"),
-    ("sampling/emulate_rounds.py", "surrogates"),
-}
 
 
 def imported_layers(path):
@@ -67,7 +62,7 @@ def test_a_layer_imports_only_earlier_ones(layer):
         for file in files
         for name in set(imported_layers(file)) - allowed
     }
-    assert later <= EXCEPTIONS
+    assert later == set()
 
 
 def test_importing_the_package_loads_no_plotting_and_no_arviz():

@@ -7,8 +7,6 @@ the population falls apart into d of two dimensions, each by quadrature.
 import numpy as np
 from scipy import stats
 
-from support.repeated import as_idata
-
 MEAN, SPREAD, ERROR = 1.0, 0.06, 0.1
 PRIOR = stats.lognorm(0.3, scale=1.1)
 
@@ -17,24 +15,6 @@ def simulate(rng, tests, d):
     """Return ln of what was measured, ``(tests, d)``."""
     theta = MEAN + SPREAD * rng.standard_normal((tests, d))
     return np.log(theta) + ERROR * rng.standard_normal(theta.shape)
-
-
-def make_tests(rng, measured, number):
-    """Return ``{name: ArviZ object}``; the logarithms' posterior is normal."""
-    tests, d = measured.shape
-    precision = 1 / ERROR**2 + 1 / 0.3**2
-    names = [f"k{i + 1}" for i in range(d)]
-    found = {}
-    for t, own in enumerate(measured):
-        mean = (own / ERROR**2 + np.log(1.1) / 0.3**2) / precision
-        x = mean + rng.standard_normal((number, d)) / np.sqrt(precision)
-        theta = np.exp(x)
-        log_priors = PRIOR.logpdf(theta)
-        lp = -0.5 * (((x - own) / ERROR) ** 2).sum(axis=1) + log_priors.sum(axis=1)
-        prior = np.full(d, PRIOR.mean()), np.full(d, PRIOR.std())
-        bounds = np.tile([0.0, np.inf], (d, 1))
-        found[f"t{t}"] = as_idata(names, theta, lp, log_priors, prior, bounds)
-    return found
 
 
 GRID, STEP = np.linspace(0.5, 1.7, 601, retstep=True)
