@@ -367,7 +367,7 @@ class LogPosterior(Report):
 
     @cached_property
     def scale(self) -> Floats:
-        """The scale of each parameter under the prior: between quartiles, ``(d,)``."""
+        """The scale of each parameter under the prior, from its quartiles, ``(d,)``."""
         draws = self.prior.sample(np.random.default_rng(0), DRAWS)
         low, high = np.quantile(draws, [0.25, 0.75], axis=0)
         return np.asarray((high - low) / 1.35)

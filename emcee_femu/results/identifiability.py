@@ -78,7 +78,7 @@ class Identifiability(Report):
 
     @property
     def sd_ratio(self) -> Floats:
-        """Posterior by prior standard deviation: near 1 the data say nothing."""
+        """Posterior by prior standard deviation; near 1 the data say nothing."""
         ratio: Floats = np.sqrt(np.diag(self.covariance)) / self.prior_sd
         return ratio
 
