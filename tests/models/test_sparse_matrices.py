@@ -30,8 +30,9 @@ def groups(free=False):
         "lower": 40.0 * chain(SIZE, free, range(0, SIZE // 3)),
         "upper": 90.0 * chain(SIZE, free, range(SIZE // 3, SIZE + 1)),
     }
-    side = np.full(SIZE - 7, 0.3)
-    M = sparse.diags_array([side, np.ones(SIZE), side], offsets=[-7, 0, 7])
+    M = sparse.lil_array(sparse.eye_array(SIZE))
+    M.setdiag(0.3, 7)
+    M.setdiag(0.3, -7)
     return K, {"load": M.tocsc()}
 
 
