@@ -172,7 +172,11 @@ class Store:
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = Path(self.path).as_uri() + f"?mode={mode}"
         return sqlite3.connect(
-            uri, PATIENCE, uri=True, isolation_level=None, check_same_thread=False
+            uri,
+            timeout=PATIENCE,
+            uri=True,
+            isolation_level=None,
+            check_same_thread=False,
         )
 
     @contextmanager
