@@ -75,13 +75,19 @@ class Store:
         self.path = os.path.abspath(path)  # a solver may change the directory
         self._file: sqlite3.Connection | None = None
         self._time = 0.0
+        try:
+            self._check_tables(read_only)
+        except (ValueError, OSError):
+            self.close()
+            raise
+
+    def _check_tables(self, read_only: bool) -> None:
         with self._reading() if read_only else self._writing("the file") as file:
             names = file.execute("SELECT name FROM sqlite_master").fetchall()
             version = file.execute("PRAGMA user_version").fetchone()[0]
             for statement in () if names or read_only else TABLES:
                 file.execute(statement)
         if (names or read_only) and (("record",) not in names or version != FORMAT):
-            self.close()
             raise ValueError(
                 f"backend: {self.path} is the file of something else, or of another "
                 "version of emcee_femu; give a new file name"
