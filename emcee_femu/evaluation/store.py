@@ -74,7 +74,7 @@ class Store:
     def __init__(self, path: str, read_only: bool = False) -> None:
         self.path = os.path.abspath(path)  # a solver may change the directory
         self._file: sqlite3.Connection | None = None
-        self._time = 0.0
+        self._time, self._closed = 0.0, False
         try:
             self._check_tables(read_only)
         except (ValueError, OSError):
@@ -95,6 +95,7 @@ class Store:
 
     def close(self) -> None:
         """Close the file, which can still be read: it is opened again for that."""
+        self._closed = True
         if self._file is not None:
             with suppress(sqlite3.Error):  # else the journal stays beside the file
                 self._file.execute("PRAGMA journal_mode = DELETE")
@@ -213,6 +214,8 @@ class Store:
             finally:
                 if file.in_transaction:
                     file.execute("ROLLBACK")
+                if self._closed:  # a step after the run: nobody would close it again
+                    self.close()
 
     @contextmanager
     def _translating(self, written: str) -> Iterator[None]:
