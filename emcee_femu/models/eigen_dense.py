@@ -207,11 +207,9 @@ def _weigh(parts: Floats, weights: Floats) -> Floats:
 
 def combine(terms: Floats, coefficients: Floats) -> Floats:
     """Return ``terms[0] + sum_i coefficients[:, i] terms[1 + i]``, ``(n, N, N)``."""
-    n, N = len(coefficients), terms.shape[1]
-    # BLAS rounds a vector otherwise than rows of a matrix, which a run that goes on
-    # after a kill may see: gradients of one walker then, are those of many now.
-    rows = np.repeat(coefficients, 2, axis=0) if n == 1 else coefficients
-    total = (rows @ terms[1:].reshape(-1, N * N)).reshape(-1, N, N)[:n]
+    # No BLAS: it rounds few rows otherwise than many, which a run that goes on after a
+    # kill may see, for gradients of some walkers then are those of all now.
+    total: Floats = np.einsum("np,pij->nij", coefficients, terms[1:])
     total += terms[0]
     return total
 
