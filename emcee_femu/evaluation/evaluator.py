@@ -137,6 +137,18 @@ class Evaluation:
         """How many solves failed so far."""
         return 0 if self.failures is None else self.failures.causes.total()
 
+    @property
+    def counts(self) -> list[int]:
+        """Solves so far, evaluations, and failures by cause."""
+        log = FailureLog(1.0) if self.failures is None else self.failures
+        return [self.solves, *log.counts]
+
+    def restore(self, counts: Sequence[int]) -> None:
+        """Go on with solves and failures from the counts of an earlier run."""
+        self.solves = counts[0]
+        if self.failures is not None:
+            self.failures.restore(counts[1:])
+
     def _results(self, kind: Kind, theta: Floats) -> Sequence[Result]:
         """Return what is asked for at each point, or why a solve failed."""
         if self.pool is not None:

@@ -38,10 +38,10 @@ TABLES = (
     "ndim INTEGER, counts TEXT, content BLOB, checksum INTEGER, "
     "UNIQUE (stream, number))",
 )
-PATIENCE = 60.0  # s, for another program that reads or writes
+# Transactions are begun here; another program that reads or writes is waited for, 60 s.
+OPTIONS: Any = dict(timeout=60.0, isolation_level=None, check_same_thread=False)
 SLOW = 0.1  # s between records from which each of them survives a power loss too
 MOST = 256  # points of a batch that a kill may lose
-COUNTS = 6  # solves, evaluations, and failures by cause
 
 
 class Record(NamedTuple):
@@ -178,13 +178,8 @@ class Store:
 
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = Path(self.path).as_uri() + f"?mode={mode}"
-        return sqlite3.connect(
-            uri,
-            timeout=PATIENCE,
-            uri=True,
-            isolation_level=None,
-            check_same_thread=False,
-        )
+        file: sqlite3.Connection = sqlite3.connect(uri, uri=True, **OPTIONS)
+        return file
 
     @contextmanager
     def _reading(self) -> Iterator[sqlite3.Connection]:
@@ -320,26 +315,13 @@ class StoredChain(emcee.backends.Backend):
         """Append a step: all of it, or nothing."""
         total = self.accepted + accepted
         rows = np.column_stack([state.log_prob, state.blobs])
-        last = Record("rows", state.coords.copy(), rows, _counts(self._evaluation))
+        counts = self._evaluation.counts if self._evaluation else self.last.counts
+        last = Record("rows", state.coords.copy(), rows, counts)
         _, key, *rest = state.random_state
         position = {"accepted": total.tolist(), "random": [key.tolist(), *rest]}
         self._store.append(self._stream, self.iteration + 1, last, position)
         self.last, self.random_state = last, state.random_state
         self.iteration, self.accepted = self.iteration + 1, total
-
-
-def _counts(evaluation: Evaluation | None) -> list[int]:
-    """Return solves, evaluations and failures by cause so far."""
-    if evaluation is None or evaluation.failures is None:
-        return [evaluation.solves if evaluation else 0, *[0] * (COUNTS - 1)]
-    return [evaluation.solves, *evaluation.failures.counts]
-
-
-def restore_counts(evaluation: Evaluation, record: Record) -> None:
-    """Go on with solves and failures from where a record was stored."""
-    evaluation.solves = record.counts[0]
-    if evaluation.failures is not None:
-        evaluation.failures.restore(record.counts[1:])
 
 
 class StoredEvaluation:
@@ -421,10 +403,10 @@ class StoredEvaluation:
     def _go_on(self, record: Record) -> None:
         """Count what a record has spent, and pass it."""
         self._number += 1
-        restore_counts(self.evaluation, record)
+        self.evaluation.restore(record.counts)
 
     def _append(self, record: Record) -> None:
-        record = record._replace(counts=_counts(self.evaluation))
+        record = record._replace(counts=self.evaluation.counts)
         self.store.append(0, self._number, record)
         self._number = self._end = self._number + 1
 

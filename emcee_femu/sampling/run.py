@@ -15,7 +15,7 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.failures import FailureLog
 from ..evaluation.resume import open_evaluator
 from ..evaluation.samplers import Sampler
-from ..evaluation.store import Store, StoredChain, StoredEvaluation, restore_counts
+from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..interfaces import Backend, Floats, Move
 from ..moves.tempering import find_ladder
 from ..moves.weighted import Moves, check_walkers, weigh_moves
@@ -307,7 +307,7 @@ def _open_chains(
             f"already, got {steps}"
         )
     latest = max((chain.last for chain in chains), key=lambda record: record.counts[0])
-    restore_counts(solver, latest)
+    solver.restore(latest.counts)
     return chains
 
 
