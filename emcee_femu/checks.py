@@ -131,10 +131,25 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
     return value
 
 
-def mapping(argument: str, value: object, form: str) -> None:
-    """Refuse what is not a mapping; ``form`` is what was expected."""
+def mapping(argument: str, value: object, form: str) -> Mapping[Any, Any]:
+    """Return a mapping, refusing others; ``form`` is what was expected."""
     if not isinstance(value, Mapping):
         raise TypeError(f"{argument}: expected {form}, got {type(value).__name__}")
+    return value
+
+
+def group(argument: str, value: Any, form: str, size: int) -> tuple[Any, ...]:
+    """Return a sequence of ``size`` things, refusing others; ``form`` names them."""
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != size:
+        raise TypeError(f"{argument}: expected {form}, got {value!r}")
+    return tuple(value)
+
+
+def text(argument: str, value: Any) -> str:
+    """Return text that is not empty."""
+    if not isinstance(value, str) or not value:
+        raise TypeError(f"{argument}: expected a non-empty string, got {value!r}")
+    return value
 
 
 def file_name(argument: str, value: Any) -> str | PathLike[str]:
@@ -155,11 +170,8 @@ def by_name(argument: str, values: Any, names: Sequence[str]) -> dict[str, Any]:
 
 def by_label(argument: str, values: object, example: str) -> dict[str, Any]:
     """Return a mapping with labels that are text as a dict."""
-    if not isinstance(values, Mapping):
-        raise TypeError(
-            f"{argument}: expected {example} by label, got {type(values).__name__}"
-        )
-    return dict(zip(parameter_names(argument, values), values.values(), strict=True))
+    by_name = mapping(argument, values, f"{example} by label")
+    return dict(zip(parameter_names(argument, by_name), by_name.values(), strict=True))
 
 
 def numbers_by_name(argument: str, values: object, names: Sequence[str]) -> Floats:
@@ -197,8 +209,7 @@ def parameter_names(argument: str, names: Iterable[str]) -> tuple[str, ...]:
         )
     result = tuple(names)
     for name in result:
-        if not isinstance(name, str) or not name:
-            raise TypeError(f"{argument}: expected non-empty strings, got {name!r}")
+        text(argument, name)
     if not result or len(set(result)) < len(result):
         raise ValueError(f"{argument}: expected names, each once, got {[*result]}")
     return tuple(map(str, result))  # NumPy's strings too

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
+from . import checks
 from .interfaces import Floats
 from .likelihoods.spectrum import SpectrumTerm as SpectrumTerm
 from .measurements import Measurements
@@ -63,15 +64,11 @@ def modes_from_spectra(
         >>> modes.frequencies.round(1).tolist()
         [1.0]
     """
-    if (
-        arviz_objects.is_arviz(posteriors)
-        or not isinstance(posteriors, Mapping)
-        or not posteriors
-    ):
-        raise TypeError(
-            "posteriors: expected {label: idata}, one of each band, got "
-            f"{type(posteriors).__name__}"
-        )
+    form = "{label: idata}, one of each band"
+    if arviz_objects.is_arviz(posteriors) or not posteriors:
+        kind = type(posteriors).__name__
+        raise TypeError(f"posteriors: expected {form}, got {kind}")
+    checks.mapping("posteriors", posteriors, form)
     bands = [_read(label, idata) for label, idata in posteriors.items()]
     sensors = bands[0][1]
     for label, (_, others) in zip(posteriors, bands, strict=True):

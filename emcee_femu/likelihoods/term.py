@@ -71,12 +71,9 @@ class Term:
 
     def label(self, name: str, discrepancy: str | None = None) -> None:
         """Set the name, and the discrepancy as the only parameter that is read."""
-        for argument, text in (("name", name), ("discrepancy", discrepancy)):
-            left_out = argument == "discrepancy" and text is None
-            if not left_out and (not isinstance(text, str) or not text):
-                raise TypeError(
-                    f"{argument}: expected a non-empty string, got {text!r}"
-                )
+        checks.text("name", name)
+        if discrepancy is not None:
+            checks.text("discrepancy", discrepancy)
         self.name, self.discrepancy = name, discrepancy
         self.names = () if discrepancy is None else (discrepancy,)
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))

@@ -165,8 +165,8 @@ class FRFMeasurements(Report):
                     "is rounded to 1 says nothing of the error"
                 )
             averages = checks.whole_number("averages", averages, 2)
-        if unit is not None and (not isinstance(unit, str) or not unit):
-            raise TypeError(f"unit: expected text, got {unit!r}")
+        if unit is not None:
+            checks.text("unit", unit)
         checks.set_fields(
             self,
             lines=numbers,

@@ -22,7 +22,6 @@ from .eigen_dense import Eigenproblem
 from .inputs import (
     Coefficients,
     Dofs,
-    check_mapping,
     check_positive,
     choose_dofs,
     columns,
@@ -334,7 +333,7 @@ def _find_free_dofs(
 ) -> NDArray[np.intp]:
     """Return the numbers of the DOFs that no support holds, six per node."""
     supports = {} if supports is None else supports
-    check_mapping("supports", supports, "{node: held DOFs}")
+    checks.mapping("supports", supports, "{node: held DOFs}")
     free = np.ones((n_nodes, 6), dtype=bool)
     for node, held in supports.items():
         _check_node("supports", node, n_nodes)
@@ -362,7 +361,7 @@ def _check_elements(
     n_nodes: int, elements: Sequence[Element], sections: Mapping[str, Section]
 ) -> None:
     """Check that nodes, elements and sections fit together."""
-    check_mapping("sections", sections, "{name: Section}")
+    checks.mapping("sections", sections, "{name: Section}")
     checks.parameter_names("sections", list(sections))
     for name, section in sections.items():
         checks.instance(f"sections[{name!r}]", section, Section)
@@ -372,15 +371,13 @@ def _check_elements(
             f"{elements!r}"
         )
     for e, element in enumerate(elements):
-        if not isinstance(element, Sequence) or len(element) != 3:
-            raise TypeError(
-                f"elements[{e}]: expected (node, node, section name), got {element!r}"
-            )
-        for node in element[:2]:
+        form = "(node, node, section name)"
+        *nodes, section_name = checks.group(f"elements[{e}]", element, form, 3)
+        for node in nodes:
             _check_node(f"elements[{e}]", node, n_nodes)
-        if element[2] not in sections:
+        if section_name not in sections:
             raise ValueError(
-                f"elements[{e}]: no section {element[2]!r}; sections are "
+                f"elements[{e}]: no section {section_name!r}; sections are "
                 f"{sorted(sections)}"
             )
     alone = {*range(n_nodes)} - {node for *nodes, _ in elements for node in nodes}

@@ -125,7 +125,7 @@ class FRFModel:
         }
         self._proportional = isinstance(damping, Mapping)
         self._damping = _read_damping(damping, declared["frequency"].size)
-        self._inferred = [str(x) for x in self._damping if isinstance(x, str)]
+        self._inferred = [x for x in self._damping if isinstance(x, str)]
         names = read_declared(model, "names")
         self.names = (
             None if names is None else tuple(dict.fromkeys([*names, *self._inferred]))

@@ -44,12 +44,6 @@ UNCHANGED = 1e-9  # a matrix that differs by less is the same
 CURVED = 1e-6  # share of a change by which it may be off the straight line
 
 
-def check_mapping(argument: str, value: object, form: str) -> None:
-    """Raise TypeError unless ``value`` is a mapping of the given form."""
-    if not isinstance(value, Mapping):
-        raise TypeError(f"{argument}: expected {form}, got {type(value).__name__}")
-
-
 def read_batch(parameters: Parameters, names: Sequence[str]) -> tuple[Parameters, int]:
     """Return the values, each ``(n,)``, and n; every name must be there."""
     values, n = checks.batch(parameters)
@@ -228,7 +222,7 @@ def read_units(
     label: str, units: Mapping[str, Matrix], size: int, sparse: bool
 ) -> dict[str, Matrix]:
     """Return the matrices that parameters multiply, checked."""
-    check_mapping(label, units, "{parameter: matrix}")
+    checks.mapping(label, units, "{parameter: matrix}")
     return {
         name: read_matrix(f"{label}[{name!r}]", matrix, size, sparse=sparse)
         for name, matrix in units.items()
@@ -245,14 +239,14 @@ def fit_affine(
     first = _read_export("base", base, base)
     if len(first) < 2:
         raise ValueError("base: expected stiffness and mass, Matrices or (K0, M0)")
-    check_mapping("changes", changes, "{parameter: {value: matrices}}")
+    checks.mapping("changes", changes, "{parameter: {value: matrices}}")
     names = checks.parameter_names("changes", changes)
     values = dict.fromkeys(names, 1.0) | checks.by_name("at", at, names)
     constants = dict(first)
     units: dict[str, dict[str, Matrix]] = {"K": {}, "M": {}}
     for name in names:
         label, start = f"changes[{name!r}]", checks.real_number("at", values[name])
-        check_mapping(label, changes[name], "{value: matrices}")
+        checks.mapping(label, changes[name], "{value: matrices}")
         steps = {
             checks.real_number(label, value) - start: _read_export(
                 f"{label}[{value!r}]", export, base

@@ -1,6 +1,6 @@
 """Lumped masses joined by springs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
 from .eigen_dense import unit_slopes
-from .inputs import Coefficients, Dofs, check_mapping, check_positive
+from .inputs import Coefficients, Dofs, check_positive
 from .matrix import MatrixModel
 
 Spring = tuple[int, int, float | str]
@@ -57,7 +57,7 @@ class MassSpringModel:
         n = len(self.masses)
         if not n:
             raise ValueError("masses: expected at least one, got none")
-        check_mapping("springs", springs, "{name: (node, node, stiffness)}")
+        checks.mapping("springs", springs, "{name: (node, node, stiffness)}")
         checks.parameter_names("springs", list(springs))
         self.springs, defaults = dict(springs), _default_stiffnesses(springs)
         self._defaults = np.array([*defaults.values()])
@@ -110,13 +110,10 @@ def _default_stiffnesses(springs: Mapping[str, Spring]) -> dict[str, float]:
     """Return the default stiffness of each spring that follows no other."""
     defaults = {}
     for name, spring in springs.items():
-        if not isinstance(spring, Sequence) or len(spring) != 3:
-            raise TypeError(
-                f"springs[{name!r}]: expected (node, node, stiffness), got {spring!r}"
-            )
-        if not isinstance(spring[2], str):
-            value = checks.positive_array(f"springs[{name!r}]", spring[2], 0)
-            defaults[name] = value.item()
+        label, form = f"springs[{name!r}]", "(node, node, stiffness)"
+        *_, stiffness = checks.group(label, spring, form, 3)
+        if not isinstance(stiffness, str):
+            defaults[name] = checks.positive_array(label, stiffness, 0).item()
     for name, (_, _, leader) in springs.items():
         if isinstance(leader, str) and leader not in defaults:
             raise ValueError(

@@ -14,7 +14,6 @@ from .eigen_sparse import SparseSum, factor_definite
 from .inputs import (
     Dofs,
     Matrix,
-    check_mapping,
     choose_dofs,
     columns,
     describe,
@@ -76,7 +75,7 @@ class StaticModel:
         size = self.K0.shape[0]
         self.K = read_units("K", K, size, sparse)
         self.names = checks.parameter_names("K", tuple(self.K))
-        check_mapping("loads", loads, "{load case: forces}")
+        checks.mapping("loads", loads, "{load case: forces}")
         self.cases = checks.parameter_names("loads", tuple(loads))
         forces = [_read_force(case, force, size) for case, force in loads.items()]
         self._forces = np.stack(forces, axis=1)  # (N, cases)

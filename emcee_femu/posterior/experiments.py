@@ -271,11 +271,8 @@ def check_joint(experiments: Mapping[str, tuple[Model, Terms]]) -> None:
             raise ValueError(
                 f"experiments: expected names without dots and slashes, got {name!r}"
             )
-        pair = experiments[name]
-        if not isinstance(pair, Sequence) or len(pair) != 2:
-            raise TypeError(
-                f"experiments: expected (model, terms) for {name!r}, got {pair!r}"
-            )
+        label = f"experiments[{name!r}]"
+        checks.group(label, experiments[name], "(model, terms)", 2)
 
 
 def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
