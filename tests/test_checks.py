@@ -87,7 +87,7 @@ def test_names_become_a_tuple_in_their_order(names):
     ("names", "error", "message"),
     [
         *((names, TypeError, "expected a sequence") for names in ("k1", {"a"}, 3)),
-        *((["a", bad], TypeError, "expected non-empty strings") for bad in ("", 1)),
+        *((["a", bad], TypeError, "expected a non-empty string") for bad in ("", 1)),
         (["b", "a", "b", "c", "a"], ValueError, r"expected names, each once, got "),
         ([], ValueError, "expected names, each once, got"),
     ],

@@ -135,21 +135,22 @@ def faults_of(tab, path, *sizes):
     return found
 
 
-def test_no_page_has_a_broken_picture_a_console_error_or_is_too_wide(tab):
-    found = {path: faults_of(tab, path, DESKTOP, PHONE) for path in LOOKED_AT}
-    assert {path: faults for path, faults in found.items() if faults} == {}
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_text_can_be_read(tab, scheme):
+def poor_contrast(tab, scheme):
     tab.emulate_media(color_scheme=scheme)
-    poor = {}
-    for path in HAND_MADE:
-        tab.goto(f"{tab.own}/{path}", wait_until="load")
-        poor[path] = tab.evaluate(CONTRAST)
-    shown = tab.evaluate("document.documentElement.dataset.theme")
-    assert shown == scheme
-    assert {path: texts for path, texts in poor.items() if texts} == {}
+    tab.wait_for_function(f"document.documentElement.dataset.theme == '{scheme}'")
+    return {f"{scheme}: {text}" for text in tab.evaluate(CONTRAST)}
+
+
+@pytest.mark.parametrize("half", [0, 1])
+def test_pages_have_no_fault_and_their_text_can_be_read(tab, half):
+    faults = {}
+    for path in LOOKED_AT[half::2]:
+        faults[path] = faults_of(tab, path, DESKTOP, PHONE)
+        if path in HAND_MADE and (
+            poor := poor_contrast(tab, "light") | poor_contrast(tab, "dark")
+        ):
+            faults[path]["contrast"] = poor
+    assert {path: page for path, page in faults.items() if page} == {}
 
 
 @pytest.mark.parametrize("words, page", [("delayed acceptance", "DelayedAcceptance")])
