@@ -92,8 +92,11 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
     if missing:
         raise ValueError(f"it has no parameter {missing}; there are {sampled}")
     flat = chains.reshape(-1, len(sampled))
-    if len(flat) < FEWEST:
-        raise ValueError(f"expected at least {FEWEST} draws, got {len(flat)}")
+    if (different := len(np.unique(flat, axis=0))) < FEWEST:
+        raise ValueError(
+            f"expected at least {FEWEST} different draws, got {different}; run it "
+            "longer"
+        )
     kept = np.linspace(0, len(flat) - 1, min(number, len(flat))).astype(int)
     # Of parameters that are not pooled the prior stays, and must not be divided out.
     whole = len(names) == len(sampled)

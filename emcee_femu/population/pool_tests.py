@@ -17,10 +17,12 @@ from ..results.to_arviz import to_inference_data
 from ..sampling.importance import GOOD_K, kish_share, normalise, pareto_k
 from ..sampling.run import Run, run
 from ..table import Column, Parts, Report, Table
-from .marginal import Draws, PopulationModel, PopulationTerm, read_tests
+from .marginal import TINY, Draws, PopulationModel, PopulationTerm, read_tests
 from .normal import NormalPopulation
 
+SMALL = 0.1  # posterior sds by which estimates may be off for want of draws
 ENOUGH = 100  # effective draws of a test, whatever the tail of their weights
+RESAMPLED, BLOCKS = 50, 50  # times that the draws are drawn again, and in what blocks
 DRAWS = 1_000  # of the population and of each test's parameters, together
 WIDER = 1.2  # a prior than the population, so that weights towards it stay even
 
@@ -39,6 +41,10 @@ class PooledTests(Report):
         theta: With each of them a draw of every test's parameters, ``(1000, T, d)``.
         pareto_k: Of the weights of each test's draws given all tests, ``(T,)``.
         effective: Its effective draws, ``(T,)``.
+        monte_carlo: Errors of the mean and the standard deviation of each of the
+            population's parameters, ``(2, p)`` in posterior standard deviations, that
+            come from the number of draws of the tests: the spread when blocks of these
+            are drawn again, with replacement.
         verdict: Of :func:`.diagnose`, on the chains.
     """
 
@@ -50,6 +56,7 @@ class PooledTests(Report):
     theta: Floats
     pareto_k: Floats
     effective: Floats
+    monte_carlo: Floats
     verdict: str
 
     @property
@@ -202,6 +209,14 @@ class PooledTests(Report):
                 f"posterior}}, or run under_population({first!r}, posterior), and pool "
                 "again."
             )
+        if (error := self.monte_carlo.max()) > SMALL:
+            name = self.model.names[int(self.monte_carlo.max(axis=0).argmax())]
+            used = max(len(test.theta) for test in self.model.tests.values())
+            reach += (
+                f" They are too few: drawn again they change {name!r} by {error:.2g} "
+                "posterior standard deviations; run the tests longer, and give "
+                f"draws={int(np.ceil((error / SMALL) ** 2)) * used}."
+            )
         return f"{reach}\n{self.verdict}"
 
     def _parts(self) -> Parts:
@@ -337,6 +352,8 @@ def _pool(
     hyperdraws = dict(zip(names, chosen.T, strict=True))
     theta = np.empty((DRAWS, len(tests), len(population.names)))
     k, effective = np.empty((2, len(tests)))
+    resampled = np.zeros((DRAWS, RESAMPLED))
+    blocks = np.random.default_rng(seed)  # theta is drawn as it was without them
     pairs = zip(tests.values(), model.log_weights(hyperdraws), strict=True)
     for t, (test, log_weights) in enumerate(pairs):
         weights = np.array([normalise(row) for row in log_weights])
@@ -347,6 +364,12 @@ def _pool(
             mean = np.log(weights.mean(axis=0))
         k[t] = pareto_k(mean)
         effective[t] = kish_share(mean) * len(test.theta)
+        # Neighbours, which may be correlated, are drawn again together.
+        starts = np.arange(BLOCKS) * len(test.theta) // BLOCKS
+        counts = blocks.multinomial(BLOCKS, np.full(BLOCKS, 1 / BLOCKS), RESAMPLED)
+        sums = np.add.reduceat(weights, starts, axis=1) @ counts.T
+        resampled += np.log(np.maximum(sums, TINY))
+    again = [_moments(chosen, normalise(column)) for column in resampled.T]
     return PooledTests(
         population=population,
         model=model,
@@ -356,5 +379,12 @@ def _pool(
         theta=theta,
         pareto_k=k,
         effective=effective,
+        monte_carlo=np.std(again, axis=0) / flat.std(axis=0),
         verdict=diagnose(idata).verdict,
     )
+
+
+def _moments(draws: Floats, weights: Floats) -> Floats:
+    """Return means and standard deviations of weighted draws, ``(2, p)``."""
+    mean = weights @ draws
+    return np.stack([mean, np.sqrt(weights @ (draws - mean) ** 2)])

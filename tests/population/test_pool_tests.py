@@ -221,7 +221,11 @@ BOX = np.array([[0.0, 20.0], [0.0, 9.0]])
     [
         (TESTS["test 1"], ef.population.NormalPopulation(["k1", "E"]), r"\['E'\]"),
         (LACKING, ONE, "lacks the log-prior"),
-        (many(1, number=50)[0]["test 1"], POPULATION, "at least 100 draws, got 50"),
+        (
+            many(1, number=50)[0]["test 1"],
+            POPULATION,
+            "100 different draws, got 50",
+        ),
         (many(1, bounds=BOX)[0]["test 1"], POPULATION, r"have the bounds \[\[0.0, 20"),
     ],
 )

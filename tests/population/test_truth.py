@@ -106,6 +106,32 @@ def test_two_parameter_structures_are_pooled_as_by_nested_quadrature():
     assert np.sqrt(((ratio - 1) ** 2).mean()) < 0.1
 
 
+@pytest.mark.slow
+def test_the_monte_carlo_error_is_the_scatter_among_other_draws():
+    """Of likelihoods that are flat above a limit, which few draws know well."""
+    limits, grid = np.linspace(1.4, 2.4, 12), np.linspace(-9, 12, 20_001)
+    prior, means, claimed = stats.norm(1.5, 3.0), [], []
+    for seed in range(8):
+        rng, tests = np.random.default_rng(seed), {}
+        for i, limit in enumerate(limits):
+            likelihood = stats.norm(limit, 0.05).logcdf
+            weights = np.exp(likelihood(grid)) * prior.pdf(grid)
+            theta = rng.choice(grid, 1_000, p=weights / weights.sum())[:, None]
+            log_prior = prior.logpdf(theta)
+            lp = likelihood(theta[:, 0]) + log_prior[:, 0]
+            moments = np.array([[1.5], [3.0]])
+            tests[f"t{i}"] = repeated.as_idata(["k"], theta, lp, log_prior, moments)
+        population = ef.population.NormalPopulation(["k"])
+        options = {"draws": 250, "steps": 150, "ensembles": 2}
+        found = ef.pool_tests(tests, population, seed=seed, **options)
+        draws = found.idata["posterior"]["mean k"].values
+        means.append([draws.mean(), draws.std()])
+        claimed.append(found.monte_carlo[0, 0])
+    scatter = np.std(means, axis=0, ddof=1)[0] / np.mean(means, axis=0)[1]
+    assert 0.5 < np.mean(claimed) / scatter < 2.0
+    assert "They are too few: drawn again" in found.conclusion
+
+
 HYPER = {
     "mean k1": stats.norm(1.0, 0.05),
     "mean k2": stats.norm(1.0, 0.1),
