@@ -299,11 +299,3 @@ def test_exported_matrices_have_the_frequencies_that_calculix_prints(
     printed = beam.solve(beam.TRUTH, calculix, tmp_path)
     np.testing.assert_allclose(found[0], printed, rtol=2e-6)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_the_page_runs_as_a_script(calculix):
-    """Its last cell checks the verdict and that both ways agree."""
-    command = [sys.executable, str(EXAMPLES / "how_to" / "calculix.py")]
-    shown = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "solves of CalculiX, (b) 5" in shown
