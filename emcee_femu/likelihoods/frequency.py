@@ -104,6 +104,7 @@ class FrequencyTerm(Term):
             if error == "sd":
                 numbers = numbers / self.measured
             self.beta[:] = numbers if error == "beta" else numbers**-2
+        self._sd = self.beta**-0.5
         self.reads = modal_variables(self.n_modes)
         self.observed = {"frequency": self.measured}
         relative = np.sqrt(self._axes**2 @ (1 / self.beta))
@@ -133,10 +134,10 @@ class FrequencyTerm(Term):
         r = predicted / self.measured - 1.0
         if not self.separate:
             r = r @ self._axes
-        sd = self.beta**-0.5
+        sd = self._sd
         if self.discrepancy is not None:
             sd = add_discrepancy(1 / self.beta, parameters[self.discrepancy][:, None])
-        return r, np.broadcast_to(sd, r.shape)
+        return r, sd * np.ones_like(r)  # np.broadcast_to takes four times as long
 
     def restore(self, deviations: Floats) -> Floats:
         """Return frequencies ``(n, n_modes)`` in Hz."""

@@ -143,7 +143,7 @@ class Eigenproblem:
         self, k: Floats, m: Floats, describe: Callable[[int], str], vectors: bool
     ) -> tuple[Floats, Floats]:
         """Return eigenvalues, and shapes, none unless ``vectors``."""
-        A, basis = combine(self.K, k), np.eye(self.K.shape[1])
+        A, basis = combine(self.K, k), self.K[:0]  # folded: the shapes are y
         if not self.folded:
             mass = combine(self.M, m)
             try:

@@ -58,6 +58,7 @@ class Experiment:
     Attributes:
         term_names: The labels of the terms.
         variables: The stored variables of the response, by their own names.
+        shapes: Theirs, for one parameter set.
         exact: Whether the model declared them, and must keep to their shapes.
         jacobian: What returns response and derivatives, None if the model has none.
         spread: What returns response and uncertainty, None if the model claims none.
@@ -72,6 +73,7 @@ class Experiment:
         self.term_names = checks.parameter_names("terms (their names)", names)
         declared = declare(model, self.terms)
         self.variables = {name: v for name, v in declared.items() if v.stored}
+        self.shapes = {name: v.shape for name, v in self.variables.items()}
         self.exact = read_declared(model, "variables") is not None
         self.jacobian: Ask | None = read_declared(model, "jacobian")
         self.spread: Ask | None = read_declared(model, "spread")
@@ -132,8 +134,8 @@ class Experiment:
             elif not derivatives:
                 response = self.model(copies())
             stored = [
-                self._extract(response, name, variable.shape, n)
-                for name, variable in self.variables.items()
+                self._extract(response, name, shape, n)
+                for name, shape in self.shapes.items()
             ]
         except (Exception, SystemExit) as error:
             if not any(PLACE in note for note in getattr(error, "__notes__", ())):
@@ -153,14 +155,13 @@ class Experiment:
         self, term: Term, name: str, parameters: Parameters, response: Response
     ) -> Floats:
         value = term(parameters, response)
-        label = self.full_name(name)
         if type(value) is not np.ndarray or value.dtype != np.float64:
-            value = checks.numeric_array(f"terms ({label!r})", value)
+            value = checks.numeric_array(f"terms ({self.full_name(name)!r})", value)
         n = len(next(iter(parameters.values())))
         if value.shape != (n,):  # one number would do for all rows, unseen
             raise ValueError(
-                f"terms: expected {n} log-likelihoods of {label!r}, got shape "
-                f"{value.shape}"
+                f"terms: expected {n} log-likelihoods of {self.full_name(name)!r}, got "
+                f"shape {value.shape}"
             )
         return value
 

@@ -264,7 +264,7 @@ class LogPosterior(Report):
                 f"theta: expected shape ({self.ndim},) or (n, {self.ndim}) for "
                 f"{self.names}, got {points.shape}"
             )
-        batch = np.atleast_2d(points)
+        batch = points if points.ndim == 2 else points[None]
         log_prior, supported = self.support(batch)
         if supported.all() and len(batch):  # as nearly always: no copies
             stacked = self._stack(batch, log_prior, kind)
@@ -341,11 +341,12 @@ class LogPosterior(Report):
     def support(self, theta: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Return the log-prior, and where it is finite, each ``(n,)``."""
         log_prior = self.prior.logpdf(theta)
-        if np.isnan(log_prior).any():
+        supported = log_prior > -np.inf
+        if not supported.all() and np.isnan(log_prior).any():
             row = int(np.argmax(np.isnan(log_prior)))
             values = name_sets(self.parameters(theta[row : row + 1]))
             raise ValueError(f"prior: its log-density is NaN at {values}")
-        return log_prior, log_prior > -np.inf
+        return log_prior, supported
 
     @property
     def one_by_one(self) -> bool:
