@@ -271,7 +271,7 @@ def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():
     assert 1.0 < move.steps * move.step_size < 3.0
     sampler = emcee.EnsembleSampler(50, 20, target, moves=move, vectorize=True)
     sampler.run_mcmc(target.sample(np.random.default_rng(2), (50,)), 60)
-    assert 0.5 < sampler.acceptance_fraction.mean() < 0.95
+    assert 0.58 < sampler.acceptance_fraction.mean() < 0.95
     with pytest.raises(ValueError, match="samples: expected at least 8"):
         tuned(target, samples[:5], seed=1)
     # Steps so wide that nothing is accepted.

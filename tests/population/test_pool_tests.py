@@ -1,3 +1,4 @@
+import dataclasses
 import re
 
 import numpy as np
@@ -107,6 +108,13 @@ def test_tables_and_conclusion_say_what_was_found(pooled):
     assert (*names,) == found.population.parameters
     assert found.idata["log_likelihood"]["tests"].shape[2:] == (8,)  # for loo
     assert found.run.posterior.names == (*names,)
+
+
+def test_few_effective_draws_with_a_heavy_tail_are_out_of_reach(pooled):
+    k, effective = np.full(8, 0.8), np.full(8, 300.0)
+    k[0], effective[[0, 3]] = 0.6, 50.0
+    found = dataclasses.replace(pooled[0], pareto_k=k, effective=effective)
+    assert found.unreached == ("test 4",)
 
 
 def test_the_figures_show_each_test_twice_and_the_population(pooled):

@@ -102,10 +102,11 @@ def test_the_spread_of_few_ensembles_does_not_make_the_error_too_large(ensembles
     assert 0.85 < claimed / spread < 1.22
 
 
-def test_rungs_that_do_not_overlap_claim_no_error():
-    apart = independent().reshape(-1, 3, 5) + 20 * np.array([2.0, 1.0, 0.0])[:, None]
+@pytest.mark.parametrize("gap", [13.0, 20.0])  # overlaps of 0.07, 0.01
+def test_rungs_that_do_not_overlap_claim_no_error(gap):
+    apart = independent().reshape(-1, 3, 5) + gap * np.array([2.0, 1.0, 0.0])[:, None]
     found = ef.log_evidence(ladder(apart.reshape(1_000, -1)))
-    assert found.log_evidence_error == np.inf
+    assert found.log_evidence_error == np.inf and found.overlaps.max() < 0.1
     text = str(found).splitlines()
     assert "no standard error can be claimed" in text[0]
     assert text[1].startswith("Betas ") and "hardly overlap" in text[1]

@@ -152,3 +152,11 @@ def test_a_straight_output_changes_nothing_for_the_others():
     np.testing.assert_allclose(mean[:, 3], 3.0, atol=1e-6)
     assert (fitted.amplitudes[2:] < 1e-6).all()
     np.testing.assert_allclose(mean[:, :2], FITTED.predict(FRESH), atol=0.01)
+
+
+def test_amplitudes_allow_for_errors_that_leaving_one_out_shows():
+    for lengths in (FITTED.lengths, 4 * FITTED.lengths):  # the second far too smooth
+        fitted = gp.Processes.condition(POINTS, kinks(POINTS), lengths, False)
+        sd = fitted.amplitudes * fitted.left_out_sd[:, None]
+        z = fitted.leave_out(kinks(POINTS)) / sd
+        assert (np.sqrt((z**2).mean(axis=0)) < 1.001).all()
