@@ -1,6 +1,7 @@
-"""The verdict on chains: which check speaks first, and what to do then."""
+"""Statements on a run: whether its chains converged, and what was searched."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -20,44 +21,81 @@ SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
-ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a group
-HITS = 3  # expected, of which none comes once in twenty times
+ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
 ENOUGH_WAITS = 10  # the same from the worst place that a walker reached
 HIGH_SHARE = 0.75  # effective share of a proposal for which no walker waits long
-CONVERGED = "converged"
+# Pareto k above which importance weights have no variance: below it the places where a
+# walker waits long are too rare to matter.
+LONG_WAITS_K = 0.5
+HITS = 3  # expected, of which none comes once in twenty times
+CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
+MARGIN = 1.25  # since tau and errors are estimates themselves
+MUCH = 4.0  # times longer, where no number says how much
+MOST = 10.0  # times longer, above which it is not length that lacks
 
-Complaint: TypeAlias = tuple[str, str]
+# In a few words, in a sentence, and how many times longer a chain would mend it; 0
+# where none would, and the sentence says what does.
+Complaint: TypeAlias = tuple[str, str, float]
 
 
-def judge(diagnosis: "Diagnosis", starts_given: bool) -> Complaint:
-    """Return the verdict in a few words and in a sentence."""
-    for short, sentence in _complaints(diagnosis):
-        return short, f"Not converged: {sentence}."
-    length = (
-        f"{diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at least "
-        f"{diagnosis.ess_bulk.min():.0f}"
+@dataclass(frozen=True)
+class Statement:
+    """One of the three statements of a diagnosis.
+
+    Attributes:
+        status: A word or two that never vary, such as "converged".
+        short: The status in a few words, with its reason.
+        sentence: The same at length, and what to do.
+    """
+
+    status: str
+    short: str
+    sentence: str
+
+
+def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> Statement:
+    """Say whether the chains converged; if not, what speaks first and what mends it."""
+    if complaints := list(_complaints(diagnosis)):
+        short, sentence, longer = complaints[0]
+        if longer:
+            longer = max(factor for *_, factor in complaints)
+            steps = discard + MARGIN * longer * diagnosis.steps
+            unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
+            sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
+        return Statement(NOT_CONVERGED, short, f"{NOT_CONVERGED}: {sentence}.")
+    count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
+    words = f"{status}: {count} ensembles agree"
+    if count == 1:
+        status, short = MIXED, "one ensemble"
+        words = f"{status}, but one ensemble cannot show a missed mode: run ensembles=4"
+    elif starts_given:
+        status, short = MIXED, "starts given"
+        words = (
+            f"{status}, but starts from the prior would show other modes: omit starts"
+        )
+    rhat = f" (R-hat at most {diagnosis.rhat_between.max():.3f})" if count > 1 else ""
+    sentence = (
+        f"{words}{rhat}, {diagnosis.steps_per_tau.min():.0f} autocorrelation times, "
+        f"ESS at least {diagnosis.ess_bulk.min():,.0f}."
     )
-    if len(diagnosis.tau) == 1:
-        return "one ensemble", (
-            "Well mixed, but one ensemble cannot show a missed mode: "
-            f"{length}; run ensembles=4 to be sure."
+    return Statement(status, short, sentence)
+
+
+def judge_search(modes: ModeWeights | None) -> Statement:
+    """Say what a search found, and how small a mode it may have missed."""
+    if modes is None:
+        sentence = (
+            "none: a mode that no start was near is not seen; "
+            'run(posterior, "auto") searches.'
         )
-    rhat = diagnosis.rhat_between.max()
-    agreement = (
-        f"{len(diagnosis.tau)} ensembles agree (R-hat at most {rhat:.3f}), {length}"
+        return Statement("not searched", "none", sentence)
+    count = len(modes.importance)
+    short = "one mode" if count == 1 else f"{count} modes"
+    sentence = (
+        f"{short}, by {modes.searched:,} points. A mode so small that fewer than one "
+        f"point in {modes.searched // HITS:,} falls near it may be missing."
     )
-    if starts_given:
-        return "starts given", (
-            f"Well mixed from the given starts: {agreement}; starts from the prior "
-            "would show modes that none of these was near."
-        )
-    limit = ""
-    if diagnosis.modes is not None and (searched := diagnosis.modes.searched):
-        limit = (
-            f" The search had {searched} points: a mode that fewer than one in "
-            f"{searched // HITS} would hit may be missing."
-        )
-    return CONVERGED, f"Converged by every check: {agreement}.{limit}"
+    return Statement("searched", short, sentence)
 
 
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
@@ -66,125 +104,104 @@ def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     if stuck:
         walkers = f"{len(stuck)} walkers"
         places = f"(ensemble, walker): {list(stuck[:5])}"
-        yield f"{walkers} stuck", f"{walkers} never moved {places}"
-    worst = int(np.argmin(diagnosis.steps_per_tau))
-    per_tau = diagnosis.steps_per_tau[worst]
-    if per_tau < ENOUGH_TAU:
-        length = min(round(per_tau), ENOUGH_TAU - 1)  # as in the table, but not enough
-        yield (
-            f"too short: {length} tau",
-            f"the chain is {length} autocorrelation times long for {names[worst]} "
-            f"({ENOUGH_TAU} are needed); run longer",
-        )
-    for limit, values, short, sentence in (
+        where = "look at their starts, and at solves that fail"
+        yield f"{walkers} stuck", f"{walkers} never moved {places}; {where}", 0.0
+    within, between = diagnosis.rhat_within, diagnosis.rhat_between
+    # As in the table, but not enough.
+    length = np.fmin(np.round(diagnosis.steps_per_tau), ENOUGH_TAU - 1)
+    for excess, values, short, sentence in (
         (
-            WALKERS_APART,
-            diagnosis.rhat_within,
+            ENOUGH_TAU / diagnosis.steps_per_tau,
+            length,
+            "too short ({:.0f} tau)",
+            "the chain is {:.0f} autocorrelation times long for {} "
+            f"({ENOUGH_TAU} are needed)",
+        ),
+        (
+            (within - 1) / (WALKERS_APART - 1),
+            within,
             "walkers stay apart",
-            "the walkers of one ensemble stay apart in {name} (R-hat {value:.3f} over "
-            "walkers), as they do between several modes; try DEMCMove(mode_jump=0.1)",
+            "the walkers of an ensemble stay apart in {1} (R-hat {0:.3f} over walkers, "
+            f"at most {WALKERS_APART})",
         ),
         (
-            100 * SD_KNOWN_TO,
-            100 * diagnosis.sd_error,
+            (diagnosis.sd_error / SD_KNOWN_TO) ** 2,
+            diagnosis.sd_error,
             "sd unknown",
-            "the standard deviation of {name} is known to {value:.0f} % only, by the "
-            "ESS of its squared deviations, as where tails are heavy or a mode is "
-            "rarely visited; run longer, or sample its logarithm",
+            "the standard deviation of {1} has a relative error of {0:.2f} (at most "
+            f"{SD_KNOWN_TO}), as where tails are heavy or a mode is rarely visited",
         ),
         (
-            GOOD_RHAT,
-            diagnosis.rhat_between,
+            (between - 1) / (GOOD_RHAT - 1),
+            between,
             "ensembles disagree",
-            "the ensembles disagree about {name} (R-hat {value:.3f}, at most "
-            f"{GOOD_RHAT} is good); run longer, or try DEMCMove(mode_jump=0.1) if "
-            "there are several modes",
+            f"ensembles disagree about {{1}} (R-hat {{0:.3f}}, at most {GOOD_RHAT})",
         ),
         (
-            1.0,
             diagnosis.scatter,
-            "ensembles scatter",
-            "the ensembles' means or variances of {name} scatter more than their "
-            "autocorrelation times allow: something slower than tau is going on, as "
-            "between modes or in heavy tails; run longer",
+            diagnosis.scatter,
+            "ensembles disagree",
+            "the ensembles scatter in {1}, by chi-square {0:.1f} times as much as "
+            "autocorrelation times allow",
         ),
     ):
-        worst = int(np.argmax(values))
-        if values[worst] > limit:  # never for NaN
-            yield short, sentence.format(name=names[worst], value=values[worst])
-    if diagnosis.modes is not None:
-        yield from _weights(diagnosis.modes)
-        yield from _proposal(diagnosis.modes, diagnosis.steps)
+        worst = int(np.argmax(excess))
+        value, longer = values[worst], float(excess[worst])
+        if longer > 1:  # never for NaN
+            sentence = sentence.format(value, names[worst])
+            if longer > MOST and "R-hat" in sentence:
+                cure = "take a TemperedMove" if diagnosis.modes else 'run moves="auto"'
+                sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
+            yield short.format(value), sentence, longer
+    if (modes := diagnosis.modes) is not None:
+        yield from _weights(modes, diagnosis.acceptance.shape[1])
+        yield from _proposal(modes, diagnosis.steps)
 
 
-def _weights(modes: ModeWeights) -> Iterator[Complaint]:
-    """Yield modes that are lost, or weigh otherwise than they should."""
+def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
+    """Yield modes that are lost, weigh otherwise than they should, or are not known."""
     chain, exact = modes.weights.mean(axis=0), modes.importance
-    errors = np.hypot(modes.errors, modes.importance_errors)
-    stated = [
-        f"{weight:.3f} (+- {error:.3f})"
-        for weight, error in zip(exact, modes.importance_errors, strict=True)
-    ]
-    for i in np.flatnonzero((chain == 0) & modes.reached & ~(exact < SMALL)):
-        yield (
-            "a mode is lost",
-            f"no walker is in mode {i + 1}, where a search ended or a walker started, "
-            "and its weight by importance sampling is "
-            f"{'not known' if np.isnan(exact[i]) else stated[i]}; run again with more "
-            "walkers, or with a TemperedMove",
-        )
-    apart = np.abs(chain - exact)
-    for i in np.flatnonzero((apart > SMALL) & (apart > ERRORS_APART * errors)):
-        yield (
-            "weights disagree",
-            f"mode {i + 1} holds {chain[i]:.3f} of the chain (+- "
-            f"{modes.errors[i]:.3f}) but {stated[i]} by importance sampling; run "
-            "longer, and again with another seed",
-        )
-    for i in np.flatnonzero((modes.scatter > 1.0) & (chain > SMALL)):
-        yield (
-            "weights disagree",
-            f"the ensembles disagree about the weight of mode {i + 1} "
-            f"({modes.weights[:, i].round(3).tolist()}); run longer, or try a "
-            "TemperedMove",
-        )
-    best = np.fmin(modes.errors, modes.importance_errors)
-    for i in np.flatnonzero(best > WEIGHT_KNOWN_TO):
-        yield (
-            "weights unknown",
-            f"the weight of mode {i + 1} is known to +- {best[i]:.3f} only; run longer",
-        )
+    pairs = modes.errors, modes.importance_errors
+    best, apart = np.fmin(*pairs), np.abs(chain - exact)
+    differ = apart > np.fmax(SMALL, ERRORS_APART * np.hypot(*pairs))
+    for i, weight in enumerate(exact):
+        stated = f"{weight:.3f} (+- {pairs[1][i]:.3f})"
+        if chain[i] == 0 and modes.reached[i] and not weight < SMALL:
+            weight = "not known" if np.isnan(weight) else stated
+            yield (
+                "a mode is lost",
+                f"no walker is in mode {i + 1}, where a search ended or a walker "
+                f"started, and its weight by importance sampling is {weight}; run "
+                f"nwalkers={2 * walkers}",
+                0.0,
+            )
+        elif differ[i] or best[i] > WEIGHT_KNOWN_TO:
+            yield (
+                "weights disagree" if differ[i] else "weights unknown",
+                f"mode {i + 1} holds {chain[i]:.3f} (+- {pairs[0][i]:.3f}) of the "
+                f"chain, and {stated} by importance sampling",
+                max(MUCH * differ[i], (best[i] / WEIGHT_KNOWN_TO) ** 2),
+            )
 
 
 def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
     several = len(modes.importance) > 1
-    accepted = np.nan_to_num(modes.acceptance, nan=1.0) * modes.share * steps
-    worst = int(np.argmin(accepted))
-    if several and modes.share and accepted[worst] < ENOUGH_VISITS:
-        yield (
-            "a mode is left too rarely",
-            f"a frozen proposal is accepted from mode {worst + 1} only "
-            f"{accepted[worst]:.1f} times in {steps} steps; run longer, or with a "
-            "TemperedMove",
-        )
+    k = float(np.fmax(modes.pareto_k, modes.chain_k))
+    made = modes.share * steps
     # Weights that are nearly equal have a tail too, but not one that matters.
-    k = np.fmax(modes.pareto_k, modes.chain_k)
-    narrow = not modes.efficiency > FAIR_SHARE
-    if k > GOOD_K and narrow and (modes.share or several):
+    narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE
+    uneven = k > LONG_WAITS_K and not modes.efficiency > HIGH_SHARE
+    visits = [np.nanmin(modes.acceptance) * made / ENOUGH_VISITS] * (
+        several and made > 0
+    )
+    waits = [modes.slowest * made / ENOUGH_WAITS] * (uneven and modes.share > 0.5)
+    share = min(visits + waits, default=1.0)
+    if share < 1 or (narrow and (several or made)):
         yield (
             "proposal too narrow",
-            f"the frozen proposal lacks part of the posterior (Pareto k {k:.2f} of the "
-            f"importance weights, at most {GOOD_K} is good), where walkers stay long; "
-            "run again with more walkers or steps, which fits it anew, or with "
-            "DEMCMove()",
-        )
-    rare = modes.slowest * modes.share * steps
-    uneven = not modes.efficiency > HIGH_SHARE
-    if uneven and modes.share > 0.5 and rare < ENOUGH_WAITS:
-        yield (
-            "walkers wait too long",
-            "from where a walker was a frozen proposal is accepted only "
-            f"{rare:.1f} times in {steps} steps, fewer than {ENOUGH_WAITS}, as at the "
-            "end of a tail that it lacks; run longer, or with DEMCMove()",
+            f"walkers wait long for the frozen proposal (Pareto k {k:.2f} of the "
+            f"importance weights, at most {GOOD_K}; from the worst place it is "
+            f"accepted {modes.slowest * made:.1f} times in {steps} steps)",
+            1 / max(float(share), 0.1) if share < 1 else MUCH,
         )
