@@ -62,21 +62,18 @@ def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> St
             steps = discard + MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
-        return Statement(NOT_CONVERGED, short, f"{NOT_CONVERGED}: {sentence}.")
+        return Statement(NOT_CONVERGED, short, f"{NOT_CONVERGED}, {short}: {sentence}.")
     count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
     words = f"{status}: {count} ensembles agree"
-    if count == 1:
-        status, short = MIXED, "one ensemble"
-        words = f"{status}, but one ensemble cannot show a missed mode: run ensembles=4"
-    elif starts_given:
-        status, short = MIXED, "starts given"
-        words = (
-            f"{status}, but starts from the prior would show other modes: omit starts"
-        )
-    rhat = f" (R-hat at most {diagnosis.rhat_between.max():.3f})" if count > 1 else ""
+    if count > 1:
+        words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
+    if starts_given or count == 1:
+        status, short = MIXED, "starts given" if count > 1 else "one ensemble"
+        cure = "leave starts out" if count > 1 else "run ensembles=4"
+        words = f"{status}, but other modes would not be seen ({short}): {cure}"
     sentence = (
-        f"{words}{rhat}, {diagnosis.steps_per_tau.min():.0f} autocorrelation times, "
-        f"ESS at least {diagnosis.ess_bulk.min():,.0f}."
+        f"{words}; {diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at "
+        f"least {diagnosis.ess_bulk.min():,.0f}."
     )
     return Statement(status, short, sentence)
 
@@ -84,10 +81,8 @@ def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> St
 def judge_search(modes: ModeWeights | None) -> Statement:
     """Say what a search found, and how small a mode it may have missed."""
     if modes is None:
-        sentence = (
-            "none: a mode that no start was near is not seen; "
-            'run(posterior, "auto") searches.'
-        )
+        sentence = "none: a mode that no walker started near is not seen; "
+        sentence += 'run(posterior, "auto") searches.'
         return Statement("not searched", "none", sentence)
     count = len(modes.importance)
     short = "one mode" if count == 1 else f"{count} modes"
@@ -100,108 +95,69 @@ def judge_search(modes: ModeWeights | None) -> Statement:
 
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
-    names, stuck = diagnosis.names, diagnosis.stuck
+    names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
     if stuck:
-        walkers = f"{len(stuck)} walkers"
         places = f"(ensemble, walker): {list(stuck[:5])}"
-        where = "look at their starts, and at solves that fail"
-        yield f"{walkers} stuck", f"{walkers} never moved {places}; {where}", 0.0
+        sentence = f"they never moved, {places}; look at starts and at failed solves"
+        yield f"{len(stuck)} walkers stuck", sentence, 0.0
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
-    # As in the table, but not enough.
-    length = np.fmin(np.round(diagnosis.steps_per_tau), ENOUGH_TAU - 1)
-    for excess, values, short, sentence in (
-        (
-            ENOUGH_TAU / diagnosis.steps_per_tau,
-            length,
-            "too short ({:.0f} tau)",
-            "the chain is {:.0f} autocorrelation times long for {} "
-            f"({ENOUGH_TAU} are needed)",
-        ),
-        (
-            (within - 1) / (WALKERS_APART - 1),
-            within,
-            "walkers stay apart",
-            "the walkers of an ensemble stay apart in {1} (R-hat {0:.3f} over walkers, "
-            f"at most {WALKERS_APART})",
-        ),
-        (
-            (diagnosis.sd_error / SD_KNOWN_TO) ** 2,
-            diagnosis.sd_error,
-            "sd unknown",
-            "the standard deviation of {1} has a relative error of {0:.2f} (at most "
-            f"{SD_KNOWN_TO}), as where tails are heavy or a mode is rarely visited",
-        ),
-        (
-            (between - 1) / (GOOD_RHAT - 1),
-            between,
-            "ensembles disagree",
-            f"ensembles disagree about {{1}} (R-hat {{0:.3f}}, at most {GOOD_RHAT})",
-        ),
-        (
-            diagnosis.scatter,
-            diagnosis.scatter,
-            "ensembles disagree",
-            "the ensembles scatter in {1}, by chi-square {0:.1f} times as much as "
-            "autocorrelation times allow",
-        ),
+    # Values, their best, their limit, and by which power of them a chain is too short.
+    for values, best, limit, power, short, what in (
+        (diagnosis.steps_per_tau, 0, ENOUGH_TAU, -1, "too short", "steps/tau"),
+        (within, 1, WALKERS_APART, 1, "walkers stay apart", "R-hat over walkers"),
+        (diagnosis.sd_error, 0, SD_KNOWN_TO, 2, "sd unknown", "relative error of sd"),
+        (between, 1, GOOD_RHAT, 1, "ensembles disagree", "R-hat over ensembles"),
+        (diagnosis.scatter, 0, 1, 1, "ensembles disagree", "chi-square by its limit"),
     ):
+        excess = ((values - best) / (limit - best)) ** power
         worst = int(np.argmax(excess))
-        value, longer = values[worst], float(excess[worst])
+        longer = float(excess[worst])
         if longer > 1:  # never for NaN
-            sentence = sentence.format(value, names[worst])
-            if longer > MOST and "R-hat" in sentence:
-                cure = "take a TemperedMove" if diagnosis.modes else 'run moves="auto"'
+            bound = f"at {'least' if power < 0 else 'most'} {limit}"
+            sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
+            if best and longer > MOST:
+                cure = "take a TemperedMove" if modes else 'run moves="auto"'
                 sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
-            yield short.format(value), sentence, longer
-    if (modes := diagnosis.modes) is not None:
+            yield short, sentence, longer
+    if modes is not None:
         yield from _weights(modes, diagnosis.acceptance.shape[1])
         yield from _proposal(modes, diagnosis.steps)
 
 
 def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
     """Yield modes that are lost, weigh otherwise than they should, or are not known."""
-    chain, exact = modes.weights.mean(axis=0), modes.importance
-    pairs = modes.errors, modes.importance_errors
-    best, apart = np.fmin(*pairs), np.abs(chain - exact)
-    differ = apart > np.fmax(SMALL, ERRORS_APART * np.hypot(*pairs))
-    for i, weight in enumerate(exact):
-        stated = f"{weight:.3f} (+- {pairs[1][i]:.3f})"
-        if chain[i] == 0 and modes.reached[i] and not weight < SMALL:
-            weight = "not known" if np.isnan(weight) else stated
-            yield (
-                "a mode is lost",
-                f"no walker is in mode {i + 1}, where a search ended or a walker "
-                f"started, and its weight by importance sampling is {weight}; run "
-                f"nwalkers={2 * walkers}",
-                0.0,
-            )
+    chain, exact, error = modes.weights.mean(axis=0), modes.importance, modes.errors
+    best, apart = np.fmin(error, modes.importance_errors), np.abs(chain - exact)
+    both = np.hypot(error, modes.importance_errors)
+    differ = apart > np.maximum(SMALL, ERRORS_APART * both)  # never for NaN
+    for i, lost in enumerate((chain == 0) & modes.reached & ~(exact < SMALL)):
+        stated = f"{exact[i]:.3f} (+- {modes.importance_errors[i]:.3f})"
+        sentence = (
+            f"mode {i + 1}, where a search ended or a walker started, holds "
+            f"{chain[i]:.3f} (+- {error[i]:.3f}) of the chain, by importance sampling "
+            f"{'what is not known' if np.isnan(exact[i]) else stated}"
+        )
+        if lost:
+            yield "a mode is lost", f"{sentence}; run nwalkers={2 * walkers}", 0.0
         elif differ[i] or best[i] > WEIGHT_KNOWN_TO:
-            yield (
-                "weights disagree" if differ[i] else "weights unknown",
-                f"mode {i + 1} holds {chain[i]:.3f} (+- {pairs[0][i]:.3f}) of the "
-                f"chain, and {stated} by importance sampling",
-                max(MUCH * differ[i], (best[i] / WEIGHT_KNOWN_TO) ** 2),
-            )
+            longer = max(MUCH * differ[i], (best[i] / WEIGHT_KNOWN_TO) ** 2)
+            yield f"weights {'disagree' if differ[i] else 'unknown'}", sentence, longer
 
 
 def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
-    several = len(modes.importance) > 1
+    several, made = len(modes.importance) > 1, modes.share * steps
     k = float(np.fmax(modes.pareto_k, modes.chain_k))
-    made = modes.share * steps
     # Weights that are nearly equal have a tail too, but not one that matters.
-    narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE
-    uneven = k > LONG_WAITS_K and not modes.efficiency > HIGH_SHARE
-    visits = [np.nanmin(modes.acceptance) * made / ENOUGH_VISITS] * (
-        several and made > 0
-    )
-    waits = [modes.slowest * made / ENOUGH_WAITS] * (uneven and modes.share > 0.5)
-    share = min(visits + waits, default=1.0)
-    if share < 1 or (narrow and (several or made)):
-        yield (
-            "proposal too narrow",
-            f"walkers wait long for the frozen proposal (Pareto k {k:.2f} of the "
-            f"importance weights, at most {GOOD_K}; from the worst place it is "
-            f"accepted {modes.slowest * made:.1f} times in {steps} steps)",
-            1 / max(float(share), 0.1) if share < 1 else MUCH,
+    narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE and (several or made)
+    heavy = k > LONG_WAITS_K and not modes.efficiency > HIGH_SHARE
+    worst, done = np.nanmin(modes.acceptance) * made, modes.slowest * made
+    visits = worst / ENOUGH_VISITS if several and made else 1.0
+    waits = done / ENOUGH_WAITS if heavy and modes.share > 0.5 else 1.0
+    if narrow or min(visits, waits) < 1:
+        sentence = (
+            f"Pareto k is {k:.2f} (at most {GOOD_K}), and in {steps} steps a walker "
+            f"leaves the worst mode {worst:.1f} times, the worst place {done:.1f} times"
         )
+        longer = MUCH if narrow else 1 / max(float(min(visits, waits)), 0.1)
+        yield "proposal too narrow", sentence, longer

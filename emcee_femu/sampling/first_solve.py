@@ -98,7 +98,9 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
         ratios = np.abs(predicted / measured)
     solved = ratios[np.isfinite(ratios).all(axis=1)]
     less = solved.max(initial=0) < 1 / FAR
-    if not np.isfinite(ratios[0]).all() or not (less or solved.min() > FAR):
+    if not (np.isfinite(ratios[0]) & (ratios[0] > 0)).all():
+        return ""
+    if not (less or solved.min() > FAR):
         return ""
     times = np.exp(np.abs(np.log(ratios[0]).mean()))
     turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"
