@@ -356,5 +356,5 @@ def _pool(
         theta=theta,
         pareto_k=k,
         effective=effective,
-        verdict=diagnose(idata).verdict,
+        verdict=f"Chains: {diagnose(idata).chains.sentence}",
     )

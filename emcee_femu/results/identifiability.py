@@ -332,7 +332,7 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
     modes: tuple[str, ...] = ()
     slopes, r_squared, effect = np.empty((0, d)), np.empty(0), np.full(d, np.nan)
     before = np.full((1, d), np.nan)
-    if "prior" in idata:
+    if "prior" in idata and dataset(idata, "prior").sizes["chain"]:
         before = np.column_stack([dataset(idata, "prior")[k].values[0] for k in names])
     if fitted:
         modes, slopes, r_squared, effect = fit_sensitivities(idata, draws / prior_sd)
