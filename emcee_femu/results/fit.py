@@ -37,8 +37,11 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         parts = []
     drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
     if not drawn:
-        reason = "data are not known; to_inference_data(source, posterior) knows them"
-        reason = "no term draws new measurements" if parts else reason
+        reason = "no term draws new measurements of what the model stores"
+        if not parts and chains.posterior is None:
+            reason = (
+                "the data are not known; to_inference_data(source, posterior) has them"
+            )
         return Statement("not checked", "not checked", f"not checked: {reason}.")
     about = describe_samples(idata, fitted=False)
     missed, far, units, inside, total = [*about.surprising], "", [], 0, 0

@@ -334,6 +334,8 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
     before = np.full((1, d), np.nan)
     if "prior" in idata and dataset(idata, "prior").sizes["chain"]:
         before = np.column_stack([dataset(idata, "prior")[k].values[0] for k in names])
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
+        logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     if fitted:
         modes, slopes, r_squared, effect = fit_sensitivities(idata, draws / prior_sd)
     return Identifiability(
@@ -349,7 +351,7 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
         sensitivities=np.where(is_error, np.nan, slopes),
         r_squared=r_squared,
         effect=np.where(is_error, np.nan, effect),
-        logarithms=_compare_logarithms(before, draws, is_error),
+        logarithms=_compare_logarithms(before, is_error, *logs),
         certificate=describe_certificate(idata).strip(" ()"),
     )
 
@@ -370,6 +372,8 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     slopes = stencil.derive(log_eigenvalues)[0]
     r, sd = np.split(rest, 2, axis=1)
     effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean
     before = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     which, k = "the maximum", len(maxima.maxima)
     if k > 1:
@@ -387,7 +391,8 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
         sensitivities=np.where(is_error, np.nan, slopes * prior_sd),
         r_squared=np.full(len(modes), np.nan),
         effect=np.where(is_error, np.nan, effect * prior_sd),
-        logarithms=_compare_logarithms(before, draws, is_error, np.exp(log_weights)),
+        # A Gaussian about a maximum says nothing of what is far from it.
+        logarithms=_compare_logarithms(before, is_error, *logs),
         local=(
             f"Local: of the Gaussian about {which}, not of samples. Where the "
             "posterior is not Gaussian samples may say otherwise."
@@ -396,22 +401,17 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
 
 
 def _compare_logarithms(
-    before: Floats,
-    after: Floats,
-    is_error: NDArray[np.bool_],
-    weights: Floats | None = None,
+    before: Floats, is_error: NDArray[np.bool_], mean: Floats, sd: Floats
 ) -> Floats:
-    """Return moments of logarithms of draws of the prior and the posterior, ``(4, d)``.
+    """Return moments of logarithms of draws of the prior, and the posterior's, (4, d).
 
     NaN where the prior itself is nearly as symmetrical, and for errors, which may well
     be zero.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs, after = np.log(before), np.log(after)
+        logs = np.log(before)
         apt = _skew(logs) + CLEAR < _skew(before)  # never for NaN
-        mean = np.average(after, axis=0, weights=weights)
-        sd = np.sqrt(np.average((after - mean) ** 2, axis=0, weights=weights))
-    moments = np.stack([logs.mean(axis=0), logs.std(axis=0), mean, sd])
+        moments = np.stack([logs.mean(axis=0), logs.std(axis=0), mean, sd])
     return np.where(apt & ~is_error, moments, np.nan)
 
 

@@ -103,7 +103,7 @@ def judge(name: str, seed: int, steps: int) -> Run:
     weights = slice(d + 2 * len(truth.tails), None)
     worst = np.abs(errors[weights]).max(initial=0)
     ess = 1000 * float(found.ess_bulk.min()) / cost
-    return Run(found.short, z[:d], z[d : weights.start], z[weights], worst, ess)
+    return Run(found.chains.short, z[:d], z[d : weights.start], z[weights], worst, ess)
 
 
 def rms(values: Iterable[Floats]) -> float:

@@ -117,5 +117,5 @@ assert search.found_by.shape == (4, 2) and max(search.errors) < 0.05
 stiff = search.label(np.array([[200.0, 20.0]]))[0]
 share = (idata.posterior["ground"].values > 120).mean()
 assert abs(share - search.weights[stiff]) < 0.05
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 assert run.evaluations > search.points and evidence.log_evidence_error < 0.1

@@ -89,4 +89,4 @@ ef.figures.plot_scatter(idata.isel(draw=slice(500, None)), var_names=["a", "b", 
 
 # %% tags=["remove-cell"]
 assert abs(np.cov(samples.T) - covariance).max() < 0.2
-assert ef.diagnose(samplers, discard=500).short == "converged"
+assert ef.diagnose(samplers, discard=500).converged

@@ -50,5 +50,5 @@ ef.figures.plot_scatter(idata, units={"k1": "MN/m", "k2": "MN/m"})
 
 # %% tags=["remove-cell"]
 table = ef.parameter_table(idata)
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 assert abs(table.column("mean")[0] - 54.3) < 0.5

@@ -215,7 +215,7 @@ better, certified = learn(40)
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40
 assert certificate.short == "certified"
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 true, sd = np.array([33, 0.82, 70]), certificate.sd
 assert np.all(np.abs(certificate.mean - true) < 3 * sd)
 assert (sd / [4, 0.04, 20]).argmin() == 2

@@ -174,9 +174,9 @@ for steps in range(500, 10_001, 500):
     run = ef.run(target, steps=steps, ensembles=2, seed=1, backend=file, resume=True)
     verdict = ef.diagnose(run)
     print(f"{steps} steps: {verdict.short}")
-    if verdict.short == "converged" or time.monotonic() - begin > limit:
+    if verdict.converged or time.monotonic() - begin > limit:
         break
-assert verdict.short == "converged"
+assert verdict.converged
 
 # %% [markdown]
 # {py:func}`~emcee_femu.diagnose` says in a word or two what is missing, and in

@@ -244,7 +244,7 @@ print("Verdict:", diagnosis.short)
 # it; or [your own FE program](../how_to/fe_programs.md) in place of the frame.
 
 # %% tags=["remove-cell"]
-assert diagnosis.short == "converged"
+assert diagnosis.converged
 true = frame(3.4e-5, 4.6e-5)({name: np.array([x]) for name, x in truth.items()})
 off = (true.frequencies[0, :6] - test.frequencies) / test.sd
 assert np.abs(off).max() < 3  # the file is a test of the true frame, scattered by 0.2 %
