@@ -3,7 +3,7 @@
 #
 # After this page you will know what each statement of {py:func}`~emcee_femu.diagnose` has
 # seen, why R-hat over walkers is not convergence, what to do about a complaint, and what
-# none can see. `python examples/explanation/verdict.py` runs the page (8 s).
+# none can see. `python examples/explanation/verdict.py` runs the page (10 s).
 #
 # `diagnose(run)` ends in three statements, each with a status of its own. *Chains*: did
 # they converge, by which number, and how many steps does it take? *Search*: what was
