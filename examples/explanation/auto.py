@@ -88,8 +88,8 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# What no point of the search hit is not in the proposal; the last sentence of the
-# verdict says how small that may be. More steps search more. So do other seeds, and
+# What no point of the search hit is not in the proposal; the statement on the search
+# says how small that may be. More steps search more. So do other seeds, and
 # starts of your own (`starts=`), which are searched too.
 #
 # All evaluations before the chain are counted. The chain holds no part of

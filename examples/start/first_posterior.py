@@ -31,7 +31,8 @@ idata = ef.to_inference_data(run)
 ef.parameter_table(idata)
 
 # %% [markdown]
-# May the chains be believed? The last sentence is the verdict; [reading the
+# May it be believed? The last lines say whether the chains converged, how small a mode
+# the search may have missed, and whether the model fits; [reading the
 # tables](reading.md) explains the rest.
 
 # %%

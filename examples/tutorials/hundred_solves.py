@@ -121,7 +121,8 @@ idata = ef.to_inference_data(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# The verdict is on the chain, not on the emulator. That is the next step's business.
+# The statements are on the chain of the emulated posterior, not on the emulator. That is
+# the next step's business.
 #
 # ## Certify
 #

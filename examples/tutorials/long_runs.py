@@ -179,8 +179,8 @@ for steps in range(500, 10_001, 500):
 assert verdict.converged
 
 # %% [markdown]
-# {py:func}`~emcee_femu.diagnose` says in a word or two what is missing, and in
-# `verdict.verdict` at length: the mass-spring posterior has a long tail in k4, which a short
+# {py:func}`~emcee_femu.diagnose` says in one line what is missing, and in `verdict.verdict`
+# at length, with the `steps` that it takes: the mass-spring posterior has a long tail in k4, which a short
 # chain visits too rarely for its standard deviation. The search of "auto" takes a fifth of
 # the evaluations that the *first* call asks for, so do not begin with too small a piece.
 #
