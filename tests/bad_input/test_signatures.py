@@ -56,6 +56,8 @@ MODEL = ef.MassSpringModel([1.0, 2.0], SPRINGS)
 PRIOR = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 2.0, [(2.0, 20.0), (1.0, 9.0)])
 TERM = ef.FrequencyTerm(MODEL({}).frequencies[0], relative_sd=0.05)
 POSTERIOR = ef.LogPosterior(MODEL, TERM, PRIOR)
+AWAY = ef.GaussianPrior(["k1", "k2"], [99.0, 5.0], 9.0, PRIOR.bounds)
+FAR_MEAN = ef.LogPosterior(MODEL, TERM, AWAY)
 POINT, START = np.array([9.0, 6.0]), POSTERIOR.start(16, 1).reshape(2, 8, 2)
 RUN = ef.run(POSTERIOR, ef.DEMCMove(), nwalkers=8, steps=16, seed=1, ensembles=1)
 LADDER = ef.moves.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
@@ -95,6 +97,7 @@ RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
 
 positive, above_zero = array(positive=True), number(above=0.0)
 per_mode = positive.but("one number")
+small = per_mode.but(percent=np.array([2.0, 2.0]))  # for 0.02
 chosen = names.but("one less")
 relative = per_mode.but("a word", "one less", empty="")
 fraction = number(low=0.0).but(above_one=1.1)
@@ -161,7 +164,8 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (positive, {"shape_sd": np.ones((3, 2))}),
     (positive.but(falling=[9.0, 3.0]), {"frequencies": HERTZ}),
     (positive.but("0"), {"scale_matrices": np.stack([COV, 2 * COV])}),
-    (per_mode, {"sd": SD, "relative_sd": SD}),
+    (per_mode, {"sd": SD}),
+    (small, {"relative_sd": SD}),
     (relative, {"delta": SD}),
     (covariance, {"cov": COV, "covariance": COV, "metric": COV}),
     (matrix, {"K0": K0, "M0": M0}),
@@ -250,7 +254,7 @@ CALLS = {
     "DisplacementTerm, relative_sd": only(
         "DisplacementTerm",
         measured=(SHAPES.T, many),
-        relative_sd=(SQUARES.T, scattered),
+        relative_sd=(SQUARES.T / 9, scattered.but(percent=9 + SQUARES.T)),
     ),
     "FRFMeasurements": dict(
         values=(FRF, array().but("complex", "0")),
@@ -312,7 +316,7 @@ CALLS = {
         bounds=({"k2": np.array([3.0, 5.0])}, by_name(ordered, every=True)),
     ),
     "FrequencyTerm": dict(relative_sd=OFF, beta=OFF, covariance=OFF),
-    "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD, per_mode)),
+    "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD, small)),
     "FrequencyTerm, beta": only("FrequencyTerm", beta=(SD, per_mode)),
     "FrequencyTerm, covariance": only("FrequencyTerm", covariance=(COV, covariance)),
     "ShapeTerm": only("ShapeTerm", measured=(SHAPES, array()), sd=(SQUARES, per_mode)),
@@ -337,7 +341,9 @@ CALLS = {
     "DelayedAcceptanceMove": dict(steps=(2, whole(1))),
     "HamiltonianMove": dict(steps=(2, whole(1)), step_size=(0.2, above_zero)),
     "HamiltonianMove.tuned": dict(samples=(POSTERIOR.start(16, 1), many)),
-    "run": dict(workers=OFF),
+    "run": dict(
+        workers=OFF, posterior=(POSTERIOR, anything.but(far_mean=lambda _: FAR_MEAN))
+    ),
     "find_map": dict(workers=OFF, starts=(2, whole(1)), check=(30, whole())),
     "find_map, starts": only(
         "find_map", starts=(START[0], array().but("one less", outside=99.0 * START[0]))
