@@ -20,6 +20,8 @@ WIDTH = 1.96  # standard deviations of a new measurement to either side: 95 %
 CHANCE = 0.1  # of so many values outside, if the posterior had not seen them
 FAR = 4.0  # standard deviations, for a single value
 OUTVOTED = 5  # times as many values in another term
+NOT_DRAWN = "no term draws new measurements of what the model stores"
+NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
 
 
 def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
@@ -37,11 +39,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         parts = []
     drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
     if not drawn:
-        reason = "no term draws new measurements of what the model stores"
-        if not parts and chains.posterior is None:
-            reason = (
-                "the data are not known; to_inference_data(source, posterior) has them"
-            )
+        reason = NOT_DRAWN if parts or chains.posterior else NOT_KNOWN
         return Statement("not checked", "not checked", f"not checked: {reason}.")
     about = describe_samples(idata, fitted=False)
     missed, far, units, inside, total = [*about.surprising], "", [], 0, 0

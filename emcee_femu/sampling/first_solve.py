@@ -41,7 +41,7 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str]]:
     """Return how many solves were made, and what to warn of."""
     posterior = evaluation.posterior
     centre = prior_centre(posterior.prior)[None]
-    posterior.check_inside("prior (its mean; move it, or the bounds)", centre)
+    posterior.check_inside("posterior (mean of its prior; move it, or bounds)", centre)
     rows = _solve(evaluation, centre)
     posterior.initial = rows[0]  # tables then need no other solve
     if _doubt(posterior, rows):

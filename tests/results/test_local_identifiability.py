@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import stats
 
 import emcee_femu as ef
 
@@ -15,7 +16,10 @@ def frequencies(p):
 
 
 def linear_posterior(bounds=None):
-    prior = ef.GaussianPrior(["a", "b", "c"], np.zeros(3), SD, bounds)
+    prior = ef.GaussianPrior(["a", "b", "c"], np.zeros(3), SD)
+    if bounds is not None:  # which the mean need not be within
+        laws = {name: stats.norm(0, sd) for name, sd in zip("abc", SD, strict=True)}
+        prior = ef.IndependentPrior(laws, dict(zip("abc", bounds, strict=True)))
     model = ef.FunctionModel(frequencies, n_modes=2)
     term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
     return ef.LogPosterior(model, term, prior)
