@@ -72,3 +72,36 @@ def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
     assert "of the Gaussian's draws lie" in sentence
     # The mean of what is inside the bounds is not on one of them.
     assert 0.8 + 0.5 * np.sqrt(found.covariance[0, 0]) < found.mean[0] < 0.9
+
+
+def test_the_effect_in_errors_is_the_design_by_the_errors_locally_and_by_samples(found):
+    """Of a linear model the log-likelihood is a quadratic, whatever the samples are."""
+    exact = np.linalg.norm(DESIGN / (RELATIVE * MEASURED)[:, None], axis=0)
+    assert_allclose(found.effect, exact * found.prior_sd, rtol=1e-5)
+    assert found.effect[2] == 0
+    run = ef.run(linear_posterior(), ef.DEMCMove(), steps=30, ensembles=1, seed=1)
+    sampled = ef.identifiability(run)
+    assert_allclose(sampled.effect, exact * sampled.prior_sd, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_lognormal_priors_are_compared_by_logarithms(sampled):
+    """Fault 7: a c.o.v. that had fallen was "as uncertain as before"."""
+    sd, relative = 0.4, 0.4
+    term = ef.FrequencyTerm([3.0], relative_sd=relative)
+    laws = {"k": stats.lognorm(sd), "u": (0.5, 1.5)}
+    model = ef.FunctionModel(lambda p: [1 + np.log(p["k"])], n_modes=1)
+    prior = ef.IndependentPrior(laws, bounds={"k": (np.exp(-0.99), np.inf)})
+    posterior = ef.LogPosterior(model, term, prior)
+    if sampled:
+        found = ef.identifiability(ef.run(posterior, steps=200, seed=1))
+    else:
+        found = ef.identifiability(ef.find_map(posterior, 4, seed=1))
+    # ln k is normal, and 1 + ln k is measured as 3.0 +- 1.2.
+    after = 1 / np.sqrt(sd**-2 + (3.0 * relative) ** -2)
+    mean = after**2 * 2.0 / (3.0 * relative) ** 2
+    assert_allclose(found.sd_ratio[0], after / sd, rtol=0.06)
+    if sampled:
+        assert_allclose(found.shift[0], mean / sd, atol=0.06)
+        assert np.sqrt(found.covariance[0, 0]) > found.prior_sd[0]
+    assert np.isnan(found.logarithms[:, 1]).all()

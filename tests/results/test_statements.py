@@ -124,6 +124,7 @@ def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
     part, first = doubts(posterior, **options, steps=10)
     whole, second = doubts(posterior, **options, steps=20, resume=True)
     assert first == second == said and whole.solves == memory.solves
+    assert asked.count((50, 10)) == 2  # in memory, and by the first of both
     np.testing.assert_array_equal(whole[0].get_chain(), memory[0].get_chain())
 
     def fails_there(p):
