@@ -39,7 +39,8 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         parts = []
     drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
     if not drawn:
-        reason = NOT_DRAWN if parts or chains.posterior else NOT_KNOWN
+        known = idata is not None and "constant_data" in idata
+        reason = NOT_DRAWN if known else NOT_KNOWN
         return Statement("not checked", "not checked", f"not checked: {reason}.")
     about = describe_samples(idata, fitted=False)
     missed, far, units, inside, total = [*about.surprising], "", [], 0, 0
