@@ -254,6 +254,18 @@ def test_standard_deviations_that_are_not_known_are_not_converged():
     assert found.chains.short == "sd unknown" and "theta2" in found.chains.sentence
 
 
+def test_the_steps_that_are_said_mend_all_that_speaks():
+    """The chain is a little too short, and much too short for a heavy tail."""
+    chains = [ar1([0.9, 0.9], 800, 8, seed) for seed in range(2)]
+    for chain in chains:
+        chain[..., 1] = np.exp(1.8 * chain[..., 1])
+    found = ef.diagnose([backend(chain) for chain in chains])
+    assert found.chains.short == "too short" and found.steps_per_tau.min() > 25
+    steps = int(found.chains.sentence.rpartition("steps=")[2][:-1].replace(",", ""))
+    needed = 1.25 * 800 * (found.sd_error[1] / 0.1) ** 2
+    assert needed > 5_000 and needed <= steps <= 1.1 * needed
+
+
 def test_the_error_of_a_standard_deviation_is_its_scatter():
     """Of an autoregressive chain squares forget by phi^2."""
     phi, steps, runs = 0.7, 500, 40
