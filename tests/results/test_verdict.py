@@ -263,7 +263,8 @@ def test_the_steps_that_are_said_mend_all_that_speaks():
     assert found.chains.short == "too short" and found.steps_per_tau.min() > 25
     steps = int(found.chains.sentence.rpartition("steps=")[2][:-1].replace(",", ""))
     needed = 1.25 * 800 * (found.sd_error[1] / 0.1) ** 2
-    assert needed > 5_000 and needed <= steps <= 1.1 * needed
+    assert needed > 1.1 * 1.25 * 800 * 50 / found.steps_per_tau.min()
+    assert needed <= steps <= 1.1 * needed
 
 
 def test_the_error_of_a_standard_deviation_is_its_scatter():
