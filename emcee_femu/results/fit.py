@@ -54,8 +54,8 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
             missed.append(part.name)
             far += (
                 f"; {part.name} of {part.dims} {part.labels[worst]} is farthest out "
-                f"(measured {part.values[worst]:.4g} {part.unit}, predicted "
-                f"{mean[worst]:.4g})"
+                f"(measured {part.values[worst]:.4g}, predicted {mean[worst]:.4g}"
+                f"{f' {part.unit}'.rstrip()})"
             )
             if text := doubt_units(part.initial[None], part.values, part.unit):
                 units.append(f"At the prior mean {text}")

@@ -104,8 +104,9 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
         return ""
     times = np.exp(np.abs(np.log(ratios[0]).mean()))
     turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"
+    unit = f" {unit}".rstrip()
     return (
-        f"model {predicted[0, 0]:.3g} {unit}, measured {measured[0]:.3g} {unit}, "
+        f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}, "
         f"{times:.3g} times {'more' if less else 'less'}: "
         f"{'rad/s instead of Hz' if turn else 'units'}?"
     )
