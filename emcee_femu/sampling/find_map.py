@@ -209,8 +209,7 @@ def find_map(
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count is not a whole
             number.
-        ValueError: If a start or the prior mean is out of bounds, or check is between 0
-            and 25.
+        ValueError: If a start is out of bounds, or check is between 0 and 25.
         RuntimeError: If no start led to a maximum, or too many solves failed.
         UserWarning: Where the model at the prior mean is far off, as of :func:`run`.
 

@@ -176,10 +176,10 @@ def run(
     Raises:
         TypeError: If a count is not a whole number, or posterior is not a
             LogPosterior, or cannot be pickled for the processes of a pool.
-        ValueError: If the moves do not fit the ensemble, the prior mean or a start is
-            out of bounds, a start has no finite log-posterior, a backend already holds
-            steps, a file is not that of the same run, or workers and pool are both
-            asked for. All are raised before sampling.
+        ValueError: If the moves do not fit the ensemble, a start is out of
+            bounds or has no finite log-posterior, a backend already holds steps, a
+            file is not that of the same run, or workers and pool are both asked for.
+            All are raised before sampling.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
         RuntimeError: If there are fewer walkers than twice the parameters and the move
             is without ``live_dangerously=True``; too many solves failed, or a worker

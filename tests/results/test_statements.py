@@ -110,6 +110,12 @@ def test_another_order_of_the_modes_is_doubted():
     assert "in another order than the measured" in doubt and "PairedModel" in doubt
 
 
+def test_a_prior_mean_out_of_its_bounds_is_doubted():
+    prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 9)])
+    (doubt,) = doubts(posterior_of(prior=prior), moves=ef.DEMCMove())[1]
+    assert doubt.startswith("prior (its mean): k2 = 10 of point 0 is outside its bound")
+
+
 def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
     """In a file too, whose run goes on; a solve that fails says nothing."""
     asked = []
