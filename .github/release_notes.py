@@ -23,7 +23,7 @@ def main(tag: str, root: Path = ROOT) -> str:
         re.findall(r"^(version|date-released): (\S+)$", read("CITATION.cff"), re.M)
     )
     version = tomllib.loads(read("pyproject.toml"))["project"]["version"]
-    _, *sections = re.split(r"^## ", read("CHANGELOG.md"), flags=re.M)
+    _, *sections = re.split(r"^## (?=\[)", read("CHANGELOG.md"), flags=re.M)
     heading, _, notes = sections[0].partition("\n")
     expected = f"[{version}] - {cited.get('date-released')}"
     if tag != f"v{version}" or cited["version"] != version or heading != expected:

@@ -25,9 +25,12 @@ def load(name):
 
 
 def sections():
-    """Return versions and dates of the changelog, newest first."""
+    """Return versions and dates of the changelog, newest first.
+
+    What comes next, "0.4.0 (not released)", has no brackets yet.
+    """
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    return [line.split(" - ") for line in re.findall("^## (.+)", text, re.M)]
+    return [line.split(" - ") for line in re.findall(r"^## (\[.+)", text, re.M)]
 
 
 def test_every_file_has_the_version_and_date_of_the_package():

@@ -315,7 +315,7 @@ def _tabulate(
         columns.append(("sd error %", ".1f", [sd for _, sd in off]))
     columns += [
         ("end to end", ".3g", [e.end_to_end for e in entries]),
-        ("verdict", "", [d.short for d in diagnoses]),
+        ("verdict", "", [d.chains.short for d in diagnoses]),
     ]
     return Table.from_columns(title, columns)
 
@@ -335,7 +335,7 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
     combined standard errors.
     """
     ranked = sorted(entries, key=lambda entry: -entry.efficiency)
-    able = [entry for entry in ranked if entry.diagnosis.short == CONVERGED]
+    able = [entry for entry in ranked if entry.diagnosis.chains.short == CONVERGED]
     winner, lines = None, []
     if not able:
         lines.append("No winner: no move has converged; run longer.")
@@ -359,7 +359,7 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
                 f"End to end, with burn-in counted, {first.label} is ahead: "
                 f"{first.end_to_end:.3g} against {best.end_to_end:.3g} of {best.label}."
             )
-    unfit = [f"{e.label} ({e.diagnosis.short})" for e in ranked if e not in able]
+    unfit = [f"{e.label} ({e.diagnosis.chains.short})" for e in ranked if e not in able]
     if unfit and able:
         lines.append(f"Not converged, so out of the contest: {', '.join(unfit)}.")
     lines += [

@@ -32,6 +32,7 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # An inferred error of zero, where a search may stand on the bound of a prior: its
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
+MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
 ALONG = 6e-6  # relative change of a response, where no solve adds noise
 
 
@@ -263,6 +264,11 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
         expected = " or ".join(map(str, shapes))
         raise ValueError(
             f"{argument}: expected one number or shape {expected}, got {numbers.shape}"
+        )
+    if argument == "relative_sd" and numbers.max() > MOST_RELATIVE:
+        raise ValueError(
+            f"{argument}: expected at most {MOST_RELATIVE}, got {numbers.max():g}; "
+            "0.02 is 2 %"
         )
     return numbers
 

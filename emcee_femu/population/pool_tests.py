@@ -380,7 +380,7 @@ def _pool(
         pareto_k=k,
         effective=effective,
         monte_carlo=np.std(again, axis=0) / flat.std(axis=0),
-        verdict=diagnose(idata).verdict,
+        verdict=f"Chains: {diagnose(idata).chains.sentence}",
     )
 
 

@@ -23,7 +23,7 @@ from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
 from .derivatives import along_tangents, difference, unstack
 from .experiments import Experiment, Solved, Terms, check_joint, name_sets
-from .priors import tabulate_prior
+from .priors import prior_centre, tabulate_prior
 
 DRAWS = 256  # of the prior, for the scales of derivatives
 
@@ -372,6 +372,14 @@ class LogPosterior(Report):
         draws = self.prior.sample(np.random.default_rng(0), DRAWS)
         low, high = np.quantile(draws, [0.25, 0.75], axis=0)
         return np.asarray((high - low) / 1.35)
+
+    @cached_property
+    def initial(self) -> Floats:
+        """The row at the prior mean, by one solve; NaN where that is not possible."""
+        try:
+            return self(prior_centre(self.prior))
+        except Exception:  # of any kind: it is the user's model that raised
+            return self.rejected()
 
     def start(
         self,

@@ -38,6 +38,7 @@ from .certificate import (
 )
 from .diagnose import FEWEST_STEPS, diagnose
 from .to_arviz import check_sampled
+from .verdict import NOT_CONVERGED
 
 FEWEST_SOLVES = 10
 APART = 1.1  # R-hat of walkers or ensembles that are in different places
@@ -389,11 +390,11 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
             "brings together; run it longer, without its burn-in, until diagnose finds "
             "no walkers or ensembles apart"
         ], []
-    if not diagnosis.verdict.startswith("Not converged"):
+    if diagnosis.chains.status != NOT_CONVERGED:
         return [], []
     return [], [
-        f"The chain of the emulated posterior itself: {diagnosis.verdict} What it has "
-        "not visited, no weight brings back."
+        f"The chain of the emulated posterior itself: {diagnosis.chains.sentence} What "
+        "it has not visited, no weight brings back."
     ]
 
 

@@ -1,4 +1,4 @@
-"""Judge chains: autocorrelation time, ESS, R-hat, acceptance, and one verdict."""
+"""Judge a run: autocorrelation time, ESS, R-hat, acceptance, and three statements."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,11 +9,13 @@ from scipy import stats
 from ..interfaces import Floats
 from ..table import Parts, Report, Table
 from .arviz_objects import effective_sizes, mean_sizes, rhat
-from .chains import FEWEST_ENSEMBLES, excess_scatter, read_chains, tau_by_ensemble
+from .chains import excess_scatter, read_chains, tau_by_ensemble
+from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes
-from .verdict import CONVERGED, judge
+from .verdict import CONVERGED, Statement, judge_chains, judge_search
 
 FEWEST_STEPS = 8  # that can be judged
+UNKNOWN = Statement("not judged", "not judged", "not judged.")
 TAILS = (0.05, 0.95)
 NO_CHAINS = {
     "population": "an annealed population, which has no convergence to judge; run it "
@@ -25,7 +27,7 @@ NO_CHAINS = {
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Report):
-    """What :func:`.diagnose` found; ``print`` it for a table and the verdict.
+    """What :func:`.diagnose` found; ``print`` it for a table and three statements.
 
     Attributes:
         names: Parameter names, ``d`` of them.
@@ -52,8 +54,12 @@ class Diagnosis(Report):
         failures: Number of rejected solves by cause (``run(on_failure="reject")``).
         modes: Separated modes of the posterior and the frozen proposal, if "auto"
             ran; printed where there are several.
-        short: The verdict in a few words.
-        verdict: The verdict in one sentence.
+        chains: Whether they converged: "converged", "well mixed" (of one ensemble, or
+            from given starts) or "not converged", and how many steps it takes.
+        search: "searched" or "not searched", what was there, and how small a mode may
+            be missing.
+        fit: Whether what was measured lies inside the posterior predictive: "fits", "at
+            a bound", "does not fit" or "not checked".
     """
 
     names: tuple[str, ...]
@@ -70,13 +76,28 @@ class Diagnosis(Report):
     scatter: Floats
     failures: Mapping[str, int]
     modes: ModeWeights | None = None
-    short: str = ""
-    verdict: str = ""
+    chains: Statement = UNKNOWN
+    search: Statement = UNKNOWN
+    fit: Statement = UNKNOWN
 
     @property
     def converged(self) -> bool:
-        """Whether several ensembles of independent starts passed every check."""
-        return self.short == CONVERGED
+        """Whether several ensembles of independent starts agree, each well mixed."""
+        return self.chains.status == CONVERGED
+
+    @property
+    def short(self) -> str:
+        """The three statements in one line."""
+        return self._join("short", ". ") + "."
+
+    @property
+    def verdict(self) -> str:
+        """The three statements, one below the other."""
+        return self._join("sentence", "\n")
+
+    def _join(self, attribute: str, between: str) -> str:
+        three = {"Chains": self.chains, "Search": self.search, "Fit": self.fit}
+        return between.join(f"{k}: {getattr(s, attribute)}" for k, s in three.items())
 
     @property
     def table(self) -> Table:
@@ -111,7 +132,10 @@ class Diagnosis(Report):
 
 
 def diagnose(source: object, discard: int = 0) -> Diagnosis:
-    """Judge whether the chains can be trusted.
+    """Say whether chains converged, what a search found, and whether the model fits.
+
+    Three statements, each with its own status: converged chains may have missed a mode,
+    and may be those of a model that fits nothing.
 
     tau is emcee's, for each ensemble by itself. R-hat is rank-normalised and split.
     One ensemble cannot show that it missed a mode: run several from
@@ -126,7 +150,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         discard: Stored steps to drop as burn-in.
 
     Returns:
-        Numbers and a verdict; ``print`` it.
+        Numbers and three statements; ``print`` it.
 
     Raises:
         TypeError: If source is something else, or discard not a whole number.
@@ -139,8 +163,9 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         >>> import emcee_femu as ef
         >>> posterior = ef.paper.mass_spring().posterior
         >>> run = ef.run(posterior, ef.DEMCMove(), 20, 50, ensembles=1, seed=1)
-        >>> ef.diagnose(run).verdict.split(":")[0]
-        'Not converged'
+        >>> diagnosis = ef.diagnose(run)
+        >>> diagnosis.chains.status, diagnosis.search.status, diagnosis.fit.status
+        ('not converged', 'not searched', 'fits')
     """
     chains = read_chains(source, discard=discard)
     if chains.kind != "chain":
@@ -165,9 +190,8 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         tau = tau_by_ensemble(draws, moved)
         bulk, tail = effective_sizes(_as_chains(draws))
         of_squares = mean_sizes(_as_chains(squares))
-        if n_ensembles >= FEWEST_ENSEMBLES:
-            of_variances = excess_scatter(squares, tau_by_ensemble(squares, moved))
-            scatter = np.fmax(excess_scatter(draws, tau), of_variances)
+        of_variances = excess_scatter(squares, tau_by_ensemble(squares, moved))
+        scatter = np.fmax(excess_scatter(draws, tau), of_variances)
     if n_walkers > 1:
         within = np.max([rhat(walkers) for walkers in by_ensemble], axis=0)
     if n_ensembles > 1:
@@ -192,8 +216,12 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         modes=weigh_modes(chains),
         failures=chains.failures,
     )
-    short, verdict = judge(diagnosis, chains.starts_given)
-    return replace(diagnosis, short=short, verdict=verdict)
+    return replace(
+        diagnosis,
+        chains=judge_chains(diagnosis, chains.starts_given, discard),
+        search=judge_search(diagnosis.modes),
+        fit=judge_fit(source, chains, discard),
+    )
 
 
 def _as_chains(values: Floats) -> Floats:

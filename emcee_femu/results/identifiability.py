@@ -1,6 +1,5 @@
 """What the data say about each parameter, read off samples, or near a maximum."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,14 +16,14 @@ from .arviz_objects import (
     dataset,
     describe_certificate,
     samples,
-    spread_out,
 )
+from .sensitivities import by_mode, fit_sensitivities
 from .to_arviz import read_samples
 
+PRIOR_DRAWS = 4_000
+CLEAR = 0.2  # by which the skewness of a prior exceeds that of its logarithm
 NEAR = 0.01  # of the range; a uniform density has a share of 0.01 so near a bound
-FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
 PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
-ENOUGH = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
 TOGETHER = 0.95  # |correlation| above which only a combination is known well
@@ -57,6 +56,12 @@ class Identifiability(Report):
             above zero, and for the parameters of errors.
         r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
             mode that no parameter changes.
+        effect: By how many standard errors one prior standard deviation of each
+            parameter moves all that was measured, shapes and others too, ``(d,)``; NaN
+            where not known, and for the parameters of errors.
+        logarithms: Mean and standard deviation of the logarithm, of the prior and then
+            of the posterior, ``(4, d)``; NaN but for positive parameters whose prior is
+            the more symmetrical in it, as a lognormal one.
         local: Where the numbers are from, if not from samples but from a maximum of the
             posterior.
         certificate: What :func:`.certify` said of the samples, if it did.
@@ -73,19 +78,30 @@ class Identifiability(Report):
     modes: tuple[str, ...]
     sensitivities: Floats
     r_squared: Floats
+    effect: Floats
+    logarithms: Floats
     local: str = ""
     certificate: str = ""
 
     @property
     def sd_ratio(self) -> Floats:
-        """Posterior by prior standard deviation; near 1 the data say nothing."""
-        ratio: Floats = np.sqrt(np.diag(self.covariance)) / self.prior_sd
-        return ratio
+        """Posterior by prior standard deviation; near 1 the data say nothing.
+
+        It is that of logarithms where the prior is of these.
+        """
+        ratio = np.sqrt(np.diag(self.covariance)) / self.prior_sd
+        _, before, _, after = self.logarithms
+        return np.where(np.isnan(before), ratio, after / before)
 
     @property
     def shift(self) -> Floats:
-        """Posterior minus prior mean in prior standard deviations, ``(d,)``."""
-        return (self.mean - self.prior_mean) / self.prior_sd
+        """Posterior minus prior mean in prior standard deviations, ``(d,)``.
+
+        It is that of logarithms where the prior is of these.
+        """
+        shift = (self.mean - self.prior_mean) / self.prior_sd
+        mean, sd, after, _ = self.logarithms
+        return np.where(np.isnan(sd), shift, (after - mean) / sd)
 
     @property
     def correlation(self) -> Floats:
@@ -101,17 +117,23 @@ class Identifiability(Report):
         return np.abs(self.bounds - self.mean[:, None]) / sd[:, None]
 
     @property
+    def surprising(self) -> tuple[str, ...]:
+        """Errors that are inferred far above what the prior expects."""
+        far = self.is_error & (self.shift > SURPRISING)
+        return tuple(self.names[i] for i in np.flatnonzero(far))
+
+    @property
     def findings(self) -> tuple[str, ...]:
         """What the data do not tell, bounds that matter, and doubts, in sentences."""
         first = [text for text in (self.local, self.certificate) if text]
-        pressed, small = self._find_pressed(), self._find_unknown()
+        pressed, small = self.find_pressed(), self._find_unknown()
         if not pressed and not small:
             least = int(self.sd_ratio.argmax())
             small = [
                 f"The data inform every parameter, {self.names[least]} least (sd ratio "
                 f"{self.sd_ratio[least]:.2f})."
             ]
-        return (*first, *pressed, *small, *self._find_doubts())
+        return (*first, *pressed, *small, *self.find_doubts())
 
     def _find_unknown(self) -> list[str]:
         """Name what the data leave open, and what they know of it all the same."""
@@ -164,7 +186,7 @@ class Identifiability(Report):
         variances, directions = np.linalg.eigh(scaled[np.ix_(which, which)])
         return np.maximum(variances, 0.0), directions
 
-    def _find_pressed(self) -> list[str]:
+    def find_pressed(self) -> list[str]:
         """Name bounds that the posterior is pressed against.
 
         A narrow posterior may lie within 1 % of a wide range, and far from its bound;
@@ -181,14 +203,14 @@ class Identifiability(Report):
             for i, side in np.argwhere(crowded)
         ]
 
-    def _find_doubts(self) -> list[str]:
+    def find_doubts(self) -> list[str]:
         """Name errors larger than expected, and sensitivities that are rough."""
-        surprising = np.flatnonzero(self.is_error & (self.shift > SURPRISING))
+        shift = dict(zip(self.names, self.shift, strict=True))
         return [
-            f"{self.names[i]} is inferred {self.shift[i]:.1f} prior standard "
+            f"{name} is inferred {shift[name]:.1f} prior standard "
             "deviations above its prior mean: model and data disagree by more than was "
             "expected. Look for what the model lacks, or widen this prior."
-            for i in surprising
+            for name in self.surprising
         ] + [
             f"The sensitivities of {self.modes[i]} are rough, for ln(lambda) is not a "
             f"quadratic over the samples (R^2 {self.r_squared[i]:.2f})."
@@ -202,7 +224,6 @@ class Identifiability(Report):
         strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
         partners = [self.names[j] if d > 1 else "" for j in strongest]
         pairs = self.correlation[np.arange(d), strongest]
-        largest = np.fmax.reduce(np.abs(self.sensitivities), initial=np.nan)
         return Table.from_columns(
             "What the data say",
             [
@@ -212,7 +233,7 @@ class Identifiability(Report):
                 ("with", "", partners),
                 ("correlation", "+.2f", np.where(d > 1, pairs, np.nan)),
                 ("at a bound %", ".1f", 100 * self.at_bound.max(axis=1)),
-                ("largest sensitivity %", ".3g", 100 * largest),
+                ("effect/error", ".3g", self.effect),
             ],
         )
 
@@ -251,7 +272,10 @@ def identifiability(idata: object) -> Identifiability:
     samples by least squares; its adjusted R^2 says how far they can be believed. (A
     plane is not enough: good data hold the frequencies where they are, and what is
     left of their variation is curvature.) Parameters that only likelihood terms read,
-    such as a noise level, have none.
+    such as a noise level, have none. The effect in standard errors is that on all that
+    was measured, shapes and deflections too, by the curvature of the log-likelihood,
+    which is fitted likewise. Ratios and shifts of positive parameters are those of
+    logarithms where the prior is the more symmetrical in these, as a lognormal one.
 
     The findings name what the data do not tell: a parameter as uncertain as before (sd
     ratio above 0.9), a pair of which only a combination is known well (absolute
@@ -287,37 +311,33 @@ def identifiability(idata: object) -> Identifiability:
     """
     if isinstance(idata, FoundMap):
         return _describe_maximum(idata)
-    return _describe_samples(read_samples(idata)[0])
+    return describe_samples(read_samples(idata)[0])
 
 
-def _describe_samples(idata: InferenceData) -> Identifiability:
-    """Return what samples say."""
+def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiability:
+    """Return what samples say; no sensitivities where none are to be fitted."""
     names, chains = samples(idata)
     draws = chains.reshape(-1, len(names))
     constants = dataset(idata, "constant_data")
     is_error = constants["is_error"].values.astype(bool)
-    structural = np.flatnonzero(~is_error)
-    d = len(structural)
+    d = len(names)
     needed = PER_COEFFICIENT * (d + 1) * (d + 2) // 2
-    if (different := len(np.unique(draws, axis=0))) < needed:
+    if fitted and (different := len(np.unique(draws, axis=0))) < needed:
         raise ValueError(
             f"idata: expected at least {needed} different samples for {d} "
             f"parameter(s), got {different}; run longer"
         )
     prior_sd = constants["prior_sd"].values
     bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
-    modes, log_eigenvalues = _by_mode(
-        {
-            str(name): v.transpose("chain", "draw", ...).values.reshape(len(draws), -1)
-            for name, v in dataset(idata, "response").data_vars.items()
-        },
-    )
-    sensitivities = np.full((len(modes), len(names)), np.nan)
-    fitted = spread_out(len(draws), ENOUGH)
-    slopes, r_squared = _fit_slopes(
-        (draws / prior_sd)[np.ix_(fitted, structural)], log_eigenvalues[fitted]
-    )
-    sensitivities[:, structural] = slopes
+    modes: tuple[str, ...] = ()
+    slopes, r_squared, effect = np.empty((0, d)), np.empty(0), np.full(d, np.nan)
+    before = np.full((1, d), np.nan)
+    if "prior" in idata and dataset(idata, "prior").sizes["chain"]:
+        before = np.column_stack([dataset(idata, "prior")[k].values[0] for k in names])
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
+        logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
+    if fitted:
+        modes, slopes, r_squared, effect = fit_sensitivities(idata, draws / prior_sd)
     return Identifiability(
         names=tuple(names),
         is_error=is_error,
@@ -328,8 +348,10 @@ def _describe_samples(idata: InferenceData) -> Identifiability:
         covariance=np.atleast_2d(np.cov(draws, rowvar=False)),
         at_bound=_shares_at_bounds(draws, bounds, prior_sd, np.ones(len(draws))),
         modes=modes,
-        sensitivities=sensitivities,
+        sensitivities=np.where(is_error, np.nan, slopes),
         r_squared=r_squared,
+        effect=np.where(is_error, np.nan, effect),
+        logarithms=_compare_logarithms(before, is_error, *logs),
         certificate=describe_certificate(idata).strip(" ()"),
     )
 
@@ -344,8 +366,15 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     draws, log_weights = draw_inside(*gaussian)
     is_error = np.isin(posterior.names, posterior.error_names)
     stencil = place(posterior.prior, best.theta[None], posterior.scale)
-    modes, log_eigenvalues = _by_mode(posterior.unfold(posterior(stencil.points)))
+    stacked = posterior.stack(stencil.points, "deviations")
+    rows, rest = np.split(stacked, [len(posterior.rejected())], axis=1)
+    modes, log_eigenvalues = by_mode(posterior.unfold(rows))
     slopes = stencil.derive(log_eigenvalues)[0]
+    r, sd = np.split(rest, 2, axis=1)
+    effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean
+    before = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     which, k = "the maximum", len(maxima.maxima)
     if k > 1:
         which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
@@ -361,6 +390,9 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
         modes=modes,
         sensitivities=np.where(is_error, np.nan, slopes * prior_sd),
         r_squared=np.full(len(modes), np.nan),
+        effect=np.where(is_error, np.nan, effect * prior_sd),
+        # A Gaussian about a maximum says nothing of what is far from it.
+        logarithms=_compare_logarithms(before, is_error, *logs),
         local=(
             f"Local: of the Gaussian about {which}, not of samples. Where the "
             "posterior is not Gaussian samples may say otherwise."
@@ -368,41 +400,26 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     )
 
 
-def _by_mode(response: Mapping[str, Floats]) -> tuple[tuple[str, ...], Floats]:
-    """Return the modes of all experiments, in words, and ln of eigenvalues ``(n, m)``.
+def _compare_logarithms(
+    before: Floats, is_error: NDArray[np.bool_], mean: Floats, sd: Floats
+) -> Floats:
+    """Return moments of logarithms of draws of the prior, and the posterior's, (4, d).
 
-    Rigid-body modes have none: not finite.
+    NaN where the prior itself is nearly as symmetrical, and for errors, which may well
+    be zero.
     """
-    labels: list[str] = []
-    columns = [np.empty((len(values), 0)) for values in response.values()][:1]
-    for name, values in response.items():
-        experiment, _, variable = name.rpartition(".")
-        if variable == "frequency":
-            columns.append(values)
-            numbers = range(1, values.shape[1] + 1)
-            labels += [f"{experiment} mode {i}".strip() for i in numbers]
     with np.errstate(divide="ignore", invalid="ignore"):
-        return tuple(labels), 2 * np.log(np.concatenate(columns, axis=1))
+        logs = np.log(before)
+        apt = _skew(logs) + CLEAR < _skew(before)  # never for NaN
+        moments = np.stack([logs.mean(axis=0), logs.std(axis=0), mean, sd])
+    return np.where(apt & ~is_error, moments, np.nan)
 
 
-def _fit_slopes(draws: Floats, log_eigenvalues: Floats) -> tuple[Floats, Floats]:
-    """Return gradients ``(m, d)`` at the mean of the draws, and R^2 of the fits."""
-    n, d = draws.shape
-    # Whitened, because the squares of correlated draws are nearly collinear.
-    U, S, Vt = np.linalg.svd(draws - draws.mean(axis=0), full_matrices=False)
-    white = np.sqrt(n) * U
-    i, j = np.triu_indices(d)
-    design = np.column_stack([white, white[:, i] * white[:, j], np.ones(n)])
-    with np.errstate(invalid="ignore"):  # of what is not finite comes NaN
-        y = log_eigenvalues - log_eigenvalues.mean(axis=0)
-        coefficients = np.linalg.pinv(design) @ y
-        rest = y - design @ coefficients
-        variance = (rest**2).sum(axis=0) / (n - design.shape[1])
-        total = y.var(axis=0, ddof=1)
-    still = total <= FLAT**2
-    slopes = np.sqrt(n) * (coefficients[:d].T / S) @ Vt
-    r_squared = 1 - variance / np.maximum(total, FLAT**2)
-    return np.where(still[:, None], 0.0, slopes), np.where(still, np.nan, r_squared)
+def _skew(draws: Floats) -> Floats:
+    """Return the size of the skewness of each column."""
+    centred = draws - draws.mean(axis=0)
+    skew: Floats = np.abs((centred**3).mean(axis=0)) / draws.std(axis=0) ** 3
+    return skew
 
 
 def _shares_at_bounds(

@@ -13,7 +13,7 @@ from ..interfaces import Floats
 from ..sampling.importance import pareto_k
 from ..table import Parts, Report, Table
 from .arviz_objects import mean_sizes, spread_out
-from .chains import Chains, excess_scatter, tau_by_ensemble
+from .chains import Chains
 
 MOST_DRAWS = 20_000  # whose Pareto k is found
 CHUNK = 20_000
@@ -26,8 +26,6 @@ class ModeWeights(Report):
     Attributes:
         weights: Share of each mode in each ensemble, ``(ensembles, g)``.
         errors: Standard error of the weights of all ensembles together, ``(g,)``.
-        scatter: By how much the weights scatter over the ensembles beyond what tau
-            allows (above 1), ``(g,)``; NaN for less than three ensembles.
         importance: Weights by importance sampling, ``(g,)``; NaN where not known.
         importance_errors: Their standard errors, ``(g,)``.
         acceptance: Expected acceptance of frozen proposals from there, ``(g,)``; NaN
@@ -44,7 +42,6 @@ class ModeWeights(Report):
 
     weights: Floats
     errors: Floats
-    scatter: Floats
     importance: Floats
     importance_errors: Floats
     acceptance: Floats
@@ -106,15 +103,9 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
     sizes = np.where(np.isfinite(sizes), sizes, labels.size)
     # Of a mode without draws, or with nothing else, as if there were one other draw.
     variance = np.maximum(total * (1 - total), 1 / sizes)
-    moved = (indicators != indicators[0]).any(axis=0)  # (ensembles, walkers, g)
-    tau = [
-        tau_by_ensemble(indicators[..., [mode]], moved[..., mode])
-        for mode in range(n_modes)
-    ]
     return ModeWeights(
         weights=by_ensemble,
         errors=np.sqrt(variance / sizes) * (n_modes > 1),
-        scatter=excess_scatter(indicators, np.hstack(tau)),
         importance=search.weights,
         importance_errors=search.errors,
         acceptance=acceptance,

@@ -13,7 +13,6 @@ import emcee
 import numpy as np
 
 from .. import checks
-from ..evaluation.evaluator import Solver
 from ..interfaces import Floats, Variable
 from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
@@ -351,13 +350,10 @@ def _fixed_groups(
     """Return prior draws, what was measured, and constants."""
     prior = posterior.prior
     mean, sd = summarize_prior(prior)
-    initial = prior_centre(prior)
-    row = Solver(posterior, reject=True)(("rows", initial))
-    row = row if isinstance(row, np.ndarray) else posterior.rejected()
     by_parameter: dict[str, Any] = {
         "lower": prior.bounds[:, 0],
         "upper": prior.bounds[:, 1],
-        "initial": initial,
+        "initial": prior_centre(prior),
         "prior_mean": mean,
         "prior_sd": sd,
         "is_error": np.isin(posterior.names, posterior.error_names),
@@ -365,7 +361,7 @@ def _fixed_groups(
     parameter = Variable({"parameter": list(posterior.names)})
     constants = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
         f"initial_{name}": Labelled(value, posterior.variables[name])
-        for name, value in posterior.unfold(row).items()
+        for name, value in posterior.unfold(posterior.initial).items()
     }
     draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     pairs = zip(posterior.names, draws.T, strict=True)

@@ -1,6 +1,7 @@
-"""The verdict on chains: which check speaks first, and what to do then."""
+"""Statements on a run: whether its chains converged, and what was searched."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -20,171 +21,143 @@ SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
-ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a group
-HITS = 3  # expected, of which none comes once in twenty times
+ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
 ENOUGH_WAITS = 10  # the same from the worst place that a walker reached
 HIGH_SHARE = 0.75  # effective share of a proposal for which no walker waits long
-CONVERGED = "converged"
+# Pareto k above which importance weights have no variance: below it the places where a
+# walker waits long are too rare to matter.
+LONG_WAITS_K = 0.5
+HITS = 3  # expected, of which none comes once in twenty times
+CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
+MARGIN = 1.25  # since tau and errors are estimates themselves
+MUCH = 4.0  # times longer, where no number says how much
+MOST = 10.0  # times longer, above which it is not length that lacks
 
-Complaint: TypeAlias = tuple[str, str]
+# In a few words, in a sentence, and how many times longer a chain would mend it; 0
+# where none would, and the sentence says what does.
+Complaint: TypeAlias = tuple[str, str, float]
 
 
-def judge(diagnosis: "Diagnosis", starts_given: bool) -> Complaint:
-    """Return the verdict in a few words and in a sentence."""
-    for short, sentence in _complaints(diagnosis):
-        return short, f"Not converged: {sentence}."
-    length = (
-        f"{diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at least "
-        f"{diagnosis.ess_bulk.min():.0f}"
+@dataclass(frozen=True)
+class Statement:
+    """One of the three statements of a diagnosis.
+
+    Attributes:
+        status: A word or two that never vary, such as "converged".
+        short: The status in a few words, with its reason.
+        sentence: The same at length, and what to do.
+    """
+
+    status: str
+    short: str
+    sentence: str
+
+
+def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> Statement:
+    """Say whether the chains converged; if not, what speaks first and what mends it."""
+    if complaints := list(_complaints(diagnosis)):
+        short, sentence, longer = complaints[0]
+        if longer:
+            longer = max(factor for *_, factor in complaints)
+            steps = discard + MARGIN * longer * diagnosis.steps
+            unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
+            sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
+        return Statement(NOT_CONVERGED, short, f"{NOT_CONVERGED}, {short}: {sentence}.")
+    count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
+    words = f"{status}: {count} ensembles agree"
+    if count > 1:
+        words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
+    if starts_given or count == 1:
+        status, short = MIXED, "starts given" if count > 1 else "one ensemble"
+        cure = "leave starts out" if count > 1 else "run ensembles=4"
+        words = f"{status}, but other modes would not be seen ({short}): {cure}"
+    sentence = (
+        f"{words}; {diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at "
+        f"least {diagnosis.ess_bulk.min():,.0f}."
     )
-    if len(diagnosis.tau) == 1:
-        return "one ensemble", (
-            "Well mixed, but one ensemble cannot show a missed mode: "
-            f"{length}; run ensembles=4 to be sure."
-        )
-    rhat = diagnosis.rhat_between.max()
-    agreement = (
-        f"{len(diagnosis.tau)} ensembles agree (R-hat at most {rhat:.3f}), {length}"
+    return Statement(status, short, sentence)
+
+
+def judge_search(modes: ModeWeights | None) -> Statement:
+    """Say what a search found, and how small a mode it may have missed."""
+    if modes is None:
+        sentence = "none: a mode that no walker started near is not seen; "
+        sentence += 'run(posterior, "auto") searches.'
+        return Statement("not searched", "none", sentence)
+    count = len(modes.importance)
+    short = "one mode" if count == 1 else f"{count} modes"
+    sentence = (
+        f"{short}, by {modes.searched:,} points. A mode so small that fewer than one "
+        f"point in {modes.searched // HITS:,} falls near it may be missing."
     )
-    if starts_given:
-        return "starts given", (
-            f"Well mixed from the given starts: {agreement}; starts from the prior "
-            "would show modes that none of these was near."
-        )
-    limit = ""
-    if diagnosis.modes is not None and (searched := diagnosis.modes.searched):
-        limit = (
-            f" The search had {searched} points: a mode that fewer than one in "
-            f"{searched // HITS} would hit may be missing."
-        )
-    return CONVERGED, f"Converged by every check: {agreement}.{limit}"
+    return Statement("searched", short, sentence)
 
 
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
-    names, stuck = diagnosis.names, diagnosis.stuck
+    names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
     if stuck:
-        walkers = f"{len(stuck)} walkers"
         places = f"(ensemble, walker): {list(stuck[:5])}"
-        yield f"{walkers} stuck", f"{walkers} never moved {places}"
-    worst = int(np.argmin(diagnosis.steps_per_tau))
-    per_tau = diagnosis.steps_per_tau[worst]
-    if per_tau < ENOUGH_TAU:
-        length = min(round(per_tau), ENOUGH_TAU - 1)  # as in the table, but not enough
-        yield (
-            f"too short: {length} tau",
-            f"the chain is {length} autocorrelation times long for {names[worst]} "
-            f"({ENOUGH_TAU} are needed); run longer",
-        )
-    for limit, values, short, sentence in (
-        (
-            WALKERS_APART,
-            diagnosis.rhat_within,
-            "walkers stay apart",
-            "the walkers of one ensemble stay apart in {name} (R-hat {value:.3f} over "
-            "walkers), as they do between several modes; try DEMCMove(mode_jump=0.1)",
-        ),
-        (
-            100 * SD_KNOWN_TO,
-            100 * diagnosis.sd_error,
-            "sd unknown",
-            "the standard deviation of {name} is known to {value:.0f} % only, by the "
-            "ESS of its squared deviations, as where tails are heavy or a mode is "
-            "rarely visited; run longer, or sample its logarithm",
-        ),
-        (
-            GOOD_RHAT,
-            diagnosis.rhat_between,
-            "ensembles disagree",
-            "the ensembles disagree about {name} (R-hat {value:.3f}, at most "
-            f"{GOOD_RHAT} is good); run longer, or try DEMCMove(mode_jump=0.1) if "
-            "there are several modes",
-        ),
-        (
-            1.0,
-            diagnosis.scatter,
-            "ensembles scatter",
-            "the ensembles' means or variances of {name} scatter more than their "
-            "autocorrelation times allow: something slower than tau is going on, as "
-            "between modes or in heavy tails; run longer",
-        ),
+        sentence = f"they never moved, {places}; look at starts and at failed solves"
+        yield f"{len(stuck)} walkers stuck", sentence, 0.0
+    within, between = diagnosis.rhat_within, diagnosis.rhat_between
+    # Values, their best, their limit, and by which power of them a chain is too short.
+    for values, best, limit, power, short, what in (
+        (diagnosis.steps_per_tau, 0, ENOUGH_TAU, -1, "too short", "steps/tau"),
+        (within, 1, WALKERS_APART, 1, "walkers stay apart", "R-hat over walkers"),
+        (diagnosis.sd_error, 0, SD_KNOWN_TO, 2, "sd unknown", "relative error of sd"),
+        (between, 1, GOOD_RHAT, 1, "ensembles disagree", "R-hat over ensembles"),
+        (diagnosis.scatter, 0, 1, 1, "ensembles disagree", "chi-square by its limit"),
     ):
-        worst = int(np.argmax(values))
-        if values[worst] > limit:  # never for NaN
-            yield short, sentence.format(name=names[worst], value=values[worst])
-    if diagnosis.modes is not None:
-        yield from _weights(diagnosis.modes)
-        yield from _proposal(diagnosis.modes, diagnosis.steps)
+        excess = ((values - best) / (limit - best)) ** power
+        worst = int(np.argmax(excess))
+        longer = float(excess[worst])
+        if longer > 1:  # never for NaN
+            bound = f"at {'least' if power < 0 else 'most'} {limit}"
+            sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
+            if best and longer > MOST:
+                cure = "take a TemperedMove" if modes else 'run moves="auto"'
+                sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
+            yield short, sentence, longer
+    if modes is not None:
+        yield from _weights(modes, diagnosis.acceptance.shape[1])
+        yield from _proposal(modes, diagnosis.steps)
 
 
-def _weights(modes: ModeWeights) -> Iterator[Complaint]:
-    """Yield modes that are lost, or weigh otherwise than they should."""
-    chain, exact = modes.weights.mean(axis=0), modes.importance
-    errors = np.hypot(modes.errors, modes.importance_errors)
-    stated = [
-        f"{weight:.3f} (+- {error:.3f})"
-        for weight, error in zip(exact, modes.importance_errors, strict=True)
-    ]
-    for i in np.flatnonzero((chain == 0) & modes.reached & ~(exact < SMALL)):
-        yield (
-            "a mode is lost",
-            f"no walker is in mode {i + 1}, where a search ended or a walker started, "
-            "and its weight by importance sampling is "
-            f"{'not known' if np.isnan(exact[i]) else stated[i]}; run again with more "
-            "walkers, or with a TemperedMove",
+def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
+    """Yield modes that are lost, weigh otherwise than they should, or are not known."""
+    chain, exact, error = modes.weights.mean(axis=0), modes.importance, modes.errors
+    best, apart = np.fmin(error, modes.importance_errors), np.abs(chain - exact)
+    both = np.hypot(error, modes.importance_errors)
+    differ = apart > np.maximum(SMALL, ERRORS_APART * both)  # never for NaN
+    for i, lost in enumerate((chain == 0) & modes.reached & ~(exact < SMALL)):
+        stated = f"{exact[i]:.3f} (+- {modes.importance_errors[i]:.3f})"
+        sentence = (
+            f"mode {i + 1}, where a search ended or a walker started, holds "
+            f"{chain[i]:.3f} (+- {error[i]:.3f}) of the chain, by importance sampling "
+            f"{'what is not known' if np.isnan(exact[i]) else stated}"
         )
-    apart = np.abs(chain - exact)
-    for i in np.flatnonzero((apart > SMALL) & (apart > ERRORS_APART * errors)):
-        yield (
-            "weights disagree",
-            f"mode {i + 1} holds {chain[i]:.3f} of the chain (+- "
-            f"{modes.errors[i]:.3f}) but {stated[i]} by importance sampling; run "
-            "longer, and again with another seed",
-        )
-    for i in np.flatnonzero((modes.scatter > 1.0) & (chain > SMALL)):
-        yield (
-            "weights disagree",
-            f"the ensembles disagree about the weight of mode {i + 1} "
-            f"({modes.weights[:, i].round(3).tolist()}); run longer, or try a "
-            "TemperedMove",
-        )
-    best = np.fmin(modes.errors, modes.importance_errors)
-    for i in np.flatnonzero(best > WEIGHT_KNOWN_TO):
-        yield (
-            "weights unknown",
-            f"the weight of mode {i + 1} is known to +- {best[i]:.3f} only; run longer",
-        )
+        if lost:
+            yield "a mode is lost", f"{sentence}; run nwalkers={2 * walkers}", 0.0
+        elif differ[i] or best[i] > WEIGHT_KNOWN_TO:
+            longer = max(MUCH * differ[i], (best[i] / WEIGHT_KNOWN_TO) ** 2)
+            yield f"weights {'disagree' if differ[i] else 'unknown'}", sentence, longer
 
 
 def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     """Yield what is wrong with the frozen proposal, if steps are made with it."""
-    several = len(modes.importance) > 1
-    accepted = np.nan_to_num(modes.acceptance, nan=1.0) * modes.share * steps
-    worst = int(np.argmin(accepted))
-    if several and modes.share and accepted[worst] < ENOUGH_VISITS:
-        yield (
-            "a mode is left too rarely",
-            f"a frozen proposal is accepted from mode {worst + 1} only "
-            f"{accepted[worst]:.1f} times in {steps} steps; run longer, or with a "
-            "TemperedMove",
-        )
+    several, made = len(modes.importance) > 1, modes.share * steps
+    k = float(np.fmax(modes.pareto_k, modes.chain_k))
     # Weights that are nearly equal have a tail too, but not one that matters.
-    k = np.fmax(modes.pareto_k, modes.chain_k)
-    narrow = not modes.efficiency > FAIR_SHARE
-    if k > GOOD_K and narrow and (modes.share or several):
-        yield (
-            "proposal too narrow",
-            f"the frozen proposal lacks part of the posterior (Pareto k {k:.2f} of the "
-            f"importance weights, at most {GOOD_K} is good), where walkers stay long; "
-            "run again with more walkers or steps, which fits it anew, or with "
-            "DEMCMove()",
+    narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE and (several or made)
+    heavy = k > LONG_WAITS_K and not modes.efficiency > HIGH_SHARE
+    worst, done = np.nanmin(modes.acceptance) * made, modes.slowest * made
+    visits = worst / ENOUGH_VISITS if several and made else 1.0
+    waits = done / ENOUGH_WAITS if heavy and modes.share > 0.5 else 1.0
+    if narrow or min(visits, waits) < 1:
+        sentence = (
+            f"Pareto k is {k:.2f} (at most {GOOD_K}), and in {steps} steps a walker "
+            f"leaves the worst mode {worst:.1f} times, the worst place {done:.1f} times"
         )
-    rare = modes.slowest * modes.share * steps
-    uneven = not modes.efficiency > HIGH_SHARE
-    if uneven and modes.share > 0.5 and rare < ENOUGH_WAITS:
-        yield (
-            "walkers wait too long",
-            "from where a walker was a frozen proposal is accepted only "
-            f"{rare:.1f} times in {steps} steps, fewer than {ENOUGH_WAITS}, as at the "
-            "end of a tail that it lacks; run longer, or with DEMCMove()",
-        )
+        longer = MUCH if narrow else 1 / max(float(min(visits, waits)), 0.1)
+        yield "proposal too narrow", sentence, longer

@@ -16,6 +16,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table
 from .climbing import Maximum, climb, distinct
+from .first_solve import check_first_solve
 from .importance import GOOD_K, kish_share, pareto_k
 from .quadratic import moments_inside
 
@@ -210,6 +211,7 @@ def find_map(
             number.
         ValueError: If a start is out of bounds, or check is between 0 and 25.
         RuntimeError: If no start led to a maximum, or too many solves failed.
+        UserWarning: Where the model at the prior mean is far off, as of :func:`run`.
 
     Examples:
         >>> import emcee_femu as ef
@@ -232,6 +234,7 @@ def find_map(
     with Evaluation.open(
         posterior, workers, pool, on_failure, max_failures
     ) as evaluation:
+        check_first_solve(evaluation, None)
         ends = climb(evaluation, points)
         reached = [end for end in ends if end.log_evidence > -np.inf]
         lost = [end.message for end in ends if end.log_evidence == -np.inf]

@@ -22,6 +22,7 @@ from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..table import Parts, Report
 from .auto import search_and_start
+from .first_solve import check_first_solve
 from .search_record import SearchRecord
 
 MOST_DRAWS = 20  # of a starting point
@@ -107,6 +108,10 @@ def run(
 ) -> Run:
     """Sample the posterior with emcee; the same seed gives the same chain, to the bit.
 
+    The first solve is at the prior mean. Where it is further than three times from all
+    that was measured of a variable, and so are some draws of the prior, a warning names
+    both numbers: units are the usual cause.
+
     Args:
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; ``DEMCMove()`` is the
@@ -180,6 +185,8 @@ def run(
             is without ``live_dangerously=True``; too many solves failed, or a worker
             died. An exception during sampling has the run so far, as its attribute
             ``run``.
+        UserWarning: If the model at the prior mean is that far off, its frequencies
+            are in another order than the measured ones, or the mean is out of bounds.
 
     Examples:
         >>> import emcee_femu as ef
@@ -232,6 +239,7 @@ def run(
             store, solver = evaluator.store, evaluator.evaluation
         else:
             solver = evaluator
+        check_first_solve(solver, store)
         if weighted is None:
             evaluations = steps * thin_by * nwalkers * ensembles
             if store is not None:  # steps may have grown since the search began

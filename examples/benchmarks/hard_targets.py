@@ -121,7 +121,8 @@ def judge(name: str, seed: int, steps: int) -> Run:
     weights = slice(d + 2 * len(truth.tails), None)
     worst = np.abs(errors[weights]).max(initial=0)
     ess = 1000 * float(found.ess_bulk.min()) / cost
-    return Run(found.short, z[:d], z[d : weights.start], z[weights], worst, ess, missed)
+    short = found.chains.short
+    return Run(short, z[:d], z[d : weights.start], z[weights], worst, ess, missed)
 
 
 def rms(values: Iterable[Floats]) -> float:

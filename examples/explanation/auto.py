@@ -88,8 +88,8 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# What no point of the search hit is not in the proposal; the last sentence of the
-# verdict says how small that may be. More steps search more. So do other seeds, and
+# What no point of the search hit is not in the proposal; the statement on the search
+# says how small that may be. More steps search more. So do other seeds, and
 # starts of your own (`starts=`), which are searched too.
 #
 # All evaluations before the chain are counted. The chain holds no part of
@@ -117,5 +117,5 @@ assert search.found_by.shape == (4, 2) and max(search.errors) < 0.05
 stiff = search.label(np.array([[200.0, 20.0]]))[0]
 share = (idata.posterior["ground"].values > 120).mean()
 assert abs(share - search.weights[stiff]) < 0.05
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 assert run.evaluations > search.points and evidence.log_evidence_error < 0.1

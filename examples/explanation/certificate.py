@@ -18,6 +18,7 @@
 
 # %%
 import numpy as np
+from scipy import stats
 
 import emcee_femu as ef
 
@@ -102,7 +103,8 @@ ef.parameter_table(certificates["a little off"].idata)
 # The first of these, live: an emulator that was learned inside narrow bounds.
 
 # %%
-narrow = ef.GaussianPrior(["k", "m"], [8.0, 1.0], [2.0, 0.1], [(8.8, 15.0), (0.9, 1.4)])
+bounds = {"k": (8.8, 15.0), "m": (0.9, 1.4)}
+narrow = ef.IndependentPrior({"k": stats.norm(8, 2), "m": stats.norm(1, 0.1)}, bounds)
 cut = ef.LogPosterior(ef.FunctionModel(linear), term, narrow)
 sampler = ef.run(cut, ef.DEMCMove(), nwalkers=20, steps=300, seed=1, ensembles=1)
 refused = ef.certify(ef.to_inference_data(sampler, cut, 100), true, solves=100, seed=1)

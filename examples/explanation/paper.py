@@ -72,7 +72,7 @@ table = ef.frequency_table(idata, springs.posterior, printed.frequencies)
 table
 
 # %% [markdown]
-# The package withholds its verdict from a run this short:
+# The package does not call a run this short converged, and says how long it has to be:
 
 # %%
 ef.diagnose(run, discard=300)

@@ -1,15 +1,16 @@
 # %% [markdown]
 # # What the verdict means
 #
-# After this page you will know what each verdict of {py:func}`~emcee_femu.diagnose` has
-# seen, why R-hat over walkers is not convergence, what to do about a verdict, and what
-# none can see. `python examples/explanation/verdict.py` runs the page (8 s).
+# After this page you will know what each statement of {py:func}`~emcee_femu.diagnose` has
+# seen, why R-hat over walkers is not convergence, what to do about a complaint, and what
+# none can see. `python examples/explanation/verdict.py` runs the page (10 s).
 #
-# `diagnose(run)` reports autocorrelation time, ESS, acceptance, stuck walkers and R-hat,
-# and ends in one sentence. The first check that speaks withholds "Converged by every
-# check", and the sentence says what to do. The example is a two-storey frame with a soft
-# lower or a soft upper storey, which have the same two frequencies (Beck and Au 2002):
-# two modes far apart.
+# `diagnose(run)` ends in three statements, each with a status of its own. *Chains*: did
+# they converge, by which number, and how many steps does it take? *Search*: what was
+# found, and how small a mode may be missing? *Fit*: is what was measured inside the
+# posterior predictive? Chains of a wrong model converge too, so look at all three. The
+# example is a two-storey frame with a soft lower or a soft upper storey, which have the
+# same two frequencies (Beck and Au 2002): two modes far apart.
 
 # %%
 from textwrap import fill, indent
@@ -33,23 +34,25 @@ good = ef.diagnose(run)
 good
 
 # %% [markdown]
-# ## The verdicts, in the order of the checks
+# ## Chains
 #
-# | verdict | what was seen | what to do |
+# The first check that speaks withholds "converged"; `diagnosis.chains.short` is its name,
+# and `diagnosis.chains.sentence` has the number, its limit, and one action. Where a longer
+# chain is the cure it says which `steps` will do for all that spoke; with `backend=` and
+# `resume=True` a run goes on to there.
+#
+# | `chains.short` | what was seen | what to do |
 # |---|---|---|
 # | N walkers stuck | a parameter of a walker never changed | look at the starts, and at failed solves |
-# | too short | fewer than 50 autocorrelation times | run longer |
-# | walkers stay apart | R-hat over walkers above 1.05 | a move between modes: `DEMCMove(mode_jump=0.1)` |
-# | sd unknown | a standard deviation is uncertain by 10 % or more (`sd_error`) | run longer; sample the logarithm of a scale |
-# | ensembles disagree | R-hat over ensembles above 1.01 | run longer, or a move between modes |
-# | ensembles scatter | means or variances scatter more than their own errors allow | run longer: something is slower than tau says |
-# | a mode is lost | a search ended, or walkers started, where the chain has none | more walkers, or `TemperedMove` |
-# | weights disagree | a mode weighs otherwise in the chain than by importance sampling, or than in other ensembles | run longer, and with another seed |
-# | weights unknown | neither chain nor importance sampling knows a weight to within 0.05 | run longer |
-# | a mode is left too rarely | the frozen proposal is accepted fewer than 20 times from there | run longer, or `TemperedMove` |
-# | proposal too narrow | Pareto k above 0.7 of weights p / q that are half or less efficient | more walkers or steps, or `DEMCMove()` |
-# | walkers wait too long | fewer than 10 accepted proposals to be expected from the worst place reached | run longer, or `DEMCMove()` |
-# | one ensemble, starts given | nothing, but nothing could have been seen | `ensembles=4`, starts from the prior |
+# | too short | fewer than 50 autocorrelation times | run the steps that it says |
+# | walkers stay apart | R-hat over walkers above 1.05 | run the steps; far above, `moves="auto"` |
+# | sd unknown | a standard deviation is uncertain by 10 % or more (`sd_error`), as in heavy tails | run the steps; sample the logarithm of a scale |
+# | ensembles disagree | R-hat over ensembles above 1.01, or means or variances scatter more than their own errors allow | run the steps; far above, `moves="auto"` |
+# | a mode is lost | a search ended, or walkers started, where the chain has none | more walkers |
+# | weights disagree | a mode weighs otherwise in the chain than by importance sampling | run the steps |
+# | weights unknown | neither chain nor importance sampling knows a weight to within 0.05 | run the steps |
+# | proposal too narrow | Pareto k above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20), or, with k above 0.5, from the worst place reached (10) | run the steps |
+# | one ensemble, starts given | nothing, but nothing could have been seen: the status is "well mixed" | `ensembles=4`, starts from the prior |
 #
 # ## R-hat over walkers is mixing, not convergence
 #
@@ -89,14 +92,14 @@ for title, setting in settings.items():
     options = {"moves": ef.DEMCMove(), "nwalkers": 8, "seed": 1} | setting
     runs[title] = ef.run(posterior, **options)
     diagnosis = ef.diagnose(runs[title], discard=setting["steps"] // 6)
-    shorts[title] = diagnosis.short
-    print(f"{title}: {diagnosis.short}\n{indent(fill(diagnosis.verdict, 76), '  ')}\n")
+    shorts[title] = diagnosis.chains.short
+    print(f"{title}:\n{indent(fill(diagnosis.chains.sentence, 76), '  ')}\n")
 
 # %% [markdown]
 # Those in their own modes are well mixed, one by one, by R-hat over their walkers, and
 # each has half of the posterior with full confidence; only side by side they cannot
 # agree. Those in one mode agree by every number, and are wrong together. No diagnosis of
-# chains sees this, but the verdict knows that the starts were given. Without `starts`
+# chains sees this, but the statement knows that the starts were given. Without `starts`
 # they are drawn from the prior, further apart than the posterior is wide: that is what
 # R-hat needs. The share of $x_1 < 1$ by quadrature is the dotted density below:
 
@@ -128,21 +131,21 @@ figure
 # %% [markdown]
 # ## What "auto" adds
 #
-# The verdicts from "a mode is lost" to "walkers wait too long" need what `"auto"` found
+# The checks from "a mode is lost" to "proposal too narrow" need what `"auto"` found
 # (`run.search`) and no solve. The frozen proposal q is an importance sampler beside the
 # chain: it knows the weights of separated modes by itself. And at the chain's own draws
 # p / q says how long a walker waits there. These numbers are in `diagnose(...).modes`,
 # printed as a table where there are several separated modes (above), and work from the
 # ArviZ object too. Pareto k of draws of q is k / (1 - k) of draws of p, and is converted.
 #
-# ## What no diagnosis sees
+# ## Search: what no diagnosis sees
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
 # `"auto"` sees by points, a fifth as many as the chain has evaluations and at least
 # 1,000: half of them draws of the prior, half about the modes found. A mode from whose
 # region a climb would lead to it may be missed where that region holds less than about
 # 3 / points both of the prior and of the surroundings of the found modes (of 3 expected
-# hits none is made with a chance of 5 %). The sentence says how small that is:
+# hits none is made with a chance of 5 %). The statement says how small that is:
 
 # %%
 points = good.modes.searched
@@ -152,12 +155,38 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # More steps search more; other seeds and starts (`starts=`, which are searched too)
 # are the other remedy, and [tempering](../how_to/tempering.py).
 #
-# A converged chain has the right posterior of a model that may be wrong.
-# {py:func}`~emcee_femu.identifiability` says in a sentence for each parameter whether
-# the data informed it; {py:func}`~emcee_femu.predictive_table` and
-# {py:func}`~emcee_femu.figures.plot_predictive` show whether the updated model predicts
-# what was measured. How often "converged" was right on targets of known answer is on the
-# page [Is what is called converged also right?](calibration.md).
+# ## Fit: the right posterior of a wrong model
+#
+# `diagnosis.fit` compares what was measured with new measurements drawn from the
+# posterior, as {py:func}`~emcee_femu.predictive_table` does: its status is "fits", "at a
+# bound" (a parameter is pressed against one), "does not fit", or "not checked" where data
+# or posterior are not known, as of plain samplers. A single value outside of 95 % of five
+# is no alarm, two are, and so is one at four standard deviations. An error that is
+# inferred more than two prior standard deviations above its prior mean does not fit
+# either. Here are the same frequencies in rad/s, a mistake that no chain minds:
+
+# %%
+import warnings
+
+in_rad = ef.FrequencyTerm(2 * np.pi * np.array([3.13, 9.83]), relative_sd=0.01)
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    wrong = ef.run(ef.LogPosterior(model, in_rad, prior), steps=100, seed=1)
+doubt = str(caught[0].message)
+unfit = ef.diagnose(wrong).fit
+print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n\n")
+
+# %% [markdown]
+# The warning comes before any sampling: `run` solves the model at the prior mean, and if
+# all values of a variable are off by more than a factor of 3, to the same side, there and
+# at 16 draws of the prior, it names both numbers.
+#
+# The cure that Fit names is one: units; or, where a term with five times as many values
+# infers its own error and outvotes the one that does not fit, known standard deviations;
+# or an error of the model, if there is none yet. {py:func}`~emcee_femu.identifiability`
+# says in a sentence for each parameter whether the data informed it. How often
+# "converged" was right on targets of known answer is on the page [Is what is called
+# converged also right?](calibration.md).
 #
 # Sources: Beck and Au (2002),
 # [doi:10.1061/(ASCE)0733-9399(2002)128:4(380)](https://doi.org/10.1061/(ASCE)0733-9399(2002)128:4(380));
@@ -165,7 +194,10 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% tags=["remove-cell"]
 assert good.converged and len(good.modes.importance) == 2
-assert shorts["60 steps"].startswith("too short")
+assert good.search.status == "searched" and good.fit.status == "fits"
+assert "rad/s instead of Hz?" in doubt and unfit.status == "does not fit"
+assert "rad/s instead of Hz?" in unfit.sentence
+assert shorts["60 steps"] == "too short"
 assert shorts["walkers in both modes"] == "walkers stay apart"
 assert shorts["each in its own mode"] == "ensembles disagree"
 assert shorts["all in one mode"] == "starts given"

@@ -154,7 +154,7 @@ if __name__ == "__main__":
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":
-    assert diagnosis.short == "converged"
+    assert diagnosis.converged
     assert (without > 1.2 * sd).all()
     assert (np.abs(mean - TRUTH) < 3 * sd).all() and (sd < 0.02 * mean).all()
     assert (measured.phase_collinearity > 0.99).all()

@@ -62,7 +62,7 @@ first = log.kept[0]
 print("the first one:", first.message, dict(first.parameters), sep="\n  ")
 
 # %% [markdown]
-# `diagnose` reports them with its verdict:
+# `diagnose` reports them before its statements:
 
 # %%
 ef.diagnose(run, discard=100)

@@ -121,7 +121,7 @@ print(f"{4 * 400 * np.dtype(complex).itemsize / 1e3:.0f} kB")
 # `discrepancy` is for these.
 
 # %% tags=["remove-cell"]
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 for name, value in truth.items():
     draws = idata.posterior[name].values
     assert abs(draws.mean() - value) < 4 * draws.std(), name

@@ -62,8 +62,8 @@ diagnosis = ef.diagnose(run, discard=20)
 diagnosis
 
 # %% [markdown]
-# The verdict says that starts in one place see no other mode; `find_map` looked for
-# one. A step of the chain costs `steps` evaluations, which
+# The chains are only called well mixed: starts in one place see no other mode;
+# `find_map` looked for one. A step of the chain costs `steps` evaluations, which
 # {py:func}`~emcee_femu.compare_moves` counts these evaluations in the same way.
 # [Moves measured](../explanation/moves_measured.md) has buildings of 20, 30 and 50
 # storeys.

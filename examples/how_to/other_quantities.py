@@ -73,4 +73,4 @@ EI = idata.posterior["EI"].values
 unit = LOAD * X**2 * (3 * LENGTH - X) / 6
 fit = (unit @ unit) / (unit @ MEASURED)
 assert abs(EI.mean() / fit - 1) < 0.005
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged

@@ -109,4 +109,4 @@ np.testing.assert_allclose(test.covariance, np.cov(np.transpose(frequencies)))
 assert (test.covariance / np.outer(sd, sd))[0, 1] > 0.9  # they rise together
 np.testing.assert_allclose(np.linalg.norm(test.shapes, axis=0), 1, atol=1e-3)
 assert "mode 1 of test 6" in message
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged

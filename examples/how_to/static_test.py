@@ -96,4 +96,4 @@ ef.figures.plot_predictive(idata, posterior)
 assert "is known well, not k and m by themselves" in str(one)
 table = ef.parameter_table(idata)
 assert max(table.column("sd/prior sd")) < 0.05
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged

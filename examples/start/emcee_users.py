@@ -37,7 +37,8 @@ print(np.cov(samples.T).diagonal().round(2))
 # ## A verdict, ArviZ, figures
 #
 # {py:func}`~emcee_femu.diagnose` takes plain samplers. Walkers of one ensemble are
-# not independent of each other: run several, and hand all of them over.
+# not independent of each other: run several, and hand all of them over. Of plain samplers
+# it knows no search and no data, and the statements on both say so.
 
 # %%
 import emcee_femu as ef
@@ -89,4 +90,4 @@ ef.figures.plot_scatter(idata.isel(draw=slice(500, None)), var_names=["a", "b", 
 
 # %% tags=["remove-cell"]
 assert abs(np.cov(samples.T) - covariance).max() < 0.2
-assert ef.diagnose(samplers, discard=500).short == "converged"
+assert ef.diagnose(samplers, discard=500).converged

@@ -118,8 +118,11 @@ show(lambda: ef.run(posterior, ef.DEMCMove(), **options, starts=outside))
 # %% [markdown]
 # ## What is not an error
 #
-# - `Not converged: ...` is the verdict of {py:func}`~emcee_femu.diagnose`, and says
-#   what to do: mostly, run longer.
+# - `Chains: not converged, ...` is a statement of {py:func}`~emcee_femu.diagnose`, and
+#   says what to do: mostly, how many steps to run.
+# - `UserWarning: frequency at the prior mean: model 3.56 Hz, measured 19.7 Hz, 5.91 times
+#   more: rad/s instead of Hz?` comes before sampling, and is worth a look: either the
+#   data or the model have other units than you think, or the prior is far from both.
 # - `FutureWarning: ArviZ is undergoing a major refactor ...` is printed by ArviZ 0.23
 #   to everyone who imports it. This package imports it without; your own
 #   `import arviz` brings it back. ArviZ 1, on Python 3.12 and later, has no such warning.

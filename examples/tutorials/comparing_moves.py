@@ -81,7 +81,7 @@ compared
 # | ESS per 1000, +- | the currency e, and its standard error from the spread of the ensembles |
 # | ESS per CPU s | the same by processor time: of interest where solves are cheap |
 # | end to end | e with all evaluations counted: burn-in, starts and search |
-# | verdict | that of {py:func}`~emcee_femu.diagnose` |
+# | verdict | that of {py:func}`~emcee_femu.diagnose` on the chains |
 #
 # The conclusion below the table follows three rules. A move wins only if its lead is
 # more than two combined standard errors: a lead within the spread of the ensembles is

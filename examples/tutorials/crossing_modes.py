@@ -68,7 +68,8 @@ ef.figures.plot_scatter(wrong, truths=truth)
 # There are two clouds, and the fit is as good in both: frequencies alone cannot tell x
 # from y. The prior decides, and it prefers the cloud nearer to the drawings, which
 # spreads the damage over both directions. The truth (blue) is in the smaller cloud, and
-# the mean lies between the two, where hardly a sample is. The chains have converged, to the wrong posterior: no diagnosis of chains sees a wrong comparison.
+# the mean lies between the two, where hardly a sample is. The chains have converged, to the
+# wrong posterior, and it fits: no diagnosis sees a wrong comparison that fits.
 
 # %%
 kx = wrong["posterior"]["kx"].values.ravel()

@@ -121,7 +121,8 @@ idata = ef.to_inference_data(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# The verdict is on the chain, not on the emulator. That is the next step's business.
+# The statements are on the chain of the emulated posterior, not on the emulator. That is
+# the next step's business.
 #
 # ## Certify
 #
@@ -215,7 +216,7 @@ better, certified = learn(40)
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40
 assert certificate.short == "certified"
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 true, sd = np.array([33, 0.82, 70]), certificate.sd
 assert np.all(np.abs(certificate.mean - true) < 3 * sd)
 assert (sd / [4, 0.04, 20]).argmin() == 2

@@ -183,7 +183,7 @@ for steps in (1, 20):
 # %% tags=["remove-cell"]
 assert small.max_error <= 1e-4 and small.size < 40 and small.full_solves <= 100
 assert evaluations > 100 * small.full_solves
-assert ef.diagnose(run).short == "converged"
+assert ef.diagnose(run).converged
 table = ef.parameter_table(idata, truth)
 draws = np.array([idata.posterior[name].values.ravel() for name in K])
 z = (draws.mean(axis=1) - [*truth.values()]) / draws.std(axis=1)

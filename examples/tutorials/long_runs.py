@@ -174,13 +174,13 @@ for steps in range(500, 10_001, 500):
     run = ef.run(target, steps=steps, ensembles=2, seed=1, backend=file, resume=True)
     verdict = ef.diagnose(run)
     print(f"{steps} steps: {verdict.short}")
-    if verdict.short == "converged" or time.monotonic() - begin > limit:
+    if verdict.converged or time.monotonic() - begin > limit:
         break
-assert verdict.short == "converged"
+assert verdict.converged
 
 # %% [markdown]
-# {py:func}`~emcee_femu.diagnose` says in a word or two what is missing, and in
-# `verdict.verdict` at length: the mass-spring posterior has a long tail in k4, which a short
+# {py:func}`~emcee_femu.diagnose` says in one line what is missing, and in `verdict.verdict`
+# at length, with the `steps` that it takes: the mass-spring posterior has a long tail in k4, which a short
 # chain visits too rarely for its standard deviation. The search of "auto" takes a fifth of
 # the evaluations that the *first* call asks for, so do not begin with too small a piece.
 #

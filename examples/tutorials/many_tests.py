@@ -58,7 +58,7 @@ for i, day in enumerate(days):
     posteriors[day] = ef.LogPosterior(model, term, prior)
     posterior = posteriors[day]
     run = ef.run(posterior, steps=100, ensembles=2, seed=i)
-    assert ef.diagnose(run).short == "converged", day
+    assert ef.diagnose(run).converged, day
     tests[day] = ef.to_inference_data(run)
     soil_sd[day] = run[0].get_chain(flat=True)[:, 1].std()
 print(f"sd of the soil's factor: {min(soil_sd.values()):.3f} ", end="")
@@ -195,4 +195,4 @@ assert (together < 1.1 * alone).all() and together.mean() < 0.97 * alone.mean()
 assert pooled.unreached == ()
 assert np.quantile(hot["frame"], 0.975) < 0.97  # no test was so hot
 assert "Population of 16 tests" in str(pooled)
-assert ef.diagnose(pooled.run).short == "converged"
+assert ef.diagnose(pooled.run).converged

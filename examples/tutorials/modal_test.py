@@ -148,10 +148,10 @@ diagnosis = ef.diagnose(run)
 diagnosis
 
 # %% [markdown]
-# Read the last sentence first: it is the verdict, and only "Converged by every check"
-# means that you may go on. Its ending is a limit that every sampler has: a maximum
-# that neither the search nor a walker came near is not seen. The columns are
-# explained in [reading the tables](../start/reading.md).
+# Read the three last lines first. Only "Chains: converged" means that you may go on.
+# "Search" names a limit that every sampler has: a maximum that neither the search nor a
+# walker came near is not seen. "Fit" says whether what was measured is what the updated
+# model predicts. The columns are explained in [reading the tables](../start/reading.md).
 #
 # ## What was learned
 
@@ -201,13 +201,12 @@ ef.pairing_table(idata)
 #
 # ## When the verdict is another one
 #
-# The sentence says what to do, mostly to run longer: a run in a file,
+# The statement says what to do, mostly how many steps to run: a run in a file,
 # `backend="run.sqlite"`, goes on with `resume=True` and more `steps`. [The
 # verdict](../explanation/verdict.py) has all of them.
 #
-# If it is not mended, do not report numbers. A verdict also says nothing about
-# the model: chains of a wrong model converge too. For that look at `plot_predictive`,
-# at the inferred errors, and at
+# If it is not mended, do not report numbers. Chains of a wrong model converge too: where
+# the Fit says no, look at `plot_predictive`, at the inferred errors, and at
 # what {py:func}`~emcee_femu.identifiability` says in sentences:
 
 # %%
@@ -244,7 +243,7 @@ print("Verdict:", diagnosis.short)
 # it; or [your own FE program](../how_to/fe_programs.md) in place of the frame.
 
 # %% tags=["remove-cell"]
-assert diagnosis.short == "converged"
+assert diagnosis.converged
 true = frame(3.4e-5, 4.6e-5)({name: np.array([x]) for name, x in truth.items()})
 off = (true.frequencies[0, :6] - test.frequencies) / test.sd
 assert np.abs(off).max() < 3  # the file is a test of the true frame, scattered by 0.2 %

@@ -67,6 +67,9 @@ for name, run in runs.items():
     print(f"{name}: {ef.diagnose(run).short}")
 
 # %% [markdown]
+# All chains have converged, but of the first class two of three measured frequencies lie
+# outside of what it predicts.
+#
 # ## The comparison
 
 # %%
@@ -185,4 +188,4 @@ assert charge["second storey apart"] < charge["three stiffnesses"]
 assert abs(loss - np.log(10)) < 0.06
 assert all(0 < value < 3 for value in factors.values())
 assert factors[0.15] < factors[0.3] < factors[0.6]
-assert all(ef.diagnose(s).short == "converged" for s in runs.values())
+assert all(ef.diagnose(s).converged for s in runs.values())

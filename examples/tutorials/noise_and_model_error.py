@@ -169,7 +169,8 @@ ef.parameter_table(results[ignored][1], nominal=truth)
 ef.parameter_table(results[inferred][1])
 
 # %% [markdown]
-# Both chains have converged. The first posterior is about eight times narrower, and the
+# Both chains have converged, but the first does not fit: two of five frequencies are
+# outside of what it predicts. The first posterior is about eight times narrower, and the
 # truth (0.85 and 1.05) is outside both of its intervals. The second infers an error of
 # about the right size, from five frequencies and two factors, and is as wide as it
 # must be.

@@ -69,8 +69,9 @@ look
 # {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the posterior, and
 # takes the posterior for a Gaussian about each of them (Laplace). That is a sketch, but
 # it costs only a few solves ([a first look](../how_to/first_look.py)). The first table says what two frequencies would teach:
-# the ratio of the posterior's to the prior's standard deviation is 0.67 to 0.90, so
-# nearly all uncertainty would stay. The second table says why: each row is what one
+# the ratio of the posterior's to the prior's standard deviation (of logarithms, as the
+# priors are lognormal) is 0.69 to 0.94, so nearly all uncertainty would stay. Its last
+# column is by how many standard errors of all data a prior sd of the parameter moves them. The second table says why: each row is what one
 # prior standard deviation of a storey changes in the eigenvalues. Two frequencies are
 # two numbers, for five unknowns.
 #
@@ -127,7 +128,7 @@ posterior = ef.LogPosterior(model, terms, prior)
 run = ef.run(posterior, steps=200, seed=1)
 idata = ef.to_inference_data(run)
 diagnosis = ef.diagnose(run)
-print(textwrap.fill(diagnosis.verdict))
+print(diagnosis.verdict)
 ef.parameter_table(idata, nominal=truth)
 
 # %%
@@ -234,7 +235,7 @@ for i, name in enumerate(both.names):
 Table.from_columns("sd/prior sd of stiffness and mass", columns)
 
 # %% [markdown]
-# (The first row is of a Gaussian, and a little less than what the samples had.) A small
+# (The first row is of a Gaussian, and close to what the samples had.) A small
 # mass does less, as the shift that it causes is not much larger than the errors
 # of the frequencies. One deflection, read to 2 %, beats a mass of 20 t.
 #
@@ -246,7 +247,7 @@ Table.from_columns("sd/prior sd of stiffness and mass", columns)
 frequencies, _, five, shapes, _ = rows
 assert 0.6 < frequencies.min() and 0.85 < frequencies.max() < 0.95
 assert abs(shapes.mean() - five.mean()) < 0.12
-assert diagnosis.short == ef.diagnose(run).short == "converged"
+assert diagnosis.converged and ef.diagnose(run).converged
 assert np.abs(after.sd_ratio - shapes).max() < 0.15
 for name, value in truth.items():
     x = idata["posterior"][name].values

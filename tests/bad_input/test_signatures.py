@@ -95,6 +95,7 @@ RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
 
 positive, above_zero = array(positive=True), number(above=0.0)
 per_mode = positive.but("one number")
+small = per_mode.but(percent=np.array([2.0, 2.0]))  # for 0.02
 chosen = names.but("one less")
 relative = per_mode.but("a word", "one less", empty="")
 fraction = number(low=0.0).but(above_one=1.1)
@@ -161,7 +162,8 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (positive, {"shape_sd": np.ones((3, 2))}),
     (positive.but(falling=[9.0, 3.0]), {"frequencies": HERTZ}),
     (positive.but("0"), {"scale_matrices": np.stack([COV, 2 * COV])}),
-    (per_mode, {"sd": SD, "relative_sd": SD}),
+    (per_mode, {"sd": SD}),
+    (small, {"relative_sd": SD}),
     (relative, {"delta": SD}),
     (covariance, {"cov": COV, "covariance": COV, "metric": COV}),
     (matrix, {"K0": K0, "M0": M0}),
@@ -250,7 +252,7 @@ CALLS = {
     "DisplacementTerm, relative_sd": only(
         "DisplacementTerm",
         measured=(SHAPES.T, many),
-        relative_sd=(SQUARES.T, scattered),
+        relative_sd=(SQUARES.T / 9, scattered.but(percent=9 + SQUARES.T)),
     ),
     "FRFMeasurements": dict(
         values=(FRF, array().but("complex", "0")),
@@ -312,7 +314,7 @@ CALLS = {
         bounds=({"k2": np.array([3.0, 5.0])}, by_name(ordered, every=True)),
     ),
     "FrequencyTerm": dict(relative_sd=OFF, beta=OFF, covariance=OFF),
-    "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD, per_mode)),
+    "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD, small)),
     "FrequencyTerm, beta": only("FrequencyTerm", beta=(SD, per_mode)),
     "FrequencyTerm, covariance": only("FrequencyTerm", covariance=(COV, covariance)),
     "ShapeTerm": only("ShapeTerm", measured=(SHAPES, array()), sd=(SQUARES, per_mode)),

@@ -181,7 +181,7 @@ def test_equal_moves_have_no_winner_and_a_crawling_one_is_not_converged():
     }
     found = ef.compare_moves(linear(), moves, 10, 1_500, seed=4)
     crawling, one, two = found.table.column("verdict")
-    assert one == two == "converged" and crawling.startswith("too short: ")
+    assert one == two == "converged" and crawling == "too short"
     assert found.winner is None
     first, second = found.conclusion.splitlines()
     assert first.startswith("No winner: ") and "within the spread of the ens" in first
@@ -220,6 +220,5 @@ def test_the_solves_of_an_uncertain_model_are_counted():
     usual = linear()
     posterior = ef.LogPosterior(Uncertain(), usual.terms, usual.prior)
     found = ef.compare_moves(posterior, {"DE-MC": ef.DEMCMove()}, 10, 20, seed=1)
-    # The ArviZ object holds the response at the prior mean, one more.
-    assert found.table.column("FE solves") == [posterior.model.rows - 1]
+    assert found.table.column("FE solves") == [posterior.model.rows]
     assert posterior.model.rows > 10 * 20

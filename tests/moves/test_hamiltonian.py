@@ -217,13 +217,13 @@ def test_a_step_costs_one_solve_and_none_beyond_the_bounds():
     move = ef.moves.HamiltonianMove([0.002, 0.002], steps=4, step_size=0.3)
     start = np.random.default_rng(1).normal(1.0, 0.02, (10, 2))
     run(move, ef.LogPosterior(model, TERM, wide), 10, 7, starts=start)
-    # The starts, their gradients, and then nothing but steps.
-    assert sum(model.solved) == 10 + 10 + 10 * 7 * 4
-    assert model.solved[1:] == [10] * (1 + 7 * 4)
+    # The prior mean, the starts, their gradients, and then nothing but steps.
+    assert sum(model.solved) == 1 + 10 + 10 + 10 * 7 * 4
+    assert model.solved[2:] == [10] * (1 + 7 * 4)
 
     model = Derived()
     run(move, ef.LogPosterior(model, TERM, PRIOR), 10, 30)
-    inside = model.solved[2:]
+    inside = model.solved[3:]
     assert sum(inside) < 10 * 30 * 4 and 0 < min(inside) < 10
 
 

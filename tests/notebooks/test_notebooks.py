@@ -15,7 +15,7 @@ HTML = {  # what a user prints, and a sentence of it
     "parameters": ("ef.parameter_table(idata)", "prior mean"),
     "frequencies": ("ef.frequency_table(idata)", "<caption"),
     "predictive": ("ef.predictive_table(idata)", "<caption"),
-    "diagnosis": ("ef.diagnose(run)", "<p>Converged by every check"),
+    "diagnosis": ("ef.diagnose(run)", "<p>Chains: converged"),
     "weights": ("ef.diagnose(run).modes", "importance"),
     "identifiability": ("ef.identifiability(idata)", "sd ratio"),
     "evidence": ("ef.log_evidence(run)", "<p>log evidence (natural)"),

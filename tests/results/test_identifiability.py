@@ -158,7 +158,7 @@ def test_errors_have_no_sensitivities():
     assert_allclose(found.sensitivities[:, :2], GRADIENT[:, :2], atol=1e-9)
     assert np.isnan(found.sensitivities[:, 2]).all()
     assert found.sensitivity_table.column("parameter") == [*NAMES[:2], "R^2"]
-    assert np.isnan(found.table.column("largest sensitivity %")[2])
+    assert np.isnan(found.table.column("effect/error")[2])
     assert found.findings[0].startswith("The data inform every parameter")
     assert len(found.findings) == 1
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import stats
 
 import emcee_femu as ef
 
@@ -15,7 +16,10 @@ def frequencies(p):
 
 
 def linear_posterior(bounds=None):
-    prior = ef.GaussianPrior(["a", "b", "c"], np.zeros(3), SD, bounds)
+    prior = ef.GaussianPrior(["a", "b", "c"], np.zeros(3), SD)
+    if bounds is not None:  # which the mean need not be within
+        laws = {name: stats.norm(0, sd) for name, sd in zip("abc", SD, strict=True)}
+        prior = ef.IndependentPrior(laws, dict(zip("abc", bounds, strict=True)))
     model = ef.FunctionModel(frequencies, n_modes=2)
     term = ef.FrequencyTerm(MEASURED, relative_sd=RELATIVE)
     return ef.LogPosterior(model, term, prior)
@@ -67,6 +71,35 @@ def test_a_bound_pressed_upon_is_the_gaussians_not_the_samples():
     assert sentence.startswith("a is pressed against its lower bound 0.8")
     assert "of the Gaussian's draws lie" in sentence
     # The mean of what is inside the bounds is not on one of them.
-    draws = posterior.prior.sample(np.random.default_rng(0), 100_000)[:, 0]
-    mean, sd = draws.mean() + found.shift[0] * draws.std(), draws.std()
-    assert 0.8 + 0.5 * found.sd_ratio[0] * sd < mean < 0.9
+    assert 0.8 + 0.5 * np.sqrt(found.covariance[0, 0]) < found.mean[0] < 0.9
+
+
+def test_the_effect_in_errors_is_the_design_by_the_errors_locally_and_by_samples(found):
+    """Of a linear model the log-likelihood is a quadratic, whatever the samples are."""
+    exact = np.linalg.norm(DESIGN / (RELATIVE * MEASURED)[:, None], axis=0)
+    assert_allclose(found.effect, exact * found.prior_sd, rtol=1e-5)
+    assert found.effect[2] == 0
+    run = ef.run(linear_posterior(), ef.DEMCMove(), steps=30, ensembles=1, seed=1)
+    sampled = ef.identifiability(run)
+    assert_allclose(sampled.effect, exact * sampled.prior_sd, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_lognormal_priors_are_compared_by_logarithms(sampled):
+    """Fault 7: else a c.o.v. that has fallen may be "as uncertain as before"."""
+    sd, error = 0.8, 0.4
+    term = ef.FrequencyTerm([3.0], sd=error)
+    laws = {"k": stats.lognorm(sd), "u": (0.5, 1.5)}
+    model = ef.FunctionModel(lambda p: [3 + np.log(p["k"])], n_modes=1)
+    prior = ef.IndependentPrior(laws, bounds={"k": (np.exp(-2.99), np.inf)})
+    posterior = ef.LogPosterior(model, term, prior)
+    if sampled:
+        found = ef.identifiability(ef.run(posterior, steps=200, seed=1))
+        assert_allclose(found.shift[0], 0, atol=0.06)
+        assert (found.mean - found.prior_mean)[0] / found.prior_sd[0] < -0.2
+    else:
+        found = ef.identifiability(ef.find_map(posterior, 4, seed=1))
+    # ln k is normal, and 3 + ln k is measured as 3.0 +- 0.4.
+    after = 1 / np.sqrt(sd**-2 + error**-2)
+    assert_allclose(found.sd_ratio[0], after / sd, rtol=0.06)
+    assert np.isnan(found.logarithms[:, 1]).all()

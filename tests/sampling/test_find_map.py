@@ -29,7 +29,10 @@ class NoModel:
 def density_posterior(log_density, spread, bounds=None, model=None):
     """Return a posterior of that density, with a prior of that spread."""
     names = [f"x{i}" for i in range(len(spread))]
-    prior = ef.GaussianPrior(names, np.zeros(len(spread)), spread, bounds)
+    mean = np.zeros(len(spread))
+    if bounds is not None:  # within which a prior's mean has to be
+        mean = np.clip(mean, *np.transpose(bounds))
+    prior = ef.GaussianPrior(names, mean, spread, bounds)
 
     def term(parameters, response):
         theta = np.stack([parameters[name] for name in names], axis=1)
@@ -76,7 +79,8 @@ def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
     assert_allclose(best.log_evidence, target.log_evidence, atol=1e-7)
     assert_allclose(best.log_posterior, target.posterior(best.theta)[0], rtol=1e-12)
     assert result.weights.tolist() == [1.0] and result.climbs.tolist() == [5]
-    assert result.solves == 5 * 2 * (d + 1) + 50  # the start and the maximum
+    # At the prior mean, and from each start to the maximum.
+    assert result.solves == 1 + 5 * 2 * (d + 1) + 50
     assert result.draws == 50 and result.pareto_k < 0.7
     assert_allclose(result.efficiency, 1.0, atol=1e-4)
     assert_allclose(result.table.column("maximum 1"), mean, atol=1e-5)

@@ -1,0 +1,110 @@
+"""Whether the posterior predicts what was measured, and what speaks against its fit."""
+
+from collections.abc import Collection, Iterator
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from ..posterior.log_posterior import LogPosterior
+from ..sampling.first_solve import doubt_units
+from .arviz_objects import InferenceData, is_arviz
+from .chains import Chains
+from .identifiability import describe_samples
+from .measured import measured_variables
+from .to_arviz import read_samples
+from .verdict import Statement
+
+ENOUGH = 4_000  # samples
+WIDTH = 1.96  # standard deviations of a new measurement to either side: 95 %
+CHANCE = 0.1  # of so many values outside, if the posterior had not seen them
+FAR = 4.0  # standard deviations, for a single value
+OUTVOTED = 5  # times as many values in another term
+NOT_DRAWN = "no term draws new measurements of what the model stores"
+NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
+
+
+def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
+    """Say whether what was measured lies inside the posterior predictive.
+
+    Args:
+        source: What holds chains.
+        chains: The same, as they were read.
+        discard: Stored steps that were dropped.
+    """
+    idata = _read(source, chains, discard)
+    try:
+        parts = [] if idata is None else measured_variables(idata)
+    except ValueError:  # chains from elsewhere, or terms that say nothing
+        parts = []
+    drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
+    if not drawn:
+        known = idata is not None and "constant_data" in idata
+        reason = NOT_DRAWN if known else NOT_KNOWN
+        return Statement("not checked", "not checked", f"not checked: {reason}.")
+    about = describe_samples(idata, fitted=False)
+    missed, far, units, inside, total = [*about.surprising], "", [], 0, 0
+    for part, new in drawn:
+        mean = new.mean(axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z = np.abs(part.values - mean) / new.std(axis=0)
+        outside, worst = int((z > WIDTH).sum()), int(np.argmax(z))
+        inside, total = inside + len(z) - outside, total + len(z)
+        if z[worst] > FAR or stats.binom.sf(outside - 1, len(z), 0.05) < CHANCE:
+            missed.append(part.name)
+            far += (
+                f"; {part.name} of {part.dims} {part.labels[worst]} is farthest out "
+                f"(measured {part.values[worst]:.4g}, predicted {mean[worst]:.4g}"
+                f"{f' {part.unit}'.rstrip()})"
+            )
+            if text := doubt_units(part.initial[None], part.values, part.unit):
+                units.append(f"At the prior mean {text}")
+    names = ", ".join(part.name for part, _ in drawn)
+    sentence = (
+        f"{inside} of {total} measured values ({names}) are inside 95 % of new "
+        f"measurements{far}."
+    )
+    pressed = about.find_pressed()
+    if not missed:
+        status, short = ("at a bound",) * 2 if pressed else ("fits", "inside")
+        return Statement(status, short, " ".join([f"{short}: {sentence}", *pressed]))
+    actions = units or [*_outvoted(chains.posterior, missed)] or about.find_doubts()
+    actions = (
+        actions or pressed or ["Infer the model's error (discrepancy=), or mend it."]
+    )
+    short = f"{total - inside} of {total} outside" if far else "a surprising error"
+    sentence = " ".join([f"does not fit: {sentence}", *actions])
+    return Statement("does not fit", short, sentence)
+
+
+def _read(source: Any, chains: Chains, discard: int) -> InferenceData | None:
+    """Return samples with their response, None where nothing is known of it."""
+    if is_arviz(source):
+        return source.isel(draw=slice(discard, None)) if discard else source
+    if chains.posterior is None:
+        return None
+    thin = min(len(chains.draws), -(-chains.log_prob.size // ENOUGH))
+    return read_samples(source, None, discard, thin)[0]
+
+
+def _outvoted(posterior: LogPosterior | None, missed: Collection[str]) -> Iterator[str]:
+    """Name terms that do not fit, and those with far more values that outvote them.
+
+    These infer their own error, and so may claim as much as they like.
+    """
+    for experiment in posterior.experiments if posterior else ():
+        sizes = {
+            term: sum(v.size for v in (term.reads or {}).values())
+            for term in experiment.terms
+        }
+        for term, size in sizes.items():
+            names = {*map(experiment.full_name, term.observed), term.discrepancy}
+            for other, more in sizes.items():
+                claims = other.discrepancy and other.discrepancy not in missed
+                if names & {*missed} and claims and more >= OUTVOTED * size:
+                    yield (
+                        f"The {more} values of {other.name!r} outvote the {size} of "
+                        f"{term.name!r}, since their error is inferred: give "
+                        f"{other.name!r} known standard deviations (sd=), or a fixed "
+                        "delta."
+                    )

@@ -1,0 +1,112 @@
+"""The solve at the prior mean, held against what was measured before any sampling."""
+
+import warnings
+
+import numpy as np
+
+from ..evaluation.evaluator import Evaluation
+from ..evaluation.store import Store
+from ..interfaces import Floats
+from ..posterior.log_posterior import LogPosterior
+from ..posterior.priors import prior_centre
+
+FAR = 3.0  # ratio to what was measured, or its inverse, which is suspected
+LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
+DRAWS = 16  # of the prior, which may reach the data though its mean does not
+
+
+def check_first_solve(evaluation: Evaluation, store: Store | None) -> None:
+    """Solve at the prior mean, and warn where that is far from all that was measured.
+
+    The solve is counted. Only where it looks wrong the model is solved at some draws of
+    the prior too: of a wide one, as from 1e1 to 1e9, the mean may be far off, but not
+    all draws are to the same side. A solve that fails says nothing here. A resumed run
+    has the same outcome from its file.
+    """
+    outcome = None if store is None else store["first solve"]
+    if outcome is None:
+        outcome = _compare(evaluation)
+        if store is not None:
+            store["first solve"] = outcome
+    solves, doubts = outcome
+    evaluation.solves += solves
+    for doubt in doubts:
+        warnings.warn(doubt, stacklevel=3)
+
+
+def _compare(evaluation: Evaluation) -> tuple[int, list[str]]:
+    """Return how many solves were made, and what to warn of."""
+    posterior = evaluation.posterior
+    centre = prior_centre(posterior.prior)[None]
+    try:
+        posterior.check_inside("prior (its mean)", centre)
+    except ValueError as error:  # a Gaussian may be cut there, but hardly on purpose
+        return 0, [f"{error}; move it, or the bounds"]
+    rows = _solve(evaluation, centre)
+    posterior.initial = rows[0]  # tables then need no other solve
+    if _doubt(posterior, rows):
+        draws = posterior.prior.sample(np.random.default_rng(0), DRAWS)
+        rows = np.concatenate([rows, _solve(evaluation, draws)])
+    return int(np.count_nonzero(rows[:, 1] > -np.inf)), _doubt(posterior, rows)
+
+
+def _solve(evaluation: Evaluation, theta: Floats) -> Floats:
+    try:
+        return evaluation.again(theta)
+    except Exception:  # of any kind: the run will meet it, or does without
+        return np.tile(evaluation.posterior.rejected(), (len(theta), 1))
+
+
+def _doubt(posterior: LogPosterior, rows: Floats) -> list[str]:
+    """Say what is far from the measured at all rows, or in another order at the first.
+
+    The order of frequencies matters where modes are compared by their numbers.
+    """
+    response, doubts = posterior.unfold(rows), []
+    for experiment in posterior.experiments:
+        by_number = "model_mode" not in experiment.variables
+        for variable, data in [p for t in experiment.terms for p in t.observed.items()]:
+            name, measured = experiment.full_name(variable), np.ravel(data)
+            if name not in response:
+                continue
+            part = slice(None), *map(slice, np.shape(data))
+            values = response[name][part].reshape(len(rows), -1)
+            text = doubt_units(values, measured, posterior.variables[name].unit)
+            orders = np.argsort(values[0]), np.argsort(measured)
+            if not text and by_number and variable == "frequency":
+                if np.isfinite(values[0]).all() and not np.array_equal(*orders):
+                    text = "the model's modes are in another order than the measured: "
+                    text += "sort both, or pair them by shape (PairedModel)"
+            if text:
+                doubts.append(f"{name} at the prior mean: {text}")
+    return doubts
+
+
+def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
+    """Say how far off predictions are, if all are, and all to the same side.
+
+    Args:
+        predicted: What the model gives, ``(n, m)``; rows of NaN say nothing.
+        measured: What was measured, ``(m,)``.
+        unit: That of both.
+
+    Returns:
+        Both numbers, of the first value, and their ratio; an empty text if any
+        prediction is near.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.abs(predicted / measured)
+    solved = ratios[np.isfinite(ratios).all(axis=1)]
+    less = solved.max(initial=0) < 1 / FAR
+    if not (np.isfinite(ratios[0]) & (ratios[0] > 0)).all():
+        return ""
+    if not (less or solved.min() > FAR):
+        return ""
+    times = np.exp(np.abs(np.log(ratios[0]).mean()))
+    turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"
+    unit = f" {unit}".rstrip()
+    return (
+        f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}, "
+        f"{times:.3g} times {'more' if less else 'less'}: "
+        f"{'rad/s instead of Hz' if turn else 'units'}?"
+    )

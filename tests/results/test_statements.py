@@ -1,0 +1,228 @@
+"""The three statements of a diagnosis, and what is doubted before any sampling."""
+
+import warnings
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+from support.chains import ar1, backend
+
+import emcee_femu as ef
+
+HERTZ = np.array([3.13, 9.83])
+MASSES = np.array([16.5e3, 16.1e3])
+
+
+def frequencies(p, scale=1e6):
+    """Two storeys, with stiffnesses in MN/m."""
+    k1, k2 = scale * p["k1"], scale * p["k2"]
+    K = np.array([[k1 + k2, -k2], [-k2, k2]])
+    A = K / np.sqrt(np.outer(MASSES, MASSES))
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(A), 0)) / (2 * np.pi)
+
+
+AT_MEAN = frequencies({"k1": 50.0, "k2": 10.0})
+
+
+def posterior_of(measured=HERTZ, model=frequencies, prior=None, **error):
+    if prior is None:
+        bounds = [(20, 90), (1, 15)]
+        prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds)
+    term = ef.FrequencyTerm(measured, **(error or {"relative_sd": 0.02}))
+    return ef.LogPosterior(ef.FunctionModel(model, n_modes=2), term, prior)
+
+
+def doubts(posterior, **options):
+    """Return a short run, and what it warns of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run = ef.run(posterior, **{"steps": 60, "ensembles": 2, "seed": 1} | options)
+    assert all(warning.filename == __file__ for warning in caught)
+    return run, [str(warning.message) for warning in caught]
+
+
+@pytest.fixture(scope="module")
+def good():
+    return doubts(posterior_of(), steps=120)[0]
+
+
+def statuses(found):
+    return found.chains.status, found.search.status, found.fit.status
+
+
+def test_a_good_run_has_three_good_statements(good):
+    found = ef.diagnose(good)
+    assert statuses(found) == ("converged", "searched", "fits") and found.converged
+    assert found.short == "Chains: converged. Search: one mode. Fit: inside."
+    *_, chains, search, fit = str(found).splitlines()
+    assert chains == f"Chains: {found.chains.sentence}" and "R-hat at most" in chains
+    points = good.search.points
+    assert search.startswith(f"Search: one mode, by {points:,} points.")
+    assert f"one point in {points // 3:,} falls near it" in search
+    assert fit.startswith("Fit: inside: 2 of 2 measured values (frequency)")
+    assert "every check" not in str(found)
+
+
+@pytest.mark.parametrize(
+    ("measured", "scale", "times", "cause"),
+    [
+        (2 * np.pi * HERTZ, 1e6, "5.91", "rad/s instead of Hz?"),
+        (HERTZ, 1.0, "941", "units?"),
+        (HERTZ * 1e3, 1e6, "941", "units?"),
+        (HERTZ / 1e3, 1e6, "1.06e+03", "units?"),
+    ],
+    ids=["rad/s for Hz", "N/m for MN/m", "mHz for Hz", "kHz for Hz"],
+)
+def test_other_units_are_doubted_before_sampling_and_by_the_fit(
+    measured, scale, times, cause
+):
+    """Fault 3: the chains converge, and nothing else tells."""
+    posterior = posterior_of(measured, lambda p: frequencies(p, scale))
+    run, (doubt,) = doubts(posterior)
+    words = (
+        f"{measured[0]:.3g} Hz, {times} times {'less' if '1.06' in times else 'more'}"
+    )
+    assert doubt.startswith("frequency at the prior mean: model ")
+    assert words in doubt and doubt.endswith(cause)
+    fit = ef.diagnose(run).fit
+    assert fit.status == "does not fit" and fit.short == "2 of 2 outside"
+    assert words in fit.sentence and fit.sentence.endswith(cause)
+
+
+@pytest.mark.parametrize(
+    ("measured", "prior"),
+    [
+        (2.9 * AT_MEAN, {"k1": stats.norm(50, 0.1), "k2": stats.norm(10, 0.02)}),
+        (HERTZ * [1.0, 8.0], None),  # one alone is no matter of units
+        (HERTZ, {"k1": stats.loguniform(1e-3, 1e6), "k2": stats.loguniform(1e-3, 1e6)}),
+    ],
+    ids=["2.9 times", "one mode", "a wide prior"],
+)
+def test_what_is_no_matter_of_units_is_not_doubted(measured, prior):
+    prior = prior and ef.IndependentPrior(prior)
+    assert doubts(posterior_of(measured, prior=prior), moves=ef.DEMCMove())[1] == []
+
+
+def test_another_order_of_the_modes_is_doubted():
+    posterior = posterior_of(HERTZ, lambda p: frequencies(p)[::-1])
+    (doubt,) = doubts(posterior, moves=ef.DEMCMove())[1]
+    assert "in another order than the measured" in doubt and "PairedModel" in doubt
+
+
+def test_a_prior_mean_out_of_its_bounds_is_doubted():
+    prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 9)])
+    (doubt,) = doubts(posterior_of(prior=prior), moves=ef.DEMCMove())[1]
+    assert doubt.startswith("prior (its mean): k2 = 10 of point 0 is outside its bound")
+
+
+def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
+    """In a file too, whose run goes on; a solve that fails says nothing."""
+    asked = []
+
+    def noted(p):
+        asked.append(tuple(p.values()))
+        return frequencies(p, 1.0)
+
+    options = {"moves": ef.DEMCMove(), "nwalkers": 8, "ensembles": 1}
+    posterior = posterior_of(model=noted)
+    memory, said = doubts(posterior, **options, steps=20)
+    assert asked[0] == (50, 10) and memory.solves == len(asked)
+    assert len(said) == 1 and posterior.initial[3] == pytest.approx(0.00356, rel=0.01)
+    options["backend"] = tmp_path / "run"
+    part, first = doubts(posterior, **options, steps=10)
+    whole, second = doubts(posterior, **options, steps=20, resume=True)
+    assert first == second == said and whole.solves == memory.solves
+    assert asked.count((50, 10)) == 2  # in memory, and by the first of both
+    np.testing.assert_array_equal(whole[0].get_chain(), memory[0].get_chain())
+
+    def fails_there(p):
+        if p["k1"] == 50:
+            raise ArithmeticError("no convergence")
+        return frequencies(p, 1.0)
+
+    del options["backend"]
+    failing, said = doubts(posterior_of(model=fails_there), **options, steps=20)
+    assert said == [] and failing.solves == memory.solves - 17
+    np.testing.assert_array_equal(failing[0].get_chain(), memory[0].get_chain())
+
+
+def test_what_is_not_known_is_said(good, tmp_path):
+    """Of plain samplers, backends, files and objects of others."""
+    chains = [ar1([0.5, 0.5], 1_000, 8, seed) for seed in range(4)]
+    found = ef.diagnose([backend(chain) for chain in chains])
+    assert statuses(found) == ("converged", "not searched", "not checked")
+    assert "to_inference_data(source, posterior)" in found.fit.sentence
+    assert 'run(posterior, "auto")' in found.search.sentence
+    path = tmp_path / "run"
+    run = ef.run(posterior_of(), steps=120, ensembles=2, seed=1, backend=path)
+    stored, idata = ef.diagnose(path), ef.to_inference_data(path, posterior_of())
+    assert statuses(stored) == ("converged", "searched", "not checked")
+    assert statuses(ef.diagnose(run)) == ("converged", "searched", "fits")
+    assert ef.diagnose(idata).short == ef.diagnose(run).short
+    sampler = emcee.EnsembleSampler(8, 2, posterior_of(), moves=ef.DEMCMove())
+    sampler.run_mcmc(posterior_of().start(8, seed=1), 40)
+    found = ef.diagnose(sampler)
+    assert statuses(found) == ("not converged", "not searched", "fits")
+    assert ef.diagnose(list(good)[:1]).chains.status == "well mixed"
+
+
+def test_a_complaint_says_how_many_steps_mend_it():
+    """Of an autoregressive chain tau is (1 + phi) / (1 - phi), and 50 are needed."""
+    chains = [ar1([0.8, 0.5], 450, 8, seed) for seed in range(4)]
+    said = ef.diagnose([backend(c) for c in chains], discard=200).chains.sentence
+    assert said.startswith("not converged, too short: steps/tau of theta1 is ")
+    steps = int(said.rpartition("steps=")[2].rstrip(".").replace(",", ""))
+    assert steps == pytest.approx(200 + 1.25 * 50 * 9, rel=0.2)
+    longer = [ar1([0.8, 0.5], steps, 8, seed) for seed in range(4)]
+    assert ef.diagnose([backend(c) for c in longer], discard=200).converged
+
+
+def test_a_parameter_at_its_bound_is_named():
+    prior = ef.GaussianPrior(["k1", "k2"], [50, 5], [9, 3], [(20, 90), (1, 6.9)])
+    found = ef.diagnose(doubts(posterior_of(prior=prior))[0]).fit
+    assert found.status == found.short == "at a bound"
+    assert "k2 is pressed against its upper bound 6.9" in found.sentence
+
+
+def test_an_error_that_surprises_does_not_fit_though_it_covers_all():
+    laws = {"k1": stats.norm(50, 0.1), "k2": stats.norm(10, 0.02)}
+    prior = ef.IndependentPrior(laws | {"error": stats.halfnorm(scale=0.02)})
+    run, _ = doubts(posterior_of(1.07 * AT_MEAN, prior=prior, discrepancy="error"))
+    fit = ef.diagnose(run).fit
+    assert fit.status == "does not fit" and fit.short == "a surprising error"
+    assert "2 of 2 measured values" in fit.sentence
+    assert "above its prior mean: model and data disagree" in fit.sentence
+
+
+def contradicted(**shape_error):
+    """Two frequencies of one ground spring, shapes at 30 sensors of a softer one."""
+    n, rng = 30, np.random.default_rng(1)
+    springs = {f"s{i}": (i, i + 1, 100.0) for i in range(n)}
+    model = ef.MassSpringModel([1.0] * n, springs, shapes=True)
+    stiff, soft = (model({"s0": np.array([s0])}) for s0 in (100.0, 4.0))
+    shapes = soft.shapes[0][:, :2] / np.linalg.norm(soft.shapes[0][:, :2], axis=0)
+    shapes += 0.01 * rng.normal(size=shapes.shape)
+    test = ef.Measurements(stiff.frequencies[0, :2], shapes=shapes)
+    laws = {"s0": stats.lognorm(1.0, scale=20), "error": stats.halfnorm(scale=0.02)}
+    laws |= {
+        name: stats.halfnorm(scale=0.1)
+        for name in shape_error.values()
+        if name == "shape error"
+    }
+    terms = [
+        ef.FrequencyTerm(test, relative_sd=0.002, discrepancy="error"),
+        ef.ShapeTerm(test, **shape_error),
+    ]
+    return ef.LogPosterior(model, terms, ef.IndependentPrior(laws))
+
+
+def test_a_term_that_is_outvoted_is_named_with_the_cure():
+    """Fault 26: many ordinates, whose error is inferred, against few frequencies."""
+    run = doubts(contradicted(discrepancy="shape error"), steps=100)[0]
+    fit = ef.diagnose(run).fit
+    assert fit.status == "does not fit"
+    assert "The 60 values of 'shape' outvote the 2 of 'frequency'" in fit.sentence
+    assert "known standard deviations (sd=), or a fixed delta" in fit.sentence
+    fixed = doubts(contradicted(delta=0.2), steps=100)[0]
+    assert ef.diagnose(fixed).fit.status == "fits"
