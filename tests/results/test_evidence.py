@@ -102,6 +102,15 @@ def test_the_spread_of_few_ensembles_does_not_make_the_error_too_large(ensembles
     assert 0.85 < claimed / spread < 1.22
 
 
+def test_ensembles_that_disagree_widen_the_error():
+    shifts = np.array([0.0, 0.0, 0.0, 0.8])  # as of one that lacks a mode
+    hot = np.repeat([0.0, 0.0, 1.0], 5)
+    values = [independent(seed=e) + shifts[e] * hot for e in range(4)]
+    found = ef.log_evidence([ladder(series) for series in values])
+    apart = np.std([ef.log_evidence(ladder(v)).log_evidence for v in values], ddof=1)
+    assert_allclose(found.log_evidence_error, apart / 2, rtol=0.1)
+
+
 @pytest.mark.parametrize("gap", [13.0, 20.0])  # overlaps of 0.07, 0.01
 def test_rungs_that_do_not_overlap_claim_no_error(gap):
     apart = independent().reshape(-1, 3, 5) + gap * np.array([2.0, 1.0, 0.0])[:, None]
