@@ -84,9 +84,10 @@ def main() -> None:
         if name in (asked.target or [name]):
             rows.append(measure(name, d, asked.size, seeds))
             print(*rows[-1].values(), file=sys.stderr, flush=True)
+    formats = ("", "d", ".2f", ".0f", ".3f", ".0f")
     columns = [
         (column, form, [row[column] for row in rows])
-        for column, form in zip(rows[0], ("", "d", ".2f", ".0f", ".3f", ".0f"))
+        for column, form in zip(rows[0], formats, strict=True)
     ]
     print(Table.from_columns(f"Annealed evidence, {len(seeds)} seeds each", columns))
 
