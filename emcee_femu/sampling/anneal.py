@@ -39,10 +39,9 @@ MOST_DRAWS = 20  # times the size, for a population of finite likelihood
 LAST = 2  # powers whose proposals tell of what is missing; early ones may fit badly
 RENEWED = 0.8  # of the members are to be independent of their ancestors
 MOST_SWEEPS = 20  # at one power
-GROUPS = 4  # by likelihood, of which each is to be renewed by a thorough annealing
+MOST_THOROUGH = 30  # sweeps of an annealing for the evidence
 FORGOTTEN = 0.4  # rank correlation with the ancestors that is left then
-MOST_THOROUGH = 30  # sweeps
-AGREED = 2  # standard errors
+AGREED = 2.5  # standard errors by which two evidences may differ
 MOST_COMPONENTS = 6
 PER_COMPONENT = 10  # members of a half for each parameter and component
 
@@ -133,14 +132,13 @@ def anneal(
     Each power is chosen so that the weights :math:`L^{\beta_{j+1} - \beta_j}` have a
     coefficient of variation of 1. Members are drawn by their weights, then moved by
     proposals from Student-t mixtures and by random walks, at most 30 times, until four
-    fifths are renewed in the slowest quarter, by likelihood, and no parameter has a
+    fifths are renewed even in the slowest quarter by likelihood, and no parameter has a
     rank correlation above 0.4 with what it was. They move in logarithms of parameters
-    above zero and logits of parameters between bounds, to which a posterior may be
-    pressed. Two halves of the population fit the proposals for
-    each other. All members are evaluated at once, so as many workers as members are of
-    use. The evidence is a product of ratios, each bridged from the members at two
-    neighbouring powers; its error counts the descendants of one draw of the prior as
-    one.
+    above zero and in logits of those between two bounds, to which a posterior may be
+    pressed. Two halves of the population fit the proposals for each other. All members
+    are evaluated at once, so as many workers as members are of use. The evidence is a
+    product of ratios, each bridged from the members at two neighbouring powers; its
+    error counts the descendants of one draw of the prior as one.
 
     It gives a population of equal weights, not a chain: R-hat and autocorrelation times
     have no meaning for it. :func:`to_inference_data` takes it, for tables and figures.
@@ -148,10 +146,9 @@ def anneal(
     smaller ones. No error of the evidence is claimed, with the reason in ``problems``,
     where proposals fitted to the population at its last two powers have weights of a
     heavy tail (Pareto k above 0.7): they come upon something that it lacks, such as the
-    neck of a funnel. Nor is one where the mean weight of the last proposals, which is
-    the evidence, too, differs from it by more than 2 standard errors: members were
-    lost, or had not forgotten their ancestors, at some power. A mode far from all
-    members stays unseen.
+    neck of a funnel. Nor is one where the mean weight of the last proposals, a second
+    estimate of the evidence, differs from it by more than 2.5 standard errors: at some
+    power members were too few or too slow. A mode far from all members stays unseen.
 
     Args:
         posterior: What to sample.
@@ -412,8 +409,8 @@ def _renew(
     worth = min(1.0, 2.8 / ndim)
     rates = [1.0, 0.25 * worth]
     before, groups = theta, [np.arange(n)]
-    if thorough:
-        groups = np.array_split(np.argsort(rows[:, 0] - rows[:, 1]), GROUPS)
+    if thorough:  # quarters by likelihood
+        groups = np.array_split(np.argsort(rows[:, 0] - rows[:, 1]), 4)
     for sweep in range(MOST_THOROUGH if thorough else MOST_SWEEPS):
         better = rates[1] > rates[0]
         walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0

@@ -79,8 +79,7 @@ class Coordinates:
         """Return by what the log-density of coordinates exceeds that of parameters."""
         volume: Floats = x[:, self.logs].sum(axis=1)
         volume += logistic.logpdf(x[:, self.logits]).sum(axis=1)
-        volume += np.log(np.diff(self.prior.bounds[self.logits])).sum()
-        return volume
+        return volume + np.log(np.diff(self.prior.bounds[self.logits])).sum()
 
     def rows(self, evaluator: Evaluator, x: Floats) -> Floats:
         """Return rows at coordinates ``(n, d)``, with the densities of these."""
