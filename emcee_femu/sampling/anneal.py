@@ -316,9 +316,8 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
     if abs(value - direct) <= AGREED * apart:
         return ()
     return (
-        f"the log evidence along the powers, {value:.3f}, and that of proposals fitted "
-        f"to the last population, {direct:.3f}, differ by more than {AGREED} standard "
-        "errors; give four times as many members (size)",
+        f"the log evidence along the powers, {value:.3f}, and that by the last "
+        f"proposals, {direct:.3f}, differ by more than chance does; give a larger size",
     )
 
 

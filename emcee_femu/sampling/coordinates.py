@@ -79,7 +79,8 @@ class Coordinates:
         """Return by what the log-density of coordinates exceeds that of parameters."""
         volume: Floats = x[:, self.logs].sum(axis=1)
         volume += logistic.logpdf(x[:, self.logits]).sum(axis=1)
-        return volume + np.log(np.diff(self.prior.bounds[self.logits])).sum()
+        volume += np.log(np.diff(self.prior.bounds[self.logits])).sum()
+        return volume
 
     def rows(self, evaluator: Evaluator, x: Floats) -> Floats:
         """Return rows at coordinates ``(n, d)``, with the densities of these."""
