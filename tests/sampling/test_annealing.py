@@ -122,11 +122,11 @@ def corner(theta, scale=0.03):
 def test_exponentials_in_a_corner_of_the_prior_have_an_honest_error():
     """What members there did not forget made the evidence 1 too small, claimed .1."""
     posterior = free_posterior(corner, box(0.0, 1.0, 4))
-    annealed = [ef.anneal(posterior, 400, seed=seed) for seed in range(8)]
+    annealed = [ef.anneal(posterior, 600, seed=seed) for seed in range(6)]
     off = np.array([p.log_evidence for p in annealed])
     claimed = np.array([p.log_evidence_error for p in annealed])
     able = np.isfinite(claimed)
-    assert able.sum() >= 6 and claimed[able].max() < 0.3
+    assert able.sum() >= 4 and claimed[able].max() < 0.3
     assert np.sqrt(np.mean((off / claimed)[able] ** 2)) < 1.6
     assert np.sqrt(np.mean(off**2)) < 0.3
     means = np.array([p.theta.mean(axis=0) for p in annealed])
@@ -149,6 +149,23 @@ def test_two_evidences_that_disagree_claim_no_error():
         assert "larger size" in reason and reason[1:] in str(population)
         direct = float(reason.split("proposals, ")[1].split(",")[0])
         assert abs(direct - exact) < 0.2 < abs(population.log_evidence - exact)
+
+
+@pytest.mark.slow
+def test_the_slowest_members_end_the_sweeps():
+    """At an edge inside the prior, of which no coordinates know, some wait long.
+
+    Sweeps that end by the average of all have a root mean square error of .3.
+    """
+
+    def edge(theta):
+        return np.where((theta > 0.5).all(axis=1), corner(theta - 0.5), -np.inf)
+
+    posterior = free_posterior(edge, box(0.0, 1.0, 3))
+    annealed = [ef.anneal(posterior, 400, seed=seed) for seed in range(8)]
+    off = np.array([p.log_evidence for p in annealed])
+    assert np.sqrt(np.mean(off**2)) < 0.18
+    assert np.mean([np.isfinite(p.log_evidence_error) for p in annealed]) > 0.5
 
 
 BENCHMARK = load("annealed_evidence")
