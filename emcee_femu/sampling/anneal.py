@@ -15,7 +15,6 @@ import numpy as np
 from numpy.random import RandomState
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import rankdata
 
 from .. import checks
 from ..evaluation.resume import open_evaluator
@@ -40,7 +39,6 @@ LAST = 2  # powers whose proposals tell of what is missing; early ones may fit b
 RENEWED = 0.8  # of the members are to be independent of their ancestors
 MOST_SWEEPS = 20  # at one power
 MOST_THOROUGH = 30  # sweeps of an annealing for the evidence
-FORGOTTEN = 0.4  # rank correlation with the ancestors that is left then
 AGREED = 2.5  # standard errors by which two evidences may differ
 MOST_COMPONENTS = 6
 PER_COMPONENT = 10  # members of a half for each parameter and component
@@ -132,13 +130,13 @@ def anneal(
     Each power is chosen so that the weights :math:`L^{\beta_{j+1} - \beta_j}` have a
     coefficient of variation of 1. Members are drawn by their weights, then moved by
     proposals from Student-t mixtures and by random walks, at most 30 times, until four
-    fifths are renewed even in the slowest quarter by likelihood, and no parameter has a
-    rank correlation above 0.4 with what it was. They move in logarithms of parameters
-    above zero and in logits of those between two bounds, to which a posterior may be
-    pressed. Two halves of the population fit the proposals for each other. All members
-    are evaluated at once, so as many workers as members are of use. The evidence is a
-    product of ratios, each bridged from the members at two neighbouring powers; its
-    error counts the descendants of one draw of the prior as one.
+    fifths are renewed even in the slowest quarter by likelihood. They move in
+    logarithms of parameters above zero and in logits of those between two bounds, to
+    which a posterior may be pressed. Two halves of the population fit the proposals for
+    each other. All members are evaluated at once, so as many workers as members are of
+    use. The evidence is a product of ratios, each bridged from the members at two
+    neighbouring powers; its error counts the descendants of one draw of the prior as
+    one.
 
     It gives a population of equal weights, not a chain: R-hat and autocorrelation times
     have no meaning for it. :func:`to_inference_data` takes it, for tables and figures.
@@ -226,8 +224,8 @@ def anneal_population(
         coordinates: In which the population moves, and its prior.
         rng: The same stream gives the same population.
         size: Members, at least ``fewest_members(d)``.
-        thorough: Whether members are moved until the slowest have forgotten where they
-            were, as an evidence needs it; a search for what to fit does not.
+        thorough: Whether sweeps end by the slowest quarter of the members, as an
+            evidence needs it; a search for what to fit does not.
 
     Raises:
         ValueError: If too few draws of the prior have a finite likelihood.
@@ -407,7 +405,7 @@ def _renew(
     # An accepted step of the walk is worth 2.38**2 / (2 ndim) independent draws.
     worth = min(1.0, 2.8 / ndim)
     rates = [1.0, 0.25 * worth]
-    before, groups = theta, [np.arange(n)]
+    groups = [np.arange(n)]
     if thorough:  # quarters by likelihood
         groups = np.array_split(np.argsort(rows[:, 0] - rows[:, 1]), 4)
     for sweep in range(MOST_THOROUGH if thorough else MOST_SWEEPS):
@@ -434,16 +432,8 @@ def _renew(
             for walk in walks:
                 walk.scale *= np.exp(accepted[-1] - 0.25)
         if min(np.minimum(renewed[group], 1).mean() for group in groups) > RENEWED:
-            if not thorough or _correlation(before, theta) < FORGOTTEN:
-                break
+            break
     return theta, rows, accepted, np.concatenate(log_weights)
-
-
-def _correlation(before: Floats, after: Floats) -> float:
-    """Return the largest rank correlation of a column before with itself after."""
-    ranks = rankdata([before, after], axis=1) - (len(before) + 1) / 2
-    scale = np.sqrt((ranks**2).sum(axis=1).prod(axis=0))
-    return float(((ranks[0] * ranks[1]).sum(axis=0) / np.maximum(scale, 1)).max())
 
 
 def _effective_size(theta: Floats, ancestors: NDArray[np.intp]) -> Floats:
