@@ -38,6 +38,8 @@ MOST_DRAWS = 20  # times the size, for a population of finite likelihood
 LAST = 2  # powers whose proposals tell of what is missing; early ones may fit badly
 RENEWED = 0.8  # of the members are to be independent of their ancestors
 MOST_SWEEPS = 20  # at one power
+MOST_THOROUGH = 30  # sweeps of an annealing for the evidence
+AGREED = 2.5  # standard errors by which two evidences may differ
 MOST_COMPONENTS = 6
 PER_COMPONENT = 10  # members of a half for each parameter and component
 
@@ -127,8 +129,10 @@ def anneal(
 
     Each power is chosen so that the weights :math:`L^{\beta_{j+1} - \beta_j}` have a
     coefficient of variation of 1. Members are drawn by their weights, then moved by
-    proposals from Student-t mixtures and by random walks until four fifths of them
-    are renewed, at most 20 times. Two halves of the population fit the proposals for
+    proposals from Student-t mixtures and by random walks, at most 30 times, until four
+    fifths are renewed even in the slowest quarter by likelihood. They move in
+    logarithms of parameters above zero and in logits of those between two bounds, to
+    which a posterior may be pressed. Two halves of the population fit the proposals for
     each other. All members are evaluated at once, so as many workers as members are of
     use. The evidence is a product of ratios, each bridged from the members at two
     neighbouring powers; its error counts the descendants of one draw of the prior as
@@ -140,7 +144,9 @@ def anneal(
     smaller ones. No error of the evidence is claimed, with the reason in ``problems``,
     where proposals fitted to the population at its last two powers have weights of a
     heavy tail (Pareto k above 0.7): they come upon something that it lacks, such as the
-    neck of a funnel. A mode far from all members stays unseen.
+    neck of a funnel. Nor is one where the mean weight of the last proposals, a second
+    estimate of the evidence, differs from it by more than 2.5 standard errors: at some
+    power members were too few or too slow. A mode far from all members stays unseen.
 
     Args:
         posterior: What to sample.
@@ -196,10 +202,12 @@ def anneal(
         resume=resume,
         probe_tolerance=probe_tolerance,
     ) as evaluator:
-        plain = Coordinates.plain(posterior.prior)
+        coordinates = Coordinates.unbounded(posterior.prior)
         rng = np.random.default_rng(seed)
-        population = anneal_population(evaluator, plain, rng, size)
-    return replace(population, failed_solves=evaluator.failed)
+        population = anneal_population(evaluator, coordinates, rng, size, thorough=True)
+    population.rows[:, :2] -= coordinates.log_volume(population.theta)[:, None]
+    theta = coordinates.parameters(population.theta)
+    return replace(population, theta=theta, failed_solves=evaluator.failed)
 
 
 def anneal_population(
@@ -207,14 +215,17 @@ def anneal_population(
     coordinates: Coordinates,
     rng: np.random.Generator,
     size: int,
+    thorough: bool = False,
 ) -> Annealed:
-    """Return the population at the power 1; see :func:`anneal`.
+    """Return the population at the power 1, in coordinates; see :func:`anneal`.
 
     Args:
         evaluator: Of parameters.
         coordinates: In which the population moves, and its prior.
         rng: The same stream gives the same population.
         size: Members, at least ``fewest_members(d)``.
+        thorough: Whether sweeps end by the slowest quarter of the members, as an
+            evidence needs it; a search for what to fit does not.
 
     Raises:
         ValueError: If too few draws of the prior have a finite likelihood.
@@ -248,7 +259,7 @@ def anneal_population(
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
         theta, rows, accepted, log_weights = _renew(
-            evaluate, theta, rows, halves, powers[-1], random, fits
+            evaluate, theta, rows, halves, powers[-1], random, fits, thorough
         )
         moved.append(accepted)
         tried.append(log_weights)
@@ -257,8 +268,8 @@ def anneal_population(
         log_evidence += ratio.log_ratio
         np.add.at(influence, parents, ratio.from_g / len(low))
         np.add.at(influence, ancestors, ratio.from_f / len(high))
-    variance = (influence**2).sum() + (1 - share) / (share * draws)
-    problems = _find_problems(tried[-LAST:])
+    error = float(np.sqrt((influence**2).sum() + (1 - share) / (share * draws)))
+    problems = _find_problems(tried[-LAST:], log_evidence, error)
     return Annealed(
         names=evaluator.posterior.names,
         theta=theta,
@@ -267,8 +278,8 @@ def anneal_population(
         acceptance=np.array([np.mean(shares) for shares in moved]),
         sweeps=np.array([len(shares) for shares in moved]),
         log_evidence=log_evidence,
-        log_evidence_error=np.inf if problems else float(np.sqrt(variance)),
-        effective_size=_effective_size(theta, ancestors),
+        log_evidence_error=np.inf if problems else error,
+        effective_size=_effective_size(coordinates.parameters(theta), ancestors),
         solves=evaluator.solves - before,
         problems=problems,
     )
@@ -279,19 +290,32 @@ def fewest_members(ndim: int) -> int:
     return 2 * PER_COMPONENT * ndim
 
 
-def _find_problems(tried: list[Floats]) -> tuple[str, ...]:
-    """Return what the weights of independence proposals at some powers forbid.
+def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str, ...]:
+    """Return what the weights of independence proposals at the last powers forbid.
 
     A region that the population missed is in none of the fits to it, and the few
     proposals that come upon it have weights far above all others.
+
+    Where they have no such tail, their mean is an evidence that owes nothing to the
+    earlier powers. Members that were slow at these, or too few, make the product of
+    ratios wrong by more than their lineages tell, and the last population may still
+    be good.
     """
     k = max((pareto_k(w) for w in tried if kish_share(w) < FAIR_SHARE), default=0.0)
-    if k <= GOOD_K:
+    if k > GOOD_K:
+        return (
+            "a region of the posterior may be missing, for the weights of proposals "
+            f"fitted to the population have a heavy tail (Pareto k {k:.2f}, {GOOD_K} "
+            'is the limit); a larger size may find it, and "auto" does in some cases',
+        )
+    last = tried[-1]
+    direct = float(np.logaddexp.reduce(last)) - np.log(len(last))
+    apart = np.hypot(error, np.sqrt((1 / kish_share(last) - 1) / len(last)))
+    if abs(value - direct) <= AGREED * apart:
         return ()
     return (
-        "a region of the posterior may be missing, for the weights of proposals fitted "
-        f"to the population have a heavy tail (Pareto k {k:.2f}, {GOOD_K} is the "
-        'limit); a larger size may find it, and "auto" does in some cases',
+        f"the log evidence along the powers, {value:.3f}, and that by the last "
+        f"proposals, {direct:.3f}, differ by more than chance does; give a larger size",
     )
 
 
@@ -362,11 +386,13 @@ def _renew(
     power: float,
     random: RandomState,
     fits: Sequence[IndependenceMove],
+    thorough: bool,
 ) -> tuple[Floats, Floats, list[float], Floats]:
     """Return members far from where they were, with their rows.
 
     Sweeps of independence proposals alternate with a random walk, whichever renews
-    more members having three quarters of them.
+    more members having three quarters of them. Those of high likelihood may wait the
+    longest, and weigh the most at the next power: an average does not see them.
 
     Returns:
         Members, rows, the share of accepted proposals of each sweep, and ln(p / q) of
@@ -379,7 +405,10 @@ def _renew(
     # An accepted step of the walk is worth 2.38**2 / (2 ndim) independent draws.
     worth = min(1.0, 2.8 / ndim)
     rates = [1.0, 0.25 * worth]
-    for sweep in range(MOST_SWEEPS):
+    groups = [np.arange(n)]
+    if thorough:  # quarters by likelihood
+        groups = np.array_split(np.argsort(rows[:, 0] - rows[:, 1]), 4)
+    for sweep in range(MOST_THOROUGH if thorough else MOST_SWEEPS):
         better = rates[1] > rates[0]
         walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
         moves = zip(walks if walking else fits, halves, strict=True)
@@ -402,7 +431,7 @@ def _renew(
         if walking:
             for walk in walks:
                 walk.scale *= np.exp(accepted[-1] - 0.25)
-        if np.minimum(renewed, 1).mean() > RENEWED:
+        if min(np.minimum(renewed[group], 1).mean() for group in groups) > RENEWED:
             break
     return theta, rows, accepted, np.concatenate(log_weights)
 

@@ -1,37 +1,49 @@
-"""One map of coordinates: positive parameters by their logarithms."""
+"""One map of coordinates: logarithms of positive parameters, logits of bounded ones."""
 
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
+from scipy.stats import logistic
 
 from ..interfaces import Evaluator, Floats, Prior
 
 DRAWS = 20_000  # of the prior, for its quantiles
 DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
 LARGEST = 700.0  # logarithm that is finite
+TINY = 1e-200  # least distance from a bound
 
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """A prior in coordinates that are logarithms of some of the parameters.
+    """A prior in coordinates: logarithms or logits of some of the parameters.
 
     The stiffness of a support between 1e3 and 1e9, say: what a model makes of it bends
-    within a small part of the range, and no process of one length follows that.
+    within a small part of the range, and no process of one length follows that. And a
+    posterior that is pressed to a bound ends there abruptly, as no Student t does.
 
     Attributes:
         prior: The prior.
         logs: Whether a parameter is seen by its logarithm, ``(d,)``.
+        logits: Whether by ``ln((x - low) / (high - x))`` between its bounds, ``(d,)``.
     """
 
     prior: Prior
     logs: NDArray[np.bool_]
+    logits: NDArray[np.bool_]
 
     @classmethod
     def plain(cls, prior: Prior) -> Self:
         """Return the parameters themselves as coordinates."""
-        return cls(prior, np.zeros(len(prior.names), dtype=bool))
+        return cls(prior, *np.zeros((2, len(prior.names)), dtype=bool))
+
+    @classmethod
+    def unbounded(cls, prior: Prior) -> Self:
+        """Return coordinates that know no bounds: what is pressed to one has a tail."""
+        low, high = prior.bounds.T
+        return cls(prior, (low == 0) & np.isinf(high), np.isfinite(high - low))
 
     @classmethod
     def of(cls, prior: Prior) -> Self:
@@ -43,23 +55,31 @@ class Coordinates:
         ends = np.log(np.where(logs, [low, middle, high], 1.0))
         skew = np.abs(low + high - 2 * middle) / (high - low)
         bend = np.abs(ends[0] + ends[2] - 2 * ends[1])
-        return cls(prior, logs & (bend < skew * (ends[2] - ends[0])))
+        logs &= bend < skew * (ends[2] - ends[0])
+        return cls(prior, logs, np.zeros_like(logs))
 
     def coordinates(self, theta: Floats) -> Floats:
-        """Return the coordinates ``(n, d)`` of parameters above zero."""
+        """Return the coordinates ``(n, d)`` of parameters within their bounds."""
         x = theta.copy()
-        x[:, self.logs] = np.log(theta[:, self.logs])
+        x[:, self.logs] = np.log(np.maximum(theta[:, self.logs], TINY))
+        low, high = self.prior.bounds[self.logits].T
+        below, above = theta[:, self.logits] - low, high - theta[:, self.logits]
+        x[:, self.logits] = np.log(np.maximum(below, TINY) / np.maximum(above, TINY))
         return x
 
     def parameters(self, x: Floats) -> Floats:
         """Return the parameters ``(n, d)`` that have these coordinates."""
         theta = x.copy()
         theta[:, self.logs] = np.exp(np.minimum(x[:, self.logs], LARGEST))
+        low, high = self.prior.bounds[self.logits].T
+        theta[:, self.logits] = low + (high - low) * expit(x[:, self.logits])
         return theta
 
     def log_volume(self, x: Floats) -> Floats:
         """Return by what the log-density of coordinates exceeds that of parameters."""
         volume: Floats = x[:, self.logs].sum(axis=1)
+        volume += logistic.logpdf(x[:, self.logits]).sum(axis=1)
+        volume += np.log(np.diff(self.prior.bounds[self.logits])).sum()
         return volume
 
     def rows(self, evaluator: Evaluator, x: Floats) -> Floats:

@@ -36,6 +36,15 @@ def test_evidence(monkeypatch, capsys):
 
 
 @pytest.mark.slow
+def test_annealed_evidence(monkeypatch, capsys):
+    options = ["--seeds", "2", "--size", "200", "--target", "two modes"]
+    monkeypatch.setattr(sys, "argv", ["annealed_evidence.py", *options])
+    load("annealed_evidence").main()
+    shown = capsys.readouterr().out
+    assert "two modes" in shown and "2 seeds each" in shown
+
+
+@pytest.mark.slow
 def test_hamiltonian():
     table = load("benchmarks/hamiltonian").main((20,), 4_000, 1)
     assert table.column("HMC")[0] > 5 * table.column("DE-MC")[0]

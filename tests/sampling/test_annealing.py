@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import stats
 from support.examples import load
 from support.free_posterior import box, free_posterior
 from support.pool_problems import forks
@@ -45,8 +46,10 @@ def test_population_and_evidence_are_exact_over_replicates(target):
     off = np.array([p.log_evidence - target.log_evidence for p in annealed])
     claimed = np.array([p.log_evidence_error for p in annealed])
     assert abs(off.mean()) < LIMIT * off.std(ddof=1) / np.sqrt(len(annealed))
-    assert 1 / 2 < claimed.mean() / np.sqrt((off**2).mean()) < 2
-    assert claimed.mean() < 0.2
+    able = np.isfinite(claimed)
+    assert able.sum() >= 10
+    assert 1 / 2 < claimed[able].mean() / np.sqrt((off[able] ** 2).mean()) < 2
+    assert claimed[able].mean() < 0.2
 
 
 def test_two_modes_keep_their_shares():
@@ -111,6 +114,80 @@ def gaussian_in_a_box(theta):
     return -0.5 * (theta**2).sum(axis=1) - 0.5 * d * np.log(2 * np.pi)
 
 
+def corner(theta, scale=0.03):
+    """Return the log of a density: exponentials, highest at the corner of [0, 1]^d."""
+    return -theta.sum(axis=1) / scale - theta.shape[1] * np.log(scale)
+
+
+def test_exponentials_in_a_corner_of_the_prior_have_an_honest_error():
+    """What members there did not forget made the evidence 1 too small, claimed .1."""
+    posterior = free_posterior(corner, box(0.0, 1.0, 4))
+    annealed = [ef.anneal(posterior, 600, seed=seed) for seed in range(6)]
+    off = np.array([p.log_evidence for p in annealed])
+    claimed = np.array([p.log_evidence_error for p in annealed])
+    able = np.isfinite(claimed)
+    assert able.sum() >= 4 and claimed[able].max() < 0.3
+    assert np.sqrt(np.mean((off / claimed)[able] ** 2)) < 1.6
+    assert np.sqrt(np.mean(off**2)) < 0.3
+    means = np.array([p.theta.mean(axis=0) for p in annealed])
+    assert abs(means.mean() / 0.03 - 1) < 0.05
+    assert all(((p.theta >= 0) & (p.theta <= 1)).all() for p in annealed)
+    assert_allclose(posterior(annealed[0].theta), annealed[0].rows, rtol=1e-9)
+
+
+def test_two_evidences_that_disagree_claim_no_error():
+    """Of a t in a box 100 times as wide many members come to the centre too late."""
+    law = stats.multivariate_t(np.zeros(3), np.eye(3), df=3)
+    exact = -3 * np.log(200.0)
+    posterior = in_a_box(law.logpdf, 3, 100.0)
+    annealed = [ef.anneal(posterior, 400, seed=seed) for seed in range(1, 6)]
+    told = [p for p in annealed if any("last proposals" in text for text in p.problems)]
+    assert len(told) >= 3
+    for population in told:
+        assert population.log_evidence_error == np.inf
+        (reason,) = population.problems
+        assert "larger size" in reason and reason[1:] in str(population)
+        direct = float(reason.split("proposals, ")[1].split(",")[0])
+        assert abs(direct - exact) < 0.2 < abs(population.log_evidence - exact)
+
+
+@pytest.mark.slow
+def test_the_slowest_members_end_the_sweeps():
+    """At an edge inside the prior, of which no coordinates know, some wait long.
+
+    Sweeps that end by the average of all have a root mean square error of .3.
+    """
+
+    def edge(theta):
+        return np.where((theta > 0.5).all(axis=1), corner(theta - 0.5), -np.inf)
+
+    posterior = free_posterior(edge, box(0.0, 1.0, 3))
+    annealed = [ef.anneal(posterior, 400, seed=seed) for seed in range(8)]
+    off = np.array([p.log_evidence for p in annealed])
+    assert np.sqrt(np.mean(off**2)) < 0.18
+    assert np.mean([np.isfinite(p.log_evidence_error) for p in annealed]) > 0.5
+
+
+BENCHMARK = load("annealed_evidence")
+CLAIMED = {
+    "corner": 50,
+    "Gaussian": 50,
+    "two modes": 50,
+    "t, 3 degrees": 0,
+    "funnel": 0,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "d"), [key for key in BENCHMARK.PROBLEMS if key != ("Gaussian", 20)]
+)
+def test_an_error_is_claimed_where_it_is_honest(target, d):
+    measured = BENCHMARK.measure(target, d, 600, range(10))
+    assert measured["claimed %"] >= CLAIMED[target]
+    assert measured["claimed %"] == 0 or measured["rms z"] < 1.6  # of ten: 1 +- .22
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "d", "size"), [(two_modes, 2, 400), (gaussian_in_a_box, 8, 400)]
@@ -120,8 +197,10 @@ def test_the_claimed_error_of_the_evidence_is_its_spread(target, d, size):
     annealed = [ef.anneal(posterior, size, seed=seed) for seed in range(20)]
     off = np.array([p.log_evidence + d * np.log(20.0) for p in annealed])
     claimed = np.array([p.log_evidence_error for p in annealed])
+    able = np.isfinite(claimed)
+    assert able.sum() >= 16
     assert (np.abs(off / claimed) < 3).sum() >= 19
-    assert 1 / 1.5 < np.mean(claimed) / np.std(off, ddof=1) < 1.5
+    assert 1 / 1.5 < np.mean(claimed[able]) / np.std(off, ddof=1) < 1.5
     assert abs(np.mean(off)) < LIMIT * np.std(off, ddof=1) / np.sqrt(20)
 
 
