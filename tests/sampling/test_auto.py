@@ -121,6 +121,24 @@ def test_the_proposal_is_good_whatever_the_constant(name, height):
     assert samplers.search.efficiency > share
 
 
+def ten_modes(x):
+    """Return ten Gaussians of unequal weights and widths in the plane."""
+    rng = np.random.default_rng(10)
+    sds, weights = rng.uniform(0.3, 1, 10), np.linspace(0.04, 0.16, 10)
+    means = [[i, j] + rng.normal(size=2) for i in range(-10, 15, 5) for j in (-5, 5)]
+    distances = np.linalg.norm(x[:, None] - np.array(means), axis=2) / sds
+    parts = np.log(weights / sds**2) - 0.5 * distances**2
+    return np.logaddexp.reduce(parts, axis=1)
+
+
+@pytest.mark.parametrize("height", [-1e5, 1e5])
+def test_all_of_ten_modes_are_found_whatever_the_constant(height):
+    posterior = free_posterior(lambda x: height + ten_modes(x), box(-20, 20, 2))
+    for seed in range(4):
+        run = ef.run(posterior, "auto", 16, 2, ensembles=2, seed=seed)
+        assert len(run.search.weights) == 10
+
+
 def test_ensembles_start_from_draws_of_the_posterior_of_their_own():
     def bent(x):  # so that half of the walkers stay in the first step
         return -0.5 * (x[:, 0] ** 2 + 9 * (x[:, 1] - x[:, 0] ** 2) ** 2)
