@@ -85,7 +85,8 @@ HUM = ef.to_inference_data(
     ef.run(WHISPER, ef.DEMCMove(), steps=16, seed=1, ensembles=1), WHISPER
 )
 VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
-TWO_TESTS = {"a": IDATA, "b": IDATA}
+LONGER = ef.run(POSTERIOR, ef.DEMCMove(), nwalkers=8, steps=100, seed=1, ensembles=1)
+TWO_TESTS = dict.fromkeys("ab", ef.to_inference_data(LONGER))
 POPULATION, BY_TEST = ef.population.NormalPopulation(["k1", "k2"]), {"a": 1.0, "b": 2.0}
 POOLED = object.__new__(ef.population.pool_tests.PooledTests)  # nothing of it is drawn
 vars(POOLED).update(population=POPULATION)
