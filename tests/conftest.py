@@ -4,11 +4,16 @@ import os
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")  # before NumPy is imported
 
+import signal
 import sys
 import warnings
 
 import matplotlib
 import pytest
+
+# What a shell starts in the background, as CI may be, ignores the keyboard's interrupt,
+# and so would all that the tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 if "PYTEST_XDIST_WORKER" not in os.environ:
     # ArviZ 0.23 notes the day of its first import in a file; xdist's workers would

@@ -334,14 +334,12 @@ def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path):
 
 
 STUCK = """
-import multiprocessing, signal, sys
+import multiprocessing, sys
 from concurrent.futures import ProcessPoolExecutor
 from emcee_femu import EvaluationPool
 from support import pool_problems
 
 if __name__ == "__main__":
-    # What a shell starts in the background, as CI may be, ignores it.
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     multiprocessing.set_start_method(sys.argv[1])
     try:
         if sys.argv[2] == "workers":
