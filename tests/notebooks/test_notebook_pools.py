@@ -5,13 +5,13 @@ from support.notebooks import MODEL, assert_quiet, execute
 from support.systems import need_start_method, posix
 
 pytestmark = pytest.mark.slow
+# Forked workers inherit functions, and those of a fork server are sent them as these.
+spawned = pytest.mark.parametrize("method", ["spawn"])
 # Scripts are interrupted with spawned processes, too (tests/sampling/test_pools.py).
-methods = pytest.mark.parametrize("method", ["fork"])
-# The others inherit functions, or start processes as this one does.
-samplers = pytest.mark.parametrize("method", ["spawn"])
+forked = pytest.mark.parametrize("method", ["fork"])
 
 
-@samplers
+@spawned
 def test_every_sampler_has_the_models_of_a_notebook_on_its_workers(tmp_path, method):
     need_start_method(method)
     cells = {
@@ -57,7 +57,7 @@ executor.shutdown()
 
 
 @posix
-@methods
+@forked
 def test_after_the_interrupt_the_kernel_works_and_no_process_is_left(tmp_path, method):
     need_start_method(method)
     cells = {
