@@ -346,6 +346,9 @@ class Evaluator(Protocol):
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``."""
 
+    def stack(self, kind: Any, theta: Floats) -> Floats:
+        """Return "rows", "deviations" and more of ``theta (n, d)`` side by side."""
+
     def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return rows and gradients of ``theta (n, d)``."""
 

@@ -3,9 +3,10 @@
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from emcee.pbar import get_progress_bar
 
 from .. import checks
 from ..interfaces import Floats, Linearization
@@ -46,12 +47,14 @@ class Evaluation:
         pool: Where, None for this process.
         failures: The failed solves; None where a failure is an error.
         solves: Points inside the prior's support so far.
+        bar: What shows how many more there are; at first nothing.
     """
 
     solver: Solver
     pool: EvaluationPool | None = None
     failures: FailureLog | None = None
     solves: int = field(default=0, init=False)
+    bar: Any = field(default=get_progress_bar(False, None), init=False)
 
     @classmethod
     @contextmanager
@@ -168,7 +171,9 @@ class Evaluation:
         stacked = self._fill(results)
         failed = [result for result in results if isinstance(result, Failure)]
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
-        self.solves += len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
+        solves = len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
+        self.solves += solves
+        self.bar.update(solves)
         if self.failures is not None:
             self.failures.count(len(results), failed)
         return stacked

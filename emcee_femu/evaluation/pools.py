@@ -101,7 +101,7 @@ class EvaluationPool:
             chunksize = checks.whole_number("chunksize", chunksize, 1)
         self.chunksize = chunksize
         self._executor = executor
-        self._n_workers = _count_workers(executor)
+        self.n_workers = _count_workers(executor)
         if hasattr(executor, "get_executor"):  # a dask Client
             self._executor = executor.get_executor(pure=False)
         self._shipped: list[tuple[Function, str, bytes]] = []
@@ -113,8 +113,8 @@ class EvaluationPool:
         point and the traceback of the worker.
         """
         points = list(iterable)
-        size = self.chunksize or max(1, -(-len(points) // max(1, self._n_workers)))
-        if self.chunksize is None and not self._n_workers:
+        size = self.chunksize or max(1, -(-len(points) // max(1, self.n_workers)))
+        if self.chunksize is None and not self.n_workers:
             size = 1
         parts = [points[i : i + size] for i in range(0, len(points), size)]
         results = dict(self._evaluate(function, parts))
@@ -144,7 +144,7 @@ class EvaluationPool:
         while waiting:
             tasks = [(key, parts[i], sent, os.getpid()) for i in waiting]
             missing = []
-            for place, outcome in self._completed(tasks):
+            for place, outcome in self._completed(tasks, payload):
                 if outcome.error is not None:
                     outcome.error.add_note(outcome.note)
                     raise outcome.error
@@ -154,16 +154,29 @@ class EvaluationPool:
                     yield waiting[place], outcome.values
             waiting, sent = sorted(missing), payload
 
-    def _completed(self, tasks: list[Task]) -> Iterator[tuple[int, Outcome]]:
-        """Yield number and outcome of each task as it ends."""
+    def _completed(
+        self, tasks: list[Task], payload: object
+    ) -> Iterator[tuple[int, Outcome]]:
+        """Yield number and outcome of each task as it ends.
+
+        A task that a worker without the function returns is submitted again with it at
+        once, while the other workers are at theirs.
+        """
         try:
             if not hasattr(self._executor, "submit"):
                 yield from enumerate(self._executor.map(evaluate, tasks))
                 return
-            futures = [self._executor.submit(evaluate, task) for task in tasks]
-            places = {future: place for place, future in enumerate(futures)}
-            for future in as_completed(places):
-                yield places[future], future.result()
+            submit = self._executor.submit
+            again: dict[Any, int] = {}
+            begun = {submit(evaluate, task): i for i, task in enumerate(tasks)}
+            for places in (begun, again):
+                for future in as_completed(places):
+                    place, outcome = places[future], future.result()
+                    if outcome.missing:
+                        key, points, _, home = tasks[place]
+                        again[submit(evaluate, (key, points, payload, home))] = place
+                    else:
+                        yield place, outcome
         except Exception as error:  # of the executor: an outcome carries the function's
             raise RuntimeError(
                 f"pool: {type(self._executor).__name__} could not do its work: a "

@@ -348,7 +348,7 @@ class StoredEvaluation:
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``, part by part."""
         parts = [theta[i : i + MOST] for i in range(0, len(theta), MOST)] or [theta]
-        return np.concatenate([self._values("rows", part) for part in parts])
+        return np.concatenate([self.stack("rows", part) for part in parts])
 
     @property
     def failed(self) -> int:
@@ -366,7 +366,7 @@ class StoredEvaluation:
 
     def linearize(self, theta: Floats) -> Linearization:
         """Return rows, gradients and information."""
-        return unstack(self.posterior, self._values("linearization", theta))
+        return unstack(self.posterior, self.stack("linearization", theta))
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point, in the order in which they came."""
@@ -383,7 +383,8 @@ class StoredEvaluation:
             self._append(Record("rows", theta[place : place + 1], row[None], ()))
             yield place, row
 
-    def _values(self, kind: Kind, theta: Floats) -> Floats:
+    def stack(self, kind: Kind, theta: Floats) -> Floats:
+        """Return what is asked for of ``theta (n, d)``, side by side in one array."""
         record = self._next()
         if record is None:
             values = self.evaluation.stack(kind, theta)

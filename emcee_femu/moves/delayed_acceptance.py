@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import checks
 from ..interfaces import Floats
 from ..table import Parts, Report
+from .independence import IndependenceMove
 from .proposing import Batch, Propose, ProposingMove, only_propose, refresh
 
 
@@ -127,6 +128,9 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         """
         low, high = self._lengths
         length = random.randint(low, high + 1) if low < high else low
+        self.proposed += length * len(theta)
+        if isinstance(self.inner, IndependenceMove):
+            return self._walk_independently(self.inner, theta, values, random, length)
         ever = np.zeros(len(theta), dtype=bool)
         for _ in range(length):
             proposed, log_factors = propose(theta)
@@ -137,7 +141,29 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             moved = new > threshold
             theta[moved], values[moved] = proposed[moved], new[moved]
             ever |= moved
-        self.proposed += length * len(theta)
+        return ever
+
+    def _walk_independently(
+        self,
+        inner: IndependenceMove,
+        theta: Floats,
+        values: Floats,
+        random: RandomState,
+        length: int,
+    ) -> NDArray[np.bool_]:
+        """Do the same with proposals that no step changes, all evaluated at once."""
+        n = len(theta)
+        proposed = inner.mixture.draw(random, length * n)
+        new = self._evaluate(proposed)
+        weights = (new - inner.log_density(proposed)).reshape(length, n)
+        thresholds = weights + random.standard_exponential((length, n))
+        here, last = values - inner.log_density(theta), np.full(n, -1)
+        for step in range(length):
+            moved = thresholds[step] > here
+            here[moved], last[moved] = weights[step, moved], step
+        ever: NDArray[np.bool_] = last >= 0
+        chosen = (last * n + np.arange(n))[ever]
+        theta[ever], values[ever] = proposed[chosen], new[chosen]
         return ever
 
     def _evaluate(self, theta: Floats) -> Floats:

@@ -359,6 +359,11 @@ class LogPosterior(Report):
         return all(e.jacobian is not None for e in self.experiments)
 
     @property
+    def normal(self) -> bool:
+        """Whether all terms are Gaussian in what was measured."""
+        return all(term.gaussian for term in self.terms)
+
+    @property
     def informative(self) -> bool:
         """Whether Fisher's information comes with the gradient."""
         return all(

@@ -238,7 +238,7 @@ def _of_file(
         names=tuple(manifest["parameters"]),
         posterior=posterior,
         search=search,
-        moves=manifest["moves"] if search is None else describe_moves(search.moves),
+        moves=describe_moves(search.moves(None)) if search else manifest["moves"],
         seed=str(manifest["seed"]),
         origin="" if search is None else search.sentence,
         starts_given=manifest["starts"] is not None and search is None,

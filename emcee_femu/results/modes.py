@@ -17,6 +17,7 @@ from .chains import Chains
 
 MOST_DRAWS = 20_000  # whose Pareto k is found
 CHUNK = 20_000
+RARE = 0.001  # share of a chain at places where a wait matters little
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +31,9 @@ class ModeWeights(Report):
         importance_errors: Their standard errors, ``(g,)``.
         acceptance: Expected acceptance of frozen proposals from there, ``(g,)``; NaN
             where the chain has no draw.
-        slowest: The least acceptance from a draw of the chain: how long the worst
-            walker waits.
+        slowest: Acceptance from the worst thousandth of the chain's draws, at most: how
+            long walkers wait. A walker that came upon a place which the search missed
+            stays there, and makes up more than that.
         reached: Whether a search ended or a walker started there, ``(g,)``.
         pareto_k: Of the importance weights of the proposal, at its refinement.
         chain_k: The same by the draws of the chain.
@@ -109,12 +111,12 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
         importance=search.weights,
         importance_errors=search.errors,
         acceptance=acceptance,
-        slowest=float(accepted.min()),
+        slowest=float(np.quantile(accepted, RARE)),
         reached=search.found_by.sum(axis=0) + search.starts.sum(axis=0) > 0,
         pareto_k=search.pareto_k,
         chain_k=k / (1 + k) if 0 < k < np.inf else min(k, 1.0),
         efficiency=search.efficiency,
-        share=search.share,
+        share=search.share * search.screened,
         searched=search.points,
     )
 

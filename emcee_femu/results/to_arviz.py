@@ -239,11 +239,14 @@ def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
 
 def _attributes_of(chains: Chains) -> dict[str, Any]:
     """Return what chains know of themselves, as attributes that netCDF can hold."""
+    search = None if chains.search is None else chains.search.to_json()
+    if search is not None and search["surface"] is not None:
+        search["surface"]["coefficients"] = []  # as many numbers as draws
     numbers = {
         "acceptance": chains.acceptance.ravel().tolist(),
         "betas": chains.betas.tolist(),
         "failures": dict(chains.failures),
-        "search": None if chains.search is None else chains.search.to_json(),
+        "search": search,
         "starts_given": chains.starts_given,
     }
     return (

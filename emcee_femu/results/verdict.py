@@ -22,11 +22,7 @@ ERRORS_APART = 4.0  # between two estimates of a weight
 SMALL = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
-ENOUGH_WAITS = 10  # the same from the worst place that a walker reached
-HIGH_SHARE = 0.75  # effective share of a proposal for which no walker waits long
-# Pareto k above which importance weights have no variance: below it the places where a
-# walker waits long are too rare to matter.
-LONG_WAITS_K = 0.5
+ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
 HITS = 3  # expected, of which none comes once in twenty times
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 MARGIN = 1.25  # since tau and errors are estimates themselves
@@ -150,14 +146,14 @@ def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
     k = float(np.fmax(modes.pareto_k, modes.chain_k))
     # Weights that are nearly equal have a tail too, but not one that matters.
     narrow = k > GOOD_K and not modes.efficiency > FAIR_SHARE and (several or made)
-    heavy = k > LONG_WAITS_K and not modes.efficiency > HIGH_SHARE
     worst, done = np.nanmin(modes.acceptance) * made, modes.slowest * made
     visits = worst / ENOUGH_VISITS if several and made else 1.0
-    waits = done / ENOUGH_WAITS if heavy and modes.share > 0.5 else 1.0
+    waits = done / ENOUGH_WAITS if modes.share > 0.5 else 1.0
     if narrow or min(visits, waits) < 1:
         sentence = (
             f"Pareto k is {k:.2f} (at most {GOOD_K}), and in {steps} steps a walker "
-            f"leaves the worst mode {worst:.1f} times, the worst place {done:.1f} times"
+            f"leaves the worst mode {worst:.1f} times (at least {ENOUGH_VISITS}), "
+            f"the worst places {done:.1f} times (at least {ENOUGH_WAITS})"
         )
         longer = MUCH if narrow else 1 / max(float(min(visits, waits)), 0.1)
         yield "proposal too narrow", sentence, longer

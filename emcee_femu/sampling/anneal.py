@@ -24,6 +24,7 @@ from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table
 from .coordinates import Coordinates
+from .first_solve import check_first_solve
 from .importance import (
     FAIR_SHARE,
     GOOD_K,
@@ -172,6 +173,7 @@ def anneal(
         ValueError: If size is too small, too few draws of the prior have a finite
             likelihood, or a file is there already or of another annealing.
         RuntimeError: If too many solves failed.
+        UserWarning: Where the model at the prior mean is far off, as of :func:`run`.
 
     Source: Ching and Chen (2007),
     doi:10.1061/(ASCE)0733-9399(2007)133:7(816); Bennett (1976),
@@ -202,12 +204,14 @@ def anneal(
         resume=resume,
         probe_tolerance=probe_tolerance,
     ) as evaluator:
+        check_first_solve(evaluator)
         coordinates = Coordinates.unbounded(posterior.prior)
         rng = np.random.default_rng(seed)
         population = anneal_population(evaluator, coordinates, rng, size, thorough=True)
     population.rows[:, :2] -= coordinates.log_volume(population.theta)[:, None]
     theta = coordinates.parameters(population.theta)
-    return replace(population, theta=theta, failed_solves=evaluator.failed)
+    solves, failed = evaluator.solves, evaluator.failed
+    return replace(population, theta=theta, solves=solves, failed_solves=failed)
 
 
 def anneal_population(
@@ -216,6 +220,7 @@ def anneal_population(
     rng: np.random.Generator,
     size: int,
     thorough: bool = False,
+    most: float = np.inf,
 ) -> Annealed:
     """Return the population at the power 1, in coordinates; see :func:`anneal`.
 
@@ -225,7 +230,9 @@ def anneal_population(
         rng: The same stream gives the same population.
         size: Members, at least ``fewest_members(d)``.
         thorough: Whether sweeps end by the slowest quarter of the members, as an
-            evidence needs it; a search for what to fit does not.
+            evidence needs it; a search for starts does not.
+        most: Solves that may be spent, members of the prior too; it may end at a lower
+            power then.
 
     Raises:
         ValueError: If too few draws of the prior have a finite likelihood.
@@ -240,7 +247,9 @@ def anneal_population(
     ancestors, influence = np.arange(size), np.zeros(size)
     log_evidence, powers = float(np.log(share)), [0.0]
     moved, tried = [], []
-    while powers[-1] < 1:
+    longest = MOST_THOROUGH if thorough else MOST_SWEEPS
+    while powers[-1] < 1 and (left := most - evaluator.solves + before) > size:
+        sweeps = int(min(longest, left / size))
         low = rows[:, 0] - rows[:, 1]
         step = _next_step(low, 1 - powers[-1])
         if powers[-1] + step == powers[-1]:
@@ -259,7 +268,7 @@ def anneal_population(
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
         theta, rows, accepted, log_weights = _renew(
-            evaluate, theta, rows, halves, powers[-1], random, fits, thorough
+            evaluate, theta, rows, halves, powers[-1], random, fits, thorough, sweeps
         )
         moved.append(accepted)
         tried.append(log_weights)
@@ -269,7 +278,7 @@ def anneal_population(
         np.add.at(influence, parents, ratio.from_g / len(low))
         np.add.at(influence, ancestors, ratio.from_f / len(high))
     error = float(np.sqrt((influence**2).sum() + (1 - share) / (share * draws)))
-    problems = _find_problems(tried[-LAST:], log_evidence, error)
+    problems = _find_problems(tried[-LAST:], log_evidence, error) if tried else ()
     return Annealed(
         names=evaluator.posterior.names,
         theta=theta,
@@ -387,6 +396,7 @@ def _renew(
     random: RandomState,
     fits: Sequence[IndependenceMove],
     thorough: bool,
+    sweeps: int,
 ) -> tuple[Floats, Floats, list[float], Floats]:
     """Return members far from where they were, with their rows.
 
@@ -408,7 +418,7 @@ def _renew(
     groups = [np.arange(n)]
     if thorough:  # quarters by likelihood
         groups = np.array_split(np.argsort(rows[:, 0] - rows[:, 1]), 4)
-    for sweep in range(MOST_THOROUGH if thorough else MOST_SWEEPS):
+    for sweep in range(sweeps):
         better = rates[1] > rates[0]
         walking = better if sweep % 4 < 3 and sweep else not better and sweep > 0
         moves = zip(walks if walking else fits, halves, strict=True)

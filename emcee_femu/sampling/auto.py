@@ -9,19 +9,27 @@ from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
-from .importance import normalise, resample
+from .importance import find_acceptance, normalise, resample
 from .proposals import Trial, refine, uncover
+from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
 from .search_record import SearchRecord, label, separate, weigh
 
+BUDGET, LEAST = 2.0, 30_000  # evaluations by those of the chain; of a short one
 SEARCHED = 0.2  # of the evaluations of the chain
 FEWEST = 1_000  # points of a search
 ROUND = 300  # draws of a round of the refinement, at least
 TRIED = 800  # draws by which a proposal is judged, at least
+LAST = 6  # times a round's draws, that the last round of a refinement may have
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
-POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
+BENT = 0.6  # acceptance of a mixture below which polynomials may do better
+WIDEST = 30  # parameters of which there are quadratic ones
+GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
+SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
+POPULATION = 1_000  # members of all ensembles
+MET = 2.0  # effective draws of a proposal for each ensemble, enough to start from
 POOR = 0.2  # acceptance below which gradients do better
-TUNED = 24  # draws from which Hamiltonian moves are tuned
+TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
 MISSED = 1.0  # log evidence by which one proposal finds more than another
 # Share of independence proposals by their expected acceptance.
 SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
@@ -29,6 +37,11 @@ BESIDE = 0.1  # the same beside Hamiltonian moves
 KEPT = 2_000  # importance weights in the record
 
 Population = tuple[Floats, Floats]  # members and their rows
+
+
+def budget_of(evaluations: int) -> int:
+    """Return the most that a search may spend before a chain of so many evaluations."""
+    return max(LEAST, round(BUDGET * evaluations))
 
 
 def search_and_start(
@@ -44,8 +57,8 @@ def search_and_start(
     The modes that any ensemble found are components of one proposal, from which each
     ensemble draws with its own stream. Its walkers start from its own draws, by their
     importance weights, in those modes that it found itself: it is the chain that has
-    to bring the ensembles to agree. Where no proposal is good, annealed populations
-    are a second way to one, and each ensemble starts from its own.
+    to bring the ensembles to agree. Where a proposal hardly meets the posterior, each
+    starts from an annealed population, at the power that the budget lets it reach.
 
     Args:
         evaluator: What evaluates, and stores where there is a file.
@@ -61,12 +74,17 @@ def search_and_start(
     """
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
-    search = Search(evaluator, streams)
-    search.run(max(FEWEST, round(SEARCHED * evaluations)), starts)
+    budget = budget_of(evaluations)
     most = max(REFINED, evaluations // 2)
-    trial, populations, gradients = _find_proposal(
-        search, most, 4 * nwalkers * ensembles
-    )
+    size = max(ROUND, 10 * evaluator.posterior.ndim)
+    judged = max(TRIED, 2 * size, min(4 * nwalkers * ensembles, budget // 8))
+    reserve = most + LAST * size + judged + LEARNED * evaluator.posterior.normal
+    reserve += TUNING * evaluator.posterior.differentiable
+    reserve += ensembles * _members(evaluator, ensembles)
+    search = Search(evaluator, streams)
+    searched = max(FEWEST, round(SEARCHED * evaluations))
+    search.run(searched, starts, budget - reserve)
+    trial, surface, populations, gradients = _find_proposal(search, most, size, judged)
     mode_of = separate(trial.mixture)
     count = int(mode_of.max()) + 1
     tops = np.array([maximum.theta for maximum in search.maxima])
@@ -94,7 +112,12 @@ def search_and_start(
         modes = label(theta, trial.mixture, mode_of)
         shares.append(np.bincount(modes, minlength=count) / nwalkers)
     share = next(s for least, s in SHARES if trial.acceptance >= least)
-    trajectories = None
+    trajectories, screened = None, 1
+    if surface is not None:
+        log_c = surface(trial.theta)
+        accepted = find_acceptance(log_c, trial.log_q, trial.log_q)
+        screened = min(int(np.ceil(SCREENED / accepted)), MOST_SCREENED)
+        share = SHARES[0][1]
     if gradients:
         draws = np.concatenate([theta for theta, _ in places])
         trajectories = _tune_trajectories(evaluator, trial.mixture, draws)
@@ -116,19 +139,24 @@ def search_and_start(
         solves=evaluator.solves,
         share=share,
         trajectories=trajectories,
+        screened=screened,
+        surface=None if surface is None else surface.arguments,
     )
     return record, states
 
 
 def _find_proposal(
-    search: Search, most: int, fewest: int
-) -> tuple[Trial, list[Population], bool]:
-    """Return a proposal, annealed populations, and whether gradients do better.
+    search: Search, most: int, size: int, judged: int
+) -> tuple[Trial, ResponseSurface | None, list[Population], bool]:
+    """Return a proposal, what screens it, annealed populations, and what does better.
+
+    The last is whether gradients do.
 
     Args:
-        search: What was found.
+        search: What was found; beyond its ``most`` solves there is no second attempt.
         most: Draws after which no round of the refinement begins.
-        fewest: Draws by which it is judged, at least.
+        size: Draws of a round, at least.
+        judged: Draws by which it is judged.
     """
     evaluator, streams = search.evaluator, search.streams
 
@@ -137,24 +165,35 @@ def _find_proposal(
         theta = np.concatenate([mixture.draw(rng, each) for rng in streams])
         return theta, evaluator.rows(theta)
 
-    size = max(ROUND, 10 * evaluator.posterior.ndim)
-
     def attempt(mixture: Mixture) -> Trial:
         refined = refine(search.draws, mixture, size, most, propose)
-        return Trial(refined, *propose(refined, max(TRIED, 2 * size, fewest)))
+        return Trial(refined, *propose(refined, judged))
 
     trial = attempt(search.mixture())
+    learned = None
+    if (
+        0 < trial.acceptance < BENT
+        and evaluator.posterior.ndim <= WIDEST
+        and evaluator.posterior.normal
+    ):
+        learned = learn_surface(evaluator, trial.mixture, streams[0])
+    if learned is not None:
+        surface, mixture = learned
+        second = Trial(mixture, *propose(mixture, judged))
+        log_p, log_c = second.rows[:, 0], surface(second.theta)
+        accepted = find_acceptance(log_p, log_c, second.log_q)
+        if accepted > max(GAINED * trial.acceptance, POOR):
+            return second, surface, [], False
+        trial = second if is_better(second, trial) else trial
     populations: list[Population] = []
     gradients = evaluator.posterior.differentiable and trial.acceptance < POOR
     if trial.narrow and not (gradients and trial.efficiency):
-        if trial.acceptance < POOR:  # the shapes of the modes say too little
-            populations = _anneal_each(search)
-            members = np.concatenate([theta for theta, _ in populations])
-            second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
-        else:
+        if evaluator.solves < search.most:
             second = attempt(uncover(trial.mixture))
-        trial = second if is_better(second, trial) else trial
-    return trial, populations, gradients
+            trial = second if is_better(second, trial) else trial
+        if trial.efficiency * judged < MET * len(streams):
+            populations = _anneal_each(search)
+    return trial, None, populations, gradients
 
 
 def is_better(second: Trial, first: Trial) -> bool:
@@ -179,13 +218,20 @@ def _tune_trajectories(
 
 def _anneal_each(search: Search) -> list[Population]:
     """Return an annealed population, and its rows, of each ensemble."""
-    posterior = search.evaluator.posterior
-    size = max(fewest_members(posterior.ndim), POPULATION // len(search.streams))
-    plain = Coordinates.plain(posterior.prior)
+    evaluator, number = search.evaluator, len(search.streams)
+    size, prior = _members(evaluator, number), evaluator.posterior.prior
+    plain = Coordinates.plain(prior)
+    most = (search.most - evaluator.solves) / number
     annealed = [
-        anneal_population(search.evaluator, plain, rng, size) for rng in search.streams
+        anneal_population(evaluator, plain, rng, size, most=most)
+        for rng in search.streams
     ]
     return [(population.theta, population.rows) for population in annealed]
+
+
+def _members(evaluator: Evaluator, ensembles: int) -> int:
+    """Return the size of an annealed population of each ensemble."""
+    return max(fewest_members(evaluator.posterior.ndim), POPULATION // ensembles)
 
 
 def _choose_draws(

@@ -46,12 +46,18 @@ class Coordinates:
         return cls(prior, (low == 0) & np.isinf(high), np.isfinite(high - low))
 
     @classmethod
+    def positive(cls, prior: Prior) -> Self:
+        """Return logarithms of all parameters that are positive."""
+        theta = prior.sample(np.random.default_rng(0), DRAWS)
+        logs = (theta.min(axis=0) > 0) & (prior.bounds[:, 0] >= 0)
+        return cls(prior, logs, np.zeros_like(logs))
+
+    @classmethod
     def of(cls, prior: Prior) -> Self:
         """Return logarithms of parameters over decades if these are symmetric so."""
         theta = prior.sample(np.random.default_rng(0), DRAWS)
         low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=0)
-        logs = (theta.min(axis=0) > 0) & (prior.bounds[:, 0] >= 0)
-        logs &= high > DECADES * low
+        logs = cls.positive(prior).logs & (high > DECADES * low)
         ends = np.log(np.where(logs, [low, middle, high], 1.0))
         skew = np.abs(low + high - 2 * middle) / (high - low)
         bend = np.abs(ends[0] + ends[2] - 2 * ends[1])

@@ -143,7 +143,7 @@ class FoundMap(Report):
         return (*sentences, self._judge())
 
     def _judge(self) -> str:
-        if not self.draws:
+        if np.isnan(self.pareto_k):
             return (
                 "Whether the posterior is Gaussian about them was not checked: "
                 "check=100 does, by as many solves. Standard deviations and weights "
@@ -153,6 +153,8 @@ class FoundMap(Report):
             f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "
             f"of {self.draws} draws"
         )
+        if self.draws < FEWEST:
+            statistics = "less than 1 % of their draws are inside the bounds"
         if not (self.pareto_k < GOOD_K and self.efficiency > EFFECTIVE):
             return (
                 f"The posterior is not Gaussian about them ({statistics}): take "
@@ -234,10 +236,13 @@ def find_map(
     with Evaluation.open(
         posterior, workers, pool, on_failure, max_failures
     ) as evaluation:
-        check_first_solve(evaluation, None)
+        check_first_solve(evaluation)
         ends = climb(evaluation, points)
-        reached = [end for end in ends if end.log_evidence > -np.inf]
-        lost = [end.message for end in ends if end.log_evidence == -np.inf]
+        # A climb that stopped on its way tells only if it is above all that arrived.
+        top = max([e.log_posterior for e in ends if e.converged], default=-np.inf)
+        tell = [end for end in ends if end.converged or end.log_posterior > top]
+        reached = [end for end in tell if end.log_evidence > -np.inf]
+        lost = [end.message for end in ends if end not in reached]
         if not reached:
             raise RuntimeError(
                 f"starts: none of {len(ends)} led to a maximum ({dict(Counter(lost))});"

@@ -1,11 +1,12 @@
 """The solve at the prior mean, held against what was measured before any sampling."""
 
+import time
 import warnings
 
 import numpy as np
 
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.store import Store
+from ..evaluation.store import StoredEvaluation
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
@@ -15,39 +16,51 @@ LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
 DRAWS = 16  # of the prior, which may reach the data though its mean does not
 
 
-def check_first_solve(evaluation: Evaluation, store: Store | None) -> None:
+def check_first_solve(evaluator: Evaluation | StoredEvaluation) -> float:
     """Solve at the prior mean, and warn where that is far from all that was measured.
 
     The solve is counted. Only where it looks wrong the model is solved at some draws of
     the prior too: of a wide one, as from 1e1 to 1e9, the mean may be far off, but not
     all draws are to the same side. A solve that fails says nothing here. A resumed run
     has the same outcome from its file.
+
+    Returns:
+        The seconds that the solve took, by the number of workers.
     """
-    outcome = None if store is None else store["first solve"]
-    if outcome is None:
-        outcome = _compare(evaluation)
-        if store is not None:
-            store["first solve"] = outcome
-    solves, doubts = outcome
+    if isinstance(evaluator, StoredEvaluation):
+        evaluation, store = evaluator.evaluation, evaluator.store
+        outcome = store["first solve"] or _compare(evaluation)
+        store["first solve"] = outcome
+    else:
+        evaluation, outcome = evaluator, _compare(evaluator)
+    solves, doubts, seconds = outcome
     evaluation.solves += solves
     for doubt in doubts:
         warnings.warn(doubt, stacklevel=3)
+    return float(seconds)
 
 
-def _compare(evaluation: Evaluation) -> tuple[int, list[str]]:
-    """Return how many solves were made, and what to warn of."""
+def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
+    """Return how many solves were made, what to warn of, and seconds of a solve."""
     posterior = evaluation.posterior
     centre = prior_centre(posterior.prior)[None]
     try:
         posterior.check_inside("prior (its mean)", centre)
     except ValueError as error:  # a Gaussian may be cut there, but hardly on purpose
-        return 0, [f"{error}; move it, or the bounds"]
+        return 0, [f"{error}; move it, or the bounds"], np.nan
+    workers = 1
+    if evaluation.pool is not None:
+        evaluation.pool.map(int, [0])  # starts them, which is no part of a solve
+        workers = max(1, evaluation.pool.n_workers)
+    begin = time.perf_counter()
     rows = _solve(evaluation, centre)
+    seconds = (time.perf_counter() - begin) / workers
     posterior.initial = rows[0]  # tables then need no other solve
     if _doubt(posterior, rows):
         draws = posterior.prior.sample(np.random.default_rng(0), DRAWS)
         rows = np.concatenate([rows, _solve(evaluation, draws)])
-    return int(np.count_nonzero(rows[:, 1] > -np.inf)), _doubt(posterior, rows)
+    solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
+    return solves, _doubt(posterior, rows), seconds
 
 
 def _solve(evaluation: Evaluation, theta: Floats) -> Floats:

@@ -14,6 +14,7 @@ from ..interfaces import Floats
 GOOD_K = 0.7  # below it the error of an importance estimate can be believed
 FEWEST_WEIGHTS = 25  # from which k can be said
 FAIR_SHARE = 0.5  # effective share above which a heavy tail of weights matters little
+PAIRED = 500  # draws of which all pairs are compared
 
 
 def pareto_k(log_weights: Floats) -> float:
@@ -86,6 +87,29 @@ def kish_share(log_weights: Floats) -> float:
         return 0.0
     weights = np.exp(log_weights - top)
     return float(weights.sum() ** 2 / (len(weights) * (weights**2).sum()))
+
+
+def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
+    r"""Return the acceptance of independent draws of c, in equilibrium with p.
+
+    .. math:: E_{x \sim p} E_{y \sim c} \min\left\{1,
+        \frac{p(y)\, c(x)}{p(x)\, c(y)}\right\}
+
+    Args:
+        log_p: Of p, unnormalised, at draws of q, ``(n,)``; -inf where it is zero.
+        log_c: The same of c.
+        log_q: The same of q.
+    """
+    some = slice(None, None, -(-len(log_p) // PAIRED))
+    log_p, log_c, log_q = log_p[some], log_c[some], log_q[some]
+    possible = np.isfinite(log_c)  # draws of others do not come
+    log_weights = log_p[possible] - log_c[possible]
+    if not np.isfinite(log_weights).any():
+        return 0.0
+    at_p, at_c = (normalise((x - log_q)[possible]) for x in (log_p, log_c))
+    with np.errstate(invalid="ignore"):  # of draws where p is zero
+        ratios = np.exp(np.minimum(log_weights - log_weights[:, None], 0.0))
+    return float(at_p @ np.nan_to_num(ratios) @ at_c)
 
 
 def normalise(log_weights: Floats) -> Floats:

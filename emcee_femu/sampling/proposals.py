@@ -9,7 +9,14 @@ from scipy.special import logsumexp
 
 from ..interfaces import Floats
 from ..moves.mixture import Mixture
-from .importance import FAIR_SHARE, GOOD_K, kish_share, normalise, pareto_k
+from .importance import (
+    FAIR_SHARE,
+    GOOD_K,
+    find_acceptance,
+    kish_share,
+    normalise,
+    pareto_k,
+)
 
 ROUNDS = 12
 GOOD_SHARE = 0.9  # effective share of a round's draws that ends the refinement
@@ -22,7 +29,6 @@ STRESSED = 10  # iterations
 LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
 COVERS = ((0.05, 1.5), (0.05, 3.0))  # weights and widths of those that fill gaps
 RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
-PAIRED = 500  # draws of which all pairs are compared
 
 # Draws from a mixture, and evaluates: draws (size, d) and their rows.
 Propose: TypeAlias = Callable[[Mixture, int], tuple[Floats, Floats]]
@@ -105,6 +111,7 @@ class Trial:
         rows: Their rows.
 
     Attributes:
+        log_q: The log density of the mixture at each.
         log_weights: ln(p / q) of each.
         pareto_k: Of the weights.
         efficiency: Their effective share.
@@ -113,7 +120,8 @@ class Trial:
 
     def __init__(self, mixture: Mixture, theta: Floats, rows: Floats) -> None:
         self.mixture, self.theta, self.rows = mixture, theta, rows
-        self.log_weights = rows[:, 0] - mixture.log_density(theta)
+        self.log_q = mixture.log_density(theta)
+        self.log_weights = rows[:, 0] - self.log_q
         self.pareto_k = pareto_k(self.log_weights)
         self.efficiency = kish_share(self.log_weights)
         self.log_evidence = float(logsumexp(self.log_weights)) - np.log(len(theta))
@@ -126,15 +134,7 @@ class Trial:
     @property
     def acceptance(self) -> float:
         """The acceptance of independence proposals in equilibrium."""
-        if not self.efficiency:
-            return 0.0
-        some = self.log_weights[:: -(-len(self.log_weights) // PAIRED)]
-        if not np.isfinite(some).any():
-            return 0.0
-        weights = normalise(some)
-        # Walkers are where the weights are: w_i min(1, w_j / w_i).
-        accepted = np.minimum(weights, weights[:, None]).sum()
-        return float(accepted / len(some))
+        return find_acceptance(self.rows[:, 0], self.log_q, self.log_q)
 
 
 def refine(
@@ -189,14 +189,14 @@ def cover(mixture: Mixture) -> Mixture:
     )
 
 
-def uncover(mixture: Mixture) -> Mixture:
-    """Return the mixture without its wide components."""
-    weights = mixture.weights[: -len(COVERS)]
+def uncover(mixture: Mixture, wide: int = len(COVERS)) -> Mixture:
+    """Return the mixture without its last components, which are wide."""
+    weights = mixture.weights[:-wide]
     return replace(
         mixture,
         weights=weights / weights.sum(),
-        means=mixture.means[: -len(COVERS)],
-        matrices=mixture.matrices[: -len(COVERS)],
+        means=mixture.means[:-wide],
+        matrices=mixture.matrices[:-wide],
     )
 
 

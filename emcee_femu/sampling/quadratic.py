@@ -20,9 +20,10 @@ def log_integral(
 
     .. math:: \ln \int \exp(g^T p - \tfrac12 p^T H p) \, dp
     """
-    covariance: Floats = np.asarray(np.linalg.inv(curvature), np.float64)
+    values, vectors = np.linalg.eigh(curvature)  # an inverse might be rounded worse
+    covariance: Floats = (vectors / values) @ vectors.T
     mean = covariance @ gradient
-    log_determinant = np.linalg.slogdet(curvature)[1]
+    log_determinant = np.log(values).sum()
     whole = 0.5 * (len(mean) * np.log(2 * np.pi) - log_determinant + gradient @ mean)
     if is_inside(mean, covariance, low, high):
         return float(whole)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.failures import FailureLog
-from ..evaluation.resume import open_evaluator
+from ..evaluation.resume import logger, open_evaluator
 from ..evaluation.samplers import Sampler
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..interfaces import Backend, Floats, Move
@@ -21,7 +21,7 @@ from ..moves.tempering import find_ladder
 from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..table import Parts, Report
-from .auto import search_and_start
+from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve
 from .search_record import SearchRecord
 
@@ -118,9 +118,13 @@ def run(
             paper's. "auto" searches for the modes, with a fifth as many evaluations as
             the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
             importance weights, with 1,500 to some 10,000 evaluations more, and samples
-            with it and DE-MC, or with a :class:`~.moves.HamiltonianMove` where that
-            pays. The stored chain starts after that; ``run.search`` has what was found,
-            and prints it.
+            with it and DE-MC. Where that fits badly, and all terms are Gaussian,
+            polynomials of the response are fitted to some 4,000 solves more and screen
+            its proposals; or a :class:`~.moves.HamiltonianMove` is taken. All this
+            takes at most twice as many evaluations as the chain, or 30,000 before a
+            short one; that number and the seconds by the first solve are logged (logger
+            "emcee_femu") and head the bar of ``progress``. The stored chain starts
+            after that; ``run.search`` has what was found, and prints it.
         nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, and as
             many for each temperature of a :class:`~.moves.TemperedMove`.
         steps: Stored steps; ``steps * thin_by`` generations are run.
@@ -146,8 +150,8 @@ def run(
             the file usable, and :func:`diagnose`, :func:`to_inference_data` and others
             read it by its name, also while the run goes on.
         thin_by: Store every ``thin_by``-th generation.
-        progress: Whether to show a progress bar per ensemble (needs tqdm);
-            "notebook" for the bar of notebooks (needs ipywidgets too).
+        progress: Whether to show a progress bar of the search and one per ensemble
+            (needs tqdm); "notebook" for the bar of notebooks (needs ipywidgets too).
         starts: Starting positions ``(ensembles, nwalkers, ndim)``, of one ensemble
             ``(nwalkers, ndim)`` too; None for draws from the prior. "auto" takes them
             for points of its search, and starts from draws of its proposal.
@@ -239,7 +243,7 @@ def run(
             store, solver = evaluator.store, evaluator.evaluation
         else:
             solver = evaluator
-        check_first_solve(solver, store)
+        seconds = check_first_solve(evaluator)
         if weighted is None:
             evaluations = steps * thin_by * nwalkers * ensembles
             if store is not None:  # steps may have grown since the search began
@@ -249,10 +253,16 @@ def run(
             if stored is not None:
                 search = SearchRecord.from_json(stored)
             else:
-                search, states = search_and_start(
-                    evaluator, nwalkers, ensembles, seed, evaluations, points
-                )
-            weighted = search.moves
+                most = budget_of(evaluations)
+                text = f"search, at most {most:,} evaluations, {most * seconds:,.0f} s"
+                logger.info(text)
+                bar = emcee.pbar.get_progress_bar(progress, most, desc=text)
+                with bar as solver.bar:
+                    search, states = search_and_start(
+                        evaluator, nwalkers, ensembles, seed, evaluations, points
+                    )
+                solver.bar = Evaluation.bar
+            weighted = search.moves(posterior.prior)
         else:
             states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
         if store is not None:

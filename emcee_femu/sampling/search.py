@@ -47,6 +47,7 @@ class Search:
         maxima: Of all climbs, distinct.
         found_by: The climbs of each ensemble that ended there, by maximum.
         climbs: How many there were.
+        most: Solves at which they end.
     """
 
     def __init__(
@@ -59,17 +60,18 @@ class Search:
         self.found_by: list[list[int]] = []
         self.climbs = 0
 
-    def run(self, size: int, starts: Floats | None) -> None:
+    def run(self, size: int, starts: Floats | None, most: float) -> None:
         """Climb, and scan the prior and the surroundings of the modes for others.
 
         Args:
             size: How many points.
             starts: Points of each ensemble ``(ensembles, n, d)`` that are searched too.
+            most: Solves at which climbs end where they are.
 
         Raises:
             ValueError: If the posterior is zero at all of them.
         """
-        prior = self.evaluator.posterior.prior
+        prior, self.most = self.evaluator.posterior.prior, most
         each = -(-size // (2 * len(self.streams)))
         theta, rows = self._evaluate([prior.sample(rng, each) for rng in self.streams])
         self.draws = Draws(theta, rows)
@@ -123,7 +125,8 @@ class Search:
         if self.maxima:
             nearest = self.mixture().squared_distances(starts[:1])[0].argmin()
             guess = self.mixture().matrices[nearest]
-        reached = climb(self.evaluator, starts, guess)
+        left = self.most - self.evaluator.solves
+        reached = climb(self.evaluator, starts, guess, left)
         self.climbs += len(starts)
         pairs = zip(reached, self.owner[numbers].tolist(), strict=True)
         return any([self._add(maximum, ensemble) for maximum, ensemble in pairs])
@@ -139,6 +142,8 @@ class Search:
         tested = np.zeros(len(self.theta), dtype=bool)
         waiting: list[int] = []
         while fruitless < FRUITLESS and self.climbs < MOST_CLIMBS:
+            if self.evaluator.solves > self.most:
+                return
             excess = self._find_excess()
             waiting = [i for i in waiting if excess[i] > UNEXPLAINED]
             if waiting:

@@ -9,12 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ..interfaces import Floats, Move
-from ..moves import DEMCMove, HamiltonianMove, IndependenceMove
+from ..interfaces import Floats, Move, Prior
+from ..moves import (
+    DelayedAcceptanceMove,
+    DEMCMove,
+    HamiltonianMove,
+    IndependenceMove,
+)
 from ..moves.mixture import Mixture
 from ..table import Parts, Report
 from .importance import normalise
 from .proposals import COVERS
+from .response_surface import ResponseSurface
 
 APART = 10.0  # squared distance of the centres, by the sum of the matrices
 COVER = -1  # the mode of components that cover the others and belong to none
@@ -48,6 +54,8 @@ class SearchRecord(Report):
         solves: Evaluations in all.
         share: The share of independence proposals among the moves.
         trajectories: Arguments of a Hamiltonian move, where that pays; else None.
+        screened: Independence proposals for each solve, by a response surface.
+        surface: Arguments of that surface, where there is one and it is kept.
     """
 
     mixture: Mixture
@@ -65,6 +73,8 @@ class SearchRecord(Report):
     solves: int
     share: float
     trajectories: Mapping[str, Any] | None = None
+    screened: int = 1
+    surface: Mapping[str, Any] | None = None
 
     @property
     def proposal(self) -> IndependenceMove:
@@ -74,12 +84,19 @@ class SearchRecord(Report):
             mixture.weights, mixture.means, mixture.matrices, mixture.df
         )
 
-    @property
-    def moves(self) -> list[tuple[Move, float]]:
-        """Independence proposals, and local moves."""
+    def moves(self, prior: Prior | None) -> list[tuple[Move, float]]:
+        """Return independence proposals, and local moves.
+
+        Args:
+            prior: That of the posterior; None where nothing will be evaluated.
+        """
         share = self.share
         moves: list[tuple[Move, float]] = []
-        if share:
+        if self.surface is not None:
+            surface = ResponseSurface(prior, **self.surface)
+            screen = DelayedAcceptanceMove(self.proposal, surface, self.screened)
+            moves.append((screen, share))
+        elif share:
             moves.append((self.proposal, share))
         if self.trajectories is not None:
             moves.append((HamiltonianMove(**self.trajectories), HAMILTONIAN))
@@ -90,7 +107,8 @@ class SearchRecord(Report):
     def sentence(self) -> str:
         """What was done, in words."""
         modes = len(self.weights)
-        parts = [f"{100 * s:.0f} % {type(move).__name__}" for move, s in self.moves]
+        shares = [(type(move).__name__, s) for move, s in self.moves(None)]
+        parts = [f"{100 * share:.0f} % {name}" for name, share in shares]
         return (
             f"a search by {self.points} points and {self.climbs} climbs found "
             f"{'one mode' if modes == 1 else f'{modes} separated modes'}; "
@@ -123,8 +141,9 @@ class SearchRecord(Report):
         weights, means, matrices = map(np.array, lists)
         values = _as_arrays(record | {"mixture": None})
         values["mixture"] = Mixture(weights, means, matrices, df)
-        if record["trajectories"] is not None:
-            values["trajectories"] = _as_arrays(record["trajectories"])
+        for name in ("trajectories", "surface"):
+            if record.get(name) is not None:
+                values[name] = _as_arrays(record[name])
         return cls(**values)
 
 

@@ -21,8 +21,7 @@ from ..table import Table
 from .emulated import EmulatedModel
 from .emulated_draws import EmulatedDraws, Explorer
 from .emulation_problem import EmulationProblem
-from .encoding import choose_outputs
-from .gaussian_process import fit_processes
+from .partition import fit_outputs
 
 DRAWS = 20_000  # of the prior, for its quantiles
 SPREAD = 0.8  # share of the prior's spread that the first points have
@@ -31,6 +30,8 @@ UNITS = 8  # points by which the errors of the measurement are read off the term
 MORE = 4  # points of a first design than parameters: some more than a linear trend
 FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
+FAR = 3.0  # squared distance per dimension beyond which a point counts less
+ALIKE = 0.01  # error of leaving one out, in measurement errors, that is small enough
 TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
 
 
@@ -44,6 +45,7 @@ def emulate(
     backend: str | PathLike[str] | None = None,
     resume: bool = False,
     tolerance: float = 0.1,
+    derivatives: bool = True,
     starts: ArrayLike | None = None,
     on_failure: str = "raise",
     max_failures: float = 0.2,
@@ -60,7 +62,14 @@ def emulate(
     the emulated posterior, the first of each batch among draws of a wider one, whose
     emulator errs twice as much as it says. The draws are found anew from the whole
     prior after each batch, so that modes that one emulator excludes come back with the
-    next. A parameter whose prior spans decades is seen by its logarithm.
+    next. A parameter whose prior spans decades is seen by its logarithm; so are all
+    positive ones as long as the solves are predicted better so, each from the others.
+
+    **Derivatives** of the model, its ``jacobian``, are learned beside the response: a
+    first design of ``d / 2 + 1`` points, three at least, and batches of ``d / 4 + 1``
+    then do, and a third to a half of the solves. They are left aside as long as the
+    solves are predicted better without them. Where the model refuses them (two modes
+    coincide) the response alone is learned, from a second call that is not counted.
 
     **The error** of an emulated response r' is its distance from the full one as the
     data see it,
@@ -85,7 +94,7 @@ def emulate(
         seed: A whole number; the same seed gives the same emulator, to the bit.
         workers: Number of processes to start, as in :func:`run`.
         pool: Where to solve instead, as in :func:`run`. A batch is solved at once, so
-            ``d / 2 + 1`` workers can be busy.
+            as many workers can be busy as it has points.
         backend: Name of a file that keeps every solve as it arrives, such as
             "run.solves".
         resume: Whether to go on with the file if it is there, as in :func:`run`: the
@@ -94,6 +103,7 @@ def emulate(
             one call, to the bit.
         tolerance: True error at draws of the posterior at which to stop, in standard
             deviations of the measurement, see above; 0 to spend all solves.
+        derivatives: Whether those of the model are learned, if it has ``jacobian``.
         starts: A point ``(d,)`` about which the first design lies, within a quarter of
             the prior's spread, such as that of :func:`find_map`; or points ``(n, d)``
             that are the first design; None for the whole prior.
@@ -131,11 +141,13 @@ def emulate(
         (True, ('k',))
     """
     checks.instance("posterior", posterior, LogPosterior)
-    problem = EmulationProblem.of(posterior)
+    problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
     coordinates = Coordinates.of(posterior.prior)
-    first = _first_points(coordinates, seed, _check_starts(starts, problem))
-    batch = posterior.ndim // 2 + 1
+    d, fewer = posterior.ndim, problem.derivatives
+    number = max(d // 2 + 1, FEWEST) if fewer else d + MORE
+    first = _first_points(coordinates, number, seed, _check_starts(starts, problem))
+    batch = d // (4 if fewer else 2) + 1
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(
             f"solves: expected at least {len(first) + batch} for {posterior.ndim} "
@@ -144,10 +156,11 @@ def emulate(
         )
     tolerance = checks.real_number("tolerance", tolerance, 0)
     display = check_progress(progress)
+    asked = {"moves": "emulate", "seed": seed, "starts": first}
     with (
         open_evaluator(
             problem.recorder(),
-            describe(posterior, {"moves": "emulate", "seed": seed, "starts": first}),
+            describe(posterior, asked | {"derivatives": problem.derivatives}),
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -244,36 +257,77 @@ class _Emulation:
     def _fit(
         self, last: EmulatedModel | None, draws: EmulatedDraws | None
     ) -> EmulatedModel:
-        """Fit an emulator to all that was solved, whitened by the last draws."""
+        """Fit an emulator to all that was solved, whitened by the last draws.
+
+        In the explored coordinates or in the logarithms of all positive parameters,
+        with the derivatives or without them, as leaving one point out tells.
+        """
         problem, inputs = self.problem, self.problem.inputs
-        theta = self.theta[self._solved]
-        response = self.evaluator.posterior.unfold(self.rows[self._solved])
+        prior, theta = problem.posterior.prior, self.theta[self._solved]
+        recorded = self.evaluator.posterior.unfold(self.rows[self._solved])
+        response, tangents = problem.part(recorded)
         newest = {name: values[-UNITS:] for name, values in response.items()}
         units = problem.units(theta[-UNITS:], newest)
-        x = self.coordinates.coordinates(theta).take(inputs, axis=1)
-        mean, covariance = x.mean(axis=0), np.diag(x.var(axis=0))
-        if draws is not None:
-            mean = draws.mean[inputs]
-            covariance = draws.covariance[np.ix_(inputs, inputs)]
-        # The directions of a covariance in units of its own spreads, so that a
-        # parameter of 1e10 and one of 1 are alike.
-        sd = np.sqrt(np.diag(covariance))
-        factor = sd[:, None] * np.linalg.cholesky(covariance / np.outer(sd, sd))
-        turn = np.linalg.inv(factor)
-        points = (x - mean) @ turn.T
+        limits = zip(np.take(prior.names, inputs), prior.bounds[inputs], strict=True)
+        bounds = {str(name): (float(low), float(high)) for name, (low, high) in limits}
         lengths = None if last is None else last.processes.lengths
-        outputs = choose_outputs(points, response, units, lengths)
-        names = [problem.posterior.names[i] for i in inputs]
-        limits = map(tuple, problem.posterior.prior.bounds[inputs].tolist())
-        return EmulatedModel(
-            bounds=dict(zip(names, limits, strict=True)),
-            variables={name: problem.variables[name] for name in units},
-            outputs=outputs,
-            processes=fit_processes(points, outputs.encode(response), lengths),
-            solves=self.evaluator.solves,
-            _whiten=(mean, turn),
-            _logs=self.coordinates.logs[inputs],
-        )
+        weights, fits = np.empty(0), list[tuple[float, EmulatedModel]]()
+        for coordinates in self._maps:
+            mean, factor = self._whiten(coordinates, draws)
+            turn, logs = np.linalg.inv(factor), coordinates.logs[inputs]
+            x = coordinates.coordinates(theta)[:, inputs]
+            points = (x - mean) @ turn.T
+            if not fits:
+                weights = 1.0 / (1.0 + ((points**2).mean(axis=1) / FAR) ** 2)
+                weights /= weights.sum()
+            steps = np.where(logs, theta[:, inputs], 1.0)[:, :, None] * factor
+            slopes = {
+                name: np.einsum("n...j,njk->n...k", tangent, steps)
+                for name, tangent in tangents.items()
+            }
+            for known in (slopes, {}) if slopes else ({},):
+                outputs, processes, cost = fit_outputs(
+                    points, response, known, units, weights, lengths
+                )
+                emulator = EmulatedModel(
+                    bounds=bounds,
+                    variables={name: problem.variables[name] for name in units},
+                    outputs=outputs,
+                    processes=processes,
+                    solves=self.evaluator.solves,
+                    _whiten=(mean, np.asarray(turn, float)),
+                    _logs=logs,
+                )
+                fits.append((max(cost, ALIKE**2), emulator))
+        return min(fits, key=lambda fit: fit[0])[1]
+
+    @property
+    def _maps(self) -> list[Coordinates]:
+        """Coordinates in which the model may be smoothest."""
+        inputs, explored = self.problem.inputs, self.coordinates
+        positive = Coordinates.positive(explored.prior)
+        same = (positive.logs == explored.logs)[inputs].all()
+        return [explored] if same else [explored, positive]
+
+    def _whiten(
+        self, coordinates: Coordinates, draws: EmulatedDraws | None
+    ) -> tuple[Floats, Floats]:
+        """Return mean ``(d,)`` and a factor of the covariance of the last draws.
+
+        Of the solved points where there are none. The directions are those of a
+        covariance in units of its own spreads, so that a parameter of 1e10 and one of 1
+        are alike.
+        """
+        inputs = self.problem.inputs
+        theta = self.theta[self._solved] if draws is None else draws.wide
+        x = coordinates.coordinates(theta)[:, inputs]
+        if draws is None:
+            return x.mean(axis=0), np.diag(np.asarray(x.std(axis=0)))
+        mean = draws.weights @ x
+        covariance = (draws.weights * (x - mean).T) @ (x - mean)
+        sd = np.sqrt(np.diag(covariance))
+        factor: Floats = np.linalg.cholesky(covariance / np.outer(sd, sd))
+        return mean, sd[:, None] * factor
 
     def _choose(
         self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
@@ -309,14 +363,17 @@ class _Emulation:
         if not len(solved):
             return np.inf
         theta, emulated = self.theta[solved], self.problem.replace_model(emulator)
-        full = self.evaluator.posterior.unfold(self.rows[solved])
+        recorded = self.evaluator.posterior.unfold(self.rows[solved])
+        full, _ = self.problem.part(recorded)
         true = self.problem.deviate(theta, full, emulated)
         square = self.problem.predict_error(emulated, theta)
         factor = np.sqrt((true**2 / np.maximum(square, TINY**2)).mean())
         return float(factor * np.maximum(predicted, TINY))
 
 
-def _first_points(coordinates: Coordinates, seed: int, starts: Floats | None) -> Floats:
+def _first_points(
+    coordinates: Coordinates, number: int, seed: int, starts: Floats | None
+) -> Floats:
     """Return a first design ``(n, d)`` inside the prior's support.
 
     Sobol points, mapped through the quantiles of the prior and drawn together towards
@@ -328,9 +385,8 @@ def _first_points(coordinates: Coordinates, seed: int, starts: Floats | None) ->
     rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
     draws = coordinates.sample(np.random.default_rng(0), DRAWS)
     mean = draws.mean(axis=0)
-    number = len(mean) + MORE - 1
-    power = int(np.ceil(np.log2(number)))
-    places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[:number]
+    power = int(np.ceil(np.log2(number - 1)))
+    places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
     if starts is None:

@@ -79,11 +79,19 @@ class EmulatedModel(Report):
         return tuple(self.bounds)
 
     def _parts(self) -> Parts:
-        left_out = self.processes.leave_out(self.processes.values)
-        error = np.sqrt((left_out**2).mean(axis=0))
+        values = self.processes.values
+        error = np.sqrt((self.processes.leave_out(values) ** 2).mean(axis=0))
+        known = int((~np.isnan(values[:, 1:, 0])).any(axis=1).sum())
+        logs = np.array(self.names)[self._logs].tolist()
         yield (
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
-            f"from {len(self.processes.points)} points, {self.solves} full solves"
+            f"from {len(values)} points, {self.solves} full solves, "
+            + (
+                f"with derivatives at {known} points"
+                if known
+                else "without derivatives"
+            )
+            + (f"; logarithms of {', '.join(logs)}" if logs else "")
         )
         yield (
             f"leaving one out, errors of {error.mean():.2g} measurement sd "

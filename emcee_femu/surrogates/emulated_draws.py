@@ -34,14 +34,13 @@ class EmulatedDraws:
         wide: Draws of the wider one, ``(n, d)``, of equal weight.
         errors: Mean square errors predicted there, ``(n,)``, as those of ``deviate``.
         members: Which of them are draws of the emulated one, with repetitions.
-        mean, covariance: Of the emulated posterior's coordinates.
+        weights: Of ``wide`` as draws of the emulated one, ``(n,)``, which sum to one.
     """
 
     wide: Floats
     errors: Floats
     members: NDArray[np.intp]
-    mean: Floats
-    covariance: Floats
+    weights: Floats
 
     @property
     def predicted(self) -> float:
@@ -96,13 +95,11 @@ class Explorer:
         log_weights = posterior(wide)[:, 0] + coordinates.log_volume(x) - log_p
         log_weights += (draws.log_weights - tempered)[chosen]
         weights = normalise(_temper(log_weights, d + 1, chosen))
-        mean = weights @ x
         return EmulatedDraws(
             wide=wide,
             errors=problem.predict_error(posterior, wide),
             members=resample(weights, MEMBERS, rng.random()),
-            mean=mean,
-            covariance=(weights * (x - mean).T) @ (x - mean),
+            weights=weights,
         )
 
 

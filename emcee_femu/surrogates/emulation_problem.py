@@ -19,6 +19,7 @@ from ..interfaces import (
     Parameters,
     Response,
     Variable,
+    gather_tangents,
     modal_variables,
     read,
     read_declared,
@@ -31,6 +32,7 @@ from .encoding import Named
 
 PAIRS = 0.1  # share of a shape that may be wrong where it only tells pairs
 UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
+SLOPES, KNOWN = " by parameter", "derivatives known"  # variables beside the others
 STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
 
 
@@ -40,24 +42,80 @@ class Recorder:
 
     Attributes:
         model: The full model, inside of its pairing.
-        variables: What is recorded of it.
+        raw: The variables that are recorded of it.
         names: The parameters that there are.
         paired: The pairing, of whose candidates it is recorded at the sensors.
+        inputs: The parameters by which derivatives are recorded too; none without.
     """
 
     model: Model
-    variables: dict[str, Variable]
+    raw: dict[str, Variable]
     names: tuple[str, ...]
     paired: PairedModel | None
+    inputs: tuple[str, ...]
     one_by_one: bool = True  # as they are asked for, so that a failure is known
 
+    @property
+    def variables(self) -> dict[str, Variable]:
+        """What is recorded."""
+        if not self.inputs:
+            return self.raw
+        slopes = {
+            name + SLOPES: Variable({**v.coords, "by parameter": self.inputs})
+            for name, v in self.raw.items()
+        }
+        return self.raw | slopes | {KNOWN: Variable({})}
+
     def __call__(self, parameters: Parameters) -> Named:
-        """Solve in full."""
-        response = self.model(parameters)
+        """Solve in full; zero are derivatives that the model refuses at a point.
+
+        Where two modes coincide, say. Then it is called again, without them.
+        """
+        try:
+            if self.inputs:
+                return self._differentiate(parameters)
+        except ValueError:
+            pass
+        recorded = self._read(self.model(parameters))
+        n = len(next(iter(parameters.values())))
+        absent = [name for name in self.variables if name not in recorded]
+        zeros = {name: np.zeros((n, *self.variables[name].shape)) for name in absent}
+        return recorded | zeros
+
+    def _differentiate(self, parameters: Parameters) -> Named:
+        """Return variables and derivatives.
+
+        Raises:
+            TypeError: If those of a variable are not there.
+            ValueError: If they are not finite, or the model refuses them.
+        """
+        copies = {name: value.copy() for name, value in parameters.items()}
+        response, slopes = read_declared(self.model, "jacobian")(copies)
+        tangents = gather_tangents("model: jacobian", response, slopes, self.names)
+        if missing := [name for name in self.raw if name not in tangents]:
+            raise TypeError(
+                f"model: jacobian returned no derivatives of {missing}, which are "
+                "emulated; return {variable: {parameter: array}} for them too, or call "
+                "emulate(..., derivatives=False)"
+            )
+        recorded = self._read(response)
+        columns = [self.names.index(name) for name in self.inputs]
+        moves = [
+            self._read({name: tangent[..., j] for name, tangent in tangents.items()})
+            for j in columns
+        ]
+        for name in self.raw:
+            recorded[name + SLOPES] = np.stack([move[name] for move in moves], axis=-1)
+            if not np.isfinite(recorded[name + SLOPES]).all():
+                raise ValueError(f"jacobian: derivatives of {name} are not finite")
+        return recorded | {KNOWN: np.ones(len(next(iter(recorded.values()))))}
+
+    def _read(self, response: Response) -> Named:
+        """Return the raw variables of a response, or of its derivatives."""
         if self.paired is not None:
             candidates = self.paired.read_candidates(response)
             return dict(zip(("frequency", "shapes"), candidates, strict=True))
-        return {name: read(response, name) for name in self.variables}
+        return {name: read(response, name) for name in self.raw}
 
 
 def compare_nothing(parameters: Parameters, response: Response) -> Floats:
@@ -74,15 +132,17 @@ class EmulationProblem:
         variables: The raw variables that its terms need.
         inputs: Columns of the parameters that the model reads.
         paired: The model that pairs modes, if there is one.
+        derivatives: Whether those that the model has are recorded and learned.
     """
 
     posterior: LogPosterior
     variables: dict[str, Variable]
     inputs: list[int]
     paired: PairedModel | None
+    derivatives: bool
 
     @classmethod
-    def of(cls, posterior: LogPosterior) -> "EmulationProblem":
+    def of(cls, posterior: LogPosterior, derivatives: bool) -> "EmulationProblem":
         """Return what is to be emulated of a posterior.
 
         Raises:
@@ -106,14 +166,30 @@ class EmulationProblem:
             dofs = paired.variables["shapes"].coords["dof"]
             variables = modal_variables(paired.candidates, dofs)
         stored = {name: Variable(v.coords, v.unit) for name, v in variables.items()}
-        return cls(posterior, stored, inputs, paired)
+        derivatives &= read_declared(model, "jacobian") is not None
+        return cls(posterior, stored, inputs, paired, derivatives)
 
     def recorder(self) -> LogPosterior:
         """Return the posterior whose rows store the raw variables of a full solve."""
         prior, paired = self.posterior.prior, self.paired
         model = self.posterior.model if paired is None else paired.model
-        recorder = Recorder(model, self.variables, tuple(prior.names), paired)
+        names = tuple(prior.names)
+        inputs = [names[i] for i in self.inputs] if self.derivatives else []
+        recorder = Recorder(model, self.variables, names, paired, tuple(inputs))
         return LogPosterior(recorder, compare_nothing, prior)
+
+    def part(self, recorded: Named) -> tuple[Named, Named]:
+        """Return raw variables, and their derivatives; NaN where they are not known.
+
+        ``{variable: (n, *shape)}`` and ``{variable: (n, *shape, d)}``.
+        """
+        response = {name: recorded[name] for name in self.variables}
+        if not self.derivatives:
+            return response, {}
+        tangents = {name: recorded[name + SLOPES].copy() for name in self.variables}
+        for tangent in tangents.values():
+            tangent[recorded[KNOWN] == 0] = np.nan
+        return response, tangents
 
     def replace_model(self, model: EmulatedModel) -> LogPosterior:
         """Return the posterior with another source of the raw variables."""

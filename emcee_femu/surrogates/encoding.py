@@ -22,16 +22,8 @@ from typing import Self, TypeAlias
 import numpy as np
 
 from ..interfaces import Floats
-from .gaussian_process import fit_processes
-
-LEAST = 1e-8  # an eigenvalue predicted below this share of the usual one is cut there
-FAR = 3.0  # squared distance per dimension beyond which a point counts less
-WORST = 100.0  # squared error beyond which it is only known to be large
-GAIN = 0.8  # several modes together must lower the squared error to this share
-ROUNDS = 3  # of lengths, then of blocks with them
 
 Named: TypeAlias = dict[str, Floats]
-Key: TypeAlias = tuple[int, int]  # the first mode, and the one behind the last
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +232,7 @@ class Numbers:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    r"""The blocks that together make a response; made by :func:`choose_outputs`.
+    r"""The blocks that together make a response; made by :func:`.fit_outputs`.
 
     Frequencies in Hz come as eigenvalues in units of measurement error,
 
@@ -317,117 +309,3 @@ def eigenvalues_of(response: Named) -> Floats:
     """Return the eigenvalues ``(n, m)`` of frequencies in Hz."""
     eigenvalues: Floats = (2 * np.pi * response["frequency"]) ** 2
     return eigenvalues
-
-
-def choose_outputs(
-    points: Floats,
-    response: Named,
-    units: Named,
-    start: Floats | None = None,
-) -> Outputs:
-    """Return what to emulate of a response that was solved for at some points.
-
-    Frequencies become eigenvalues, those of modes that cross one block of numbers that
-    stay smooth; all else stays as it is.
-
-    Args:
-        points: ``(N, d)`` coordinates of about unit spread.
-        response: Its variables, each ``(N, *shape)``.
-        units: Standard deviations of the measurement error, ``{variable: (*shape)}``,
-            of every variable that is wanted; of frequencies in Hz. Shapes that are not
-            wanted still tell which mode is which.
-        start: Lengths to begin with.
-    """
-    numbers = dict(units)
-    modal = Outputs((), np.empty(0), False)
-    if "frequency" in units and units["frequency"].ndim == 1:
-        unit, shape_unit = numbers.pop("frequency"), numbers.pop("shapes", None)
-        modal = _choose_modes(points, response, unit, shape_unit, start)
-    blocks = [*modal.blocks]
-    for name, unit in numbers.items():
-        reference = None
-        if name == "shapes" and unit.ndim == 2:
-            # The direction that most shapes have in common, whatever their signs.
-            by_mode = response[name].transpose(2, 0, 1)
-            reference = np.linalg.svd(by_mode, full_matrices=False)[2][:, 0].T
-        blocks.append(Numbers(name, unit, reference))
-    return Outputs(tuple(blocks), modal.least, modal.ascending)
-
-
-def _choose_modes(
-    points: Floats,
-    response: Named,
-    frequency_unit: Floats,
-    shape_unit: Floats | None,
-    start: Floats | None,
-) -> Outputs:
-    """Return the blocks of neighbours in which modes are emulated best.
-
-    Alone, turned onto reference shapes where shapes are known, two or three in
-    symmetric functions where they are not. Lengths depend on what is emulated, so that
-    parting and fitting take turns, once from single modes and once from blocks that are
-    as large as they may be; the best leaves the smallest error, each point left out in
-    turn.
-    """
-    frequencies, shapes = response["frequency"], response.get("shapes")
-    eigenvalues = eigenvalues_of(response)
-    usual = np.maximum(np.median(frequencies, axis=0), frequency_unit)
-    unit, m = 8 * np.pi**2 * usual * frequency_unit, len(usual)
-    centre = int(np.argmin((points**2).sum(axis=1)))
-
-    def make(first: int, last: int) -> Aligned | Symmetric:
-        members = slice(first, last)
-        if shapes is None and last > first + 1:
-            return Symmetric.of(first, unit[members], eigenvalues[:, members])
-        wanted = None if shape_unit is None else shape_unit[:, members]
-        inverse = None if shapes is None else np.linalg.pinv(shapes[centre][:, members])
-        return Aligned(first, unit[members], wanted, inverse)
-
-    least = LEAST * (2 * np.pi * usual) ** 2
-    if not (np.diff(frequencies, axis=1) >= 0).all():
-        return Outputs(tuple(make(j, j + 1) for j in range(m)), least, False)
-    largest = 3 if shapes is None else min(m, shapes.shape[1])
-    keys = [(i, j) for i in range(m) for j in range(i + 1, min(i + largest, m) + 1)]
-    blocks = {key: make(*key) for key in keys}
-    codes = {key: block.encode(response) for key, block in blocks.items()}
-    weights = 1.0 / (1.0 + ((points**2).mean(axis=1) / FAR) ** 2)
-
-    def cost(key: Key, errors: Floats) -> float:
-        still, members = np.empty((*errors.shape, 0)), slice(*key)
-        decoded, _ = blocks[key].decode(codes[key] - errors, still, False)
-        wrong = (decoded["eigenvalues"] - eigenvalues[:, members]) / unit[members]
-        total = np.minimum(wrong**2, WORST).sum(axis=1)
-        count = key[1] - key[0]
-        if shape_unit is not None:
-            by_shapes = errors[:, count * (count + 1) // 2 :] ** 2
-            total = total + np.minimum(by_shapes, WORST).sum(axis=1)
-        mean = float(weights @ total / weights.sum())
-        return mean if count == 1 else mean / GAIN
-
-    partings: dict[tuple[Key, ...], float] = {}
-    for size in (1, largest):
-        chosen = tuple((i, min(i + size, m)) for i in range(0, m, size))
-        lengths = start
-        for _ in range(ROUNDS):
-            if chosen in partings:
-                break
-            together = np.hstack([codes[key] for key in chosen])
-            processes = fit_processes(points, together, lengths)
-            costs = {key: cost(key, processes.leave_out(codes[key])) for key in keys}
-            partings[chosen] = sum(costs[key] for key in chosen)
-            chosen, lengths = _cheapest(costs, m), processes.lengths
-    best = min(partings, key=lambda parting: partings[parting])
-    return Outputs(tuple(blocks[key] for key in best), least, True)
-
-
-def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:
-    """Return the parting of m modes into neighbours that costs least."""
-    best: list[tuple[float, tuple[Key, ...]]] = [(0.0, ())]
-    for j in range(1, m + 1):
-        ends = [
-            (best[i][0] + costs[i, j], (*best[i][1], (i, j)))
-            for i in range(j)
-            if (i, j) in costs
-        ]
-        best.append(min(ends))
-    return best[m][1]

@@ -1,13 +1,17 @@
 """How many solves a posterior takes by ``emulate``, and how right it then is.
 
 Every model is wrapped in a :class:`BlackBox`, as if a FE program were behind it: it
-gives a response, no derivatives, and counts its solves itself. The problems are
+gives a response, with derivatives or without, and counts its solves itself. The
+problems are
 
     beck_au      2 parameters, 2 frequencies; two modes
     mass_spring  5 parameters, 5 frequencies of the paper's springs; a lobe at small k4
     h_structure  6 parameters, 5 of 7 frequencies of the paper's H structure, whose
                  modes cross inside the bounds; shapes are not measured, but known
+    h_sharp      the same with errors ten times smaller
     shear        10 storeys, 5 frequencies and 25 shape ordinates, paired
+    tower        16 stiffnesses of 8 storeys in two directions, whose modes come in
+                 close pairs; 4 frequencies and 32 shape ordinates, paired
 
 Each seed begins with nothing but the prior and the data. ``emulate`` gets as many
 solves as the bar allows, and "auto" samples the emulated posterior. A mixture is fitted
@@ -15,13 +19,14 @@ to its chain and to one of the true posterior, which a chain may have missed par
 means and standard deviations, of the emulated posterior and of the true one, are those
 of the same weighted draws of that mixture, so that chance hardly counts in their
 difference. The bar: means within .05 standard deviations, standard deviations within
-5 %, and of Beck and Au's two modes the weight within .02.
+5 %, and of Beck and Au's two modes the weight within .02. Of the tower it is an
+effective share of .75.
 
 Then, with solves of their own, ``certify`` gives the effective share of full solves at
 independent draws, and Pareto k. Overhead is the process time of emulator, sampling and
 certificate without the solves.
 
-Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves.py --seeds 20
+Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves.py --seeds 10
 """
 
 import argparse
@@ -46,21 +51,33 @@ EVALUATIONS = 20_000  # of the emulated posterior, in two ensembles
 SIZE = 4_000  # effective draws by which moments are compared
 SOLVED = 400  # draws that certify
 DF, FEWEST = 8.0, 15  # of the mixture; draws per dimension that a fit takes
-MEAN, SD, WEIGHT = 0.05, 0.05, 0.02
+MEAN, SD, WEIGHT, EFFICIENCY = 0.05, 0.05, 0.02, 0.75
+KINDS = {False: "values only", True: "with derivatives"}
 
 
 class BlackBox:
-    """A model of which only the response is to be had; counts solves and seconds."""
+    """A model that counts solves and seconds, and gives derivatives if it is to."""
 
     def __init__(self, model: Any) -> None:
         self.model, self.solves, self.seconds = model, 0, 0.0
         self.variables, self.names = model.variables, model.names
         self.bounds = getattr(model, "bounds", {})
+        self.differentiable = False
+
+    @property
+    def jacobian(self) -> Callable[[Any], Any] | None:
+        """What gives response and derivatives by one solve, None without."""
+        if not self.differentiable:
+            return None
+        return lambda parameters: self._call(self.model.jacobian, parameters)
 
     def __call__(self, parameters: Any) -> Any:
         """Solve, count and clock."""
+        return self._call(self.model, parameters)
+
+    def _call(self, solve: Callable[[Any], Any], parameters: Any) -> Any:
         begin = time.process_time()
-        response = self.model(parameters)
+        response = solve(parameters)
         self.seconds += time.process_time() - begin
         self.solves += len(next(iter(parameters.values())))
         return response
@@ -95,13 +112,13 @@ class Problem(NamedTuple):
     Attributes:
         posterior: The true one.
         box: Its black box, which counts.
-        solves: The bar.
+        solves: The bar, values only and with derivatives.
         first: Whether a draw ``(n, d)`` is in the first of two modes; None for one.
     """
 
     posterior: ef.LogPosterior
     box: BlackBox
-    solves: int
+    solves: tuple[int, int]
     first: Callable[[Floats], Floats] | None = None
 
 
@@ -111,7 +128,7 @@ def beck_au() -> Problem:
     box = BlackBox(exact.model)
     term = RatioTerm((3.13, 9.83), 0.5**4, (0, 1), power=2)
     return Problem(
-        ef.LogPosterior(box, term, exact.prior), box, 30, lambda x: x[:, 0] < 1
+        ef.LogPosterior(box, term, exact.prior), box, (30, 12), lambda x: x[:, 0] < 1
     )
 
 
@@ -120,7 +137,7 @@ def mass_spring() -> Problem:
     given = ef.paper.mass_spring().posterior
     box = BlackBox(given.model)
     posterior = ef.LogPosterior(box, given.terms, given.prior)
-    return Problem(posterior, box, 45, lambda x: x[:, 2] < 1980)
+    return Problem(posterior, box, (45, 15), lambda x: x[:, 2] < 1980)
 
 
 def h_structure(beta: float = 500.0) -> Problem:
@@ -137,7 +154,8 @@ def h_structure(beta: float = 500.0) -> Problem:
     box = BlackBox(frame)
     wanted = [mode - 1 for mode in given.model.modes]
     term = RatioTerm(tuple(given.measured), beta**-0.5, wanted)
-    return Problem(ef.LogPosterior(box, term, given.posterior.prior), box, 90)
+    bar = (90, 40) if beta < 5e3 else (180, 80)
+    return Problem(ef.LogPosterior(box, term, given.posterior.prior), box, bar)
 
 
 STOREYS, FLOORS = 10, (0, 2, 4, 7, 9)  # all, and those with a sensor
@@ -157,10 +175,47 @@ def shear() -> Problem:
     )
     ones = np.ones(STOREYS)
     prior = ef.GaussianPrior(names, ones, SPREAD * ones, np.outer(ones, [0.1, 3.0]))
-    truth = prior.sample(np.random.default_rng(3), 1)
+    return _measure(model, prior, 5, 7, (80, 30))
+
+
+HEIGHT, SENSORS = 8, (1, 3, 5, 7)  # storeys, and floors with sensors
+COUPLING = 2e5  # N/m, between the directions of each storey
+
+
+def tower() -> Problem:
+    """Return a tower whose two directions have nearly the same stiffness."""
+    names = [f"{axis}{i}" for axis in "xy" for i in range(1, HEIGHT + 1)]
+    drift = np.eye(HEIGHT) - np.eye(HEIGHT, k=-1)
+    along, nothing = [np.outer(b, b) for b in drift], np.zeros((HEIGHT, HEIGHT))
+    x = [2e8 * np.block([[k, nothing], [nothing, nothing]]) for k in along]  # N/m
+    y = [2.04e8 * np.block([[nothing, nothing], [nothing, k]]) for k in along]
+    across = COUPLING * sum(along)
+    model = ef.MatrixModel(
+        np.block([[nothing, across], [across, nothing]]),
+        1e5 * np.eye(2 * HEIGHT),  # kg
+        K=dict(zip(names, x + y, strict=True)),
+        n_modes=6,
+        shapes=[*SENSORS, *(HEIGHT + floor for floor in SENSORS)],
+    )
+    ones = np.ones(len(names))
+    prior = ef.GaussianPrior(names, ones, SPREAD * ones, np.outer(ones, [0.1, 3.0]))
+    return _measure(model, prior, 4, 6, (250, 90))
+
+
+def _measure(
+    model: ef.MatrixModel,
+    prior: ef.GaussianPrior,
+    n_modes: int,
+    candidates: int,
+    bar: tuple[int, int],
+) -> Problem:
+    """Return the problem of a draw of the prior, whose modes are measured."""
+    names, truth = prior.names, prior.sample(np.random.default_rng(3), 1)
     modes, rng = model(dict(zip(names, truth.T, strict=True))), np.random.default_rng(4)
-    f = modes.frequencies[0, :5] * (1 + RELATIVE_SD * rng.standard_normal(5))
-    shapes = modes.shapes[0, :, :5] / np.linalg.norm(modes.shapes[0, :, :5], axis=0)
+    f = modes.frequencies[0, :n_modes]
+    f = f * (1 + RELATIVE_SD * rng.standard_normal(n_modes))
+    shapes = modes.shapes[0, :, :n_modes]
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
     shapes = shapes + DELTA * rng.standard_normal(shapes.shape)
     dofs = model.variables["shapes"].coords["dof"]
     measured = ef.Measurements(f, shapes=shapes, dofs=dofs)
@@ -169,15 +224,17 @@ def shear() -> Problem:
         ef.ShapeTerm(measured, delta=DELTA),
     ]
     box = BlackBox(model)
-    paired = ef.PairedModel(box, measured, candidates=7)
-    return Problem(ef.LogPosterior(paired, terms, prior), box, 80)
+    paired = ef.PairedModel(box, measured, candidates=candidates)
+    return Problem(ef.LogPosterior(paired, terms, prior), box, bar)
 
 
 PROBLEMS: dict[str, Callable[..., Problem]] = {
     "beck_au": beck_au,
     "mass_spring": mass_spring,
     "h_structure": h_structure,
+    "h_sharp": functools.partial(h_structure, 5e4),
     "shear": shear,
+    "tower": tower,
 }
 
 
@@ -282,27 +339,29 @@ class Seed(NamedTuple):
     seconds: float
     error: float
 
-    def good(self, name: str) -> bool:
+    def good(self, name: str, derivatives: bool) -> bool:
         """Return whether the bar is met."""
-        right = (
-            self.mean <= MEAN
-            and self.sd <= SD
-            and self.solves <= PROBLEMS[name]().solves
-        )
+        if self.solves > PROBLEMS[name]().solves[derivatives]:
+            return False
+        if name == "tower":
+            return self.efficiency >= EFFICIENCY
+        right = self.mean <= MEAN and self.sd <= SD
         return right and (name != "beck_au" or self.weight <= WEIGHT)
 
 
-def judge(name: str, seed: int, solves: int | None) -> Seed:
+def judge(name: str, derivatives: bool, seed: int, solves: int | None) -> Seed:
     """Emulate, sample, compare and certify."""
     problem = PROBLEMS[name]()
+    problem.box.differentiable = derivatives
+    posterior = problem.posterior.with_models(lambda model: model)  # which looks anew
     begin = time.process_time()
     emulated = ef.emulate(
-        problem.posterior, solves or problem.solves, seed=seed, tolerance=0
+        posterior, solves or problem.solves[derivatives], seed=seed, tolerance=0
     )
     spent = problem.box.solves
     run = sample(emulated.posterior, EVALUATIONS, seed)
     idata = ef.to_inference_data(run)
-    certificate = ef.certify(idata, problem.posterior, SOLVED, seed=seed)
+    certificate = ef.certify(idata, posterior, SOLVED, seed=seed)
     seconds = time.process_time() - begin - problem.box.seconds
     together = np.concatenate([draws_of(run), true_draws(name)])
     posteriors = (problem.posterior, emulated.posterior)
@@ -318,7 +377,7 @@ def judge(name: str, seed: int, solves: int | None) -> Seed:
     )
 
 
-def tabulate(results: dict[str, list[Seed]]) -> Table:
+def tabulate(results: dict[tuple[str, bool], list[Seed]]) -> Table:
     """Return one row a problem: all its seeds, or the worst or the median of them."""
     found = list(results.items())
 
@@ -328,12 +387,13 @@ def tabulate(results: dict[str, list[Seed]]) -> Table:
     def middle(field: str) -> list[float]:
         return [np.median([getattr(s, field) for s in seeds]) for _, seeds in found]
 
-    met = [f"{sum(s.good(n) for s in seeds)} of {len(seeds)}" for n, seeds in found]
+    met = [f"{sum(s.good(*k) for s in seeds)} of {len(seeds)}" for k, seeds in found]
     certified = [sum(s.verdict == "certified" for s in seeds) for _, seeds in found]
     return Table.from_columns(
         "Posteriors in few solves; medians of the seeds, and the worst of them",
         [
-            ("problem", "", [name for name, _ in found]),
+            ("problem", "", [name for (name, _), _ in found]),
+            ("learned", "", [KINDS[kind] for (_, kind), _ in found]),
             ("solves", "d", worst("solves")),
             ("meet the bar", "", met),
             ("mean off", ".3f", middle("mean")),
@@ -349,25 +409,28 @@ def tabulate(results: dict[str, list[Seed]]) -> Table:
     )
 
 
-def main() -> dict[str, list[Seed]]:
+def main() -> dict[tuple[str, bool], list[Seed]]:
     """Print a line a seed as it ends, then the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=FIRST_SEED)
     parser.add_argument("--problem", action="append", choices=list(PROBLEMS))
     parser.add_argument("--solves", type=int, help="others than the bar allows")
+    parser.add_argument("--learned", choices=list(KINDS.values()), help="one of them")
     given = parser.parse_args()
     names = given.problem or list(PROBLEMS)
-    results: dict[str, list[Seed]] = {name: [] for name in names}
+    kinds = [kind for kind in KINDS if given.learned in (None, KINDS[kind])]
+    results: dict[tuple[str, bool], list[Seed]]
+    results = {(name, kind): [] for name in names for kind in kinds}
     for seed in range(given.first, given.first + given.seeds):
-        for name in names:
+        for name, kind in results:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                one = judge(name, seed, given.solves)
-            results[name].append(one)
+                one = judge(name, kind, seed, given.solves)
+            results[name, kind].append(one)
             shown = (f"{v:.3g}" if isinstance(v, float) else v for v in one)
-            mark = "met" if one.good(name) else "MISSED"
-            print(name, seed, mark, *shown, sep="  ", flush=True)
+            mark = "met" if one.good(name, kind) else "MISSED"
+            print(name, KINDS[kind], seed, mark, *shown, sep="  ", flush=True)
     print(tabulate(results))
     return results
 

@@ -46,9 +46,19 @@ print(search.found_by)  # one row per ensemble
 # far by their importance weights, until these are nearly equal or no longer get
 # better, in at most 12 rounds. Two wide components for gaps and tails have a tenth of
 # the weight. Where no such proposal is good (Pareto k above 0.7, less than half
-# efficient), one fitted to annealed populations ({py:func}`~emcee_femu.anneal`), or one
-# without the wide components, is tried too, and the one that finds more of the
-# posterior is taken.
+# efficient), it is refined again without the wide components, and the one that finds
+# more of the posterior is taken.
+#
+# The posterior of ten stiffnesses from eight frequencies is a bent ridge that no mixture
+# follows, while the frequencies themselves are smooth. Where fewer than 0.6 of a
+# mixture's proposals would be accepted, all terms are Gaussian, and there are at most 30
+# parameters, deviations are therefore learned as polynomials of the parameters or of
+# their logarithms (of degree 4 up to 8 parameters, 3 up to 12, then 2), from some 4,000
+# solves where walkers on this *response surface* go. If that is better than the mixture
+# by half, a new mixture is fitted to draws of the surface and of its square and fourth
+# root, and the surface screens ten to a hundred of its proposals before each solve
+# ({py:class}`~emcee_femu.moves.DelayedAcceptanceMove`): the chain stays exact. {doc}`moves_measured`
+# has what that gains.
 
 # %%
 mixture = search.mixture
@@ -58,8 +68,8 @@ print(f"efficiency {search.efficiency:.2f}, Pareto k {search.pareto_k:.2f}")
 # %% [markdown]
 # ## 3. Sampling
 #
-# The mixture is frozen, so that the chain is an ordinary Markov chain. It has 90 %
-# independence proposals from the mixture, or 60 or 20 % where fewer than 0.2 or 0.05 of
+# The mixture (and the surface, where there is one) is frozen, so that the chain is an
+# ordinary Markov chain. It has 90 % independence proposals from the mixture, or 60 or 20 % where fewer than 0.2 or 0.05 of
 # them would be accepted, and `DEMCMove(mode_jump=0.1)` otherwise. Where fewer than 0.2
 # would be, and the model has `jacobian`, it has 80 % [Hamiltonian moves](
 # ../how_to/hamiltonian.py) instead, and 10 % independence proposals if there are
@@ -71,8 +81,14 @@ for move, share in run.moves:
 
 # %% [markdown]
 # All ensembles share the proposal, but each starts from its own draws of it, in the
-# modes that its own climbs found, so that their agreement means something. Where no
-# proposal was good, each starts from its own annealed population.
+# modes that its own climbs found, so that their agreement means something. Where hardly
+# any draw meets the posterior, as with most of 14 parameters at their bounds, each starts
+# from its own annealed population ({py:func}`~emcee_femu.anneal`).
+#
+# All that comes before the chain takes at most twice as many evaluations as the chain, or
+# 30,000 before a short one: climbs, annealing and second attempts end where that is
+# spent, whatever lies at bounds. The number and the seconds by the first solve are logged
+# before the search begins, and `run(..., progress=True)` shows a bar of it.
 #
 # ## What is on record
 #

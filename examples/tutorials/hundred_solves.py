@@ -13,6 +13,7 @@
 # | milliseconds to seconds | K and M that are affine in the parameters | `reduce_model`, then `run`: {doc}`large_models` | some tens |
 # | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 2 or 3 per parameter |
 # | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
+# | the same | one that gives derivatives, too | the same: `FunctionModel(..., jacobian=)` | about 3 per parameter, and 100 |
 # | the same | an emulator that `certify` refuses | more `solves` from the same file; else `DelayedAcceptanceMove(..., steps=100)` | 1 per walker and step |
 #
 # ## The program
@@ -94,7 +95,9 @@ emulated
 #   prior are among them, so this is worse than what counts.
 # - The first d + 4 = 7 solves are spread over the prior (or about `starts=`, such as a
 #   maximum of {py:func}`~emcee_femu.find_map`). Then batches of d / 2 + 1 go where the
-#   emulator is in most doubt among draws of the posterior that it gives.
+#   emulator is in most doubt among draws of the posterior that it gives. A model with
+#   `jacobian` is learned with its derivatives: half as many points do for either, and a
+#   third of the solves in the end.
 # - **Errors are those of the data**: the distance between the emulated and the full
 #   response, every datum in units of its own measurement error, the root of the sum of
 #   squares. An error of 0.1 shifts a posterior mean by a tenth of its standard
@@ -164,19 +167,27 @@ ef.figures.plot_scatter(
 #
 # ## When it is refused
 #
-# Suppose nine solves were all that you had allowed: the first design and one batch.
+# Suppose that you knew much less before the test, and that nine solves were all that you
+# had allowed: the first design and one batch.
 
 # %%
+wide = ef.GaussianPrior(
+    names=prior.names,
+    mean=[30, 0.80, 60],
+    sd=[12, 0.15, 60],
+    bounds=[(5, 80), (0.3, 1.4), (5, 300)],
+)
+vague = ef.LogPosterior(model, term, wide)
 file = Path(folder.name) / "short.sqlite"
 
 
 def learn(solves):
     """Emulate with a file, run, certify."""
     before = len(calls)
-    emulated = ef.emulate(posterior, solves, seed=2, backend=file, resume=True)
+    emulated = ef.emulate(vague, solves, seed=2, backend=file, resume=True)
     new = len(calls) - before
-    run = ef.run(emulated.posterior, steps=400, ensembles=2, seed=2)
-    certificate = ef.certify(ef.to_inference_data(run), posterior, solves=60, seed=3)
+    run = ef.run(emulated.posterior, steps=1_500, ensembles=2, seed=2)
+    certificate = ef.certify(ef.to_inference_data(run), vague, solves=60, seed=3)
     print(f"{emulated.solves} solves, {new} of them new")
     print(textwrap.fill(certificate.verdict, 80))
     return emulated, certificate
@@ -185,7 +196,7 @@ def learn(solves):
 poor, refused = learn(9)
 
 # %% [markdown]
-# `poor.history` told as much: a predicted error of the size of the measurement's. The verdict
+# `poor.history` told as much: a true error of the size of the measurement's. The verdict
 # names what to do: more solves for the emulator, a few more for the certificate, which
 # then corrects the draws, or a chain of full solves.
 #
@@ -220,5 +231,5 @@ assert ef.diagnose(run).converged
 true, sd = np.array([33, 0.82, 70]), certificate.sd
 assert np.all(np.abs(certificate.mean - true) < 3 * sd)
 assert (sd / [4, 0.04, 20]).argmin() == 2
-assert poor.solves == 9 and better.solves == emulated.solves
+assert poor.solves == 9 and better.solves < 40
 assert refused.short == "refused" and certified.short == "certified"

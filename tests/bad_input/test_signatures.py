@@ -350,6 +350,7 @@ CALLS = {
     "emulate": dict(
         workers=OFF,
         solves=(10, whole(10)),
+        derivatives=(False, flag),
         tolerance=(0.1, number(low=0.0)),
         starts=(START[0], array().but("one less", outside=99.0 * START[0])),
     ),

@@ -140,10 +140,11 @@ def test_weighted_draws_have_the_moments_of_the_quadrature():
 def test_few_solves(monkeypatch, capsys):
     options = ["--seeds", "1", "--first", "7", "--problem", "beck_au"]
     monkeypatch.setattr("sys.argv", ["few_solves.py", *options])
-    (one,) = FEW.main()["beck_au"]
-    assert one.good("beck_au") and one.solves == 30
-    assert one.efficiency > 0.9 and one.verdict == "certified"
-    assert "1 of 1" in capsys.readouterr().out
+    for (_, derivatives), (one,) in FEW.main().items():
+        assert one.good("beck_au", derivatives)
+        assert one.solves == (12 if derivatives else 30)
+        assert one.efficiency > 0.9 and one.verdict == "certified"
+    assert capsys.readouterr().out.count("1 of 1") == 2
 
 
 # --- clusters ---------------------------------------------------------------------
@@ -177,3 +178,18 @@ def test_cluster_scaling(capsys):
         4_000 / (1_000 * (4_000 * 0.1 + 1))
     )
     assert scaling.makespan([3.0, 1.0, 1.0, 2.0], 2) == 4.0  # 3 | 1, 1, 2 in turn
+
+
+@pytest.mark.slow
+def test_curved_posteriors(monkeypatch, capsys):
+    options = ["--problem", "springs", "--seeds", "2", "--steps", "20"]
+    monkeypatch.setattr(sys, "argv", ["curved_posteriors.py", *options])
+    module = load("curved_posteriors")
+    module.main()
+    assert "springs" in capsys.readouterr().out
+    for problem, _, nwalkers in module.PROBLEMS.values():
+        posterior, truth = problem(1)
+        assert nwalkers == max(20, 4 * posterior.ndim)
+        assert set(truth) <= set(posterior.names)
+        theta = posterior.prior.sample(np.random.default_rng(1), 2)
+        assert np.isfinite(posterior(theta)).all()

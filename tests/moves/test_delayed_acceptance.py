@@ -33,11 +33,19 @@ def independence(target):
     return IndependenceMove.fit(target.sample(np.random.default_rng(5), (400,)))
 
 
+def off(target):
+    """Return proposals beside the target, of which many in a row are refused."""
+    x = target.sample(np.random.default_rng(5), (400,))
+    matrix = np.atleast_2d(0.7 * np.cov(x.T))
+    return IndependenceMove([1.0], [x.mean(axis=0) + 0.3 * target.scale], [matrix], 5.0)
+
+
 INNER = {
     "demc": lambda target: DEMCMove(live_dangerously=True),
     "demc, four splits": lambda target: DEMCMove(nsplits=4, randomize_split=False),
     "metropolis": lambda target: MetropolisMove(sd=0.5 * target.scale),
     "independence": independence,
+    "independence, off": off,
     "component walk": lambda target: ComponentWalk(independence(target).mixture, 0.7),
 }
 CASES = [  # inner, target, walkers, dimension, steps
@@ -45,6 +53,7 @@ CASES = [  # inner, target, walkers, dimension, steps
     *[(inner, "bounded", 12, 3, 3) for inner in INNER],
     *[("demc", target, 4, 3, (1, 6)) for target in TARGETS],  # the fewest
     *[(inner, "gaussian", 1, 3, 5) for inner in ("metropolis", "independence")],
+    *[("independence, off", target, 12, 3, 12) for target in TARGETS],
     *[(inner, "bounded", 4, 1, (2, 5)) for inner in ("demc", "metropolis")],
     *[(inner, "gaussian", 12, 1, 1) for inner in ("demc", "independence")],
 ]

@@ -7,8 +7,7 @@ from support.systems import need_start_method, posix
 pytestmark = pytest.mark.slow
 # Forked workers inherit functions, and those of a fork server are sent them as these.
 spawned = pytest.mark.parametrize("method", ["spawn"])
-# Scripts are interrupted with spawned processes, too (tests/sampling/test_pools.py).
-forked = pytest.mark.parametrize("method", ["fork"])
+every_method = pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
 
 
 @spawned
@@ -57,7 +56,7 @@ executor.shutdown()
 
 
 @posix
-@forked
+@every_method
 def test_after_the_interrupt_the_kernel_works_and_no_process_is_left(tmp_path, method):
     need_start_method(method)
     cells = {

@@ -49,6 +49,29 @@ def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():
     np.testing.assert_allclose(found.mean_error, 8_000**-0.5, rtol=0.1)
 
 
+def test_the_variance_is_that_about_a_mean_which_few_draws_know():
+    """Where all weights are equal a sample variance, which divides by n - 1."""
+    ratios = []
+    for seed in range(8):
+        found, theta = certify(TRUE, n=40, seed=seed, solves=10), draws(TRUE, 40, seed)
+        ratios.append(found.sd**2 / theta.var(axis=0))
+    np.testing.assert_allclose(np.mean(ratios), 40 / 39, atol=0.01)
+
+
+def test_draws_that_repeat_one_another_tell_no_more():
+    law = LogGaussian(np.array([0.8, 0.4, -0.6]), COVARIANCE)
+    once = draws(law, 100, 1)
+    jitter = 1e-9 * np.random.default_rng(1).normal(size=(1_000, 3))
+    often = np.repeat(once, 10, axis=0) + jitter  # so that each is solved
+    few, many = (
+        ef.certify(sampled(posterior(law), theta), posterior(TRUE), solves, seed=1)
+        for theta, solves in ((once, 130), (often, 1_030))
+    )
+    assert len(many.theta) == 10 * len(few.theta) == 1_000
+    for ratio in (many.mean_error / few.mean_error, many.sd_error / few.sd_error):
+        np.testing.assert_allclose(ratio, 1.0, atol=0.4)
+
+
 def test_efficiency_and_weights_are_those_of_the_law():
     moved = LogGaussian(np.array([0.5, 0.0, 0.0]), np.eye(3))
     law = LogGaussian(np.zeros(3), np.eye(3), 40.0)
@@ -131,6 +154,22 @@ def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
         alone = free_posterior(two_modes(share), box(-12.0, 12.0, 3))
         said = {ef.certify(idata, alone, 120, seed=seed).short for seed in range(4)}
         assert said == {"certified"}
+
+
+def test_a_flat_part_that_the_emulator_lacks_is_refused():
+    """Of which no climb comes to an end, nor has it a volume by Laplace."""
+    one = LogGaussian(np.full(3, -6.0), 0.25 * np.eye(3))
+
+    def log_density(theta):
+        beyond = np.maximum(np.linalg.norm(theta - 6.0, axis=1) - 3.0, 0.0)
+        return np.logaddexp(one(theta), -1.0 - 4.0 * beyond**2)
+
+    true = free_posterior(log_density, box(-12.0, 12.0, 3))
+    idata = sampled(posterior(one), draws(one, 4_000, 1))
+    for seed in range(3):
+        found = ef.certify(idata, true, 80, seed=seed)
+        assert found.efficiency > 0.99 and found.short == "refused"
+        assert "far from all draws" in found.verdict
 
 
 def test_moments_that_differ_bar_a_certificate():

@@ -104,6 +104,18 @@ def test_what_is_no_matter_of_units_is_not_doubted(measured, prior):
     assert doubts(posterior_of(measured, prior=prior), moves=ef.DEMCMove())[1] == []
 
 
+def test_annealing_doubts_the_units_too_also_when_it_goes_on(tmp_path):
+    posterior = posterior_of(HERTZ, lambda p: frequencies(p, 1.0))
+    file, found = {"backend": tmp_path / "annealing"}, []
+    for _ in range(2):
+        with pytest.warns(UserWarning, match="model 0.0035.*units") as caught:
+            found.append(ef.anneal(posterior, 40, seed=1, resume=True, **file))
+        assert [warning.filename for warning in caught] == [__file__]
+    first, again = found
+    assert first.solves == again.solves
+    np.testing.assert_array_equal(first.theta, again.theta)
+
+
 def test_another_order_of_the_modes_is_doubted():
     posterior = posterior_of(HERTZ, lambda p: frequencies(p)[::-1])
     (doubt,) = doubts(posterior, moves=ef.DEMCMove())[1]

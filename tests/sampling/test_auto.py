@@ -74,6 +74,20 @@ def test_scans_about_the_wide_mode_hit_a_needle():
         assert inside.any(axis=0).all() and (~inside).any(axis=0).all()
 
 
+def test_a_valley_tells_a_mode_from_the_tail_that_it_stands_in():
+    """Most of what is unexplained is tail, from where climbs lead to the known mode."""
+
+    def log_density(x):
+        tail = -2.0 * np.log1p((x**2).sum(axis=1) / 2.0)
+        apart = ((x - [15.0, 0.0]) ** 2).sum(axis=1)
+        return np.logaddexp(tail, np.log(0.02) - 0.5 * apart / 1.5**2)
+
+    posterior = free_posterior(log_density, box(-40, 40, 2))
+    for seed in range(6):
+        found = ef.run(posterior, "auto", 16, 2, ensembles=2, seed=seed).search
+        assert len(found.weights) == 2 and found.found_by.sum(axis=0).all()
+
+
 def test_what_one_ensemble_was_given_it_alone_starts_from():
     """A needle that no scan can hit is in the proposal of all, and weighed exactly."""
     starts = np.random.default_rng(1).normal(0.0, 1.0, (3, 20, 2))
@@ -171,6 +185,42 @@ def test_a_failing_part_of_the_prior_is_rejected(caplog):
     evidence = ef.log_evidence(samplers)  # of a Gaussian of peak one, half of it cut
     exact = np.log(0.5 * 2 * np.pi * 0.1**2)
     assert abs(evidence.log_evidence - exact) < LIMIT * evidence.log_evidence_error
+
+
+# --- what it may cost -------------------------------------------------------------
+
+PRESSED = 14  # parameters, most of them to their bounds
+
+
+def pressed(x):
+    """Return the fit of a product model, whose truth is mostly out of its bounds."""
+    rng = np.random.default_rng(PRESSED)
+    mixed = rng.normal(size=(PRESSED + 4, PRESSED)) / PRESSED**0.5
+    truth = np.where(rng.random(PRESSED) < 0.9, rng.choice([-0.4, 1.4], PRESSED), 0.5)
+    return -0.5 * (((np.exp(0.5 * (x - truth) @ mixed.T) - 1) / 0.02) ** 2).sum(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(caplog, capsys, seed):
+    """Fault 23: 94,802 to 157,164 evaluations for chains of 8,000 to 13,000."""
+    caplog.set_level("INFO", "emcee_femu")
+    posterior = free_posterior(pressed, box(0, 1, PRESSED))
+    run = ef.run(posterior, "auto", steps=50, seed=seed, progress=True)
+    (said,) = caplog.messages
+    assert said.startswith("search, at most 30,000 evaluations, ")
+    shown = capsys.readouterr().err  # the bar; the first solve was before it
+    assert f"{said}:   0%" in shown and f"{run.search.solves - 1}/30000" in shown
+    assert 10_000 < run.search.solves <= 30_000  # else the case tells nothing
+    for sampler in run:
+        assert len(np.unique(sampler.get_chain()[0], axis=0)) > 20  # not one draw alone
+        assert (sampler.acceptance_fraction > 0).mean() > 0.9
+
+
+def test_climbs_leave_the_budget_of_what_follows(monkeypatch):
+    monkeypatch.setattr("emcee_femu.sampling.auto.LEAST", 5_500)
+    posterior = free_posterior(ten_modes, box(-20, 20, 2))
+    search = ef.run(posterior, "auto", 16, 2, seed=1).search
+    assert search.solves < 5_500 and search.climbs == 4  # one of each, of ten modes
 
 
 # --- gradients --------------------------------------------------------------------

@@ -359,6 +359,32 @@ def test_it_says_where_the_posterior_is_not_gaussian():
     assert "not Gaussian" in result.findings[-1]
 
 
+@pytest.mark.parametrize("d", [10, 20])  # some draws of the check, or none
+def test_it_says_where_hardly_a_draw_is_inside_the_bounds(d):
+    def corner(x):
+        return -0.5 * (x**2).sum(axis=1)
+
+    posterior = density_posterior(corner, np.full(d, 5.0), [(0.0, 30.0)] * d)
+    result = ef.find_map(posterior, np.full(d, 1.0), seed=1, check=100)
+    assert result.draws < 25 and bool(result.draws) == (d == 10)
+    assert "less than 1 % of their draws are inside the bounds" in str(result)
+    assert "not checked" not in str(result) and "effective" not in str(result)
+
+
+def test_climbs_that_stopped_below_a_maximum_are_not_listed(monkeypatch):
+    def valley(x):
+        return -0.5 * (x[:, 0] ** 2 + 1e4 * (x[:, 1] - x[:, 0] ** 2) ** 2)
+
+    monkeypatch.setattr("emcee_femu.sampling.climbing.MOST_STEPS", 3)
+    posterior = density_posterior(valley, [5.0, 25.0])
+    far = np.array([[3.0, 9.0], [-3.0, 9.0]])
+    assert not any(m.converged for m in ef.find_map(posterior, far, seed=1).maxima)
+    result = ef.find_map(posterior, [[0, 0], *far], seed=1)
+    (best,) = result.maxima
+    assert best.converged and result.climbs.tolist() == [1]
+    assert "2 of 3 starts led nowhere: not converged after 3 steps." in str(result)
+
+
 def test_failures_follow_the_policy():
     posterior = curved_posterior(broken)
     # The second can be climbed from; beside the last a solve fails.

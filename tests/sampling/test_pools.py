@@ -138,6 +138,27 @@ def test_a_worker_gets_the_function_once_and_then_coordinates_only():
     assert sum(executor.sizes) < 500_000
 
 
+def meet(directory):
+    """Wait until as many workers are at it as the directory's name says."""
+    (directory / str(os.getpid())).touch()
+    end = time.monotonic() + 20
+    while len([*directory.iterdir()]) < int(directory.name):
+        assert time.monotonic() < end, "the other worker is sent nothing"
+        time.sleep(0.01)
+
+
+@forks
+@pytest.mark.parametrize("name", ["fork", spawn])
+def test_a_worker_that_lacks_the_function_gets_it_while_others_are_at_work(
+    tmp_path, name
+):
+    with open_executor(name) as executor:
+        pool = EvaluationPool(executor, chunksize=1)
+        for workers in (1, 2):  # of which one has the function before the others
+            (tmp_path / str(workers)).mkdir()
+            pool.map(meet, [tmp_path / str(workers)] * workers)
+
+
 def test_what_cannot_be_pickled_is_named_by_python_and_threads_need_not():
     holder = Ballast(threading.Lock())
     with pytest.raises(TypeError, match="^pool: .*pickled.*lock"):

@@ -13,6 +13,7 @@ from support.few_solves import (
     PRIOR,
     SD,
     Gaussian,
+    bent,
     broken,
     linear,
     posed,
@@ -290,3 +291,158 @@ def test_what_cannot_be_emulated_is_refused_before_the_first_solve():
     with pytest.raises(ValueError, match="'empty', 'loaded'"):
         ef.emulate(joint, 20, seed=1)
     assert model.solved == []
+
+
+# --- derivatives and logarithms ---------------------------------------------------
+
+
+def sloped(function, jacobian, prior=PRIOR, term=None):
+    """Return the posterior of a problem whose model has derivatives, and its calls."""
+    asked, names = [], prior.names
+
+    def read(p):
+        asked.append(p)
+        return np.array([p[name] for name in names])
+
+    def differentiate(p):
+        slopes = jacobian(read(p))
+        return function(read(p)), {"y": dict(zip(names, slopes.T, strict=True))}
+
+    term = Gaussian() if term is None else term
+    model = ef.FunctionModel(
+        lambda p: function(read(p)), variables=term.reads, jacobian=differentiate
+    )
+    return ef.LogPosterior(model, term, prior), asked
+
+
+def bent_slopes(x):
+    steep = 0.6 * np.cos(2.0 * x[0]) * np.array([1.0, 0.5, -1.0])
+    return DESIGN + np.column_stack([steep, np.zeros(3)])
+
+
+def test_with_derivatives_a_conjugate_posterior_takes_five_solves():
+    posterior, _ = sloped(linear, lambda x: DESIGN)
+    emulated = ef.emulate(posterior, 20, seed=1)
+    assert emulated.solves == 3 + 2
+    assert "derivatives at 5 points" in str(emulated)
+    precision = DESIGN.T @ DESIGN / SD**2 + np.eye(2)
+    expected = np.linalg.solve(precision, DESIGN.T @ DATA / SD**2)
+    weights = shares(emulated.posterior(GRID)[:, 0])
+    mean = weights @ GRID
+    assert_allclose(mean, expected, atol=1e-3)
+    covariance = (weights * (GRID - mean).T) @ (GRID - mean)
+    assert_allclose(covariance, np.linalg.inv(precision), atol=1e-4)
+
+
+def test_derivatives_save_solves_and_can_be_switched_off():
+    def waves(x):
+        return DESIGN @ x + 0.3 * np.sin(4.0 * x[0]) * np.array([1.0, 0.5, -1.0])
+
+    def slopes(x):
+        steep = 1.2 * np.cos(4.0 * x[0]) * np.array([1.0, 0.5, -1.0])
+        return DESIGN + np.column_stack([steep, np.zeros(3)])
+
+    apart = {}
+    full = exact(waves, Gaussian(), PRIOR, GRID)
+    for derivatives in (True, False):
+        options = {"seed": 1, "tolerance": 0.0, "derivatives": derivatives}
+        emulated = ef.emulate(sloped(waves, slopes)[0], 8, **options)
+        apart[derivatives] = total_variation(emulated.posterior(GRID)[:, 0], full)
+        assert emulated.solves == 8
+        assert ("without derivatives" in str(emulated)) is not derivatives
+    assert 3 * apart[True] < 0.006 < apart[False]
+    off, plain = emulated, ef.emulate(posed(waves), 8, seed=1, tolerance=0.0)
+    theta = PRIOR.sample(np.random.default_rng(1), 5)
+    assert_array_equal(off.posterior(theta), plain.posterior(theta))
+
+
+def test_points_without_derivatives_are_learned_by_their_values():
+    def refuse(x):
+        if x[0] > 0.5:
+            raise ValueError("two modes coincide")
+        return bent_slopes(x)
+
+    emulated = ef.emulate(sloped(bent, refuse)[0], 14, seed=1, tolerance=0.0)
+    assert emulated.solves == 14
+    known = int(str(emulated).split("derivatives at ")[1].split()[0])
+    assert 3 < known < 14
+    full = exact(bent, Gaussian(), PRIOR, GRID)
+    assert total_variation(emulated.posterior(GRID)[:, 0], full) < 0.01
+
+    def broken_slopes(x):
+        raise TypeError("not a derivative")
+
+    with pytest.raises(TypeError, match="not a derivative"):
+        ef.emulate(sloped(bent, broken_slopes)[0], 14, seed=1)
+
+
+def test_wrong_derivatives_are_left_aside():
+    emulated = ef.emulate(sloped(bent, lambda x: -bent_slopes(x))[0], 24, seed=1)
+    assert "without derivatives" in str(emulated)
+    full = exact(bent, Gaussian(), PRIOR, GRID)
+    assert total_variation(emulated.posterior(GRID)[:, 0], full) < 0.05
+
+
+def test_with_derivatives_a_file_is_gone_on_with_to_the_bit(tmp_path):
+    options = {"seed": 1, "tolerance": 0.0}
+    whole = ef.emulate(sloped(bent, bent_slopes)[0], 7, **options)
+    path = str(tmp_path / "run.solves")
+    ef.emulate(sloped(bent, bent_slopes)[0], 5, backend=path, **options)
+    options |= {"backend": path, "resume": True}
+    with pytest.raises(ValueError, match="derivatives"):
+        ef.emulate(sloped(bent, bent_slopes)[0], 9, derivatives=False, **options)
+    with pytest.raises(ValueError, match="y by parameter"):
+        ef.emulate(sloped(bent, lambda x: bent_slopes(x) * 1.01)[0], 7, **options)
+    posterior, asked = sloped(bent, bent_slopes)
+    again = ef.emulate(posterior, 7, **options)
+    theta = PRIOR.sample(np.random.default_rng(1), 5)
+    assert_array_equal(again.posterior(theta), whole.posterior(theta))
+
+
+@pytest.mark.parametrize("function", [np.log, np.array])
+def test_logarithms_are_taken_where_they_leave_smaller_errors(function):
+    prior = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.3, [(0.1, 3.0)] * 2)
+    posed_in = posed(
+        lambda x: DESIGN @ function(x), term=Gaussian(DESIGN @ function([1.2, 0.9])),
+        prior=prior,
+    )  # fmt: skip
+    emulated = ef.emulate(posed_in, 16, seed=1, tolerance=0.0)
+    assert ("logarithms of a, b" in str(emulated)) is (function is np.log)
+
+
+def test_derivatives_are_taken_by_logarithms_too():
+    bounds = [(1.0, 6.0), (10.0, 60.0)]
+    prior = ef.GaussianPrior(["a", "b"], [3.0, 30.0], [0.9, 9.0], bounds)
+    term = Gaussian(DESIGN @ np.log([3.6, 27.0]))
+    posterior, _ = sloped(
+        lambda x: DESIGN @ np.log(x), lambda x: DESIGN / x, prior, term
+    )
+    text = str(ef.emulate(posterior, 6, seed=1, tolerance=0.0))
+    assert "with derivatives at 6 points; logarithms of a, b" in text
+
+
+def test_derivatives_by_the_inputs_alone_are_learned():
+    def slopes(p):
+        return [p["k"] ** 0.5], {"frequency": {"k": np.array([0.5 * p["k"] ** -0.5])}}
+
+    model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1, jacobian=slopes)
+    prior = ef.IndependentPrior({"s": stats.halfnorm(scale=0.02), "k": (5.0, 12.0)})
+    term = ef.FrequencyTerm([3.0], discrepancy="s")
+    emulated = ef.emulate(ef.LogPosterior(model, term, prior), 4, seed=1, tolerance=0)
+    assert emulated.names == ("k",) and "derivatives at 4 points" in str(emulated)
+    k = np.linspace(7.0, 11.0, 5)
+    assert_allclose(emulated({"k": k}).frequencies[:, 0], k**0.5, rtol=1e-4)
+
+
+def test_a_jacobian_that_lacks_a_variable_is_refused_by_name():
+    posterior, _ = sloped(bent, bent_slopes)
+    model = posterior.model
+
+    def lacking(p):
+        return bent(np.array([*p.values()])), {}
+
+    lacks = ef.FunctionModel(
+        model.function, variables=model.variables, jacobian=lacking
+    )
+    with pytest.raises(TypeError, match=r"jacobian.*'y'.*derivatives=False"):
+        ef.emulate(ef.LogPosterior(lacks, posterior.terms, PRIOR), 14, seed=1)

@@ -9,6 +9,7 @@ from support.contracts import assert_model
 from support.crossing import respond
 
 import emcee_femu as ef
+from emcee_femu.surrogates import partition
 
 SCALE = np.array([1e-3, 1e10])  # of the parameters, far apart
 NAMES = ["E", "t"]
@@ -121,6 +122,34 @@ def test_jacobian_is_the_slope_of_a_call(case):
             assert_allclose(slopes[key][name], expected, rtol=1e-4, atol=1e-5 * size)
 
 
+def test_blocks_know_how_they_move_where_modes_nearly_meet():
+    """Second route: what they are at points aside, encoded again."""
+    response, h = respond(X), 1e-6
+    sides = [respond(X + s * h * np.eye(2)[j]) for j in range(2) for s in (1, -1)]
+    modes = {name: np.array([side[name] for side in sides]) for name in response}
+    ahead, behind = modes["shapes"][::2], modes["shapes"][1::2]
+    for shapes in (ahead, behind):  # a shape has no sign of its own
+        shapes *= np.sign((shapes * response["shapes"]).sum(axis=2, keepdims=True))
+    tangents = {
+        name: np.moveaxis(values[::2] - values[1::2], 0, -1) / (2 * h)
+        for name, values in modes.items()
+    }
+    tangents["frequency"][1] = tangents["shapes"][1] = np.nan  # not known
+    for case in ("shapes", "by shapes", "three moments", "two moments"):
+        outputs = CASES[case]().outputs
+        observed = partition.observe(outputs, response, tangents)
+        assert_array_equal(observed[:, 0], outputs.encode(response))
+        rest = np.arange(len(X)) != 1
+        assert np.isnan(observed[1, 1:]).all()
+        for j in range(2):
+            moved = [outputs.encode(sides[2 * j + k]) for k in (0, 1)]
+            expected = (moved[0] - moved[1]) / (2 * h)
+            size = np.abs(expected).max()
+            assert_allclose(
+                observed[rest, 1 + j], expected[rest], rtol=1e-3, atol=1e-4 * size
+            )
+
+
 @every_case
 def test_finite_moves_stay_finite_wherever_modes_may_be(case):
     outputs = CASES[case]().outputs
@@ -193,3 +222,16 @@ def test_modes_in_no_order_are_left_in_theirs():
     truth = respond(X)["frequency"][:, ::-1]
     assert_allclose(frequencies, truth, atol=30 * SD["frequency"])
     assert (np.diff(frequencies, axis=1) < 0).all()
+
+
+def test_modes_out_of_order_at_some_points_leave_blocks_as_they_are():
+    x = np.random.default_rng(7).standard_normal((40, 2))
+    near = respond(x, coupling=0.1)["frequency"]
+    near[7, :2] = near[7, 1::-1]
+    far = [3.0, 3.25] + 0.1 * x[:, :1] * [1.0, -1.0]  # told by other means
+    assert 0 < (far[:, 0] > far[:, 1]).sum() < 4
+    response = {"frequency": np.hstack([near, far])}
+    units, even = {"frequency": np.full(5, SD["frequency"])}, np.full(40, 1 / 40)
+    outputs = partition.fit_outputs(x, response, {}, units, even)[0]
+    sizes = {block.first: block.size for block in outputs.blocks}
+    assert sizes == {0: 3, 3: 1, 4: 1} and not outputs.ascending

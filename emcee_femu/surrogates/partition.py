@@ -1,0 +1,187 @@
+"""Which numbers of a response are emulated: modes together that change places.
+
+The fit decides, each point left out in turn.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+
+from ..interfaces import Floats
+from ..models.inputs import derive_along
+from .encoding import Aligned, Named, Numbers, Outputs, Symmetric, eigenvalues_of
+from .gaussian_process import Processes, fit_processes
+
+LEAST = 1e-8  # an eigenvalue predicted below this share of the usual one is cut there
+WORST = 100.0  # squared error beyond which it is only known to be large
+GAIN = 0.8  # several modes together must lower the squared error to this share
+ROUNDS = 3  # of lengths, then of blocks with them
+STEP = 1e-4  # share of a variable's size by which it is moved along its derivatives
+
+Key: TypeAlias = tuple[int, int]  # the first mode, and the one behind the last
+
+
+def fit_outputs(
+    points: Floats,
+    response: Named,
+    tangents: Named,
+    units: Named,
+    weights: Floats,
+    start: Floats | None = None,
+) -> tuple[Outputs, Processes, float]:
+    """Return what to emulate of a response that was solved for, and its processes.
+
+    Frequencies become eigenvalues, those of modes that cross one block of numbers that
+    stay smooth; all else stays as it is. Beside them stands the mean square error that
+    leaving out one point after another shows, by which fits are compared.
+
+    Args:
+        points: ``(N, d)`` coordinates of about unit spread.
+        response: Its variables, each ``(N, *shape)``.
+        tangents: Their derivatives by the coordinates, as in :func:`observe`.
+        units: Standard deviations of the measurement error, ``{variable: (*shape)}``,
+            of every variable that is wanted; of frequencies in Hz. Shapes that are not
+            wanted still tell which mode is which.
+        weights: How much each point matters, ``(N,)``, which sum to one.
+        start: Lengths to begin with.
+    """
+    numbers = dict(units)
+    modal, processes, cost = Outputs((), np.empty(0), False), None, 0.0
+    if "frequency" in units and units["frequency"].ndim == 1:
+        pair = numbers.pop("frequency"), numbers.pop("shapes", None)
+        modal, processes, cost = _choose_modes(
+            points, response, tangents, *pair, weights, start
+        )
+    blocks = [*modal.blocks]
+    for name, unit in numbers.items():
+        reference = None
+        if name == "shapes" and unit.ndim == 2:
+            # The direction that most shapes have in common, whatever their signs.
+            by_mode = response[name].transpose(2, 0, 1)
+            reference = np.linalg.svd(by_mode, full_matrices=False)[2][:, 0].T
+        blocks.append(Numbers(name, unit, reference))
+    outputs = Outputs(tuple(blocks), modal.least, modal.ascending)
+    if numbers or processes is None:
+        values = observe(outputs, response, tangents)
+        processes = fit_processes(points, values, start)
+        wrong = processes.leave_out(values)[:, modal.size :]
+        cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
+    return outputs, processes, cost
+
+
+def observe(
+    encoder: Aligned | Symmetric | Numbers | Outputs, response: Named, tangents: Named
+) -> Floats:
+    """Return what is emulated, ``(N, 1, size)``, or ``(N, 1 + d, size)`` with slopes.
+
+    These are differences along the derivatives of the response, which cost no solve.
+
+    Args:
+        encoder: A block, or all of them.
+        response: Its variables, each ``(N, *shape)``.
+        tangents: Their derivatives along d directions, each ``(N, *shape, d)``, NaN
+            where they are not known; empty without.
+    """
+    values = encoder.encode(response)
+    if not tangents:
+        return values[:, None]
+    known = ~np.isnan(next(iter(tangents.values())).reshape(len(values), -1)[:, 0])
+    at = [response[name][known] for name in tangents]
+    along = [np.moveaxis(tangent[known], -1, 0) for tangent in tangents.values()]
+    directions = [str(j) for j in range(len(along[0]))]
+    observed = np.full((len(values), 1 + len(directions), values.shape[1]), np.nan)
+    observed[:, 0] = values
+    speed = np.zeros(along[0].shape[:2])
+    for value, move in zip(at, along, strict=True):
+        size = np.abs(value).max(initial=0.0) or 1.0
+        speed += np.abs(move).reshape(*speed.shape, -1).max(axis=2) / size
+    steps = STEP / np.where(speed > 0, speed, 1.0)
+
+    def encode(*arrays: Floats) -> Named:
+        return {"": encoder.encode(dict(zip(tangents, arrays, strict=True)))}
+
+    if known.any():
+        slopes = derive_along(encode, at, along, steps, directions)[""]
+        observed[known, 1:] = np.stack([*slopes.values()], axis=1)
+    return observed
+
+
+def _choose_modes(
+    points: Floats,
+    response: Named,
+    tangents: Named,
+    frequency_unit: Floats,
+    shape_unit: Floats | None,
+    weights: Floats,
+    start: Floats | None,
+) -> tuple[Outputs, Processes, float]:
+    """Return the blocks of neighbours in which modes are emulated best, fitted.
+
+    Alone, turned onto reference shapes where shapes are known, two or three in
+    symmetric functions where they are not. Lengths depend on what is emulated, so that
+    parting and fitting take turns, once from single modes and once from blocks that are
+    as large as they may be; the best leaves the smallest error, each point left out in
+    turn. A block puts its modes in ascending order, which is wrong where they are not.
+    """
+    frequencies, shapes = response["frequency"], response.get("shapes")
+    eigenvalues = eigenvalues_of(response)
+    usual = np.maximum(np.median(frequencies, axis=0), frequency_unit)
+    unit, m = 8 * np.pi**2 * usual * frequency_unit, len(usual)
+    centre = int(np.argmin((points**2).sum(axis=1)))
+
+    def make(first: int, last: int) -> Aligned | Symmetric:
+        members = slice(first, last)
+        if shapes is None and last > first + 1:
+            return Symmetric.of(first, unit[members], eigenvalues[:, members])
+        wanted = None if shape_unit is None else shape_unit[:, members]
+        inverse = None if shapes is None else np.linalg.pinv(shapes[centre][:, members])
+        return Aligned(first, unit[members], wanted, inverse)
+
+    least = LEAST * (2 * np.pi * usual) ** 2
+    largest = 3 if shapes is None else min(m, shapes.shape[1])
+    keys = [(i, j) for i in range(m) for j in range(i + 1, min(i + largest, m) + 1)]
+    blocks = {key: make(*key) for key in keys}
+    modal = {n: t for n, t in tangents.items() if n in ("frequency", "shapes")}
+    codes = {key: observe(block, response, modal) for key, block in blocks.items()}
+
+    def cost(key: Key, errors: Floats) -> float:
+        still, members = np.empty((*errors.shape, 0)), slice(*key)
+        decoded, _ = blocks[key].decode(codes[key][:, 0] - errors, still, False)
+        wrong = (decoded["eigenvalues"] - eigenvalues[:, members]) / unit[members]
+        total = np.minimum(wrong**2, WORST).sum(axis=1)
+        count = key[1] - key[0]
+        if shape_unit is not None:
+            by_shapes = errors[:, count * (count + 1) // 2 :] ** 2
+            total = total + np.minimum(by_shapes, WORST).sum(axis=1)
+        mean = float(weights @ total)
+        return mean if count == 1 else mean / GAIN
+
+    partings: dict[tuple[Key, ...], tuple[float, Processes]] = {}
+    for power in (2, 0):  # single modes, and as few blocks as there can be
+        chosen = _cheapest({(i, j): float(j - i) ** power for i, j in keys}, m)
+        lengths = start
+        for _ in range(ROUNDS):
+            if chosen in partings:
+                break
+            together = np.concatenate([codes[key] for key in chosen], axis=2)
+            processes = fit_processes(points, together, lengths)
+            costs = {key: cost(key, processes.leave_out(codes[key])) for key in keys}
+            partings[chosen] = sum(costs[key] for key in chosen), processes
+            chosen, lengths = _cheapest(costs, m), processes.lengths
+    best = min(partings, key=lambda parting: partings[parting][0])
+    ascending = bool((np.diff(frequencies, axis=1) >= 0).all())
+    outputs = Outputs(tuple(blocks[key] for key in best), least, ascending)
+    return outputs, partings[best][1], partings[best][0]
+
+
+def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:
+    """Return the parting of m modes into neighbours that costs least."""
+    best: list[tuple[float, tuple[Key, ...]]] = [(0.0, ())]
+    for j in range(1, m + 1):
+        ends = [
+            (best[i][0] + costs[i, j], (*best[i][1], (i, j)))
+            for i in range(j)
+            if (i, j) in costs
+        ]
+        best.append(min(ends))
+    return best[m][1]
