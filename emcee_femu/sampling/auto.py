@@ -26,8 +26,7 @@ BENT = 0.6  # acceptance of a mixture below which polynomials may do better
 WIDEST = 30  # parameters of which there are quadratic ones
 GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
-POPULATION = 1_000  # members of all ensembles
-MET = 2.0  # effective draws of a proposal for each ensemble, enough to start from
+POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR = 0.2  # acceptance below which gradients do better
 TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
 MISSED = 1.0  # log evidence by which one proposal finds more than another
@@ -78,13 +77,15 @@ def search_and_start(
     most = max(REFINED, evaluations // 2)
     size = max(ROUND, 10 * evaluator.posterior.ndim)
     judged = max(TRIED, 2 * size, min(4 * nwalkers * ensembles, budget // 8))
-    reserve = most + LAST * size + judged + LEARNED * evaluator.posterior.normal
+    attempt = most + LAST * size + judged
+    reserve = attempt + LEARNED * evaluator.posterior.normal
     reserve += TUNING * evaluator.posterior.differentiable
-    reserve += ensembles * _members(evaluator, ensembles)
     search = Search(evaluator, streams)
     searched = max(FEWEST, round(SEARCHED * evaluations))
     search.run(searched, starts, budget - reserve)
-    trial, surface, populations, gradients = _find_proposal(search, most, size, judged)
+    trial, surface, populations, gradients = _find_proposal(
+        search, most, size, judged, budget - attempt
+    )
     mode_of = separate(trial.mixture)
     count = int(mode_of.max()) + 1
     tops = np.array([maximum.theta for maximum in search.maxima])
@@ -146,17 +147,18 @@ def search_and_start(
 
 
 def _find_proposal(
-    search: Search, most: int, size: int, judged: int
+    search: Search, most: int, size: int, judged: int, last: int
 ) -> tuple[Trial, ResponseSurface | None, list[Population], bool]:
     """Return a proposal, what screens it, annealed populations, and what does better.
 
     The last is whether gradients do.
 
     Args:
-        search: What was found; beyond its ``most`` solves there is no second attempt.
+        search: What was found.
         most: Draws after which no round of the refinement begins.
         size: Draws of a round, at least.
         judged: Draws by which it is judged.
+        last: Solves after which there is no second attempt.
     """
     evaluator, streams = search.evaluator, search.streams
 
@@ -188,11 +190,14 @@ def _find_proposal(
     populations: list[Population] = []
     gradients = evaluator.posterior.differentiable and trial.acceptance < POOR
     if trial.narrow and not (gradients and trial.efficiency):
-        if evaluator.solves < search.most:
+        second = trial
+        if trial.acceptance < POOR:  # the shapes of the modes say too little
+            populations = _anneal_each(search, last)
+            members = np.concatenate([theta for theta, _ in populations])
+            second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
+        elif evaluator.solves < last:
             second = attempt(uncover(trial.mixture))
-            trial = second if is_better(second, trial) else trial
-        if trial.efficiency * judged < MET * len(streams):
-            populations = _anneal_each(search)
+        trial = second if is_better(second, trial) else trial
     return trial, None, populations, gradients
 
 
@@ -216,22 +221,18 @@ def _tune_trajectories(
     return {"metric": metric, "steps": move.steps, "step_size": move.step_size}
 
 
-def _anneal_each(search: Search) -> list[Population]:
+def _anneal_each(search: Search, last: int) -> list[Population]:
     """Return an annealed population, and its rows, of each ensemble."""
     evaluator, number = search.evaluator, len(search.streams)
-    size, prior = _members(evaluator, number), evaluator.posterior.prior
-    plain = Coordinates.plain(prior)
-    most = (search.most - evaluator.solves) / number
+    posterior = evaluator.posterior
+    size = max(fewest_members(posterior.ndim), POPULATION // number)
+    plain = Coordinates.plain(posterior.prior)
+    most = (last - evaluator.solves) / number
     annealed = [
         anneal_population(evaluator, plain, rng, size, most=most)
         for rng in search.streams
     ]
     return [(population.theta, population.rows) for population in annealed]
-
-
-def _members(evaluator: Evaluator, ensembles: int) -> int:
-    """Return the size of an annealed population of each ensemble."""
-    return max(fewest_members(evaluator.posterior.ndim), POPULATION // ensembles)
 
 
 def _choose_draws(
