@@ -46,8 +46,9 @@ print(search.found_by)  # one row per ensemble
 # far by their importance weights, until these are nearly equal or no longer get
 # better, in at most 12 rounds. Two wide components for gaps and tails have a tenth of
 # the weight. Where no such proposal is good (Pareto k above 0.7, less than half
-# efficient), it is refined again without the wide components, and the one that finds
-# more of the posterior is taken.
+# efficient), it is refined again without the wide components, or, where fewer than 0.2
+# of its proposals would be accepted, from a mixture fitted to annealed populations
+# ({py:func}`~emcee_femu.anneal`); the one that finds more of the posterior is taken.
 #
 # The posterior of ten stiffnesses from eight frequencies is a bent ridge that no mixture
 # follows, while the frequencies themselves are smooth. Where fewer than 0.6 of a
@@ -81,9 +82,9 @@ for move, share in run.moves:
 
 # %% [markdown]
 # All ensembles share the proposal, but each starts from its own draws of it, in the
-# modes that its own climbs found, so that their agreement means something. Where hardly
-# any draw meets the posterior, as with most of 14 parameters at their bounds, each starts
-# from its own annealed population ({py:func}`~emcee_femu.anneal`).
+# modes that its own climbs found, so that their agreement means something. Where no
+# proposal is good, as with most of 14 parameters at their bounds, each starts from its
+# own annealed population.
 #
 # All that comes before the chain takes at most twice as many evaluations as the chain, or
 # 30,000 before a short one: climbs, annealing and second attempts end where that is
