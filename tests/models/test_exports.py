@@ -70,11 +70,8 @@ def test_exports_show_which_powers_of_a_parameter_there_are():
     np.testing.assert_allclose(frequencies, other({}).frequencies, rtol=1e-9)
     cubed = {t: cantilever(left=t**3)[0] for t in values[:2]}
     assert [*build({"t": cubed}).K] == ["t^3"]  # a power alone needs one export more
-    rng = np.random.default_rng(2)
-    rounding = [np.diag(1 + 1e-8 * rng.uniform(-1, 1, 16)) for _ in range(4)]
-    every = zip((*values, 3.3), rounding, strict=True)
-    printed = {t: t * (A @ PLAIN[0] @ A) for t, A in every}
-    assert [*build({"t": printed}).K] == ["t"]  # what rounding left is no power
+    nearly = {t: (t + 1e-7 * t**2) * PLAIN[0] for t in values}
+    assert [*build({"t": nearly}).K] == ["t"]  # the fewest that fit
 
 
 def test_a_parameter_of_which_a_matrix_is_no_polynomial_is_refused():
