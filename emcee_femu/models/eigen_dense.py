@@ -18,7 +18,7 @@ Source: Fox and Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -34,17 +34,7 @@ PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 
 # How the coefficients of K (n, n_k), and those of M (n, n_m), change with a parameter;
 # one row where that is the same for all parameter sets.
-Slopes: TypeAlias = Mapping[str, tuple[Floats, Floats]]
-
-
-def unit_slopes(K: Iterable[str], M: Iterable[str]) -> Slopes:
-    """Return the slopes of parameters that are the coefficients of K and of M."""
-    k, m = [*K], [*M]
-
-    def slope(name: str, units: list[str]) -> Floats:
-        return np.array([[float(name == unit) for unit in units]])
-
-    return {name: (slope(name, k), slope(name, m)) for name in dict.fromkeys(k + m)}
+Slopes: TypeAlias = Mapping[str, tuple[Floats, ...]]
 
 
 class Eigenproblem:

@@ -20,8 +20,8 @@ from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters, modal_variables
 from .eigen_dense import Eigenproblem
 from .inputs import (
-    Coefficients,
     Dofs,
+    Weights,
     check_positive,
     choose_dofs,
     columns,
@@ -205,7 +205,7 @@ class FrameModel:
         slopes = {name: (derive(in_K, name), derive(in_M, name)) for name in self.names}
         return self._problem.jacobian(k, m, slopes, where)
 
-    def _read(self, parameters: Parameters) -> tuple[Parameters, Coefficients]:
+    def _read(self, parameters: Parameters) -> tuple[Parameters, Weights]:
         """Return the values; coefficients of K and M, and what names a set."""
         values, n = read_batch(parameters, self.names)
         check_positive(columns(values, self.names, n), self.names, "section property")

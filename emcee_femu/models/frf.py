@@ -266,6 +266,13 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
         [model.shape_dofs[i] for i in side] for side in (rows, columns)
     )
     loads = {str(dof): {dof: 1.0} for dof in excitations}
-    static = StaticModel(model.K0, loads, model.K, points=[*dict.fromkeys(responses)])
+    points, functions = [*dict.fromkeys(responses)], model.coefficients.parts[0]
+    K = {
+        label: unit if function is None else (unit, function)
+        for (label, unit), (_, function) in zip(
+            model.K.items(), functions.values(), strict=True
+        )
+    }
+    static = StaticModel(model.K0, loads, K, points=points)
     cases = [static.cases.index(str(dof)) for dof in excitations]
     return static, cases, [static.points.index(dof) for dof in responses]

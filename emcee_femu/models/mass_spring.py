@@ -7,8 +7,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
-from .eigen_dense import unit_slopes
-from .inputs import Coefficients, Dofs, check_positive
+from .inputs import Dofs, Weights, check_positive
 from .matrix import MatrixModel
 
 Spring = tuple[int, int, float | str]
@@ -86,11 +85,12 @@ class MassSpringModel:
                 changes; see :meth:`MatrixModel.jacobian`.
         """
         k, m, where = self._coefficients(parameters)
-        slopes = unit_slopes(self.bounds, ())
+        stiffnesses = dict(zip(self.bounds, k.T, strict=True))
+        slopes = self._model.coefficients.slopes(stiffnesses)
         read = {name: slopes[name] for name in slopes if name in parameters}
         return self._model.problem.jacobian(k, m, read, where)
 
-    def _coefficients(self, parameters: Parameters) -> Coefficients:
+    def _coefficients(self, parameters: Parameters) -> Weights:
         """Return the coefficients of K and M, and what names a parameter set."""
         values, n = checks.batch(parameters)
         k = np.empty((n, len(self.bounds)))

@@ -1,7 +1,6 @@
-"""Models of given stiffness and mass matrices, affine in the parameters."""
+"""Models of given stiffness and mass matrices and what multiplies them."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -9,31 +8,23 @@ from scipy.sparse import csc_array, issparse
 
 from .. import checks
 from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
-from .eigen_dense import Eigenproblem, unit_slopes
+from .coefficients import Coefficients, Unit, read_units
+from .eigen_dense import Eigenproblem
 from .eigen_sparse import SparseEigenproblem, check_mass
-from .inputs import (
-    Coefficients,
-    Dofs,
-    Export,
-    Matrix,
-    choose_dofs,
-    columns,
-    describe,
-    fit_affine,
-    read_batch,
-    read_matrix,
-    read_units,
-)
+from .exports import Export, fit_polynomials
+from .inputs import Dofs, Matrix, choose_dofs, read_matrix
 
 
 class MatrixModel:
-    r"""Matrices of any FE program, dense or sparse, affine in named parameters.
+    r"""Matrices of any FE program, dense or sparse, times parameters or functions.
 
-    .. math:: K(\theta) = K_0 + \sum_i \theta_i K_i, \qquad
-        M(\theta) = M_0 + \sum_j \theta_j M_j, \qquad
+    .. math:: K(\theta) = K_0 + \sum_i a_i(\theta) K_i, \qquad
+        M(\theta) = M_0 + \sum_j b_j(\theta) M_j, \qquad
         K \phi = (2 \pi f)^2 M \phi
 
-    A name may be in both K and M. **Dense** arrays are solved for all parameter sets
+    A coefficient is a parameter, or any function of some: a plate has
+    ``K={"E": membrane, "bending": (K3, lambda E, t: E * t**3)}``. A name may be in
+    both K and M. **Dense** arrays are solved for all parameter sets
     at once; a constant M is folded into K once, one that depends on parameters is
     factored by a batched Cholesky. If K0 is a **scipy.sparse** matrix, all others may
     be sparse or dense and are made sparse; each parameter set then costs one sparse
@@ -44,8 +35,11 @@ class MatrixModel:
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.
         M0: Constant part of the mass, ``(N, N)``, symmetric.
-        K: ``{parameter: K_i}``, the stiffness that multiplies the parameter.
-        M: ``{parameter: M_j}``, the mass that multiplies the parameter.
+        K: ``{parameter: K_i}``, the stiffness that multiplies the parameter; or
+            ``{label: (K_i, function)}``, whose arguments are parameters, by name: it
+            takes arrays ``(n,)`` and returns one, at no solve. Its derivatives are
+            differences of it, exact up to fourth powers.
+        M: The same of the mass.
         n_modes: How many elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
         shapes: Whether to return mass-normalised mode shapes too, ``(n, N, n_modes)``;
@@ -53,11 +47,12 @@ class MatrixModel:
             ``{label: DOF}``, labels as :class:`Measurements` have them as ``dofs``.
 
     Raises:
-        TypeError: If K0 is dense and another matrix is sparse.
+        TypeError: If K0 is dense and another matrix is sparse, or a function's
+            arguments have no names.
         ValueError: If a matrix is not square, symmetric or of the size of K0, M is
             constant and not positive definite, or there are not enough modes. When
-            called: if M is not positive definite, or the number of rigid-body modes
-            is not skip.
+            called: if M is not positive definite, the number of rigid-body modes
+            is not skip, or a function returns no finite number.
 
     Examples:
         >>> import numpy as np
@@ -72,8 +67,8 @@ class MatrixModel:
         self,
         K0: Matrix,
         M0: Matrix,
-        K: Mapping[str, Matrix],
-        M: Mapping[str, Matrix] | None = None,
+        K: Mapping[str, Unit],
+        M: Mapping[str, Unit] | None = None,
         *,
         n_modes: int,
         skip: int = 0,
@@ -83,11 +78,10 @@ class MatrixModel:
         self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
         size = self.K0.shape[0]
         self.M0: Matrix = read_matrix("M0", M0, size, sparse=sparse)
-        self.K = read_units("K", K, size, sparse)
-        self.M = read_units("M", {} if M is None else M, size, sparse)
-        self.names = tuple(dict.fromkeys([*self.K, *self.M]))
-        if self.names:
-            checks.parameter_names("K, M", self.names)
+        self.K, of_K = read_units("K", K, size, sparse)
+        self.M, of_M = read_units("M", {} if M is None else M, size, sparse)
+        self.coefficients = Coefficients((of_K, of_M))
+        self.names = self.coefficients.names
         self.n_modes = checks.whole_number("n_modes", n_modes, 1)
         self.skip = checks.whole_number("skip", skip)
         if self.skip + self.n_modes > size:
@@ -113,14 +107,14 @@ class MatrixModel:
     ) -> Self:
         r"""Return the model of matrices that a program exports at several values.
 
-        .. math:: K_j = \frac{K(\theta_j = b) - K(\theta_j = a)}{b - a}, \qquad
-            K_0 = K - \sum_j a_j K_j
+        .. math:: K(\theta) = K_0 + \sum_j \sum_{p \le 3} \theta_j^p K_{jp}
 
-        and M alike; a is the value at the base. One export for each parameter is
-        enough; each further one is compared with the line through the base and the
-        one that is farthest. Two exports are on a line whatever they are: give three
-        unless the parameter is known to be a factor of K or of M. Parameters that
-        multiply each other, E and I of one member, are not affine together.
+        and M alike. One export for each parameter is enough where it is known to be a
+        factor of K or of M, for base and export are on a line whatever they are. Of
+        more exports the fewest powers that fit are taken, one less than there are
+        exports at most: three show that a thickness t has t and t^3, labels "t" and
+        "t^3" of ``model.K``. Parameters that multiply each other, E and I of one
+        member, are not to be had so.
 
         Args:
             base: :class:`Matrices`, or ``(K0, M0)``, at the values ``at``.
@@ -136,8 +130,8 @@ class MatrixModel:
 
         Raises:
             TypeError: If an argument is not of the form described.
-            ValueError: If a parameter changes nothing, K or M is not affine in it, or
-                an export has other DOFs, or is not finite and symmetric.
+            ValueError: If a parameter changes nothing, K or M is no polynomial of it,
+                or an export has other DOFs, or is not finite and symmetric.
 
         Examples:
             >>> import numpy as np
@@ -149,7 +143,7 @@ class MatrixModel:
             >>> model.K["k1"].tolist(), model.K0.tolist()
             ([[1.0, 0.0], [0.0, 0.0]], [[1.0, -1.0], [-1.0, 1.0]])
         """
-        constants, units = fit_affine(base, changes, {} if at is None else at)
+        constants, units = fit_polynomials(base, changes, {} if at is None else at)
         (K0, M0), (K, M) = constants.values(), units.values()
         return cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
 
@@ -168,13 +162,8 @@ class MatrixModel:
                 changes: they have no derivatives there.
         """
         k, m, where = self.coefficients(parameters)
-        return self.problem.jacobian(k, m, unit_slopes(self.K, self.M), where)
-
-    def coefficients(self, parameters: Parameters) -> Coefficients:
-        """Return what multiplies the units of K and of M, and what names a set."""
-        values, n = read_batch(parameters, self.names)
-        where = partial(describe, values, self.names)
-        return columns(values, self.K, n), columns(values, self.M, n), where
+        slopes = self.coefficients.slopes(parameters)
+        return self.problem.jacobian(k, m, slopes, where)
 
 
 def sparse_problem(model: MatrixModel) -> SparseEigenproblem:

@@ -1,4 +1,4 @@
-"""Static tests: displacements under given loads, affine in the parameters."""
+"""Static tests: displacements under given loads."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -9,25 +9,24 @@ from scipy.sparse import issparse
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, Parameters, Variable
+from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import combine
 from .eigen_sparse import SparseSum, factor_definite
 from .inputs import (
     Dofs,
     Matrix,
     choose_dofs,
-    columns,
-    describe,
-    read_batch,
     read_matrix,
-    read_units,
 )
 
 
 class StaticModel:
     r"""Displacements of a structure under several load cases.
 
-    .. math:: K(\theta) \, u_c = f_c, \qquad K(\theta) = K_0 + \sum_i \theta_i K_i,
-        \qquad \frac{\partial u_c}{\partial \theta_i} = -K^{-1} K_i u_c
+    .. math:: K(\theta) \, u_c = f_c, \qquad
+        K(\theta) = K_0 + \sum_i a_i(\theta) K_i, \qquad
+        \frac{\partial u_c}{\partial \theta_j} = -K^{-1} \sum_i
+        \frac{\partial a_i}{\partial \theta_j} K_i u_c
 
     The matrices are those of a :class:`MatrixModel`, supports taken out. **Dense** ones
     are solved for all parameter sets at once; if K0 is a **scipy.sparse** matrix, each
@@ -37,7 +36,8 @@ class StaticModel:
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.
         loads: ``{load case: forces}``, the forces ``(N,)`` or ``{dof: force}``.
-        K: ``{parameter: K_i}``, the stiffness that multiplies the parameter.
+        K: ``{parameter: K_i}``, the stiffness that multiplies the parameter, or
+            ``{label: (K_i, function)}``, as of :class:`MatrixModel`.
         points: Where displacements are returned: DOFs (0 to N - 1), or ``{label:
             dof}``; None for all.
         unit: That of the displacements, which follows from those of K and the loads.
@@ -65,7 +65,7 @@ class StaticModel:
         self,
         K0: Matrix,
         loads: Mapping[str, ArrayLike | Mapping[int, float]],
-        K: Mapping[str, Matrix],
+        K: Mapping[str, Unit],
         *,
         points: Dofs | None = None,
         unit: str = "m",
@@ -73,8 +73,9 @@ class StaticModel:
         sparse = issparse(K0)
         self.K0: Matrix = read_matrix("K0", K0, sparse=sparse)
         size = self.K0.shape[0]
-        self.K = read_units("K", K, size, sparse)
-        self.names = checks.parameter_names("K", tuple(self.K))
+        self.K, of_K = read_units("K", K, size, sparse)
+        self.coefficients = Coefficients((of_K,))
+        self.names = self.coefficients.names
         checks.mapping("loads", loads, "{load case: forces}")
         self.cases = checks.parameter_names("loads", tuple(loads))
         forces = [_read_force(case, force, size) for case, force in loads.items()]
@@ -92,22 +93,26 @@ class StaticModel:
 
     def jacobian(self, parameters: Parameters) -> tuple[dict[str, Floats], Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve."""
-        return self._solve(parameters, self.K)
+        response, by_unit = self._solve(parameters, self.K)
+        slopes = {
+            name: np.einsum("nu,uncp->ncp", by_parameter, by_unit)
+            for name, (by_parameter,) in self.coefficients.slopes(parameters).items()
+        }
+        return response, {"displacement": slopes}
 
     def _solve(
         self, parameters: Parameters, units: Mapping[str, Matrix]
-    ) -> tuple[dict[str, Floats], Derivatives]:
-        values, n = read_batch(parameters, self.names)
-        k = columns(values, self.names, n)
-        where = partial(describe, values, self.names)
+    ) -> tuple[dict[str, Floats], list[Floats]]:
+        """Return displacements, and how they change with each unit's coefficient."""
+        k, where = self.coefficients(parameters)
         if isinstance(self._sum, SparseSum):
             rows = []
-            for i in range(n):
+            for i in range(len(k)):
                 factor = factor_definite(self._sum(k[i]))
                 if factor is None:
                     raise _indefinite(where(i))
                 rows.append(self._displace(factor.solve, units))
-            u, *slopes = map(np.array, zip(*rows, strict=True))
+            u, *by_unit = map(np.array, zip(*rows, strict=True))
         else:
             K = combine(self._sum, k)
             try:
@@ -115,9 +120,8 @@ class StaticModel:
             except np.linalg.LinAlgError:
                 worst = int(np.argmin(np.linalg.eigvalsh(K)[:, 0]))
                 raise _indefinite(where(worst)) from None
-            u, *slopes = self._displace(partial(np.linalg.solve, K), units)
-        by_name = dict(zip(units, slopes, strict=True))
-        return {"displacement": u}, {"displacement": by_name}
+            u, *by_unit = self._displace(partial(np.linalg.solve, K), units)
+        return {"displacement": u}, by_unit
 
     def _displace(
         self, solve: Callable[[Floats], Floats], units: Mapping[str, Matrix]

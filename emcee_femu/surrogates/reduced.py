@@ -12,7 +12,6 @@ import timeit
 import warnings
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -29,8 +28,9 @@ from ..interfaces import (
     Variable,
     modal_variables,
 )
-from ..models.eigen_dense import Eigenproblem, combine, unit_slopes
-from ..models.inputs import Coefficients, columns, describe, read_inside
+from ..models.coefficients import Coefficients
+from ..models.eigen_dense import Eigenproblem, combine
+from ..models.inputs import Weights, read_inside
 from ..models.matrix import MatrixModel, sparse_problem
 from ..table import Parts, Report
 
@@ -95,7 +95,7 @@ class ReducedModel(Report):
     full_size: int
     full_solves: int
     speed_up: float
-    _columns: tuple[tuple[str, ...], tuple[str, ...]] = field(repr=False)
+    _coefficients: Coefficients = field(repr=False)
     _problem: Eigenproblem = field(repr=False)
 
     @property
@@ -125,6 +125,7 @@ class ReducedModel(Report):
         Raises:
             ValueError: If a parameter is missing or outside the bounds.
         """
+        read_inside(parameters, self.bounds, "reduce")
         return self._problem.solve(*self._coefficients(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
@@ -134,14 +135,10 @@ class ReducedModel(Report):
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes; see :meth:`MatrixModel.jacobian`.
         """
-        k, m, name_set = self._coefficients(parameters)
-        return self._problem.jacobian(k, m, unit_slopes(*self._columns), name_set)
-
-    def _coefficients(self, parameters: Parameters) -> Coefficients:
-        """Return the coefficients of K and M, and what names a parameter set."""
-        values, n = read_inside(parameters, self.bounds, "reduce")
-        k, m = (columns(values, names, n) for names in self._columns)
-        return k, m, partial(describe, values, self.names)
+        read_inside(parameters, self.bounds, "reduce")
+        k, m, where = self._coefficients(parameters)
+        slopes = self._coefficients.slopes(parameters)
+        return self._problem.jacobian(k, m, slopes, where)
 
 
 def reduce_model(
@@ -243,7 +240,7 @@ def reduce_model(
         full_size=len(V),
         full_solves=len(basis.points),
         speed_up=np.nan,
-        _columns=(tuple(model.K), tuple(model.M)),
+        _coefficients=model.coefficients,
         _problem=basis.reduce(matrices, V[dofs]),
     )
     speed_up = _measure_speed_up(model, reduced)
@@ -294,9 +291,10 @@ class _Basis:
         values = np.clip(low + points * (high - low), low, high)  # rounding, by an ulp
         return dict(zip(self.bounds, values.T, strict=True))
 
-    def coefficients(self, points: Floats) -> Coefficients:
+    def coefficients(self, points: Floats) -> Weights:
         """Return those of K and of M there, and what names a point in a message."""
-        return self.model.coefficients(self.parameters(points))
+        k, m, where = self.model.coefficients(self.parameters(points))
+        return k, m, where
 
     def solve(self, point: Floats) -> Modes:
         """Solve in full at one point, with rigid-body modes and some more."""

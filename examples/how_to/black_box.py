@@ -79,8 +79,8 @@ certificate
 
 # %% [markdown]
 # What these steps do, and how to read what they print: {doc}`/tutorials/hundred_solves`. A
-# program that writes K and M needs no emulator: with matrices that are affine in the
-# parameters a solve takes microseconds, without the program
+# program that writes K and M needs no emulator: with parts of them that functions of the
+# parameters multiply a solve takes microseconds, without the program
 # ({doc}`/tutorials/large_models`).
 #
 # ## For daily use

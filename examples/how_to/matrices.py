@@ -117,12 +117,15 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 #
 # $K_j = (K(b) - K(a)) / (b - a)$ for each parameter, from the base and an export in which
 # it alone was changed. For M alike: an export is what `read_matrices` gives, `(K, M)`, or
-# K alone if M is the same. Two exports are on a straight line whatever they are; each
-# further one is compared with it, and a parameter in which K is curved is refused, with
-# how far it is off.
+# K alone if M is the same. Two matrices are on a straight line whatever they are; with
+# more exports the fewest powers up to the cube that fit are taken, and a parameter of
+# which K is no polynomial is refused, with how far it is off.
 #
-# Moduli, densities, areas and springs are straight; a thickness t is not (t and t³), and E
-# and I of the same member are not together, as they multiply each other.
+# Moduli, densities, areas and springs are straight and need one export, better two. A
+# plate's thickness (t and t³) needs three. Parameters that multiply each other, such as E
+# and I of the same member, are not to be had from exports in which one is changed; if you
+# have the parts, say what multiplies them:
+# `MatrixModel(K0, M0, K={"bending": (K3, lambda E, t: E * t**3)}, n_modes=3)`.
 #
 # A matrix counts as unchanged below 1e-9 of its diagonal; what rounding left in other
 # entries, below 1e-12, is dropped, so that $K_j$ has entries only where the parameter

@@ -10,8 +10,8 @@
 # | a solve takes | and you have | use | true solves |
 # |---|---|---|---|
 # | microseconds | K and M, a small model | `run(posterior, seed=1)` | 10,000 and more |
-# | milliseconds to seconds | K and M that are affine in the parameters | `reduce_model`, then `run`: {doc}`large_models` | some tens |
-# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 2 or 3 per parameter |
+# | milliseconds to seconds | K and M whose parts functions of the parameters multiply | `reduce_model`, then `run`: {doc}`large_models` | some tens |
+# | the same | an FE program that writes K and M | `read_matrices`, `MatrixModel.from_differences`, then as above: {doc}`/how_to/matrices` | 1 to 3 per parameter |
 # | seconds to hours | a program that gives only results | `emulate`, `run` on what it returns, `certify` | about 10 per parameter, and 100 |
 # | the same | one that gives derivatives, too | the same: `FunctionModel(..., jacobian=)` | about 3 per parameter, and 100 |
 # | the same | an emulator that `certify` refuses | more `solves` from the same file; else `DelayedAcceptanceMove(..., steps=100)` | 1 per walker and step |

@@ -1,4 +1,4 @@
-"""Affine parts from exports at several values of the parameters."""
+"""Polynomials from exports at several values of the parameters."""
 
 import numpy as np
 import pytest
@@ -48,19 +48,41 @@ def test_values_are_those_of_the_parameters(tmp_path):
     assert rows.max() == base.dofs("19:ry") and model.M == {}
 
 
-def test_a_third_export_shows_that_a_parameter_is_not_affine():
-    K0, Kt = cantilever(left=0.0)[0], cantilever(right=0.0)[0]
-    thickness = {t: K0 + t**3 * Kt for t in (1.5, 2.0)}
-    build({"t": {2.0: thickness[2.0]}})  # two are on a line, whatever they are
-    message = r"changes\['t'\]: K is not affine.*at 1\.5 it is off.*47\.4% of its"
-    with pytest.raises(ValueError, match=message):
-        build({"t": thickness})
-    cubed = build({"t3": {t**3: K for t, K in thickness.items()}})
-    np.testing.assert_allclose(cubed.K["t3"], Kt, atol=1e-9 * abs(Kt).max())
+def test_exports_show_which_powers_of_a_parameter_there_are():
+    (bent, M, _), membrane = cantilever(right=0.0), np.diag(np.arange(1.0, 17.0))
+    values = 1.3, 1.7, 2.9
+
+    def plate(t):
+        return np.diag(np.full(16, 5e4)) + 3e4 * t * membrane + t**3 * bent, t * M
+
+    build({"t": {1.3: plate(1.3)}}, plate(1.0))  # two are on a line, whatever they are
+    with pytest.raises(ValueError, match=r"changes\['t'\]: K is no polynomial.*2 exp"):
+        build({"t": {t: plate(t) for t in values[:2]}}, plate(1.0))
+    for start in (1.0, -0.5):
+        changes = {"t": {t: plate(t) for t in values}}
+        model = build(changes, plate(start), at={"t": start})
+        assert [*model.K] == ["t", "t^3"] and [*model.M] == ["t"]
+        np.testing.assert_allclose(model.K["t^3"], bent, atol=1e-9 * bent.max())
+        np.testing.assert_allclose(model.K["t"], 3e4 * membrane, atol=1e-2)
+        assert model.names == ("t",)
+    frequencies = model({"t": [1.7]}).frequencies
+    other = ef.MatrixModel(*plate(1.7), {}, n_modes=3)
+    np.testing.assert_allclose(frequencies, other({}).frequencies, rtol=1e-9)
+    cubed = {t: cantilever(left=t**3)[0] for t in values[:2]}
+    assert [*build({"t": cubed}).K] == ["t^3"]  # a power alone needs one export more
+    nearly = {t: (t + 1e-7 * t**2) * PLAIN[0] for t in values}
+    assert [*build({"t": nearly}).K] == ["t"]  # the fewest that fit
+
+
+def test_a_parameter_of_which_a_matrix_is_no_polynomial_is_refused():
     K, M = PLAIN
     changes = {"a": {3.0: (3 * K, M), 2.0: (2 * K, 1.1 * M)}}
-    with pytest.raises(ValueError, match=r"changes\['a'\]: M is not affine"):
+    message = r"changes\['a'\]: M is no polynomial.*off by [0-9]+\.[0-9]% of a change"
+    with pytest.raises(ValueError, match=message):
         build(changes)
+    roots = {t: t**0.5 * K for t in (0.25, 0.5, 1.5, 2.0, 3.0)}
+    with pytest.raises(ValueError, match=r"K is no polynomial.*c1 x\^1 \+ c2 x\^2"):
+        build({"t": roots})
 
 
 def test_exports_of_another_mesh_are_refused(tmp_path):

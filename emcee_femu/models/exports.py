@@ -1,0 +1,175 @@
+"""Matrices that a program exports at several values of parameters, as polynomials."""
+
+from collections.abc import Iterable, Mapping
+from itertools import combinations
+from typing import Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array, issparse
+
+from .. import checks
+from .coefficients import Power, Unit
+from .inputs import Matrix, read_matrix
+
+
+@runtime_checkable
+class Matrices(Protocol):
+    """What a file holds, as read_matrices returns it."""
+
+    @property
+    def matrices(self) -> Mapping[str, csc_array]:
+        """``"K"``, ``"M"`` and others."""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names of all DOFs; none if they are not known."""
+
+
+# K alone, (K, M), or what a file holds.
+Export: TypeAlias = Matrix | tuple[Matrix | None, ...] | Matrices
+# Entries of exports are compared with sqrt(d_i d_j), d the diagonal: units and stiff
+# parts of a model do not matter then.
+NOISE = 1e-12  # what is left of entries that did not change, and is dropped
+UNCHANGED = 1e-9  # a matrix that differs by less is the same
+CURVED = 1e-6  # share of a change by which it may be off a polynomial
+POWERS = 1, 2, 3  # of a parameter
+
+
+def fit_polynomials(
+    base: Export, changes: Mapping[str, Mapping[float, Export]], at: Mapping[str, float]
+) -> tuple[dict[str, Matrix], dict[str, dict[str, Unit]]]:
+    """Return constant parts and units, of "K" and of "M".
+
+    The arguments are those of :meth:`MatrixModel.from_differences`.
+    """
+    first = _read_export("base", base, base)
+    if len(first) < 2:
+        raise ValueError("base: expected stiffness and mass, Matrices or (K0, M0)")
+    checks.mapping("changes", changes, "{parameter: {value: matrices}}")
+    names = checks.parameter_names("changes", changes)
+    values = dict.fromkeys(names, 1.0) | checks.by_name("at", at, names)
+    keep = csc_array if issparse(_split(base)["K"]) else csc_array.toarray
+    constants = dict(first)
+    units: dict[str, dict[str, Unit]] = {"K": {}, "M": {}}
+    for name in names:
+        label, start = f"changes[{name!r}]", checks.real_number("at", values[name])
+        checks.mapping(label, changes[name], "{value: matrices}")
+        exports = {
+            checks.real_number(label, value): _read_export(
+                f"{label}[{value!r}]", export, base
+            )
+            for value, export in changes[name].items()
+        }
+        if not exports or start in exports:
+            raise ValueError(
+                f"{label}: expected matrices at values other than {start:g}, the one "
+                f"at the base; where that is not its value, give at={{{name!r}: value}}"
+            )
+        for part, terms in _fit_powers(label, first, exports, start).items():
+            for power, matrix in terms.items():
+                constants[part] = constants[part] - start**power * matrix
+                unit: Unit = keep(matrix)
+                if power == 1:
+                    units[part][name] = unit
+                else:
+                    units[part][f"{name}^{power}"] = unit, Power(name, power)
+    return {part: keep(_drop(constants[part], first[part])) for part in first}, units
+
+
+def _split(export: Export) -> dict[str, Matrix]:
+    """Return stiffness and mass of an export, those that there are."""
+    if isinstance(export, Matrices):
+        matrices = export.matrices
+    else:
+        pair = export if isinstance(export, tuple) else (export,)
+        matrices = dict(zip("KM", pair, strict=False))
+    return {part: matrices[part] for part in "KM" if matrices.get(part) is not None}
+
+
+def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_array]:
+    """Return the matrices of one export, checked, on the DOFs of the base."""
+    if isinstance(export, Matrices) and isinstance(base, Matrices):
+        if export.labels != base.labels:
+            raise ValueError(
+                f"{argument}: expected the nodes and directions of the base, in its "
+                "order; was the mesh or a support changed, or the program numbers anew?"
+            )
+    matrices, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
+    if not matrices or not size:
+        raise ValueError(f"{argument}: expected K, (K, M) or Matrices, got none")
+    return {
+        part: read_matrix(f"{argument}, {part}", matrix, size[0], sparse=True)
+        for part, matrix in matrices.items()
+    }
+
+
+def _fit_powers(
+    argument: str,
+    first: Mapping[str, csc_array],
+    exports: Mapping[float, Mapping[str, csc_array]],
+    start: float,
+) -> dict[str, dict[int, csc_array]]:
+    """Return what powers of a parameter multiply in K and M, the fewest that fit.
+
+    One export shows a line; others are taken where there is an export more than powers.
+    """
+    fitted = {}
+    for part in ("K", "M"):
+        given = {x: parts[part] for x, parts in exports.items() if part in parts}
+        changes = [new - first[part] for new in given.values()]
+        sizes = [abs(first[part]) + abs(new) for new in given.values()]
+        wholes = [_scale(*pair).max() for pair in zip(changes, sizes, strict=True)]
+        if max(wholes, default=0.0) < UNCHANGED:
+            continue
+        misfits, whole = [], sizes[int(np.argmax(wholes))]
+        for count in range(1, max(1, min(len(given) - 1, len(POWERS))) + 1):
+            for powers in combinations(POWERS if len(given) > 1 else POWERS[:1], count):
+                steps = [[x**p - start**p for p in powers] for x in given]
+                scale = np.abs(steps).max(axis=0)  # powers of 2e11, beside others
+                weights = np.linalg.pinv(steps / scale)
+                shares = [_add(row, changes) for row in weights]
+                terms = [
+                    _drop(A, whole) / s for A, s in zip(shares, scale, strict=True)
+                ]
+                off = [
+                    _scale(_add([1.0, *-np.array(row)], [change, *terms]), size).max()
+                    for row, change, size in zip(steps, changes, sizes, strict=True)
+                ]
+                misfit = (np.array(off) - UNCHANGED) / np.maximum(wholes, UNCHANGED)
+                misfits.append((float(misfit.max()), powers, terms))
+        worst, powers, terms = min(misfits, key=lambda fit: fit[0] > CURVED)
+        if worst > CURVED:
+            worst, powers, _ = min(misfits, key=lambda fit: fit[0])
+            nearest = " + ".join(f"c{p} x^{p}" for p in powers)
+            raise ValueError(
+                f"{argument}: {part} is no polynomial of this parameter, up to its "
+                f"cube, as far as {len(given)} exports beside the base tell: the "
+                f"nearest, c0 + {nearest}, is off by {worst:.1%} of a change; give "
+                "more exports, or take another parameter, such as E or I"
+            )
+        fitted[part] = dict(zip(powers, terms, strict=True))
+    if not fitted:
+        raise ValueError(
+            f"{argument}: K and M are those of the base, to {UNCHANGED:g} of their "
+            "diagonal; was the parameter changed, and the right file read? If it has "
+            "little to do with them, change it more"
+        )
+    return fitted
+
+
+def _add(weights: Iterable[float], matrices: Iterable[csc_array]) -> csc_array:
+    """Return the weighted sum of matrices."""
+    terms = [w * A for w, A in zip(weights, matrices, strict=True)]
+    return csc_array(sum(terms[1:], terms[0]))
+
+
+def _scale(matrix: csc_array, reference: csc_array) -> csc_array:
+    """Return ``|a_ij| / sqrt(d_i d_j)``, d the diagonal of a reference."""
+    diagonal = np.abs(reference.diagonal())
+    scale = diags_array(1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)))
+    return abs(scale @ matrix @ scale)
+
+
+def _drop(matrix: csc_array, reference: csc_array) -> csc_array:
+    """Return a matrix without entries that are noise beside a reference's diagonal."""
+    return csc_array(matrix.multiply(_scale(matrix, reference) > NOISE))
