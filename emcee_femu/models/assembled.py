@@ -1,8 +1,9 @@
 """A function that assembles K and M, whose eigenproblem is solved here."""
 
 from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from functools import partial
-from typing import TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from scipy.sparse import csc_array, issparse
@@ -10,6 +11,7 @@ from scipy.sparse import csc_array, issparse
 from .. import checks
 from ..interfaces import (
     Derivatives,
+    Floats,
     ModalSolution,
     Parameters,
     add_place,
@@ -87,6 +89,7 @@ class AssembledModel:
         dofs = choose_dofs("shapes", shapes, range(MOST))
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
+        self._output: Floats | None = None  # of a basis, at these DOFs
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
@@ -114,13 +117,25 @@ class AssembledModel:
         sparse = issparse(pair[0])
         K = read_matrix("assemble: K", pair[0], sparse=sparse)
         size = K.shape[0]
-        last = max(self.shape_dofs, default=0)
+        last = max(self.shape_dofs, default=0) if self._output is None else 0
         if last >= size or self.skip + self.n_modes > size:
             raise ValueError(
                 f"assemble: expected matrices with DOF {last} of shapes, and at least "
                 f"skip + n_modes = {self.skip + self.n_modes} rows, got {size}"
             )
         return K, read_matrix("assemble: M", pair[1], size, sparse=sparse)
+
+    def project(self, V: Floats, added: float) -> Self:
+        """Return the model in a basis, solved by an assembly and a small problem.
+
+        Args:
+            V: The basis, ``(N, r)``.
+            added: What is added to the diagonal of the mass there.
+        """
+        small = copy(self)
+        small.assemble = partial(_project, self, V, added)
+        small._output = V[list(self.shape_dofs)]
+        return small
 
     def _solve(
         self, parameters: Parameters, by: tuple[str, ...]
@@ -168,7 +183,9 @@ class AssembledModel:
             problem = SparseEigenproblem(K, M, self.n_modes, self.skip, self.shape_dofs)
         else:
             wanted = self.skip + np.arange(self.n_modes)
-            output = np.eye(len(K[0]))[list(self.shape_dofs)]
+            output = self._output
+            if output is None:
+                output = np.eye(len(K[0]))[list(self.shape_dofs)]
             try:
                 problem = Eigenproblem(
                     np.array(K), np.array(M), wanted, self.skip, output
@@ -181,3 +198,11 @@ class AssembledModel:
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
         return problem.jacobian(still, still, slopes, where)
+
+
+def _project(
+    model: AssembledModel, V: Floats, added: float, values: Mapping[str, float]
+) -> tuple[Floats, Floats]:
+    """Return K and M of one parameter set in a basis."""
+    K, M = (V.T @ (matrix @ V) for matrix in model.matrices(values))
+    return K, M + added * np.eye(V.shape[1])

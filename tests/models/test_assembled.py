@@ -8,14 +8,13 @@ from support.exports import LENGTH, cantilever
 
 import emcee_femu as ef
 
-ELEMENTS = 8
 AT = {"x": np.array([1.1, 0.62]), "k": np.array([4e4, 9e4]), "m": np.array([0.7, 1.2])}
 
 
-def beam(p):
+def beam(p, elements=8):
     """Return a beam on a spring at x, in whatever element that is."""
-    K, M, _ = cantilever(ELEMENTS)
-    L = LENGTH / ELEMENTS
+    K, M, _ = cantilever(elements)
+    L = LENGTH / elements
     element, s = divmod(p["x"] / L, 1.0)
     a = np.array([1 - 3 * s**2 + 2 * s**3, -L * (s - 2 * s**2 + s**3),
                   3 * s**2 - 2 * s**3, L * (s**2 - s**3)])  # fmt: skip
@@ -128,3 +127,26 @@ def test_dofs_are_counted_at_the_first_solve():
     model = ef.AssembledModel(beam, AT, n_modes=2, shapes=[99])
     with pytest.raises(ValueError, match="expected matrices with DOF 99 of shapes"):
         model(AT)
+
+
+def test_reduced_each_assembly_is_projected():
+    """Against a full solve, at points that were not used."""
+
+    def assemble(p):
+        return tuple(map(sparse.csc_array, beam(p, 96)))
+
+    bounds = {"x": (0.6, 1.2), "k": (3e4, 1e5), "m": (0.6, 1.4)}
+    full = ef.AssembledModel(assemble, bounds, n_modes=3, shapes=[190, 80])
+    with pytest.warns(UserWarning, match="does not pay.*assembling takes"):
+        reduced = ef.reduce_model(full, bounds, 1e-5, test_points=12)
+    assert reduced.max_error < 1e-5 and reduced.size < 30
+    assert reduced.one_by_one
+    assert reduced.shape_dofs == full.variables["shapes"].coords["dof"]
+    exact, near = full(AT), reduced(AT)
+    np.testing.assert_allclose(near.frequencies, exact.frequencies, rtol=1e-5)
+    assert (near.frequencies > exact.frequencies * (1 - 1e-9)).all()
+    signs = np.sign((near.shapes * exact.shapes).sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(near.shapes * signs, exact.shapes, rtol=0.01, atol=1e-3)
+    assert_jacobian(reduced, AT, tolerance=1e-4)
+    with pytest.raises(ValueError, match="x = 1.3 of row 0 is outside the bounds"):
+        reduced({"x": [1.3], "k": [4e4], "m": [1.0]})
