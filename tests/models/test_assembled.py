@@ -133,7 +133,10 @@ def test_reduced_each_assembly_is_projected():
     """Against a full solve, at points that were not used."""
 
     def assemble(p):
-        return tuple(map(sparse.csc_array, beam(p, 96)))
+        K, M = map(sparse.csc_array, beam(p, 96))
+        M = sparse.diags_array(M.diagonal())
+        M.data[:, 1::2] = 0.0  # rotations have no mass
+        return K, M
 
     bounds = {"x": (0.6, 1.2), "k": (3e4, 1e5), "m": (0.6, 1.4)}
     full = ef.AssembledModel(assemble, bounds, n_modes=3, shapes=[190, 80])
@@ -144,9 +147,9 @@ def test_reduced_each_assembly_is_projected():
     assert reduced.shape_dofs == full.variables["shapes"].coords["dof"]
     exact, near = full(AT), reduced(AT)
     np.testing.assert_allclose(near.frequencies, exact.frequencies, rtol=1e-5)
-    assert (near.frequencies > exact.frequencies * (1 - 1e-9)).all()
+    assert (near.frequencies > exact.frequencies * (1 - 1e-6)).all()
     signs = np.sign((near.shapes * exact.shapes).sum(axis=1, keepdims=True))
-    np.testing.assert_allclose(near.shapes * signs, exact.shapes, rtol=0.01, atol=1e-3)
+    np.testing.assert_allclose(near.shapes * signs, exact.shapes, rtol=1e-3, atol=1e-4)
     assert_jacobian(reduced, AT, tolerance=1e-4)
     with pytest.raises(ValueError, match="x = 1.3 of row 0 is outside the bounds"):
         reduced({"x": [1.3], "k": [4e4], "m": [1.0]})
