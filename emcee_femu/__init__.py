@@ -39,6 +39,7 @@ from .likelihoods.displacement import DisplacementTerm as DisplacementTerm
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
 from .measurements import Measurements as Measurements
+from .models.assembled import AssembledModel as AssembledModel
 from .models.frame import FrameModel as FrameModel
 from .models.frame import Section as Section
 from .models.function import FunctionModel as FunctionModel

@@ -118,8 +118,6 @@ class SparseEigenproblem:
         self.K, self.M, self.n_modes, self.skip = tuple(K), tuple(M), n_modes, skip
         self.dofs = np.array(dofs, dtype=np.intp)
         self.stiffness, self.mass = SparseSum(K), SparseSum(M)
-        # Seeded: equal parameters give equal bits. Random: it holds every mode.
-        self._start = np.random.default_rng(0).normal(size=K[0].shape[0])
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
@@ -213,55 +211,68 @@ class SparseEigenproblem:
         K, M = self.stiffness(k), self.mass(m)
         if len(self.M) > 1:
             check_mass(M, f"the mass matrix at {where}")
-        massive = np.count_nonzero(M.diagonal())
-        if count > massive:
-            raise ValueError(
-                f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
-                f"got {count}"
-            )
-        values, vectors = self._solve_shifted(K, M, count, where)
-        # The strain energy of a rigid motion is a difference of large terms: what is
-        # left of it is rounding of their size. (A bound by the largest eigenvalue
-        # would refuse models with penalty springs or tiny masses.)
-        largest = np.abs(vectors[:, self.skip])
-        rounding = 10 * EPS * np.array([largest @ (abs(K) @ largest)])
-        check_elastic(values[None], rounding, self.skip, lambda _: where)
-        return values, vectors
+        return lowest_modes(K, M, count, self.skip, where)
 
-    def _solve_shifted(
-        self, K: csc_array, M: csc_array, count: int, where: str
-    ) -> Pairs:
-        """Return the pairs nearest to ``-sigma``, ascending.
 
-        Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to
-        1e4 times the first elastic eigenvalue the result is the same.
-        """
-        mass, shift = M.diagonal(), 0.0
-        if self.skip:
-            ratio = K.diagonal()[mass > 0] / mass[mass > 0]
-            positive = ratio[ratio > 0]
-            shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
-        factor = factor_definite(csc_array(K + shift * M) if shift else K)
-        if factor is None:
-            raise ValueError(
-                f"mode {self.skip + 1} is not elastic (a pivot of the stiffness is not "
-                f"above zero) at {where}: a stiffness matrix that is not positive "
-                "(give the prior bounds that keep stiffnesses and masses above zero), "
-                f"or a rigid-body mode beyond skip={self.skip}"
-            )
-        if np.count_nonzero(mass) <= max(2 * count + 1, 20):
-            values, vectors = _solve_condensed(factor, M, count)
-            return values - shift, vectors
-        options: dict[str, object] = {"v0": self._start, "tol": TOLERANCE}
-        if SEEDED:
-            options["rng"] = np.random.default_rng(0)
-        inverse = LinearOperator(K.shape, matvec=factor.solve, dtype=float)
-        try:
-            values, vectors = eigsh(K, count, M, -shift, OPinv=inverse, **options)
-        except ArpackNoConvergence as error:
-            raise ValueError(f"{error} at {where}; ask for other n_modes") from None
-        order = np.argsort(values)
-        return values[order], vectors[:, order]
+def lowest_modes(
+    K: csc_array, M: csc_array, count: int, skip: int, where: str
+) -> Pairs:
+    """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
+
+    Rigid-body modes are included; ``where`` names the parameters in an error.
+    """
+    massive = np.count_nonzero(M.diagonal())
+    if count > massive:
+        raise ValueError(
+            f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
+            f"got {count}"
+        )
+    values, vectors = _solve_shifted(K, M, count, skip, where)
+    # The strain energy of a rigid motion is a difference of large terms: what is
+    # left of it is rounding of their size. (A bound by the largest eigenvalue
+    # would refuse models with penalty springs or tiny masses.)
+    largest = np.abs(vectors[:, skip])
+    rounding = 10 * EPS * np.array([largest @ (abs(K) @ largest)])
+    check_elastic(values[None], rounding, skip, lambda _: where)
+    return values, vectors
+
+
+def _solve_shifted(
+    K: csc_array, M: csc_array, count: int, skip: int, where: str
+) -> Pairs:
+    """Return the pairs nearest to ``-sigma``, ascending.
+
+    Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to
+    1e4 times the first elastic eigenvalue the result is the same.
+    """
+    mass, shift = M.diagonal(), 0.0
+    if skip:
+        ratio = K.diagonal()[mass > 0] / mass[mass > 0]
+        positive = ratio[ratio > 0]
+        shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0
+    factor = factor_definite(csc_array(K + shift * M) if shift else K)
+    if factor is None:
+        raise ValueError(
+            f"mode {skip + 1} is not elastic (a pivot of the stiffness is not "
+            f"above zero) at {where}: a stiffness matrix that is not positive "
+            "(give the prior bounds that keep stiffnesses and masses above zero), "
+            f"or a rigid-body mode beyond skip={skip}"
+        )
+    if np.count_nonzero(mass) <= max(2 * count + 1, 20):
+        values, vectors = _solve_condensed(factor, M, count)
+        return values - shift, vectors
+    # Seeded: equal parameters give equal bits. Random: it holds every mode.
+    start = np.random.default_rng(0).normal(size=K.shape[0])
+    options: dict[str, object] = {"v0": start, "tol": TOLERANCE}
+    if SEEDED:
+        options["rng"] = np.random.default_rng(0)
+    inverse = LinearOperator(K.shape, matvec=factor.solve, dtype=float)
+    try:
+        values, vectors = eigsh(K, count, M, -shift, OPinv=inverse, **options)
+    except ArpackNoConvergence as error:
+        raise ValueError(f"{error} at {where}; ask for other n_modes") from None
+    order = np.argsort(values)
+    return values[order], vectors[:, order]
 
 
 def _solve_condensed(factor: SuperLU, M: csc_array, count: int) -> Pairs:

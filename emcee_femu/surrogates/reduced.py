@@ -12,45 +12,31 @@ import timeit
 import warnings
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import eigh
-from scipy.sparse import csc_array, issparse
+from scipy.sparse import issparse
 from scipy.stats import qmc
 
 from .. import checks
 from ..interfaces import (
     Derivatives,
-    Floats,
     ModalSolution,
     Parameters,
     Variable,
     modal_variables,
 )
-from ..models.coefficients import Coefficients
-from ..models.eigen_dense import Eigenproblem, combine
-from ..models.inputs import Weights, read_inside
-from ..models.matrix import MatrixModel, sparse_problem
+from ..models.assembled import AssembledModel
+from ..models.inputs import read_inside
+from ..models.matrix import MatrixModel
 from ..table import Parts, Report
+from .ritz_basis import GOOD, RESERVE, ProjectedSum, RitzBasis, not_reached
 
 INSIDE, CORNERS = 128, 32  # points for the basis
 CHECKED = 96  # of these, where a basis is compared with its principal directions
 INWARDS = 0.95  # of corners that certify, what is near them is for the basis
-GOOD = 3  # full solves in a row that bring nothing new
 SAFETY = 0.5  # what the truncation may cost, as a share of the tolerance
-RESERVE = 0.2  # share of that for the basis before truncation
-RIGID_WEIGHT = 1e3  # so that rigid motions stay in a basis of any size
-DEPENDENT = 1e-7  # share of a shape's energy norm; what is new in it must be more
-BUFFER = 2  # extra modes, so that those which cross the wanted ones are in the basis
-CLOSE = 0.02  # modes nearer to each other in frequency mix their shapes
-MISSED = 1e-6  # a Ritz frequency this much below the full one, relatively, is an error
 PAYS = 3.0  # a smaller speed-up is worth a warning
 BATCH = 16  # parameter sets in the batch that is timed
-
-# Of K and of M in a basis, (1 + n_k, r, r) and (1 + n_m, r, r), constants first.
-Matrices: TypeAlias = tuple[Floats, Floats]
-Modes: TypeAlias = tuple[Floats, Floats]  # eigenvalues (m,) and shapes (N, m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +81,7 @@ class ReducedModel(Report):
     full_size: int
     full_solves: int
     speed_up: float
-    _coefficients: Coefficients = field(repr=False)
-    _problem: Eigenproblem = field(repr=False)
+    _small: AssembledModel | ProjectedSum = field(repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -107,6 +92,11 @@ class ReducedModel(Report):
     def variables(self) -> Mapping[str, Variable]:
         """Frequencies, and shapes where it returns them."""
         return modal_variables(self.n_modes, self.shape_dofs)
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether it solves one parameter set after another."""
+        return isinstance(self._small, AssembledModel)
 
     def _parts(self) -> Parts:
         return (
@@ -126,7 +116,7 @@ class ReducedModel(Report):
             ValueError: If a parameter is missing or outside the bounds.
         """
         read_inside(parameters, self.bounds, "reduce")
-        return self._problem.solve(*self._coefficients(parameters))
+        return self._small(parameters)
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives, those of the reduced model.
@@ -136,13 +126,11 @@ class ReducedModel(Report):
                 changes; see :meth:`MatrixModel.jacobian`.
         """
         read_inside(parameters, self.bounds, "reduce")
-        k, m, where = self._coefficients(parameters)
-        slopes = self._coefficients.slopes(parameters)
-        return self._problem.jacobian(k, m, slopes, where)
+        return self._small.jacobian(parameters)
 
 
 def reduce_model(
-    model: MatrixModel,
+    model: MatrixModel | AssembledModel,
     bounds: Mapping[str, tuple[float, float]],
     tolerance: float = 1e-4,
     *,
@@ -153,7 +141,9 @@ def reduce_model(
     """Return a small model that stands in for a large one inside ``bounds``.
 
     A Ritz basis is built from mode shapes at points that fill the bounds, until it
-    brings nothing new. Full solves at independent points then certify it.
+    brings nothing new. Full solves at independent points then certify it. The matrices
+    of an :class:`AssembledModel` are projected onto the basis at each call, so that a
+    solve costs an assembly and a small dense problem.
 
     Args:
         model: The full model, dense or sparse.
@@ -168,12 +158,12 @@ def reduce_model(
         The reduced model, with its certificate.
 
     Raises:
-        TypeError: If model is not a MatrixModel.
+        TypeError: If model is neither a MatrixModel nor an AssembledModel.
         ValueError: If bounds do not fit the parameters, or the tolerance is not
             reached with ``max_solves`` full solves.
 
     Warns:
-        UserWarning: If the reduction does not pay.
+        UserWarning: If the reduction does not pay, as where assembly takes the time.
 
     Examples:
         >>> import numpy as np
@@ -193,7 +183,11 @@ def reduce_model(
         >>> bool(np.allclose(small(at).frequencies, full(at).frequencies, rtol=1e-3))
         True
     """
-    checks.instance("model", model, MatrixModel)
+    if not isinstance(model, MatrixModel | AssembledModel):
+        raise TypeError(
+            "model: expected a MatrixModel or an AssembledModel, got "
+            f"{type(model).__name__}"
+        )
     box = _read_bounds(bounds, model.names)
     tolerance = checks.real_number("tolerance", tolerance)
     if not 1e-9 <= tolerance <= 0.1:
@@ -209,25 +203,26 @@ def reduce_model(
     near = 0.5 + INWARDS * (certified - 0.5)
     inside = qmc.Sobol(len(box), seed=rng).random(INSIDE)
     candidates = np.concatenate([trained, near, inside])
-    basis, target = _Basis(model, box, tolerance), SAFETY * tolerance
+    basis, target = RitzBasis(model, box, tolerance), SAFETY * tolerance
     while True:
         basis.grow(candidates, RESERVE * target, max_solves - n_tests)
-        V, matrices = basis.truncate(candidates[:CHECKED], target)
+        V = basis.truncate(candidates[:CHECKED], target)
+        small = basis.project(V)
         rest = rng.uniform(size=(n_tests - len(certified), len(box)))
         tests = np.concatenate([certified, rest])
-        comparisons = [basis.compare(V, matrices, point) for point in tests]
+        comparisons = [basis.compare(V, small, point) for point in tests]
         errors = np.array([error for error, _, _ in comparisons])
         if errors.max() <= tolerance:
             break
         if len(basis.points) + n_tests >= max_solves:
-            raise _not_reached(tolerance, errors.max(), len(basis.points))
+            raise not_reached(tolerance, errors.max(), len(basis.points))
         # Look closer there; certify at new points, and corners that were good.
         for i in np.flatnonzero(errors > target):
             basis.append(*comparisons[i][2])
         certified = certified[errors[: len(certified)] <= target]
         target *= 0.3
-    dofs = list(model.shape_dofs)
-    labels = model.variables["shapes"].coords["dof"] if dofs else ()
+    shaped = len(model.shape_dofs) > 0
+    labels = model.variables["shapes"].coords["dof"] if shaped else ()
     reduced = ReducedModel(
         bounds=box,
         n_modes=model.n_modes,
@@ -240,167 +235,19 @@ def reduce_model(
         full_size=len(V),
         full_solves=len(basis.points),
         speed_up=np.nan,
-        _coefficients=model.coefficients,
-        _problem=basis.reduce(matrices, V[dofs]),
+        _small=small,
     )
     speed_up = _measure_speed_up(model, reduced)
     if reduced.size >= reduced.full_size or speed_up < PAYS:
         warnings.warn(
             f"the reduction does not pay: {reduced.size} basis vectors for "
             f"{reduced.full_size} DOFs, {speed_up:.2g} times the speed of the full "
-            "model; use the latter, narrower bounds or a larger tolerance",
+            "model; use the latter, narrower bounds or a larger tolerance"
+            + ("; assembling takes most of the time" if reduced.one_by_one else ""),
             UserWarning,
             stacklevel=2,
         )
     return replace(reduced, speed_up=speed_up)
-
-
-class _Basis:
-    """Shapes of a model at points of the unit cube of its parameters.
-
-    Attributes:
-        points: Where it was solved in full.
-        V: The shapes, orthonormal in the energy A, ``(N, r)``.
-        snapshots: The shapes as they were solved for, scaled to unit energy.
-    """
-
-    def __init__(
-        self,
-        model: MatrixModel,
-        bounds: dict[str, tuple[float, float]],
-        tolerance: float,
-    ) -> None:
-        self.model, self.bounds, self.problem = model, bounds, sparse_problem(model)
-        self.points: list[Floats] = []
-        centre = np.full(len(bounds), 0.5)
-        eigenvalues, shapes = self.solve(centre)
-        k, m, _ = self.coefficients(centre[None])
-        M = self.problem.mass(m[0])
-        self.shift = 0.1 * float(eigenvalues[model.skip]) if model.skip else 0.0
-        self.A = csc_array(self.problem.stiffness(k[0]) + self.shift * M)
-        # A little mass keeps that of massless DOFs definite: 0.5 % of the tolerance.
-        added = 0.0 if M.diagonal().all() else 0.01 * tolerance / float(eigenvalues[-1])
-        M0, *units = self.problem.M
-        self.terms = self.problem.K, (csc_array(M0 + added * self.A), *units)
-        self.V, self.snapshots = np.empty((len(shapes), 0)), list[Floats]()
-        self.append(eigenvalues, shapes)
-
-    def parameters(self, points: Floats) -> dict[str, Floats]:
-        """Return the parameters at points of the unit cube, ``(n, d)``."""
-        low, high = np.array([*self.bounds.values()]).T
-        values = np.clip(low + points * (high - low), low, high)  # rounding, by an ulp
-        return dict(zip(self.bounds, values.T, strict=True))
-
-    def coefficients(self, points: Floats) -> Weights:
-        """Return those of K and of M there, and what names a point in a message."""
-        k, m, where = self.model.coefficients(self.parameters(points))
-        return k, m, where
-
-    def solve(self, point: Floats) -> Modes:
-        """Solve in full at one point, with rigid-body modes and some more."""
-        k, m, where = self.coefficients(point[None])
-        massive = int(np.count_nonzero(self.problem.mass(m[0]).diagonal()))
-        count = min(self.model.skip + self.model.n_modes + BUFFER, massive)
-        self.points.append(point)
-        return self.problem.lowest(k[0], m[0], count, where(0))
-
-    def append(self, eigenvalues: Floats, shapes: Floats) -> None:
-        """Add mode shapes ``(N, n)``."""
-        new = shapes / np.sqrt(np.abs(eigenvalues) + self.shift)  # unit energy
-        rigid = np.arange(new.shape[1]) < self.model.skip
-        self.snapshots.append(new * np.where(rigid, RIGID_WEIGHT, 1.0))
-        for _ in range(2):  # once leaves the rounding of a difference behind
-            new = new - self.V @ (self.V.T @ (self.A @ new))
-        energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
-        kept = energy > DEPENDENT**2
-        directions = directions[:, kept] / np.sqrt(energy[kept])
-        self.V = np.hstack([self.V, new @ directions])
-
-    def project(self) -> Matrices:
-        """Return the matrices of the full model in the basis."""
-        K, M = (
-            np.array([self.V.T @ (unit @ self.V) for unit in units])
-            for units in self.terms
-        )
-        return K, M
-
-    def grow(self, candidates: Floats, target: float, allowed: int) -> None:
-        """Solve at points far from all earlier ones until nothing new is found."""
-        errors: list[float] = []
-        while len(errors) < GOOD or max(errors[-GOOD:]) > target:
-            if len(self.points) >= allowed:
-                worst = max(errors[-GOOD:], default=np.inf)
-                raise _not_reached(target, worst, len(self.points))
-            gaps = ((candidates[:, None] - np.array(self.points)) ** 2).sum(axis=2)
-            farthest = candidates[np.argmax(gaps.min(axis=1))]
-            error, _, modes = self.compare(self.V, self.project(), farthest)
-            self.append(*modes)
-            errors.append(error)
-
-    def reduce(self, matrices: Matrices, output: Floats) -> Eigenproblem:
-        """Return the dense problem in a basis; ``output`` rows map to the DOFs."""
-        skip, n_modes = self.model.skip, self.model.n_modes
-        return Eigenproblem(*matrices, skip + np.arange(n_modes), skip, output)
-
-    def truncate(self, points: Floats, target: float) -> tuple[Floats, Matrices]:
-        """Return the fewest principal directions that keep all frequencies there."""
-        coordinates = self.V.T @ (self.A @ np.hstack(self.snapshots))
-        directions = np.linalg.svd(coordinates, full_matrices=True)[0]
-        K, M = (directions.T @ part @ directions for part in self.project())
-        coefficients = self.coefficients(points)
-
-        def solve(size: int) -> Floats:
-            problem = self.reduce(
-                (K[:, :size, :size], M[:, :size, :size]), np.empty((0, size))
-            )
-            return problem.solve(*coefficients).frequencies
-
-        low, high = self.model.skip + self.model.n_modes - 1, len(directions)
-        whole = solve(high)
-        while high - low > 1:
-            middle = (low + high) // 2
-            good = (solve(middle) / whole - 1).max() <= target
-            low, high = (low, middle) if good else (middle, high)
-        matrices = K[:, :high, :high], M[:, :high, :high]
-        return self.V @ directions[:, :high], matrices
-
-    def compare(
-        self, V: Floats, matrices: Matrices, point: Floats
-    ) -> tuple[float, float, Modes]:
-        """Solve in full at a point; return what a basis errs there, and the modes.
-
-        The largest relative error of a frequency, and the largest 1 - MAC.
-        """
-        skip, n_modes = self.model.skip, self.model.n_modes
-        k, m, where = self.coefficients(point[None])
-        squares, y = eigh(combine(matrices[0], k)[0], combine(matrices[1], m)[0])
-        reduced = np.sqrt(squares[skip:][:n_modes]) / (2 * np.pi)
-        eigenvalues, shapes = self.solve(point)
-        full = np.sqrt(eigenvalues[skip:]) / (2 * np.pi)
-        phi = V @ y[:, skip:][:, :n_modes]
-        M_phi = self.problem.mass(m[0]) @ phi
-        # The mass added to the first modes bounds what it lowers the last one by.
-        kept = 1 - np.cumsum(1 - (phi * M_phi).sum(axis=0))
-        least = full[:n_modes] * np.sqrt(np.maximum(kept, 0.0))
-        for mode in np.flatnonzero(reduced < (1 - MISSED) * least):
-            raise ValueError(
-                f"the full model missed a mode near {reduced[mode]:g} Hz at "
-                f"{where(0)}: a Ritz frequency is never below the true one; ask for "
-                "other n_modes"
-            )
-        error = float(np.abs(reduced / full[:n_modes] - 1).max())
-        mac = (shapes[:, skip:].T @ M_phi) ** 2
-        close = np.abs(full[:, None] / reduced - 1) < CLOSE
-        lost = float((1 - (mac * close).sum(axis=0)).max())
-        return error, lost, (eigenvalues, shapes)
-
-
-def _not_reached(target: float, error: float, solves: int) -> ValueError:
-    return ValueError(
-        f"the tolerance was not reached: frequency error {error:.2g}, wanted "
-        f"{target:.2g}, after {solves} full solves; allow more max_solves, a "
-        "larger tolerance, or give narrower bounds"
-    )
 
 
 def _read_bounds(
@@ -421,12 +268,15 @@ def _read_bounds(
     return box
 
 
-def _measure_speed_up(model: MatrixModel, reduced: ReducedModel) -> float:
+def _measure_speed_up(
+    model: MatrixModel | AssembledModel, reduced: ReducedModel
+) -> float:
     """Return the time of the full model over that of the other, per parameter set."""
     rng, box = np.random.default_rng(0), reduced.bounds
     batch = {name: rng.uniform(*ends, BATCH) for name, ends in box.items()}
     # A sparse model solves one by one: one is enough to know the time of each.
-    rows = 1 if issparse(model.K0) else BATCH
+    alone = isinstance(model, AssembledModel) or issparse(model.K0)
+    rows = 1 if alone else BATCH
     some = {name: value[:rows] for name, value in batch.items()}
     before, after = (
         np.median(timeit.repeat(call, timer=time.process_time, number=1, repeat=5))

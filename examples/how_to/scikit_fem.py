@@ -24,7 +24,9 @@ E, NU, RHO = 70e9, 0.33, 2700.0  # Pa, -, kg/m3
 # ## The model
 #
 # Here stands your own script. Parameters are factors on what K is linear in, here the
-# bending stiffness of a strip. A thickness t is not: K grows with t³ and M with t.
+# bending stiffness of a strip. For a thickness t say that K grows with t³ and M with t:
+# `K={"bending": (K3, lambda t: t**3)}, M={"mass": (M1, lambda t: t)}`. What is no such sum
+# goes through {py:class}`~emcee_femu.AssembledModel`.
 
 
 # %%

@@ -232,6 +232,11 @@ CALLS = {
     "FrameModel": dict(n_modes=OFF),
     "FrameModel, n_modes": dict(modes=OFF),
     "MatrixModel": dict(shapes=([0, 1], wholes.but("True"))),
+    "AssembledModel": dict(
+        assemble=(lambda p: (K0 + K2, M0), anything),
+        names=(["k2"], labels.but("one less", "another")),
+        shapes=([0, 1], wholes),
+    ),
     "MatrixModel.from_differences": dict(
         base=((K0, M0), anything),
         changes=({"k2": {2.0: K0 + K2, 3.0: K0 + 2 * K2}}, named),

@@ -193,3 +193,12 @@ def test_a_full_solve_that_misses_a_mode_is_found_out(full, monkeypatch, call):
     with pytest.raises(ValueError, match=r"the full model missed a mode near .* Hz at"):
         ef.reduce_model(full, BOUNDS, 1e-2)
     assert len(calls) == call
+
+
+def test_a_mass_that_is_not_positive_inside_the_bounds_is_refused():
+    K0 = sparse.diags_array([np.full(40, 2.0), -np.ones(39), -np.ones(39)],
+                            offsets=[0, 1, -1])  # fmt: skip
+    off = sparse.diags_array([np.ones(39), np.ones(39)], offsets=[1, -1])
+    model = MatrixModel(K0, sparse.eye_array(40), {}, {"m": off}, n_modes=2)
+    with pytest.raises(ValueError, match="mass matrix at .* is not positive definite"):
+        ef.reduce_model(model, {"m": (-1.0, 1.0)}, test_points=4)

@@ -1,0 +1,208 @@
+"""A function that assembles K and M, whose eigenproblem is solved here."""
+
+from collections.abc import Callable, Iterable, Mapping
+from copy import copy
+from functools import partial
+from typing import Self, TypeAlias
+
+import numpy as np
+from scipy.sparse import csc_array, issparse
+
+from .. import checks
+from ..interfaces import (
+    Derivatives,
+    Floats,
+    ModalSolution,
+    Parameters,
+    add_place,
+    modal_variables,
+)
+from .eigen_dense import Eigenproblem
+from .eigen_sparse import SparseEigenproblem, check_mass
+from .inputs import Dofs, Matrix, choose_dofs, describe, read_batch, read_matrix
+
+STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
+MOST = 10**9  # DOFs, before it is known how many there are
+
+Assemble: TypeAlias = Callable[[Mapping[str, float]], tuple[Matrix, Matrix]]
+
+
+class AssembledModel:
+    r"""A function from one parameter set to K and M, solved here for modes.
+
+    .. math:: K(\theta) \phi = (2 \pi f)^2 M(\theta) \phi, \qquad
+        \lambda' = \phi^T (K' - \lambda M') \phi
+
+    For models whose matrices are no sums of given parts (see :class:`MatrixModel`): a
+    Poisson ratio, a spring's position, scikit-fem, a program that writes matrices
+    without solving. K' and M' are central differences, of two assemblies per
+    parameter; they cost no eigenproblem. Shapes have derivatives too.
+
+    Args:
+        assemble: ``{name: float}`` to ``(K, M)``, each ``(N, N)``, symmetric, dense or
+            of scipy.sparse, supports taken out.
+        names: The parameters that it reads.
+        n_modes: How many elastic modes to return.
+        skip: Number of rigid-body modes below them, checked at each solve.
+        shapes: Mass-normalised mode shapes: the DOFs at which to return them, in the
+            order given, or ``{label: DOF}``; False for none.
+
+    Raises:
+        TypeError: If assemble is not callable, or shapes are True: how many DOFs there
+            are is known at the first solve.
+        ValueError: If a name comes twice, or a DOF. When called: if a matrix is not
+            finite, square and symmetric, M is not positive definite, or the number of
+            rigid-body modes is not skip.
+
+    Examples:
+        >>> import numpy as np
+        >>> import emcee_femu as ef
+        >>> def assemble(p):  # two masses; how far up the spring is held
+        ...     part = p["a"] ** 2
+        ...     return np.array([[2.0, -1.0], [-1.0, 1.0 + part]]), np.eye(2)
+        >>> model = ef.AssembledModel(assemble, ["a"], n_modes=2)
+        >>> model({"a": np.array([0.0, 1.0])}).frequencies.round(4).tolist()
+        [[0.0984, 0.2575], [0.1592, 0.2757]]
+    """
+
+    one_by_one = True
+
+    def __init__(
+        self,
+        assemble: Assemble,
+        names: Iterable[str],
+        *,
+        n_modes: int,
+        skip: int = 0,
+        shapes: bool | Dofs = False,
+    ) -> None:
+        if not callable(assemble):
+            raise TypeError(f"assemble: expected a callable, got {assemble!r}")
+        self.assemble, self.names = assemble, checks.parameter_names("names", names)
+        self.n_modes = checks.whole_number("n_modes", n_modes, 1)
+        self.skip = checks.whole_number("skip", skip)
+        if shapes is True:
+            raise TypeError(
+                "shapes: expected DOFs, or {label: DOF}, got True; how many DOFs there "
+                "are is not known before the first solve"
+            )
+        dofs = choose_dofs("shapes", shapes, range(MOST))
+        self.shape_dofs = tuple(dofs.values())
+        self.variables = modal_variables(self.n_modes, tuple(dofs))
+        self._output: Floats | None = None  # of a basis, at these DOFs
+
+    def __call__(self, parameters: Parameters) -> ModalSolution:
+        """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""
+        return self._solve(parameters, ())[0]
+
+    def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
+        """Return the response and its derivatives by all parameters, from one solve.
+
+        As of :meth:`MatrixModel.jacobian`, and two assemblies per parameter.
+
+        Raises:
+            ValueError: As a call does, or if modes coincide that part as a parameter
+                changes.
+        """
+        return self._solve(parameters, self.names)
+
+    def matrices(self, values: Mapping[str, float]) -> tuple[Matrix, Matrix]:
+        """Return K and M of one parameter set, checked.
+
+        Raises:
+            TypeError: If they are not a pair of matrices.
+            ValueError: If they are not finite, symmetric and of one size.
+        """
+        pair = checks.group("assemble", self.assemble(dict(values)), "(K, M)", 2)
+        sparse = issparse(pair[0])
+        K = read_matrix("assemble: K", pair[0], sparse=sparse)
+        size = K.shape[0]
+        last = max(self.shape_dofs, default=0) if self._output is None else 0
+        if last >= size or self.skip + self.n_modes > size:
+            raise ValueError(
+                f"assemble: expected matrices with DOF {last} of shapes, and at least "
+                f"skip + n_modes = {self.skip + self.n_modes} rows, got {size}"
+            )
+        return K, read_matrix("assemble: M", pair[1], size, sparse=sparse)
+
+    def project(self, V: Floats, added: float) -> Self:
+        """Return the model in a basis, solved by an assembly and a small problem.
+
+        Args:
+            V: The basis, ``(N, r)``.
+            added: What is added to the diagonal of the mass there.
+        """
+        small = copy(self)
+        small.assemble = partial(_project, self, V, added)
+        small._output = V[list(self.shape_dofs)]
+        return small
+
+    def _solve(
+        self, parameters: Parameters, by: tuple[str, ...]
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Solve one parameter set after another, with derivatives by some."""
+        values, n = read_batch(parameters, self.names)
+        results = []
+        for i in range(n):
+            row = {name: float(values[name][i]) for name in self.names}
+            where = partial(describe, {k: np.array([v]) for k, v in row.items()}, row)
+            try:
+                results.append(self._solve_one(row, by, where))
+            except (Exception, SystemExit) as error:
+                add_place(error, row, self.names)
+                raise
+        solutions, slopes = zip(*results, strict=True)
+        derivatives = {
+            variable: {
+                name: np.concatenate([each[variable][name] for each in slopes])
+                for name in by
+            }
+            for variable in (slopes[0] if by else ())
+        }
+        frequencies = np.concatenate([each.frequencies for each in solutions])
+        if not self.shape_dofs:
+            return ModalSolution(frequencies), derivatives
+        shapes = np.concatenate([each.shapes for each in solutions])
+        return ModalSolution(frequencies, shapes), derivatives
+
+    def _solve_one(
+        self, row: dict[str, float], by: tuple[str, ...], where: Callable[[int], str]
+    ) -> tuple[ModalSolution, Derivatives]:
+        K, M = ([matrix] for matrix in self.matrices(row))
+        for name in by:
+            step = STEP * (abs(row[name]) or 1.0)
+            ahead, behind = (
+                self.matrices(row | {name: row[name] + move}) for move in (step, -step)
+            )
+            for units, high, low in zip((K, M), ahead, behind, strict=True):
+                units.append((high - low) / (2 * step))
+        problem: SparseEigenproblem | Eigenproblem
+        if issparse(K[0]):
+            check_mass(M[0], f"the mass matrix at {where(0)}")
+            K, M = ([csc_array(unit) for unit in units] for units in (K, M))
+            problem = SparseEigenproblem(K, M, self.n_modes, self.skip, self.shape_dofs)
+        else:
+            wanted = self.skip + np.arange(self.n_modes)
+            output = self._output
+            if output is None:
+                output = np.eye(len(K[0]))[list(self.shape_dofs)]
+            try:
+                problem = Eigenproblem(
+                    np.array(K), np.array(M), wanted, self.skip, output
+                )
+            except np.linalg.LinAlgError:
+                raise ValueError(
+                    f"the mass matrix is not positive definite at {where(0)}"
+                ) from None
+        still = np.zeros((1, len(by)))
+        each = np.eye(len(by))[:, None]
+        slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}
+        return problem.jacobian(still, still, slopes, where)
+
+
+def _project(
+    model: AssembledModel, V: Floats, added: float, values: Mapping[str, float]
+) -> tuple[Floats, Floats]:
+    """Return K and M of one parameter set in a basis."""
+    K, M = (V.T @ (matrix @ V) for matrix in model.matrices(values))
+    return K, M + added * np.eye(V.shape[1])
