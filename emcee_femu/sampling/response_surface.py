@@ -34,7 +34,6 @@ INDEPENDENT = 0.3  # share of independent proposals among these steps
 # tails that draws of the posterior hardly meet, and where a walker would stay long.
 TEMPERATURES, SHARES = (1.0, 2.0, 4.0), (0.5, 0.3, 0.2)
 FITS, DF = 2, 5.0  # of the mixture, degrees of freedom of its components
-SKETCHED = 16  # random directions by which leverages are known to a third
 LEVEL = 2.0  # log-density per parameter below the largest, from where points weigh less
 LEAST_WEIGHT = 1e-4
 RIDGE = 1e-6  # by which coefficients are drawn to zero, relative to one point
@@ -45,13 +44,10 @@ FLOOR = -1e100  # log-density where the polynomials make no sense any more
 class ResponseSurface:
     r"""Polynomials of all deviations, of the logs of their errors, and of the rest.
 
-    .. math:: \ln c(\theta) = \ln p(\theta) + \hat\ell(\theta)
-        + \sum_i \ln N(\hat r_i; 0, \hat\sigma_i (1 + s_i^2 h(\theta))^{1/2})
+    .. math:: \ln c(\theta) = \ln p(\theta) + \sum_i \ln N(\hat r_i; 0, \hat\sigma_i)
+        + \hat\ell(\theta)
 
-    with the prior p itself, the leverage h of a point in the fit, and the root mean
-    square error s_i of predictions of solves that were left out: far from all solves c
-    is wide, so that no walker has to stay where polynomials rule out what is likely.
-    Called with ``theta (n, d)`` it returns ln c, ``(n,)``.
+    with the prior p itself. Called with ``theta (n, d)`` it returns ln c, ``(n,)``.
 
     Attributes:
         prior: The prior; None where nothing is evaluated.
@@ -61,9 +57,6 @@ class ResponseSurface:
         coefficients: Of r, of ln sd and of the rest, ``(2 m + 1, terms)``.
         degree: Of the polynomials.
         most: Of the rest at all solves; the polynomial may grow without bound.
-        leverage: What maps terms to random directions, whose squares add up to their
-            leverage, ``(16, terms)``.
-        errors: Of each deviation left out, by its standard deviation, ``(m,)``.
     """
 
     prior: Prior | None
@@ -73,8 +66,6 @@ class ResponseSurface:
     coefficients: Floats
     degree: int
     most: float
-    leverage: Floats
-    errors: Floats
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -95,8 +86,6 @@ class ResponseSurface:
             terms = monomials((x - self.centre) / self.scale, self.degree)
             *pairs, rest = self.coefficients @ terms
             r, log_sd = np.split(np.array(pairs), 2)
-            leverage = ((self.leverage @ terms) ** 2).sum(axis=0)
-            log_sd += 0.5 * np.log1p(self.errors[:, None] ** 2 * leverage)
             likelihood = log_normal(r, np.exp(log_sd)).sum(axis=0)
             likelihood += np.minimum(rest, self.most)
         values[inside] += np.nan_to_num(likelihood, nan=FLOOR, neginf=FLOOR)
@@ -149,23 +138,12 @@ def fit_surface(
         basis, triangle = np.linalg.qr(np.vstack([terms, ridge]))
         basis = basis[: len(terms)]
         coefficients = np.linalg.solve(triangle, basis.T @ (weights * targets))
+        surface = ResponseSurface(
+            prior, logs, centre, scale, coefficients.T, degree, float(rest.max())
+        )
         # Each point predicted without itself.
         left_out = (weights * targets - terms @ coefficients) / units
         left_out /= 1.0 - (basis**2).sum(axis=1, keepdims=True)
-        errors = np.sqrt((left_out**2).sum(axis=0) / (weights**2).sum())
-        sketch = np.random.default_rng(0).normal(size=(SKETCHED, len(triangle)))
-        leverage = np.linalg.solve(triangle, sketch.T / SKETCHED**0.5).T
-        surface = ResponseSurface(
-            prior=prior,
-            logs=logs,
-            centre=centre,
-            scale=scale,
-            coefficients=coefficients.T,
-            degree=degree,
-            most=float(rest.max()),
-            leverage=leverage,
-            errors=errors[: r.shape[1]],
-        )
         fits.append((float((left_out**2).sum()), surface))
     return min(fits, key=lambda fit: fit[0])[1]
 

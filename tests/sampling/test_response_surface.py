@@ -1,6 +1,5 @@
 """Polynomials of what solves gave, and "auto" where they screen its proposals."""
 
-from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -60,42 +59,6 @@ def test_a_response_that_is_a_polynomial_is_found_exactly(inferred):
     exact = posterior(others)[:, 0]
     np.testing.assert_allclose(surface(others), exact, rtol=1e-6, atol=1e-5)
     assert surface(-others).max() == -np.inf
-
-
-def test_a_surface_is_wide_where_few_solves_bear_on_it():
-    """By the leverage of a point, and the errors of solves that are left out."""
-    laws = {"a": stats.lognorm(0.3), "b": stats.lognorm(0.4)}
-    term = ef.FrequencyTerm([3.1, 5.2], relative_sd=0.4)  # all solves are likely
-    posterior = ef.LogPosterior(Powers(), term, ef.IndependentPrior(laws))
-    theta = posterior.prior.sample(np.random.default_rng(4), 400)
-    log_p = posterior(theta)[:, 0]
-    theta = theta[log_p > log_p.max() - 3.5][:200]  # all weigh alike
-    stacked = posterior.stack(theta, "deviations")
-    solved = np.hstack([stacked[:, :2], stacked[:, len(posterior.rejected()) :]])
-    surface = fit_surface(posterior.prior, theta[:60], solved[:60], 1)  # it is cubic
-    assert surface.logs.all()
-    terms = np.column_stack(
-        [np.ones(200), (np.log(theta) - surface.centre) / surface.scale]
-    )
-    known, (r, sd) = terms[:60], np.split(solved[:, 2:].T, 2)
-    rows = [np.delete(np.arange(60), i) for i in range(60)]
-    left_out = [
-        r[:, i] - np.linalg.lstsq(known[row], r[:, row].T, rcond=None)[0].T @ known[i]
-        for i, row in enumerate(rows)
-    ]
-    errors = np.sqrt(((np.array(left_out).T / sd[:, :60]) ** 2).mean(axis=1))
-    np.testing.assert_allclose(surface.errors, errors, rtol=1e-6)
-    exact = np.einsum("ni,ij,nj->n", terms, np.linalg.inv(known.T @ known), terms)
-    leverage = ((surface.leverage @ terms.T) ** 2).sum(axis=0)
-    assert 0.5 < (leverage / exact).mean() < 1.6  # by a few random directions
-    certain = replace(surface, errors=np.zeros(2))
-    predicted = surface.coefficients @ terms.T
-    wide = np.exp(predicted[2:4]) * np.sqrt(1 + errors[:, None] ** 2 * leverage)
-    gained = stats.norm.logpdf(predicted[:2], 0, wide)
-    gained -= stats.norm.logpdf(predicted[:2], 0, np.exp(predicted[2:4]))
-    np.testing.assert_allclose(
-        surface(theta) - certain(theta), gained.sum(axis=0), rtol=1e-6, atol=1e-9
-    )
 
 
 def test_acceptance_is_that_of_independent_proposals():
