@@ -23,7 +23,7 @@ from .coordinates import Coordinates
 from .importance import normalise, resample
 from .proposals import cover, uncover
 
-MOST_TERMS, DEGREES = 1_001, range(1, 5)  # of polynomials: quartic up to 10 parameters
+MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
 PER_TERM = 2  # solves of the first fit
 ROUNDS, NEW = 5, 600  # fits after it, and solves for each
 LEARNED = PER_TERM * MOST_TERMS + ROUNDS * NEW  # solves at most

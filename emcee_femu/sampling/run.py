@@ -119,7 +119,7 @@ def run(
             the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
             importance weights, with 1,500 to some 10,000 evaluations more, and samples
             with it and DE-MC. Where that fits badly, and all terms are Gaussian,
-            polynomials of the response are fitted to up to 5,000 solves more and screen
+            polynomials of the response are fitted to some 4,000 solves more and screen
             its proposals; or a :class:`~.moves.HamiltonianMove` is taken. All this
             takes at most twice as many evaluations as the chain, or 30,000 before a
             short one; that number and the seconds by the first solve are logged (logger

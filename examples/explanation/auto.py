@@ -54,7 +54,7 @@ print(search.found_by)  # one row per ensemble
 # follows, while the frequencies themselves are smooth. Where fewer than 0.6 of a
 # mixture's proposals would be accepted, all terms are Gaussian, and there are at most 30
 # parameters, deviations are therefore learned as polynomials of the parameters or of
-# their logarithms (of degree 4 up to 10 parameters, 3 up to 16, then 2), from some 5,000
+# their logarithms (of degree 4 up to 8 parameters, 3 up to 12, then 2), from some 4,000
 # solves where walkers on this *response surface* go. If that is better than the mixture
 # by half, a new mixture is fitted to draws of the surface and of its square and fourth
 # root, and the surface screens ten to a hundred of its proposals before each solve
