@@ -26,6 +26,7 @@ EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no
 FEWEST = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
 CLOSE = 0.1  # of a standard deviation, in means and standard deviations
+SURE = 2.0  # standard errors of the latter, which a few draws of a tail decide
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 
@@ -55,6 +56,8 @@ class Certificate(Report):
         faults: What is wrong with the bounds or the chain of the emulated posterior.
         missed: What a search came upon that the draws lack.
         notes: What else to know.
+        settled: Whether nothing but its length speaks against the emulated posterior's
+            chain.
         idata: The ArviZ object to go on with. If corrected, its draws are those that
             were solved in full, with their weights in ``sample_stats``, and tables and
             figures show the weighted draws; else it is a copy of what was given. Either
@@ -81,6 +84,7 @@ class Certificate(Report):
     faults: tuple[str, ...] = field(default=(), repr=False)
     missed: tuple[str, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
+    settled: bool = field(default=True, repr=False)
     idata: InferenceData | None = field(default=None, repr=False)
 
     @property
@@ -90,7 +94,7 @@ class Certificate(Report):
             return REFUSED
         shift, off = self._differences
         good = self.efficiency >= EQUAL and max(shift, off) <= CLOSE
-        return CERTIFIED if good else CORRECTED
+        return CERTIFIED if good and self.settled else CORRECTED
 
     @property
     def verdict(self) -> str:
@@ -105,7 +109,7 @@ class Certificate(Report):
         shift, off = self._differences
         differences = (
             f"means differ by up to {shift:.3f} standard deviations, standard "
-            f"deviations by up to {100 * off:.1f} %"
+            f"deviations by up to {100 * off:.1f} %, two standard errors included"
         )
         if self.short == CERTIFIED:
             return (
@@ -114,7 +118,8 @@ class Certificate(Report):
             )
         return (
             f"Corrected: {differences}, which the weights repair; use the idata, mean "
-            f"and sd of the certificate, or emulate with more solves ({facts})."
+            "and sd of the certificate, or emulate with more solves, and run the "
+            f"emulated posterior longer ({facts})."
         )
 
     @property
@@ -124,9 +129,9 @@ class Certificate(Report):
 
     @property
     def _differences(self) -> tuple[float, float]:
-        """The largest of the means, in sds, and of the standard deviations."""
+        """The largest of the means, in sds, and that sds may have, relative."""
         shift = np.abs(self.mean - self.emulated_mean) / self.sd
-        off = np.abs(self.emulated_sd / self.sd - 1)
+        off = np.abs(self.emulated_sd / self.sd - 1) + SURE * self.sd_error / self.sd
         return float(shift.max()), float(off.max())
 
     @property
@@ -241,7 +246,8 @@ def correct_moments(
 
     with means over the whole chain, and the shares of the solved draws as draws of the
     emulated posterior, c, and of the true one, w: where all weights are equal it is the
-    mean over the chain. A standard deviation is NaN where one draw has all the weight.
+    mean over the chain. Where that is out of bounds it is the mean by the weights
+    alone. A standard deviation is NaN where one draw has all the weight.
 
     Args:
         chain: Of the emulated posterior.
@@ -254,12 +260,16 @@ def correct_moments(
     # First and second powers about the centre: means, and the influence of each draw.
     solved = np.stack([theta - centre, (theta - centre) ** 2])
     whole = np.stack([chain.draws - centre, (chain.draws - centre) ** 2])
+    (low, high), mean = chain.bounds.T, centre + (moved * solved[0]).sum(axis=0)
+    outside = (mean < low) | (mean > high)
+    moved = np.where(outside, weights[:, None], moved)
+    whole = np.where(outside, 0.0, whole)
     shift, squares = moments = whole.mean(axis=1) + (moved * solved).sum(axis=1)
     by_draws = moved * (solved - moments[:, None])
     by_chain = (whole - moments[:, None]) / np.sqrt(chain.mean_sizes)[:, None]
 
     def error(by_draws: Floats, by_chain: Floats) -> Floats:
-        square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / (n - 1)
+        square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / max(n - 1, 1)
         return np.asarray(np.sqrt(square + by_chain.var(axis=0)))
 
     mean_error = error(by_draws[0], by_chain[0])
@@ -297,12 +307,10 @@ def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> f
     return float(np.linalg.eigvalsh(hessian)[-1])
 
 
-def compare_bounds(
-    chain: "EmulatedChain", prior: Prior, rng: np.random.Generator
-) -> list[str]:
+def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     """Return what is wrong with the emulated posterior's bounds, without a solve."""
     faults = []
-    theta = prior.sample(rng, PRIOR_DRAWS)
+    theta = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     low, high = chain.bounds.T
     left_out = 1 - ((theta >= low) & (theta <= high)).all(axis=1).mean()
     if left_out > LEFT_OUT:

@@ -11,6 +11,7 @@ from scipy.stats import logistic
 from ..interfaces import Evaluator, Floats, Prior
 
 DRAWS = 20_000  # of the prior, for its quantiles
+FEW = 256  # the same for scales, as of posteriors
 DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
 LARGEST = 700.0  # logarithm that is finite
 TINY = 1e-200  # least distance from a bound
@@ -63,6 +64,27 @@ class Coordinates:
         bend = np.abs(ends[0] + ends[2] - 2 * ends[1])
         logs &= bend < skew * (ends[2] - ends[0])
         return cls(prior, logs, np.zeros_like(logs))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the parameters."""
+        return self.prior.names
+
+    @property
+    def bounds(self) -> Floats:
+        """Those of the coordinates, ``(d, 2)``."""
+        return self.coordinates(self.prior.bounds.T).T
+
+    @property
+    def scale(self) -> Floats:
+        """Their spread under the prior, from its quartiles, ``(d,)``."""
+        draws = self.sample(np.random.default_rng(0), FEW)
+        return np.asarray(np.ptp(np.quantile(draws, [0.25, 0.75], axis=0), 0) / 1.35)
+
+    def logpdf(self, x: Floats) -> Floats:
+        """Return the log-density of coordinates ``(n, d)`` under the prior."""
+        density: Floats = self.prior.logpdf(self.parameters(x)) + self.log_volume(x)
+        return density
 
     def coordinates(self, theta: Floats) -> Floats:
         """Return the coordinates ``(n, d)`` of parameters within their bounds."""

@@ -27,12 +27,12 @@ def check_first_solve(evaluator: Evaluation | StoredEvaluation) -> float:
     Returns:
         The seconds that the solve took, by the number of workers.
     """
+    evaluation = evaluator.evaluation
     if isinstance(evaluator, StoredEvaluation):
-        evaluation, store = evaluator.evaluation, evaluator.store
-        outcome = store["first solve"] or _compare(evaluation)
-        store["first solve"] = outcome
+        outcome = evaluator.store["first solve"] or _compare(evaluation)
+        evaluator.store["first solve"] = outcome
     else:
-        evaluation, outcome = evaluator, _compare(evaluator)
+        outcome = _compare(evaluation)
     solves, doubts, seconds = outcome
     evaluation.solves += solves
     for doubt in doubts:

@@ -1,5 +1,6 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, files."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -238,11 +239,8 @@ def run(
         probe_tolerance=probe_tolerance,
     ) as evaluator:
         states: list[emcee.State] = []
-        search, store = None, None
-        if isinstance(evaluator, StoredEvaluation):  # it stores steps, no proposals
-            store, solver = evaluator.store, evaluator.evaluation
-        else:
-            solver = evaluator
+        search, solver = None, evaluator.evaluation  # stored are steps, no proposals
+        store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds = check_first_solve(evaluator)
         if weighted is None:
             evaluations = steps * thin_by * nwalkers * ensembles
@@ -368,8 +366,14 @@ def _draw_starts(
     return states
 
 
-def check_progress(progress: bool | str) -> bool | str:
-    """Return True, False, or "notebook" where there is what shows that bar."""
+def check_progress(progress: bool | str | None, wanted: bool = False) -> bool | str:
+    """Return True, False, or "notebook" where there is what shows that bar.
+
+    Where it is wanted None is taken for whether a terminal would show one.
+    """
+    if progress is None and wanted:
+        seen = sys.stderr is not None and sys.stderr.isatty()
+        return seen and find_spec("tqdm") is not None
     if progress != "notebook":
         return checks.flag("progress", progress)
     if find_spec("ipywidgets") is None:

@@ -49,7 +49,7 @@ def emulate(
     starts: ArrayLike | None = None,
     on_failure: str = "raise",
     max_failures: float = 0.2,
-    progress: bool | str = False,
+    progress: bool | str | None = None,
     probe_tolerance: float = 1e-6,
 ) -> EmulatedModel:
     r"""Emulate the model of a posterior by Gaussian processes, from few full solves.
@@ -112,7 +112,8 @@ def emulate(
         max_failures: Fraction of the solves, of the first design or more, above which
             "reject" stops.
         progress: Whether to show a bar with solves, errors and the time left (needs
-            tqdm); "notebook" for the bar of notebooks (needs ipywidgets too).
+            tqdm); None for where a terminal shows it, "notebook" for the bar of
+            notebooks (needs ipywidgets too).
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another, as in :func:`run`.
 
@@ -155,7 +156,7 @@ def emulate(
             f"{solves}; about {10 * posterior.ndim} are usual"
         )
     tolerance = checks.real_number("tolerance", tolerance, 0)
-    display = check_progress(progress)
+    display = check_progress(progress, wanted=True)
     asked = {"moves": "emulate", "seed": seed, "starts": first}
     with (
         open_evaluator(
