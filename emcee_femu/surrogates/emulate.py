@@ -1,5 +1,6 @@
 """Emulate a model from few solves, chosen where the posterior needs them."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
@@ -128,6 +129,8 @@ def emulate(
             something else. All but what the model does are raised before a solve.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
         RuntimeError: If too many solves failed.
+        UserWarning: Where all solves of the first design are far off, as of
+            :func:`run`.
 
     Source: Sinsbeck and Nowak (2017), Sequential design of computer experiments for the
     solution of Bayesian inverse problems, doi:10.1137/15M1047659.
@@ -211,6 +214,9 @@ class _Emulation:
                 f"design came through, and {FEWEST} are the least for a fit. Mend the "
                 "model, or narrow the prior to where it can be solved"
             )
+        solved = self.evaluator.posterior.unfold(self.rows[self._solved])
+        for text in self.problem.doubt(solved):
+            warnings.warn(text, stacklevel=3)
         explorer = Explorer(self.problem, self.coordinates)
         emulator, draws, settled = None, None, 0
         history: list[tuple[int, float, float]] = []

@@ -27,6 +27,7 @@ from ..interfaces import (
 from ..models.paired import PairedModel
 from ..posterior.experiments import expand, tangents_of
 from ..posterior.log_posterior import LogPosterior
+from ..sampling.first_solve import doubt
 from .emulated import EmulatedModel, as_modal
 from .encoding import Named
 
@@ -208,6 +209,12 @@ class EmulationProblem:
         """Return a response as the terms see it, paired."""
         modal = as_modal(response)
         return modal if self.paired is None else self.paired.pair(modal)
+
+    def doubt(self, recorded: Named) -> list[str]:
+        """Say what is far from the measured at all solves of a first design."""
+        response = self.compared(self.part(recorded)[0])
+        stored = {name: read(response, name) for name in self.posterior.variables}
+        return doubt(self.posterior, stored, "the first design")
 
     def deviate(self, theta: Floats, response: Named, emulated: LogPosterior) -> Floats:
         r"""Return how far an emulator is from full solves, ``(n,)``, for the data.

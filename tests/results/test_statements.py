@@ -116,6 +116,16 @@ def test_annealing_doubts_the_units_too_also_when_it_goes_on(tmp_path):
     np.testing.assert_array_equal(first.theta, again.theta)
 
 
+def test_emulating_doubts_the_units_too_by_the_solves_of_its_first_design():
+    far = posterior_of(HERTZ, lambda p: frequencies(p, 1.0))
+    with pytest.warns(UserWarning, match="first design: model 0.0035.*units") as caught:
+        assert ef.emulate(far, 8, seed=1).solves == 8  # and none more
+    assert [warning.filename for warning in caught] == [__file__]
+    wide = {"k1": stats.loguniform(1e-3, 1e6), "k2": stats.loguniform(1e-3, 1e6)}
+    for prior in (None, ef.IndependentPrior(wide)):
+        ef.emulate(posterior_of(HERTZ, prior=prior), 8, seed=1)
+
+
 def test_another_order_of_the_modes_is_doubted():
     posterior = posterior_of(HERTZ, lambda p: frequencies(p)[::-1])
     (doubt,) = doubts(posterior, moves=ef.DEMCMove())[1]
