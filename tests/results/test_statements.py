@@ -1,5 +1,6 @@
 """The three statements of a diagnosis, and what is doubted before any sampling."""
 
+import dataclasses
 import warnings
 
 import emcee
@@ -124,6 +125,23 @@ def test_emulating_doubts_the_units_too_by_the_solves_of_its_first_design():
     wide = {"k1": stats.loguniform(1e-3, 1e6), "k2": stats.loguniform(1e-3, 1e6)}
     for prior in (None, ef.IndependentPrior(wide)):
         ef.emulate(posterior_of(HERTZ, prior=prior), 8, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("measured", "fit"), [(HERTZ, "fits"), (HERTZ * [1.0, 2.0], "does not fit")]
+)
+def test_a_population_has_statements_but_no_chains(measured, fit):
+    posterior = posterior_of(measured)
+    population = ef.anneal(posterior, 60, seed=1)
+    found = ef.diagnose(ef.to_inference_data(population, posterior))
+    assert statuses(found) == ("none", "searched", fit)
+    assert "other seeds" in found.chains.sentence
+    assert f"{population.solves} solves" in found.search.sentence
+    assert "one draw of the prior in 20 falls" in found.search.sentence
+    assert str(found) == found.verdict and not found.converged
+    problem = dataclasses.replace(population, problems=("a region may be missing",))
+    assert "region may be missing; anneal" in ef.diagnose(problem).chains.sentence
+    assert ef.diagnose(problem).fit.status == "not checked"
 
 
 def test_another_order_of_the_modes_is_doubted():
