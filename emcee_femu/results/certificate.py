@@ -5,9 +5,11 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
 
 from ..interfaces import Floats, Prior
 from ..posterior.log_posterior import LogPosterior
+from ..sampling.climbing import Maximum
 from ..sampling.importance import GOOD_K
 from ..table import Parts, Report, Table
 from .arviz_objects import InferenceData, groups, wrap
@@ -27,6 +29,8 @@ FEWEST = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
 CLOSE = 0.1  # of a standard deviation, in means and standard deviations
 SURE = 2.0  # standard errors of the latter, which a few draws of a tail decide
+MISSED = 0.01  # share of the posterior that may be missing
+FOUND = 0.25  # of a maximum's share, below which the draws lack it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 
@@ -333,3 +337,56 @@ def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
                 "does not; emulate within wider bounds"
             )
     return faults
+
+
+def find_missed(
+    chain: "EmulatedChain",
+    maxima: list[Maximum],
+    theta: Floats,
+    log_posterior: Floats,
+    weights: Floats,
+) -> tuple[str, ...]:
+    """Return the plainest of what climbs came upon that the draws lack.
+
+    Args:
+        chain: Of the emulated posterior.
+        maxima: Of the true one, where climbs ended.
+        theta: The solved draws, ``(n, d)``.
+        log_posterior: The true log-posterior there, ``(n,)``.
+        weights: Their shares of the true posterior, ``(n,)``.
+    """
+    d = chain.draws.shape[1]
+    log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
+    volume = chain.coordinates.log_volume(chain.coordinates.coordinates(theta))
+    heights = np.where(weights > 0, log_posterior + volume, 0.0)
+    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
+    for top in maxima:
+        if not top.converged:  # on its way, perhaps to what is known
+            continue
+        share = expit(top.log_evidence - log_evidence)
+        if share < MISSED:
+            continue
+        steps, precision = chain.x - top.theta, np.linalg.inv(top.covariance)
+        squares = (steps @ precision * steps).sum(axis=1)
+        if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
+            return (
+                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
+                f"about {100 * share:.0f} % of it by Laplace's approximation, where "
+                "the emulated one has hardly a draw; emulate with a start there",
+            )
+    middle = np.median(log_posterior + volume)
+    for top in sorted(maxima, key=lambda top: -top.log_posterior):
+        place = chain.coordinates.parameters(top.theta[None])
+        if top.log_posterior > middle and chain.distance(place)[0] > 1:
+            return (
+                "far from all draws of the emulated posterior the true one is as high "
+                f"as at half of them, at {_name(chain, top.theta)}; emulate with a "
+                "start there",
+            )
+    return ()
+
+
+def _name(chain: "EmulatedChain", x: Floats) -> str:
+    theta = chain.coordinates.parameters(x[None])[0]
+    pairs = zip(chain.names, theta.tolist(), strict=True)
+    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)

@@ -15,7 +15,6 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.special import expit
 
 from .. import checks
 from ..evaluation.resume import open_evaluator
@@ -39,6 +38,7 @@ from .certificate import (
     compare_bounds,
     correct_moments,
     curvature_k,
+    find_missed,
 )
 from .diagnose import FEWEST_STEPS, diagnose
 from .to_arviz import check_sampled
@@ -49,8 +49,6 @@ APART = 1.1  # R-hat of walkers or ensembles that are in different places
 SHARE, MOST = 4, 30  # solves for the search: at most a quarter, and no more than these
 FIRST = 8  # starts that are put in order
 STEPS = 3  # of a climb, below which it says nothing
-MISSED = 0.01  # share of the posterior that may be missing
-FOUND = 0.25  # of a maximum's share, below which the draws lack it
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
 SHOWN = 2_000  # draws of the chain that are compared
 
@@ -220,7 +218,7 @@ def certify(
         weights=n * weights,
         log_posterior=log_posterior,
         faults=tuple(faults),
-        missed=_find_missed(chain, maxima, theta, log_posterior, weights),
+        missed=find_missed(chain, maxima, theta, log_posterior, weights),
         notes=(*warned, *notes),
         settled=all("too short" in text for text in warned),
     )
@@ -369,59 +367,6 @@ def _look_elsewhere(
             break
     lost += [end.message for end in maxima if end.log_evidence == -np.inf]
     return [end for end in maxima if end.log_evidence > -np.inf], lost
-
-
-def _find_missed(
-    chain: EmulatedChain,
-    maxima: list[Maximum],
-    theta: Floats,
-    log_posterior: Floats,
-    weights: Floats,
-) -> tuple[str, ...]:
-    """Return the plainest of what climbs came upon that the draws lack.
-
-    Args:
-        chain: Of the emulated posterior.
-        maxima: Of the true one, where climbs ended.
-        theta: The solved draws, ``(n, d)``.
-        log_posterior: The true log-posterior there, ``(n,)``.
-        weights: Their shares of the true posterior, ``(n,)``.
-    """
-    d = chain.draws.shape[1]
-    log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
-    volume = chain.coordinates.log_volume(chain.coordinates.coordinates(theta))
-    heights = np.where(weights > 0, log_posterior + volume, 0.0)
-    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
-    for top in maxima:
-        if not top.converged:  # on its way, perhaps to what is known
-            continue
-        share = expit(top.log_evidence - log_evidence)
-        if share < MISSED:
-            continue
-        steps, precision = chain.x - top.theta, np.linalg.inv(top.covariance)
-        squares = (steps @ precision * steps).sum(axis=1)
-        if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
-            return (
-                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
-                f"about {100 * share:.0f} % of it by Laplace's approximation, where "
-                "the emulated one has hardly a draw; emulate with a start there",
-            )
-    middle = np.median(log_posterior + volume)
-    for top in sorted(maxima, key=lambda top: -top.log_posterior):
-        place = chain.coordinates.parameters(top.theta[None])
-        if top.log_posterior > middle and chain.distance(place)[0] > 1:
-            return (
-                "far from all draws of the emulated posterior the true one is as high "
-                f"as at half of them, at {_name(chain, top.theta)}; emulate with a "
-                "start there",
-            )
-    return ()
-
-
-def _name(chain: EmulatedChain, x: Floats) -> str:
-    theta = chain.coordinates.parameters(x[None])[0]
-    pairs = zip(chain.names, theta.tolist(), strict=True)
-    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)
 
 
 def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:

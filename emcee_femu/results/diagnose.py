@@ -13,14 +13,8 @@ from .certificate import Certificate
 from .chains import excess_scatter, read_chains, tau_by_ensemble
 from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes
-from .verdict import (
-    CONVERGED,
-    NO_CHAINS,
-    Statement,
-    judge_chains,
-    judge_search,
-    judge_without_chains,
-)
+from .verdict import CONVERGED, NO_CHAINS, Statement, judge_chains, judge_search
+from .verdict import judge_without_chains as judge_others
 
 FEWEST_STEPS = 8  # that can be judged
 UNKNOWN = Statement("not judged", "not judged", "not judged.")
@@ -180,7 +174,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
     if chains.kind != "chain":
-        about, search = judge_without_chains(source, chains)
+        about, search = judge_others(source, chains)
         unknown = "steps_per_tau ess_bulk ess_tail rhat_within rhat_between sd_error"
         return Diagnosis(
             names=chains.names,

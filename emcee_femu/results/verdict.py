@@ -95,23 +95,19 @@ def judge_search(modes: ModeWeights | None) -> Statement:
 
 def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statement]:
     """Say by what draws are judged that are no chains, and what a search found."""
-    size = chains.log_prob.size
     if chains.kind == "population":
-        words = "anneal again with other seeds and compare means and log evidences"
-        if problems := getattr(source, "problems", ()):
-            words = f"{problems[0]}; {words}"
+        words = "an annealed population; anneal with other seeds and compare"
         found = (
             f"{chains.origin}. A mode so small that fewer than one draw of the prior "
-            f"in {size // HITS:,} falls near it may be missing; a larger size sees it."
+            f"in {len(chains.draws) // HITS:,} falls near it may be missing."
         )
-        what, status = "an annealed population", "searched"
     else:
         certificate = dataset(source, "certificate").attrs
-        what, words = "weighted draws of a certificate", certificate["verdict"]
+        words = f"draws weighted by full solves. {certificate['verdict']}"
         *_, found = json.loads(certificate["findings"])
-        status = "not searched" if found.startswith("No climb") else "searched"
-    about = Statement(NO_CHAINS, what, f"{NO_CHAINS}, but {what}: {words}")
-    return about, Statement(status, status, found)
+    searched = "not searched" if found.startswith("No climb") else "searched"
+    about = Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}")
+    return about, Statement(searched, searched, found)
 
 
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ..interfaces import Evaluator, Floats, Linearization
-from ..posterior.derivatives import difference, unstack
+from ..interfaces import Evaluator, Floats
 from .coordinates import Coordinates
 from .quadratic import (
     find_damping,
@@ -259,68 +258,36 @@ class _Space:
         self.evaluator, self.posterior = evaluator, evaluator.posterior
         self.coordinates, self.scale = coordinates, coordinates.scale
         self.box = coordinates.bounds / self.scale[:, None]
-        d = len(self.scale)
         self.guess: Floats | None = None
         if guess is not None:
             curvature = guess / np.outer(self.scale, self.scale)
             self.guess = np.asarray(np.linalg.inv(curvature), np.float64)
         # Solves for a look.
-        rows = d if self.posterior.informative else 2 * d
+        rows = len(self.scale) * (1 if self.posterior.informative else 2)
         self.price = 1 if self.posterior.differentiable else rows + 1
 
-    def theta(self, points: Floats) -> Floats:
-        """Return points as parameters; rounding alone can pass a bound, by an ulp."""
-        theta = self.coordinates.parameters(points * self.scale)
-        inside: Floats = np.clip(theta, *self.posterior.prior.bounds.T)
-        return inside
+    def rows(self, points: Floats) -> Floats:
+        """Return rows with the density of the coordinates."""
+        x, coordinates = points * self.scale, self.coordinates
+        return coordinates.lift(self.evaluator.rows(coordinates.inside(x)), x)
 
-    def rows(self, points: Floats, known: Floats | None = None) -> Floats:
-        """Return rows with the density of the coordinates, of known ones too."""
-        found = self.evaluator.rows(self.theta(points)) if known is None else known
-        rows, x = found.copy(), points * self.scale
-        rows[:, :2] += self.coordinates.log_volume(x)[:, None]
-        return rows
-
-    def linearize(self, points: Floats) -> Linearization:
-        """Return rows, gradients and information."""
-        posterior, evaluator, theta = self.posterior, self.evaluator, self.theta(points)
-        logs, slopes = self.coordinates.logs, self.scale * np.ones_like(points)
-        if posterior.differentiable or not logs.any():
-            found, gradient, information = evaluator.linearize(theta)
-            rows = self.rows(points, found)
-            slopes[:, logs] *= theta[:, logs]
-            # At a maximum a logarithm bends the density by one more.
-            bend = np.where(logs, self.scale, 0.0)
-        else:  # beside a small value those of the parameter would be too far
-
-            def look(x: Floats) -> Floats:
-                points = x / self.scale
-                around = evaluator.stack("deviations", self.theta(points))
-                return self.rows(points, around)
-
-            law = self.coordinates, self.scale
-            found = difference(posterior, points * self.scale, look, True, True, law)
-            rows, gradient, information = unstack(posterior, found)
-            bend = np.zeros_like(self.scale)
-        if information is not None:
-            information = information * (slopes[:, :, None] * slopes[:, None])
-            information = information + np.diag(bend**2)
-        return Linearization(rows, gradient * slopes + bend, information)
+    def linearize(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return rows, gradients and information, NaN where it is not known."""
+        found = self.coordinates.linearize(self.evaluator, points * self.scale)
+        rows, gradient, information = found
+        return rows, gradient * self.scale, information * np.outer(*[self.scale] * 2)
 
     def look(self, points: Floats, before: Sequence[Local] = ()) -> list[Local]:
         """Return the quadratics about points, which climbs reached from others."""
-        unknown, information = np.full_like(points, np.nan), None
+        unknown = np.full_like(points, np.nan)
         if self.posterior.informative or self.posterior.differentiable:
             rows, gradient, information = self.linearize(points)
         else:
             rows, gradient = self.rows(points), unknown
+            information = unknown[:, :, None] * unknown[:, None]
+        parts = zip(points, rows, gradient, information, strict=True)
         if self.posterior.informative:
-            if information is None:  # nothing but failures
-                information = np.full((*gradient.shape, len(self.scale)), np.nan)
-            parts = zip(points, rows, gradient, information, strict=True)
             return [Local(*part) for part in parts]
-        diagonals = map(np.diag, unknown)
-        parts = zip(points, rows, gradient, diagonals, strict=True)
         last: list[Local | None] = [*before] or [None] * len(points)
         return [
             self._look_around(Local(*part, diagonal=unknown[0]), local)
@@ -376,7 +343,7 @@ class _Space:
         """
         steps = np.diag(local.offsets)
         if self.posterior.differentiable:
-            around = self.linearize(local.point + steps).gradient
+            around = self.linearize(local.point + steps)[1]
             changes = (local.gradient - around) / local.offsets[:, None]
             changes[~np.isfinite(changes)] = 0.0  # of solves that failed
             curvature = (changes + changes.T) / 2
@@ -417,7 +384,8 @@ class _Space:
         covariance, log_evidence = np.full((len(self.scale),) * 2, np.nan), -np.inf
         if local.usable:
             if np.diagonal(local.curvature).max() > NARROWEST**-2:
-                values = [f"{value:.5g}" for value in self.theta(local.point[None])[0]]
+                theta = self.coordinates.inside(local.point[None] * self.scale)
+                values = [f"{value:.5g}" for value in theta[0]]
                 raise ValueError(
                     "posterior: its density seems to grow without bound towards "
                     f"{dict(zip(self.posterior.names, values, strict=True))}: does an "
