@@ -153,7 +153,7 @@ def certify(
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
-    display = check_progress(progress, wanted=True)
+    display = check_progress(progress)
     rng = np.random.default_rng(seed)
     chain = EmulatedChain.of(idata, posterior.prior, rng)
     # Before a solve is spent: they may raise.

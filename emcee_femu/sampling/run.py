@@ -212,7 +212,7 @@ def run(
     steps = checks.whole_number("steps", steps, 1)
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
-    progress = check_progress(progress)
+    progress = check_progress(progress, terminal=False)
     points = _check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
     listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
@@ -366,12 +366,12 @@ def _draw_starts(
     return states
 
 
-def check_progress(progress: bool | str | None, wanted: bool = False) -> bool | str:
+def check_progress(progress: bool | str | None, terminal: bool = True) -> bool | str:
     """Return True, False, or "notebook" where there is what shows that bar.
 
-    Where it is wanted None is taken for whether a terminal would show one.
+    None, where it may be, is for whether a terminal would show one.
     """
-    if progress is None and wanted:
+    if progress is None and terminal:
         seen = sys.stderr is not None and sys.stderr.isatty()
         return seen and find_spec("tqdm") is not None
     if progress != "notebook":
