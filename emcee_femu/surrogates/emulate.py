@@ -50,7 +50,7 @@ def emulate(
     tolerance: float = 0.1,
     derivatives: bool = True,
     starts: ArrayLike | None = None,
-    cheap: Sequence[str] = (),
+    cheap: Sequence[str] | None = None,
     on_failure: str = "raise",
     max_failures: float = 0.2,
     progress: bool | str | None = None,
@@ -117,7 +117,7 @@ def emulate(
             the prior's spread, such as that of :func:`find_map`; or points ``(n, d)``
             that are the first design; None for the whole prior.
         cheap: Names of experiments whose models are not emulated, but solved wherever
-            the posterior is evaluated.
+            the posterior is evaluated; None for none.
         on_failure: What a failed solve does: "raise", or "reject" to leave the point
             out of the fit, and not ask there again. It counts as a solve.
         max_failures: Fraction of the solves, of the first design or more, above which
@@ -157,7 +157,7 @@ def emulate(
     """
     options = {k: v for k, v in locals().items() if k not in ("posterior", "cheap")}
     checks.instance("posterior", posterior, LogPosterior)
-    if len(posterior.experiments) > 1 or len(cheap):
+    if len(posterior.experiments) > 1 or cheap is not None:
         return emulate_each(posterior, cheap, emulate, options)
     problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)

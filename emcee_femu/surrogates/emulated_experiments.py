@@ -1,13 +1,14 @@
 """Emulate the models of several experiments, each from solves of its own."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from .. import checks
+from ..evaluation.resume import check_path
 from ..interfaces import Floats, Parameters, Response, Variable, read_declared
 from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
@@ -39,26 +40,21 @@ class EmulatedExperiments(Report):
             yield f"{name}: {model}"
 
 
+@dataclass(frozen=True, eq=False)
 class Others(Term):
     """What other experiments say of the parameters, as a term beside those of one.
 
-    Args:
+    Attributes:
         experiments: Those that can be solved often, cheap ones and emulated ones.
         parameters: All parameters.
-        names: Those that the model of the one may not read.
+        names: Those that the model of the one does not read.
     """
 
-    gaussian, name = False, "other experiments"
-    reads: Mapping[str, Variable] = {}
-
-    def __init__(
-        self,
-        experiments: Iterable[Experiment],
-        parameters: Sequence[str],
-        names: tuple[str, ...],
-    ) -> None:
-        self.experiments, self.parameters = tuple(experiments), parameters
-        self.names = names
+    experiments: tuple[Experiment, ...]
+    parameters: tuple[str, ...]
+    names: tuple[str, ...]
+    name: str = "other experiments"
+    reads: Mapping[str, Variable] = field(default_factory=dict)
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of all of them, ``(n,)``."""
@@ -68,60 +64,54 @@ class Others(Term):
             total += np.sum(solved.log_likelihoods, axis=0)
         return total
 
-    def linearize(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
-    ) -> tuple[Floats, Floats | None]:
-        """Return no gradient along the response of another model, without a solve."""
-        if any(tangents[name].any() for name in parameters):
-            return super().linearize(parameters, response, tangents, steps)
-        return np.zeros_like(steps), np.zeros((len(steps), 1, steps.shape[1]))
+    def deviations(
+        self, parameters: Parameters, response: Response
+    ) -> tuple[Floats, Floats]:
+        """Return none at all: to the response of another model it is indifferent."""
+        nothing = np.zeros((len(next(iter(parameters.values()))), 1))
+        return nothing, nothing + 1.0
 
 
 def emulate_each(
     posterior: LogPosterior,
-    cheap: Sequence[str],
+    cheap: Sequence[str] | None,
     emulate: Callable[..., Any],
-    options: Mapping[str, Any],
+    options: dict[str, Any],
 ) -> EmulatedExperiments:
     """Emulate one experiment after another, each where those before it leave room.
 
     Args:
         posterior: The joint posterior.
-        cheap: Experiments whose models are taken as they are.
+        cheap: Experiments whose models are taken as they are; None for none.
         emulate: Emulates the model of one.
         options: Its other arguments.
 
     Raises:
         ValueError: If one of cheap is no experiment, or all of them are.
     """
-    names = [experiment.name for experiment in posterior.experiments]
-    cheap = checks.parameter_names("cheap", cheap) if len(cheap) else ()
+    names = tuple(experiment.name for experiment in posterior.experiments)
+    cheap = () if cheap is None else checks.parameter_names("cheap", cheap)
     if not {*cheap} < {*names}:
         raise ValueError(
-            f"cheap: expected some of the experiments {names}, not all, got {[*cheap]}"
+            f"cheap: expected some of the experiments {names}, not all, got {cheap!r}"
         )
+    files = dict.fromkeys(names)
+    if (path := options["backend"]) is not None:
+        files = {name: f"{os.fspath(path)}.{name}" for name in names}
+        for name in {*names}.difference(cheap):  # before a solve of another
+            check_path(files[name], options["resume"])
     known = {e.name: e for e in posterior.experiments if e.name in cheap}
     models: dict[str, EmulatedModel] = {}
     for experiment in posterior.experiments:
-        if experiment.name in cheap:
+        if (name := experiment.name) in cheap:
             continue
-        model, own = experiment.model, dict(options)
-        undeclared = read_declared(model, "names") is None
-        names_of_others = posterior.error_names if undeclared else posterior.names
-        others = Others(known.values(), posterior.names, names_of_others)
-        alone = LogPosterior(model, [*experiment.terms, others], posterior.prior)
-        if own["backend"] is not None:
-            own["backend"] = f"{os.fspath(own['backend'])}.{experiment.name}"
-        emulated = emulate(alone, **own)
-        assert emulated.posterior is not None
-        models[experiment.name] = emulated
-        known[experiment.name] = Experiment(
-            experiment.name, emulated.posterior.model, experiment.terms
-        )
+        declared = read_declared(experiment.model, "names") is not None
+        own = posterior.names if declared else posterior.error_names
+        others = Others((*known.values(),), posterior.names, own)
+        terms = [*experiment.terms, others]
+        alone = LogPosterior(experiment.model, terms, posterior.prior)
+        models[name] = emulated = emulate(alone, **options | {"backend": files[name]})
+        known[name] = Experiment(name, emulated.posterior.model, experiment.terms)
     pairs = {name: (known[name].model, known[name].terms) for name in names}
     joint = LogPosterior.joint(pairs, posterior.prior)
     models = {name: replace(each, posterior=joint) for name, each in models.items()}

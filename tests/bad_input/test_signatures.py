@@ -349,6 +349,7 @@ CALLS = {
     "certify": dict(workers=OFF, solves=(10, whole(10))),
     "emulate": dict(
         workers=OFF,
+        cheap=OFF,
         solves=(10, whole(10)),
         derivatives=(False, flag),
         tolerance=(0.1, number(low=0.0)),

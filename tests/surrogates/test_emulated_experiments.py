@@ -104,6 +104,11 @@ def test_files_and_arguments(tmp_path):
     again = ef.emulate(fresh, 9, seed=1, cheap=["static"], **file)
     np.testing.assert_array_equal(again.posterior(GRID[:9]), first.posterior(GRID[:9]))
     assert [e.model.solves for e in fresh.experiments[:2]] == [9, 9]  # which tell it
+    (tmp_path / "run.solves.empty").unlink()
+    before = fresh.experiments[0].model.solves
+    with pytest.raises(ValueError, match="run.solves.loaded exists"):
+        ef.emulate(fresh, 9, seed=1, cheap=["static"], backend=file["backend"])
+    assert fresh.experiments[0].model.solves == before
     for wrong in (["other"], ["empty", "loaded", "static"]):
         with pytest.raises(ValueError, match=r"cheap: expected some.*'empty'"):
             ef.emulate(joint, 9, seed=1, cheap=wrong)
