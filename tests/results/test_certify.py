@@ -307,9 +307,9 @@ def near(s):
     return -0.5 * (np.log(s / 3e4) / 0.4) ** 2
 
 
-def both(s):
-    """Return a density with as much again at 30."""
-    return np.logaddexp(near(s), -0.5 * (np.log(s / 30.0) / 0.4) ** 2)
+def both(s, share=1.0):
+    """Return a density with as much again at 30, or a share of that."""
+    return np.logaddexp(near(s), np.log(share) - 0.5 * (np.log(s / 30.0) / 0.4) ** 2)
 
 
 def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
@@ -319,6 +319,8 @@ def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
     for seed in range(8):
         found = ef.certify(idata, stiffness(near), 60, seed=seed)
         assert found.short == "certified" and "led nowhere" not in str(found)
+        hardly = stiffness(lambda s: both(s, 3e-3))
+        assert ef.certify(idata, hardly, 60, seed=seed).short == "certified"
         again = ef.certify(idata, stiffness(both), 60, seed=seed)
         if again.short == "refused":
             refused.append(again)
@@ -344,7 +346,8 @@ def test_corrected_means_lie_inside_the_bounds():
     assert 0 < outside < 6
 
 
-def test_a_terminal_shows_progress_unless_told_otherwise(monkeypatch, capsys):
+def test_a_terminal_shows_progress_unless_told_otherwise(monkeypatch, capsys, tmp_path):
+    file = {"backend": tmp_path / "run.certificate", "resume": True}
     for terminal, asked, shown in (
         (True, None, True),
         (False, None, False),
@@ -352,7 +355,7 @@ def test_a_terminal_shows_progress_unless_told_otherwise(monkeypatch, capsys):
         (False, True, True),
     ):
         monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)  # noqa: B023
-        certify(TRUE, solves=40, progress=asked)
+        certify(TRUE, solves=40, progress=asked, **file)  # from the second time on read
         text = capsys.readouterr().err
         assert ("certify: 100%" in text and "40/40 [" in text) == shown
 

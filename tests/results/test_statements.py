@@ -122,7 +122,8 @@ def test_emulating_doubts_the_units_too_by_the_solves_of_its_first_design():
         assert ef.emulate(far, 8, seed=1).solves == 8  # and none more
     assert [warning.filename for warning in caught] == [__file__]
     wide = {"k1": stats.loguniform(1e-3, 1e6), "k2": stats.loguniform(1e-3, 1e6)}
-    for prior in (None, ef.IndependentPrior(wide)):
+    high = {"k1": (0.1, 1_200.0), "k2": (0.1, 240.0)}  # at the mean it is far off
+    for prior in (None, ef.IndependentPrior(wide), ef.IndependentPrior(high)):
         ef.emulate(posterior_of(HERTZ, prior=prior), 8, seed=1)
 
 

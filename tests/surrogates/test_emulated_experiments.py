@@ -117,13 +117,15 @@ def test_files_and_arguments(tmp_path):
         ef.emulate(alone, 12, seed=1, cheap=["empty"])
 
 
-def test_models_that_declare_nothing_and_none_that_is_cheap():
-    joint = joint_of()
+def test_an_emulator_learns_the_parameters_that_its_model_reads():
+    """One that does not declare them: all but those that only terms read."""
+    empty, loaded, _ = joint_of().experiments
     pairs = {
-        e.name: (lambda p, e=e: e.model(p), e.terms) for e in joint.experiments[:2]
+        "empty": (empty.model, empty.terms),
+        "loaded": (lambda p: loaded.model(p), loaded.terms),
     }
-    joint = ef.LogPosterior.joint(pairs, PRIOR)
-    found = ef.emulate(joint, 9, seed=1)
-    assert [*found.models] == ["empty", "loaded"]
-    for model in found.models.values():
-        assert model.names == ("k1", "k2")  # an error of another's term is none
+    laws = {"k1": (5.0, 15.0), "k2": (3.5, 8.0), "noise": (0.005, 0.025)}
+    prior = ef.IndependentPrior(laws | {"other": stats.norm()})
+    found = ef.emulate(ef.LogPosterior.joint(pairs, prior), 11, seed=1)
+    names = [model.names for model in found.models.values()]
+    assert names == [("k1", "k2"), ("k1", "k2", "other")]
