@@ -103,15 +103,17 @@ def emulate_each(
     known = {e.name: e for e in posterior.experiments if e.name in cheap}
     models: dict[str, EmulatedModel] = {}
     for experiment in posterior.experiments:
-        if (name := experiment.name) in cheap:
+        if (place := experiment.name) in cheap:
             continue
-        declared = read_declared(experiment.model, "names") is not None
-        own = posterior.names if declared else posterior.error_names
+        declared = [read_declared(experiment.model, key) for key in ("names", "bounds")]
+        reads = {name for part in declared for name in part or ()}
+        rest = tuple(name for name in posterior.names if name not in reads)
+        own = rest if reads else posterior.error_names
         others = Others((*known.values(),), posterior.names, own)
         terms = [*experiment.terms, others]
         alone = LogPosterior(experiment.model, terms, posterior.prior)
-        models[name] = emulated = emulate(alone, **options | {"backend": files[name]})
-        known[name] = Experiment(name, emulated.posterior.model, experiment.terms)
+        models[place] = emulated = emulate(alone, **options | {"backend": files[place]})
+        known[place] = Experiment(place, emulated.posterior.model, experiment.terms)
     pairs = {name: (known[name].model, known[name].terms) for name in names}
     joint = LogPosterior.joint(pairs, posterior.prior)
     models = {name: replace(each, posterior=joint) for name, each in models.items()}
