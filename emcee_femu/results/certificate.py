@@ -120,10 +120,11 @@ class Certificate(Report):
                 "Certified: as far as full solves at its draws can tell, the emulated "
                 f"posterior is the true one; {differences} ({facts})."
             )
+        equal = self.efficiency >= EQUAL
+        cure = "run the chain longer" if equal else "emulate with more solves"
         return (
             f"Corrected: {differences}, which the weights repair; use the idata, mean "
-            "and sd of the certificate, or emulate with more solves, and run the "
-            f"emulated posterior longer ({facts})."
+            f"and sd of the certificate, or {cure} ({facts})."
         )
 
     @property
