@@ -84,6 +84,11 @@ class Evaluation:
             yield cls(solver, opened, FailureLog(fraction) if reject else None)
 
     @property
+    def evaluation(self) -> "Evaluation":
+        """What solves: this; another one of what stores solves."""
+        return self
+
+    @property
     def posterior(self) -> LogPosterior:
         """What is evaluated."""
         return self.solver.posterior
@@ -148,6 +153,7 @@ class Evaluation:
 
     def restore(self, counts: Sequence[int]) -> None:
         """Go on with solves and failures from the counts of an earlier run."""
+        self.bar.update(counts[0] - self.solves)
         self.solves = counts[0]
         if self.failures is not None:
             self.failures.restore(counts[1:])

@@ -128,8 +128,10 @@ def along_tangents(
                 )
             gradient += slope
             scores.append(score)
-    possible = rows[:, 0] > -np.inf
-    return _side_by_side(posterior, theta, possible, gradient, scores, information)
+    possible, hessian = rows[:, 0] > -np.inf, None
+    if information:
+        hessian = prior_hessian(posterior.prior, theta, posterior.scale)
+    return _side_by_side(posterior, theta, possible, gradient, scores, hessian)
 
 
 def difference(
@@ -138,6 +140,7 @@ def difference(
     evaluate: Callable[[Floats], Floats],
     information: bool,
     searching: bool = False,
+    law: tuple[Prior, Floats] | None = None,
 ) -> Floats:
     """Return rows, gradients and information of points, by a stencil of solves.
 
@@ -147,14 +150,17 @@ def difference(
         evaluate: Returns ``posterior.stack(points, "deviations")``, on workers perhaps.
         information: Whether it is wanted.
         searching: Whether d + 1 solves per point will do, in place of 2 d + 1.
+        law: Prior and scale of the coordinates that the points are in, and that
+            evaluate takes; None for parameters.
     """
     n, width = len(theta), len(posterior.rejected())
+    law = law or (posterior.prior, posterior.scale)
     how = (COARSE, ONE_SIDE) if searching else (STEP, SIDES)
-    stencil = place(posterior.prior, theta, posterior.scale, *how)
+    stencil = place(law[0], theta, law[1], *how)
     evaluated = evaluate(stencil.points)
     slopes = stencil.derive(evaluated)  # (n, columns, d)
     values = evaluated.reshape(n, -1, evaluated.shape[1])
-    gradient = prior_gradient(posterior.prior, theta, posterior.scale)
+    gradient = prior_gradient(law[0], theta, law[1])
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
     gradient += slopes[:, others].sum(axis=1)
     scores: list[Floats | None] = [None] * len(others)
@@ -170,7 +176,8 @@ def difference(
     # A solve that failed beside a point leaves it without a gradient.
     possible = np.asarray(np.isfinite(values[:, :, 0]).all(axis=1))
     possible &= ~np.isnan(stencil.steps).any(axis=(1, 2))
-    rest = _side_by_side(posterior, theta, possible, gradient, scores, information)
+    hessian = prior_hessian(law[0], theta, law[1]) if information else None
+    rest = _side_by_side(posterior, theta, possible, gradient, scores, hessian)
     return np.hstack([values[:, 0, :width], rest])
 
 
@@ -180,17 +187,19 @@ def _side_by_side(
     possible: NDArray[np.bool_],
     gradient: Floats,
     scores: Sequence[Floats | None],
-    information: bool,
+    hessian: Floats | None,
 ) -> Floats:
     """Return gradient and information side by side; NaN where there can be none.
+
+    No information without the Hessian of the log-prior.
 
     Raises:
         SolveError: If a gradient is not finite elsewhere.
     """
     n, d = theta.shape
     parts = [gradient]
-    if information:
-        matrix = -prior_hessian(posterior.prior, theta, posterior.scale)
+    if hessian is not None:
+        matrix = -hessian
         with np.errstate(all="ignore"):  # of rows that are -inf
             for score in scores:
                 matrix += np.nan if score is None else score.swapaxes(1, 2) @ score

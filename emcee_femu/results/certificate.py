@@ -5,9 +5,11 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
 
 from ..interfaces import Floats, Prior
 from ..posterior.log_posterior import LogPosterior
+from ..sampling.climbing import Maximum
 from ..sampling.importance import GOOD_K
 from ..table import Parts, Report, Table
 from .arviz_objects import InferenceData, groups, wrap
@@ -26,6 +28,9 @@ EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no
 FEWEST = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
 CLOSE = 0.1  # of a standard deviation, in means and standard deviations
+SURE = 2.0  # standard errors of the latter, which a few draws of a tail decide
+MISSED = 0.01  # share of the posterior that may be missing
+FOUND = 0.25  # of a maximum's share, below which the draws lack it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 
@@ -55,6 +60,8 @@ class Certificate(Report):
         faults: What is wrong with the bounds or the chain of the emulated posterior.
         missed: What a search came upon that the draws lack.
         notes: What else to know.
+        settled: Whether nothing but its length speaks against the emulated posterior's
+            chain.
         idata: The ArviZ object to go on with. If corrected, its draws are those that
             were solved in full, with their weights in ``sample_stats``, and tables and
             figures show the weighted draws; else it is a copy of what was given. Either
@@ -81,6 +88,7 @@ class Certificate(Report):
     faults: tuple[str, ...] = field(default=(), repr=False)
     missed: tuple[str, ...] = field(default=(), repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
+    settled: bool = field(default=True, repr=False)
     idata: InferenceData | None = field(default=None, repr=False)
 
     @property
@@ -90,7 +98,7 @@ class Certificate(Report):
             return REFUSED
         shift, off = self._differences
         good = self.efficiency >= EQUAL and max(shift, off) <= CLOSE
-        return CERTIFIED if good else CORRECTED
+        return CERTIFIED if good and self.settled else CORRECTED
 
     @property
     def verdict(self) -> str:
@@ -105,16 +113,18 @@ class Certificate(Report):
         shift, off = self._differences
         differences = (
             f"means differ by up to {shift:.3f} standard deviations, standard "
-            f"deviations by up to {100 * off:.1f} %"
+            f"deviations by up to {100 * off:.1f} %, two standard errors included"
         )
         if self.short == CERTIFIED:
             return (
                 "Certified: as far as full solves at its draws can tell, the emulated "
                 f"posterior is the true one; {differences} ({facts})."
             )
+        equal = self.efficiency >= EQUAL
+        cure = "run the chain longer" if equal else "emulate with more solves"
         return (
             f"Corrected: {differences}, which the weights repair; use the idata, mean "
-            f"and sd of the certificate, or emulate with more solves ({facts})."
+            f"and sd of the certificate, or {cure} ({facts})."
         )
 
     @property
@@ -124,9 +134,9 @@ class Certificate(Report):
 
     @property
     def _differences(self) -> tuple[float, float]:
-        """The largest of the means, in sds, and of the standard deviations."""
+        """The largest of the means, in sds, and that sds may have, relative."""
         shift = np.abs(self.mean - self.emulated_mean) / self.sd
-        off = np.abs(self.emulated_sd / self.sd - 1)
+        off = np.abs(self.emulated_sd / self.sd - 1) + SURE * self.sd_error / self.sd
         return float(shift.max()), float(off.max())
 
     @property
@@ -241,7 +251,8 @@ def correct_moments(
 
     with means over the whole chain, and the shares of the solved draws as draws of the
     emulated posterior, c, and of the true one, w: where all weights are equal it is the
-    mean over the chain. A standard deviation is NaN where one draw has all the weight.
+    mean over the chain. Where that is out of bounds it is the mean by the weights
+    alone. A standard deviation is NaN where one draw has all the weight.
 
     Args:
         chain: Of the emulated posterior.
@@ -254,12 +265,16 @@ def correct_moments(
     # First and second powers about the centre: means, and the influence of each draw.
     solved = np.stack([theta - centre, (theta - centre) ** 2])
     whole = np.stack([chain.draws - centre, (chain.draws - centre) ** 2])
+    (low, high), mean = chain.bounds.T, centre + (moved * solved[0]).sum(axis=0)
+    outside = (mean < low) | (mean > high)
+    moved = np.where(outside, weights[:, None], moved)
+    whole = np.where(outside, 0.0, whole)
     shift, squares = moments = whole.mean(axis=1) + (moved * solved).sum(axis=1)
     by_draws = moved * (solved - moments[:, None])
     by_chain = (whole - moments[:, None]) / np.sqrt(chain.mean_sizes)[:, None]
 
     def error(by_draws: Floats, by_chain: Floats) -> Floats:
-        square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / (n - 1)
+        square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / max(n - 1, 1)
         return np.asarray(np.sqrt(square + by_chain.var(axis=0)))
 
     mean_error = error(by_draws[0], by_chain[0])
@@ -297,12 +312,10 @@ def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> f
     return float(np.linalg.eigvalsh(hessian)[-1])
 
 
-def compare_bounds(
-    chain: "EmulatedChain", prior: Prior, rng: np.random.Generator
-) -> list[str]:
+def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     """Return what is wrong with the emulated posterior's bounds, without a solve."""
     faults = []
-    theta = prior.sample(rng, PRIOR_DRAWS)
+    theta = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     low, high = chain.bounds.T
     left_out = 1 - ((theta >= low) & (theta <= high)).all(axis=1).mean()
     if left_out > LEFT_OUT:
@@ -325,3 +338,56 @@ def compare_bounds(
                 "does not; emulate within wider bounds"
             )
     return faults
+
+
+def find_missed(
+    chain: "EmulatedChain",
+    maxima: list[Maximum],
+    theta: Floats,
+    log_posterior: Floats,
+    weights: Floats,
+) -> tuple[str, ...]:
+    """Return the plainest of what climbs came upon that the draws lack.
+
+    Args:
+        chain: Of the emulated posterior.
+        maxima: Of the true one, where climbs ended.
+        theta: The solved draws, ``(n, d)``.
+        log_posterior: The true log-posterior there, ``(n,)``.
+        weights: Their shares of the true posterior, ``(n,)``.
+    """
+    d = chain.draws.shape[1]
+    log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
+    volume = chain.coordinates.log_volume(chain.coordinates.coordinates(theta))
+    heights = np.where(weights > 0, log_posterior + volume, 0.0)
+    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
+    for top in maxima:
+        if not top.converged:  # on its way, perhaps to what is known
+            continue
+        share = expit(top.log_evidence - log_evidence)
+        if share < MISSED:
+            continue
+        steps, precision = chain.x - top.theta, np.linalg.inv(top.covariance)
+        squares = (steps @ precision * steps).sum(axis=1)
+        if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
+            return (
+                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
+                f"about {100 * share:.0f} % of it by Laplace's approximation, where "
+                "the emulated one has hardly a draw; emulate with a start there",
+            )
+    middle = np.median(log_posterior + volume)
+    for top in sorted(maxima, key=lambda top: -top.log_posterior):
+        place = chain.coordinates.parameters(top.theta[None])
+        if top.log_posterior > middle and chain.distance(place)[0] > 1:
+            return (
+                "far from all draws of the emulated posterior the true one is as high "
+                f"as at half of them, at {_name(chain, top.theta)}; emulate with a "
+                "start there",
+            )
+    return ()
+
+
+def _name(chain: "EmulatedChain", x: Floats) -> str:
+    theta = chain.coordinates.parameters(x[None])[0]
+    pairs = zip(chain.names, theta.tolist(), strict=True)
+    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)

@@ -6,21 +6,24 @@ posterior from draws of the prior.
 """
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 
+import emcee
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from scipy.special import expit
 
 from .. import checks
 from ..evaluation.resume import open_evaluator
-from ..interfaces import Evaluator, Floats
+from ..interfaces import Evaluator, Floats, Prior
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.climbing import Maximum, climb
+from ..sampling.coordinates import Coordinates
 from ..sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
+from ..sampling.run import check_progress
 from .arviz_objects import (
     InferenceData,
     dataset,
@@ -35,6 +38,7 @@ from .certificate import (
     compare_bounds,
     correct_moments,
     curvature_k,
+    find_missed,
 )
 from .diagnose import FEWEST_STEPS, diagnose
 from .to_arviz import check_sampled
@@ -45,8 +49,6 @@ APART = 1.1  # R-hat of walkers or ensembles that are in different places
 SHARE, MOST = 4, 30  # solves for the search: at most a quarter, and no more than these
 FIRST = 8  # starts that are put in order
 STEPS = 3  # of a climb, below which it says nothing
-MISSED = 0.01  # share of the posterior that may be missing
-FOUND = 0.25  # of a maximum's share, below which the draws lack it
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
 SHOWN = 2_000  # draws of the chain that are compared
 
@@ -59,10 +61,11 @@ def certify(
     seed: int,
     workers: int | None = None,
     pool: object = None,
-    on_failure: str = "raise",
+    on_failure: str = "reject",
     max_failures: float = 0.2,
     backend: str | PathLike[str] | None = None,
     resume: bool = False,
+    progress: bool | str | None = None,
     probe_tolerance: float = 1e-6,
 ) -> Certificate:
     r"""Check an emulated posterior against full solves at independent draws of it.
@@ -76,8 +79,9 @@ def certify(
     means and standard deviations are those of the whole chain, moved by what the
     weights change at the solved draws. The verdict is
 
-    - *certified*: efficiency at least .9, and means and standard deviations within a
-      tenth of a standard deviation;
+    - *certified*: efficiency at least .9, means within a tenth of a standard deviation,
+      these within a tenth with two standard errors, and nothing but its length against
+      the chain;
     - *corrected*: the weights repair what is wrong;
     - *refused*: k above .7, unequal weights worth fewer than 50 independent draws, a
       tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), or something
@@ -91,10 +95,11 @@ def certify(
     that leave out more than 1 % of the prior are refused, and draws that press against
     a bound which the prior does not have; and a quarter of the solves, at most 30, are
     spent on climbs of the true posterior from draws of the prior that lie away from the
-    chain, where these are enough for three steps. What neither comes upon stays unseen:
-    a narrow mode of which no climb came near. Nor do weights bring back
-    what the chain did not visit: a chain in several parts is refused, and what
-    else :func:`diagnose` says against it is in the findings.
+    chain, where these are enough for three steps; positive parameters climb by their
+    logarithms. What neither comes upon stays unseen: a narrow mode of which no climb
+    came near. Nor do weights bring back what the chain did not visit: a chain in
+    several parts is refused, and what else :func:`diagnose` says against it is in the
+    findings. So is a climb that failed, whatever the reason.
 
     Args:
         idata: What :func:`to_inference_data` made of a run on the emulated posterior,
@@ -104,13 +109,16 @@ def certify(
         seed: A whole number; the same seed gives the same certificate.
         workers: Number of processes to start, as in :func:`run`.
         pool: Where to evaluate instead, as in :func:`run`.
-        on_failure: What a failed solve does, as in :func:`run`; with "reject" the draw
-            has no weight.
-        max_failures: Fraction of failed solves above which "reject" stops.
+        on_failure: What a failed solve of a draw does: "reject" to give it no weight
+            and log it, "raise" to stop with the parameters by name. One of a climb
+            shortens a step, or ends the climb.
+        max_failures: Fraction of failed solves above which "reject" refuses.
         backend: Name of a file that keeps every solve as it arrives, such as
             "beam.certificate"; None for none.
         resume: Whether to go on with the file if it is there, as in :func:`run`; the
             solves in it are not repeated.
+        progress: Whether to show a bar with solves and the time left, as in
+            :func:`emulate`.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another.
 
@@ -120,8 +128,8 @@ def certify(
     Raises:
         TypeError: If posterior is not a LogPosterior, or a number not a whole one.
         ValueError: If idata lacks what is needed or is of other parameters, solves is
-            below 10, or the file is of something else.
-        RuntimeError: If too many solves failed.
+            below 10, or the file is of something else. All are raised before a solve.
+        ImportError: If progress is "notebook" and ipywidgets is not installed.
 
     Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
     sampling", JMLR 25(72); Kish (1965), Survey Sampling (efficiency); Owen (2013),
@@ -145,21 +153,33 @@ def certify(
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
+    display = check_progress(progress)
     rng = np.random.default_rng(seed)
-    chain = EmulatedChain.of(idata, rng)
+    chain = EmulatedChain.of(idata, posterior.prior, rng)
+    # Before a solve is spent: they may raise.
+    unsound, warned = _judge_chain(idata)
+    faults = [*compare_bounds(chain, posterior.prior), *unsound]
     asked = {"moves": "certify", "solves": solves, "seed": seed}
-    with open_evaluator(
-        posterior,
-        asked | {"emulated draws": chain.draws},
-        workers=workers,
-        pool=pool,
-        on_failure=on_failure,
-        max_failures=max_failures,
-        backend=backend,
-        resume=resume,
-        probe_tolerance=probe_tolerance,
-    ) as evaluator:
-        maxima = _look_elsewhere(chain, evaluator, min(solves // SHARE, MOST), rng)
+    bar = emcee.pbar.get_progress_bar(display, solves, desc="certify")
+    with (
+        open_evaluator(
+            posterior,
+            asked | {"emulated draws": chain.draws},
+            workers=workers,
+            pool=pool,
+            on_failure=on_failure,
+            max_failures=max_failures,
+            backend=backend,
+            resume=resume,
+            probe_tolerance=probe_tolerance,
+        ) as evaluator,
+        bar as evaluator.evaluation.bar,
+    ):
+        if evaluator.failures is not None:
+            evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
+        most = min(solves // SHARE, MOST)
+        maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
+        climbed = evaluator.failed
         places, counts = chain.choose(solves - evaluator.solves, rng)
         theta, emulated = chain.draws[places], chain.log_posterior[places]
         by_number = dict(evaluator.each(theta))
@@ -176,8 +196,9 @@ def certify(
     if possible:
         weights = normalise(counted)
         moments = correct_moments(chain, theta, counts / counts.sum(), weights)
-    unsound, warned = _judge_chain(idata)
-    notes = _note(chain, n, maxima, evaluator.failed)
+    if (failed := evaluator.failed - climbed) > max_failures * n:
+        faults.append(f"{failed} of {n} draws could not be solved")
+    notes = _note(chain, n, maxima, lost, evaluator.failed)
     certificate = Certificate(
         names=chain.names,
         solves=evaluator.solves,
@@ -196,9 +217,10 @@ def certify(
         theta=theta,
         weights=n * weights,
         log_posterior=log_posterior,
-        faults=(*compare_bounds(chain, posterior.prior, rng), *unsound),
-        missed=_find_missed(chain, maxima, log_posterior, weights),
-        notes=(*notes, *warned),
+        faults=tuple(faults),
+        missed=find_missed(chain, maxima, theta, log_posterior, weights),
+        notes=(*warned, *notes),
+        settled=all("too short" in text for text in warned),
     )
     return certificate.sealed(idata, posterior, rows, emulated)
 
@@ -211,6 +233,7 @@ class EmulatedChain:
         names: Parameter names, ``d`` of them.
         draws: All draws, step by step, ``(n, d)``.
         log_posterior: The emulated log-posterior there, ``(n,)``.
+        coordinates: Logarithms of positive parameters, in which distances are.
         bounds: Of the emulated posterior's prior, ``(d, 2)``.
         size: As many independent draws would know the centre as well, the worst
             parameter's.
@@ -220,12 +243,15 @@ class EmulatedChain:
     names: tuple[str, ...]
     draws: Floats
     log_posterior: Floats
+    coordinates: Coordinates
     bounds: Floats
     size: float
     mean_sizes: Floats
 
     @classmethod
-    def of(cls, idata: InferenceData, rng: np.random.Generator) -> "EmulatedChain":
+    def of(
+        cls, idata: InferenceData, prior: Prior, rng: np.random.Generator
+    ) -> "EmulatedChain":
         """Return the chain; walkers are in random order at each step.
 
         Raises:
@@ -255,6 +281,7 @@ class EmulatedChain:
             names=tuple(names),
             draws=draws,
             log_posterior=lp[order, steps].ravel(),
+            coordinates=Coordinates.positive(prior),
             bounds=np.column_stack(
                 [constant["lower"].values, constant["upper"].values]
             ),
@@ -263,14 +290,20 @@ class EmulatedChain:
         )
 
     @cached_property
+    def x(self) -> Floats:
+        """The coordinates of all draws, ``(n, d)``."""
+        return self.coordinates.coordinates(self.draws)
+
+    @cached_property
     def root(self) -> Floats:
-        """The Cholesky factor of the covariance of the draws, ``(d, d)``."""
-        scale = np.atleast_2d(np.cov(self.draws, rowvar=False))
+        """The Cholesky factor of their covariance, ``(d, d)``."""
+        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
         return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
 
     def whiten(self, theta: Floats) -> Floats:
         """Return coordinates ``(n, d)`` in which the draws are white."""
-        return np.asarray(np.linalg.solve(self.root, (theta - self.draws.mean(0)).T).T)
+        x = self.coordinates.coordinates(theta)
+        return np.asarray(np.linalg.solve(self.root, (x - self.x.mean(0)).T).T)
 
     def distance(self, theta: Floats) -> Floats:
         """Return how far points ``(n, d)`` are from draws, in their largest gaps."""
@@ -308,72 +341,32 @@ class EmulatedChain:
 
 def _look_elsewhere(
     chain: EmulatedChain, evaluator: Evaluator, most: int, rng: np.random.Generator
-) -> list[Maximum]:
+) -> tuple[list[Maximum], list[str]]:
     """Return where climbs end that start from the prior away from the chain's draws.
 
     They stop when their solves are spent; where these are too few for a few steps there
-    is none.
+    is none. And why others led nowhere, a sentence each.
     """
-    prior, maxima = evaluator.posterior.prior, []
-    starts = prior.sample(rng, 20 * most)
+    maxima, lost = list[Maximum](), list[str]()
+    starts = evaluator.posterior.prior.sample(rng, 20 * most)
     away = chain.distance(starts)
     starts, away = starts[away > 1], away[away > 1]
     # The first climb begins where the draws are farthest of a few starts, since near
     # ones lead to the maximum that is known.
     order = np.argsort(-away[:FIRST])
+    starts = np.concatenate([starts[:FIRST][order], starts[FIRST:]])
     price = 1 if evaluator.posterior.differentiable else evaluator.posterior.ndim + 1
-    for start in np.concatenate([starts[:FIRST][order], starts[FIRST:]]):
+    for start in chain.coordinates.coordinates(starts)[:, None]:
         left = most - evaluator.solves
         if left < STEPS * price:
             break
-        maxima += climb(evaluator, start[None], most=left)
-    return maxima
-
-
-def _find_missed(
-    chain: EmulatedChain, maxima: list[Maximum], log_posterior: Floats, weights: Floats
-) -> tuple[str, ...]:
-    """Return the plainest of what climbs came upon that the draws lack.
-
-    Args:
-        chain: Of the emulated posterior.
-        maxima: Of the true one, where climbs ended.
-        log_posterior: The true log-posterior at the solved draws, ``(n,)``.
-        weights: Their shares of the true posterior, ``(n,)``.
-    """
-    d = chain.draws.shape[1]
-    log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
-    heights = np.where(weights > 0, log_posterior, 0.0)
-    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
-    for top in maxima:
-        if not top.converged:  # on its way, perhaps to what is known
-            continue
-        share = expit(top.log_evidence - log_evidence)
-        if share < MISSED:
-            continue
-        root = np.linalg.cholesky(top.covariance)
-        white = np.linalg.solve(root, (chain.draws - top.theta).T)
-        squares = (white**2).sum(axis=0)
-        if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
-            return (
-                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
-                f"about {100 * share:.0f} % of it by Laplace's approximation, where "
-                "the emulated one has hardly a draw; emulate with a start there",
-            )
-    middle = np.median(log_posterior)
-    for top in sorted(maxima, key=lambda top: -top.log_posterior):
-        if top.log_posterior > middle and chain.distance(top.theta[None])[0] > 1:
-            return (
-                "far from all draws of the emulated posterior the true one is as high "
-                f"as at half of them, at {_name(chain, top.theta)}; emulate with a "
-                "start there",
-            )
-    return ()
-
-
-def _name(chain: EmulatedChain, theta: Floats) -> str:
-    pairs = zip(chain.names, theta.tolist(), strict=True)
-    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)
+        try:
+            maxima += climb(evaluator, start, None, left, chain.coordinates)
+        except Exception as error:  # of any kind: it costs no certificate
+            lost.append(f"it raised {error!r}, and no other was made")
+            break
+    lost += [end.message for end in maxima if end.log_evidence == -np.inf]
+    return [end for end in maxima if end.log_evidence > -np.inf], lost
 
 
 def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
@@ -399,7 +392,7 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
 
 
 def _note(
-    chain: EmulatedChain, n: int, maxima: list[Maximum], failed: int
+    chain: EmulatedChain, n: int, maxima: list[Maximum], lost: list[str], failed: int
 ) -> list[str]:
     """Return what else to know of ``n`` solved draws, in sentences."""
     sentences = []
@@ -414,11 +407,15 @@ def _note(
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
             f"{n} solves: run it longer; the errors allow for it."
         )
-    ends = sum(maximum.converged for maximum in maxima)
+    ends, climbs = sum(m.converged for m in maxima), len(maxima) + len(lost)
+    sentences += [
+        f"{count} of {climbs} climbs led nowhere: {reason}."
+        for reason, count in Counter(lost).items()
+    ]
     sentences.append(
-        f"{len(maxima)} climbs were made from elsewhere, of which {ends} came to an "
-        "end; what neither they nor the draws came upon stays unseen."
-        if maxima
+        f"{climbs} climbs were made from elsewhere, of which {ends} came to an end; "
+        "what neither they nor the draws came upon stays unseen."
+        if climbs
         else "No climb from elsewhere was made, for which the solves were too few: a "
         "part of the posterior far from all draws would not be seen; find_map looks "
         "for one."

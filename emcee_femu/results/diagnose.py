@@ -9,20 +9,16 @@ from scipy import stats
 from ..interfaces import Floats
 from ..table import Parts, Report, Table
 from .arviz_objects import effective_sizes, mean_sizes, rhat
+from .certificate import Certificate
 from .chains import excess_scatter, read_chains, tau_by_ensemble
 from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes
-from .verdict import CONVERGED, Statement, judge_chains, judge_search
+from .verdict import CONVERGED, NO_CHAINS, Statement, judge_chains, judge_search
+from .verdict import judge_without_chains as judge_others
 
 FEWEST_STEPS = 8  # that can be judged
 UNKNOWN = Statement("not judged", "not judged", "not judged.")
 TAILS = (0.05, 0.95)
-NO_CHAINS = {
-    "population": "an annealed population, which has no convergence to judge; run it "
-    "again with other seeds and compare",
-    "weighted": "the weighted draws of a certificate; print the certificate, and "
-    "diagnose the chain of the emulated posterior",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +51,8 @@ class Diagnosis(Report):
         modes: Separated modes of the posterior and the frozen proposal, if "auto"
             ran; printed where there are several.
         chains: Whether they converged: "converged", "well mixed" (of one ensemble, or
-            from given starts) or "not converged", and how many steps it takes.
+            from given starts) or "not converged", and how many steps it takes; "none"
+            of a population or of weighted draws, whose numbers are NaN.
         search: "searched" or "not searched", what was there, and how small a mode may
             be missing.
         fit: Whether what was measured lies inside the posterior predictive: "fits", "at
@@ -117,7 +114,8 @@ class Diagnosis(Report):
         )
 
     def _parts(self) -> Parts:
-        yield self.table
+        if self.chains.status != NO_CHAINS:
+            yield self.table
         if self.modes is not None and len(self.modes.importance) > 1:
             yield self.modes.table
         if np.isfinite(self.acceptance).all():
@@ -141,12 +139,15 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     One ensemble cannot show that it missed a mode: run several from
     over-dispersed starts. For tempered runs only the cold walkers are judged, and tau
     and ESS are those of the mean over these walkers: an exchange hands a state to
-    another walker, so that a walker forgets sooner than its ensemble.
+    another walker, so that a walker forgets sooner than its ensemble. Populations and
+    the weighted draws of a certificate are no chains, which the first statement says,
+    and by what they are judged instead.
 
     Args:
         source: What :func:`run` returned, EnsembleSamplers of one target, or the name
-            of a run's file; or an ArviZ object of them, with steps counted after its
-            own ``discard`` and ``thin``.
+            of a run's file; what :func:`anneal` or :func:`certify` returned; or an
+            ArviZ object of them, with steps counted after its own ``discard`` and
+            ``thin``.
         discard: Stored steps to drop as burn-in.
 
     Returns:
@@ -167,11 +168,28 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         >>> diagnosis.chains.status, diagnosis.search.status, diagnosis.fit.status
         ('not converged', 'not searched', 'fits')
     """
+    if isinstance(source, Certificate):
+        source = source.idata
     chains = read_chains(source, discard=discard)
-    if chains.kind != "chain":
-        raise ValueError(f"source: expected chains, got {NO_CHAINS[chains.kind]}")
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
+    if chains.kind != "chain":
+        about, search = judge_others(source, chains)
+        unknown = "steps_per_tau ess_bulk ess_tail rhat_within rhat_between sd_error"
+        return Diagnosis(
+            names=chains.names,
+            steps=steps,
+            tau=np.full((1, ndim), np.nan),
+            acceptance=np.full((1, 1), np.nan),
+            stuck=(),
+            scatter=np.full(ndim, np.nan),
+            failures=chains.failures,
+            modes=None,
+            chains=about,
+            search=search,
+            fit=judge_fit(source, chains, discard),
+            **dict.fromkeys(unknown.split(), np.full(ndim, np.nan)),
+        )
     if steps < FEWEST_STEPS:
         raise ValueError(
             f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"

@@ -1,12 +1,15 @@
 """Statements on a run: whether its chains converged, and what was searched."""
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from ..sampling.importance import FAIR_SHARE, GOOD_K
+from .arviz_objects import dataset
+from .chains import Chains
 from .modes import ModeWeights
 
 if TYPE_CHECKING:
@@ -25,6 +28,7 @@ ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a 
 ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
 HITS = 3  # expected, of which none comes once in twenty times
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
+NO_CHAINS = "none"
 MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, where no number says how much
 MOST = 10.0  # times longer, above which it is not length that lacks
@@ -87,6 +91,23 @@ def judge_search(modes: ModeWeights | None) -> Statement:
         f"point in {modes.searched // HITS:,} falls near it may be missing."
     )
     return Statement("searched", short, sentence)
+
+
+def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statement]:
+    """Say by what draws are judged that are no chains, and what a search found."""
+    if chains.kind == "population":
+        words = "an annealed population; anneal with other seeds and compare"
+        found = (
+            f"{chains.origin}. A mode so small that fewer than one draw of the prior "
+            f"in {len(chains.draws) // HITS:,} falls near it may be missing."
+        )
+    else:
+        certificate = dataset(source, "certificate").attrs
+        words = f"draws weighted by full solves. {certificate['verdict']}"
+        *_, found = json.loads(certificate["findings"])
+    searched = "not searched" if found.startswith("No climb") else "searched"
+    about = Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}")
+    return about, Statement(searched, searched, found)
 
 
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..interfaces import Evaluator, Floats
+from .coordinates import Coordinates
 from .quadratic import (
     find_damping,
     log_integral,
@@ -173,6 +174,7 @@ def climb(
     starts: Floats,
     guess: Floats | None = None,
     most: float = np.inf,
+    coordinates: Coordinates | None = None,
 ) -> list[Maximum]:
     r"""Climb from every start ``(n, d)`` to a maximum inside the prior's bounds.
 
@@ -183,15 +185,18 @@ def climb(
 
     Args:
         evaluator: What evaluates the posterior; all climbs share its batches.
-        starts: Where to begin.
+        starts: Where to begin, in the coordinates.
         guess: A covariance ``(d, d)`` of the posterior near the starts, which spares
             solves where no information comes with gradients.
         most: Solves that may be spent; the climbs end where they are then.
+        coordinates: Whose density is climbed, parameters or their logarithms; starts
+            and maxima are in them. None for the parameters.
 
     Raises:
         ValueError: If the density grows without bound.
     """
-    space = _Space(evaluator, guess)
+    coordinates = coordinates or Coordinates.plain(evaluator.posterior.prior)
+    space = _Space(evaluator, guess, coordinates)
     before = evaluator.solves
     climbs = [Climb(local) for local in space.look(starts / space.scale)]
     for ascent in climbs:
@@ -247,42 +252,42 @@ def distinct(maxima: Sequence[Maximum]) -> list[list[int]]:
 class _Space:
     """Coordinates in standard deviations of the prior, and quadratics in them."""
 
-    def __init__(self, evaluator: Evaluator, guess: Floats | None) -> None:
+    def __init__(
+        self, evaluator: Evaluator, guess: Floats | None, coordinates: Coordinates
+    ) -> None:
         self.evaluator, self.posterior = evaluator, evaluator.posterior
-        self.scale = self.posterior.scale
-        self.bounds = self.posterior.prior.bounds
-        self.box = self.bounds / self.scale[:, None]
-        d = len(self.scale)
+        self.coordinates, self.scale = coordinates, coordinates.scale
+        self.box = coordinates.bounds / self.scale[:, None]
         self.guess: Floats | None = None
         if guess is not None:
             curvature = guess / np.outer(self.scale, self.scale)
             self.guess = np.asarray(np.linalg.inv(curvature), np.float64)
         # Solves for a look.
-        rows = d if self.posterior.informative else 2 * d
+        rows = len(self.scale) * (1 if self.posterior.informative else 2)
         self.price = 1 if self.posterior.differentiable else rows + 1
 
-    def theta(self, points: Floats) -> Floats:
-        """Return points as parameters; rounding alone can pass a bound, by an ulp."""
-        inside: Floats = np.clip(points * self.scale, *self.bounds.T)
-        return inside
+    def rows(self, points: Floats) -> Floats:
+        """Return rows with the density of the coordinates."""
+        x, coordinates = points * self.scale, self.coordinates
+        return coordinates.lift(self.evaluator.rows(coordinates.inside(x)), x)
+
+    def linearize(self, points: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return rows, gradients and information, NaN where it is not known."""
+        found = self.coordinates.linearize(self.evaluator, points * self.scale)
+        rows, gradient, information = found
+        return rows, gradient * self.scale, information * np.outer(*[self.scale] * 2)
 
     def look(self, points: Floats, before: Sequence[Local] = ()) -> list[Local]:
         """Return the quadratics about points, which climbs reached from others."""
-        theta = self.theta(points)
-        if self.posterior.informative:
-            rows, gradient, information = self.evaluator.linearize(theta)
-            if information is None:  # nothing but failures
-                information = np.full((*gradient.shape, len(self.scale)), np.nan)
-            information = information * np.outer(self.scale, self.scale)
-            parts = zip(points, rows, gradient * self.scale, information, strict=True)
-            return [Local(*part) for part in parts]
         unknown = np.full_like(points, np.nan)
-        if self.posterior.differentiable:
-            rows, gradient = self.evaluator.gradient(theta)
+        if self.posterior.informative or self.posterior.differentiable:
+            rows, gradient, information = self.linearize(points)
         else:
-            rows, gradient = self.evaluator.rows(theta), unknown
-        diagonals = map(np.diag, unknown)
-        parts = zip(points, rows, gradient * self.scale, diagonals, strict=True)
+            rows, gradient = self.rows(points), unknown
+            information = unknown[:, :, None] * unknown[:, None]
+        parts = zip(points, rows, gradient, information, strict=True)
+        if self.posterior.informative:
+            return [Local(*part) for part in parts]
         last: list[Local | None] = [*before] or [None] * len(points)
         return [
             self._look_around(Local(*part, diagonal=unknown[0]), local)
@@ -322,7 +327,7 @@ class _Space:
         """Return gradient and diagonal of the curvature from rows beside a point."""
         first = local.offsets
         steps = np.concatenate([np.diag(first), np.diag(second)])
-        rows = self.evaluator.rows(self.theta(local.point + steps))
+        rows = self.rows(local.point + steps)
         ahead, behind = np.split(rows[:, 0] - local.value, 2)
         a, b = ahead / first, behind / second
         # Where a solve on one side failed, the slope of the other one is taken.
@@ -338,14 +343,14 @@ class _Space:
         """
         steps = np.diag(local.offsets)
         if self.posterior.differentiable:
-            around = self.evaluator.gradient(self.theta(local.point + steps))[1]
-            changes = (local.gradient - around * self.scale) / local.offsets[:, None]
+            around = self.linearize(local.point + steps)[1]
+            changes = (local.gradient - around) / local.offsets[:, None]
             changes[~np.isfinite(changes)] = 0.0  # of solves that failed
             curvature = (changes + changes.T) / 2
         else:
             curvature = np.diag(local.diagonal)
             i, j = np.triu_indices(len(steps), 1)
-            rows = self.evaluator.rows(self.theta(local.point + steps[i] + steps[j]))
+            rows = self.rows(local.point + steps[i] + steps[j])
             with np.errstate(invalid="ignore"):  # of solves that failed
                 both = rows[:, 0] - local.value - local.ahead[i] - local.ahead[j]
             both[~np.isfinite(both)] = 0.0
@@ -379,7 +384,8 @@ class _Space:
         covariance, log_evidence = np.full((len(self.scale),) * 2, np.nan), -np.inf
         if local.usable:
             if np.diagonal(local.curvature).max() > NARROWEST**-2:
-                values = [f"{value:.5g}" for value in self.theta(local.point)]
+                theta = self.coordinates.inside(local.point[None] * self.scale)
+                values = [f"{value:.5g}" for value in theta[0]]
                 raise ValueError(
                     "posterior: its density seems to grow without bound towards "
                     f"{dict(zip(self.posterior.names, values, strict=True))}: does an "
@@ -398,7 +404,7 @@ class _Space:
             log_evidence = log_integral(local.gradient, curvature, *room)
             log_evidence += local.value + np.log(self.scale).sum()
         return Maximum(
-            theta=self.theta(local.point),
+            theta=np.clip(local.point * self.scale, *self.coordinates.bounds.T),
             row=local.row,
             covariance=covariance,
             log_evidence=log_evidence,

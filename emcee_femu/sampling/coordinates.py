@@ -9,8 +9,10 @@ from scipy.special import expit
 from scipy.stats import logistic
 
 from ..interfaces import Evaluator, Floats, Prior
+from ..posterior.derivatives import difference, unstack
 
 DRAWS = 20_000  # of the prior, for its quantiles
+FEW = 256  # the same for scales, as of posteriors
 DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
 LARGEST = 700.0  # logarithm that is finite
 TINY = 1e-200  # least distance from a bound
@@ -64,6 +66,27 @@ class Coordinates:
         logs &= bend < skew * (ends[2] - ends[0])
         return cls(prior, logs, np.zeros_like(logs))
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the parameters."""
+        return self.prior.names
+
+    @property
+    def bounds(self) -> Floats:
+        """Those of the coordinates, ``(d, 2)``."""
+        return self.coordinates(self.prior.bounds.T).T
+
+    @property
+    def scale(self) -> Floats:
+        """Their spread under the prior, from its quartiles, ``(d,)``."""
+        draws = self.sample(np.random.default_rng(0), FEW)
+        return np.asarray(np.ptp(np.quantile(draws, [0.25, 0.75], axis=0), 0) / 1.35)
+
+    def logpdf(self, x: Floats) -> Floats:
+        """Return the log-density of coordinates ``(n, d)`` under the prior."""
+        density: Floats = self.prior.logpdf(self.parameters(x)) + self.log_volume(x)
+        return density
+
     def coordinates(self, theta: Floats) -> Floats:
         """Return the coordinates ``(n, d)`` of parameters within their bounds."""
         x = theta.copy()
@@ -88,11 +111,48 @@ class Coordinates:
         volume += np.log(np.diff(self.prior.bounds[self.logits])).sum()
         return volume
 
+    def lift(self, rows: Floats, x: Floats) -> Floats:
+        """Return rows at coordinates ``(n, d)`` with the densities of these."""
+        lifted = rows.copy()
+        lifted[:, :2] += self.log_volume(x)[:, None]
+        return lifted
+
     def rows(self, evaluator: Evaluator, x: Floats) -> Floats:
         """Return rows at coordinates ``(n, d)``, with the densities of these."""
-        rows = evaluator.rows(self.parameters(x)).copy()
-        rows[:, :2] += self.log_volume(x)[:, None]
-        return rows
+        return self.lift(evaluator.rows(self.parameters(x)), x)
+
+    def inside(self, x: Floats) -> Floats:
+        """Return parameters within the bounds, which rounding can pass by an ulp."""
+        return np.clip(self.parameters(x), *self.prior.bounds.T)
+
+    def linearize(
+        self, evaluator: Evaluator, x: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return rows, gradients and information, with the densities of coordinates.
+
+        NaN is what is not known. Differences are of logarithms too: beside a small
+        value those of the parameter would be too far. There may be no logits.
+        """
+        posterior, theta = evaluator.posterior, self.inside(x)
+        if self.logs.any() and not posterior.differentiable:
+
+            def look(x: Floats) -> Floats:
+                return self.lift(evaluator.stack("deviations", self.inside(x)), x)
+
+            law = self, self.scale
+            stacked = difference(posterior, x, look, True, True, law)
+            rows, gradient, information = unstack(posterior, stacked)
+        else:
+            rows, gradient, information = evaluator.linearize(theta)
+            rows, slopes = self.lift(rows, x), np.where(self.logs, theta, 1.0)
+            gradient = gradient * slopes + self.logs
+            if information is not None:
+                information = information * (slopes[:, :, None] * slopes[:, None])
+                # At a maximum a logarithm bends the density by one more.
+                information = information + np.diag(1.0 * self.logs)
+        if information is None:
+            information = np.full((*x.shape, x.shape[1]), np.nan)
+        return rows, gradient, information
 
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` coordinates from the prior."""

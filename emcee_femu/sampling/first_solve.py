@@ -2,6 +2,7 @@
 
 import time
 import warnings
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -27,12 +28,12 @@ def check_first_solve(evaluator: Evaluation | StoredEvaluation) -> float:
     Returns:
         The seconds that the solve took, by the number of workers.
     """
+    evaluation = evaluator.evaluation
     if isinstance(evaluator, StoredEvaluation):
-        evaluation, store = evaluator.evaluation, evaluator.store
-        outcome = store["first solve"] or _compare(evaluation)
-        store["first solve"] = outcome
+        outcome = evaluator.store["first solve"] or _compare(evaluation)
+        evaluator.store["first solve"] = outcome
     else:
-        evaluation, outcome = evaluator, _compare(evaluator)
+        outcome = _compare(evaluation)
     solves, doubts, seconds = outcome
     evaluation.solves += solves
     for doubt in doubts:
@@ -56,11 +57,11 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
     rows = _solve(evaluation, centre)
     seconds = (time.perf_counter() - begin) / workers
     posterior.initial = rows[0]  # tables then need no other solve
-    if _doubt(posterior, rows):
+    if doubt(posterior, posterior.unfold(rows)):
         draws = posterior.prior.sample(np.random.default_rng(0), DRAWS)
         rows = np.concatenate([rows, _solve(evaluation, draws)])
     solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
-    return solves, _doubt(posterior, rows), seconds
+    return solves, doubt(posterior, posterior.unfold(rows)), seconds
 
 
 def _solve(evaluation: Evaluation, theta: Floats) -> Floats:
@@ -70,12 +71,21 @@ def _solve(evaluation: Evaluation, theta: Floats) -> Floats:
         return np.tile(evaluation.posterior.rejected(), (len(theta), 1))
 
 
-def _doubt(posterior: LogPosterior, rows: Floats) -> list[str]:
-    """Say what is far from the measured at all rows, or in another order at the first.
+def doubt(
+    posterior: LogPosterior,
+    response: Mapping[str, Floats],
+    place: str = "the prior mean",
+) -> list[str]:
+    """Say what is far from the measured at all points, or in another order at a place.
 
     The order of frequencies matters where modes are compared by their numbers.
+
+    Args:
+        posterior: The posterior.
+        response: Its stored variables, ``{name: (n, *shape)}``.
+        place: What the first of the points is.
     """
-    response, doubts = posterior.unfold(rows), []
+    doubts = []
     for experiment in posterior.experiments:
         by_number = "model_mode" not in experiment.variables
         for variable, data in [p for t in experiment.terms for p in t.observed.items()]:
@@ -83,7 +93,7 @@ def _doubt(posterior: LogPosterior, rows: Floats) -> list[str]:
             if name not in response:
                 continue
             part = slice(None), *map(slice, np.shape(data))
-            values = response[name][part].reshape(len(rows), -1)
+            values = response[name][part].reshape(-1, len(measured))
             text = doubt_units(values, measured, posterior.variables[name].unit)
             orders = np.argsort(values[0]), np.argsort(measured)
             if not text and by_number and variable == "frequency":
@@ -91,7 +101,7 @@ def _doubt(posterior: LogPosterior, rows: Floats) -> list[str]:
                     text = "the model's modes are in another order than the measured: "
                     text += "sort both, or pair them by shape (PairedModel)"
             if text:
-                doubts.append(f"{name} at the prior mean: {text}")
+                doubts.append(f"{name} at {place}: {text}")
     return doubts
 
 

@@ -1,5 +1,6 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, files."""
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
@@ -211,7 +212,7 @@ def run(
     steps = checks.whole_number("steps", steps, 1)
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
-    progress = check_progress(progress)
+    progress = check_progress(progress, terminal=False)
     points = _check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
     listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
@@ -238,11 +239,8 @@ def run(
         probe_tolerance=probe_tolerance,
     ) as evaluator:
         states: list[emcee.State] = []
-        search, store = None, None
-        if isinstance(evaluator, StoredEvaluation):  # it stores steps, no proposals
-            store, solver = evaluator.store, evaluator.evaluation
-        else:
-            solver = evaluator
+        search, solver = None, evaluator.evaluation  # stored are steps, no proposals
+        store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds = check_first_solve(evaluator)
         if weighted is None:
             evaluations = steps * thin_by * nwalkers * ensembles
@@ -368,8 +366,14 @@ def _draw_starts(
     return states
 
 
-def check_progress(progress: bool | str) -> bool | str:
-    """Return True, False, or "notebook" where there is what shows that bar."""
+def check_progress(progress: bool | str | None, terminal: bool = True) -> bool | str:
+    """Return True, False, or "notebook" where there is what shows that bar.
+
+    None, where it may be, is for whether a terminal would show one.
+    """
+    if progress is None and terminal:
+        seen = sys.stderr is not None and sys.stderr.isatty()
+        return seen and find_spec("tqdm") is not None
     if progress != "notebook":
         return checks.flag("progress", progress)
     if find_spec("ipywidgets") is None:

@@ -1,5 +1,7 @@
 """Emulate a model from few solves, chosen where the posterior needs them."""
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
@@ -20,6 +22,7 @@ from ..sampling.run import check_progress
 from ..table import Table
 from .emulated import EmulatedModel
 from .emulated_draws import EmulatedDraws, Explorer
+from .emulated_experiments import EmulatedExperiments, emulate_each
 from .emulation_problem import EmulationProblem
 from .partition import fit_outputs
 
@@ -47,11 +50,12 @@ def emulate(
     tolerance: float = 0.1,
     derivatives: bool = True,
     starts: ArrayLike | None = None,
+    cheap: Sequence[str] | None = None,
     on_failure: str = "raise",
     max_failures: float = 0.2,
-    progress: bool | str = False,
+    progress: bool | str | None = None,
     probe_tolerance: float = 1e-6,
-) -> EmulatedModel:
+) -> EmulatedModel | EmulatedExperiments:
     r"""Emulate the model of a posterior by Gaussian processes, from few full solves.
 
     For a model whose solve takes seconds or more and that is not affine in its
@@ -87,16 +91,21 @@ def emulate(
     Regions that the emulator wrongly rules out are never visited; use :func:`certify`
     to check.
 
+    **Several experiments** (:meth:`LogPosterior.joint`) are emulated one after another,
+    each by solves of its own model alone, at draws of the posterior of those before it
+    and of the cheap ones, in the order in which the posterior has them. So name first
+    what says most.
+
     Args:
-        posterior: What is to be sampled; of one experiment. A :class:`PairedModel`
-            pairs the emulated modes as it would those of a full solve.
-        solves: The most full solves, all counted.
+        posterior: What is to be sampled. A :class:`PairedModel` pairs the emulated
+            modes as it would those of a full solve.
+        solves: The most full solves, all counted; of each experiment.
         seed: A whole number; the same seed gives the same emulator, to the bit.
         workers: Number of processes to start, as in :func:`run`.
         pool: Where to solve instead, as in :func:`run`. A batch is solved at once, so
             as many workers can be busy as it has points.
         backend: Name of a file that keeps every solve as it arrives, such as
-            "run.solves".
+            "run.solves"; of several experiments one for each, "run.solves.empty".
         resume: Whether to go on with the file if it is there, as in :func:`run`: the
             solves in it are not repeated, whether a call was killed, or ended and is
             now given more ``solves`` or a smaller ``tolerance``. The result is that of
@@ -107,26 +116,32 @@ def emulate(
         starts: A point ``(d,)`` about which the first design lies, within a quarter of
             the prior's spread, such as that of :func:`find_map`; or points ``(n, d)``
             that are the first design; None for the whole prior.
+        cheap: Names of experiments whose models are not emulated, but solved wherever
+            the posterior is evaluated; None for none.
         on_failure: What a failed solve does: "raise", or "reject" to leave the point
             out of the fit, and not ask there again. It counts as a solve.
         max_failures: Fraction of the solves, of the first design or more, above which
             "reject" stops.
         progress: Whether to show a bar with solves, errors and the time left (needs
-            tqdm); "notebook" for the bar of notebooks (needs ipywidgets too).
+            tqdm); None for where a terminal shows it, "notebook" for the bar of
+            notebooks (needs ipywidgets too).
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another, as in :func:`run`.
 
     Returns:
         The emulated model: ``posterior`` is ready to :func:`run`, ``solves`` the
-        full solves spent, ``history`` the errors round by round.
+        full solves spent, ``history`` the errors round by round. Of several experiments
+        ``posterior``, ``solves`` of all, and ``models``, such a model for each name.
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count not a whole number.
         ValueError: If solves do not suffice for a first design and a batch, an initial
-            point is out of bounds, there are several experiments, or the file is of
+            point is out of bounds, cheap names no experiment, or the file is of
             something else. All but what the model does are raised before a solve.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
         RuntimeError: If too many solves failed.
+        UserWarning: Where all solves of the first design are far off, as of
+            :func:`run`.
 
     Source: Sinsbeck and Nowak (2017), Sequential design of computer experiments for the
     solution of Bayesian inverse problems, doi:10.1137/15M1047659.
@@ -140,7 +155,10 @@ def emulate(
         >>> emulated.solves <= 12, emulated.posterior.names
         (True, ('k',))
     """
+    options = {k: v for k, v in locals().items() if k not in ("posterior", "cheap")}
     checks.instance("posterior", posterior, LogPosterior)
+    if len(posterior.experiments) > 1 or cheap is not None:
+        return emulate_each(posterior, cheap, emulate, options)
     problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
     coordinates = Coordinates.of(posterior.prior)
@@ -204,6 +222,9 @@ class _Emulation:
         self, solves: int, batch: int, seed: int, tolerance: float
     ) -> EmulatedModel:
         """Go on until the true error is small, or all solves are spent."""
+        solved = self.evaluator.posterior.unfold(self.rows[self._solved])
+        for text in self.problem.doubt(solved):
+            warnings.warn(text, stacklevel=3)
         if (number := int(self._solved.sum())) < FEWEST:
             raise RuntimeError(
                 f"on_failure: only {number} of {len(self.theta)} solves of the first "

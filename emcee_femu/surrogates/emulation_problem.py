@@ -27,6 +27,7 @@ from ..interfaces import (
 from ..models.paired import PairedModel
 from ..posterior.experiments import expand, tangents_of
 from ..posterior.log_posterior import LogPosterior
+from ..sampling.first_solve import doubt
 from .emulated import EmulatedModel, as_modal
 from .encoding import Named
 
@@ -146,17 +147,8 @@ class EmulationProblem:
         """Return what is to be emulated of a posterior.
 
         Raises:
-            ValueError: If there are several experiments, or it cannot be told what
-                the model returns.
+            ValueError: If it cannot be told what the model returns.
         """
-        if len(posterior.experiments) > 1:
-            names = [experiment.name for experiment in posterior.experiments]
-            raise ValueError(
-                f"posterior: expected one experiment to emulate, got {names}; write "
-                "one model that solves for all of them, its variables named by "
-                "experiment (FunctionModel(..., variables=...)), and terms that read "
-                "them"
-            )
         errors, model = posterior.error_names, posterior.model
         inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
         paired = model if isinstance(model, PairedModel) else None
@@ -208,6 +200,14 @@ class EmulationProblem:
         """Return a response as the terms see it, paired."""
         modal = as_modal(response)
         return modal if self.paired is None else self.paired.pair(modal)
+
+    def doubt(self, recorded: Named) -> list[str]:
+        """Say what is far from the measured at all solves of a first design."""
+        if not len(next(iter(recorded.values()))):
+            return []
+        response = self.compared(self.part(recorded)[0])
+        stored = {name: read(response, name) for name in self.posterior.variables}
+        return doubt(self.posterior, stored, "the first design")
 
     def deviate(self, theta: Floats, response: Named, emulated: LogPosterior) -> Floats:
         r"""Return how far an emulator is from full solves, ``(n,)``, for the data.

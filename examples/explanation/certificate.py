@@ -60,7 +60,7 @@ certificates["a little off"]
 #
 # | verdict | when | what to do |
 # |---|---|---|
-# | certified | efficiency of the weights (Kish) at least 0.9; means and standard deviations within a tenth of a standard deviation | use the emulated posterior: `certificate.idata` is its chain with a seal |
+# | certified | efficiency of the weights (Kish) at least 0.9; means and standard deviations within a tenth of a standard deviation, the latter with two standard errors; nothing but its length against the chain | use the emulated posterior: `certificate.idata` is its chain with a seal |
 # | corrected | neither certified nor refused | use `certificate.mean`, `.sd` and `.idata`, whose draws are those solved in full, with weights |
 # | refused | Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly equal ones fewer than 25; k above 1 - 1 / log10(n); or something missing (below) | the sentence says: more solves for the emulator, for the certificate, wider bounds, a start |
 #
@@ -96,9 +96,9 @@ ef.parameter_table(certificates["a little off"].idata)
 #   prior does not have. Neither costs a solve.
 # - A quarter of the solves, at most 30, climb the true posterior from draws of the
 #   prior far from the chain, if that is enough for three steps (a black box of d
-#   parameters takes d + 1 solves a step, a model with `jacobian` one). A maximum with
-#   more than 1 % of the posterior where the chain has hardly a draw is refused, with
-#   its place.
+#   parameters takes d + 1 solves a step, a model with `jacobian` one), positive ones by
+#   their logarithms. A maximum with more than 1 % of the posterior where the chain has
+#   hardly a draw is refused, with its place; a climb that fails is a finding.
 #
 # The first of these, live: an emulator that was learned inside narrow bounds.
 
@@ -120,7 +120,8 @@ refused
 # posterior an emulator of 39 solves had the lobe at k4 < 1980 N/m right to 0.05 of
 # log-density, but a chain of 20 walkers and 800 steps had hardly been there, and its
 # certificate was as good as its worst standard deviation was bad (31 % off). Certify
-# converged chains: what `diagnose` says against one is printed with the certificate.
+# converged chains: what `diagnose` says against one is printed with the certificate, and
+# unless it is but short, it is not certified.
 
 # %% tags=["remove-cell"]
 shorts = {title: found.short for title, found in certificates.items()}

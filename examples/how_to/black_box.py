@@ -73,7 +73,7 @@ posterior = ef.LogPosterior(model, term, prior)
 emulated = ef.emulate(posterior, solves=30, seed=1, on_failure="reject")
 run = ef.run(emulated.posterior, steps=300, ensembles=2, seed=1)
 idata = ef.to_inference_data(run)
-certificate = ef.certify(idata, posterior, 40, seed=1, on_failure="reject")
+certificate = ef.certify(idata, posterior, 40, seed=1)
 print(f"the program was started {len(starts)} times")
 certificate
 

@@ -86,7 +86,9 @@ ef.figures.plot_predictive(idata, posterior)
 # (empty and with a known mass on its roof, {doc}`/tutorials/what_is_learned`; at two
 # temperatures), or tests of different kinds. The prior owns all parameters; each model and
 # each term reads those that it knows, and each model is solved once per parameter set.
-# Whatever belongs to an experiment carries its name: the term `modal.frequency`, the
+# Where solves are slow, `ef.emulate(posterior, 60, seed=1, cheap=["static"])` emulates each
+# model but those that are cheap, from solves of its own, and `.posterior` of what it
+# returns is ready to run. Whatever belongs to an experiment carries its name: the term `modal.frequency`, the
 # argument `experiment="modal"` of tables and figures.
 #
 # A model error is inferred for a static test as for a modal one:

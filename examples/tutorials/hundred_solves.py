@@ -186,7 +186,7 @@ def learn(solves):
     before = len(calls)
     emulated = ef.emulate(vague, solves, seed=2, backend=file, resume=True)
     new = len(calls) - before
-    run = ef.run(emulated.posterior, steps=1_500, ensembles=2, seed=2)
+    run = ef.run(emulated.posterior, steps=3_000, ensembles=2, seed=2)
     certificate = ef.certify(ef.to_inference_data(run), vague, solves=60, seed=3)
     print(f"{emulated.solves} solves, {new} of them new")
     print(textwrap.fill(certificate.verdict, 80))

@@ -56,6 +56,7 @@ MODEL = ef.MassSpringModel([1.0, 2.0], SPRINGS)
 PRIOR = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 2.0, [(2.0, 20.0), (1.0, 9.0)])
 TERM = ef.FrequencyTerm(MODEL({}).frequencies[0], relative_sd=0.05)
 POSTERIOR = ef.LogPosterior(MODEL, TERM, PRIOR)
+JOINT = ef.LogPosterior.joint({"empty": (MODEL, TERM), "loaded": (MODEL, TERM)}, PRIOR)
 POINT, START = np.array([9.0, 6.0]), POSTERIOR.start(16, 1).reshape(2, 8, 2)
 RUN = ef.run(POSTERIOR, ef.DEMCMove(), nwalkers=8, steps=16, seed=1, ensembles=1)
 LADDER = ef.moves.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
@@ -354,6 +355,7 @@ CALLS = {
     "certify": dict(workers=OFF, solves=(10, whole(10))),
     "emulate": dict(
         workers=OFF,
+        cheap=OFF,
         solves=(10, whole(10)),
         derivatives=(False, flag),
         tolerance=(0.1, number(low=0.0)),
@@ -369,6 +371,11 @@ CALLS = {
     "anneal, workers": only("anneal", workers=(1, whole(1)), size=(40, whole(40))),
     "certify, workers": only("certify", workers=(1, whole(1))),
     "emulate, workers": only("emulate", workers=(1, whole(1))),
+    "emulate, cheap": only(
+        "emulate",
+        posterior=(JOINT, anything),
+        cheap=(["loaded"], chosen.but("one twice")),
+    ),
     "log_evidence": dict(source=(TEMPERED, anything)),
     "compare_models": dict(
         models=(CLASSES, records),

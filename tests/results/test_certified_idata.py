@@ -65,8 +65,14 @@ def test_tables_show_the_weighted_draws_and_say_so(corrected, tmp_path):
         )
         assert "corrected" in ef.predictive_table(sealed).title
         assert "orrected" in str(ef.identifiability(sealed))
-        with pytest.raises(ValueError, match="diagnose the chain of the emulated"):
-            ef.diagnose(sealed)
+        diagnosis = ef.diagnose(sealed)
+        assert diagnosis.chains.status == "none" and not diagnosis.converged
+        assert diagnosis.chains.sentence.endswith(found.verdict)
+        assert diagnosis.search.status == "searched"
+        assert diagnosis.search.sentence == found.findings[-1]
+        assert diagnosis.fit.status == "fits"
+        assert str(diagnosis) == diagnosis.verdict  # without a table of nothing
+    assert str(ef.diagnose(found)) == str(ef.diagnose(found.idata))
     emulated_mean = ef.parameter_table(idata).column("mean")
     assert np.abs(emulated_mean / exact - 1).max() > 0.01
 

@@ -1,6 +1,7 @@
 """Certificates of emulated posteriors, against Gaussians of which all is known."""
 
 import dataclasses
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -177,7 +178,20 @@ def test_moments_that_differ_bar_a_certificate():
     assert found.short == "certified"
     wide = dataclasses.replace(found, emulated_sd=1.15 * found.sd)
     moved = dataclasses.replace(found, emulated_mean=found.mean + 0.15 * found.sd)
-    assert wide.short == moved.short == "corrected"
+    unknown = dataclasses.replace(found, sd_error=0.06 * found.sd)
+    apart = dataclasses.replace(found, settled=False)
+    for other in (wide, moved, unknown, apart):
+        assert other.short == "corrected"
+
+
+def test_a_chain_that_is_in_doubt_is_not_certified():
+    """Of walkers apart by less than makes parts of them; or it is but short."""
+    true, theta = posterior(TRUE), draws(TRUE, 6_000, 1)
+    theta[::2, 0] += 0.7
+    found = ef.certify(sampled(true, theta, walkers=4), true, seed=1)
+    assert found.short == "corrected" and "walkers stay apart" in str(found)
+    short = certify(TRUE, n=30_000, phi=0.998)
+    assert "too short" in str(short) and short.settled
 
 
 def test_bounds_that_leave_out_half_of_the_prior_are_refused():
@@ -238,17 +252,112 @@ class Breaking:
         return TRUE(theta)
 
 
-def test_failed_solves_have_no_weight_where_they_are_rejected():
+def test_failed_solves_have_no_weight():
     true = free_posterior(Breaking(), box(-12.0, 12.0, 3))
     with pytest.raises(RuntimeError, match="no convergence"):
-        certify(NEAR, true)
-    found = certify(SHIFTED, true, solves=300, on_failure="reject", max_failures=0.5)
+        certify(NEAR, true, on_failure="raise")
+    found = certify(SHIFTED, true, solves=300)
     assert found.failed_solves > 5
     assert f"{found.failed_solves} solves failed" in str(found)
     assert (found.weights == 0).sum() > 5
+    assert found.short != "refused"
     kept = found.idata["posterior"]["x1"].values
     assert np.isfinite(kept).all()
     assert kept.size == (found.weights > 0).sum()
+    few = certify(SHIFTED, true, solves=300, max_failures=0.05)
+    assert few.short == "refused" and "could not be solved" in few.verdict
+
+
+@pytest.mark.parametrize("on_failure", ["raise", "reject"])
+def test_a_corner_that_cannot_be_solved_costs_climbs_alone(on_failure):
+    """All that is out of sight of the draws fails, in whatever way."""
+
+    def law(theta):
+        if (np.abs(theta) > 6.0).any():
+            raise ValueError("singular")
+        return TRUE(theta)
+
+    true = free_posterior(law, box(-12.0, 12.0, 3))
+    found = certify(TRUE, true, on_failure=on_failure)
+    assert found.short == "certified" and found.solves <= 100
+    assert "climbs led nowhere" in str(found)
+    # A pool and a file change nothing.
+    with ThreadPoolExecutor(2) as pool:
+        again = certify(TRUE, true, on_failure=on_failure, pool=pool)
+    assert str(again) == str(found)
+
+
+def test_a_density_without_bound_is_found_and_costs_nothing():
+    """Its peak at x1 = 5, where an error goes to zero, is no Gaussian's."""
+
+    def law(theta):
+        return TRUE(theta) - 1e-3 * np.log(np.abs(theta[:, 0] - 5.0) + 1e-300)
+
+    found = certify(TRUE, free_posterior(law, box(-12.0, 12.0, 3)))
+    assert found.short in ("certified", "refused") and found.solves <= 100
+
+
+def stiffness(log_density, low=1e1, high=1e9):
+    """Return the posterior of a stiffness over decades."""
+    prior = ef.IndependentPrior({"s": stats.loguniform(low, high)})
+    return free_posterior(lambda theta: log_density(theta[:, 0]), prior)
+
+
+def near(s):
+    return -0.5 * (np.log(s / 3e4) / 0.4) ** 2
+
+
+def both(s, share=1.0):
+    """Return a density with as much again at 30, or a share of that."""
+    return np.logaddexp(near(s), np.log(share) - 0.5 * (np.log(s / 30.0) / 0.4) ** 2)
+
+
+def test_a_stiffness_over_decades_is_climbed_by_its_logarithm():
+    """It was said to grow "without bound towards s = 12", by an exception."""
+    theta = stats.lognorm(0.4, scale=3e4).rvs((3_000, 1), random_state=1)
+    idata, refused = sampled(stiffness(near), theta), []
+    for seed in range(8):
+        found = ef.certify(idata, stiffness(near), 60, seed=seed)
+        assert found.short == "certified" and "led nowhere" not in str(found)
+        hardly = stiffness(lambda s: both(s, 3e-3))
+        assert ef.certify(idata, hardly, 60, seed=seed).short == "certified"
+        again = ef.certify(idata, stiffness(both), 60, seed=seed)
+        if again.short == "refused":
+            refused.append(again)
+    assert len(refused) >= 4  # by two climbs each
+    assert all("s = 30, about" in found.verdict for found in refused)
+
+
+def test_corrected_means_lie_inside_the_bounds():
+    """Weights that leave little of a long tail, near the lower bound."""
+    law, outside = stats.lognorm(1.5, scale=3e4), 0
+    theta = law.rvs((3_000, 1), random_state=1)
+    emulated = stiffness(lambda s: law.logpdf(s) + np.log(s))  # times the prior
+    idata, true = sampled(emulated, theta), stiffness(lambda s: -s / 1e3)
+    for seed in range(6):
+        found = ef.certify(idata, true, 60, seed=seed)
+        weighted = found.weights @ found.theta[:, 0] / len(found.theta)
+        difference = theta.mean() + weighted - found.theta.mean()
+        if difference < 1e1:
+            outside += 1
+            difference = weighted
+        assert found.mean[0] == pytest.approx(difference, rel=1e-6)
+        assert 1e1 < found.mean[0] and found.mean_error[0] >= 0
+    assert 0 < outside < 6
+
+
+def test_a_terminal_shows_progress_unless_told_otherwise(monkeypatch, capsys, tmp_path):
+    file = {"backend": tmp_path / "run.certificate", "resume": True}
+    for terminal, asked, shown in (
+        (True, None, True),
+        (False, None, False),
+        (True, False, False),
+        (False, True, True),
+    ):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)  # noqa: B023
+        certify(TRUE, solves=40, progress=asked, **file)  # from the second time on read
+        text = capsys.readouterr().err
+        assert ("certify: 100%" in text and "40/40 [" in text) == shown
 
 
 class Stopping:

@@ -116,6 +116,32 @@ def test_annealing_doubts_the_units_too_also_when_it_goes_on(tmp_path):
     np.testing.assert_array_equal(first.theta, again.theta)
 
 
+def test_emulating_doubts_the_units_too_by_the_solves_of_its_first_design():
+    far = posterior_of(HERTZ, lambda p: frequencies(p, 1.0))
+    with pytest.warns(UserWarning, match="first design: model 0.0035.*units") as caught:
+        assert ef.emulate(far, 8, seed=1).solves == 8  # and none more
+    assert [warning.filename for warning in caught] == [__file__]
+    wide = {"k1": stats.loguniform(1e-3, 1e6), "k2": stats.loguniform(1e-3, 1e6)}
+    high = {"k1": (0.1, 1_200.0), "k2": (0.1, 240.0)}  # at the mean it is far off
+    for prior in (None, ef.IndependentPrior(wide), ef.IndependentPrior(high)):
+        ef.emulate(posterior_of(HERTZ, prior=prior), 8, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("measured", "fit"), [(HERTZ, "fits"), (HERTZ * [1.0, 2.0], "does not fit")]
+)
+def test_a_population_has_statements_but_no_chains(measured, fit):
+    posterior = posterior_of(measured)
+    population = ef.anneal(posterior, 60, seed=1)
+    found = ef.diagnose(ef.to_inference_data(population, posterior))
+    assert statuses(found) == ("none", "searched", fit)
+    assert "other seeds" in found.chains.sentence
+    assert f"{population.solves} solves" in found.search.sentence
+    assert "one draw of the prior in 20 falls" in found.search.sentence
+    assert str(found) == found.verdict and not found.converged
+    assert statuses(ef.diagnose(population)) == ("none", "searched", "not checked")
+
+
 def test_another_order_of_the_modes_is_doubted():
     posterior = posterior_of(HERTZ, lambda p: frequencies(p)[::-1])
     (doubt,) = doubts(posterior, moves=ef.DEMCMove())[1]

@@ -289,7 +289,7 @@ def test_what_cannot_be_emulated_is_refused_before_the_first_solve():
     tests = {name: (model, Gaussian()) for name in ("empty", "loaded")}
     joint = ef.LogPosterior.joint(tests, PRIOR)
     with pytest.raises(ValueError, match="'empty', 'loaded'"):
-        ef.emulate(joint, 20, seed=1)
+        ef.emulate(joint, 20, seed=1, cheap=[*tests])
     assert model.solved == []
 
 

@@ -1,0 +1,98 @@
+"""Climbs in logarithms end at the maximum of their density, with its Gaussian."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+from support.free_posterior import FreeModel, density_term
+
+import emcee_femu as ef
+from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.sampling.climbing import climb
+from emcee_femu.sampling.coordinates import Coordinates
+
+# Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
+PRIOR = ef.IndependentPrior(
+    {
+        "s": stats.lognorm(2.0, scale=1e6),
+        "t": stats.lognorm(0.5, scale=3.0),
+        "x": stats.norm(-1.0, 2.0),
+    }
+)
+MEASURED, SD = np.array([12.0, 1.5, 0.5]), np.array([0.4, 0.3, 1.0])
+PRIOR_MEAN, PRIOR_SD = np.array([np.log(1e6), np.log(3.0), -1.0]), [2.0, 0.5, 2.0]
+EVIDENCE = stats.norm.logpdf(MEASURED, PRIOR_MEAN, np.hypot(PRIOR_SD, SD)).sum()
+
+
+class FreeSlopes(FreeModel):
+    """No FE model either, but one with derivatives."""
+
+    def jacobian(self, parameters):
+        """Return the frequency that nobody reads, which never changes."""
+        return self(parameters), {"frequency": {}}
+
+
+def log_density(theta):
+    at = np.column_stack([np.log(theta[:, :2]), theta[:, 2]])
+    return stats.norm.logpdf(at, MEASURED, SD).sum(axis=1)
+
+
+class Logs:
+    """A model of logarithms, with derivatives."""
+
+    names, variables = PRIOR.names, {"y": ef.Variable({"i": range(3)})}
+
+    def __call__(self, p):
+        """Return them."""
+        return {"y": np.column_stack([np.log(p["s"]), np.log(p["t"]), p["x"]])}
+
+    def jacobian(self, p):
+        """Return them and their derivatives."""
+        slopes = np.ones_like(p["x"]) / [p["s"], p["t"], np.ones_like(p["x"])]
+        by = {n: slopes[i][:, None] * np.eye(3)[i] for i, n in enumerate("stx")}
+        return self(p), {"y": by}
+
+
+def gaussian(model):
+    """Return the posterior by a term whose information is known."""
+    variables = Logs.variables
+
+    class Term:
+        name, reads = "y", variables
+
+        def deviations(self, parameters, response):
+            r = response["y"] - MEASURED
+            return r, np.broadcast_to(SD, r.shape)
+
+        def __call__(self, parameters, response):
+            return stats.norm.logpdf(response["y"], MEASURED, SD).sum(axis=1)
+
+    return ef.LogPosterior(model, Term(), PRIOR)
+
+
+def free(model):
+    """Return the posterior by a term of which only differences tell."""
+    return ef.LogPosterior(model, density_term(log_density, PRIOR.names), PRIOR)
+
+
+CASES = {"rows": free(FreeModel()), "gradients": free(FreeSlopes())}
+CASES["information"] = gaussian(lambda p: Logs()(p))
+CASES["jacobian"] = gaussian(Logs())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
+    posterior = CASES[case]
+    precision = SD**-2.0 + np.power(PRIOR_SD, -2.0)
+    top = (MEASURED / SD**2 + PRIOR_MEAN / np.power(PRIOR_SD, 2)) / precision
+    positive = Coordinates.positive(PRIOR)
+    with Evaluation.open(posterior) as evaluator:
+        starts = positive.sample(np.random.default_rng(1), 3)
+        for end in climb(evaluator, starts, coordinates=positive):
+            assert end.converged
+            # 1e-3 of log-density may be left to gain.
+            assert_allclose((end.theta - top) * precision**0.5, 0, atol=0.05)
+            assert_allclose(np.diag(end.covariance) * precision, 1.0, rtol=0.1)
+            assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
+            row = positive.rows(evaluator, end.theta[None])[0]
+            assert_allclose(end.row, row, rtol=1e-9)
