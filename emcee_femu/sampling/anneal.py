@@ -221,6 +221,8 @@ def anneal_population(
     size: int,
     thorough: bool = False,
     most: float = np.inf,
+    sweeps: int = MOST_SWEEPS,
+    begin: tuple[Evaluator, Floats] | None = None,
 ) -> Annealed:
     """Return the population at the power 1, in coordinates; see :func:`anneal`.
 
@@ -233,6 +235,10 @@ def anneal_population(
             evidence needs it; a search for starts does not.
         most: Solves that may be spent, members of the prior too; it may end at a lower
             power then.
+        sweeps: At one power at most, if not thorough.
+        begin: Another posterior of the same prior, and members of it, ``(size, d)``, to
+            begin with in place of the prior: the powers are those of the ratio of the
+            two.
 
     Raises:
         ValueError: If too few draws of the prior have a finite likelihood.
@@ -240,16 +246,20 @@ def anneal_population(
     """
     before = evaluator.solves
     random = RandomState(rng.bit_generator)
-    evaluate = partial(coordinates.rows, evaluator)
-    theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
+    evaluate = alone = partial(coordinates.rows, evaluator)
+    if begin is None:
+        theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
+    else:
+        evaluate = partial(_compare, coordinates, evaluator, begin[0])
+        theta, rows, share, draws = begin[1], evaluate(begin[1]), 1.0, size
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
     fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
     ancestors, influence = np.arange(size), np.zeros(size)
     log_evidence, powers = float(np.log(share)), [0.0]
     moved, tried = [], []
-    longest = MOST_THOROUGH if thorough else MOST_SWEEPS
+    longest = MOST_THOROUGH if thorough else sweeps
     while powers[-1] < 1 and (left := most - evaluator.solves + before) > size:
-        sweeps = int(min(longest, left / size))
+        number = int(min(longest, left / size))
         low = rows[:, 0] - rows[:, 1]
         step = _next_step(low, 1 - powers[-1])
         if powers[-1] + step == powers[-1]:
@@ -267,8 +277,9 @@ def anneal_population(
         theta, rows = theta[kept], rows[kept]
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
+        here = alone if powers[-1] == 1 else evaluate  # where no other law counts
         theta, rows, accepted, log_weights = _renew(
-            evaluate, theta, rows, halves, powers[-1], random, fits, thorough, sweeps
+            here, theta, rows, halves, powers[-1], random, fits, thorough, number
         )
         moved.append(accepted)
         tried.append(log_weights)
@@ -349,6 +360,15 @@ def _draw(
         f"posterior: only {number} of {draws} draws of the prior have a finite "
         "likelihood; narrow the prior to where the model can be solved"
     )
+
+
+def _compare(
+    coordinates: Coordinates, evaluator: Evaluator, other: Evaluator, x: Floats
+) -> Floats:
+    """Return rows, with the density of another posterior in place of the prior's."""
+    rows = coordinates.rows(evaluator, x)
+    rows[:, 1] = coordinates.rows(other, x)[:, 0]
+    return rows
 
 
 def _next_step(log_likelihood: Floats, most: float) -> float:

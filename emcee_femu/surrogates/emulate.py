@@ -7,10 +7,12 @@ from typing import Any
 import emcee
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
 from scipy.stats import qmc
 
 from .. import checks
 from ..evaluation.evaluator import Evaluation
+from ..evaluation.pools import count_workers
 from ..evaluation.resume import describe, open_evaluator
 from ..evaluation.store import StoredEvaluation
 from ..interfaces import Floats
@@ -19,7 +21,7 @@ from ..sampling.coordinates import Coordinates
 from ..sampling.run import check_progress
 from ..table import Table
 from .emulated import EmulatedModel
-from .emulated_draws import EmulatedDraws, Explorer
+from .emulated_draws import GROWN, EmulatedDraws, Explorer
 from .emulation_problem import EmulationProblem
 from .partition import fit_outputs
 
@@ -144,23 +146,30 @@ def emulate(
     problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
     coordinates = Coordinates.of(posterior.prior)
-    d, fewer = posterior.ndim, problem.derivatives
+    d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
     number = max(d // 2 + 1, FEWEST) if fewer else d + MORE
-    first = _first_points(coordinates, number, seed, _check_starts(starts, problem))
+    places = _check_starts(starts, problem)
+    first = _first_points(coordinates, max(number, width), seed, places)
     batch = d // (4 if fewer else 2) + 1
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(
             f"solves: expected at least {len(first) + batch} for {posterior.ndim} "
-            f"parameters, {len(first)} of a first design and a batch of {batch}, got "
-            f"{solves}; about {10 * posterior.ndim} are usual"
+            f"parameters and {width} at a time, {len(first)} of a first design and a "
+            f"batch of {batch}, got {solves}; about {10 * posterior.ndim} are usual"
         )
     tolerance = checks.real_number("tolerance", tolerance, 0)
     display = check_progress(progress)
-    asked = {"moves": "emulate", "seed": seed, "starts": first}
+    asked = {
+        "moves": "emulate",
+        "seed": seed,
+        "starts": first,
+        "derivatives": problem.derivatives,
+        "solves at a time": max(batch, width),
+    }
     with (
         open_evaluator(
             problem.recorder(),
-            describe(posterior, asked | {"derivatives": problem.derivatives}),
+            describe(posterior, asked),
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -171,9 +180,9 @@ def emulate(
         ) as evaluator,
         emcee.pbar.get_progress_bar(display, solves, desc="emulate") as bar,
     ):
-        emulation = _Emulation(problem, evaluator, coordinates, bar)
+        emulation = _Emulation(problem, evaluator, coordinates, bar, batch)
         emulation.solve(first)
-        return emulation.run(solves, batch, seed, tolerance)
+        return emulation.run(solves, max(batch, width), seed, tolerance)
 
 
 @dataclass(eq=False)
@@ -185,6 +194,7 @@ class _Emulation:
         evaluator: Solves in full.
         coordinates: Those in which the posterior is explored.
         bar: Shows the progress.
+        few: Of so many points of a batch one is to find what is not yet seen.
         theta: Where it was solved, ``(N, d)``.
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
     """
@@ -193,8 +203,10 @@ class _Emulation:
     evaluator: Evaluation | StoredEvaluation
     coordinates: Coordinates
     bar: Any
+    few: int
     theta: Floats = field(init=False)
     rows: Floats = field(init=False)
+    _compared: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.theta = np.empty((0, self.problem.posterior.ndim))
@@ -212,7 +224,7 @@ class _Emulation:
             )
         explorer = Explorer(self.problem, self.coordinates)
         emulator, draws, settled = None, None, 0
-        history: list[tuple[int, float, float]] = []
+        history: list[tuple[int, float, float, float]] = []
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
@@ -224,15 +236,15 @@ class _Emulation:
             self.solve(self._choose(number, emulator, draws))
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
-            history.append((spent, draws.predicted, error))
+            history.append((spent, draws.predicted, error, draws.size))
             if hasattr(self.bar, "set_postfix_str"):
                 text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
                 self.bar.set_postfix_str(text)
-        history.append((spent, draws.predicted, np.nan))
+        history.append((spent, draws.predicted, np.nan, draws.size))
         table = Table(
             "Errors at draws of the posterior, in units of measurement error",
-            ("solves", "predicted error", "true error"),
-            ("d", ".3g", ".3g"),
+            ("solves", "predicted error", "true error", "effective draws"),
+            ("d", ".3g", ".3g", ".0f"),
             tuple(history),
         )
         posterior = self.problem.replace_model(emulator)
@@ -260,7 +272,8 @@ class _Emulation:
         """Fit an emulator to all that was solved, whitened by the last draws.
 
         In the explored coordinates or in the logarithms of all positive parameters,
-        with the derivatives or without them, as leaving one point out tells.
+        with the derivatives or without them, as leaving one point out tells. That is
+        asked again when the solves have grown by half.
         """
         problem, inputs = self.problem, self.problem.inputs
         prior, theta = problem.posterior.prior, self.theta[self._solved]
@@ -270,11 +283,16 @@ class _Emulation:
         units = problem.units(theta[-UNITS:], newest)
         limits = zip(np.take(prior.names, inputs), prior.bounds[inputs], strict=True)
         bounds = {str(name): (float(low), float(high)) for name, (low, high) in limits}
-        lengths = None if last is None else last.processes.lengths
+        start = None if last is None else last.processes
+        same = last is not None and len(theta) < GROWN * self._compared
+        if not same:
+            self._compared = len(theta)
         weights, fits = np.empty(0), list[tuple[float, EmulatedModel]]()
         for coordinates in self._maps:
             mean, factor = self._whiten(coordinates, draws)
             turn, logs = np.linalg.inv(factor), coordinates.logs[inputs]
+            if last is not None and same and not np.array_equal(logs, last._logs):
+                continue
             x = coordinates.coordinates(theta)[:, inputs]
             points = (x - mean) @ turn.T
             if not fits:
@@ -286,8 +304,16 @@ class _Emulation:
                 for name, tangent in tangents.items()
             }
             for known in (slopes, {}) if slopes else ({},):
+                if last is not None and same and bool(known) != last.processes.sloped:
+                    continue
                 outputs, processes, cost = fit_outputs(
-                    points, response, known, units, weights, lengths
+                    points,
+                    response,
+                    known,
+                    units,
+                    weights,
+                    start,
+                    last.outputs if last is not None and same else None,
                 )
                 emulator = EmulatedModel(
                     bounds=bounds,
@@ -335,22 +361,26 @@ class _Emulation:
         """Return the next points, each where most error is left after those before.
 
         The first where the posterior may yet turn out to be, the others at draws of the
-        emulated one. Points whose solves failed count as solved, and are not asked
-        again.
+        emulated one; of a wide batch more such firsts. None where solves fail, as far
+        as the nearest point tells that was solved or failed, if there are others.
         """
         inputs, unit_sd = self.problem.inputs, emulator.processes.unit_sd
-        extra = self.theta[~self._solved]
+        known = emulator.coordinates(self.theta[:, inputs])
+        at = emulator.coordinates(draws.wide[:, inputs])
+        fails = ~self._solved[cdist(at, known).argmin(axis=1)]
+        before, next_ones = unit_sd(at) ** 2, self.theta[:0]
         for place in range(number):
-            among = draws.members if place else slice(None)
-            theta, errors = draws.wide[among], draws.errors[among]
-            at = emulator.coordinates(theta[:, inputs])
-            before = unit_sd(at) ** 2
-            after = unit_sd(at, emulator.coordinates(extra[:, inputs])) ** 2
+            extra = emulator.coordinates(next_ones[:, inputs])
+            after = unit_sd(at, extra) ** 2
             share = np.divide(after, before, np.zeros_like(after), where=before > 0)
-            left = errors * share
-            left[(theta[:, None] == extra).all(axis=2).any(axis=1)] = -1.0
-            extra = np.vstack([extra, theta[np.argmax(left)]])
-        return extra[-number:]
+            left = draws.errors * share
+            left[fails] -= 1.0 + left.max()
+            taken = np.vstack([self.theta, next_ones])
+            left[(draws.wide[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf
+            among = draws.members if place % self.few else np.arange(len(left))
+            best = among[np.argmax(left[among])]
+            next_ones = np.vstack([next_ones, draws.wide[best]])
+        return next_ones
 
     def _true_error(
         self, number: int, emulator: EmulatedModel, predicted: float

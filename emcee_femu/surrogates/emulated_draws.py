@@ -7,18 +7,15 @@ from numpy.typing import NDArray
 
 from ..evaluation.evaluator import Evaluation, Solver
 from ..interfaces import Evaluator, Floats
-from ..moves.mixture import Mixture
 from ..sampling.anneal import anneal_population, fewest_members
 from ..sampling.coordinates import Coordinates
 from ..sampling.importance import normalise, resample, resampled_count
-from ..sampling.proposals import Draws, refine, uncover
 from .emulated import EmulatedModel
 from .emulation_problem import EmulationProblem
 
 MEMBERS = 500  # draws that stand for a posterior
-FROM_PRIOR = 400  # draws
-ROUND, ROUNDS = 300, 6  # draws of a round of a refinement at least, and rounds at most
-ANNEALED, DF = 200, 5.0  # members at least, and the tails that are fitted to them
+SWEEPS = 5  # at one power at most
+FEWEST = 200  # independent draws that they are to be worth
 GROWN = 1.5  # times as many points for another look at the whole prior
 WIDER = 2.0  # standard deviations of the emulator that may be one in truth
 
@@ -35,12 +32,14 @@ class EmulatedDraws:
         errors: Mean square errors predicted there, ``(n,)``, as those of ``deviate``.
         members: Which of them are draws of the emulated one, with repetitions.
         weights: Of ``wide`` as draws of the emulated one, ``(n,)``, which sum to one.
+        size: As many independent draws are worth as much.
     """
 
     wide: Floats
     errors: Floats
     members: NDArray[np.intp]
     weights: Floats
+    size: float
 
     @property
     def predicted(self) -> float:
@@ -51,10 +50,11 @@ class EmulatedDraws:
 class Explorer:
     """Draws from one emulated posterior after another.
 
-    A proposal is refined from round to round by importance weights. Among its draws
-    there are always some of the prior; and whenever the solves have grown by half, a
-    population annealed from the prior joins it, which knows nothing of what was seen
-    before, so that a mode that one emulator excluded comes back with a later one.
+    A population is carried from each to the next, power by power of their ratio. When
+    the solves have grown by half, half of it is annealed from the prior anew, which
+    knows nothing of what was seen before, so that a mode that one emulator excluded
+    comes back with a later one; either half is then moved by proposals fitted to the
+    other.
 
     Args:
         problem: What is emulated.
@@ -63,7 +63,7 @@ class Explorer:
 
     def __init__(self, problem: EmulationProblem, coordinates: Coordinates) -> None:
         self.problem, self.coordinates = problem, coordinates
-        self._mixture: Mixture | None = None
+        self._last: tuple[Evaluator, Floats] | None = None
         self._looked = 0
 
     def draw(
@@ -73,69 +73,43 @@ class Explorer:
         problem, coordinates = self.problem, self.coordinates
         wider = problem.replace_model(replace(emulator, factor=WIDER))
         evaluator = Evaluation(Solver(wider, False))
-        x = coordinates.sample(rng, FROM_PRIOR)
-        draws, d = Draws(x, coordinates.rows(evaluator, x)), x.shape[1]
-        mixtures = [] if self._mixture is None else [self._mixture]
+        fewest = fewest_members(wider.ndim)
+        number = max(MEMBERS, fewest)
+
+        def carry(number: int, begin: tuple[Evaluator, Floats] | None) -> Floats:
+            return anneal_population(
+                evaluator, coordinates, rng, number, sweeps=SWEEPS, begin=begin
+            ).theta
+
+        x = carry(number, self._last)
+        if self._last is not None and size >= GROWN * self._looked:
+            fresh = carry(max(number // 2, fewest), None)[: number // 2]
+            x = carry(number, (evaluator, np.vstack([x[::2], fresh])))
         if size >= GROWN * self._looked:
-            mixtures.append(_look(evaluator, coordinates, rng))
             self._looked = size
-
-        def propose(mixture: Mixture, number: int) -> tuple[Floats, Floats]:
-            proposed = mixture.draw(rng, number)
-            return proposed, coordinates.rows(evaluator, proposed)
-
-        number = max(ROUND, 10 * d)
-        refined = refine(draws, _join(mixtures), number, ROUNDS * number, propose)
-        self._mixture = uncover(refined)
-        tempered = _temper(draws.log_weights, d + 1, np.arange(len(draws.x)))
-        chosen = resample(normalise(tempered), MEMBERS, rng.random())
-        x, log_p = draws.x[chosen], draws.log_p[chosen]
+        self._last = evaluator, x
         wide = coordinates.parameters(x)
         posterior = problem.replace_model(emulator)
-        log_weights = posterior(wide)[:, 0] + coordinates.log_volume(x) - log_p
-        log_weights += (draws.log_weights - tempered)[chosen]
-        weights = normalise(_temper(log_weights, d + 1, chosen))
+        log_weights = posterior(wide)[:, 0] - wider(wide)[:, 0]
+        which = np.unique(x, axis=0, return_inverse=True)[1].ravel()
+        weights = normalise(_temper(log_weights, which))
         return EmulatedDraws(
             wide=wide,
             errors=problem.predict_error(posterior, wide),
             members=resample(weights, MEMBERS, rng.random()),
             weights=weights,
+            size=resampled_count(which, weights),
         )
 
 
-def _look(
-    evaluator: Evaluator, coordinates: Coordinates, rng: np.random.Generator
-) -> Mixture:
-    """Return a fit to a population annealed from the prior.
+def _temper(log_weights: Floats, which: NDArray[np.intp]) -> Floats:
+    """Return log-weights, halved until enough draws count.
 
-    Or to the prior, if the population has become copies of too few members.
+    As long as the emulator is poor few draws of the wider posterior may be such of the
+    narrower one, which then is one between the two; ``which (n,)`` tells copies.
     """
-    size = max(ANNEALED, fewest_members(evaluator.posterior.ndim))
-    x = anneal_population(evaluator, coordinates, rng, size).theta
-    try:
-        return Mixture.fit(x, "auto", DF)
-    except ValueError:
-        return Mixture.fit(coordinates.sample(rng, size), 1, DF)
-
-
-def _temper(log_weights: Floats, fewest: float, which: NDArray[np.intp]) -> Floats:
-    """Return log-weights, halved until so many draws count.
-
-    A proposal far from the posterior may leave all weight to one draw, which has no
-    covariance, however many copies of it there are: ``which (n,)`` tells copies.
-    """
-    while resampled_count(which, normalise(log_weights)) < fewest:
+    while resampled_count(which, normalise(log_weights)) < FEWEST:
         if np.ptp(log_weights[np.isfinite(log_weights)]) < 1.0:
             break
         log_weights = 0.5 * log_weights
     return log_weights
-
-
-def _join(mixtures: list[Mixture]) -> Mixture:
-    """Return the mixture of mixtures in equal parts, with the tails of the last."""
-    return replace(
-        mixtures[-1],
-        weights=np.concatenate([m.weights for m in mixtures]) / len(mixtures),
-        means=np.concatenate([m.means for m in mixtures]),
-        matrices=np.concatenate([m.matrices for m in mixtures]),
-    )

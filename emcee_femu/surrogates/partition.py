@@ -27,7 +27,8 @@ def fit_outputs(
     tangents: Named,
     units: Named,
     weights: Floats,
-    start: Floats | None = None,
+    start: Processes | None = None,
+    known: Outputs | None = None,
 ) -> tuple[Outputs, Processes, float]:
     """Return what to emulate of a response that was solved for, and its processes.
 
@@ -43,14 +44,16 @@ def fit_outputs(
             of every variable that is wanted; of frequencies in Hz. Shapes that are not
             wanted still tell which mode is which.
         weights: How much each point matters, ``(N,)``, which sum to one.
-        start: Lengths to begin with.
+        start: Processes whose lengths to begin with.
+        known: Blocks to begin with, and the kernel of ``start`` is kept; None to look
+            at all.
     """
     numbers = dict(units)
     modal, processes, cost = Outputs((), np.empty(0), False), None, 0.0
     if "frequency" in units and units["frequency"].ndim == 1:
         pair = numbers.pop("frequency"), numbers.pop("shapes", None)
         modal, processes, cost = _choose_modes(
-            points, response, tangents, *pair, weights, start
+            points, response, tangents, *pair, weights, start, known
         )
     blocks = [*modal.blocks]
     for name, unit in numbers.items():
@@ -63,7 +66,7 @@ def fit_outputs(
     outputs = Outputs(tuple(blocks), modal.least, modal.ascending)
     if numbers or processes is None:
         values = observe(outputs, response, tangents)
-        processes = fit_processes(points, values, start)
+        processes = _fit(points, values, start, known)
         wrong = processes.leave_out(values)[:, modal.size :]
         cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
     return outputs, processes, cost
@@ -113,7 +116,8 @@ def _choose_modes(
     frequency_unit: Floats,
     shape_unit: Floats | None,
     weights: Floats,
-    start: Floats | None,
+    start: Processes | None,
+    known: Outputs | None,
 ) -> tuple[Outputs, Processes, float]:
     """Return the blocks of neighbours in which modes are emulated best, fitted.
 
@@ -157,21 +161,35 @@ def _choose_modes(
         return mean if count == 1 else mean / GAIN
 
     partings: dict[tuple[Key, ...], tuple[float, Processes]] = {}
-    for power in (2, 0):  # single modes, and as few blocks as there can be
-        chosen = _cheapest({(i, j): float(j - i) ** power for i, j in keys}, m)
-        lengths = start
+    # Single modes, and as few blocks as there can be.
+    begin = [_cheapest({(i, j): float(j - i) ** p for i, j in keys}, m) for p in (2, 0)]
+    if known is not None:
+        modal_blocks = [b for b in known.blocks if not isinstance(b, Numbers)]
+        begin = [tuple((b.first, b.first + len(b.unit)) for b in modal_blocks)]
+    for chosen in begin:
+        near = start
         for _ in range(ROUNDS):
             if chosen in partings:
                 break
             together = np.concatenate([codes[key] for key in chosen], axis=2)
-            processes = fit_processes(points, together, lengths)
+            processes = near = _fit(points, together, near, known)
             costs = {key: cost(key, processes.leave_out(codes[key])) for key in keys}
             partings[chosen] = sum(costs[key] for key in chosen), processes
-            chosen, lengths = _cheapest(costs, m), processes.lengths
+            chosen = _cheapest(costs, m)
     best = min(partings, key=lambda parting: partings[parting][0])
     ascending = bool((np.diff(frequencies, axis=1) >= 0).all())
     outputs = Outputs(tuple(blocks[key] for key in best), least, ascending)
     return outputs, partings[best][1], partings[best][0]
+
+
+def _fit(
+    points: Floats, values: Floats, start: Processes | None, known: Outputs | None
+) -> Processes:
+    """Return processes fitted from the lengths of others; if known, their kernel."""
+    if start is None:
+        return fit_processes(points, values)
+    kinds = (False, True) if known is None else (start.rough,)
+    return fit_processes(points, values, start.lengths, kinds)
 
 
 def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:
