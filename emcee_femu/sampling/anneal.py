@@ -235,7 +235,7 @@ def anneal_population(
             evidence needs it; a search for starts does not.
         most: Solves that may be spent, members of the prior too; it may end at a lower
             power then.
-        sweeps: At one power at most, if not thorough.
+        sweeps: At one power below the last at most, if not thorough.
         begin: Another posterior of the same prior, and members of it, ``(size, d)``, to
             begin with in place of the prior: the powers are those of the ratio of the
             two.
@@ -257,9 +257,8 @@ def anneal_population(
     ancestors, influence = np.arange(size), np.zeros(size)
     log_evidence, powers = float(np.log(share)), [0.0]
     moved, tried = [], []
-    longest = MOST_THOROUGH if thorough else sweeps
+    longest = MOST_THOROUGH if thorough else MOST_SWEEPS
     while powers[-1] < 1 and (left := most - evaluator.solves + before) > size:
-        number = int(min(longest, left / size))
         low = rows[:, 0] - rows[:, 1]
         step = _next_step(low, 1 - powers[-1])
         if powers[-1] + step == powers[-1]:
@@ -277,7 +276,9 @@ def anneal_population(
         theta, rows = theta[kept], rows[kept]
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
-        here = alone if powers[-1] == 1 else evaluate  # where no other law counts
+        last = powers[-1] == 1
+        number = int(min(longest if last or thorough else sweeps, left / size))
+        here = alone if last else evaluate  # where no other law counts
         theta, rows, accepted, log_weights = _renew(
             here, theta, rows, halves, powers[-1], random, fits, thorough, number
         )

@@ -307,13 +307,7 @@ class _Emulation:
                 if last is not None and same and bool(known) != last.processes.sloped:
                     continue
                 outputs, processes, cost = fit_outputs(
-                    points,
-                    response,
-                    known,
-                    units,
-                    weights,
-                    start,
-                    last.outputs if last is not None and same else None,
+                    points, response, known, units, weights, start, same
                 )
                 emulator = EmulatedModel(
                     bounds=bounds,

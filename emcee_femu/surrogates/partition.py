@@ -28,7 +28,7 @@ def fit_outputs(
     units: Named,
     weights: Floats,
     start: Processes | None = None,
-    known: Outputs | None = None,
+    again: bool = False,
 ) -> tuple[Outputs, Processes, float]:
     """Return what to emulate of a response that was solved for, and its processes.
 
@@ -45,15 +45,14 @@ def fit_outputs(
             wanted still tell which mode is which.
         weights: How much each point matters, ``(N,)``, which sum to one.
         start: Processes whose lengths to begin with.
-        known: Blocks to begin with, and the kernel of ``start`` is kept; None to look
-            at all.
+        again: Whether the kernel of these is kept.
     """
     numbers = dict(units)
     modal, processes, cost = Outputs((), np.empty(0), False), None, 0.0
     if "frequency" in units and units["frequency"].ndim == 1:
         pair = numbers.pop("frequency"), numbers.pop("shapes", None)
         modal, processes, cost = _choose_modes(
-            points, response, tangents, *pair, weights, start, known
+            points, response, tangents, *pair, weights, start, again
         )
     blocks = [*modal.blocks]
     for name, unit in numbers.items():
@@ -66,7 +65,7 @@ def fit_outputs(
     outputs = Outputs(tuple(blocks), modal.least, modal.ascending)
     if numbers or processes is None:
         values = observe(outputs, response, tangents)
-        processes = _fit(points, values, start, known)
+        processes = _fit(points, values, start, again)
         wrong = processes.leave_out(values)[:, modal.size :]
         cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
     return outputs, processes, cost
@@ -117,7 +116,7 @@ def _choose_modes(
     shape_unit: Floats | None,
     weights: Floats,
     start: Processes | None,
-    known: Outputs | None,
+    again: bool,
 ) -> tuple[Outputs, Processes, float]:
     """Return the blocks of neighbours in which modes are emulated best, fitted.
 
@@ -161,18 +160,14 @@ def _choose_modes(
         return mean if count == 1 else mean / GAIN
 
     partings: dict[tuple[Key, ...], tuple[float, Processes]] = {}
-    # Single modes, and as few blocks as there can be.
-    begin = [_cheapest({(i, j): float(j - i) ** p for i, j in keys}, m) for p in (2, 0)]
-    if known is not None:
-        modal_blocks = [b for b in known.blocks if not isinstance(b, Numbers)]
-        begin = [tuple((b.first, b.first + len(b.unit)) for b in modal_blocks)]
-    for chosen in begin:
+    for power in (2, 0):  # single modes, and as few blocks as there can be
+        chosen = _cheapest({(i, j): float(j - i) ** power for i, j in keys}, m)
         near = start
         for _ in range(ROUNDS):
             if chosen in partings:
                 break
             together = np.concatenate([codes[key] for key in chosen], axis=2)
-            processes = near = _fit(points, together, near, known)
+            processes = near = _fit(points, together, near, again)
             costs = {key: cost(key, processes.leave_out(codes[key])) for key in keys}
             partings[chosen] = sum(costs[key] for key in chosen), processes
             chosen = _cheapest(costs, m)
@@ -183,12 +178,12 @@ def _choose_modes(
 
 
 def _fit(
-    points: Floats, values: Floats, start: Processes | None, known: Outputs | None
+    points: Floats, values: Floats, start: Processes | None, again: bool
 ) -> Processes:
-    """Return processes fitted from the lengths of others; if known, their kernel."""
+    """Return processes fitted from the lengths of others, ``again`` by their kernel."""
     if start is None:
         return fit_processes(points, values)
-    kinds = (False, True) if known is None else (start.rough,)
+    kinds = (start.rough,) if again else (False, True)
     return fit_processes(points, values, start.lengths, kinds)
 
 
