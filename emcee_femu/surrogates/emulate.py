@@ -62,9 +62,10 @@ def emulate(
     far the emulator may be off. The first ``d + 4`` solves are spread over the prior,
     then batches of ``d / 2 + 1`` go where the emulator is most in doubt among draws of
     the emulated posterior, the first of each batch among draws of a wider one, whose
-    emulator errs twice as much as it says. The draws are found anew from the whole
-    prior after each batch, so that modes that one emulator excludes come back with the
-    next. A parameter whose prior spans decades is seen by its logarithm; so are all
+    emulator errs twice as much as it says. The draws are walkers kept from round to
+    round; whenever the solves have grown by half, half of them come anew from the whole
+    prior, so that modes that one emulator excludes come back with a later one. A
+    parameter whose prior spans decades is seen by its logarithm; so are all
     positive ones as long as the solves are predicted better so, each from the others.
 
     **Derivatives** of the model, its ``jacobian``, are learned beside the response: a
@@ -95,14 +96,15 @@ def emulate(
         solves: The most full solves, all counted.
         seed: A whole number; the same seed gives the same emulator, to the bit.
         workers: Number of processes to start, as in :func:`run`.
-        pool: Where to solve instead, as in :func:`run`. A batch is solved at once, so
-            as many workers can be busy as it has points.
+        pool: Where to solve instead, as in :func:`run`. Rounds are what a user waits
+            for, so first design and batches have at least as many points as there are
+            workers: more of them mean fewer rounds, and other points.
         backend: Name of a file that keeps every solve as it arrives, such as
             "run.solves".
         resume: Whether to go on with the file if it is there, as in :func:`run`: the
             solves in it are not repeated, whether a call was killed, or ended and is
             now given more ``solves`` or a smaller ``tolerance``. The result is that of
-            one call, to the bit.
+            one call, to the bit. It takes as many points at a time, so as many workers.
         tolerance: True error at draws of the posterior at which to stop, in standard
             deviations of the measurement, see above; 0 to spend all solves.
         derivatives: Whether those of the model are learned, if it has ``jacobian``.
@@ -110,7 +112,8 @@ def emulate(
             the prior's spread, such as that of :func:`find_map`; or points ``(n, d)``
             that are the first design; None for the whole prior.
         on_failure: What a failed solve does: "raise", or "reject" to leave the point
-            out of the fit, and not ask there again. It counts as a solve.
+            out of the fit, and not ask there again, nor where a failed point is nearer
+            than all that were solved. It counts as a solve.
         max_failures: Fraction of the solves, of the first design or more, above which
             "reject" stops.
         progress: Whether to show a bar with solves, errors and the time left (needs
@@ -120,7 +123,8 @@ def emulate(
 
     Returns:
         The emulated model: ``posterior`` is ready to :func:`run`, ``solves`` the
-        full solves spent, ``history`` the errors round by round.
+        full solves spent, ``history`` the errors round by round, and how many
+        independent draws of the emulated posterior its draws are worth.
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count not a whole number.
@@ -192,7 +196,7 @@ class _Emulation:
     Attributes:
         problem: What is emulated.
         evaluator: Solves in full.
-        coordinates: Those in which the posterior is explored.
+        coordinates: Those in which the last fit sees the parameters.
         bar: Shows the progress.
         few: Of so many points of a batch one is to find what is not yet seen.
         theta: Where it was solved, ``(N, d)``.
@@ -206,9 +210,16 @@ class _Emulation:
     few: int
     theta: Floats = field(init=False)
     rows: Floats = field(init=False)
+    _maps: list[Coordinates] = field(init=False)  # in which it may be smoothest
     _compared: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
+        inputs, positive = (
+            self.problem.inputs,
+            Coordinates.positive(self.coordinates.prior),
+        )
+        same = (positive.logs == self.coordinates.logs)[inputs].all()
+        self._maps = [self.coordinates] if same else [self.coordinates, positive]
         self.theta = np.empty((0, self.problem.posterior.ndim))
         self.rows = np.empty((0, len(self.evaluator.posterior.rejected())))
 
@@ -222,13 +233,14 @@ class _Emulation:
                 f"design came through, and {FEWEST} are the least for a fit. Mend the "
                 "model, or narrow the prior to where it can be solved"
             )
-        explorer = Explorer(self.problem, self.coordinates)
+        explorer = Explorer(self.problem)
         emulator, draws, settled = None, None, 0
         history: list[tuple[int, float, float, float]] = []
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
-            draws = explorer.draw(emulator, int(self._solved.sum()), rng)
+            number = int(self._solved.sum())
+            draws = explorer.draw(emulator, self.coordinates, number, rng)
             spent = len(self.theta)
             if spent == solves or settled == SETTLED:
                 break
@@ -287,12 +299,10 @@ class _Emulation:
         same = last is not None and len(theta) < GROWN * self._compared
         if not same:
             self._compared = len(theta)
-        weights, fits = np.empty(0), list[tuple[float, EmulatedModel]]()
-        for coordinates in self._maps:
+        weights, fits = np.empty(0), list[tuple[float, EmulatedModel, Coordinates]]()
+        for coordinates in [self.coordinates] if same else self._maps:
             mean, factor = self._whiten(coordinates, draws)
             turn, logs = np.linalg.inv(factor), coordinates.logs[inputs]
-            if last is not None and same and not np.array_equal(logs, last._logs):
-                continue
             x = coordinates.coordinates(theta)[:, inputs]
             points = (x - mean) @ turn.T
             if not fits:
@@ -318,16 +328,9 @@ class _Emulation:
                     _whiten=(mean, np.asarray(turn, float)),
                     _logs=logs,
                 )
-                fits.append((max(cost, ALIKE**2), emulator))
-        return min(fits, key=lambda fit: fit[0])[1]
-
-    @property
-    def _maps(self) -> list[Coordinates]:
-        """Coordinates in which the model may be smoothest."""
-        inputs, explored = self.problem.inputs, self.coordinates
-        positive = Coordinates.positive(explored.prior)
-        same = (positive.logs == explored.logs)[inputs].all()
-        return [explored] if same else [explored, positive]
+                fits.append((max(cost, ALIKE**2), emulator, coordinates))
+        _, emulator, self.coordinates = min(fits, key=lambda fit: fit[0])
+        return emulator
 
     def _whiten(
         self, coordinates: Coordinates, draws: EmulatedDraws | None
@@ -339,14 +342,12 @@ class _Emulation:
         are alike.
         """
         inputs = self.problem.inputs
-        theta = self.theta[self._solved] if draws is None else draws.wide
+        theta = self.theta[self._solved] if draws is None else draws.members
         x = coordinates.coordinates(theta)[:, inputs]
         if draws is None:
             return x.mean(axis=0), np.diag(np.asarray(x.std(axis=0)))
-        mean = draws.weights @ x
-        covariance = (draws.weights * (x - mean).T) @ (x - mean)
-        sd = np.sqrt(np.diag(covariance))
-        factor: Floats = np.linalg.cholesky(covariance / np.outer(sd, sd))
+        mean, sd = x.mean(axis=0), x.std(axis=0)
+        factor: Floats = np.linalg.cholesky(np.atleast_2d(np.corrcoef(x.T)))
         return mean, sd[:, None] * factor
 
     def _choose(
@@ -359,22 +360,21 @@ class _Emulation:
         as the nearest point tells that was solved or failed, if there are others.
         """
         inputs, unit_sd = self.problem.inputs, emulator.processes.unit_sd
+        theta, count = np.vstack([draws.members, draws.wide]), len(draws.members)
         known = emulator.coordinates(self.theta[:, inputs])
-        at = emulator.coordinates(draws.wide[:, inputs])
+        at = emulator.coordinates(theta[:, inputs])
         fails = ~self._solved[cdist(at, known).argmin(axis=1)]
-        before, next_ones = unit_sd(at) ** 2, self.theta[:0]
+        before, chosen = unit_sd(at) ** 2, self.theta[~self._solved]
         for place in range(number):
-            extra = emulator.coordinates(next_ones[:, inputs])
-            after = unit_sd(at, extra) ** 2
+            after = unit_sd(at, emulator.coordinates(chosen[:, inputs])) ** 2
             share = np.divide(after, before, np.zeros_like(after), where=before > 0)
             left = draws.errors * share
             left[fails] -= 1.0 + left.max()
-            taken = np.vstack([self.theta, next_ones])
-            left[(draws.wide[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf
-            among = draws.members if place % self.few else np.arange(len(left))
-            best = among[np.argmax(left[among])]
-            next_ones = np.vstack([next_ones, draws.wide[best]])
-        return next_ones
+            taken = np.vstack([self.theta, chosen])
+            left[(theta[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf
+            among = slice(count) if place % self.few else slice(count, None)
+            chosen = np.vstack([chosen, theta[among][np.argmax(left[among])]])
+        return chosen[-number:]
 
     def _true_error(
         self, number: int, emulator: EmulatedModel, predicted: float

@@ -3,19 +3,16 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..evaluation.evaluator import Evaluation, Solver
 from ..interfaces import Evaluator, Floats
-from ..sampling.anneal import anneal_population, fewest_members
+from ..sampling.anneal import Annealed, anneal_population, fewest_members
 from ..sampling.coordinates import Coordinates
-from ..sampling.importance import normalise, resample, resampled_count
 from .emulated import EmulatedModel
 from .emulation_problem import EmulationProblem
 
-MEMBERS = 500  # draws that stand for a posterior
+MEMBERS = 300  # draws that stand for a posterior
 SWEEPS = 5  # at one power at most
-FEWEST = 200  # independent draws that they are to be worth
 GROWN = 1.5  # times as many points for another look at the whole prior
 WIDER = 2.0  # standard deviations of the emulator that may be one in truth
 
@@ -28,88 +25,79 @@ class EmulatedDraws:
     the full model may turn out to be better than the emulator says.
 
     Attributes:
-        wide: Draws of the wider one, ``(n, d)``, of equal weight.
-        errors: Mean square errors predicted there, ``(n,)``, as those of ``deviate``.
-        members: Which of them are draws of the emulated one, with repetitions.
-        weights: Of ``wide`` as draws of the emulated one, ``(n,)``, which sum to one.
-        size: As many independent draws are worth as much.
+        members: Draws of the emulated one, ``(n, d)``, of equal weight.
+        wide: The same of the wider one.
+        errors: Mean square errors predicted at members, then at the wide ones,
+            ``(2 n,)``, as those of ``deviate``.
+        size: As many independent draws are worth as much as the members, as far as
+            their lineages from the last ones tell; of halves that of the worse.
     """
 
+    members: Floats
     wide: Floats
     errors: Floats
-    members: NDArray[np.intp]
-    weights: Floats
     size: float
 
     @property
     def predicted(self) -> float:
-        """The root mean square of the predicted errors."""
-        return float(np.sqrt(self.errors[self.members].mean()))
+        """The root mean square of the errors predicted at members."""
+        return float(np.sqrt(self.errors[: len(self.members)].mean()))
 
 
 class Explorer:
     """Draws from one emulated posterior after another.
 
-    A population is carried from each to the next, power by power of their ratio. When
-    the solves have grown by half, half of it is annealed from the prior anew, which
-    knows nothing of what was seen before, so that a mode that one emulator excluded
-    comes back with a later one; either half is then moved by proposals fitted to the
-    other.
+    Two populations are carried from each to the next, power by power of their ratio:
+    one of the emulated posterior, and one of the wider. When the solves have grown by
+    half the wider one is annealed from the prior anew, which knows nothing of what was
+    seen before, and half of the other is carried from there, so that a mode that one
+    emulator excluded comes back with a later one. Either half is then moved by
+    proposals fitted to the other.
 
     Args:
         problem: What is emulated.
-        coordinates: In which the posterior is explored.
     """
 
-    def __init__(self, problem: EmulationProblem, coordinates: Coordinates) -> None:
-        self.problem, self.coordinates = problem, coordinates
-        self._last: tuple[Evaluator, Floats] | None = None
-        self._looked = 0
+    def __init__(self, problem: EmulationProblem) -> None:
+        self.problem, self._looked = problem, 0
+        self._last: tuple[tuple[Evaluator, Floats], ...] | None = None
 
     def draw(
-        self, emulator: EmulatedModel, size: int, rng: np.random.Generator
+        self,
+        emulator: EmulatedModel,
+        coordinates: Coordinates,
+        size: int,
+        rng: np.random.Generator,
     ) -> EmulatedDraws:
         """Return draws of the posterior of an emulator made from ``size`` points."""
-        problem, coordinates = self.problem, self.coordinates
-        wider = problem.replace_model(replace(emulator, factor=WIDER))
-        evaluator = Evaluation(Solver(wider, False))
-        fewest = fewest_members(wider.ndim)
-        number = max(MEMBERS, fewest)
-
-        def carry(number: int, begin: tuple[Evaluator, Floats] | None) -> Floats:
-            return anneal_population(
-                evaluator, coordinates, rng, number, sweeps=SWEEPS, begin=begin
-            ).theta
-
-        x = carry(number, self._last)
-        if self._last is not None and size >= GROWN * self._looked:
-            fresh = carry(max(number // 2, fewest), None)[: number // 2]
-            x = carry(number, (evaluator, np.vstack([x[::2], fresh])))
-        if size >= GROWN * self._looked:
-            self._looked = size
-        self._last = evaluator, x
-        wide = coordinates.parameters(x)
+        problem = self.problem
         posterior = problem.replace_model(emulator)
-        log_weights = posterior(wide)[:, 0] - wider(wide)[:, 0]
-        which = np.unique(x, axis=0, return_inverse=True)[1].ravel()
-        weights = normalise(_temper(log_weights, which))
-        return EmulatedDraws(
-            wide=wide,
-            errors=problem.predict_error(posterior, wide),
-            members=resample(weights, MEMBERS, rng.random()),
-            weights=weights,
-            size=resampled_count(which, weights),
-        )
+        wider = problem.replace_model(replace(emulator, factor=WIDER))
+        narrow, broad = (Evaluation(Solver(p, False)) for p in (posterior, wider))
+        number = max(MEMBERS, fewest_members(posterior.ndim))
 
+        def carry(
+            evaluator: Evaluator, begin: tuple[Evaluator, Floats] | None
+        ) -> Annealed:
+            if begin is not None:
+                begin = begin[0], coordinates.coordinates(begin[1])
+            found = anneal_population(
+                evaluator, coordinates, rng, number, sweeps=SWEEPS, begin=begin
+            )
+            return replace(found, theta=coordinates.parameters(found.theta))
 
-def _temper(log_weights: Floats, which: NDArray[np.intp]) -> Floats:
-    """Return log-weights, halved until enough draws count.
-
-    As long as the emulator is poor few draws of the wider posterior may be such of the
-    narrower one, which then is one between the two; ``which (n,)`` tells copies.
-    """
-    while resampled_count(which, normalise(log_weights)) < FEWEST:
-        if np.ptp(log_weights[np.isfinite(log_weights)]) < 1.0:
-            break
-        log_weights = 0.5 * log_weights
-    return log_weights
+        last, look = self._last, size >= GROWN * self._looked
+        wide = carry(broad, None if last is None or look else last[1]).theta
+        begin = (broad, wide) if last is None else last[0]
+        found = carry(narrow, begin)
+        members, worth = found.theta, found.effective_size.min()
+        if last is not None and look:
+            fresh = carry(narrow, (broad, wide))
+            halves = np.vstack([members[::2], fresh.theta[1::2]])
+            members = carry(narrow, (narrow, halves)).theta
+            worth = min(worth, fresh.effective_size.min())
+        if look:
+            self._looked = size
+        self._last = (narrow, members), (broad, wide)
+        errors = problem.predict_error(posterior, np.vstack([members, wide]))
+        return EmulatedDraws(members, wide, errors, float(worth))
