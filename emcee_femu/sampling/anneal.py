@@ -221,7 +221,6 @@ def anneal_population(
     size: int,
     thorough: bool = False,
     most: float = np.inf,
-    sweeps: int = MOST_SWEEPS,
     begin: tuple[Evaluator, Floats] | None = None,
 ) -> Annealed:
     """Return the population at the power 1, in coordinates; see :func:`anneal`.
@@ -235,7 +234,6 @@ def anneal_population(
             evidence needs it; a search for starts does not.
         most: Solves that may be spent, members of the prior too; it may end at a lower
             power then.
-        sweeps: At one power below the last at most, if not thorough.
         begin: Another posterior of the same prior, and members of it, ``(size, d)``, to
             begin with in place of the prior: the powers are those of the ratio of the
             two.
@@ -259,6 +257,7 @@ def anneal_population(
     moved, tried = [], []
     longest = MOST_THOROUGH if thorough else MOST_SWEEPS
     while powers[-1] < 1 and (left := most - evaluator.solves + before) > size:
+        sweeps = int(min(longest, left / size))
         low = rows[:, 0] - rows[:, 1]
         step = _next_step(low, 1 - powers[-1])
         if powers[-1] + step == powers[-1]:
@@ -276,11 +275,9 @@ def anneal_population(
         theta, rows = theta[kept], rows[kept]
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
-        last = powers[-1] == 1
-        number = int(min(longest if last or thorough else sweeps, left / size))
-        here = alone if last else evaluate  # where no other law counts
+        here = alone if powers[-1] == 1 else evaluate  # where no other law counts
         theta, rows, accepted, log_weights = _renew(
-            here, theta, rows, halves, powers[-1], random, fits, thorough, number
+            here, theta, rows, halves, powers[-1], random, fits, thorough, sweeps
         )
         moved.append(accepted)
         tried.append(log_weights)

@@ -12,7 +12,6 @@ from .emulated import EmulatedModel
 from .emulation_problem import EmulationProblem
 
 MEMBERS = 300  # draws that stand for a posterior
-SWEEPS = 5  # at one power at most
 GROWN = 1.5  # times as many points for another look at the whole prior
 WIDER = 2.0  # standard deviations of the emulator that may be one in truth
 
@@ -81,9 +80,7 @@ class Explorer:
         ) -> Annealed:
             if begin is not None:
                 begin = begin[0], coordinates.coordinates(begin[1])
-            found = anneal_population(
-                evaluator, coordinates, rng, number, sweeps=SWEEPS, begin=begin
-            )
+            found = anneal_population(evaluator, coordinates, rng, number, begin=begin)
             return replace(found, theta=coordinates.parameters(found.theta))
 
         last, look = self._last, size >= GROWN * self._looked

@@ -24,6 +24,9 @@ from support.few_solves import (
 from support.pool_problems import forks
 
 import emcee_femu as ef
+from emcee_femu.sampling.coordinates import Coordinates
+from emcee_femu.surrogates.emulated_draws import Explorer
+from emcee_femu.surrogates.emulation_problem import EmulationProblem
 
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
@@ -236,6 +239,34 @@ def test_a_sharp_posterior_is_reached_in_stages(derivatives):
     theta = np.random.default_rng(1).multivariate_normal(truth, covariance, 300)
     full = exact(swaying, term, SIX_PRIOR, theta)
     assert (full - emulated.posterior(theta)[:, 0]).std() < 0.2
+
+
+# --- walkers that are kept ----------------------------------------------------
+
+
+@pytest.mark.parametrize("d", [3, pytest.param(18, marks=SLOW)])
+def test_draws_are_carried_from_one_emulated_posterior_to_the_next(d):
+    """Conjugate ones; the second is narrower, and beside the first."""
+    rng = np.random.default_rng(3)
+    mixing = rng.standard_normal((d + 2, d)) / 3.0
+    prior = ef.GaussianPrior([f"x{i}" for i in range(d)], np.zeros(d), 1.0)
+    data, points = mixing @ rng.standard_normal(d), rng.standard_normal((d + 3, d))
+    explorer = None
+    for share in (0.6, 1.0):  # of what the model makes of its parameters
+        design, term = share * mixing, Gaussian(data, 0.3)
+        posterior = posed(lambda x, a=design: a @ x, term=term, prior=prior)
+        emulator = ef.emulate(posterior, 2 * d + 2, seed=1, starts=points)
+        if explorer is None:
+            explorer = Explorer(EmulationProblem.of(posterior, derivatives=False))
+        coordinates = Coordinates.plain(prior)
+        draws = explorer.draw(emulator, coordinates, 32, np.random.default_rng(4))
+        covariance = np.linalg.inv(design.T @ design / 0.3**2 + np.eye(d))
+        white = np.linalg.inv(np.linalg.cholesky(covariance))
+        mean = covariance @ design.T @ data / 0.3**2
+        z = (draws.members - mean) @ white.T
+        assert draws.size > 200
+        assert np.abs(z.mean(axis=0)).max() * np.sqrt(draws.size) < 5.0
+        assert abs((z**2).mean() - 1.0) < 0.15
 
 
 # --- where and how long it solves -------------------------------------------------
