@@ -391,15 +391,16 @@ def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceM
     most = min(MOST_COMPONENTS, len(draws) // (PER_COMPONENT * draws.shape[1]))
     try:
         best = IndependenceMove.fit(draws)
+        score = best.mixture.log_density(others).mean()
     except ValueError:
         return last
-    score = best.mixture.log_density(others).mean()
     for components in range(2, most + 1):
         try:
             fitted = IndependenceMove.fit(draws, components)
-        except ValueError:  # a component died
+            new = fitted.mixture.log_density(others).mean()
+        except ValueError:  # a component died, or is flat
             break
-        if (new := fitted.mixture.log_density(others).mean()) <= score:
+        if new <= score:
             break
         best, score = fitted, new
     return best
