@@ -248,7 +248,7 @@ def anneal_population(
     if begin is None:
         theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
     else:
-        evaluate = partial(_compare, coordinates, evaluator, begin[0])
+        evaluate = partial(coordinates.compare, evaluator, begin[0])
         theta, rows, share, draws = begin[1], evaluate(begin[1]), 1.0, size
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
     fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
@@ -358,15 +358,6 @@ def _draw(
         f"posterior: only {number} of {draws} draws of the prior have a finite "
         "likelihood; narrow the prior to where the model can be solved"
     )
-
-
-def _compare(
-    coordinates: Coordinates, evaluator: Evaluator, other: Evaluator, x: Floats
-) -> Floats:
-    """Return rows, with the density of another posterior in place of the prior's."""
-    rows = coordinates.rows(evaluator, x)
-    rows[:, 1] = coordinates.rows(other, x)[:, 0]
-    return rows
 
 
 def _next_step(log_likelihood: Floats, most: float) -> float:
