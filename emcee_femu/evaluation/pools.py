@@ -257,6 +257,15 @@ class OwnProcesses(ProcessPoolExecutor):
     argument = "workers"  # which asked for them
 
 
+def count_workers(pool: object, workers: int | None) -> int:
+    """Return how many evaluations :func:`open_pool` runs at once; 1 if unknown."""
+    if workers is not None:
+        return checks.whole_number("workers", workers, 1)
+    if pool is not None and not isinstance(pool, EvaluationPool):
+        pool = EvaluationPool(pool)
+    return max(1, pool.n_workers) if isinstance(pool, EvaluationPool) else 1
+
+
 def _check_executor(executor: object) -> None:
     """Refuse what can evaluate nothing, or may wait for ever."""
     classes = [f"{base.__module__}.{base.__name__}" for base in type(executor).__mro__]

@@ -221,6 +221,7 @@ def anneal_population(
     size: int,
     thorough: bool = False,
     most: float = np.inf,
+    begin: tuple[Evaluator, Floats] | None = None,
 ) -> Annealed:
     """Return the population at the power 1, in coordinates; see :func:`anneal`.
 
@@ -233,6 +234,9 @@ def anneal_population(
             evidence needs it; a search for starts does not.
         most: Solves that may be spent, members of the prior too; it may end at a lower
             power then.
+        begin: Another posterior of the same prior, and members of it, ``(size, d)``, to
+            begin with in place of the prior: the powers are those of the ratio of the
+            two.
 
     Raises:
         ValueError: If too few draws of the prior have a finite likelihood.
@@ -240,8 +244,12 @@ def anneal_population(
     """
     before = evaluator.solves
     random = RandomState(rng.bit_generator)
-    evaluate = partial(coordinates.rows, evaluator)
-    theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
+    evaluate = alone = partial(coordinates.rows, evaluator)
+    if begin is None:
+        theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
+    else:
+        evaluate = partial(coordinates.compare, evaluator, begin[0])
+        theta, rows, share, draws = begin[1], evaluate(begin[1]), 1.0, size
     halves = [np.arange(size // 2), np.arange(size // 2, size)]
     fits = [IndependenceMove.fit(theta[half]) for half in halves[::-1]]
     ancestors, influence = np.arange(size), np.zeros(size)
@@ -267,8 +275,9 @@ def anneal_population(
         theta, rows = theta[kept], rows[kept]
         first, second = (theta[half] for half in halves)
         fits = [_fit(second, first, fits[0]), _fit(first, second, fits[1])]
+        here = alone if powers[-1] == 1 else evaluate  # where no other law counts
         theta, rows, accepted, log_weights = _renew(
-            evaluate, theta, rows, halves, powers[-1], random, fits, thorough, sweeps
+            here, theta, rows, halves, powers[-1], random, fits, thorough, sweeps
         )
         moved.append(accepted)
         tried.append(log_weights)
@@ -373,15 +382,16 @@ def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceM
     most = min(MOST_COMPONENTS, len(draws) // (PER_COMPONENT * draws.shape[1]))
     try:
         best = IndependenceMove.fit(draws)
+        score = best.mixture.log_density(others).mean()
     except ValueError:
         return last
-    score = best.mixture.log_density(others).mean()
     for components in range(2, most + 1):
         try:
             fitted = IndependenceMove.fit(draws, components)
-        except ValueError:  # a component died
+            new = fitted.mixture.log_density(others).mean()
+        except ValueError:  # a component died, or is flat
             break
-        if (new := fitted.mixture.log_density(others).mean()) <= score:
+        if new <= score:
             break
         best, score = fitted, new
     return best

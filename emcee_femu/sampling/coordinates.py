@@ -154,6 +154,12 @@ class Coordinates:
             information = np.full((*x.shape, x.shape[1]), np.nan)
         return rows, gradient, information
 
+    def compare(self, evaluator: Evaluator, other: Evaluator, x: Floats) -> Floats:
+        """Return rows, the density of another posterior in place of the prior's."""
+        rows = self.rows(evaluator, x)
+        rows[:, 1] = self.rows(other, x)[:, 0]
+        return rows
+
     def sample(self, rng: np.random.Generator, n: int) -> Floats:
         """Draw ``(n, d)`` coordinates from the prior."""
         return self.coordinates(self.prior.sample(rng, n))

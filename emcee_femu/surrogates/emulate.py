@@ -9,10 +9,12 @@ from typing import Any
 import emcee
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
 from scipy.stats import qmc
 
 from .. import checks
 from ..evaluation.evaluator import Evaluation
+from ..evaluation.pools import count_workers
 from ..evaluation.resume import describe, open_evaluator
 from ..evaluation.store import StoredEvaluation
 from ..interfaces import Floats
@@ -21,7 +23,7 @@ from ..sampling.coordinates import Coordinates
 from ..sampling.run import check_progress
 from ..table import Table
 from .emulated import EmulatedModel
-from .emulated_draws import EmulatedDraws, Explorer
+from .emulated_draws import GROWN, EmulatedDraws, Explorer
 from .emulated_experiments import EmulatedExperiments, emulate_each
 from .emulation_problem import EmulationProblem
 from .partition import fit_outputs
@@ -64,9 +66,10 @@ def emulate(
     far the emulator may be off. The first ``d + 4`` solves are spread over the prior,
     then batches of ``d / 2 + 1`` go where the emulator is most in doubt among draws of
     the emulated posterior, the first of each batch among draws of a wider one, whose
-    emulator errs twice as much as it says. The draws are found anew from the whole
-    prior after each batch, so that modes that one emulator excludes come back with the
-    next. A parameter whose prior spans decades is seen by its logarithm; so are all
+    emulator errs twice as much as it says. The draws are walkers kept from round to
+    round; whenever the solves have grown by half, half of them come anew from the whole
+    prior, so that modes that one emulator excludes come back with a later one. A
+    parameter whose prior spans decades is seen by its logarithm; so are all
     positive ones as long as the solves are predicted better so, each from the others.
 
     **Derivatives** of the model, its ``jacobian``, are learned beside the response: a
@@ -102,14 +105,15 @@ def emulate(
         solves: The most full solves, all counted; of each experiment.
         seed: A whole number; the same seed gives the same emulator, to the bit.
         workers: Number of processes to start, as in :func:`run`.
-        pool: Where to solve instead, as in :func:`run`. A batch is solved at once, so
-            as many workers can be busy as it has points.
+        pool: Where to solve instead, as in :func:`run`. Rounds are what a user waits
+            for, so first design and batches have at least as many points as there are
+            workers: more of them mean fewer rounds, and other points.
         backend: Name of a file that keeps every solve as it arrives, such as
             "run.solves"; of several experiments one for each, "run.solves.empty".
         resume: Whether to go on with the file if it is there, as in :func:`run`: the
             solves in it are not repeated, whether a call was killed, or ended and is
             now given more ``solves`` or a smaller ``tolerance``. The result is that of
-            one call, to the bit.
+            one call, to the bit. It takes as many points at a time, so as many workers.
         tolerance: True error at draws of the posterior at which to stop, in standard
             deviations of the measurement, see above; 0 to spend all solves.
         derivatives: Whether those of the model are learned, if it has ``jacobian``.
@@ -119,7 +123,8 @@ def emulate(
         cheap: Names of experiments whose models are not emulated, but solved wherever
             the posterior is evaluated; None for none.
         on_failure: What a failed solve does: "raise", or "reject" to leave the point
-            out of the fit, and not ask there again. It counts as a solve.
+            out of the fit, and not ask there again, nor where a failed point is nearer
+            than all that were solved. It counts as a solve.
         max_failures: Fraction of the solves, of the first design or more, above which
             "reject" stops.
         progress: Whether to show a bar with solves, errors and the time left (needs
@@ -130,8 +135,10 @@ def emulate(
 
     Returns:
         The emulated model: ``posterior`` is ready to :func:`run`, ``solves`` the
-        full solves spent, ``history`` the errors round by round. Of several experiments
-        ``posterior``, ``solves`` of all, and ``models``, such a model for each name.
+        full solves spent, ``history`` the errors round by round, and how many
+        independent draws of the emulated posterior its draws are worth. Of several
+        experiments ``posterior``, ``solves`` of all, and ``models``, such a model for
+        each name.
 
     Raises:
         TypeError: If posterior is not a LogPosterior, or a count not a whole number.
@@ -162,23 +169,30 @@ def emulate(
     problem = EmulationProblem.of(posterior, checks.flag("derivatives", derivatives))
     seed = checks.whole_number("seed", seed)
     coordinates = Coordinates.of(posterior.prior)
-    d, fewer = posterior.ndim, problem.derivatives
+    d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
     number = max(d // 2 + 1, FEWEST) if fewer else d + MORE
-    first = _first_points(coordinates, number, seed, _check_starts(starts, problem))
+    places = _check_starts(starts, problem)
+    first = _first_points(coordinates, max(number, width), seed, places)
     batch = d // (4 if fewer else 2) + 1
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(
             f"solves: expected at least {len(first) + batch} for {posterior.ndim} "
-            f"parameters, {len(first)} of a first design and a batch of {batch}, got "
-            f"{solves}; about {10 * posterior.ndim} are usual"
+            f"parameters and {width} at a time, {len(first)} of a first design and a "
+            f"batch of {batch}, got {solves}; about {10 * posterior.ndim} are usual"
         )
     tolerance = checks.real_number("tolerance", tolerance, 0)
     display = check_progress(progress)
-    asked = {"moves": "emulate", "seed": seed, "starts": first}
+    asked = {
+        "moves": "emulate",
+        "seed": seed,
+        "starts": first,
+        "derivatives": problem.derivatives,
+        "solves at a time": max(batch, width),
+    }
     with (
         open_evaluator(
             problem.recorder(),
-            describe(posterior, asked | {"derivatives": problem.derivatives}),
+            describe(posterior, asked),
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -189,9 +203,9 @@ def emulate(
         ) as evaluator,
         emcee.pbar.get_progress_bar(display, solves, desc="emulate") as bar,
     ):
-        emulation = _Emulation(problem, evaluator, coordinates, bar)
+        emulation = _Emulation(problem, evaluator, coordinates, bar, batch)
         emulation.solve(first)
-        return emulation.run(solves, batch, seed, tolerance)
+        return emulation.run(solves, max(batch, width), seed, tolerance)
 
 
 @dataclass(eq=False)
@@ -201,8 +215,9 @@ class _Emulation:
     Attributes:
         problem: What is emulated.
         evaluator: Solves in full.
-        coordinates: Those in which the posterior is explored.
+        coordinates: Those in which the last fit sees the parameters.
         bar: Shows the progress.
+        few: Of so many points of a batch one is to find what is not yet seen.
         theta: Where it was solved, ``(N, d)``.
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
     """
@@ -211,10 +226,19 @@ class _Emulation:
     evaluator: Evaluation | StoredEvaluation
     coordinates: Coordinates
     bar: Any
+    few: int
     theta: Floats = field(init=False)
     rows: Floats = field(init=False)
+    _maps: list[Coordinates] = field(init=False)  # in which it may be smoothest
+    _compared: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
+        inputs, positive = (
+            self.problem.inputs,
+            Coordinates.positive(self.coordinates.prior),
+        )
+        same = (positive.logs == self.coordinates.logs)[inputs].all()
+        self._maps = [self.coordinates] if same else [self.coordinates, positive]
         self.theta = np.empty((0, self.problem.posterior.ndim))
         self.rows = np.empty((0, len(self.evaluator.posterior.rejected())))
 
@@ -231,13 +255,14 @@ class _Emulation:
                 f"design came through, and {FEWEST} are the least for a fit. Mend the "
                 "model, or narrow the prior to where it can be solved"
             )
-        explorer = Explorer(self.problem, self.coordinates)
+        explorer = Explorer(self.problem)
         emulator, draws, settled = None, None, 0
-        history: list[tuple[int, float, float]] = []
+        history: list[tuple[int, float, float, float]] = []
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
-            draws = explorer.draw(emulator, int(self._solved.sum()), rng)
+            number = int(self._solved.sum())
+            draws = explorer.draw(emulator, self.coordinates, number, rng)
             spent = len(self.theta)
             if spent == solves or settled == SETTLED:
                 break
@@ -245,15 +270,15 @@ class _Emulation:
             self.solve(self._choose(number, emulator, draws))
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
-            history.append((spent, draws.predicted, error))
+            history.append((spent, draws.predicted, error, draws.size))
             if hasattr(self.bar, "set_postfix_str"):
                 text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
                 self.bar.set_postfix_str(text)
-        history.append((spent, draws.predicted, np.nan))
+        history.append((spent, draws.predicted, np.nan, draws.size))
         table = Table(
             "Errors at draws of the posterior, in units of measurement error",
-            ("solves", "predicted error", "true error"),
-            ("d", ".3g", ".3g"),
+            ("solves", "predicted error", "true error", "effective draws"),
+            ("d", ".3g", ".3g", ".0f"),
             tuple(history),
         )
         posterior = self.problem.replace_model(emulator)
@@ -281,7 +306,8 @@ class _Emulation:
         """Fit an emulator to all that was solved, whitened by the last draws.
 
         In the explored coordinates or in the logarithms of all positive parameters,
-        with the derivatives or without them, as leaving one point out tells.
+        with the derivatives or without them, as leaving one point out tells. That is
+        asked again when the solves have grown by half.
         """
         problem, inputs = self.problem, self.problem.inputs
         prior, theta = problem.posterior.prior, self.theta[self._solved]
@@ -291,9 +317,12 @@ class _Emulation:
         units = problem.units(theta[-UNITS:], newest)
         limits = zip(np.take(prior.names, inputs), prior.bounds[inputs], strict=True)
         bounds = {str(name): (float(low), float(high)) for name, (low, high) in limits}
-        lengths = None if last is None else last.processes.lengths
-        weights, fits = np.empty(0), list[tuple[float, EmulatedModel]]()
-        for coordinates in self._maps:
+        start = None if last is None else last.processes
+        same = last is not None and len(theta) < GROWN * self._compared
+        if not same:
+            self._compared = len(theta)
+        weights, fits = np.empty(0), list[tuple[float, EmulatedModel, Coordinates]]()
+        for coordinates in [self.coordinates] if same else self._maps:
             mean, factor = self._whiten(coordinates, draws)
             turn, logs = np.linalg.inv(factor), coordinates.logs[inputs]
             x = coordinates.coordinates(theta)[:, inputs]
@@ -307,8 +336,10 @@ class _Emulation:
                 for name, tangent in tangents.items()
             }
             for known in (slopes, {}) if slopes else ({},):
+                if last is not None and same and bool(known) != last.processes.sloped:
+                    continue
                 outputs, processes, cost = fit_outputs(
-                    points, response, known, units, weights, lengths
+                    points, response, known, units, weights, start, same
                 )
                 emulator = EmulatedModel(
                     bounds=bounds,
@@ -319,16 +350,9 @@ class _Emulation:
                     _whiten=(mean, np.asarray(turn, float)),
                     _logs=logs,
                 )
-                fits.append((max(cost, ALIKE**2), emulator))
-        return min(fits, key=lambda fit: fit[0])[1]
-
-    @property
-    def _maps(self) -> list[Coordinates]:
-        """Coordinates in which the model may be smoothest."""
-        inputs, explored = self.problem.inputs, self.coordinates
-        positive = Coordinates.positive(explored.prior)
-        same = (positive.logs == explored.logs)[inputs].all()
-        return [explored] if same else [explored, positive]
+                fits.append((max(cost, ALIKE**2), emulator, coordinates))
+        _, emulator, self.coordinates = min(fits, key=lambda fit: fit[0])
+        return emulator
 
     def _whiten(
         self, coordinates: Coordinates, draws: EmulatedDraws | None
@@ -340,14 +364,12 @@ class _Emulation:
         are alike.
         """
         inputs = self.problem.inputs
-        theta = self.theta[self._solved] if draws is None else draws.wide
+        theta = self.theta[self._solved] if draws is None else draws.members
         x = coordinates.coordinates(theta)[:, inputs]
         if draws is None:
             return x.mean(axis=0), np.diag(np.asarray(x.std(axis=0)))
-        mean = draws.weights @ x
-        covariance = (draws.weights * (x - mean).T) @ (x - mean)
-        sd = np.sqrt(np.diag(covariance))
-        factor: Floats = np.linalg.cholesky(covariance / np.outer(sd, sd))
+        mean, sd = x.mean(axis=0), x.std(axis=0)
+        factor: Floats = np.linalg.cholesky(np.atleast_2d(np.corrcoef(x.T)))
         return mean, sd[:, None] * factor
 
     def _choose(
@@ -356,22 +378,25 @@ class _Emulation:
         """Return the next points, each where most error is left after those before.
 
         The first where the posterior may yet turn out to be, the others at draws of the
-        emulated one. Points whose solves failed count as solved, and are not asked
-        again.
+        emulated one; of a wide batch more such firsts. None where solves fail, as far
+        as the nearest point tells that was solved or failed, if there are others.
         """
         inputs, unit_sd = self.problem.inputs, emulator.processes.unit_sd
-        extra = self.theta[~self._solved]
+        theta, count = np.vstack([draws.members, draws.wide]), len(draws.members)
+        known = emulator.coordinates(self.theta[:, inputs])
+        at = emulator.coordinates(theta[:, inputs])
+        fails = ~self._solved[cdist(at, known).argmin(axis=1)]
+        before, chosen = unit_sd(at) ** 2, self.theta[~self._solved]
         for place in range(number):
-            among = draws.members if place else slice(None)
-            theta, errors = draws.wide[among], draws.errors[among]
-            at = emulator.coordinates(theta[:, inputs])
-            before = unit_sd(at) ** 2
-            after = unit_sd(at, emulator.coordinates(extra[:, inputs])) ** 2
+            after = unit_sd(at, emulator.coordinates(chosen[:, inputs])) ** 2
             share = np.divide(after, before, np.zeros_like(after), where=before > 0)
-            left = errors * share
-            left[(theta[:, None] == extra).all(axis=2).any(axis=1)] = -1.0
-            extra = np.vstack([extra, theta[np.argmax(left)]])
-        return extra[-number:]
+            left = draws.errors * share
+            left[fails] -= 1.0 + left.max()
+            taken = np.vstack([self.theta, chosen])
+            left[(theta[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf
+            among = slice(count) if place % self.few else slice(count, None)
+            chosen = np.vstack([chosen, theta[among][np.argmax(left[among])]])
+        return chosen[-number:]
 
     def _true_error(
         self, number: int, emulator: EmulatedModel, predicted: float

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 SMALL = 0.02  # in units of measurement error: for less no direction is kept
 LEAST = 1e-300  # whose logarithm is taken in place of that of zero
 MOST = 24  # directions in which the emulator errs, the largest ones
+REST = 0.03  # share of the mean square error that all others have
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +93,7 @@ class EmulatedModel(Report):
                 else "without derivatives"
             )
             + (f"; logarithms of {', '.join(logs)}" if logs else "")
+            + (f"; {len(self.history.rows)} rounds" if self.history else "")
         )
         yield (
             f"leaving one out, errors of {error.mean():.2g} measurement sd "
@@ -154,6 +156,7 @@ class EmulatedModel(Report):
         squares, axes = np.linalg.eigh(self.processes.covariance)
         sizes = np.sqrt(np.maximum(squares, 0.0))
         kept = sizes * self.processes.left_out_sd.max() > SMALL
+        kept &= np.cumsum(sizes**2) > REST * (sizes**2).sum()
         kept[:-MOST] = False
         kept[-1] = True
         return np.asarray(axes[:, kept] * sizes[kept])[:, ::-1]

@@ -36,7 +36,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
 from ..interfaces import Floats
@@ -105,6 +106,11 @@ class Processes:
         ratios = expected.leave_out(values) / sd
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
         return replace(expected, covariance=covariance * np.outer(wider, wider))
+
+    @property
+    def sloped(self) -> bool:
+        """Whether slopes are known at some points."""
+        return bool(self.values.shape[1] > 1)
 
     @property
     def amplitudes(self) -> Floats:
@@ -204,7 +210,10 @@ class Processes:
 
 
 def fit_processes(
-    points: Floats, values: Floats, start: Floats | None = None
+    points: Floats,
+    values: Floats,
+    start: Floats | None = None,
+    kinds: tuple[bool, ...] = (False, True),
 ) -> Processes:
     r"""Return the processes whose kernel has the largest restricted likelihood.
 
@@ -222,6 +231,7 @@ def fit_processes(
         values: ``(N, q)``, in units in which 0.01 does not matter; ``(N, 1 + d, q)``
             with the slopes by the coordinates behind, NaN where they are not known.
         start: Lengths ``(d,)``, those of the last fit.
+        kinds: Whether the kernels that are tried are rough.
 
     Source: Santner, Williams and Notz (2018), doi:10.1007/978-1-4939-8847-1; Bachoc
     (2013) for amplitudes by leaving one out, doi:10.1016/j.csda.2013.03.016.
@@ -252,7 +262,7 @@ def fit_processes(
     bounds = np.log(np.outer(spread, [0.1, WIDEST]))
     common = [np.log(scale * spread) for scale in SCALES]
     best, lengths, kind = np.inf, spread, False
-    for rough in (False, True):
+    for rough in kinds:
         starts = common
         if start is not None:  # and a common one, lest a valley holds the last ones
             starts = [np.log(start), min(common, key=lambda x: cost(x, rough)[0])]
@@ -364,7 +374,8 @@ def _restricted(
     width = known.shape[1]
     kernel, others, apart = _correlate(points, points, lengths, rough, width, width)
     factor = _factor(kernel, known)
-    inverse = cho_solve((factor, True), np.eye(len(factor)))
+    inverse = np.tril(dpotri(factor, lower=True)[0])
+    inverse += np.tril(inverse, -1).T
     weighed = inverse @ trend
     information = np.linalg.cholesky(trend.T @ weighed)
     half = solve_triangular(information, weighed.T, lower=True)

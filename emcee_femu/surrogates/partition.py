@@ -27,7 +27,8 @@ def fit_outputs(
     tangents: Named,
     units: Named,
     weights: Floats,
-    start: Floats | None = None,
+    start: Processes | None = None,
+    again: bool = False,
 ) -> tuple[Outputs, Processes, float]:
     """Return what to emulate of a response that was solved for, and its processes.
 
@@ -43,14 +44,15 @@ def fit_outputs(
             of every variable that is wanted; of frequencies in Hz. Shapes that are not
             wanted still tell which mode is which.
         weights: How much each point matters, ``(N,)``, which sum to one.
-        start: Lengths to begin with.
+        start: Processes whose lengths to begin with.
+        again: Whether the kernel of these is kept.
     """
     numbers = dict(units)
     modal, processes, cost = Outputs((), np.empty(0), False), None, 0.0
     if "frequency" in units and units["frequency"].ndim == 1:
         pair = numbers.pop("frequency"), numbers.pop("shapes", None)
         modal, processes, cost = _choose_modes(
-            points, response, tangents, *pair, weights, start
+            points, response, tangents, *pair, weights, start, again
         )
     blocks = [*modal.blocks]
     for name, unit in numbers.items():
@@ -63,7 +65,7 @@ def fit_outputs(
     outputs = Outputs(tuple(blocks), modal.least, modal.ascending)
     if numbers or processes is None:
         values = observe(outputs, response, tangents)
-        processes = fit_processes(points, values, start)
+        processes = _fit(points, values, start, again)
         wrong = processes.leave_out(values)[:, modal.size :]
         cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
     return outputs, processes, cost
@@ -113,7 +115,8 @@ def _choose_modes(
     frequency_unit: Floats,
     shape_unit: Floats | None,
     weights: Floats,
-    start: Floats | None,
+    start: Processes | None,
+    again: bool,
 ) -> tuple[Outputs, Processes, float]:
     """Return the blocks of neighbours in which modes are emulated best, fitted.
 
@@ -159,19 +162,29 @@ def _choose_modes(
     partings: dict[tuple[Key, ...], tuple[float, Processes]] = {}
     for power in (2, 0):  # single modes, and as few blocks as there can be
         chosen = _cheapest({(i, j): float(j - i) ** power for i, j in keys}, m)
-        lengths = start
+        near = start
         for _ in range(ROUNDS):
             if chosen in partings:
                 break
             together = np.concatenate([codes[key] for key in chosen], axis=2)
-            processes = fit_processes(points, together, lengths)
+            processes = near = _fit(points, together, near, again)
             costs = {key: cost(key, processes.leave_out(codes[key])) for key in keys}
             partings[chosen] = sum(costs[key] for key in chosen), processes
-            chosen, lengths = _cheapest(costs, m), processes.lengths
+            chosen = _cheapest(costs, m)
     best = min(partings, key=lambda parting: partings[parting][0])
     ascending = bool((np.diff(frequencies, axis=1) >= 0).all())
     outputs = Outputs(tuple(blocks[key] for key in best), least, ascending)
     return outputs, partings[best][1], partings[best][0]
+
+
+def _fit(
+    points: Floats, values: Floats, start: Processes | None, again: bool
+) -> Processes:
+    """Return processes fitted from the lengths of others, ``again`` by their kernel."""
+    if start is None:
+        return fit_processes(points, values)
+    kinds = (start.rough,) if again else (False, True)
+    return fit_processes(points, values, start.lengths, kinds)
 
 
 def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:

@@ -104,8 +104,9 @@ certificate
 # a solve and leave theirs: give a `tempfile.TemporaryDirectory()` around the run.
 #
 # **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the program
-# with one thread each (`OMP_NUM_THREADS=1`), with four licences. `emulate` asks for d / 2 + 1
-# solves at a time, `certify` for all of its draws at once; more workers than that wait.
+# with one thread each (`OMP_NUM_THREADS=1`), with four licences. `emulate` asks for
+# as many solves at a time as there are workers, at least for d / 2 + 1, `certify` for all of
+# its draws at once.
 #
 # **Failures**: {doc}`failing_solves`.
 

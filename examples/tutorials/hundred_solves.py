@@ -217,7 +217,9 @@ better, certified = learn(40)
 # acceptance ({doc}`large_models`).
 #
 # `certify` and {py:func}`~emcee_femu.run` take `backend=` too. `workers=8` solves a batch at
-# once: d / 2 + 1 points of `emulate`, all draws of `certify`.
+# once: eight points of `emulate` (d / 2 + 1 if that is more), all draws of `certify`. `emulate`
+# then takes fewer rounds, which are what you wait for, and the file can only be gone on with by
+# eight.
 #
 # Next: {doc}`/how_to/black_box` for a program that is started from the command line,
 # {doc}`/how_to/failing_solves` for solves that fail, {doc}`/how_to/emulated_crossing_modes`

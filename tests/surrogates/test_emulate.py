@@ -2,6 +2,7 @@
 
 import logging
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -23,6 +24,9 @@ from support.few_solves import (
 from support.pool_problems import forks
 
 import emcee_femu as ef
+from emcee_femu.sampling.coordinates import Coordinates
+from emcee_femu.surrogates.emulated_draws import Explorer
+from emcee_femu.surrogates.emulation_problem import EmulationProblem
 
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)
@@ -201,6 +205,70 @@ def test_where_all_becomes_copies_the_history_tells():
     assert emulated.history.column("predicted error")[-1] > 0.1
 
 
+# --- a posterior a thousand times narrower than its prior ------------------------
+
+SIX = [f"x{i}" for i in range(6)]
+SIX_PRIOR = ef.GaussianPrior(SIX, np.zeros(6), 1.0, [(-4.0, 4.0)] * 6)
+MIXED, PHASES = np.random.default_rng(7).standard_normal((2, 8, 6)) / np.sqrt(6)
+MIXED[:6] += np.eye(6)
+
+
+def swaying(x):
+    return MIXED @ x + 0.3 * np.sin(1.5 * PHASES @ x)
+
+
+def swaying_slopes(x):
+    return MIXED + 0.45 * np.cos(1.5 * PHASES @ x)[:, None] * PHASES
+
+
+@SLOW
+@pytest.mark.parametrize("derivatives", [True, False])
+def test_a_sharp_posterior_is_reached_in_stages(derivatives):
+    """First errors are hundreds of those of the measurement."""
+    truth = np.array([0.7, -0.5, 1.0, 0.2, -0.9, 0.4])
+    term = Gaussian(swaying(truth), 1e-3)
+    posterior, _ = sloped(swaying, swaying_slopes, SIX_PRIOR, term)
+    emulated = ef.emulate(posterior, 80, seed=1, derivatives=derivatives)
+    assert emulated.solves < (30 if derivatives else 60)
+    predicted = emulated.history.column("predicted error")
+    assert predicted[0] > 100 and predicted[-1] < 0.5
+    assert emulated.history.column("effective draws")[-1] > 200
+    steep = swaying_slopes(truth)
+    covariance = np.linalg.inv(steep.T @ steep / 1e-6 + np.eye(6))
+    assert np.linalg.det(covariance) ** (1 / 12) < 1.2e-3  # a geometric mean
+    theta = np.random.default_rng(1).multivariate_normal(truth, covariance, 300)
+    full = exact(swaying, term, SIX_PRIOR, theta)
+    assert (full - emulated.posterior(theta)[:, 0]).std() < 0.2
+
+
+# --- walkers that are kept ----------------------------------------------------
+
+
+@pytest.mark.parametrize("d", [3, pytest.param(18, marks=SLOW)])
+def test_draws_are_carried_from_one_emulated_posterior_to_the_next(d):
+    """Conjugate ones; the second is narrower, and beside the first."""
+    rng = np.random.default_rng(3)
+    mixing = rng.standard_normal((d + 2, d)) / 3.0
+    prior = ef.GaussianPrior([f"x{i}" for i in range(d)], np.zeros(d), 1.0)
+    data, points = mixing @ rng.standard_normal(d), rng.standard_normal((d + 3, d))
+    explorer = None
+    for share in (0.6, 1.0):  # of what the model makes of its parameters
+        design, term = share * mixing, Gaussian(data, 0.3)
+        posterior = posed(lambda x, a=design: a @ x, term=term, prior=prior)
+        emulator = ef.emulate(posterior, 2 * d + 2, seed=1, starts=points)
+        if explorer is None:
+            explorer = Explorer(EmulationProblem.of(posterior, derivatives=False))
+        coordinates = Coordinates.plain(prior)
+        draws = explorer.draw(emulator, coordinates, 32, np.random.default_rng(4))
+        covariance = np.linalg.inv(design.T @ design / 0.3**2 + np.eye(d))
+        white = np.linalg.inv(np.linalg.cholesky(covariance))
+        mean = covariance @ design.T @ data / 0.3**2
+        z = (draws.members - mean) @ white.T
+        assert draws.size > 200
+        assert np.abs(z.mean(axis=0)).max() * np.sqrt(draws.size) < 5.0
+        assert abs((z**2).mean() - 1.0) < 0.15
+
+
 # --- where and how long it solves -------------------------------------------------
 
 
@@ -228,6 +296,16 @@ def test_no_tolerance_spends_all_solves_and_history_tells():
     again = pickle.loads(pickle.dumps(emulated))
     theta = PRIOR.sample(np.random.default_rng(1), 5)
     assert_array_equal(again.posterior(theta), emulated.posterior(theta))
+
+
+def test_hardly_any_of_the_error_is_left_out_of_the_likelihood():
+    emulated = ef.emulate(posed(rippled), 12, seed=1, tolerance=0.0)
+    theta, processes = PRIOR.sample(np.random.default_rng(1), 20), emulated.processes
+    moves = emulated.spread(dict(zip("ab", theta.T, strict=True)))[1]["y"]
+    square = sum(((move / SD) ** 2).sum(axis=1) for move in moves.values())
+    variance = processes.unit_sd(emulated.coordinates(theta)) ** 2
+    share = square / (variance * processes.covariance.trace())
+    assert share.min() > 0.95 and share.max() < 1.0 + 1e-9
 
 
 def first_solves(starts, n):
@@ -276,8 +354,41 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
         ef.emulate(posed(broken), 24, **reject, max_failures=0.0)
 
 
+def test_a_region_that_fails_is_not_asked_again():
+    """Half of the posterior, about: there the emulator knows least."""
+
+    def half(x):
+        if x[0] > 0.6:
+            raise ArithmeticError("no equilibrium")
+        return bent(x)
+
+    posterior, options = posed(half), {"on_failure": "reject", "max_failures": 1.0}
+    ef.emulate(posterior, 30, seed=1, tolerance=0.0, **options)
+    failed = np.array(posterior.model.solved)[6:, 0] > 0.6
+    assert 0 < failed.sum() <= 7  # of 24; 9 where only failed points are kept away from
+    assert failed[-12:].sum() <= 3
+
+
+def test_a_round_is_as_wide_as_the_pool(tmp_path):
+    options = {"seed": 1, "tolerance": 0.0, "backend": str(tmp_path / "run.solves")}
+    with ThreadPoolExecutor(5) as executor:
+        emulated = ef.emulate(posed(), 16, pool=executor, **options)
+        assert emulated.history.column("solves") == [6, 11, 16]
+        assert "3 rounds" in str(emulated)
+        full = exact(bent, Gaussian(), PRIOR, GRID)
+        assert total_variation(emulated.posterior(GRID)[:, 0], full) < 0.05
+        again = ef.emulate(posed(), 18, pool=executor, resume=True, **options)
+        assert again.history.column("solves") == [6, 11, 16, 18]
+    with pytest.raises(ValueError, match="solves at a time: was 5, is 2"):
+        ef.emulate(posed(), 16, resume=True, **options)
+    posterior = posed()
+    with pytest.raises(ValueError, match="10 at a time"), ThreadPoolExecutor(10) as ten:
+        ef.emulate(posterior, 11, seed=1, pool=ten)
+    assert posterior.model.solved == []
+
+
 @forks
-def test_the_number_of_workers_changes_nothing():
+def test_workers_that_a_round_keeps_busy_anyway_change_nothing():
     here, there = (ef.emulate(posed(), 8, seed=4, workers=n) for n in (None, 2))
     theta = PRIOR.sample(np.random.default_rng(1), 5)
     assert here.solves == there.solves
