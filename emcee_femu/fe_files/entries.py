@@ -10,6 +10,7 @@ from scipy.sparse import coo_array, csc_array
 from ..interfaces import Floats
 from ..models.inputs import read_matrix
 
+EMPTY = 1_000  # rows for each entry, that are no matrix of a structure
 AGAIN = "let the program export it again"
 
 # Node and direction of each row of a matrix, (N, 2).
@@ -88,8 +89,14 @@ def check(path: Path, matrix: coo_array | csc_array) -> csc_array:
     """Return a symmetric matrix as :class:`MatrixModel` takes it.
 
     Raises:
-        ValueError: If it is not square, finite and symmetric, with the file's name.
+        ValueError: If it is not square, finite and symmetric, or nearly all of its rows
+            are empty, with the file's name.
     """
+    if matrix.shape[0] > EMPTY * (matrix.nnz + 1):
+        raise ValueError(
+            f"{path}: {matrix.shape[0]} rows are announced, and {matrix.nnz} entries "
+            f"are there; {AGAIN}"
+        )
     return read_matrix(str(path), csc_array(matrix), sparse=True)
 
 

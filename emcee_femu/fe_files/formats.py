@@ -32,6 +32,7 @@ MARKET = re.compile(
     re.I,
 )
 DAMAGED = ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, zlib.error
+MOST_UNPACKED = 200  # times as many bytes as the file has; matrices shrink tenfold
 # Of *FREQUENCY, SOLVER=MATRIXSTORAGE: jobname.sti, jobname.mas and jobname.dof.
 CALCULIX = {"K": ".sti", "M": ".mas"}
 
@@ -129,7 +130,12 @@ def read_matrix_market(path: Path) -> list[Part]:
     else:
         count = rows * (rows + 1) // 2 if symmetric else rows**2
         _, values = read_columns(path, "value", 0, skip=skip + 1)
-        j, i = np.triu_indices(rows) if symmetric else np.divmod(np.arange(count), rows)
+        filled = rows if len(values) == count else 0  # 1e9 rows are only announced
+        j, i = (
+            np.triu_indices(filled)
+            if symmetric
+            else np.divmod(np.arange(filled**2), max(filled, 1))
+        )
     if len(values) != count or max(i.max(initial=0), j.max(initial=0)) >= rows:
         raise ValueError(
             f"{path}: expected {count} entries of {rows} rows, as line {skip + 1} "
@@ -145,7 +151,12 @@ def read_npz(path: Path) -> list[Part]:
     """Return the matrix of a file that ``scipy.sparse.save_npz`` wrote."""
     try:
         with path.open("rb") as file:  # load_npz leaves it open when it fails
+            unpacked = sum(part.file_size for part in zipfile.ZipFile(file).filelist)
+            if unpacked > MOST_UNPACKED * path.stat().st_size + 1e9:
+                raise ValueError(f"its {unpacked:.1e} bytes are a bomb")
             matrix = load_npz(file)
+        if matrix.format in ("csr", "csc", "bsr"):  # else converting them crashes
+            matrix.check_format(full_check=True)
     except DAMAGED as error:
         raise ValueError(
             f"{path}: no matrix of scipy.sparse.save_npz ({error}); write it again"

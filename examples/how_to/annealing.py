@@ -33,7 +33,7 @@ ef.figures.plot_scatter(idata, units=problem.units)
 # %% [markdown]
 # ## How far to trust it
 #
-# It is a population, not a chain: there is no R-hat, and `diagnose` refuses it.
+# It is a population, not a chain: there is no R-hat, and `diagnose` says what to judge by.
 # Compare runs of several seeds instead:
 
 # %%
