@@ -97,7 +97,14 @@ def check(path: Path, matrix: coo_array | csc_array) -> csc_array:
             f"{path}: {matrix.shape[0]} rows are announced, and {matrix.nnz} entries "
             f"are there; {AGAIN}"
         )
-    return read_matrix(str(path), csc_array(matrix), sparse=True)
+    read = csc_array(read_matrix(str(path), csc_array(matrix), sparse=True))
+    lone = (read.diagonal() == 0) & (np.diff(read.indptr) > 0)
+    if lone.any():  # formats without an end mark, cut at the end of a line
+        raise ValueError(
+            f"{path}: row {int(np.argmax(lone)) + 1} has entries, but none on the "
+            f"diagonal: the file ends early, or is no stiffness or mass; {AGAIN}"
+        )
+    return read
 
 
 def read_lines(path: Path) -> list[str]:

@@ -1,6 +1,7 @@
 """Matrices of Nastran: OUTPUT4 files in ASCII, and DMIG entries as in a punch file."""
 
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -89,6 +90,9 @@ def read_dmig(path: Path) -> list[Part]:
 
     Raises:
         ValueError: If a line is no such entry, or there is no square matrix.
+
+    Warns:
+        UserWarning: If the last grid point of the stiffness has no mass.
     """
     forms: dict[str, tuple[int, int]] = {}
     entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
@@ -120,6 +124,8 @@ def read_dmig(path: Path) -> list[Part]:
             f"{path}: no DMIG entry with the form of {unknown[0]!r} before its "
             f"columns; {AGAIN}"
         )
+    if empty := [name for name, rows in entries.items() if not rows]:
+        raise ValueError(f"{path}: no entry in a column of {empty[0]!r}; {AGAIN}")
     parts = []
     for name, rows in entries.items():
         if forms[name][0] in SQUARE and forms[name][1] in REAL:
@@ -133,7 +139,15 @@ def read_dmig(path: Path) -> list[Part]:
             f"{path}: no real square DMIG matrix; ask for stiffness and mass, such as "
             "by PARAM,EXTOUT,DMIGPCH or EXTSEOUT(STIFFNESS,MASS,DMIGPCH)"
         )
-    return name_parts(parts)
+    named = name_parts(parts)
+    last = {p.name: int(p.dofs[-1, 0]) for p in named if p.dofs is not None}
+    if last.get("M", np.inf) < last.get("K", 0):
+        warnings.warn(
+            f"{path}: the last grid point of K, {last['K']}, has no mass; such a file "
+            "has no end mark: was it cut? Compare the total mass",
+            stacklevel=5,
+        )
+    return named
 
 
 def _read_groups(

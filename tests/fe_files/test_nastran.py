@@ -1,5 +1,7 @@
 """Nastran: punch files of DMIG entries, and OUTPUT4 in ASCII."""
 
+import warnings
+
 import numpy as np
 import pytest
 from support.exports import cantilever, write_dmig, write_op4
@@ -71,3 +73,26 @@ def test_single_precision_of_OP4_has_one_word_a_value(tmp_path):
     )
     with pytest.raises(ValueError, match=r"k\.op4, line 3: expected .* finite values"):
         ef.read_matrices(path)
+
+
+def test_a_punch_file_that_was_cut_at_the_end_of_a_line_is_noticed(tmp_path):
+    """It has no end mark; what is left is a matrix, but hardly that of a structure."""
+    path = write_dmig(tmp_path / "beam.pch", K, M, DOFS)
+    lines = path.read_text().splitlines(keepends=True)
+    mass = next(i for i, line in enumerate(lines) if "MAAX" in line)
+    said = {"refused": 0, "warned": 0, "no mass": 0, "silent": 0}
+    for end in range(1, len(lines) - 1):
+        path.write_text("".join(lines[:end]))
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                read = ef.read_matrices(path)
+            except ValueError as error:
+                assert "beam.pch" in str(error)
+                said["refused"] += 1
+                continue
+        assert end > 2 and all("27, has no mass" in str(w.message) for w in caught)
+        missing = end <= mass + 1
+        assert missing == ("M" not in read.matrices)
+        said["no mass" if missing else "warned" if caught else "silent"] += 1
+    assert said["silent"] <= 6 and said["warned"] > 20 and said["refused"] > 60
