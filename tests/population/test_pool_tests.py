@@ -192,6 +192,7 @@ def test_a_test_sampled_again_is_reached(seed):
     assert mended.hyperdraws["sd k1"].mean() < dragged.hyperdraws["sd k1"].mean()
 
 
+@pytest.mark.slow
 def test_the_prior_of_parameters_that_are_not_pooled_stays():
     prior = ef.IndependentPrior({"k1": stats.norm(5, 2), "noise": stats.expon(scale=2)})
     tests, _ = many(1, tests=3)

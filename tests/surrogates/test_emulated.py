@@ -163,6 +163,7 @@ def test_finite_moves_stay_finite_wherever_modes_may_be(case):
         assert np.abs(moved["frequency"]).max() < 30.0
 
 
+@pytest.mark.slow
 def test_spread_is_the_scatter_of_sampled_outputs():
     # Second route: draw the outputs, decode each draw. Few points: much uncertainty.
     model, far = emulate("frequency", "shapes", n=9), 2.0 * X
