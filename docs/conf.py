@@ -8,6 +8,7 @@ import hashlib
 import os
 import shutil
 import sys
+from importlib.metadata import files as files_of
 from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
@@ -66,10 +67,13 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True  # attributes are listed once, by their class
 napoleon_attr_annotations = False  # as for arguments
 
+# Formulas
+mathjax_path = "mathjax/tex-chtml.js"  # of this site: see copy_mathjax
+
 # Looks
 html_theme = "sphinx_book_theme"
 html_title = f"emcee_femu {release}"
-html_static_path = ["_static"]
+html_static_path = ["_static", "_build/mathjax"]
 html_css_files = ["site.css"]
 html_show_copyright = False
 html_context = {"default_mode": "auto"}
@@ -104,6 +108,17 @@ def copy_pages() -> None:
                 shutil.copyfile(source, page)
 
 
+def copy_mathjax() -> None:
+    """Bring what formulas need here: pages ask no other site for it."""
+    needed = "tex-chtml.js", "input/tex/", "output/chtml/"
+    for file in files_of("sphinx-mathjax-offline"):
+        path = file.as_posix().partition("/static/mathjax/")[2]
+        if path.startswith(needed):
+            place = HERE / "_build" / "mathjax" / "mathjax" / path
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file.locate(), place)
+
+
 def find_calculix() -> list[str]:
     """Return the page to leave unexecuted where CalculiX is missing, and say so."""
     from calculix_program import find_command
@@ -126,6 +141,7 @@ nb_execution_cache_path = str(HERE / "_build" / "cache" / package_hash())
 # Made here, once: two processes that make it at the same time collide.
 get_cache(nb_execution_cache_path).list_cache_records()
 copy_pages()
+copy_mathjax()
 
 
 def find_anywhere(app: Any, env: Any, node: Any, text: Any) -> Any:

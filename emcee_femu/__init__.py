@@ -8,6 +8,7 @@ measurements  what was measured: frequencies, mode shapes and their scatter, fro
 models        parameters -> response: natural frequencies and mode shapes, or others;
               paired with the measured modes
 fe_files      matrices that FE programs export
+fe_programs   matrices of the model that stands in an FE program
 likelihoods   response -> log-likelihood
 posterior     models + terms + prior, for a batch of walkers; failed solves
 moves         proposals: plain emcee moves
@@ -19,6 +20,7 @@ results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say;
 population    many tests of one structure: what they share, and how they differ
 comparison    one posterior under several moves; model classes by their evidence
 figures       one figure per file
+reports       what was done and what was learned, in one file to hand over
 paper         the two structures of the paper, and its published numbers
 """
 
@@ -32,6 +34,9 @@ from .comparison.classes import compare_models as compare_models
 from .comparison.compare import compare_moves as compare_moves
 from .evaluation.pools import EvaluationPool as EvaluationPool
 from .fe_files.matrices import read_matrices as read_matrices
+from .fe_programs.opensees import from_opensees as from_opensees
+from .fe_programs.pynite import from_pynite as from_pynite
+from .fe_programs.skfem import from_skfem as from_skfem
 from .interfaces import ModalSolution as ModalSolution
 from .interfaces import Variable as Variable
 from .interfaces import modal_variables as modal_variables
@@ -43,6 +48,7 @@ from .models.assembled import AssembledModel as AssembledModel
 from .models.frame import FrameModel as FrameModel
 from .models.frame import Section as Section
 from .models.function import FunctionModel as FunctionModel
+from .models.geometry import Geometry as Geometry
 from .models.mass_spring import MassSpringModel as MassSpringModel
 from .models.matrix import MatrixModel as MatrixModel
 from .models.paired import PairedModel as PairedModel
@@ -54,6 +60,7 @@ from .population.pool_tests import pool_tests as pool_tests
 from .posterior.log_posterior import LogPosterior as LogPosterior
 from .posterior.priors import GaussianPrior as GaussianPrior
 from .posterior.priors import IndependentPrior as IndependentPrior
+from .reports.report import report as report
 from .results.certify import certify as certify
 from .results.diagnose import diagnose as diagnose
 from .results.evidence import log_evidence as log_evidence

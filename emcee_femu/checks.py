@@ -152,6 +152,12 @@ def text(argument: str, value: Any) -> str:
     return value
 
 
+def units_by_name(argument: str, units: object, names: Sequence[str]) -> dict[str, str]:
+    """Return the units of some of ``names``, without None as without any."""
+    by = {} if units is None else by_name(argument, units, names)
+    return {name: text(f"{argument}[{name!r}]", unit) for name, unit in by.items()}
+
+
 def file_name(argument: str, value: Any) -> str | PathLike[str]:
     """Return the name of a file; a number would be an open file, such as stdin."""
     if not isinstance(value, str | PathLike) or not str(value):

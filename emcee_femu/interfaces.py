@@ -27,6 +27,7 @@ spread     model         ``spread(parameters)``: the response, and how far it mo
                          certain
 one_by_one model         True: it solves one parameter set after another, so that a
                          failure is known by itself
+geometry   model         its ``Geometry``, for pictures of mode shapes
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, what it needs of the response
 observed   term          ``{name: array}``, what was measured, by the name of a variable
@@ -57,6 +58,7 @@ Response: TypeAlias = Any
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
+WRAP = "a function of one parameter set becomes a model by FunctionModel(function)"
 PLACE = "raised by the model at"  # begins the note that names the parameters
 
 
@@ -64,8 +66,9 @@ def add_place(error: BaseException, place: object, names: Sequence[str]) -> None
     """Note where a model raised, and which names there are if it asked for another."""
     error.add_note(f"{PLACE} {place}")
     wrong = error.args[:1] if isinstance(error, KeyError) else ()
-    if any(isinstance(name, str) and name not in names for name in wrong):
-        error.add_note(f"the parameters are {', '.join(names)}")
+    others = [name for name in wrong if isinstance(name, str) and name not in names]
+    if others or any(name in range(len(names)) for name in wrong):  # as p[0] asks for
+        error.add_note(f"the parameters are {', '.join(names)}, read by these names")
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,11 @@ def read(response: Response, name: str) -> Floats:
     """
     if isinstance(response, Mapping):
         value, has = response.get(name), list(response)
+    elif isinstance(response, list | np.ndarray):
+        raise TypeError(
+            f"model: expected ModalSolution or {{name: array}} of many parameter sets, "
+            f"got {type(response).__name__}; {WRAP}"
+        )
     else:
         value = getattr(response, name, None)
         has = []

@@ -40,7 +40,7 @@ class Published:
     frequencies: Mapping[str, tuple[float, ...]]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem(Report):
     """An updating problem of the paper.
 
@@ -132,8 +132,9 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
     low = (3200.0, 1800.0, 1600.0, 1800.0, 2050.0)
     high = (4800.0, 2600.0, 2670.0, 3400.0, 2750.0)
     prior = GaussianPrior(names, initial, 1000.0, np.column_stack([low, high]))
+    units = dict.fromkeys(names, "N/m")
     return Problem(
-        posterior=LogPosterior(model, FrequencyTerm(measured, beta=beta), prior),
+        posterior=LogPosterior(model, FrequencyTerm(measured, beta=beta), prior, units),
         model=model,
         measured=measured,
         initial=by_name(initial),
@@ -150,7 +151,7 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
                 "paper error %": (0.00, 0.00, 0.02, 0.03, 0.00, 0.012),
             },
         ),
-        units=dict.fromkeys(names, "N/m"),
+        units=units,
     )
 
 
@@ -238,8 +239,9 @@ def h_structure(beta: float = 10.0) -> Problem:
     prior = GaussianPrior(names, initial, sd, bounds)
     demc = (2.8965e-8, 2.9739e-8, 1.7676e-8, 3.8966e-4, 2.1584e-4, 2.9553e-4)
     mh = (2.31e-8, 2.68e-8, 2.17e-8, 2.85e-4, 2.83e-4, 2.77e-4)
+    units = {name: "m^4" if name.startswith("Ix") else "m^2" for name in names}
     return Problem(
-        posterior=LogPosterior(model, FrequencyTerm(measured, beta=beta), prior),
+        posterior=LogPosterior(model, FrequencyTerm(measured, beta=beta), prior, units),
         model=model,
         measured=measured,
         initial=by_name(initial),
@@ -261,7 +263,7 @@ def h_structure(beta: float = 10.0) -> Problem:
                 "error %   ": (0.04, 4.05, 1.22, 1.94, 7.79, 3.01),
             },
         ),
-        units={name: "m^4" if name.startswith("Ix") else "m^2" for name in names},
+        units=units,
     )
 
 

@@ -13,7 +13,7 @@ CAPTION = 'style="text-align: left; caption-side: top"'
 Column: TypeAlias = tuple[str, str, Iterable[object]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Table:
     """A table that prints itself; missing cells are NaN or an empty string.
 
@@ -83,6 +83,8 @@ class Table:
         rule = "-" * len(lines[0])
         return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
 
+    __repr__ = __str__  # at a prompt, too
+
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` with all digits.
 
@@ -124,6 +126,12 @@ class Table:
         ]
 
 
+def unit_column(units: Iterable[str]) -> list[Column]:
+    """Return the column of the parameters' units, none where no parameter has one."""
+    cells = list(units)
+    return [("unit", "", cells)] if any(cells) else []
+
+
 Parts: TypeAlias = Iterable[Table | str]
 
 
@@ -137,6 +145,10 @@ class Report:
     def __str__(self) -> str:
         """Return the tables and the sentences, one below the other."""
         return "\n".join(map(str, self._parts()))
+
+    def __repr__(self) -> str:
+        """Return the same at a prompt."""
+        return str(self)
 
     def _repr_html_(self) -> str:
         """Return the same as notebooks show it."""

@@ -32,7 +32,14 @@ SHOWN = (
     "LogPosterior.start",
     "Table.to_frame",
 )
+CALLED = PUBLIC | METHODS
 USED = PUBLIC | CONSTRUCTORS | {label: METHODS[label] for label in SHOWN}
+
+
+@pytest.mark.parametrize("name", sorted(filter(lambda n: callable(CALLED[n]), CALLED)))
+def test_a_signature_is_read_at_a_glance(name):
+    """As ``ef.FrequencyTerm?`` shows it: under ten lines of 80 columns."""
+    assert len(str(inspect.signature(CALLED[name]))) <= 9 * 80
 
 
 def sections(thing):

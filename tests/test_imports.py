@@ -20,6 +20,7 @@ ORDER = [
     "measurements",
     "models",
     "fe_files",
+    "fe_programs",
     "likelihoods",
     "posterior",
     "evaluation",
@@ -32,6 +33,7 @@ ORDER = [
     "figures",
     "frf",
     "spectra",
+    "reports",
     "paper",
 ]
 
@@ -65,13 +67,14 @@ def test_a_layer_imports_only_earlier_ones(layer):
     assert later == set()
 
 
-def test_importing_the_package_loads_no_plotting_and_no_arviz():
+def test_importing_the_package_loads_no_plotting_no_arviz_and_no_program():
     code = "import sys, emcee_femu; print(*sys.modules)"
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()
     assert "emcee_femu.figures" in loaded
     assert not {"arviz", "corner", "matplotlib", "xarray", "pandas"} & set(loaded)
+    assert not {"openseespy", "Pynite", "skfem"} & set(loaded)
 
 
 @pytest.mark.parametrize(

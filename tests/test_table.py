@@ -85,10 +85,25 @@ def test_a_frame_keeps_every_digit():
             assert cell == value or (np.isnan(cell) and np.isnan(value))
 
 
-def test_whatever_prints_itself_is_shown_by_notebooks_too():
+def own_classes():
     modules = pkgutil.walk_packages(emcee_femu.__path__, "emcee_femu.")
     found = [c for m in modules for c in vars(import_module(m.name)).values()]
-    own = {c for c in found if isinstance(c, type) and "emcee_femu" in c.__module__}
+    return {c for c in found if isinstance(c, type) and "emcee_femu" in c.__module__}
+
+
+def test_a_prompt_shows_what_print_shows():
+    posterior = emcee_femu.paper.mass_spring().posterior
+    found = emcee_femu.find_map(posterior, 1, seed=1, check=0)
+    for shown_twice in (MIXED, posterior, found):
+        assert repr(shown_twice) == str(shown_twice)
+    reports = {c for c in own_classes() if issubclass(c, (Report, Table))}
+    as_code = {emcee_femu.moves.DelayedAcceptanceMove}  # as all moves
+    dataclass_like = {c for c in reports - as_code if c.__repr__ is not Report.__repr__}
+    assert len(reports) > 20 and dataclass_like == {Table}
+
+
+def test_whatever_prints_itself_is_shown_by_notebooks_too():
+    own = own_classes()
     printing = {c for c in own if c.__str__ not in (object.__str__, Exception.__str__)}
     only_text = {c.__name__ for c in printing if not hasattr(c, "_repr_html_")}
     assert len(printing) > 15 and only_text == {"SolveError", "Entry"}  # of rankings

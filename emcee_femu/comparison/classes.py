@@ -14,7 +14,7 @@ LEAD = 2.0  # combined standard errors by which a class must be ahead
 WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModelComparison(Report):
     """What :func:`.compare_models` found; ``print`` it for table and conclusion.
 

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from warnings import warn
 
 import numpy as np
@@ -23,7 +23,7 @@ from ..table import Column, Parts, Report, Table
 LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Report):
     """What :func:`.compare_moves` found; ``print`` it for the table and the conclusion.
 
@@ -44,7 +44,7 @@ class Comparison(Report):
     ess_per_1000: dict[str, Floats]
     winner: str | None
     conclusion: str
-    posterior: LogPosterior = field(repr=False)
+    posterior: LogPosterior
 
     def _parts(self) -> Parts:
         return self.table, self.conclusion

@@ -64,12 +64,12 @@ class EvaluationPool:
     so that the number of workers changes no digit. A worker that dies is an error (dask
     first tries others).
 
-    A sampler can keep at most ``nwalkers / nsplits`` workers busy, nsplits being that
-    of its moves (2 by default); ``examples/benchmarks/cluster_scaling.py`` shows how
-    the ensemble should grow. The function must not change between calls. Start workers
-    with one thread each for linear algebra (``OMP_NUM_THREADS=1``). The owner of the
-    executor closes it; processes of a ``ProcessPoolExecutor`` that evaluated something
-    also end if the run is killed.
+    An ensemble can keep at most ``nwalkers / nsplits`` workers busy, nsplits being that
+    of its moves (2 by default), and those of a run are on the pool together;
+    ``examples/benchmarks/cluster_scaling.py`` shows how they should grow. The function
+    must not change between calls. Start workers with one thread each for linear algebra
+    (``OMP_NUM_THREADS=1``). The owner of the executor closes it; processes of a
+    ``ProcessPoolExecutor`` that evaluated something also end if the run is killed.
 
     Args:
         executor: A ``concurrent.futures`` executor: processes, threads, loky,
@@ -105,6 +105,11 @@ class EvaluationPool:
         if hasattr(executor, "get_executor"):  # a dask Client
             self._executor = executor.get_executor(pure=False)
         self._shipped: list[tuple[Function, str, bytes]] = []
+
+    @property
+    def takes_turns(self) -> bool:
+        """Whether several threads may use it at once."""
+        return hasattr(self._executor, "submit")
 
     def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
         """Return ``[function(point) for point in iterable]``, evaluated by the workers.

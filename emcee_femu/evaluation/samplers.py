@@ -40,6 +40,15 @@ class Sampler(emcee.EnsembleSampler):
         rows = self.evaluator.rows(coords)
         return rows[:, 0].copy(), rows[:, 1:]
 
+    def advance(self, state: emcee.State, steps: int, thin_by: int, bar: Any) -> None:
+        """Go on from a state by some stored steps; a bar is told of each."""
+        # Prior draws are linearly independent with probability one, and a single
+        # Metropolis walker, which emcee refuses, is a valid chain.
+        options = dict(thin_by=thin_by, skip_initial_state_check=True)
+        for last in self.sample(state, iterations=steps, **options):
+            self._previous_state = last
+            bar.update(1)
+
 
 def unwrap(function: Any) -> Callable[[Any], Any]:
     """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""

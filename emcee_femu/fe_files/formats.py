@@ -237,6 +237,8 @@ TEXTS: dict[str, Read] = {
     rf"{INTEGER},{INTEGER},{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
     rf"\s*-?\d+ +\d+ +-?\d+ +\d+ {NUMBER}": read_abaqus,
 }
+# A Fortran record of 24 or, with long integers, 48 bytes, either end of a number first.
+OP4 = rb"(\x18\0\0\0|\0\0\0\x18).{24}\1.*|(\x30\0\0\0|\0\0\0\x30).{48}\2.*"
 BINARIES: dict[bytes, Read] = {  # the first bytes
     rb"PK\x03\x04.*": read_npz,
     rb".{8}\x04\0\0\0.*": read_full,
@@ -259,6 +261,11 @@ def read_file(path: Path) -> list[Part]:
         head = file.read(HEAD)
     if not head:
         raise ValueError(f"{path}: the file is empty; did the program stop early?")
+    if re.fullmatch(OP4, head, re.S):
+        raise ValueError(
+            f"{path}: a binary OUTPUT4 file of Nastran is not read; write it as text, "
+            f"ASSIGN OUTPUT4='{path.name}',UNIT=11,FORM=FORMATTED"
+        )
     if b"\0" in head:
         for start, read in BINARIES.items():
             if re.fullmatch(start, head, re.S):

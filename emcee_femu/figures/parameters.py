@@ -1,22 +1,35 @@
-"""All pairs of parameters with their 95 % ellipses, and their correlation."""
+"""All pairs of parameters with where 95 % of the mass lies, and their correlation."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats
-from ..results.arviz_objects import dataset, prior_constants
+from ..results.arviz_objects import mean_sizes, samples
 from ..results.to_arviz import read_samples
-from .style import BLUE, GREY, RED, Style, changing_draws, finish
+from .density import covariance_ellipse, estimate_density
+from .style import (
+    BLUE,
+    GREY,
+    RED,
+    Style,
+    changing_draws,
+    finish,
+    parameter_axes,
+)
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
-MOST_POINTS = 4_000  # drawn in a scatter panel; the ellipses use every sample
+MOST_POINTS = 4_000  # drawn in a scatter panel; ellipses and regions use every sample
+WIDTH = 7.0  # inches: that of a page
+LEFT, RIGHT, TITLE = 0.8, 0.15, 0.4  # inches beside the panels, and above with title
+LABEL, SMALLEST = 10.0, 6.0  # points
+FEWEST = 50.0  # independent draws that regions are drawn for, of however poor a chain
 
 
 def plot_scatter(
@@ -25,23 +38,32 @@ def plot_scatter(
     var_names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
+    ellipse: bool | None = None,
 ) -> "Figure":
-    """Draw all pairs of parameters with covariance ellipses in red (Figs 4.2, 5.2).
+    """Draw all pairs of parameters, and where 95 % of their mass lies, in red.
 
-    An ellipse holds 95 % of a Gaussian with the samples' covariance. Axes end at the
-    prior's bounds.
+    A covariance ellipse as in Figs 4.2 and 5.2, which holds 95 % of a Gaussian; where
+    the samples are none, the smallest regions that hold 95 % and 50 % of them.
+    Samples of a pair count as Gaussian if the region of 95 % and the ellipse share
+    four fifths of the area of both, and somewhat less of chains with few effective
+    samples, whose regions are ragged. Axes show the central 99 % of the samples and a
+    tenth more to either side, and all truths; they end at the prior's bounds, and at
+    zero where all samples are positive.
 
     Args:
         idata: What :func:`to_inference_data` returns or takes, such as a run.
         var_names: Variables of its ``posterior`` group; default: the sampled ones.
-        units: Units by parameter name, for the axes.
+        units: Units by parameter name, in place of those that the posterior was given.
         truths: Values to mark by parameter name, such as the nominal ones.
+        ellipse: True for ellipses everywhere, False for regions everywhere; None as
+            above.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If units or truths is not such a mapping.
+        TypeError: If units or truths is not such a mapping, or ellipse not None, True
+            or False.
         ValueError: If units or truths name an unknown parameter, or a parameter has the
             same value in all samples.
 
@@ -56,109 +78,106 @@ def plot_scatter(
     """
     import corner
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Ellipse
+    from matplotlib.patches import Patch
 
+    if ellipse is not None:
+        checks.flag("ellipse", ellipse)
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
-    there = [str(name) for name in dataset(idata, "posterior").data_vars]
-    values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
-    by_name = dict(zip(there, values, strict=True))  # without elements of vectors
-    marks = np.array([by_name.get(name, np.nan) for name in names])
-    units = checks.by_name("units", {} if units is None else units, there)
-    for name, unit in units.items():
-        if not isinstance(unit, str):
-            raise TypeError(f"units[{name!r}]: expected text, got {unit!r}")
-    exponents = [_exponent(column) for column in draws.T]
-    labels = [
-        _label(name, units.get(name, ""), exponent)
-        for name, exponent in zip(names, exponents, strict=True)
-    ]
-    prior = prior_constants(idata, names)
-    bounds = np.column_stack([prior["lower"].values, prior["upper"].values])
-    limits = _limits(draws, marks, bounds)
-    scale = 10.0 ** np.array(exponents)
+    labels, scale, limits, marks = parameter_axes(idata, names, [draws], units, truths)
+    draws = draws / scale
+    d = len(names)
+    side = max(min(WIDTH, 2.0 + 1.2 * d), d)
+    panel = (side - LEFT - RIGHT) / d
     figure: Figure = corner.corner(
-        draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]] / scale,
+        draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]],
         labels=labels,
-        range=limits / scale[:, None],
+        range=limits,
         bins=30,
         plot_contours=False,
         plot_density=False,
-        truths=[None if np.isnan(mark) else mark for mark in marks / scale],
+        truths=[None if np.isnan(mark) else mark for mark in marks],
         truth_color=BLUE,
-        data_kwargs={"alpha": 0.25, "ms": 2.0, "color": GREY},
+        data_kwargs={"alpha": 0.25, "ms": min(2.0, 1.2 * panel), "color": GREY},
         hist_kwargs={"color": GREY},
         max_n_ticks=4,
-        label_kwargs={"fontsize": 11},
-        labelpad=0.08,
     )
-    d = len(names)
+    figure.set_size_inches(side, side)
+    finish(figure, idata)
+    above = TITLE if figure.get_suptitle() else RIGHT
+    figure.subplots_adjust(LEFT / side, LEFT / side, 1 - RIGHT / side, 1 - above / side)
     panels = np.array(figure.axes).reshape(d, d)
+    chains = samples(idata, var_names)[1]
+    sizes = np.fmax(np.nan_to_num(mean_sizes(chains)), FEWEST)  # effective
+    drawn = set()
     for row, left in zip(*np.tril_indices(d, -1), strict=True):
-        points = (draws / scale)[:, (left, row)]
-        (width, height), angle = covariance_ellipse(points)
-        style: Style = {"fill": False, "color": RED, "lw": 1.8, "zorder": 5}
-        ellipse = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
-        panels[row, left].add_patch(ellipse)
+        pair = [left, row]
+        size = min(sizes[pair].min(), len(draws))
+        points, shown = draws[:, pair], limits[pair]
+        drawn.add(_draw_mass(panels[row, left], points, shown, size, ellipse))
+    _fit_labels(figure, panels, panel)
     handles = [
         Line2D([], [], color=GREY, marker=".", ls="", label="samples"),
-        Line2D([], [], color=RED, lw=1.8, label="95 % ellipse"),
+        Line2D([], [], color=RED, lw=1.6, label="95 % ellipse"),
+        Patch(fc=(RED, 0.3), ec=RED, label="smallest regions\nof 95 % and 50 %"),
         Line2D([], [], color=BLUE, marker="s", label="reference"),
-    ][: 3 if np.isfinite(marks).any() else 2]
-    finish(figure, idata)
-    place = {"bbox_to_anchor": (1.0, 0.96 if figure.get_suptitle() else 1.0)}
+    ]
+    is_shown = [d > 1, True in drawn, False in drawn, np.isfinite(marks).any()]
     figure.legend(
-        handles=handles, loc="upper right", fontsize=13, frameon=False, **place
+        handles=[h for h, shown in zip(handles, is_shown, strict=True) if shown],
+        loc="upper right",
+        fontsize=min(11, 6.5 + d),
+        frameon=False,
+        bbox_to_anchor=(1.0, 1.0 - (above - RIGHT) / side),
     )
     return figure
 
 
-def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
-    r"""Return the ellipse that holds 95 % of a Gaussian like the points ``(n, 2)``.
+def _draw_mass(
+    axes: "Axes", points: Floats, limits: Floats, size: float, ellipse: bool | None
+) -> bool:
+    """Draw the ellipse of points ``(n, 2)`` or their regions, and tell if the first."""
+    from matplotlib.patches import Ellipse
 
-    .. math:: (x - \bar x)^T C^{-1} (x - \bar x) = \chi^2_2(0.95) = -2 \ln 0.05
-
-    with mean and covariance of the points; 95 % of the joint distribution lie inside
-    2.448 standard deviations, not the 1.96 of one variable.
-
-    Returns:
-        Its major and minor axis ``(2,)``, and the angle from the first coordinate to
-        the major one, counter-clockwise in degrees.
-
-    Examples:
-        >>> square = np.array([[1.0, 1], [1, -1], [-1, 1], [-1, -1]])
-        >>> covariance_ellipse(square)[0].round(3).tolist()
-        [5.653, 5.653]
-    """
-    variances, axes = np.linalg.eigh(np.cov(points, rowvar=False))
-    # Ascending eigenvalues; points on a line may leave one just below zero.
-    variances = np.maximum(variances[::-1], 0.0)
-    x, y = axes[:, 1]
-    return 2 * RADIUS * np.sqrt(variances), float(np.degrees(np.arctan2(y, x)))
+    density = None if ellipse else estimate_density(points, limits, size)
+    if density is None or (ellipse is None and density.gaussian):
+        (width, height), angle = covariance_ellipse(points)
+        style: Style = {"fill": False, "color": RED, "lw": 1.6, "zorder": 5}
+        patch = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
+        axes.add_patch(patch)
+        return True
+    grid = density.x, density.y, density.values
+    levels = np.unique([*density.levels, 2 * density.values.max()])
+    axes.contourf(*grid, levels, colors=[(RED, 0.15), (RED, 0.35)], zorder=4)
+    axes.contour(*grid, levels[:-1], colors=RED, linewidths=0.9, zorder=5)
+    return False
 
 
-def _limits(draws: Floats, marks: Floats, bounds: Floats) -> Floats:
-    """Return axis limits ``(d, 2)``: samples and ellipses in the bounds, and marks."""
-    reach = 1.05 * RADIUS * draws.std(axis=0)
-    mean = draws.mean(axis=0)
-    low = np.minimum(draws.min(axis=0), mean - reach)
-    high = np.maximum(draws.max(axis=0), mean + reach)
-    # fmin and fmax leave out NaN.
-    low, high = np.fmax(low, bounds[:, 0]), np.fmin(high, bounds[:, 1])
-    return np.column_stack([np.fmin(low, marks), np.fmax(high, marks)])
-
-
-def _exponent(column: Floats) -> int:
-    """Return the power of ten to take out of an axis, 0 for ordinary numbers."""
-    size = float(np.abs(column).max())
-    return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
-
-
-def _label(name: str, unit: str, exponent: int) -> str:
-    """Return a parameter with its unit and the power of ten taken out of its axis."""
-    power = f"$10^{{{exponent}}}$ " if exponent else ""
-    within = f"{power}{unit}".strip()
-    return f"{name} [{within}]" if within else name
+def _fit_labels(figure: "Figure", panels: NDArray[np.object_], panel: float) -> None:
+    """Set labels and ticks so that they fit beside panels of so many inches."""
+    bottom = [axes.xaxis for axes in panels[-1]]
+    beside = [axes.yaxis for axes in panels[1:, 0]]
+    longest = 0.0
+    for axis in (*bottom, *beside):
+        axis.label.set_size(LABEL)
+        box = axis.label.get_window_extent()
+        longest = max(longest, box.width, box.height)
+        axis.set_tick_params(labelsize=8)
+        axis.get_major_formatter().set_useOffset(False)
+    size = LABEL * min(1.0, 0.95 * panel * figure.dpi / longest)
+    for axis in (*bottom, *beside):
+        axis.label.set_size(max(size, SMALLEST))
+    below = [axes.xaxis for axes in panels[np.tril_indices(len(panels))]]
+    below += [axes.yaxis for axes in panels[np.tril_indices(len(panels), -1)]]
+    for axis in below:  # a number at the corner would meet that of the next panel
+        low, high = axis.get_view_interval()
+        ticks = np.array(axis.get_majorticklocs())
+        axis.set_ticks(ticks[np.abs(2 * ticks - low - high) < 0.9 * (high - low)])
+    away = -(LEFT - 0.25) / panel
+    for axis in bottom:
+        axis.set_label_coords(0.5, away)
+    for axis in beside:
+        axis.set_label_coords(away, 0.5)
 
 
 def plot_correlation(

@@ -7,6 +7,7 @@ import numpy as np
 from .. import checks
 from ..interfaces import Floats
 from ..population.pool_tests import PooledTests
+from ..results.arviz_objects import name_with_unit
 from .style import BELOW, BLUE, GREY, RED, Style, finish
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ def _draw_rows(axes: "Axes", pooled: PooledTests, i: int) -> None:
     )
     axes.axhline(count - 0.25, color=GREY, lw=0.6)
     axes.set_ylim(count + 2.1, -0.8)
-    axes.set_xlabel(name)
+    axes.set_xlabel(_label(pooled, name))
 
 
 def _draw_along(axes: "Axes", pooled: PooledTests, i: int, against: str) -> None:
@@ -140,7 +141,12 @@ def _draw_along(axes: "Axes", pooled: PooledTests, i: int, against: str) -> None
     axes.plot(line, np.median(mean, axis=1), color=RED, lw=1.6)
     _draw_tests(axes, pooled, i, x, BESIDE * reach, sideways=False)
     axes.set_xlabel(against)
-    axes.set_ylabel(name)
+    axes.set_ylabel(_label(pooled, name))
+
+
+def _label(pooled: PooledTests, name: str) -> str:
+    """Return a parameter with the unit of its population's mean."""
+    return name_with_unit(pooled.idata, f"mean {name}").removeprefix("mean ")
 
 
 def _draw_tests(

@@ -1,5 +1,7 @@
 """The likelihood of measured displacements."""
 
+from __future__ import annotations
+
 from collections.abc import Hashable, Sequence
 
 import numpy as np

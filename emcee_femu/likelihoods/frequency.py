@@ -1,5 +1,7 @@
 """The likelihood of measured natural frequencies."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 
 import numpy as np
@@ -32,6 +34,11 @@ class FrequencyTerm(Term):
     or those of the paired modes, if the model is a :class:`PairedModel`. A mode without
     a pair costs 8 (four standard deviations) on top of its residual.
 
+    Unknown noise is inferred by ``discrepancy="noise"`` without any of the others: then
+    R = 0, and :math:`\sigma_d` is noise and model error together, which one test does
+    not tell apart. Leave out the standard deviations of :class:`Measurements` too, by
+    giving its ``frequencies``.
+
     The scatter of modal tests is often 0.2 %, the error of a good model 1 to 2 %: with
     the measured standard deviations alone the posterior is far too narrow. Give the
     name of a parameter as ``discrepancy`` and a proper prior, such as
@@ -50,7 +57,8 @@ class FrequencyTerm(Term):
         covariance: Instead: covariance in Hz^2, ``(n_modes, n_modes)``. For repeated
             tests give that of one test, not of the mean: what they share in error
             (mounting, temperature) does not average out.
-        discrepancy: Name of the parameter :math:`\sigma_d`, or None for no such part.
+        discrepancy: Name of the parameter :math:`\sigma_d`, such as "model error" or,
+            given alone, "noise"; None for no such part.
         name: The label under which the log-likelihood is stored.
 
     Raises:

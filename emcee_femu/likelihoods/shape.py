@@ -1,9 +1,11 @@
 """The likelihood of measured mode shapes, by their MAC or sensor by sensor."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Response, Variable, read
@@ -35,7 +37,8 @@ class ShapeTerm(Term):
 
     Args:
         measured: :class:`Measurements` with shapes, or shapes ``(n_sensors, n_modes)``
-            at the rows of the model's shapes.
+            at the rows of the model's shapes. NaN, where a sensor was missing, drops
+            out of the sums.
         delta: A number or one per mode; 0.01 to 0.1 is usual.
         discrepancy: Instead: name of the parameter that is delta for all modes; a prior
             could be ``scipy.stats.halfnorm(scale=0.1)``. Inferred it is too sure of
@@ -77,9 +80,19 @@ class ShapeTerm(Term):
                 raise ValueError("measured: these measurements have no shapes")
             if delta is None and discrepancy is None and sd is None:
                 sd = measured.shape_sd
+                if sd is not None:  # that of a missing sensor is not used
+                    sd = np.where(np.isnan(sd), 1.0, sd)
             self._dofs, measured = measured.dofs, measured.shapes
-        self.measured = shapes = checks.real_array("measured", measured, 2)
-        if len(shapes) < 2 or not shapes.any(axis=0).all():
+        shapes = checks.numeric_array("measured", measured)
+        self._there = there = ~np.isnan(shapes)
+        self.measured = shapes = checks.real_array(
+            "measured", np.where(there, shapes, 0.0), 2
+        )
+        if (
+            not shapes.size
+            or there.sum(axis=0).min() < 2
+            or not shapes.any(axis=0).all()
+        ):
             raise ValueError(
                 "measured: expected shapes (n_sensors, n_modes) of at least two "
                 f"sensors, none of them all zero, got shape {shapes.shape}"
@@ -102,8 +115,8 @@ class ShapeTerm(Term):
             self.sd = np.ones(shapes.shape) * error_array("sd", sd, *partial)
             # Deviations across the shapes have unit standard deviations, and there is
             # one less for each mode than sensors.
-            whole = log_normal(np.zeros(1), self.sd.ravel()).sum()
-            across = (n_sensors - 1) * self.n_modes
+            whole = log_normal(np.zeros(1), self.sd[there]).sum()
+            across = there.sum() - self.n_modes
             self.log_constants = whole / across + 0.5 * np.log(2 * np.pi)
         # Sensors whose DOFs are not known are in the order of the model's rows.
         dofs = [None] * n_sensors if self._dofs is None else self._dofs.tolist()
@@ -121,29 +134,35 @@ class ShapeTerm(Term):
         by the length of the measured one.
         """
         shapes = self._at_sensors(response)
-        weights = 1.0 if self.sd is None else 1 / self.sd
+        weights = self._there / (1.0 if self.sd is None else self.sd)
         measured, weighted = weights * self.measured, weights * shapes
         side = np.where((weighted * measured).sum(axis=1) < 0, -1.0, 1.0)
         length = np.sqrt((weighted**2).sum(axis=1))
         scale = np.divide(side, length, out=np.zeros_like(length), where=length > 0)
         size = np.linalg.norm(measured, axis=0)
-        # A Householder reflection takes the measured shape to the first sensor.
+        # A Householder reflection takes the measured shape to its first sensor.
         mirror = measured / size
-        mirror[0] += np.copysign(1.0, mirror[0])
+        count, modes = self._there.cumsum(axis=0), np.arange(self.n_modes)
+        first, second = ((count == i).argmax(axis=0) for i in (1, 2))
+        mirror[first, modes] += np.copysign(1.0, mirror[first, modes])
         mirror /= np.linalg.norm(mirror, axis=0)
         unit = weighted * scale[:, None]
         turned = unit - 2 * mirror * (mirror * unit).sum(axis=1, keepdims=True)
-        turned[:, 1] += length == 0  # a shape of zeros has a MAC of 0
-        across = turned[:, 1:] * (1.0 if self.sd is None else size)
-        r = across.reshape(len(shapes), -1)
+        turned[:, second, modes] += length == 0  # a shape of zeros has a MAC of 0
+        r = (turned * (1.0 if self.sd is None else size))[:, self._across]
         return r, np.broadcast_to(self._spread(parameters), r.shape)
 
     def _spread(self, parameters: Parameters) -> Floats:
-        """Return the standard deviations of deviations, mode after mode."""
+        """Return the standard deviations of deviations, sensor after sensor."""
         if self.discrepancy is not None:
             return np.maximum(parameters[self.discrepancy], LEAST_SD)[:, None]
         each = np.ones(self.n_modes) if self.delta is None else self.delta
-        return np.tile(each, len(self.measured) - 1)
+        return np.broadcast_to(each, self._across.shape)[self._across]
+
+    @property
+    def _across(self) -> NDArray[np.bool_]:
+        """Which deviations there are: one less for each mode than sensors."""
+        return self._there & (self._there.cumsum(axis=0) > 1)
 
     def _at_sensors(self, response: Response) -> Floats:
         """Return the measured modes at the sensors, ``(n, n_sensors, n_modes)``."""
@@ -163,8 +182,9 @@ class ShapeTerm(Term):
         """Return each mode's log-likelihood ``(n, n_modes)``; none without its MAC."""
         if self.sd is not None or "mac" not in stored:
             return {}
-        variance = self._spread(parameters)[..., : self.n_modes] ** 2
-        directions = len(self.measured) - 1
+        spread = self._spread(parameters) if self.delta is None else self.delta
+        variance = spread**2
+        directions = self._across.sum(axis=0)
         lost = 1 - stored["mac"][:, : self.n_modes]
         with np.errstate(over="ignore"):  # so far off the likelihood is zero
             values = lost / variance + directions * np.log(2 * np.pi * variance)

@@ -251,8 +251,8 @@ def choose_error(
     there = {name: value for name, value in errors.items() if value is not None}
     if len(there) > 1 or not (there or discrepancy):
         raise TypeError(
-            f"{', '.join(errors)}: expected exactly one of them{hint}, or a "
-            f"discrepancy alone, got {[*there] or 'none'}"
+            f"{', '.join(errors)}: expected exactly one of them{hint}, or, "
+            f'for unknown noise, discrepancy="noise" alone, got {[*there] or "none"}'
         )
     return next(iter(there.items()), ("", 0.0))
 

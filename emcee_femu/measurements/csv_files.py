@@ -1,6 +1,7 @@
 """The CSV file of measured modes, which a person can fill in."""
 
 import csv
+import io
 from collections.abc import Mapping
 from os import PathLike
 from typing import Any
@@ -39,7 +40,8 @@ def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
             for i, values in enumerate(np.atleast_2d(fields[field]).tolist()):
                 sensor = sensors[i] if field in PER_SENSOR else ""
                 dof = dofs[i] if field == "shapes" and dofs is not None else ""
-                writer.writerow([quantity, sensor, dof, *map(repr, values)])
+                cells = ["" if x != x else repr(x) for x in values]  # NaN: missing
+                writer.writerow([quantity, sensor, dof, *cells])
 
 
 def read_csv(path: Path) -> dict[str, Any]:
@@ -47,7 +49,10 @@ def read_csv(path: Path) -> dict[str, Any]:
     checks.file_name("path", path)
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:  # Excel's BOM
-            reader = csv.reader(file)
+            text = file.read()
+            commas = ";" not in text.partition("\n")[0]
+            lines = io.StringIO(text, newline="")
+            reader = csv.reader(lines, delimiter="," if commas else ";")
             rows = [(f"{path}, line {reader.line_num}", row) for row in reader]
     except (csv.Error, UnicodeError) as error:
         raise ValueError(f"{path}: expected a CSV file in UTF-8 ({error})") from None
@@ -55,7 +60,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     if titles[:3] != HEADER or len(titles) < 4 or not all(titles):
         raise ValueError(
             f"{path}, line 1: expected the titles {','.join(HEADER)},mode 1,.. "
-            f"separated by commas, got {','.join(titles)!r}"
+            f"separated by commas or semicolons, got {','.join(titles)!r}"
         )
     fields: dict[str, Any] = {}
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
@@ -77,6 +82,12 @@ def read_csv(path: Path) -> dict[str, Any]:
                 f"{place}, columns 'sensor' and 'dof': expected a sensor only in rows "
                 f"of shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
             )
+        if not commas:  # with decimal commas, perhaps
+            cells[3:] = [cell.replace(",", ".") for cell in cells[3:]]
+        # A blank is a missing sensor, unless the file was cut there.
+        cut = len(row) < len(titles) or (row is rows[-1][1] and text[-1] not in "\r\n")
+        if field in PER_SENSOR and not cut:
+            cells[3:] = [cell or "nan" for cell in cells[3:]]
         numbers = _read_numbers(place, titles, cells)
         fields.setdefault(field, []).append(numbers)
         if field in PER_SENSOR:
@@ -109,7 +120,7 @@ def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float
     if len(cells) > len(titles):
         raise ValueError(
             f"{place}: {len(cells)} cells under {len(titles)} titles; write numbers "
-            "with a decimal point, not a comma"
+            "with a decimal point, or put semicolons between cells"
         )
     numbers = []
     for title, cell in zip(titles[3:], cells[3:], strict=True):

@@ -1,7 +1,9 @@
 """Measured frequency response functions."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Hashable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from os import PathLike
 from typing import Any, NamedTuple, Self
 
@@ -80,7 +82,7 @@ def read_lines(lines: ArrayLike) -> Floats:
     return numbers
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class FRFMeasurements(Report):
     r"""Frequency response functions of several channels at the same lines.
 
@@ -121,11 +123,11 @@ class FRFMeasurements(Report):
         [10.0]
     """
 
-    lines: Floats = field(repr=False)
-    values: NDArray[np.complex128] = field(repr=False)
+    lines: Floats
+    values: NDArray[np.complex128]
     channels: tuple[Channel, ...]
     kind: str
-    coherence: Floats | None = field(repr=False)
+    coherence: Floats | None
     averages: int | None
     unit: str | None
 
@@ -233,7 +235,7 @@ class FRFMeasurements(Report):
         result: Floats = np.abs(self.values) * relative
         return result
 
-    def between(self, low: float, high: float) -> "FRFMeasurements":
+    def between(self, low: float, high: float) -> FRFMeasurements:
         """Return the lines from ``low`` to ``high`` Hz, both included."""
         low, high = checks.real_number("low", low), checks.real_number("high", high)
         kept = (self.lines >= low) & (self.lines <= high)

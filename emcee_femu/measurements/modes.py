@@ -36,8 +36,13 @@ def frequencies(value: ArrayLike) -> Floats:
     return hertz
 
 
-def shapes(value: ArrayLike, n_modes: int, argument: str = "shapes") -> Shapes:
-    """Return real or complex shapes ``(..., n_sensors, n_modes)``, none zero."""
+def shapes(
+    value: ArrayLike, n_modes: int, argument: str = "shapes", missing: bool = False
+) -> Shapes:
+    """Return real or complex shapes ``(..., n_sensors, n_modes)``, none zero.
+
+    With ``missing`` some may be NaN.
+    """
     raw = checks.complex_array(argument, value)
     if raw.ndim < 2 or raw.shape[-1] != n_modes or not raw.size:
         turned = "; transpose them" if raw.shape[:1] == (n_modes,) else ""
@@ -45,8 +50,9 @@ def shapes(value: ArrayLike, n_modes: int, argument: str = "shapes") -> Shapes:
             f"{argument}: expected (n_sensors, {n_modes}), one column per frequency, "
             f"got {raw.shape}{turned}"
         )
-    _refuse(argument, raw, "finite numbers", ~np.isfinite(raw))
-    for index in np.argwhere(~raw.any(axis=-2)):
+    wrong = np.isinf(raw) if missing else ~np.isfinite(raw)
+    _refuse(argument, raw, "finite numbers", wrong)
+    for index in np.argwhere(~np.nan_to_num(raw).any(axis=-2)):
         raise ValueError(f"{argument}: mode {index[-1] + 1} is zero at all sensors")
     return raw
 
@@ -116,15 +122,21 @@ def refuse_duplicates(hertz: Floats, real: Floats | None) -> None:
 
 
 def deviations(
-    argument: str, value: ArrayLike | None, shape: tuple[int, ...]
+    argument: str,
+    value: ArrayLike | None,
+    shape: tuple[int, ...],
+    there: NDArray[np.bool_] | None = None,
 ) -> Floats | None:
-    """Return standard deviations of the given shape; None for None."""
+    """Return standard deviations of the given shape, NaN where nothing is there."""
     if value is None:
         return None
     sd = checks.numeric_array(argument, value)
     if sd.shape != shape:
         raise ValueError(f"{argument}: expected shape {shape}, got {sd.shape}")
-    _refuse(argument, sd, "finite numbers above zero", ~((sd > 0) & np.isfinite(sd)))
+    if there is not None:
+        sd[~there] = np.nan
+    wrong = ~((sd > 0) & np.isfinite(sd)) & (True if there is None else there)
+    _refuse(argument, sd, "finite numbers above zero", wrong)
     return sd
 
 

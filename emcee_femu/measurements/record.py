@@ -1,5 +1,7 @@
 """The modes that a test measured: frequencies, shapes, and how certain they are."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -14,7 +16,7 @@ from ..table import Parts, Report, Table
 from . import csv_files, modes, uff
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Measurements(Report):
     r"""Measured modes, in ascending order of frequency.
 
@@ -29,10 +31,10 @@ class Measurements(Report):
     Args:
         frequencies: Natural frequencies in Hz, ``(n_modes,)``, ascending, because a
             term without pairing compares them with the model's in this order.
+        shapes: Mode shapes at the sensors, ``(n_sensors, n_modes)``, real or complex,
+            of any scale; NaN where a sensor was missing in that mode.
         sd: Their standard deviations in Hz, ``(n_modes,)``, or None if unknown.
         covariance: Instead of sd: their covariance in Hz^2, ``(n_modes, n_modes)``.
-        shapes: Mode shapes at the sensors, ``(n_sensors, n_modes)``, real or complex,
-            of any scale.
         shape_sd: Standard deviations of (real) shapes, in their scale and shape.
         sensors: Labels of the sensors; None for s1, s2, ...
         dofs: The model's DOF at each sensor, as the model names its DOFs: numbers
@@ -81,10 +83,10 @@ class Measurements(Report):
     def __init__(
         self,
         frequencies: ArrayLike,
+        shapes: ArrayLike | None = None,
         *,
         sd: ArrayLike | None = None,
         covariance: ArrayLike | None = None,
-        shapes: ArrayLike | None = None,
         shape_sd: ArrayLike | None = None,
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
@@ -109,26 +111,31 @@ class Measurements(Report):
                 raise ValueError(f"{name}: expected shapes with it, got none")
         hertz = modes.frequencies(frequencies)
         n_modes, n_sensors = len(hertz), 0
-        real = collinearity = None
+        real = collinearity = there = None
         if shapes is not None:
-            raw = modes.shapes(shapes, n_modes)
+            raw = modes.shapes(shapes, n_modes, missing=True)
             if raw.ndim > 2:
                 raise ValueError(
                     f"shapes: expected (n_sensors, {n_modes}), got {raw.shape}; for "
                     "repeated tests see from_repeats"
                 )
             n_sensors = len(raw)
+            there = ~np.isnan(raw)
+            raw[~there] = 0.0
             real = (raw * modes.phases(raw)).real
             collinearity = modes.phase_collinearity(raw, phase_collinearity)
             modes.warn_about_complex(collinearity)
         modes.refuse_duplicates(hertz, real)
+        shape_sd = modes.deviations("shape_sd", shape_sd, (n_sensors, n_modes), there)
+        if real is not None and there is not None:
+            real[~there] = np.nan
         checks.set_fields(
             self,
             frequencies=hertz,
             sd=modes.deviations("sd", sd, (n_modes,)),
             covariance=modes.covariance(covariance, n_modes),
             shapes=real,
-            shape_sd=modes.deviations("shape_sd", shape_sd, (n_sensors, n_modes)),
+            shape_sd=shape_sd,
             sensors=modes.labels(sensors, n_sensors),
             dofs=modes.dofs(dofs, n_sensors),
             phase_collinearity=collinearity,
@@ -203,7 +210,9 @@ class Measurements(Report):
 
         Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``;
         ``phase collinearity`` is that of shapes that were complex; ``damping ratio``
-        and ``damping sd`` are numbers, not percent.
+        and ``damping sd`` are numbers, not percent. A cell of ``shape`` is blank where
+        the sensor was missing in that mode. Semicolons between cells, and then decimal
+        commas, are read too.
 
         Args:
             path: The file.

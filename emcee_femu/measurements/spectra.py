@@ -1,7 +1,9 @@
 """Measured spectra: FFTs of ambient vibration near one mode or a close pair."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -16,7 +18,7 @@ from .modes import labels
 KINDS = {"acceleration": 0, "velocity": 1, "displacement": 2}  # over i omega, powers
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Spectra(Report):
     r"""Spectral matrices of a record in a band, raw or averaged over segments.
 
@@ -52,8 +54,8 @@ class Spectra(Report):
         ((25, 2, 2), True)
     """
 
-    lines: Floats = field(repr=False)
-    matrices: NDArray[np.complex128] = field(repr=False)
+    lines: Floats
+    matrices: NDArray[np.complex128]
     averages: int
     sensors: tuple[str, ...]
     kind: str

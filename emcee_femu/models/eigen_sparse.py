@@ -19,13 +19,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import (
-    ArpackNoConvergence,
-    LinearOperator,
-    SuperLU,
-    eigsh,
-    splu,
-)
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..interfaces import Derivatives, Floats, ModalSolution
 from .eigen_dense import (
@@ -36,6 +30,7 @@ from .eigen_dense import (
     check_elastic,
     refuse_parting,
 )
+from .factorization import Factor, factor_definite, factor_indefinite
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
@@ -90,7 +85,8 @@ class SparseEigenproblem:
     inertia of the factored matrix (Sylvester), so that an indefinite K is refused at
     no cost. Modes below the last one are not counted: that would take a second
     factorisation, a third of the solve, and found none missing in 1,200 solves of a
-    square building with double frequencies. Massless DOFs may stay.
+    square building with double frequencies. (:func:`check_complete` counts them once
+    where a model is reduced.) Massless DOFs may stay.
 
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, each ``(N, N)``.
@@ -237,6 +233,29 @@ def lowest_modes(
     return values, vectors
 
 
+def check_complete(K: csc_array, M: csc_array, values: Floats, where: str) -> None:
+    """Raise ValueError if a mode below the last of the eigenvalues ``(m,)`` is missing.
+
+    Below a number between the last two that differ, K - sigma M says how many there
+    are: a second factorisation.
+    """
+    apart = np.flatnonzero(np.diff(values) > 1e-6 * np.abs(values[1:]))
+    if not len(apart):
+        return
+    below = int(apart[-1]) + 1
+    shift = float(values[below - 1 : below + 1].mean())
+    try:
+        counted = factor_indefinite(csc_array(K - shift * M)).negative
+    except RuntimeError:  # a pivot is zero before the last
+        return
+    if counted != below:
+        raise ValueError(
+            f"the full model missed a mode at {where}: {counted} are below "
+            f"{np.sqrt(shift) / (2 * np.pi):g} Hz, {below} were found; ask for other "
+            "n_modes"
+        )
+
+
 def _solve_shifted(
     K: csc_array, M: csc_array, count: int, skip: int, where: str
 ) -> Pairs:
@@ -275,7 +294,7 @@ def _solve_shifted(
     return values[order], vectors[:, order]
 
 
-def _solve_condensed(factor: SuperLU, M: csc_array, count: int) -> Pairs:
+def _solve_condensed(factor: Factor, M: csc_array, count: int) -> Pairs:
     """Return pairs from the flexibility at DOFs with mass: dense, and exact.
 
     Where these are few there is no room for a Krylov space.
@@ -289,18 +308,6 @@ def _solve_condensed(factor: SuperLU, M: csc_array, count: int) -> Pairs:
     inverse, y = np.linalg.eigh(root.T @ X[massive])
     inverse, y = inverse[: -count - 1 : -1], y[:, : -count - 1 : -1]
     return 1 / inverse, X @ y / inverse
-
-
-def factor_definite(A: csc_array) -> SuperLU | None:
-    """Return the LU factor of a symmetric matrix, None unless positive definite.
-
-    Pivots are taken from the diagonal: their signs are its inertia.
-    """
-    try:
-        factor = factor_symmetric(A, 0.0)
-    except RuntimeError:  # exactly singular
-        return None
-    return factor if (factor.U.diagonal() > 0).all() else None
 
 
 def check_mass(M: csc_array, label: str) -> None:
@@ -343,7 +350,7 @@ def _solve_held(
     b = np.column_stack([right.transpose(1, 0, 2).reshape(N, -1), load])[kept]
     x = np.zeros((N, b.shape[1]))
     try:
-        factor = factor_symmetric(A, 0.01)
+        factor = factor_indefinite(A, 0.01)
     except RuntimeError:  # exactly singular
         return x[None], 0.0
     x[kept] = factor.solve(b)
@@ -352,13 +359,3 @@ def _solve_held(
     gap = float(np.sqrt(probe @ load / (answer @ (M @ answer))))
     by_parameter = x[:, :-1].reshape(N, len(right), c).transpose(1, 0, 2)
     return by_parameter - phi @ ((M @ phi).T @ by_parameter), gap
-
-
-def factor_symmetric(A: csc_array, threshold: float) -> SuperLU:
-    """Return the LU factor of a symmetric matrix; a threshold of 0 swaps no rows."""
-    return splu(
-        A,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=threshold,
-        options={"SymmetricMode": True},
-    )

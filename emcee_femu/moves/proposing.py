@@ -25,6 +25,7 @@ from numpy.random import RandomState
 from numpy.typing import NDArray
 
 from ..interfaces import Floats
+from ..table import Report
 
 Indices: TypeAlias = NDArray[np.intp]
 Proposal: TypeAlias = tuple[Floats, Floats | None]  # (k, ndim), and log-factors (k,)
@@ -44,10 +45,7 @@ class ProposingMove(Move):
         """Return the call that makes an equal move."""
         names = signature(type(self)).parameters
         values = {name: getattr(self, name) for name in names if hasattr(self, name)}
-        call = ", ".join(
-            f"{name}={value.tolist() if isinstance(value, np.ndarray) else value!r}"
-            for name, value in values.items()
-        )
+        call = ", ".join(f"{name}={_as_code(value)}" for name, value in values.items())
         return f"{type(self).__name__}({call})"
 
     def check(self, nwalkers: int, ndim: int) -> None:
@@ -241,3 +239,11 @@ def check_state(state: State) -> None:
             f"initial_state: expected floating-point coordinates, got {coords.dtype}, "
             "which would truncate accepted proposals; pass numpy.asarray(p0, float)"
         )
+
+
+def _as_code(value: object) -> str:
+    """Return an argument as code; what shows itself as tables by its class alone."""
+    if isinstance(value, np.ndarray):
+        return repr(value.tolist())
+    tables = type(value).__repr__ is Report.__repr__
+    return type(value).__name__ if tables else repr(value)

@@ -13,7 +13,7 @@ from ..posterior.priors import IndependentPrior, describe_marginal
 from ..table import Parts, Report, Table
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NormalPopulation(Report):
     r"""Parameters that differ from test to test by normal distributions, cut at bounds.
 

@@ -10,7 +10,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import GaussianPrior, IndependentPrior
-from ..results.arviz_objects import InferenceData, samples
+from ..results.arviz_objects import InferenceData, samples, unit_of
 from ..results.diagnose import diagnose
 from ..results.tables import INTERVAL
 from ..results.to_arviz import to_inference_data
@@ -27,7 +27,7 @@ DRAWS = 1_000  # of the population and of each test's parameters, together
 WIDER = 1.2  # a prior than the population, so that weights towards it stay even
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PooledTests(Report):
     """What :func:`.pool_tests` returns; ``print`` it for tables and what to do.
 
@@ -154,8 +154,8 @@ class PooledTests(Report):
         restated = IndependentPrior(marginals, {name: bounds[name] for name in cut})
         experiments = {e.name: (e.model, e.terms) for e in posterior.experiments}
         if "" in experiments:
-            return LogPosterior(*experiments[""], restated)
-        return LogPosterior.joint(experiments, restated)
+            return LogPosterior(*experiments[""], restated, posterior.units)
+        return LogPosterior.joint(experiments, restated, posterior.units)
 
     @property
     def table(self) -> Table:
@@ -316,7 +316,10 @@ def pool_tests(
         checks.instance(f"posteriors[{test!r}]", posterior, LogPosterior)
     mean, sd = np.transpose([test.prior for test in by_test.values()], (1, 0, 2))
     complete = population.complete(mean.mean(axis=0), np.sqrt((sd**2).mean(axis=0)))
-    pooled = _pool(by_test, complete, seed, steps, ensembles)
+    first = next(iter(tests.values()))
+    pairs = [(name, unit_of(first, name)) for name in names if unit_of(first, name)]
+    units = {f"{what} {name}": unit for name, unit in pairs for what in ("mean", "sd")}
+    pooled = _pool(by_test, complete, seed, steps, ensembles, units)
     renewed = [test for test in pooled.unreached if test in again]
     if not renewed:
         return pooled
@@ -324,7 +327,7 @@ def pool_tests(
         under = pooled.under_population(test, again[test])
         idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
         by_test |= read_tests({**tests, test: idata}, names, number)
-    return _pool(by_test, complete, seed, steps, ensembles)
+    return _pool(by_test, complete, seed, steps, ensembles, units)
 
 
 def _pool(
@@ -333,6 +336,7 @@ def _pool(
     seed: int,
     steps: int,
     ensembles: int,
+    units: Mapping[str, str],
 ) -> PooledTests:
     """Sample the population, and each test's parameters given it.
 
@@ -342,7 +346,8 @@ def _pool(
     not do: a narrow population has few draws about it wherever it is.
     """
     model = PopulationModel(population, tests)
-    posterior = LogPosterior(model, PopulationTerm(model.variables), population.prior)
+    term = PopulationTerm(model.variables)
+    posterior = LogPosterior(model, term, population.prior, units)
     sampled = run(posterior, steps=steps, ensembles=ensembles, seed=seed)
     idata = to_inference_data(sampled)
     names, chains = samples(idata)

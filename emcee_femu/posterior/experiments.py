@@ -1,5 +1,6 @@
 """One test of the structure: a model, and the terms that compare its response."""
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
@@ -8,6 +9,7 @@ import numpy as np
 from .. import checks
 from ..interfaces import (
     PLACE,
+    WRAP,
     Floats,
     LikelihoodTerm,
     Model,
@@ -140,6 +142,8 @@ class Experiment:
         except (Exception, SystemExit) as error:
             if not any(PLACE in note for note in getattr(error, "__notes__", ())):
                 add_place(error, name_sets(parameters), [*parameters])
+            if inspect.isfunction(self.model):
+                error.add_note(f"it was given arrays, of many parameter sets; {WRAP}")
             if self.name:
                 error.add_note(f"in the experiment {self.name!r}")
             if type(error) not in (StopIteration, SystemExit):

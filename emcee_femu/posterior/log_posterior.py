@@ -49,11 +49,14 @@ class LogPosterior(Report):
         terms: One likelihood term or a sequence of them
             (:class:`interfaces.LikelihoodTerm`).
         prior: Owner of names, order and bounds (:class:`interfaces.Prior`).
+        units: Units of some or all parameters by name, ``{"k1": "N/m"}``, for tables,
+            figures and ArviZ objects; they change no number.
 
     Attributes:
         experiments: Models, terms and stored variables; one unless made by
             :meth:`joint`.
         prior: The prior.
+        units: Units of parameters by name, of those that have one.
         term_names: Their labels.
         names: Parameter names, in the order of the sampled vector.
         ndim: Number of parameters.
@@ -62,10 +65,11 @@ class LogPosterior(Report):
         columns: Where they are in a row, ``{name: slice}``, after "densities".
 
     Raises:
-        TypeError: If model or a term is not callable, or prior is not a prior.
-        ValueError: If names do not match, a term needs what the model does not return,
-            or the prior admits a non-positive stiffness or mass, or a point outside the
-            model's own bounds.
+        TypeError: If model or a term is not callable, prior is not a prior, or a unit
+            is not text.
+        ValueError: If names do not match, also those of units, a term needs what the
+            model does not return, or the prior admits a non-positive stiffness or mass,
+            or a point outside the model's own bounds.
 
     Source: Eqs. 2.1 and 2.4 of Sherri, Boulkaibet, Marwala and Friswell.
 
@@ -82,12 +86,21 @@ class LogPosterior(Report):
         [0.8508, -1.7369, 2.5876, 3.0]
     """
 
-    def __init__(self, model: Model, terms: Terms, prior: Prior) -> None:
-        self._set({"": (model, terms)}, prior)
+    def __init__(
+        self,
+        model: Model,
+        terms: Terms,
+        prior: Prior,
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        self._set({"": (model, terms)}, prior, units)
 
     @classmethod
     def joint(
-        cls, experiments: Mapping[str, tuple[Model, Terms]], prior: Prior
+        cls,
+        experiments: Mapping[str, tuple[Model, Terms]],
+        prior: Prior,
+        units: Mapping[str, str] | None = None,
     ) -> Self:
         r"""Return the posterior of several experiments that share parameters.
 
@@ -102,6 +115,7 @@ class LogPosterior(Report):
         Args:
             experiments: ``{name: (model, terms)}``.
             prior: The prior of all parameters; a model or term reads those it knows.
+            units: Units of some or all parameters by name.
 
         Returns:
             The posterior, with an entry of ``experiments`` for each.
@@ -123,11 +137,17 @@ class LogPosterior(Report):
         """
         check_joint(experiments)
         self = cls.__new__(cls)
-        self._set(experiments, prior)
+        self._set(experiments, prior, units)
         return self
 
-    def _set(self, pairs: Mapping[str, tuple[Model, Terms]], prior: Prior) -> None:
+    def _set(
+        self,
+        pairs: Mapping[str, tuple[Model, Terms]],
+        prior: Prior,
+        units: Mapping[str, str] | None,
+    ) -> None:
         check_prior(prior)
+        self.units = checks.units_by_name("units", units, prior.names)
         self.prior, self.names, self.ndim = prior, prior.names, len(prior.names)
         self.experiments = tuple(Experiment(name, *pairs[name]) for name in pairs)
         self.terms = tuple(term for e in self.experiments for term in e.terms)
@@ -150,7 +170,7 @@ class LogPosterior(Report):
             self.columns[name] = slice(end, end := end + variable.size)
 
     def _parts(self) -> Parts:
-        yield tabulate_prior("Log-posterior", self.prior)
+        yield tabulate_prior("Log-posterior", self.prior, self.units)
         for experiment in self.experiments:
             name = f"{experiment.name}: " if experiment.name else ""
             terms = ", ".join(experiment.term_names)
@@ -196,7 +216,9 @@ class LogPosterior(Report):
         """Return the same posterior with wrapped models, which may count solves."""
         other = type(self).__new__(type(self))
         other._set(
-            {e.name: (wrap(e.model), e.terms) for e in self.experiments}, self.prior
+            {e.name: (wrap(e.model), e.terms) for e in self.experiments},
+            self.prior,
+            self.units,
         )
         return other
 

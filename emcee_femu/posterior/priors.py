@@ -1,5 +1,7 @@
 """Priors: a bounded Gaussian (Eq. 2.3), or independent scipy.stats marginals."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,7 +11,7 @@ from scipy import stats
 
 from .. import checks
 from ..interfaces import Floats, Prior
-from ..table import Column, Parts, Report, Table
+from ..table import Column, Parts, Report, Table, unit_column
 
 DRAWS = 20_000  # of a prior, for its moments
 
@@ -255,9 +257,12 @@ def prior_centre(prior: Prior) -> Floats:
     return summarize_prior(prior)[0]
 
 
-def tabulate_prior(title: str, prior: Prior) -> Table:
+def tabulate_prior(
+    title: str, prior: Prior, units: Mapping[str, str] | None = None
+) -> Table:
     """Return names and bounds of any prior, and the marginals of this package's."""
     columns: list[Column] = [("parameter", "", list(prior.names))]
+    columns += unit_column((units or {}).get(name, "") for name in prior.names)
     if isinstance(prior, GaussianPrior | IndependentPrior):
         columns.append(("prior", "", prior.distributions))
     low, high = np.transpose(prior.bounds)

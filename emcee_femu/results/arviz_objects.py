@@ -20,7 +20,7 @@ Dataset: TypeAlias = Any  # xarray's
 
 # Groups whose draws may have weights.
 SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response"}
-SAMPLED |= {"posterior_predictive"}
+SAMPLED |= {"new_measurement"}
 FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
@@ -67,8 +67,9 @@ def dataset(idata: InferenceData, group: str) -> Any:
         values = _group(idata, group)
     except KeyError:
         raise ValueError(
-            f"idata: it has no group {group!r}; to_inference_data(samplers, posterior) "
-            "makes it"
+            f"idata: it has no group {group!r}, for it was made without the posterior, "
+            "as by arviz.from_emcee; convert the samplers with "
+            "to_inference_data(samplers, posterior)"
         ) from None
     if group in SAMPLED and is_weighted(idata):
         weights = _group(idata, "sample_stats")["weight"].values.ravel()
@@ -146,6 +147,19 @@ def samples(
             label = f"{name}[{', '.join(map(str, place))}]" if place else name
             columns[label] = values[:, :, *place]
     return list(columns), np.stack([*columns.values()], axis=-1)
+
+
+def unit_of(idata: InferenceData, name: str) -> str:
+    """Return the unit of a variable of the posterior; an empty string without."""
+    return str(
+        getattr(_group(idata, "posterior").get(name), "attrs", {}).get("units", "")
+    )
+
+
+def name_with_unit(idata: InferenceData, name: str) -> str:
+    """Return a variable of the posterior as axes have it, such as ``k1 [N/m]``."""
+    unit = unit_of(idata, name)
+    return f"{name} [{unit}]" if unit else name
 
 
 def spread_out(n: int, most: int) -> NDArray[np.intp]:

@@ -1,7 +1,7 @@
 """What full solves say of an emulated posterior: numbers, verdict, an ArviZ object."""
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +11,10 @@ from ..interfaces import Floats, Prior
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.climbing import Maximum
 from ..sampling.importance import GOOD_K
-from ..table import Parts, Report, Table
-from .arviz_objects import InferenceData, groups, wrap
+from ..table import Parts, Report, Table, unit_column
+from .arviz_objects import InferenceData, groups, unit_of, wrap
 from .chains import Chains
-from .to_arviz import convert
+from .to_arviz import convert, pick_some
 
 if TYPE_CHECKING:
     from .certify import EmulatedChain
@@ -34,7 +34,7 @@ FOUND = 0.25  # of a maximum's share, below which the draws lack it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Report):
     """What :func:`.certify` found; ``print`` it for a table and the verdict.
 
@@ -82,14 +82,14 @@ class Certificate(Report):
     sd_error: Floats
     emulated_mean: Floats
     emulated_sd: Floats
-    theta: Floats = field(repr=False)
-    weights: Floats = field(repr=False)
-    log_posterior: Floats = field(repr=False)
-    faults: tuple[str, ...] = field(default=(), repr=False)
-    missed: tuple[str, ...] = field(default=(), repr=False)
-    notes: tuple[str, ...] = field(default=(), repr=False)
-    settled: bool = field(default=True, repr=False)
-    idata: InferenceData | None = field(default=None, repr=False)
+    theta: Floats
+    weights: Floats
+    log_posterior: Floats
+    faults: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    settled: bool = True
+    idata: InferenceData | None = None
 
     @property
     def short(self) -> str:
@@ -174,10 +174,13 @@ class Certificate(Report):
     def table(self) -> Table:
         """Emulated and true moments, errors and differences, one row per parameter."""
         shift = (self.mean - self.emulated_mean) / self.sd
+        known = () if self.idata is None else self.names
+        units = [unit_of(self.idata, name) for name in known]
         return Table.from_columns(
             f"Certificate by {self.solves} full solves",
             [
                 ("parameter", "", list(self.names)),
+                *unit_column(units),
                 ("emulated mean", ".5g", self.emulated_mean),
                 ("mean", ".5g", self.mean),
                 ("+-", ".2g", self.mean_error),
@@ -224,10 +227,15 @@ class Certificate(Report):
                 kind="weighted",
                 seed="unknown (solved at chosen draws)",
                 origin="draws of an emulated posterior, solved in full and weighted",
+                solves=self.solves,
             )
             sealed = groups(convert(chains))
             weight = ("chain", "draw"), self.weights[possible][None]
             sealed["sample_stats"] = sealed["sample_stats"].assign(weight=weight)
+            if "new_measurement" in sealed:
+                sealed["posterior_predictive"] = pick_some(
+                    sealed["new_measurement"], self.weights[possible]
+                )
         sealed["posterior"] = sealed["posterior"].assign_attrs(certificate=text)
         sealed["certificate"] = xarray.Dataset(
             {

@@ -11,19 +11,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .. import checks
+from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import open_evaluator
 from ..interfaces import Evaluator, Floats, Prior
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.climbing import Maximum, climb
 from ..sampling.coordinates import Coordinates
 from ..sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
-from ..sampling.run import check_progress
 from .arviz_objects import (
     InferenceData,
     dataset,
@@ -41,7 +40,7 @@ from .certificate import (
     find_missed,
 )
 from .diagnose import FEWEST_STEPS, diagnose
-from .to_arviz import check_sampled
+from .to_arviz import check_sampled, read_samples
 from .verdict import NOT_CONVERGED
 
 FEWEST_SOLVES = 10
@@ -54,7 +53,7 @@ SHOWN = 2_000  # draws of the chain that are compared
 
 
 def certify(
-    idata: InferenceData,
+    idata: object,
     posterior: LogPosterior,
     solves: int = 100,
     *,
@@ -103,7 +102,7 @@ def certify(
 
     Args:
         idata: What :func:`to_inference_data` made of a run on the emulated posterior,
-            without burn-in.
+            without burn-in; or the run.
         posterior: The true posterior, of the same parameters.
         solves: Full solves to spend, all included; at least 10.
         seed: A whole number; the same seed gives the same certificate.
@@ -118,7 +117,7 @@ def certify(
         resume: Whether to go on with the file if it is there, as in :func:`run`; the
             solves in it are not repeated.
         progress: Whether to show a bar with solves and the time left, as in
-            :func:`emulate`.
+            :func:`run`.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another.
 
@@ -150,6 +149,7 @@ def certify(
         >>> certificate.short, certificate.solves <= 60
         ('certified', True)
     """
+    idata, _ = read_samples(idata)
     check_sampled(posterior, samples(idata)[0])
     solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
     seed = checks.whole_number("seed", seed)
@@ -160,7 +160,7 @@ def certify(
     unsound, warned = _judge_chain(idata)
     faults = [*compare_bounds(chain, posterior.prior), *unsound]
     asked = {"moves": "certify", "solves": solves, "seed": seed}
-    bar = emcee.pbar.get_progress_bar(display, solves, desc="certify")
+    bar = progress_bar(display, solves, "certify")
     with (
         open_evaluator(
             posterior,

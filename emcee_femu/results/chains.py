@@ -27,7 +27,7 @@ from ..sampling.search_record import SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, is_weighted, samples
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
-STORED = ("acceptance", "betas", "failures", "search", "starts_given")  # as JSON
+STORED = ("acceptance", "betas", "failures", "search", "solves", "starts_given")  # JSON
 LONGEST_REPR = 200  # of a move, in the attributes
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
@@ -53,6 +53,7 @@ class Chains:
         seed: In words.
         origin: How the chain began, in words.
         failures: Failed solves by cause.
+        solves: Model solves spent; 0 where not known.
         starts_given: Whether the walkers started where a user said.
     """
 
@@ -69,6 +70,7 @@ class Chains:
     seed: str = "unknown (not started by run)"
     origin: str = ""
     failures: Mapping[str, int] = field(default_factory=dict)
+    solves: int = 0
     starts_given: bool = False
 
 
@@ -142,6 +144,7 @@ def read_chains(
         seed=str(run.seed),
         origin="" if run.search is None else run.search.sentence,
         failures={} if run.failures is None else dict(run.failures.causes),
+        solves=run.solves,
         starts_given=run.starts_given,
     )
 
@@ -269,6 +272,7 @@ def _of_population(
             f"annealed through {len(population.sweeps)} powers of the likelihood, "
             f"{population.solves} solves"
         ),
+        solves=population.solves,
     )
 
 
@@ -309,6 +313,7 @@ def _of_arviz(
         search=None if search is None else SearchRecord.from_json(search),
         betas=np.array(numbers.get("betas", [1.0])),
         failures=numbers.get("failures", {}),
+        solves=numbers.get("solves", 0),
         starts_given=numbers.get("starts_given", False),
         **{name: group.attrs[name] for name in TOLD if name in group.attrs},
     )

@@ -21,7 +21,7 @@ UNKNOWN = Statement("not judged", "not judged", "not judged.")
 TAILS = (0.05, 0.95)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Report):
     """What :func:`.diagnose` found; ``print`` it for a table and three statements.
 

@@ -17,7 +17,7 @@ ENOUGH_OVERLAP = 0.1
 LEVEL = 0.01  # of ensembles that scatter more than their series allow
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evidence(Report):
     """What :func:`.log_evidence` found; ``print`` it.
 

@@ -35,7 +35,7 @@ CLOSE = 3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Identifiability(Report):
     """What :func:`.identifiability` found; ``print`` it for tables and findings.
 

@@ -12,7 +12,7 @@ from ..posterior.log_posterior import LogPosterior
 from .arviz_objects import Dataset, InferenceData, dataset
 from .to_arviz import original_name
 
-GROUPS = ("observed_data", "response", "constant_data", "posterior_predictive")
+GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     Raises:
         ValueError: If there are none.
     """
-    if every := _read_all(idata):
+    if every := read_measured(idata):
         return every
     response = list(dataset(idata, "response").data_vars)
     raise ValueError(
@@ -84,7 +84,7 @@ def measured_frequencies(
         ValueError: If there are none.
     """
     name = "frequency" if experiment is None else f"{experiment}.frequency"
-    by_name = {measured.name: measured for measured in _read_all(idata)}
+    by_name = {measured.name: measured for measured in read_measured(idata)}
     if name not in by_name:
         joint = any("." in other for other in by_name)
         raise ValueError(
@@ -95,8 +95,8 @@ def measured_frequencies(
     return by_name[name]
 
 
-def _read_all(idata: InferenceData) -> list[Measured]:
-    """Return every measured variable that the response holds."""
+def read_measured(idata: InferenceData) -> list[Measured]:
+    """Return every measured variable that the response holds; there may be none."""
     groups: dict[str, Mapping[str, Any]] = {}
     for group in GROUPS:
         try:
@@ -142,13 +142,13 @@ def _read(
     return Measured(
         name=name,
         variable=variable,
-        unit=str(observed.attrs.get("unit", "")),
+        unit=str(observed.attrs.get("units", "")),
         dims=", ".join(str(dim).rpartition(".")[2] for dim in observed.dims),
         labels=tuple(", ".join(map(str, place)) for place in places),
         values=np.asarray(observed.values, dtype=float).ravel(),
         initial=np.full(observed.size, np.nan) if initial is None else initial[0],
         predicted=predicted,
-        replicated=at_places("posterior_predictive", name),
+        replicated=at_places("new_measurement", name),
         mac=at_places("response", f"{modal}mac"),
         model_mode=at_places("response", f"{modal}model_mode"),
     )

@@ -20,7 +20,7 @@ CHUNK = 20_000
 RARE = 0.001  # share of a chain at places where a wait matters little
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModeWeights(Report):
     """Separated modes of the posterior in the chain of ``run(..., "auto")``.
 

@@ -9,8 +9,14 @@ from numpy.typing import NDArray
 from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..table import Column, Table
-from .arviz_objects import dataset, describe_certificate, prior_constants, samples
+from ..table import Column, Table, unit_column
+from .arviz_objects import (
+    dataset,
+    describe_certificate,
+    prior_constants,
+    samples,
+    unit_of,
+)
 from .measured import Measured, measured_frequencies, measured_variables
 from .to_arviz import read_samples
 
@@ -27,11 +33,11 @@ def parameter_table(
 ) -> Table:
     r"""Tabulate the updated parameters, as Tables 4.1 and 5.1 of the paper.
 
-    Columns: the prior mean, nominal and relative errors where the nominal is known,
-    posterior mean, its 95 % interval (the 2.5 % and 97.5 % quantiles), c.o.v. = sd /
-    mean in percent, and the ratio of posterior to prior standard deviation: near 1 the
-    data said nothing about the parameter. Without a prior, as in objects of
-    ``arviz.from_emcee``, its columns are left out.
+    Columns: the unit where any parameter has one, the prior mean, nominal and relative
+    errors where the nominal is known, posterior mean, its 95 % interval (the 2.5 % and
+    97.5 % quantiles), c.o.v. = sd / mean in percent, and the ratio of posterior to
+    prior standard deviation: near 1 the data said nothing about the parameter. Without
+    a prior, as in objects of ``arviz.from_emcee``, its columns are left out.
 
     Args:
         idata: What :func:`to_inference_data` returns or takes, such as a run.
@@ -63,10 +69,12 @@ def parameter_table(
     draws = chains.reshape(-1, len(names))
     mean, low, high = summarize(draws)
     sd = draws.std(axis=0, ddof=1)
+    units = [unit_of(idata, name) for name in names]
     prior = prior_constants(idata, names)
     initial, prior_sd = prior["initial"].values, prior["prior_sd"].values
     columns: list[Column] = [
         ("parameter", "", names),
+        *unit_column(units),
         ("prior mean", ".5g", initial),
         ("mean", ".5g", mean),
         ("2.5 %", ".5g", low),
@@ -130,11 +138,11 @@ def frequency_table(
     frequency = measured_frequencies(idata, experiment)
     measured, draws = frequency.values, frequency.predicted
     m = len(measured)
-    updated, what = draws.mean(axis=0), "mean of samples"
+    updated, what = draws.mean(axis=0), "sample mean"
     if posterior is not None:
         at_mean = posterior(samples(idata)[1].mean(axis=(0, 1)))
         updated = at_mean[posterior.columns[frequency.variable]][:m]
-        what = "at posterior mean"
+        what = "posterior mean"
 
     def pad(values: Floats) -> Floats:
         return np.append(values, np.nan)
@@ -146,7 +154,7 @@ def frequency_table(
     columns: list[Column] = [
         (frequency.dims, "", [*frequency.labels, "TAE"]),
         ("measured Hz", ".3f", pad(measured)),
-        ("at prior mean Hz", ".3f", pad(frequency.initial)),
+        ("prior mean Hz", ".3f", pad(frequency.initial)),
         ("error %", ".2f", with_tae(frequency.initial)),
         (f"{what} Hz", ".3f", pad(updated)),
         ("c.o.v. %", ".3f", pad(100 * draws.std(axis=0, ddof=1) / updated)),

@@ -6,16 +6,15 @@ cannot read structured blobs, so the groups are built here.
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import Any
 
 import emcee
 import numpy as np
 
 from .. import checks
 from ..interfaces import Floats, Variable
-from ..likelihoods.term import Term
-from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import (
     GaussianPrior,
@@ -25,18 +24,10 @@ from ..posterior.priors import (
 )
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
 from .chains import TOLD, Chains, read_chains
+from .labelled import NUMBER, Labelled, gather_by_terms, gather_observed
 
 PRIOR_DRAWS = 1_000
-
-
-class Labelled(NamedTuple):
-    """An array, and what its axes after those of the samples are."""
-
-    values: Floats
-    variable: Variable
-
-
-NUMBER = Variable({})
+PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 SAMPLES = ("chain", "draw")
 
 
@@ -45,6 +36,7 @@ def to_inference_data(
     posterior: LogPosterior | None = None,
     discard: int = 0,
     thin: int = 1,
+    names: Sequence[str] | None = None,
 ) -> InferenceData:
     """Convert runs of one posterior to an ArviZ object, with every walker as a chain.
 
@@ -54,17 +46,20 @@ def to_inference_data(
     ============================ ====================================================
     group                        holds
     ============================ ====================================================
-    ``posterior``                the parameters by name; ``attrs["sampled"]`` lists
-                                 them, so that derived quantities can be added
+    ``posterior``                the parameters by name, with ``attrs["units"]`` where
+                                 known; ``attrs["sampled"]`` of the group lists them, so
+                                 that derived quantities can be added
     ``sample_stats``             lp, log_prior
     ``log_prior``                of each parameter, where the prior knows it (its
                                  ``logpdfs``)
-    ``log_likelihood``           by term: each datum's where it factorises (for
-                                 ``arviz.loo``), else the whole term's
+    ``log_likelihood``           of each datum where its term factorises, else the
+                                 whole term's; by the term's name or, with several
+                                 terms, side by side as ``data``
     ``response``                 the model's stored variables, without measurement
                                  noise
-    ``posterior_predictive``     a new measurement for each sample, noise included,
-                                 where a term can draw one (``arviz.plot_ppc``)
+    ``new_measurement``          a new measurement for each sample, noise included,
+                                 where a term can draw one
+    ``posterior_predictive``     500 draws of these, for ``arviz.plot_ppc``
     ``prior``                    1,000 draws of the prior
     ``observed_data``            what was measured, by the name of the variable; a
                                  second measurement as ``frequency[term]``
@@ -80,9 +75,7 @@ def to_inference_data(
     step. For tempered runs only the cold walkers are converted. At its peak the
     conversion needs some four times the memory of the chains and blobs that are kept.
     Of chains whose posterior is not known, as of another log-probability, there are
-    the groups ``posterior`` and ``sample_stats`` only. With several terms ``arviz.loo``
-    wants the name of one (``var_name=``); ``arviz.plot_ppc`` draws every sample unless
-    told how many (``num_pp_samples=``), which takes minutes.
+    the groups ``posterior`` and ``sample_stats`` only.
 
     Args:
         source: What :func:`run` returned, any EnsembleSampler of the posterior, a
@@ -91,14 +84,17 @@ def to_inference_data(
         posterior: The sampled posterior, where the source does not know it.
         discard: Stored steps to drop as burn-in.
         thin: Keep every ``thin``-th stored step.
+        names: Of the parameters of a sampler without a LogPosterior, else ``theta1``
+            and so on.
 
     Returns:
         ``arviz.InferenceData`` (ArviZ < 1) or ``xarray.DataTree`` (ArviZ >= 1).
 
     Raises:
-        TypeError: If discard or thin is not a whole number, or posterior no
-            LogPosterior.
-        ValueError: If nothing is left, or a chain is not of this posterior.
+        TypeError: If discard or thin is not a whole number, posterior no LogPosterior,
+            or names no names.
+        ValueError: If nothing is left, a chain is not of this posterior, or names are
+            not as many as parameters, or not wanted.
 
     Examples:
         >>> import emcee_femu as ef
@@ -108,7 +104,16 @@ def to_inference_data(
         >>> dict(idata["posterior"]["k1"].sizes)
         {'chain': 20, 'draw': 50}
     """
-    return read_samples(source, posterior, discard, thin, "source")[0]
+    if names is None:
+        return read_samples(source, posterior, discard, thin, "source")[0]
+    chains = read_chains(source, posterior, discard, thin)
+    names = checks.parameter_names("names", names)
+    if is_arviz(source) or chains.posterior is not None:
+        raise ValueError(f"names: there are {list(chains.names)} already; leave it out")
+    if len(names) != len(chains.names):
+        count = len(chains.names)
+        raise ValueError(f"names: expected one for each of {count} parameters")
+    return convert(replace(chains, names=names), discard, thin)
 
 
 def read_samples(
@@ -152,7 +157,10 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
     draws, posterior = chains.draws, chains.posterior
     by_parameter = zip(chains.names, np.moveaxis(draws, -1, 0), strict=True)
     groups: dict[str, dict[str, Labelled]] = {
-        "posterior": {name: Labelled(v, NUMBER) for name, v in by_parameter},
+        "posterior": {
+            name: Labelled(values, _parameter(posterior, name))
+            for name, values in by_parameter
+        },
         "sample_stats": {"lp": Labelled(chains.log_prob, NUMBER)},
     }
     attributes = {
@@ -172,7 +180,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
             name: Labelled(value, posterior.variables[name])
             for name, value in posterior.unfold(rows).items()
         }
-        groups |= _by_terms(posterior, draws, rows)
+        groups |= gather_by_terms(posterior, draws, rows)
         fixed = _fixed_groups(posterior, attributes)
     steps, ensembles, walkers, _ = draws.shape
     coords = {
@@ -185,8 +193,28 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
         for name, group in groups.items()
         if group
     }
+    if "new_measurement" in datasets:
+        datasets["posterior_predictive"] = pick_some(datasets["new_measurement"])
     datasets["posterior"].attrs |= _attributes_of(chains)
     return wrap(datasets | fixed)
+
+
+def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:
+    """Return draws of new measurements as one chain, few enough for ArviZ to draw."""
+    import xarray
+
+    n, chains = measurements.sizes["draw"], measurements.sizes["chain"]
+    share = None if weights is None else weights / weights.sum()
+    size = (
+        PREDICTIVE_DRAWS if weights is not None else min(PREDICTIVE_DRAWS, n * chains)
+    )
+    rng = np.random.default_rng(0)
+    picked = np.sort(rng.choice(n * chains, size, weights is not None, share))
+    draw, chain = (xarray.DataArray(v, dims="pick") for v in divmod(picked, chains))
+    some = measurements.drop_vars(["chain", "draw", "step", "ensemble", "walker"])
+    some = some.isel(draw=draw, chain=chain).rename(pick="draw")
+    places = {"chain": [0], "draw": np.arange(size)}
+    return some.expand_dims("chain").assign_coords(places)
 
 
 def _as_chains(group: Mapping[str, Labelled]) -> dict[str, Labelled]:
@@ -210,7 +238,7 @@ def _dataset(
 
     apart = name_apart({name: part.variable.coords for name, part in group.items()})
     variables = {
-        name: ((*lead, *apart[name]), values, {"unit": variable.unit})
+        name: ((*lead, *apart[name]), values, {"units": variable.unit})
         for name, (values, variable) in group.items()
     }
     first = next(iter(group.values())).values
@@ -222,6 +250,11 @@ def _dataset(
     return xarray.Dataset(
         variables, {**places, **(coords or {})}, {**attributes, **sampled}
     )
+
+
+def _parameter(posterior: LogPosterior | None, name: str) -> Variable:
+    """Return a parameter as a number with its unit."""
+    return Variable({}, posterior.units.get(name, "") if posterior else "")
 
 
 def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
@@ -247,6 +280,7 @@ def _attributes_of(chains: Chains) -> dict[str, Any]:
         "betas": chains.betas.tolist(),
         "failures": dict(chains.failures),
         "search": search,
+        "solves": chains.solves,
         "starts_given": chains.starts_given,
     }
     return (
@@ -265,86 +299,6 @@ def _log_prior_by_parameter(
     densities = prior.logpdfs(draws.reshape(-1, draws.shape[-1])).reshape(draws.shape)
     pairs = zip(posterior.names, np.moveaxis(densities, -1, 0), strict=True)
     return {name: Labelled(density, NUMBER) for name, density in pairs}
-
-
-def _by_terms(
-    posterior: LogPosterior, draws: Floats, rows: Floats
-) -> dict[str, dict[str, Labelled]]:
-    """Return the log-likelihood of each datum, and new measurements, by term."""
-    lead = draws.shape[:-1]
-    parameters = posterior.parameters(draws.reshape(-1, posterior.ndim))
-    response = posterior.unfold(rows.reshape(-1, rows.shape[-1]))
-    rng = np.random.default_rng(0)  # the same draws at each conversion
-    names = _name_measured(posterior)
-    likelihood: dict[str, Labelled] = {}
-    predictive: dict[str, Labelled] = {}
-    column = 2
-    for experiment in posterior.experiments:
-        stored = {
-            name: response[experiment.full_name(name)] for name in experiment.variables
-        }
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            label = experiment.full_name(name)
-            data = term.pointwise(parameters, stored)
-            for variable, values in data.items():
-                key = f"{label}[{variable}]" if len(data) > 1 else label
-                array = values.reshape(*lead, *values.shape[1:])
-                likelihood[key] = _label(experiment, term, variable, array, len(lead))
-            if not data:
-                likelihood[label] = Labelled(rows[..., column], NUMBER)
-            for variable, values in term.replicate(rng, parameters, stored).items():
-                array = values.reshape(*lead, *values.shape[1:])
-                key = names[label, variable]
-                predictive[key] = _label(experiment, term, variable, array, len(lead))
-            column += 1
-    return {"log_likelihood": likelihood, "posterior_predictive": predictive}
-
-
-def _observed(posterior: LogPosterior) -> dict[str, Labelled]:
-    """Return what was measured, by variable; a second time by the term's name too."""
-    names = _name_measured(posterior)
-    return {
-        names[experiment.full_name(name), variable]: _label(
-            experiment, term, variable, np.asarray(observed)
-        )
-        for experiment in posterior.experiments
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True)
-        for variable, observed in term.observed.items()
-    }
-
-
-def _name_measured(posterior: LogPosterior) -> dict[tuple[str, str], str]:
-    """Return names by term and variable; only the first measurement has its name."""
-    names: dict[tuple[str, str], str] = {}
-    for experiment in posterior.experiments:
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            for variable in term.observed:
-                full = experiment.full_name(variable)
-                key = experiment.full_name(name), variable
-                names[key] = f"{full}[{name}]" if full in names.values() else full
-    return names
-
-
-def _label(
-    experiment: Experiment, term: Term, name: str, values: Floats, lead: int = 0
-) -> Labelled:
-    """Return what a term says with its dimensions, after ``lead`` axes of samples.
-
-    Where a term knows but the places, or fewer of them, the labels are those of the
-    response.
-    """
-    returned = experiment.variables.get(name)
-    variable = (term.reads or {}).get(name) or returned or NUMBER
-    coords = {}
-    for size, (dim, labels) in zip(
-        values.shape[lead:], variable.coords.items(), strict=True
-    ):
-        of_response = returned.coords.get(dim, ()) if returned else ()
-        if None in labels and len(of_response) >= len(labels):
-            labels = of_response
-        coords[experiment.full_name(dim)] = list(labels)[:size]
-    unit = variable.unit or (returned.unit if returned else "")
-    return Labelled(values, Variable(coords, unit))
 
 
 def _fixed_groups(
@@ -368,12 +322,15 @@ def _fixed_groups(
     }
     draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
     pairs = zip(posterior.names, draws.T, strict=True)
-    drawn = {name: Labelled(column[None], NUMBER) for name, column in pairs}
+    drawn = {
+        name: Labelled(column[None], _parameter(posterior, name))
+        for name, column in pairs
+    }
     groups = {
         "prior": _dataset(drawn, attributes, SAMPLES),
         "constant_data": _dataset(constants, attributes),
     }
-    if observed := _observed(posterior):
+    if observed := gather_observed(posterior):
         groups["observed_data"] = _dataset(observed, attributes)
     return groups
 

@@ -5,8 +5,8 @@ that were fitted to the other: a fit to the members that it then moves follows t
 accidents, which made the evidence 1.3 too large in ten dimensions.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
 from typing import TypeAlias
@@ -22,7 +22,7 @@ from ..interfaces import Evaluator, Floats
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior
-from ..table import Column, Parts, Report, Table
+from ..table import Column, Parts, Report, Table, unit_column
 from .coordinates import Coordinates
 from .first_solve import check_first_solve
 from .importance import (
@@ -47,7 +47,7 @@ PER_COMPONENT = 10  # members of a half for each parameter and component
 Evaluate: TypeAlias = Callable[[Floats], Floats]  # coordinates to rows
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Annealed(Report):
     """A population of the posterior, and how it got there; ``print`` it.
 
@@ -65,6 +65,7 @@ class Annealed(Report):
         solves: Model solves spent.
         failed_solves: Of these, how many failed and were taken for impossible.
         problems: Why no standard error can be claimed; usually none.
+        units: Of the parameters that have one, by name.
     """
 
     names: tuple[str, ...]
@@ -79,12 +80,14 @@ class Annealed(Report):
     solves: int
     failed_solves: int = 0
     problems: tuple[str, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def table(self) -> Table:
         """Mean, standard deviation and effective size, one row per parameter."""
         columns: list[Column] = [
             ("parameter", "", list(self.names)),
+            *unit_column(self.units.get(name, "") for name in self.names),
             ("mean", ".5g", self.theta.mean(axis=0)),
             ("sd", ".4g", self.theta.std(axis=0, ddof=1)),
             ("effective size", ".0f", self.effective_size),
@@ -300,6 +303,7 @@ def anneal_population(
         effective_size=_effective_size(coordinates.parameters(theta), ancestors),
         solves=evaluator.solves - before,
         problems=problems,
+        units=evaluator.posterior.units,
     )
 
 

@@ -14,7 +14,7 @@ from ..interfaces import Floats
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
-from ..table import Column, Parts, Report, Table
+from ..table import Column, Parts, Report, Table, unit_column
 from .climbing import Maximum, climb, distinct
 from .first_solve import check_first_solve
 from .importance import GOOD_K, kish_share, pareto_k
@@ -26,7 +26,7 @@ TRIALS = 100  # draws for each that is to lie inside the bounds
 EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FoundMap(Report):
     """What :func:`.find_map` found; ``print`` it for tables and what to think of them.
 
@@ -99,6 +99,7 @@ class FoundMap(Report):
         bounds = self.posterior.prior.bounds.T
         columns: list[Column] = [
             ("parameter", "", list(self.posterior.names)),
+            *unit_column(self.posterior.units.get(n, "") for n in self.posterior.names),
             ("prior mean", ".5g", prior_centre(self.posterior.prior)),
             ("prior sd", ".3g", sd),
         ]

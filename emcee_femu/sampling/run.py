@@ -1,9 +1,10 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, files."""
 
-import sys
+from __future__ import annotations
+
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from os import PathLike
 from typing import Any, overload
 
@@ -14,9 +15,11 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.failures import FailureLog
+from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import logger, open_evaluator
 from ..evaluation.samplers import Sampler
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
+from ..evaluation.turns import take_turns
 from ..interfaces import Backend, Floats, Move
 from ..moves.tempering import find_ladder
 from ..moves.weighted import Moves, check_walkers, weigh_moves
@@ -29,7 +32,7 @@ from .search_record import SearchRecord
 MOST_DRAWS = 20  # of a starting point
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run(Report, Sequence[emcee.EnsembleSampler]):
     """A run: emcee's samplers, one per ensemble, and what is known of them.
 
@@ -68,9 +71,9 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     @overload
     def __getitem__(self, index: int) -> emcee.EnsembleSampler: ...
     @overload
-    def __getitem__(self, index: slice) -> "Run": ...
+    def __getitem__(self, index: slice) -> Run: ...
 
-    def __getitem__(self, index: int | slice) -> "emcee.EnsembleSampler | Run":
+    def __getitem__(self, index: int | slice) -> emcee.EnsembleSampler | Run:
         """Return the sampler of an ensemble, or a run of some of them."""
         if isinstance(index, slice):
             return replace(self, samplers=self.samplers[index])
@@ -100,7 +103,7 @@ def run(
     pool: object = None,
     backend: str | PathLike[str] | Backend | Sequence[Backend] | None = None,
     thin_by: int = 1,
-    progress: bool | str = False,
+    progress: bool | str | None = None,
     starts: ArrayLike | None = None,
     resume: bool = False,
     on_failure: str = "raise",
@@ -135,7 +138,7 @@ def run(
         workers: Number of processes to start for the evaluations, and to end with the
             run; None for none. They pay from about a millisecond per solve on, with one
             thread each for linear algebra (``OMP_NUM_THREADS=1``, set before Python
-            starts). No more than ``nwalkers / 2`` are of use to most moves.
+            starts). ``ensembles * nwalkers / 2`` of them are of use to most moves.
             On Linux they are forked, which works from scripts without a guard and from
             notebooks. ``multiprocessing.set_start_method("spawn")`` is for solvers that
             do not survive a fork (some with threads or a GPU). A script then needs
@@ -151,8 +154,9 @@ def run(
             the file usable, and :func:`diagnose`, :func:`to_inference_data` and others
             read it by its name, also while the run goes on.
         thin_by: Store every ``thin_by``-th generation.
-        progress: Whether to show a progress bar of the search and one per ensemble
-            (needs tqdm); "notebook" for the bar of notebooks (needs ipywidgets too).
+        progress: Whether to show how far search and steps are: by a bar on a terminal
+            (needs tqdm) and in notebooks (needs ipywidgets too), elsewhere by a line at
+            each tenth; None for on a terminal only, "notebook" for that bar.
         starts: Starting positions ``(ensembles, nwalkers, ndim)``, of one ensemble
             ``(nwalkers, ndim)`` too; None for draws from the prior. "auto" takes them
             for points of its search, and starts from draws of its proposal.
@@ -212,7 +216,7 @@ def run(
     steps = checks.whole_number("steps", steps, 1)
     seed = checks.whole_number("seed", seed)
     thin_by = checks.whole_number("thin_by", thin_by, 1)
-    progress = check_progress(progress, terminal=False)
+    progress = check_progress(progress)
     points = _check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
     listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
@@ -254,7 +258,7 @@ def run(
                 most = budget_of(evaluations)
                 text = f"search, at most {most:,} evaluations, {most * seconds:,.0f} s"
                 logger.info(text)
-                bar = emcee.pbar.get_progress_bar(progress, most, desc=text)
+                bar = progress_bar(progress, most, text)
                 with bar as solver.bar:
                     search, states = search_and_start(
                         evaluator, nwalkers, ensembles, seed, evaluations, points
@@ -269,8 +273,15 @@ def run(
                 store["search"] = search.to_json()
             states = [chain.get_last_sample() for chain in chains]
             backends = [*chains]
+        # emcee's own backends may be parts of one file.
+        together = ensembles > 1 and (backend is None or in_file)
+        together &= solver.pool is not None and solver.pool.takes_turns
         samplers = tuple(
-            Sampler(nwalkers, solver, weighted, chain) for chain in backends
+            # Of moves that remember where they were, each ensemble has its own.
+            Sampler(
+                nwalkers, solver, deepcopy(weighted) if together else weighted, chain
+            )
+            for chain in backends
         )
         record = Run(
             samplers,
@@ -283,21 +294,19 @@ def run(
             # "auto" only searches from them too.
             points is not None and search is None,
         )
+        left = [steps - sampler.iteration for sampler in samplers]
+        bar = progress_bar(progress, sum(left), f"{ensembles} ensembles")
+
+        def advance(number: int) -> None:
+            samplers[number].advance(states[number], left[number], thin_by, bar)
+
         try:
-            for number, sampler in enumerate(samplers):
-                left = steps - sampler.iteration
-                if not left:
-                    continue
-                sampler.run_mcmc(
-                    states[number],
-                    left,
-                    thin_by=thin_by,
-                    progress=progress,
-                    progress_kwargs={"desc": f"ensemble {number + 1}/{ensembles}"},
-                    # Prior draws are linearly independent with probability one, and a
-                    # single Metropolis walker, which emcee refuses, is a valid chain.
-                    skip_initial_state_check=True,
-                )
+            with bar:
+                if together:
+                    take_turns(solver, advance, range(ensembles))
+                else:
+                    for number in range(ensembles):
+                        advance(number)
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
             raise
@@ -364,24 +373,6 @@ def _draw_starts(
         random = np.random.RandomState(np.random.MT19937(stream)).get_state()
         states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
     return states
-
-
-def check_progress(progress: bool | str | None, terminal: bool = True) -> bool | str:
-    """Return True, False, or "notebook" where there is what shows that bar.
-
-    None, where it may be, is for whether a terminal would show one.
-    """
-    if progress is None and terminal:
-        seen = sys.stderr is not None and sys.stderr.isatty()
-        return seen and find_spec("tqdm") is not None
-    if progress != "notebook":
-        return checks.flag("progress", progress)
-    if find_spec("ipywidgets") is None:
-        raise ImportError(
-            "progress: 'notebook' needs ipywidgets: pip install "
-            "'emcee-femu[notebooks]'; or take progress=True, which needs none"
-        )
-    return progress
 
 
 def _check_starts(

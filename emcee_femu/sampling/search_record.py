@@ -30,7 +30,7 @@ HAMILTONIAN = 0.8  # of the moves where gradients do better
 Labels: TypeAlias = NDArray[np.intp]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SearchRecord(Report):
     """What the search of "auto" found; ``print`` it.
 

@@ -1,12 +1,13 @@
 """Emulate a model from few solves, chosen where the posterior needs them."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
-import emcee
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
@@ -15,12 +16,12 @@ from scipy.stats import qmc
 from .. import checks
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.pools import count_workers
+from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import describe, open_evaluator
 from ..evaluation.store import StoredEvaluation
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.coordinates import Coordinates
-from ..sampling.run import check_progress
 from ..table import Table
 from .emulated import EmulatedModel
 from .emulated_draws import GROWN, EmulatedDraws, Explorer
@@ -127,9 +128,7 @@ def emulate(
             than all that were solved. It counts as a solve.
         max_failures: Fraction of the solves, of the first design or more, above which
             "reject" stops.
-        progress: Whether to show a bar with solves, errors and the time left (needs
-            tqdm); None for where a terminal shows it, "notebook" for the bar of
-            notebooks (needs ipywidgets too).
+        progress: Whether to show solves, errors and the time left, as in :func:`run`.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another, as in :func:`run`.
 
@@ -201,7 +200,7 @@ def emulate(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        emcee.pbar.get_progress_bar(display, solves, desc="emulate") as bar,
+        progress_bar(display, solves, "emulate") as bar,
     ):
         emulation = _Emulation(problem, evaluator, coordinates, bar, batch)
         emulation.solve(first)

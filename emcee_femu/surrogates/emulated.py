@@ -1,7 +1,7 @@
 """A model emulated by Gaussian processes, which knows how uncertain it is."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,7 @@ MOST = 24  # directions in which the emulator errs, the largest ones
 REST = 0.03  # share of the mean square error that all others have
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EmulatedModel(Report):
     """A model emulated by Gaussian processes; made by :func:`.emulate`.
 
@@ -65,14 +65,14 @@ class EmulatedModel(Report):
 
     bounds: Mapping[str, tuple[float, float]]
     variables: Mapping[str, Variable]
-    outputs: Outputs = field(repr=False)
-    processes: Processes = field(repr=False)
+    outputs: Outputs
+    processes: Processes
     solves: int
-    _whiten: tuple[Floats, Floats] = field(repr=False)  # mean, and to coordinates
-    _logs: NDArray[np.bool_] = field(repr=False)  # parameters seen by logarithms, (d,)
+    _whiten: tuple[Floats, Floats]  # mean, and to coordinates
+    _logs: NDArray[np.bool_]  # parameters seen by logarithms, (d,)
     factor: float = 1.0
-    history: Table | None = field(default=None, repr=False)
-    posterior: "LogPosterior | None" = field(default=None, repr=False)
+    history: Table | None = None
+    posterior: "LogPosterior | None" = None
 
     @property
     def names(self) -> tuple[str, ...]:

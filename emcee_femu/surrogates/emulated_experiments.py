@@ -17,7 +17,7 @@ from ..table import Parts, Report
 from .emulated import EmulatedModel
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EmulatedExperiments(Report):
     """Emulated models of several experiments; made by :func:`.emulate`.
 

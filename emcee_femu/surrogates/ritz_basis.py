@@ -11,7 +11,7 @@ from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
 from ..models.assembled import AssembledModel
 from ..models.coefficients import Coefficients
 from ..models.eigen_dense import Eigenproblem, combine
-from ..models.eigen_sparse import check_mass, lowest_modes
+from ..models.eigen_sparse import check_complete, check_mass, lowest_modes
 from ..models.inputs import describe
 from ..models.matrix import MatrixModel, sparse_problem
 
@@ -64,12 +64,17 @@ class RitzBasis:
         tolerance: float,
     ) -> None:
         self.model, self.bounds = model, bounds
+        self.units: list[csc_array] = []  # of K and M
         if isinstance(model, MatrixModel):
             self.sums = sparse_problem(model)
+            self.units = [*self.sums.K, *self.sums.M]
+        self.inside = [np.empty((0, 0)) for _ in self.units]  # of these, in the basis
         self.points: list[Floats] = []
         centre = np.full(len(bounds), 0.5)
         eigenvalues, shapes = self.solve(centre)
-        K, M, _ = self.assemble(centre)
+        K, M, where = self.assemble(centre)
+        # A mode missed later would be a Ritz frequency below the full one.
+        check_complete(K, M, eigenvalues, where)
         self.shift = 0.1 * float(eigenvalues[model.skip]) if model.skip else 0.0
         self.A = csc_array(K + self.shift * M)
         # A little mass keeps that of massless DOFs definite: 0.5 % of the tolerance.
@@ -115,21 +120,30 @@ class RitzBasis:
             new = new - self.V @ (self.V.T @ (self.A @ new))
         energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
         kept = energy > DEPENDENT**2
-        directions = directions[:, kept] / np.sqrt(energy[kept])
-        self.V = np.hstack([self.V, new @ directions])
+        new = new @ (directions[:, kept] / np.sqrt(energy[kept]))
+        # What was projected before stays; of large models the rest would take longer
+        # than a solve.
+        for i, unit in enumerate(self.units):
+            pushed = unit @ new
+            side = self.V.T @ pushed
+            self.inside[i] = np.block(
+                [[self.inside[i], side], [side.T, new.T @ pushed]]
+            )
+        self.V = np.hstack([self.V, new])
 
-    def project(self, V: Floats) -> Small:
-        """Return the model in a basis."""
-        model = self.model
+    def project(self, directions: Floats | None = None) -> Small:
+        """Return the model in the basis, or in directions ``(r, k)``, orthonormal."""
+        model, T = self.model, directions
         if isinstance(model, AssembledModel):
-            return model.project(V, self.added)
-        K, M = (
-            np.array([V.T @ (unit @ V) for unit in units])
-            for units in (self.sums.K, self.sums.M)
+            return model.project(self.V if T is None else self.V @ T, self.added)
+        inside = np.array(
+            [part if T is None else T.T @ part @ T for part in self.inside]
         )
-        M[0] += self.added * V.T @ (self.A @ V)
+        K, M = inside[: len(self.sums.K)], inside[len(self.sums.K) :]
+        M[0] += self.added * np.eye(M.shape[1])  # where the energy A is the identity
         wanted = model.skip + np.arange(model.n_modes)
-        output = V[list(model.shape_dofs)]
+        at_dofs = self.V[list(model.shape_dofs)]
+        output = at_dofs if T is None else at_dofs @ T
         problem = Eigenproblem(K, M, wanted, model.skip, output)
         return ProjectedSum(K, M, model.coefficients, problem)
 
@@ -153,17 +167,20 @@ class RitzBasis:
                 raise not_reached(target, worst, len(self.points))
             gaps = ((candidates[:, None] - np.array(self.points)) ** 2).sum(axis=2)
             farthest = candidates[np.argmax(gaps.min(axis=1))]
-            error, _, modes = self.compare(self.V, self.project(self.V), farthest)
+            error, _, modes = self.compare(self.V, self.project(), farthest)
             self.append(*modes)
             errors.append(error)
 
     def truncate(self, points: Floats, target: float) -> Floats:
-        """Return the fewest principal directions that keep all frequencies there."""
+        """Return the fewest principal directions that keep all frequencies there.
+
+        They are orthonormal, in coordinates of the basis, ``(r, k)``.
+        """
         coordinates = self.V.T @ (self.A @ np.hstack(self.snapshots))
         directions = np.linalg.svd(coordinates, full_matrices=True)[0]
         K, M = (
             directions.T @ part @ directions
-            for part in self.matrices(self.project(self.V), points)
+            for part in self.matrices(self.project(), points)
         )
         modes = slice(self.model.skip, self.model.skip + self.model.n_modes)
 
@@ -180,8 +197,8 @@ class RitzBasis:
             middle = (low + high) // 2
             good = (solve(middle) / whole - 1).max() <= target
             low, high = (low, middle) if good else (middle, high)
-        truncated: Floats = self.V @ directions[:, :high]
-        return truncated
+        kept: Floats = directions[:, :high]
+        return kept
 
     def compare(
         self, V: Floats, small: Small, point: Floats

@@ -1,8 +1,9 @@
-"""How large an ensemble a cluster needs: a thousand workers, simulated.
+"""How large an ensemble a cluster needs: a thousand workers, simulated, and 32, slept.
 
-One sampler can have ``nwalkers / nsplits`` evaluations under way at once: half the
-ensemble, for the usual two splits. The half must be back before the other half moves,
-so that a generation lasts as long as its unluckiest worker. A cluster is used well if
+One ensemble can have ``nwalkers / nsplits`` evaluations under way at once: half of it,
+for the usual two splits; the ensembles of a run are under way together. The half must
+be back before the other half moves, so that a generation lasts as long as its
+unluckiest worker. A cluster is used well if
 
 * every worker gets several evaluations of each half (then their times even out), or
 * all evaluations take the same time and the half is a multiple of the workers.
@@ -11,17 +12,22 @@ Solver times are log-normal, and the master hands evaluation after evaluation to
 next free worker, which takes it some time each. A larger ensemble is used better but
 has its price: every walker has a burn-in of its own. So where all solves take the same
 time, 2 to 4 walkers per worker are enough; where their times vary, 8 to 16. Beyond some
-hundred workers rather run several ensembles, each a job of its own with its own
-``seed``.
+hundred workers rather make each ensemble a job of its own, with its own ``seed``.
+
+The last table is measured, with threads that sleep for a solve: four ensembles of 16
+walkers, together as ``run`` has them on a pool, and one after another.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/cluster_scaling.py
 """
 
 import argparse
 import heapq
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+import emcee_femu as ef
 from emcee_femu.table import Table
 
 JOBS = 40_000  # simulated, for every number of the tables
@@ -96,11 +102,48 @@ def simulated(
     )
 
 
+def measured(solve: float = 0.05, steps: int = 20, most: int = 32) -> Table:
+    """Tabulate seconds of four ensembles of 16 walkers on threads that sleep."""
+
+    def model(p: dict[str, float]) -> list[float]:
+        time.sleep(solve)
+        return [p["f1"], p["f2"]]
+
+    names = ["f1", "f2"]
+    prior = ef.GaussianPrior(names, [1.0, 2.0], 0.2)
+    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1)
+    posterior = ef.LogPosterior(ef.FunctionModel(model), term, prior)
+    rows = []
+    for workers in (size for size in (2, 16, 32, 64) if size <= most):
+        with ThreadPoolExecutor(workers) as pool:
+            options = dict(nwalkers=16, steps=steps, pool=pool)
+            begun = time.perf_counter()
+            run = ef.run(posterior, ef.DEMCMove(), ensembles=4, seed=1, **options)
+            together = time.perf_counter() - begun
+            begun = time.perf_counter()
+            for seed in range(4):
+                ef.run(posterior, ef.DEMCMove(), ensembles=1, seed=seed, **options)
+            alone = time.perf_counter() - begun
+        busy = 100 * run.solves * solve / (workers * together)
+        rows.append((workers, alone, together, alone / together, busy))
+    return Table(
+        f"Measured: 4 x 16 walkers, {steps} steps, solves of {1e3 * solve:g} ms",
+        ("workers", "one after another s", "together s", "ratio", "efficiency %"),
+        ("d", ".2f", ".2f", ".2f", ".0f"),
+        tuple(rows),
+    )
+
+
 def main(
-    mean: float = 60.0, cov: float = 0.3, dispatch: float = 1e-3, most: int = 1_000
+    mean: float = 60.0,
+    cov: float = 0.3,
+    dispatch: float = 1e-3,
+    most: int = 1_000,
+    solve: float = 0.05,
 ) -> list[Table]:
     """Print and return the tables: equal times, the given scatter, a large one."""
     tables = [simulated(mean, scatter, dispatch, most) for scatter in (0.0, cov, 1.0)]
+    tables.append(measured(solve, most=min(most, 32)))
     print(*tables, sep="\n\n")
     return tables
 
@@ -111,4 +154,5 @@ if __name__ == "__main__":
     parser.add_argument("--cov", type=float, default=0.3, help="of the solver's time")
     parser.add_argument("--dispatch", type=float, default=1e-3, help="seconds per task")
     parser.add_argument("--most", type=int, default=1_000, help="workers")
+    parser.add_argument("--solve", type=float, default=0.05, help="seconds, slept")
     main(**vars(parser.parse_args()))

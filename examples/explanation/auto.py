@@ -120,8 +120,8 @@ print(evidence)
 idata = ef.to_inference_data(run)  # no discard
 
 # %% [markdown]
-# The red ellipse below knows means and covariance alone: it is no description of a
-# posterior of two modes.
+# The posterior has two modes. Neither mean and covariance nor an ellipse describes it:
+# the figure shows the smallest regions that hold 95 % and 50 % of the samples.
 
 # %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two small separate clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
 ef.figures.plot_scatter(idata)

@@ -28,7 +28,7 @@ idata = ef.to_inference_data(population, posterior)
 ef.parameter_table(idata)
 
 # %% mystnb={"image": {"alt": "Scatter of the five updated stiffnesses of 500 members, most ellipses tilted"}}
-ef.figures.plot_scatter(idata, units=problem.units)
+ef.figures.plot_scatter(idata)
 
 # %% [markdown]
 # ## How far to trust it

@@ -62,7 +62,12 @@ read
 #
 # `sensor` is any name, `dof` the model's number or label. Both stay empty in rows that
 # are not of a shape, `dof` also in rows `shape sd`. `to_csv(path)` writes such a file with
-# all digits. A cell that cannot be read is named by line and column.
+# all digits. A cell that cannot be read is named by line and column. A spreadsheet whose
+# language writes decimal commas puts semicolons between the cells; that is read too.
+#
+# Where a sensor was missing in one mode, leave its cell of `shape` blank, or give NaN in
+# an array. This mode is then compared at the other sensors, when modes are paired and in
+# a {py:class}`~emcee_femu.ShapeTerm`.
 #
 # ## From a universal file
 #
@@ -124,6 +129,10 @@ from_uff
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):
     np.testing.assert_array_equal(getattr(read, name), getattr(test, name))
+sheet = table.replace(",", ";").replace(".", ",").replace("1,0;", ";")
+(folder / "sheet.csv").write_text(sheet, encoding="utf-8")
+sheet = ef.Measurements.from_csv(folder / "sheet.csv")
+np.testing.assert_array_equal(sheet.shapes, [[np.nan, -0.83], [0.45, 1.0]])
 assert read.sensors == test.sensors and list(read.dofs) == list(test.dofs)
 read.to_csv(folder / "again.csv")
 again = ef.Measurements.from_csv(folder / "again.csv")

@@ -150,7 +150,8 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 #   ten digits in a punch file. A punch file has no end mark: one that was cut is refused or
 #   warned of, if it misses whole grid points; compare the total mass. Names
 #   that begin with K and M (KAAX, MAAX) are taken for them; if there are several, say
-#   `{"K": path, "M": path}` or take `base.matrices["KGG"]`. Binary OP4 is not read.
+#   `{"K": path, "M": path}` or take `base.matrices["KGG"]`. Binary OP4 is
+#   refused: write it FORMATTED.
 # - **ANSYS** `.full` goes through PyMAPDL-Reader, which runs with NumPy 2 from version 0.56
 #   and brings VTK.
 #

@@ -8,8 +8,8 @@
 # A frame of two storeys and one bay is updated from four measured frequencies: three
 # factors, on the stiffness of the lower columns, of the upper columns and of the beams.
 # OpenSees assembles its matrices for four parameter sets, and the sampler works with these.
-# For your own model copy `matrices`, which reads K, M and the label of every row from
-# whatever model stands in OpenSees.
+# {py:func}`~emcee_femu.from_opensees` reads K, M and the name of every row from whatever
+# model stands in OpenSees.
 
 # %%
 import ctypes
@@ -53,6 +53,7 @@ def load_opensees():
 # ## The model
 #
 # Here stands your own script. Parameters are factors on the moduli of groups of elements.
+# `ops` is `openseespy.opensees`.
 
 
 # %%
@@ -90,41 +91,25 @@ def add_floor(ops, floor, columns, beams):
 # %% [markdown]
 # ## Its matrices
 #
-# The integrator `GimmeMCK` with the system `FullGeneral` hands them out.
+# The integrator `GimmeMCK` with the system `FullGeneral` hands them out;
+# {py:func}`~emcee_femu.from_opensees` asks for them.
 #
 # - **Supports and ties.** The handler Transformation takes fixed DOFs and those tied by
-#   equalDOF or rigidDiaphragm out of the equations. Penalty adds huge numbers to K and
-#   Lagrange adds rows: neither gives a K to use.
-# - **Rows.** After the assembly `nodeDOFs(node)` lists the rows of a node's directions, -1
-#   where fixed. Beware of a tied node: its own free directions come first and its master's
-#   rows after them, so position in the list is not direction; `matrices` sorts that out. A
-#   sensor on a direction tied by equalDOF reads the row of the master.
+#   equalDOF or rigidDiaphragm out of the equations. (Penalty would add huge numbers to K,
+#   and Lagrange rows.) A tied direction has no row of its own: a sensor at a direction that
+#   equalDOF ties reads the row of the master, here `"11:ux"` for all of the first floor.
+#   Nodes tied twice, or to one that is tied itself, are refused, for OpenSees gets them
+#   wrong.
+# - **Rows** are named by node and direction, `"12:uy"`: `base.dofs("12:uy")` is a row, and
+#   `shapes=base.sensors(["11:ux", "21:ux"])` asks for shapes at sensors.
+# - **Mass.** `print(base)` shows the mass that moves along each axis; compare it with what
+#   you put in.
 
 
 # %%
-def matrices(ops):  # K, M, and the (node, direction from 1) of each row
-    found = []
-    for mass, stiffness in ((0.0, 1.0), (1.0, 0.0)):
-        ops.wipeAnalysis()
-        ops.system("FullGeneral")  # the system that hands out its matrix
-        ops.numberer("Plain")
-        ops.constraints("Transformation")
-        ops.algorithm("Linear")
-        ops.integrator("GimmeMCK", mass, 0.0, stiffness)  # M, C, K
-        ops.analysis("Transient")
-        ops.analyze(1, 0.0)  # assembles; that M is singular does no harm
-        n = ops.systemSize()
-        found.append(np.array(ops.printA("-ret")).reshape(n, n))
-    labels = {}
-    for node in ops.getNodeTags():
-        tied = ops.getConstrainedDOFs(node)
-        directions = range(1, len(ops.nodeDOFs(node)) + 1)
-        own = [direction for direction in directions if direction not in tied]
-        # Rows of a master follow the node's own ones; zip leaves them out.
-        for row, direction in zip(ops.nodeDOFs(node), own, strict=False):
-            labels[row] = (node, direction)
-    ops.wipeAnalysis()
-    return found[0], found[1], [labels[row] for row in range(len(found[0]))]
+def assemble(ops, theta):
+    build(ops, theta)
+    return ef.from_opensees(ops)
 
 
 # %% [markdown]
@@ -141,11 +126,6 @@ def matrices(ops):  # K, M, and the (node, direction from 1) of each row
 
 
 # %%
-def assemble(ops, theta):
-    build(ops, theta)
-    return matrices(ops)[:2]
-
-
 def frequencies(ops, theta):  # in Hz, by OpenSees
     build(ops, theta)
     ops.constraints("Transformation")
@@ -157,11 +137,10 @@ if __name__ == "__main__":
     ops, names, rng = load_opensees(), list(TRUTH), np.random.default_rng(1)
     ones = dict.fromkeys(names, 1.0)
     doubled = {name: {2.0: assemble(ops, {**ones, name: 2.0})} for name in names}
-    model = ef.MatrixModel.from_differences(
-        assemble(ops, ones), doubled, n_modes=N_MODES
-    )
-    rows = matrices(ops)[2]
-    print(f"{len(rows)} rows, the first are", *rows[:4])
+    base = assemble(ops, ones)
+    print(base)
+    print("the first rows are", *base.labels[:4])
+    model = ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
     prior = ef.GaussianPrior(names, [1.0] * 3, 0.2, [(0.4, 1.6)] * 3)
     random = dict(zip(names, prior.sample(rng, 1).T, strict=True))
     theirs = frequencies(ops, {name: float(x[0]) for name, x in random.items()})
@@ -191,10 +170,11 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## DOFs without mass
 #
-# `mass(node, m, m, 0.)` alone leaves the rotations massless;
-# {py:class}`~emcee_femu.MatrixModel` refuses such an M. Here the elements have a consistent
-# mass (`-mass`, `-cMass`). In a lumped model give each rotation the inertia $m r^2$ of a
-# radius r that is small to the structure, such as 1 cm. Static condensation is no remedy for
+# `mass(node, m, m, 0.)` alone leaves the rotations massless. The model then works with
+# sparse matrices, one parameter set after another, and takes up to forty times as long in
+# a small model. Here the elements have a consistent mass (`-mass`, `-cMass`); in a lumped model
+# give each rotation the inertia $m r^2$ of a radius r that is small to the structure, such
+# as 1 cm. Static condensation is no remedy for
 # a split: $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ, so it must be done anew at
 # each θ, say in a {py:class}`~emcee_femu.FunctionModel`.
 

@@ -8,8 +8,8 @@
 # A steel platform on four columns carries a pump on one of its long beams. It is updated
 # from five measured frequencies: three factors, on the stiffness of the columns, of the
 # long beams and of the short beams. PyNite assembles its matrices for four parameter sets,
-# and the sampler works with these. For your own model copy `matrices`, which reads K, M and
-# the label of every row from an analysed PyNite model.
+# and the sampler works with these. {py:func}`~emcee_femu.from_pynite` reads K, M and the
+# name of every row from an analysed PyNite model.
 
 # %%
 import numpy as np
@@ -26,7 +26,6 @@ SECTIONS = {  # area m2, Iy m4, Iz m4, J m4
     "long beams": (7.0e-3, 4.0e-5, 7.0e-5, 7.5e-5),
     "short beams": (4.0e-3, 1.6e-5, 1.6e-5, 2.5e-5),
 }
-DIRECTIONS = ("DX", "DY", "DZ", "RX", "RY", "RZ")
 
 # %% [markdown]
 # ## The model
@@ -68,8 +67,8 @@ def build(theta):
 # consistent mass (`rho` is a weight per volume here), and loads at nodes in the direction
 # that is asked for, divided by g. With neither, PyNite stops: "Model is massless". Do not
 # give mass by loads on members: PyNite 3.2.0 gets it wrong (981 N/m along 4 m, 400 kg,
-# becomes -100 kg at one end and 200 kg at the other). The total mass, printed below, is the
-# check. Compare it with what you put in.
+# becomes -100 kg at one end and 200 kg at the other). The moving mass, printed below, is the
+# check: all that you put in, but for what belongs to the supports.
 
 
 # %%
@@ -81,30 +80,18 @@ def add_mass(model, nodes):
     model.add_load_combo("Mass", {"dead": 1.0})
 
 
-def total_mass(model):  # in kg, that moves with all nodes in X, in Y and in Z
-    M = model.M("Mass", "Y", GRAVITY, sparse=False)
-    return [float(M[i::6, i::6].sum()) for i in range(3)]
-
-
 # %% [markdown]
 # ## Its matrices
 #
-# `Ke` and `M` hold all six DOFs of every node, the supported ones too, in the order of the
-# numbers `node.ID` that an analysis gives; `matrices` keeps the free ones.
+# {py:func}`~emcee_femu.from_pynite` takes what `analyze_modal` took: combination, direction
+# and gravity. It leaves the supported DOFs out and names the others by node and direction,
+# `"AB:uy"`: `base.dofs("AB:uy")` is a row, and `shapes=base.sensors(["AB:uy", "A:ux"])` asks
+# for shapes at sensors.
 
 
 # %%
-def matrices(model, combination="Mass", direction="Y", gravity=9.81):
-    labels = {
-        6 * node.ID + i: (name, axis)
-        for name, node in model.nodes.items()
-        for i, axis in enumerate(DIRECTIONS)
-        if not getattr(node, f"support_{axis}")
-    }
-    free = np.ix_(list(labels), list(labels))
-    K = model.Ke(combination, check_stability=False, sparse=False)
-    M = model.M(combination, direction, gravity, sparse=False)
-    return K[free], M[free], list(labels.values())  # labels: (node, direction)
+def assemble(theta):
+    return ef.from_pynite(build(theta), "Mass", "Y", gravity=GRAVITY)
 
 
 # %% [markdown]
@@ -126,18 +113,16 @@ def matrices(model, combination="Mass", direction="Y", gravity=9.81):
 if __name__ == "__main__":
     names, rng = list(TRUTH), np.random.default_rng(1)
     ones = dict.fromkeys(names, 1.0)
-    doubled = {name: {2.0: matrices(build({**ones, name: 2.0}))[:2]} for name in names}
-    base = matrices(build(ones))[:2]
+    doubled = {name: {2.0: assemble({**ones, name: 2.0})} for name in names}
+    base = assemble(ones)
+    print(base)
+    print("the first rows are", *base.labels[:3])
     model = ef.MatrixModel.from_differences(base, doubled, n_modes=N_MODES)
     prior = ef.GaussianPrior(names, [1.0] * 3, 0.2, [(0.4, 1.6)] * 3)
     random = dict(zip(names, prior.sample(rng, 1).T, strict=True))
     analysed = build({name: float(x[0]) for name, x in random.items()})
     gap = np.abs(model(random).frequencies[0] / analysed.frequencies - 1).max()
     print(f"frequencies: off by {gap:.0e} from those of PyNite")
-    mass = total_mass(analysed)
-    print("total mass in X, Y and Z:", *np.round(mass, 1), "kg")
-    labels = matrices(analysed)[2]
-    print(len(labels), "rows, the first is", labels[0])
 
 # %% [markdown]
 # ## The update

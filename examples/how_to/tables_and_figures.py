@@ -2,8 +2,9 @@
 # # Take tables and figures into a report
 #
 # You will turn any table into a pandas frame, and so into CSV, LaTeX or Markdown, give
-# figures units and reference values, save them for print, and hand the samples to ArviZ, corner and
-# netCDF. `python examples/how_to/tables_and_figures.py` runs this page (5 s).
+# figures units and reference values, draw the structure and its mode shapes, save figures for
+# print, and hand the samples to ArviZ, corner and netCDF.
+# `python examples/how_to/tables_and_figures.py` runs this page (10 s).
 
 # %%
 import tempfile
@@ -43,24 +44,33 @@ print(frame[["parameter", "mean", "sd/prior sd"]].to_latex(index=False))
 #
 # ## Figures
 #
-# Each function returns a matplotlib figure. `units` label the axes, `truths` mark values
-# in blue, `var_names` choose the parameters.
+# Each function returns a matplotlib figure. Axes have the units that the posterior was
+# given, `LogPosterior(model, terms, prior, units={"k1": "N/m"})`, as tables do. `truths`
+# mark values in blue, `var_names` choose the parameters.
 
 # %% mystnb={"image": {"alt": "Three parameters in pairs: samples in grey, 95 % ellipses in red, reference values in blue near the middle of the ellipses"}}
 figure = ef.figures.plot_scatter(
     idata,
     var_names=["k1", "k2", "k4"],
-    units=dict.fromkeys(["k1", "k2", "k4"], "N/m"),
     truths={name: problem.nominal[name] for name in ("k1", "k2", "k4")},
 )
 figure
 
 # %% [markdown]
-# For print save a vector format, in the width of the column; the text stays text. Axes can
-# be changed before, as of any figure.
+# Where samples are not Gaussian, the smallest regions that hold 95 % and 50 % of them stand in
+# place of the ellipse; `ellipse=True` draws ellipses everywhere.
+#
+# Prior beside posterior, each over its maximum, shows what the data have said of each
+# parameter:
+
+# %% mystnb={"image": {"alt": "Five panels, one per stiffness: the prior is a wide grey hill, the posterior a narrow red peak, the reference value a blue line through it"}}
+ef.figures.plot_prior_posterior(run, units=problem.units, truths=problem.nominal)
+
+# %% [markdown]
+# For print save a vector format; the text stays text. Axes can be changed before, as of any
+# figure.
 
 # %%
-figure.set_size_inches(5.5, 5.5)
 figure.savefig(folder / "scatter.pdf", bbox_inches="tight")
 figure.savefig(folder / "scatter.png", dpi=300, bbox_inches="tight")
 sorted(path.name for path in folder.iterdir())
@@ -70,10 +80,70 @@ sorted(path.name for path in folder.iterdir())
 # {py:func}`~emcee_femu.figures.plot_predictive` and the others in {doc}`/reference/index` work
 # alike. A script that draws many figures closes each, `plt.close(figure)`.
 #
+# ## The structure
+#
+# Mode shapes are drawn on the structure. A test of a frame of two storeys, simulated here, has
+# six accelerometers; a DOF is named by its node and direction:
+
+# %%
+import numpy as np
+
+corners = [(0, 0), (5, 0), (5, 4), (0, 4)]
+nodes = [(x, y, z) for z in (0, 3, 6) for x, y in corners]
+columns = [(i, i + 4, "column") for i in range(8)]
+beams = [(s + i, s + (i + 1) % 4, "beam") for s in (4, 8) for i in range(4)]
+frame_model = ef.FrameModel(
+    nodes,
+    columns + beams,
+    {
+        "column": ef.Section("E columns", 4e6, 7850, 1.2e-2, 9e-5, 4e-5, (0, 1, 0)),
+        "beam": ef.Section("E beams", 4e6, 12000, 1e-2, 6e-5, 1.2e-4),
+    },
+    supports=dict.fromkeys(range(4), "all"),
+    n_modes=8,
+    shapes=True,
+)
+truth = {"E columns": 2.0e11, "E beams": 1.8e11}
+solved = frame_model({name: np.array([value]) for name, value in truth.items()})
+sensors = ["8:ux", "8:uy", "10:ux", "10:uy", "4:ux", "6:uy"]
+rows = [frame_model.shape_dofs.index(sensor) for sensor in sensors]
+rng = np.random.default_rng(3)
+shapes = solved.shapes[0, rows, :4]
+shapes = shapes / np.abs(shapes).max(axis=0) + 0.03 * rng.standard_normal(shapes.shape)
+hertz = solved.frequencies[0, :4] * (1 + 0.003 * rng.standard_normal(4))
+test = ef.Measurements(hertz, shapes=shapes, dofs=sensors)
+
+terms = [ef.FrequencyTerm(test, relative_sd=0.01), ef.ShapeTerm(test, delta=0.05)]
+prior = ef.GaussianPrior([*truth], [2.1e11, 2.1e11], 3e10, [(1e11, 3.5e11)] * 2)
+of_frame = ef.LogPosterior(ef.PairedModel(frame_model, test), terms, prior)
+frame_run = ef.run(of_frame, steps=150, ensembles=2, seed=1)
+
+# %% [markdown]
+# {py:func}`~emcee_femu.figures.plot_shapes` needs to know where the nodes are and which lines
+# join them. A frame knows, and so do matrices of OpenSees, PyNite and scikit-fem; for others
+# give `geometry=ef.Geometry(nodes, lines, sensors)`, which also says where a sensor is whose
+# DOF is not named by its node. With `shapes=True` the model returns its shapes at all nodes, so
+# that the whole structure moves; asked for the sensors alone, it moves there only.
+
+# %% mystnb={"image": {"alt": "Four mode shapes of a frame of two storeys: grey at rest, blue the updated model, red dots what six sensors measured, next to the circles of the model"}}
+shapes_figure = ef.figures.plot_shapes(frame_run)
+shapes_figure
+
+# %% [markdown]
+# {py:func}`~emcee_femu.figures.plot_mac` draws the MAC of all measured and model modes, before
+# and after updating; a frame is a pair, with the 95 % interval of its MAC. A number near 1
+# outside of the frames says that these sensors cannot tell two modes apart: here the third and
+# the eighth, which differ at the corners without a sensor.
+
+# %% mystnb={"image": {"alt": "Two matrices of four measured and eight model modes: near one on the diagonal, framed in red, and for the third measured and the eighth mode of the model"}}
+mac_figure = ef.figures.plot_mac(frame_run)
+mac_figure
+
+# %% [markdown]
 # ## ArviZ, corner and your own
 #
 # `idata` is an ArviZ object, before or since version 1, in which each walker is a chain. All
-# that ArviZ draws and computes is yours:
+# that ArviZ draws and computes is yours ({doc}`with_arviz` has what it means):
 
 # %%
 import arviz
@@ -86,11 +156,10 @@ arviz.summary(idata, var_names=["k1", "k2"])[["mean", "sd"]]
 
 # %% mystnb={"image": {"alt": "Corner plot of k1 and of the ratio k2 to k1"}}
 import corner
-import numpy as np
 
 draws = {name: idata.posterior[name].values.ravel() for name in posterior.names}
-columns = np.column_stack([draws["k1"], draws["k2"] / draws["k1"]])
-corner_figure = corner.corner(columns, labels=["k1", "k2 / k1"])
+pairs = np.column_stack([draws["k1"], draws["k2"] / draws["k1"]])
+corner_figure = corner.corner(pairs, labels=["k1", "k2 / k1"])
 
 # %% [markdown]
 # Save the run itself with `idata.to_netcdf`, and read it with `arviz.from_netcdf`: tables and
@@ -111,3 +180,12 @@ assert (folder / "scatter.pdf").stat().st_size > 10_000
 assert str(ef.parameter_table(again)) == str(ef.parameter_table(idata))
 for name, value in problem.nominal.items():
     assert abs(draws[name].mean() - value) < 4 * draws[name].std()
+for name, value in truth.items():
+    learned = ef.to_inference_data(frame_run).posterior[name].values
+    assert abs(learned.mean() - value) < 4 * learned.std()
+assert len(shapes_figure.axes) == 4
+before, after = (axes.images[0].get_array() for axes in mac_figure.axes[:2])
+assert (before.argmax(axis=1) == range(4)).all() and (
+    after.argmax(axis=1) == range(4)
+).all()
+assert after[2, 7] > 0.95 > 0.3 > np.delete(after, [0, 1, 2, 3, 7], axis=1).max()

@@ -90,8 +90,9 @@ bridged = ef.log_evidence(auto)
 print(bridged)
 
 # %% [markdown]
-# Both modes in a figure. Its ellipse, and a mean and standard deviation in a table, are
-# no description of such a posterior: report the modes one by one.
+# Both modes in a figure, as the smallest regions that hold 95 % and 50 % of the samples. A
+# mean and a standard deviation do not describe such a posterior: report the modes one by
+# one.
 
 # %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two separate small clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
 ef.figures.plot_scatter(idata)

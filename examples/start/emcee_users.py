@@ -1,9 +1,9 @@
 # %% [markdown]
 # # The moves in your own emcee script
 #
-# You have an `emcee.EnsembleSampler` and any log-probability, and no FE model. Each
-# move of this package is a plain emcee move: one line changes, the rest of the script
-# stays. `python examples/start/emcee_users.py` runs this page.
+# The moves of this package are plain emcee moves and work with any log-probability. In a
+# script with an `emcee.EnsembleSampler`, one line changes.
+# `python examples/start/emcee_users.py` runs this page.
 
 # %%
 import emcee
@@ -28,17 +28,17 @@ samples = sampler.get_chain(discard=500, flat=True)
 print(np.cov(samples.T).diagonal().round(2))
 
 # %% [markdown]
-# `DEMCMove` takes the place of `emcee.moves.DEMove`. It proposes
+# `DEMCMove` replaces `emcee.moves.DEMove`. It proposes
 # $\theta_i + \gamma(\theta_a - \theta_b) + \epsilon$ with
-# $\gamma = 2.38/\sqrt{2d}$, where emcee's move has no $\epsilon$, but a jitter of
-# $\gamma$. Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names`
-# work as for emcee's own moves.
+# $\gamma = 2.38/\sqrt{2d}$; emcee's move varies $\gamma$ at random and has no $\epsilon$.
+# Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names` work as for
+# emcee's own moves.
 #
 # ## A verdict, ArviZ, figures
 #
-# {py:func}`~emcee_femu.diagnose` takes plain samplers. Walkers of one ensemble are
-# not independent of each other: run several, and hand all of them over. Of plain samplers
-# it knows no search and no data, and the statements on both say so.
+# {py:func}`~emcee_femu.diagnose` accepts plain samplers. The walkers of one ensemble are
+# not independent, so run several ensembles and pass all of them. A plain sampler holds no
+# search and no data, and the statements on both say so.
 
 # %%
 import emcee_femu as ef
@@ -52,8 +52,8 @@ for seed in (2, 3, 4):
 ef.diagnose(samplers, discard=500)
 
 # %% [markdown]
-# ArviZ reads a sampler by its own `from_emcee`, and the figures here take what it
-# gives:
+# ArviZ reads a sampler with `from_emcee`, and the figures of this package accept the
+# result:
 
 # %% tags=["remove-stderr"]
 import arviz as az
@@ -65,24 +65,25 @@ az.summary(idata.isel(draw=slice(500, None)))
 ef.figures.plot_scatter(idata.isel(draw=slice(500, None)), var_names=["a", "b", "c"])
 
 # %% [markdown]
-# Tables that compare prior and posterior, such as
-# {py:func}`~emcee_femu.parameter_table`, need to know the prior: that is what a
-# {py:class}`~emcee_femu.LogPosterior` is for.
+# {py:func}`~emcee_femu.parameter_table` accepts it too, without the columns of the prior.
+# A comparison with prior, data or model needs a {py:class}`~emcee_femu.LogPosterior`.
+# {doc}`/how_to/with_arviz` has more, such as names for the parameters of a sampler.
 #
-# ## What to expect beside stock moves
+# ## Compared with emcee's moves
 #
-# Differential evolution beats the stretch move from a few dimensions on, and about
-# equals emcee's `DEMove`, with less overhead per generation. An independence move,
-# `[(ef.IndependenceMove.fit(samples), 0.8), (DEMCMove(), 0.2)]`, beats both where the
-# posterior is close to what was fitted to the burn-in. [Moves
-# measured](../explanation/moves_measured.md) has the numbers, and other packages.
+# With more than a few parameters, differential evolution is more efficient than the
+# stretch move. It is about as efficient as emcee's `DEMove`, with less overhead per
+# generation. An independence move,
+# `[(ef.IndependenceMove.fit(samples), 0.8), (DEMCMove(), 0.2)]`, is more efficient than
+# both if the posterior is close to the distribution fitted to the burn-in. [Moves
+# measured](../explanation/moves_measured.md) has the numbers, also of other packages.
 #
-# Things that differ from emcee's own moves:
+# Differences from emcee's own moves:
 #
-# - fewer than 2 walkers per dimension are refused, as by emcee
+# - fewer than 2 walkers per dimension raise an error, as in emcee
 #   (`live_dangerously=True` allows them);
-# - walkers that all start at a log-probability of -inf are refused;
-# - walkers of whole numbers are refused, since emcee would truncate what is accepted;
+# - an error is raised if all walkers start at a log-probability of -inf;
+# - integer walkers raise an error, since emcee would truncate accepted values;
 # - {py:class}`~emcee_femu.moves.TemperedMove` needs the log-prior as first blob, as a
 #   {py:class}`~emcee_femu.LogPosterior` returns it, and
 #   {py:class}`~emcee_femu.moves.HamiltonianMove` a function with the method

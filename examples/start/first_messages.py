@@ -1,9 +1,9 @@
 # %% [markdown]
 # # The first messages, and what they mean
 #
-# Five messages that nearly everybody meets in the first hour, each with its cause and
-# its cure. Every one comes before the first solve, or at it, so that no long run is
-# lost. `python examples/start/first_messages.py` runs this page.
+# Five common messages of the first hour, each with its cause and its remedy. All of them
+# come before or at the first solve, so that no long run is lost.
+# `python examples/start/first_messages.py` runs this page.
 
 # %%
 import sys
@@ -25,7 +25,7 @@ def show(call):  # prints what a call raises
 
 
 # %% [markdown]
-# The page uses a frame of two storeys, solved by NumPy:
+# The example is a two-storey frame:
 
 # %%
 STOREYS = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
@@ -38,43 +38,42 @@ posterior = ef.LogPosterior(model, term, prior)
 # %% [markdown]
 # ## A missing extra
 #
-# The core needs five packages. Readers of universal files, progress bars, HDF5 and FE
-# programs are *extras*, which `pip` installs by name. Here is what a machine without
-# `pyuff` says:
+# The core needs five packages. Readers of universal files, progress bars and FE programs
+# are *extras*, which `pip` installs by name. Without `pyuff`:
 
 # %%
 sys.modules["pyuff"] = None  # as if it were not installed
 show(lambda: ef.Measurements.from_uff("test.uff"))
 
 # %% [markdown]
-# **Cure.** Run the command in the message, in the same environment. [Installing](
+# **Remedy.** Run the command in the message in the same environment. [Installing](
 # install.md) lists all extras.
 #
 # ## Too few walkers
 #
-# Walkers propose along differences of other walkers. With fewer than two for each
-# parameter all differences may lie in a plane, which the ensemble then never leaves.
+# Proposals are differences of other walkers. With fewer than two walkers per parameter,
+# all differences may lie in a subspace that the ensemble then never leaves.
 
 # %%
 five = ef.paper.mass_spring().posterior  # has five parameters
 show(lambda: ef.run(five, ef.DEMCMove(), nwalkers=8, seed=1))
 
 # %% [markdown]
-# **Cure.** Give at least twice, better four times as many walkers as parameters, or
-# leave `nwalkers` away: the default is large enough.
+# **Remedy.** Use at least two, better four walkers per parameter, or omit `nwalkers`: the
+# default is large enough.
 #
 # ## A stiffness without bounds
 #
-# A Gaussian prior reaches below zero, and there a structure has no natural
-# frequencies. Draws of the prior start the walkers, so that this comes early:
+# A Gaussian prior extends below zero, where a structure has no natural frequencies. Walkers
+# start from samples of the prior, so the message comes early:
 
 # %%
 unbounded = ef.GaussianPrior(["k1", "k2"], [30, 20], [20, 15])
 show(lambda: ef.run(ef.LogPosterior(model, term, unbounded), seed=1))
 
 # %% [markdown]
-# **Cure.** Give bounds, `GaussianPrior(..., bounds=[(1, 90), (1, 90)])`, or a prior
-# that is positive by itself:
+# **Remedy.** Give bounds, `GaussianPrior(..., bounds=[(1, 90), (1, 90)])`, or a prior of
+# positive parameters:
 
 # %%
 from scipy import stats
@@ -88,7 +87,7 @@ print(run[0].get_chain().min() > 0)
 # %% [markdown]
 # ## Another number of modes
 #
-# The model gives two frequencies, the test has three:
+# The model returns two frequencies; the test has three:
 
 # %%
 three = ef.FrequencyTerm([0.45, 1.2, 1.9], relative_sd=0.02)
@@ -98,10 +97,9 @@ function = ef.FunctionModel(lambda p: [p["k1"] ** 0.5, p["k2"] ** 0.5])
 show(lambda: ef.run(ef.LogPosterior(function, three, prior), seed=1))
 
 # %% [markdown]
-# **Cure.** Let the model compute as many modes as were measured (`n_modes=`), or
-# compare fewer. If the test missed a mode in between, frequencies must not be compared
-# by their number: {py:class}`~emcee_femu.PairedModel` finds out by their shapes which
-# is which.
+# **Remedy.** Let the model compute as many modes as were measured (`n_modes=`), or
+# compare fewer. If the test missed a mode in between, do not compare frequencies by
+# number: {py:class}`~emcee_femu.PairedModel` pairs modes by their shapes.
 #
 # ## A start outside the bounds
 
@@ -111,21 +109,21 @@ options = {"nwalkers": 8, "ensembles": 1, "seed": 1}
 show(lambda: ef.run(posterior, ef.DEMCMove(), **options, starts=outside))
 
 # %% [markdown]
-# **Cure.** Leave `starts` away: `run` starts from draws of the prior, which also
-# lets independent ensembles disagree if there is more than one mode. With plain emcee,
-# `posterior.start(nwalkers, seed=1)` draws them.
+# **Remedy.** Omit `starts`: `run` starts from samples of the prior, so that independent
+# ensembles can disagree if there is more than one mode. With plain emcee,
+# `posterior.start(nwalkers, seed=1)` returns such samples.
 
 # %% [markdown]
 # ## What is not an error
 #
-# - `Chains: not converged, ...` is a statement of {py:func}`~emcee_femu.diagnose`, and
-#   says what to do: mostly, how many steps to run.
+# - `Chains: not converged, ...` is a statement of {py:func}`~emcee_femu.diagnose`. It says
+#   what to do, usually how many steps to run.
 # - `UserWarning: frequency at the prior mean: model 3.56 Hz, measured 19.7 Hz, 5.91 times
-#   more: rad/s instead of Hz?` comes before sampling, and is worth a look: either the
-#   data or the model have other units than you think, or the prior is far from both.
+#   more: rad/s instead of Hz?` comes before sampling. Check it: data and model may have
+#   different units, or the prior may be far from the data.
 # - `FutureWarning: ArviZ is undergoing a major refactor ...` is printed by ArviZ 0.23
-#   to everyone who imports it. This package imports it without; your own
-#   `import arviz` brings it back. ArviZ 1, on Python 3.12 and later, has no such warning.
+#   whenever it is imported. This package suppresses the warning; your own `import arviz`
+#   prints it. ArviZ 1, on Python 3.12 and later, has no such warning.
 
 # %% tags=["remove-cell"]
 expected = [

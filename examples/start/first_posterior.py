@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A first posterior
 #
-# From two measured frequencies to the posterior of two stiffnesses, in 15 lines. Any
-# function from parameters to natural frequencies will do; it may call any solver.
+# Two measured frequencies update two stiffnesses, in 15 lines. The model is a function
+# from parameters to natural frequencies; it may call any solver.
 # `python examples/start/first_posterior.py` runs this page.
 
 # %%
@@ -20,34 +20,35 @@ def frequencies(p):  # two-storey shear frame: 16.5 t and 16.1 t; k1, k2 in MN/m
 model = ef.FunctionModel(frequencies)
 term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
 prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], bounds=[(20, 90), (1, 15)])
-posterior = ef.LogPosterior(model, term, prior)
+posterior = ef.LogPosterior(model, term, prior, units={"k1": "MN/m", "k2": "MN/m"})
 run = ef.run(posterior, steps=500, seed=1)
 idata = ef.to_inference_data(run)
 
 # %% [markdown]
-# What was learned. The last column says how much of the prior's uncertainty is left.
+# The table shows what was learned. Its last column is the part of the prior's standard
+# deviation that is left.
 
 # %%
 ef.parameter_table(idata)
 
 # %% [markdown]
-# May it be believed? The last lines say whether the chains converged, how small a mode
-# the search may have missed, and whether the model fits; [reading the
-# tables](reading.md) explains the rest.
+# Can the result be trusted? The last three lines say whether the chains converged, how
+# small a mode the search may have missed, and whether the model fits. [Reading the
+# tables](reading.md) explains the other lines.
 
 # %%
 ef.diagnose(run)
 
 # %% mystnb={"image": {"alt": "Scatter of k1 and k2 with a 95 % ellipse that leans to the left"}}
-ef.figures.plot_scatter(idata, units={"k1": "MN/m", "k2": "MN/m"})
+ef.figures.plot_scatter(idata)
 
 # %% [markdown]
-# The ellipse leans: a stiffer lower storey and a softer upper one fit nearly as well.
+# The ellipse is tilted: a stiffer lower storey and a softer upper one fit nearly as well.
 #
-# Where to go on: [a modal test, from CSV to verdict](../tutorials/modal_test.py) is the
-# whole way with a frame and mode shapes, [which model, which term](choose.md) finds
-# what suits your own structure, and the [glossary](../reference/glossary.md)
-# translates between engineers and statisticians.
+# Next: [a modal test, from CSV to verdict](../tutorials/modal_test.py) updates a frame
+# with mode shapes, [which model, which term](choose.md) helps with your own structure,
+# and the [glossary](../reference/glossary.md) translates between engineers and
+# statisticians.
 
 # %% tags=["remove-cell"]
 table = ef.parameter_table(idata)

@@ -71,7 +71,8 @@ prior = ef.GaussianPrior(
     sd=[4, 0.04, 20],
     bounds=[(15, 45), (0.6, 1.0), (10, 150)],
 )
-posterior = ef.LogPosterior(model, term, prior)
+units = {"E": "GPa", "thickness": "m", "bearing": "MN/m"}
+posterior = ef.LogPosterior(model, term, prior, units)
 
 # %% [markdown]
 # ## Emulate
@@ -157,9 +158,7 @@ certificate
 ef.parameter_table(certificate.idata)
 
 # %% mystnb={"image": {"alt": "Three histograms and three scatter plots of modulus, thickness and bearing stiffness, with long ellipses: modulus falls with both others, which rise together"}}
-ef.figures.plot_scatter(
-    certificate.idata, units={"E": "GPa", "thickness": "m", "bearing": "MN/m"}
-)
+ef.figures.plot_scatter(certificate.idata)
 
 # %% [markdown]
 # The data inform the bearings best. All ellipses are long: a thicker slab of a softer
@@ -177,7 +176,7 @@ wide = ef.GaussianPrior(
     sd=[12, 0.15, 60],
     bounds=[(5, 80), (0.3, 1.4), (5, 300)],
 )
-vague = ef.LogPosterior(model, term, wide)
+vague = ef.LogPosterior(model, term, wide, units)
 file = Path(folder.name) / "short.sqlite"
 
 

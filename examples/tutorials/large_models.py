@@ -2,20 +2,19 @@
 # # Large models
 #
 # A mesh of a hundred thousand degrees of freedom cannot be solved fifty thousand times.
-# If its matrices are sums of parts, each times a parameter, it need not be: some tens of
-# full solves make a small model that takes its place, with a certificate of its error.
-# You will reduce a model, read the certificate, sample the small model, and correct a
-# coarse one by full solves. `python examples/tutorials/large_models.py` runs this page
-# (10 s of processor time).
+# It need not be. Some fifty full solves make a small model that takes its place, with a
+# certificate of its error; a solve of the small one takes well under a millisecond.
+# `python examples/tutorials/large_models.py` runs this page (10 s of processor time).
 #
 # ## The matrices
 #
 # The structure is a concrete pier, 24 m high and 6 m wide, of plane-stress squares. Its
-# lower, middle and upper third have unknown stiffness. Your FE program will export such
-# matrices for you ({doc}`/how_to/matrices`); here 30 lines of NumPy assemble them. The mesh is small, so that
-# this page runs in seconds. All that follows is the same for a large one.
+# lower, middle and upper third have unknown stiffness. Your FE program exports such
+# matrices ({doc}`/how_to/matrices`); here 30 lines of NumPy assemble them. The mesh is
+# small, so that the page runs in seconds. All that follows is the same for a large one.
 
 # %%
+from itertools import product
 
 import numpy as np
 from scipy import sparse
@@ -65,10 +64,9 @@ K = {name: k for name, (k, _) in parts.items()}
 M = sparse.diags(sum(m for _, m in parts.values()), format="csc")
 
 # %% [markdown]
-# {py:class}`~emcee_femu.MatrixModel` takes dense or `scipy.sparse` matrices: a constant
-# part of the stiffness, here empty, the mass, and one matrix for each parameter. Sparse
-# ones are solved by shift-invert, with a symmetric ordering and one sparsity pattern for
-# all parameter sets.
+# {py:class}`~emcee_femu.MatrixModel` takes the constant part of the stiffness, here empty,
+# the mass, and one matrix for each parameter. Where a parameter is no factor of a matrix,
+# {py:class}`~emcee_femu.AssembledModel` takes a function that assembles them.
 
 # %%
 zero = sparse.csc_matrix(M.shape)
@@ -81,7 +79,8 @@ print("frequencies in Hz:", full(ones).frequencies[0].round(2))
 # ## Reduce it
 #
 # {py:func}`~emcee_femu.reduce_model` needs the bounds within which the parameters will
-# be, and the largest relative error of a frequency that you accept.
+# be, and the largest relative error of a frequency that you accept. A tenth of the
+# measurement error is small enough; here it is a fiftieth.
 
 # %%
 bounds = dict.fromkeys(K, (0.6, 1.4))
@@ -93,27 +92,23 @@ print(f"largest 1 - MAC of a shape there {small.shape_error:.1e}")
 print(f"{small.full_solves} full solves")
 
 # %% [markdown]
-# `print(small)` says the same, and how many times faster the small model is on your
-# machine. It is a Ritz basis: the mode shapes of full solves at points that a search adds
-# one by one, each where the error is estimated to be largest, until the estimate is below
-# the tolerance.
+# The small model is a Ritz basis: the mode shapes of full solves at points far from each
+# other, until a few in a row bring nothing new.
 #
-# The **certificate** is the second line. The reduced frequencies were compared with those
-# of full solves at 40 points that the basis was not made from, half of them corners of the
-# bounds. So the error is measured, not estimated. Three things to know:
+# The second line is the **certificate**. At 40 points that the basis was not made from,
+# half of them corners of the bounds, the frequencies were compared with those of full
+# solves. The error is measured, not estimated. Three things to know:
 #
 # - It is no bound over all of the box: after n points drawn at random, with 95 %
 #   confidence less than 3 / n of the box errs more.
 # - Frequencies are certified; shapes are measured, and not held below the tolerance.
-# - Where a reduction does not pay, a warning says so.
+# - Where a reduction does not pay, a warning says so. Outside its bounds the small model
+#   knows nothing, and refuses.
 #
-# Outside its bounds the small model knows nothing, so it refuses.
-#
-# ## Sample the small model
+# ## Sample it
 #
 # Five frequencies were measured, here simulated with errors of 0.5 %. The prior must stay
-# within the bounds of the reduction. A law of infinite range is truncated and normalised
-# again by `IndependentPrior({"lower": stats.lognorm(0.1)}, bounds={"lower": (0.6, 1.4)})`.
+# within the bounds of the reduction.
 
 # %%
 truth = {"lower": 0.82, "middle": 1.05, "upper": 0.93}
@@ -130,9 +125,6 @@ ef.parameter_table(idata, truth)
 # %%
 ef.diagnose(run)
 
-# %% [markdown]
-# What it cost, counted in solves, which is what does not depend on the machine:
-
 # %%
 chain = sum(s.iteration * s.nwalkers for s in run)
 evaluations = run.evaluations + chain
@@ -141,17 +133,71 @@ print(f"{small.full_solves} full solves,", end=" ")
 print(f"{evaluations / small.full_solves:.0f} times fewer")
 
 # %% [markdown]
-# ## How small an error is small enough?
+# ## A faster factorisation
 #
-# A frequency error below a tenth of the measurement error needs no correction: here it is a
-# fiftieth.
+# A full solve of a large model spends most of its time in factoring K. SciPy's SuperLU
+# does well for frames and plane meshes; solids take PARDISO a small part of its time:
 #
+# ```bash
+# pip install 'emcee_femu[pardiso]'   # Linux on x86-64; it brings MKL, 0.6 GB
+# ```
+#
+# It is used where it is installed, for models from 5,000 DOFs on. The results are the same
+# but for rounding. It takes as many threads as `MKL_NUM_THREADS` says, or else
+# `OMP_NUM_THREADS`; their number changes no bit of a result.
+#
+# A block of 8-node bricks with four unknown moduli, six modes, reduced to 1e-4. On two
+# cores that were busy with other work, too (3 to 5 processes; not so the fourth row), by
+# `OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py --threads 2`
+# (the last row with `--dofs 200000 --solvers PARDISO`, without its reduction):
+#
+# | DOFs | solver | factor | six modes | memory | reduced | error | memory then |
+# |---|---|---|---|---|---|---|---|
+# | 20,250 | SuperLU | 6.1 s | 7.6 s | 1.1 GB | 8.1 min | 6.5e-5 | 1.2 GB |
+# | 20,250 | PARDISO | 0.7 s | 1.2 s | 0.4 GB | 1.7 min | 6.5e-5 | 0.5 GB |
+# | 73,002 | SuperLU | 214 s | 340 s | 8.3 GB | not waited for | | |
+# | 73,002 | PARDISO | 3.4 s | 7.9 s | 1.2 GB | 7.3 min | 6.8e-5 | 1.7 GB |
+# | 196,608 | PARDISO | 64 s | 59 s | 3.6 GB | not run | | |
+#
+# Each reduction took 52 full solves, to 59 basis vectors; a solve of the small model takes
+# 0.1 to 0.3 ms.
+#
+# ## A million degrees of freedom
+#
+# From the smallest to the largest block, ten times as many DOFs, the time to factor grew
+# with the power 2.0 of their number, the memory with 1.25. By these powers a million
+# DOFs take half an hour and 30 GB to factor, and fifty such solves a day.
+#
+# So leave the large eigenproblem to your FE program, which solves it out of core or on a
+# cluster, and take one of two ways:
+#
+# - **Its modal basis.** Let it solve at the centre and at the corners of the bounds, and
+#   export these modes beside K and M. A basis of them needs products alone, no
+#   factorisation. Check it at a few points that were solved, too, and left out.
+# - **Its frequencies alone.** {py:func}`~emcee_femu.emulate` learns them from some tens of
+#   its solves, and no matrices are exported ({doc}`hundred_solves`).
+#
+# The first, with full solves in place of those of a program:
+
+# %%
+solved = np.array([[1.0, 1.0, 1.0], *product(*bounds.values())])
+shaped = ef.MatrixModel(zero, M, K, n_modes=8, shapes=True)
+modes = shaped(dict(zip(K, solved.T, strict=True))).shapes  # (points, DOFs, modes)
+V = np.linalg.qr(np.hstack([*modes]))[0]
+by_basis = ef.MatrixModel(
+    V.T @ zero @ V, V.T @ M @ V, {name: V.T @ k @ V for name, k in K.items()}, n_modes=6
+)
+left_out = {name: np.array([x]) for name, x in truth.items()}
+error = by_basis(left_out).frequencies / full(left_out).frequencies - 1
+print(f"{V.shape[1]} basis vectors, largest frequency error {error.max():.1e}")
+
+# %% [markdown]
 # ## A coarse model, corrected
 #
-# Suppose the cheap model is coarser than that: a reduction to 3 %, a coarser mesh, an
-# emulator. {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` screens every proposal by the
-# cheap posterior, and solves the full model only for those that pass. The chain is that
-# of the full model, however wrong the cheap one is; a bad one costs acceptance.
+# Suppose the cheap model errs more than the measurement: a reduction to 3 %, a coarser mesh,
+# an emulator. {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker walk
+# 20 steps by the cheap posterior; one full solve decides on where it arrived. The chain is
+# that of the full model, however wrong the cheap one is; a bad one costs acceptance.
 
 # %%
 coarse = ef.reduce_model(full, bounds, tolerance=0.03, test_points=10)
@@ -161,24 +207,17 @@ exactly = ef.LogPosterior(full, term, prior)
 (first,) = ef.run(cheap, ef.DEMCMove(), 16, 200, ensembles=1, seed=2)
 starts = first.get_last_sample().coords
 
-for steps in (1, 20):
-    move = ef.moves.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=steps)
-    (sampler,) = ef.run(exactly, move, 16, steps=20, starts=starts, seed=3, ensembles=1)
-    print(f"steps={steps}: {move.proposed} proposals", end=", ")
-    print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
+move = ef.moves.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=20)
+ef.run(exactly, move, 16, steps=20, starts=starts, seed=3, ensembles=1)
+print(f"{move.proposed} proposals", end=", ")
+print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 
 # %% [markdown]
-# With `steps=20` each walker walks 20 steps by the cheap posterior, while the walkers that
-# guide it stand still, and one full solve decides on where it arrived. The longer the
-# subchain, the less one solve depends on the last; what is left is the error of the
-# cheap posterior. `steps=(10, 30)` draws the length anew each time. Where the cheap
-# posterior is much narrower than the full one, walkers wait long in its tails, and long
-# subchains do not help: mend the cheap model. (Twenty steps of the chain show how it
-# is used; they are too few for a result.)
+# (Twenty steps of the chain show how it is used; they are too few for a result.)
+# `steps=(10, 30)` draws the length anew each time. Where the cheap posterior is much
+# narrower than the full one, walkers wait long in its tails: mend the cheap model.
 #
-# Take subchains where `certify` refuses ({doc}`hundred_solves`).
-#
-# Where a program gives only results, no matrices, go on with {doc}`hundred_solves`.
+# Take this way where `certify` refuses ({doc}`hundred_solves`).
 
 # %% tags=["remove-cell"]
 assert small.max_error <= 1e-4 and small.size < 40 and small.full_solves <= 100
@@ -189,4 +228,5 @@ draws = np.array([idata.posterior[name].values.ravel() for name in K])
 z = (draws.mean(axis=1) - [*truth.values()]) / draws.std(axis=1)
 assert np.abs(z).max() < 3
 assert small.max_error < 0.1 * 0.005 < coarse.max_error
+assert -1e-9 < error.min() and error.max() < 1e-4
 assert move.full_solves <= 16 * 20 and move.proposed == 20 * 16 * 20

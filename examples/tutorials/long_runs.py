@@ -214,7 +214,7 @@ if __name__ == "__main__":
     print("the same chain:", np.array_equal(*chains))
 
 # %% [markdown]
-# Workers pay from about a millisecond per solve on; one sampler can use `nwalkers / 2` of
+# Workers pay from about a millisecond per solve on; one ensemble can use `nwalkers / 2` of
 # them at once. {doc}`/how_to/clusters` has executors for other machines, and what they
 # cost.
 #

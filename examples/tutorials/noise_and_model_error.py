@@ -6,7 +6,7 @@
 # error that nobody measured, and show that the result may be believed. That this
 # matters is shown on simulated buildings, whose truth is known.
 #
-# `python examples/tutorials/noise_and_model_error.py` runs this page (11 s).
+# `python examples/tutorials/noise_and_model_error.py` runs this page (12 s).
 
 # %%
 import textwrap
@@ -250,9 +250,32 @@ print(textwrap.fill(sentence))
 # where the model can fit all data exactly, as it can when there are as many
 # parameters as frequencies.
 #
+# ## Unknown noise
+#
+# Where nobody knows the scatter of the test, leave it out. The same argument then infers
+# one relative standard deviation for all modes, by the formula above without R. Here the
+# model is exact, and the noise of the simulated test 0.5 %:
+
+# %%
+noisy = exact * (1 + 0.005 * np.random.default_rng(2).normal(size=5))
+term = ef.FrequencyTerm(noisy, discrepancy="noise")
+priors = {**factors, "noise": stats.halfnorm(scale=0.02)}
+unknown = ef.LogPosterior(model, term, ef.IndependentPrior(priors))
+unknown_table = ef.parameter_table(ef.run(unknown, steps=200, seed=1))
+unknown_table
+
+# %% [markdown]
+# Five frequencies say little of its size: the interval reaches from 0.4 to 2.6 %. The
+# name is yours; what is inferred is noise and model error together, as one test does
+# not tell them apart. Only repeats know the noise alone: give it as `relative_sd`, and
+# what `discrepancy` infers on top is the model's. {py:class}`~emcee_femu.Measurements`
+# bring their own standard deviations, so give `test.frequencies` where these are not to
+# count. All terms but those of spectra, which know their noise, take `discrepancy` alone.
+#
 # ## In short
 #
 # - Give the scatter of one test, never that of the mean of many.
+# - Infer noise that nobody knows: `discrepancy="noise"` alone.
 # - Infer the model's error: `discrepancy="error"`, half-normal of 2 % for frequencies.
 #   Shapes have their own, `ShapeTerm(test, discrepancy="shape error")`.
 # - Look at {py:func}`~emcee_femu.predictive_table` with the posterior; believe intervals only where the
@@ -278,4 +301,6 @@ outside = ef.predictive_table(*results[ignored][::-1]).column("inside")
 assert outside.count("no") == 2
 predicted = ef.predictive_table(*results[inferred][::-1]).column("inside")
 assert set(predicted) == {"yes"}
+noise = dict(zip(unknown_table.columns, unknown_table.rows[-1], strict=True))
+assert noise["parameter"] == "noise" and noise["2.5 %"] < 0.005 < noise["97.5 %"]
 assert "above its prior mean: model and data disagree" in sentence

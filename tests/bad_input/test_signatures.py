@@ -5,11 +5,13 @@ valid value and its kind there, or to CALLS where the same word means another th
 """
 
 import inspect
+import tempfile
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
+import emcee
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -63,7 +65,20 @@ LADDER = ef.moves.TemperedMove(ef.DEMCMove(), [1.0, 0.2, 0.0])
 TEMPERED = ef.run(POSTERIOR, LADDER, nwalkers=24, steps=16, seed=1, ensembles=1)
 EVIDENCE = ef.log_evidence(TEMPERED)
 CLASSES = {"a": EVIDENCE, "b": EVIDENCE}
+PLAIN = emcee.EnsembleSampler(8, 2, lambda x: -float(x @ x))
+PLAIN.run_mcmc(START[0], 3)
 IDATA = ef.to_inference_data(RUN, POSTERIOR)
+PAIRED = ef.PairedModel(
+    ef.MassSpringModel([1.0, 2.0], SPRINGS, shapes=True),
+    ef.Measurements(MODEL({}).frequencies[0], shapes=SHAPES[:2]),
+    candidates=2,
+)
+PAIRED_RUN = ef.run(
+    ef.LogPosterior(PAIRED, TERM, PRIOR), ef.DEMCMove(), 8, 16, seed=1, ensembles=1
+)
+COLUMN = ef.Geometry(
+    {0: (0.0, 0.0), 1: (0.0, 1.0)}, [(0, 1)], {0: (0, "ux"), 1: (1, "ux")}
+)
 PAIRS, FRF = [(0, 1), (1, 1)], np.array([[1.0 + 2.0j, 0.5], [0.3, 1.0j]])
 SHAKER = ef.MatrixModel(K0, M0, {"k2": K2}, n_modes=2, shapes=True)
 SHAKEN = ef.LogPosterior(
@@ -93,6 +108,33 @@ POOLED = object.__new__(ef.population.pool_tests.PooledTests)  # nothing of it i
 vars(POOLED).update(population=POPULATION)
 MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
 RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
+ANSWERS = {"getNodeTags": [7], "nodeCoord": [0.0], "getNDF": [1], "nodeDOFs": [0]}
+ANSWERS |= {"systemSize": 1, "printA": [4.0]}
+NOTHING = "getConstrainedNodes getConstrainedDOFs getFixedDOFs getEleTags wipeAnalysis"
+NOTHING += " system numberer constraints algorithm integrator analysis analyze"
+ANSWERS |= dict.fromkeys(NOTHING.split(), [])
+OPS = ModuleType("opensees")  # one DOF
+vars(OPS).update({name: lambda *_, x=answer: x for name, answer in ANSWERS.items()})
+AXES = ("DX", "DY", "DZ", "RX", "RY", "RZ")
+NODE = SimpleNamespace(name="a", ID=0, X=0.0, Y=0.0, Z=0.0)
+vars(NODE).update({f"support_{axis}": axis != "DX" for axis in AXES})
+vars(NODE).update({f"Enforced{axis}": None for axis in AXES})
+FREE = SimpleNamespace(  # of PyNite
+    nodes={"a": NODE},
+    load_combos=["mass"],
+    Ke=lambda *_, **__: np.eye(6),
+    M=lambda *_, **__: np.eye(6),
+    **dict.fromkeys(["members", "springs", "plates", "quads"], {}),
+)
+NO_DOFS = np.zeros((0, 0), dtype=int)
+BASIS = SimpleNamespace(  # of scikit-fem
+    N=2,
+    nodal_dofs=np.array([[0, 1]]),
+    **dict.fromkeys(["facet_dofs", "edge_dofs", "interior_dofs"], NO_DOFS),
+    doflocs=np.array([[0.0, 1.0]]),
+    elem=SimpleNamespace(dofnames=["u"]),
+    mesh=SimpleNamespace(dim=lambda: 1, t=np.array([[0], [1]])),
+)
 
 
 positive, above_zero = array(positive=True), number(above=0.0)
@@ -218,7 +260,7 @@ def only(name, **thrown):
 # By name, perhaps with a variant: the arguments that are unlike those of ARGUMENTS.
 CALLS = {
     "Measurements": dict(
-        shapes=(SHAPES, array()), covariance=OFF, damping=(SD, per_mode)
+        shapes=(SHAPES, array().but("with NaN")), covariance=OFF, damping=(SD, per_mode)
     ),
     "Measurements, covariance": only("Measurements", covariance=(COV, covariance)),
     "Measurements.from_repeats": dict(
@@ -245,6 +287,19 @@ CALLS = {
         shapes=([0, 1], wholes.but("True")),
     ),
     "read_matrices": dict(path=(BLOCK, file)),
+    "from_opensees": dict(ops=(OPS, anything)),
+    "from_pynite": dict(
+        model=(FREE, anything),
+        mass_combo_name=("mass", text),
+        mass_direction=("Y", anything),
+        gravity=(9.81, above_zero),
+    ),
+    "from_skfem": dict(
+        basis=(BASIS, anything),
+        K=(K0, matrix),
+        M=(M0, matrix),
+        held=([1], wholes.but("[]", "one twice")),
+    ),
     "StaticModel": dict(
         loads=({"pull": np.array([1.0, 0.5])}, by_name(array(), known=False)),
         points=([1, 0], wholes.but("True")),
@@ -324,11 +379,15 @@ CALLS = {
     "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD, small)),
     "FrequencyTerm, beta": only("FrequencyTerm", beta=(SD, per_mode)),
     "FrequencyTerm, covariance": only("FrequencyTerm", covariance=(COV, covariance)),
-    "ShapeTerm": only("ShapeTerm", measured=(SHAPES, array()), sd=(SQUARES, per_mode)),
-    "ShapeTerm, delta": only(
-        "ShapeTerm", measured=(SHAPES, many), delta=(SD, relative)
+    "ShapeTerm": only(
+        "ShapeTerm", measured=(SHAPES, array().but("with NaN")), sd=(SQUARES, per_mode)
     ),
-    "ShapeTerm, discrepancy": dict(measured=(SHAPES, many), sd=OFF, delta=OFF),
+    "ShapeTerm, delta": only(
+        "ShapeTerm", measured=(SHAPES, many.but("with NaN")), delta=(SD, relative)
+    ),
+    "ShapeTerm, discrepancy": dict(
+        measured=(SHAPES, many.but("with NaN")), sd=OFF, delta=OFF
+    ),
     "LogPosterior called": dict(theta=(POINT, array().but("infinite", "with NaN"))),
     "LogPosterior.start": dict(seed=(1, anything.but("None", "True", "[]"))),
     "compare_moves": dict(
@@ -345,7 +404,7 @@ CALLS = {
     "MetropolisMove, cov": dict(sd=OFF, cov=(COV, covariance.but("[]"))),
     "DelayedAcceptanceMove": dict(steps=(2, whole(1))),
     "HamiltonianMove": dict(steps=(2, whole(1)), step_size=(0.2, above_zero)),
-    "HamiltonianMove.tuned": dict(samples=(POSTERIOR.start(16, 1), many)),
+    "HamiltonianMove.tuned": dict(samples=(POSTERIOR.start(8, 1), many)),
     "run": dict(workers=OFF),
     "find_map": dict(workers=OFF, starts=(2, whole(1)), check=(30, whole())),
     "find_map, starts": only(
@@ -376,6 +435,10 @@ CALLS = {
         posterior=(JOINT, anything),
         cheap=(["loaded"], chosen.but("one twice")),
     ),
+    "to_inference_data": dict(names=OFF),
+    "to_inference_data, names": only(
+        "to_inference_data", source=(PLAIN, anything), names=(["k1", "k2"], names)
+    ),
     "log_evidence": dict(source=(TEMPERED, anything)),
     "compare_models": dict(
         models=(CLASSES, records),
@@ -392,6 +455,23 @@ CALLS = {
         draws=(100, whole(100)),
         posteriors=({"a": POSTERIOR}, by_name(anything)),
     ),
+    "Geometry": dict(
+        nodes=({0: (0.0, 0.0), 1: (0.0, 3.0)}, anything),
+        lines=([(0, 1)], anything.but("[]")),
+        sensors=({0: (1, "ux"), 1: (1, "uy")}, anything),
+    ),
+    "report": dict(
+        path=(Path(tempfile.mkdtemp(), "report.html"), file), title=("Tower", text)
+    ),
+    "plot_scatter": dict(ellipse=(False, flag)),
+    "plot_prior_posterior": {},
+    "plot_mac": dict(idata=(PAIRED_RUN, anything), posterior=(None, anything)),
+    "plot_shapes": dict(
+        idata=(PAIRED_RUN, anything),
+        posterior=(None, anything),
+        geometry=(COLUMN, anything),
+        modes=([1, 2], wholes),
+    ),
     "plot_population": dict(pooled=(POOLED, anything), against=("T", anything)),
     "plot_model_comparison": dict(comparison=(ef.compare_models(CLASSES), anything)),
     "frequency_table": dict(published=({"a": HERTZ}, by_name(listed, known=False))),
@@ -400,6 +480,7 @@ COSTLY = (
     "emulate",
     "pool_tests",
     "compare_moves",
+    "report",
 )  # of which no other way to write is tried
 STAND_INS = {
     "Measurements.from_uff, sensors": read_universal,

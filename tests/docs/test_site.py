@@ -1,7 +1,7 @@
 """The built site in a browser: pictures, links, console, widths, dark mode, search.
 
-Run after the build, ``python -m sphinx docs docs/_build/html``. What lies elsewhere
-(MathJax) is not asked for: a test must not depend on it.
+Run after the build, ``python -m sphinx docs docs/_build/html``. Pages ask no other site
+for anything that they need.
 """
 
 import shutil
@@ -191,15 +191,25 @@ def test_every_figure_is_a_picture():
             assert "data:image" in text or "_images/" in text, path
 
 
+def test_formulas_are_set_by_the_site_itself(tab):
+    scripts = {path: Links((SITE / path).read_text("utf-8")).scripts for path in PAGES}
+    assert {s for found in scripts.values() for s in found if "://" in s} == set()
+    tab.goto(f"{tab.own}/explanation/likelihoods.html", wait_until="load")
+    tab.wait_for_selector("mjx-container", timeout=10_000)
+    assert tab.locator("mjx-merror").count() == 0 and tab.complaints == []
+
+
 class Links(HTMLParser):
     def __init__(self, text):
         super().__init__()
-        self.targets, self.names = set(), set()
+        self.targets, self.names, self.scripts = set(), set(), set()
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
         given = dict(attributes)
         self.names |= {given.get("id"), given.get("name")}
+        if tag == "script" and given.get("src"):
+            self.scripts.add(given["src"])
         if tag == "a" and given.get("href"):
             self.targets.add(given["href"])
 

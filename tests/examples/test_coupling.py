@@ -1,7 +1,7 @@
 """Pages that update a structure with the matrices of a real FE program.
 
-Each is held to routes that share nothing with it: the program's static analysis, closed
-forms, and the Gaussian posterior of a least-squares fit by scipy.
+Each is held to routes that share nothing with it: closed forms, and the Gaussian
+posterior of a least-squares fit by scipy. Adapters have tests in fe_programs.
 """
 
 import runpy
@@ -12,27 +12,9 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import least_squares
 from support.examples import EXAMPLES, load
+from support.programs import opensees
 
 PROGRAMS = {"opensees": "openseespy", "pynite": "Pynite", "scikit_fem": "skfem"}
-
-
-@pytest.fixture
-def frame():
-    return load("how_to/opensees")
-
-
-@pytest.fixture
-def ops(frame):
-    try:
-        return frame.load_opensees()
-    except ImportError as error:
-        pytest.skip(str(error))
-
-
-@pytest.fixture
-def platform():
-    pytest.importorskip("Pynite", reason="pip install 'emcee_femu[pynite]'")
-    return load("how_to/pynite")
 
 
 @pytest.fixture
@@ -62,13 +44,15 @@ def check_update(name, mean_gap=0.2, sd_gap=0.1):
     np.testing.assert_allclose(draws.std(axis=0), sd, rtol=sd_gap)
 
 
-def test_opensees_frame(ops, capsys):
+def test_opensees_frame(capsys):
+    opensees()
     check_update("opensees")
     shown = capsys.readouterr().out
     assert "sd/prior sd" in shown and "TAE" in shown and "upper columns" in shown
 
 
-def test_pynite_frame(platform):
+def test_pynite_frame():
+    pytest.importorskip("Pynite", reason="pip install 'emcee_femu[pynite]'")
     check_update("pynite")
 
 
@@ -83,7 +67,8 @@ def test_a_page_can_be_imported_without_its_program(name, monkeypatch, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_where_opensees_does_not_import_the_example_says_what_to_do(frame, monkeypatch):
+def test_where_opensees_does_not_import_the_example_says_what_to_do(monkeypatch):
+    frame = load("how_to/opensees")
     monkeypatch.setattr(frame.metadata, "files", lambda name: None)
     monkeypatch.setitem(sys.modules, "openseespy", None)
     monkeypatch.setitem(sys.modules, "openseespy.opensees", None)
@@ -91,97 +76,10 @@ def test_where_opensees_does_not_import_the_example_says_what_to_do(frame, monke
         frame.load_opensees()
 
 
-def test_rows_of_opensees_are_those_that_a_unit_load_moves(frame, ops):
-    theta = {"lower columns": 0.7, "upper columns": 1.3, "beams": 0.8}
-    frame.build(ops, theta)
-    K, M, labels = frame.matrices(ops)
-    assert len(set(labels)) == len(labels) == len(K)
-    flexibility = np.linalg.inv(K)
-    for column, (node, direction) in enumerate(labels):
-        frame.build(ops, theta)
-        ops.timeSeries("Linear", 1)
-        ops.pattern("Plain", 1, 1)
-        load_vector = np.zeros(3)
-        load_vector[direction - 1] = 1e3
-        ops.load(node, *load_vector.tolist())
-        ops.system("BandGeneral")
-        ops.numberer("RCM")
-        ops.constraints("Transformation")
-        ops.integrator("LoadControl", 1.0)
-        ops.algorithm("Linear")
-        ops.analysis("Static")
-        assert ops.analyze(1) == 0
-        moved = [ops.nodeDisp(*label) for label in labels]
-        scale = 1e3 * np.abs(flexibility[:, column]).max()
-        np.testing.assert_allclose(
-            moved, 1e3 * flexibility[:, column], rtol=1e-8, atol=1e-10 * scale
-        )
-        assert ops.nodeDisp(22, 1) == pytest.approx(ops.nodeDisp(21, 1), rel=1e-12)
-
-
-def test_mass_of_opensees_is_that_of_floors_and_elements(frame, ops):
-    frame.build(ops, dict.fromkeys(frame.TRUTH, 1.0))
-    _, M, labels = frame.matrices(ops)
-    column, beam = frame.LINE_MASS * frame.STOREY, frame.LINE_MASS * frame.BAY
-    # Of the lower columns only the part of the upper end moves: 156/420 of a bent and
-    # 1/3 of a stretched element.
-    for direction, share in ((1, 156 / 420), (2, 1 / 3)):
-        moves = np.array([label[1] == direction for label in labels], dtype=float)
-        expected = sum(frame.FLOORS) + 2 * beam + 2 * column * (1 + share)
-        assert moves @ M @ moves == pytest.approx(expected, rel=1e-12)
-
-
-def test_rows_of_pynite_are_those_that_a_unit_load_moves(platform):
-    theta = {"columns": 0.7, "long beams": 1.3, "short beams": 0.8}
-    model = platform.build(theta)
-    K, M, labels = platform.matrices(model)
-    assert len(labels) == len(K) == len(M) == 48
-    flexibility = np.linalg.inv(K)
-    chosen = [("AB", "DX"), ("C", "DZ"), ("BC", "RX"), ("D", "RY"), ("CD", "DY")]
-    for node, axis in chosen:
-        load_axis = axis.replace("D", "F").replace("R", "M")
-        model.add_node_load(node, load_axis, 1e3, case=node)
-        model.add_load_combo(node, {node: 1.0})
-    model.analyze_linear(check_stability=False, combo_tags=None)
-    for node, axis in chosen:
-        moved = [getattr(model.nodes[name], d)[node] for name, d in labels]
-        column = 1e3 * flexibility[:, labels.index((node, axis))]
-        np.testing.assert_allclose(
-            moved, column, rtol=1e-7, atol=1e-9 * np.abs(column).max()
-        )
-
-
-def test_mass_of_pynite_is_that_of_members_and_node_loads(platform):
-    length = {
-        "columns": 4 * platform.HEIGHT,
-        "long beams": 2 * platform.LENGTH,
-        "short beams": 2 * platform.WIDTH,
-    }
-    volume = sum(length[group] * s[0] for group, s in platform.SECTIONS.items())
-    steel = volume * platform.WEIGHT / platform.GRAVITY
-    total = steel + platform.PUMP + 7 * platform.DECK
-    found = platform.total_mass(platform.build(platform.TRUTH))
-    np.testing.assert_allclose(found, total, rtol=1e-12)
-
-
-def test_pynite_has_no_mass_without_a_load_combination(platform):
-    from Pynite import FEModel3D
-
-    model = FEModel3D()
-    model.add_material("steel", platform.E, platform.G, 0.3, platform.WEIGHT)
-    model.add_section("tube", *platform.SECTIONS["columns"])
-    model.add_node("fixed", 0.0, 0.0, 0.0)
-    model.add_node("free", 4.0, 0.0, 0.0)
-    model.def_support("fixed", True, True, True, True, True, True)
-    model.add_member("beam", "fixed", "free", "steel", "tube")
-    model.add_load_combo("Mass", {"dead": 1.0})
-    with pytest.raises(Exception, match="massless"):
-        model.analyze_modal(1, "Mass", "Y", platform.GRAVITY)
-
-
 def test_strips_and_mass_of_the_plate_have_their_closed_forms(plate):
-    parts, M, labels = plate.matrices(plate.plate())
-    assert len(labels) == M.shape[0] == 96
+    basis, ones = plate.plate(), dict.fromkeys(plate.TRUTH, 1.0)
+    whole = plate.assemble(basis, ones)
+    assert len(whole.labels) == whole.size == 96
     # w = x^2 y is clamped at x = 0 and lies in the space of the elements.
     values = {
         "u": lambda x, y: x**2 * y,
@@ -189,12 +87,15 @@ def test_strips_and_mass_of_the_plate_have_their_closed_forms(plate):
         "u_y": lambda x, y: x**2,
         "u_xy": lambda x, y: 2 * x,
     }
-    w = np.array([values[name](x, y) for x, y, name in labels])
+    places = basis.mesh.p.T
+    rows = [label.split(":") for label in whole.labels]
+    w = np.array([values[name](*places[int(node)]) for node, name in rows])
     L, W, nu = plate.LENGTH, plate.WIDTH, plate.NU
     mass = plate.RHO * plate.THICKNESS * L**5 / 5 * W**3 / 3
-    assert w @ (M @ w) == pytest.approx(mass, rel=1e-10)
+    assert w @ (whole.M @ w) == pytest.approx(mass, rel=1e-10)
     D = plate.E * plate.THICKNESS**3 / (12 * (1 - nu**2))
-    for i, part in enumerate(parts.values()):
+    for i, name in enumerate(plate.TRUTH):
+        part = plate.assemble(basis, {**ones, name: 2.0}).K - whole.K
         a, b = i * L / 4, (i + 1) * L / 4
         # w_xx = 2 y, w_xy = 2 x, w_yy = 0
         bent = 4 * W**3 / 3 * (b - a)

@@ -1,10 +1,12 @@
 """Every script runs, shortened by its arguments, and says what its page says."""
 
+import inspect
 import os
 import re
 import subprocess
 import sys
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from support.examples import EXAMPLES, TESTS, load
@@ -32,24 +34,70 @@ def test_scripts_do_nothing_on_import(path, capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_mass_spring(tmp_path):
-    """As the README's first command: it also prints no warning of a library."""
-    options = ["--generations", "1000", "--ensembles", "2", "--output", str(tmp_path)]
+def run_mass_spring(folder, *options):
+    """Return what the script prints, of which no library's warning may be a part."""
     shown = subprocess.run(
-        [sys.executable, str(EXAMPLES / "mass_spring.py"), *options],
-        env=os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")},  # ArviZ is new
+        [sys.executable, str(EXAMPLES / "mass_spring.py"), "--output", str(folder)]
+        + list(options),
+        env=os.environ | {"XDG_CACHE_HOME": str(folder / "cache")},  # ArviZ is new
         capture_output=True,
         text=True,
         check=True,
     )
-    assert all(text in shown.stdout for text in ("TAE", "k8", str(tmp_path.resolve())))
-    assert "ensemble 2/2" in shown.stderr  # the progress bar
     assert "Warning" not in shown.stderr
-    files = {path.name for path in tmp_path.glob("*.*")}
-    assert files == {
-        *(f"{name}.png" for name in ("scatter", "tae", "correlation", "proposals")),
-        *(f"{name}.csv" for name in ("parameters", "frequencies")),
+    listed = re.search(
+        rf"Written to {re.escape(str(folder))}:\n((?:    .*\n)+)", shown.stdout
+    )
+    assert {path.name for path in folder.glob("*.*")} == {
+        *listed[1].replace(",", "").split()
     }
+    return shown
+
+
+@pytest.mark.slow
+def test_mass_spring(tmp_path):
+    """The README's first command: sentences, tables, verdict, and what to do next."""
+    shown = run_mass_spring(tmp_path)
+    assert shown.stderr == ""  # no bar in a pipe
+    text = shown.stdout.replace(str(tmp_path), "figures").replace(
+        sys.executable, "python"
+    )
+    assert max(map(len, text.splitlines())) <= 80
+    sentences, parameters, frequencies = text.split("\n\n")[:3]
+    assert sentences.count(".\n") + sentences.endswith(".") + sentences.count(". ") == 3
+    assert " N/m " in parameters and "measured Hz" in frequencies
+    before, after = re.findall(r"([\d.]+) % (?:before|after)", frequencies)
+    assert float(before) == pytest.approx(2.04) and float(after) < 0.03
+    assert re.search(r"Chains: converged.*Search: one mode.*Fit: inside", text, re.S)
+    assert "scatter.png" in text and "parameters.csv" in text
+    page = re.search(r"python (examples/\S+)", text)[1]
+    assert (EXAMPLES.parent / page).exists()
+
+
+@pytest.mark.slow
+def test_mass_spring_as_in_the_paper(tmp_path):
+    shown = run_mass_spring(tmp_path, "--paper", "--generations", "1000")
+    assert "paper mean" in shown.stdout and "paper error %" in shown.stdout
+    lines = shown.stderr.splitlines()
+    assert len(lines) == 10 and lines[-1].startswith("4 ensembles: 100% 4000/4000, ")
+    assert (tmp_path / "tae.png").exists()
+
+
+@pytest.mark.slow
+def test_front_picture(tmp_path, monkeypatch, capsys):
+    """Its numbers are those of the captions; the committed one has its size."""
+    monkeypatch.chdir(tmp_path)  # the tutorial writes files
+    front = load("front_picture")
+    committed = plt.imread(inspect.signature(front.main).parameters["output"].default)
+    with plt.rc_context():
+        front.main(tmp_path / "front.png")
+    assert plt.imread(tmp_path / "front.png").shape == committed.shape
+    before, after = re.findall(r"([\d.]+) % (?:before|after)", capsys.readouterr().out)
+    for page in ("README.md", "docs/index.md"):
+        text = (EXAMPLES.parent / page).read_text(encoding="utf-8")
+        assert (
+            f"mean error of the frequencies falls from {before} % to {after} %" in text
+        )
 
 
 def serial(steps, seed):

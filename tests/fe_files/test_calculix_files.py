@@ -19,7 +19,10 @@ def test_a_block_has_the_frequencies_that_calculix_prints():
         model({}).frequencies[0], [2264.413, 2344.663], atol=5e-4
     )
     assert read.labels[:4] == ("5:ux", "5:uy", "5:uz", "6:ux")
-    assert str(read) == "block.sti: 12 DOFs at 4 nodes; entries: K (144), M (48)"
+    assert str(read).splitlines() == [
+        "block.sti: 12 DOFs at 4 nodes; entries: K (144), M (48)",
+        "moving mass: 0.785 along ux, 0.785 along uy, 0.785 along uz",
+    ]
 
 
 @pytest.mark.parametrize("end", ["sti", "mas", "dof"])

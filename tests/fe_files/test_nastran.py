@@ -54,7 +54,22 @@ def test_loads_and_complex_matrices_of_OP4_are_passed_over(tmp_path):
     read = ef.read_matrices(path)
     assert [*read.matrices] == ["K", "K4AA"]
     np.testing.assert_array_equal(read.K.toarray(), K)
-    path.write_bytes(b"\x18\0\0\0" + bytes(60))
+
+
+@pytest.mark.parametrize("order", ["little", "big"])
+@pytest.mark.parametrize("word", [4, 8])
+def test_binary_OP4_is_refused_with_the_export_that_is_read(tmp_path, order, word):
+    """The first record: columns, rows, form, type and a name of two words."""
+    record = b"".join(n.to_bytes(word, order) for n in (4, 4, 6, 2))
+    record += b"KAA ".ljust(2 * word)
+    mark = len(record).to_bytes(4, order)
+    path = tmp_path / "beam.op4"
+    path.write_bytes(mark + record + mark + bytes(400))
+    with pytest.raises(
+        ValueError, match=r"beam\.op4: .*OUTPUT4='beam\.op4'.*FORMATTED"
+    ):
+        ef.read_matrices(path)
+    path.write_bytes(mark + bytes(60))
     with pytest.raises(ValueError, match=r"beam\.op4: .*got binary content"):
         ef.read_matrices(path)
 

@@ -33,14 +33,14 @@ def made(measured, unit, coords, initial, extra=(), name="frequency", noise=0.0)
         ),
         "response": xarray.Dataset(response, coords, samples),
         "observed_data": xarray.Dataset(
-            {name: (dims, measured, {"unit": unit})}, coords
+            {name: (dims, measured, {"units": unit})}, coords
         ),
         "constant_data": xarray.Dataset({f"initial_{name}": (dims, initial)}, coords),
     }
     if noise:
         new = predicted + noise * rng.standard_normal(size)
         values = {name: (("chain", "draw", *dims), new)}
-        groups["posterior_predictive"] = xarray.Dataset(values, coords, samples)
+        groups["new_measurement"] = xarray.Dataset(values, coords, samples)
     return wrap(groups)
 
 
@@ -106,7 +106,7 @@ def test_another_quantity_is_drawn_in_its_unit_at_its_coordinates():
     idata = made(measured, "mm", coords, np.ones((2, 3)), (), "deflection", noise=0.1)
     figure = ef.figures.plot_predictive(idata, posterior(MEASURED, beta=1.0))
     (axes,) = figure.axes
-    for label, group in ((UPDATED, "response"), (NEW, "posterior_predictive")):
+    for label, group in ((UPDATED, "response"), (NEW, "new_measurement")):
         values = draws(idata, "deflection", group) - measured.ravel()
         expected = np.quantile(values, [0.025, 0.975], axis=0).T
         assert_allclose(ends(axes, label), expected, rtol=1e-9, atol=1e-12)

@@ -117,3 +117,13 @@ def test_evidence_of_a_linear_model_is_the_closed_form_gaussian(beta, mean, sd):
     options = {"epsabs": 0, "epsrel": 1e-10, "limit": 200, "points": [0.0, 0.05, mean]}
     evidence, _ = integrate.quad(lambda x: np.exp(posterior([x])[0]), *ends, **options)
     assert evidence == pytest.approx(exact, rel=1e-9)
+
+
+def test_unknown_noise_is_a_discrepancy_alone_and_the_message_says_so():
+    known = ef.FrequencyTerm(MEASURED, relative_sd=0.02)
+    unknown = ef.FrequencyTerm(MEASURED, discrepancy="noise")
+    modes = {"frequency": 1.01 * np.atleast_2d(MEASURED)}
+    same = unknown({"noise": np.array([0.02])}, modes)
+    assert_allclose(same, known({}, modes), rtol=1e-12)
+    with pytest.raises(TypeError, match='for unknown noise, discrepancy="noise" alone'):
+        ef.FrequencyTerm(MEASURED)

@@ -102,3 +102,48 @@ def test_a_shape_with_no_motion_at_the_sensors_has_mac_zero():
     still = {"shapes": np.zeros((1, 7, 1))}
     value = ef.ShapeTerm(MEASURED[:, :1], delta=0.1)({}, still)[0]
     assert_allclose(value, -1 / 0.02 - 3 * np.log(2 * np.pi * 0.01))
+
+
+GAPS = MEASURED.copy()  # the first sensor is missing in a mode, two in another
+GAPS[0, 0] = GAPS[2, 1] = GAPS[5, 1] = np.nan
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [{"delta": [0.03, 0.05, 0.1]}, {"sd": 0.02 + RNG.random((7, 3))}],
+    ids=["delta", "sd"],
+)
+def test_a_missing_sensor_drops_out_of_its_mode_alone(errors):
+    ((name, values),) = errors.items()
+    expected = 0.0
+    for mode in range(3):
+        at = ~np.isnan(GAPS[:, mode])
+        alone = GAPS[at, mode][:, None]
+        own = values[mode] if name == "delta" else values[at, mode][:, None]
+        term = ef.ShapeTerm(alone, **{name: own})
+        expected = expected + term({}, {"shapes": SHAPES[:, at][:, :, [mode]]})
+    term = ef.ShapeTerm(GAPS, **errors)
+    assert_term(term, {}, MODES, expected)
+    assert_allclose(term({}, MODES), expected, rtol=1e-12)
+
+
+def test_modes_with_missing_sensors_are_paired_and_counted_one_by_one():
+    test = ef.Measurements([1.0, 2.0, 3.0], GAPS)
+    names = {"frequency": np.tile([1.0, 2.0, 3.0], (20, 1)), "shapes": SHAPES}
+    paired = ef.PairedModel(lambda p: names, test, candidates=3)({})
+    sd = 0.1 + RNG.random(GAPS.shape)
+    known = ef.ShapeTerm(ef.Measurements([1.0, 2.0, 3.0], GAPS, shape_sd=sd))
+    assert_array_equal(known({}, paired), ef.ShapeTerm(GAPS, sd=sd)({}, paired))
+    at = ~np.isnan(GAPS)
+    assert_allclose(paired.mac, mac(np.nan_to_num(GAPS), SHAPES * at), rtol=1e-12)
+    term = ef.ShapeTerm(test, discrepancy="delta")
+    delta = {"delta": np.linspace(0.02, 0.2, 20)}
+    each = term.pointwise(delta, {"mac": paired.mac})["mac"]
+    assert_allclose(each.sum(axis=1), term(delta, paired), rtol=1e-11)
+
+
+def test_a_mode_at_one_sensor_alone_is_no_shape():
+    shapes = MEASURED.copy()
+    shapes[1:, 2] = np.nan
+    with pytest.raises(ValueError, match="at least two sensors"):
+        ef.ShapeTerm(shapes, delta=0.1)

@@ -97,18 +97,34 @@ def test_the_file_is_a_table_that_a_person_can_read(tmp_path):
     assert_same_bits(Measurements.from_csv(written(tmp_path, FILLED_IN)), m)
 
 
+def test_a_blank_cell_is_a_missing_sensor(tmp_path):
+    text = FILLED_IN.replace("shape,roof,12,1.0", "shape,roof,12,")
+    text = text.replace("shape sd,roof,,0.02", "shape sd,roof,,")
+    measured = Measurements.from_csv(written(tmp_path, text))
+    assert np.isnan(measured.shapes[0, 0]) and np.isnan(measured.shape_sd[0, 0])
+    assert np.isnan(measured.shapes).sum() == np.isnan(measured.shape_sd).sum() == 1
+    measured.to_csv(tmp_path / "again.csv")
+    assert "shape,roof,12,," in (tmp_path / "again.csv").read_text(encoding="utf-8")
+    assert_same_bits(Measurements.from_csv(tmp_path / "again.csv"), measured)
+    with pytest.raises(ValueError, match="line 2, column 'mode 1': .*got ''"):
+        Measurements.from_csv(written(tmp_path, FILLED_IN.replace("3.13", "")))
+
+
 @pytest.mark.parametrize(
     "change",
     [
         lambda text: "\ufeff" + text,  # Excel
         lambda text: text.replace("\n", ",,\r\n"),  # columns once used, and Windows
         lambda text: text.replace("\n", "\n\n,,,,\n"),
+        lambda text: text.replace(",", ";").replace(".", ","),  # of other countries
+        lambda text: text.replace(",", ";"),
         lambda text: text.replace(",0", ", 0").replace("],,", "] , ,"),
         lambda text: "".join(  # rows in another order
             text.splitlines(keepends=True)[i] for i in (0, 3, 5, 1, 4, 6, 2)
         ),
     ],
-    ids=["byte order mark", "Windows", "empty lines", "blanks", "order"],
+    ids=["byte order mark", "Windows", "empty lines", "decimal commas", "semicolons"]
+    + ["blanks", "order"],
 )
 def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
     plain = Measurements.from_csv(written(tmp_path, FILLED_IN))
@@ -119,7 +135,7 @@ def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (",", ";", "line 1: .*separated by commas"),
+        (",", "\t", "line 1: .*separated by commas or semicolons"),
         ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sd .Hz.'.* got 'sigma'"),
         ("0.01,0.02", "0.01,abc", "line 3, column 'mode 2': .*number, got 'abc'"),
         ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),

@@ -54,6 +54,17 @@ def test_collinearity_is_the_flatness_of_the_scatter_in_the_complex_plane(scatte
         assert value == pytest.approx(own.real, rel=1e-12)  # the MAC with its conjugate
 
 
+def test_there_is_no_deviation_of_a_missing_sensor():
+    shapes = [[1.0, np.nan], [0.5, -1.0]]
+    measured = Measurements([1.0, 2.0], shapes, shape_sd=np.full((2, 2), 0.1))
+    assert np.isnan(measured.shape_sd).tolist() == [[False, True], [False, False]]
+
+
+def test_shapes_come_second():
+    shapes = [[1.0, 0.5], [0.5, -1.0]]
+    assert Measurements([1.0, 2.0], shapes).shapes.tolist() == shapes
+
+
 def test_modes_of_low_collinearity_are_named_in_a_warning():
     shapes = np.array([[1.0, 1.0, 1.0], [2.0, 0.2j, 1j], [-1.0, 0.5, -1.0]])
     expected = np.array([1, (1.21 / 1.29) ** 2, 1 / 9])

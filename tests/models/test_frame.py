@@ -182,3 +182,25 @@ def test_named_properties_equal_numbers(named):
         numbers = solve(h_frame(base=H | {key: factor * H[key] for key in named}))
         batch = model(values).frequencies
         np.testing.assert_allclose(batch[row], numbers, rtol=1e-9)
+
+
+def test_a_large_frame_is_solved_by_sparse_matrices_as_a_dense_one():
+    halves = {k: Section(**BAR | {"E": f"E {k}", "rho": "rho"}) for k in ("in", "out")}
+    nodes = [(x, 0.1 * np.sin(9 * x), 0.0) for x in np.linspace(0.0, L, 38)]
+    elements = [(i, i + 1, "in" if i < 12 else "out") for i in range(37)]
+    values = {"E in": np.array([6e10, 8e10]), "E out": np.full(2, 7e10)}
+    values["rho"] = np.array([2700.0, 2900.0])
+    solved = []
+    for modes in ((1, 2, 3), (1, 2, 3, 5)):  # with a gap they are taken of all
+        options = dict(modes=modes, shapes=["37:uy", "20:uz"])
+        frame = FrameModel(nodes, elements, halves, {0: "all"}, **options)
+        assert len(frame.dofs) > 200
+        modal, slopes = frame.jacobian(values)
+        slopes = [
+            slopes[kind][name] * values[name].max()
+            for kind in slopes
+            for name in values
+        ]
+        solved.append([np.abs(x)[..., :3] for x in (*modal, *slopes)])
+    for sparse, dense in zip(*solved, strict=True):
+        np.testing.assert_allclose(sparse, dense, rtol=1e-6, atol=1e-7 * dense.max())

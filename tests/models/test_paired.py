@@ -47,6 +47,23 @@ def test_modes_are_put_in_the_order_of_the_measured_ones():
     assert not paired.pairing.unpaired.any()
 
 
+def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
+    """As if the sensors that one of the measured modes lacks were no sensors."""
+    shapes = random_shapes(5, 1, 8, 4)
+    measured = shapes[0][:, :2] @ turned(0.6)
+    measured[3, 1] = np.nan
+    model = Fixed([2.0, 2.001, 5.0, 6.0], shapes)
+    paired = PairedModel(model, Measurements([2.0, 2.001], measured))({})
+    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-9)
+    there = np.arange(8) != 3
+    model = Fixed([2.0, 2.001, 5.0, 6.0], shapes[:, there])
+    fewer = PairedModel(model, Measurements([2.0, 2.001], measured[there]))({})
+    np.testing.assert_allclose(paired.mac[:, 1], fewer.mac[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(
+        paired.shapes[0, there, 1], fewer.shapes[0, :, 1], rtol=1e-9
+    )
+
+
 def test_the_pairs_are_the_best_of_all_one_to_one_choices():
     shapes, measured = random_shapes(2, 200, 4, 5), random_shapes(0, 4, 3)
     test = Measurements([1.0, 2.0, 3.0], shapes=measured)

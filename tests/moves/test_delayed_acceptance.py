@@ -215,3 +215,10 @@ def test_a_resumed_run_goes_on_to_the_bit_and_failed_solves_are_rejected(tmp_pat
     stored = whole.get_log_prob(flat=True), whole.get_blobs(flat=True)
     rows = posterior(resumed.reshape(-1, 2))
     np.testing.assert_allclose(np.column_stack(stored), rows, rtol=1e-12)
+
+
+def test_a_move_is_shown_as_its_call_without_the_tables_of_the_cheap_posterior():
+    cheap = ef.paper.mass_spring().posterior
+    move = ef.moves.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=3)
+    assert repr(move).endswith("cheap=LogPosterior, steps=3)")
+    assert "(inner=DEMCMove(" in repr(ef.moves.TemperedMove(move, [1.0, 0.5]))

@@ -3,6 +3,8 @@
 import pytest
 from support.notebooks import MODEL, assert_quiet, execute
 
+pytestmark = pytest.mark.slow  # a kernel, and all that it imports, take seconds
+
 HTML = {  # what a user prints, and a sentence of it
     "posterior": ("posterior", "<p>FunctionModel; terms: frequency; stored: freq"),
     "prior": ("prior", "norm(50, 9)"),

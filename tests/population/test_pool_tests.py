@@ -166,6 +166,7 @@ def beside_an_odd_one(measured):
     return tests, posterior, population
 
 
+@pytest.mark.slow
 def test_a_test_out_of_reach_is_named():
     """It drags the population from 5.2 to 4.8, where the draws of the others reach."""
     tests, _, population = beside_an_odd_one(np.linspace(5.1, 5.3, 10))

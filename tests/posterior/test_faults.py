@@ -1,5 +1,7 @@
 """A solve that fails, however it does: what is raised, and where it was."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from support.faulty import FAULTS, MODELS, is_as_raised, posterior
@@ -39,6 +41,23 @@ def test_a_batch_that_fails_names_its_parameter_sets_but_not_hundreds():
     assert "more" in caught.value.__notes__[0]
 
 
+def one_set(parameters):
+    return [float(parameters["a"]), 2.0]
+
+
+@pytest.mark.parametrize(
+    "function", [one_set, lambda p: [p["a"], p["b"]], partial(list)]
+)
+def test_a_function_of_one_parameter_set_is_no_model_and_says_how_it_becomes_one(
+    function,
+):
+    posterior = ef.LogPosterior(function, TERM, PRIOR)
+    with pytest.raises(TypeError) as caught:
+        posterior([[0.0, 0.0], [1.5, 0.25]])
+    text = "\n".join([str(caught.value), *caught.value.__notes__])
+    assert "becomes a model by FunctionModel(function)" in text
+
+
 class Typo:
     variables = ef.modal_variables(2)
 
@@ -51,6 +70,7 @@ class Typo:
     [
         (ef.FunctionModel(lambda p: p["A"]), True),
         (Typo(), True),
+        (ef.FunctionModel(lambda p: [p[0], p[1]]), True),
         (ef.FunctionModel(lambda p: {}["a"]), False),  # a fault of another kind
         (ef.FunctionModel(lambda p: {}[3]), False),
     ],

@@ -62,11 +62,11 @@ def test_groups_dimensions_and_units_follow_the_declaration(idata):
     EI = idata["posterior"]["EI"]
     assert_allclose(response.sel(point="c"), 1e3 / 3 / EI, rtol=1e-12)
     constants = idata["constant_data"]["initial_deflection"]
-    assert constants.attrs["unit"] == "mm" and constants.dims == ("point",)
+    assert constants.attrs["units"] == "mm" and constants.dims == ("point",)
     assert idata["observed_data"]["deflection"].values.tolist() == MEASURED
     logs = idata["log_likelihood"]["gauges"]
     assert_allclose(logs, stats.norm.logpdf(MEASURED, response, SD), rtol=1e-12)
-    noisy = idata["posterior_predictive"]["deflection"]
+    noisy = idata["new_measurement"]["deflection"]
     assert (noisy - response).std().item() == pytest.approx(SD, rel=0.05)
 
 

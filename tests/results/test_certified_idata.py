@@ -61,7 +61,7 @@ def test_tables_show_the_weighted_draws_and_say_so(corrected, tmp_path):
         true = TRUE(found.theta)[:, TRUE.columns["frequency"]]
         means = found.weights @ true / len(found.theta)
         np.testing.assert_allclose(
-            frequencies.column("mean of samples Hz")[:2], means, rtol=1e-4
+            frequencies.column("sample mean Hz")[:2], means, rtol=1e-4
         )
         assert "corrected" in ef.predictive_table(sealed).title
         assert "orrected" in str(ef.identifiability(sealed))
@@ -75,6 +75,18 @@ def test_tables_show_the_weighted_draws_and_say_so(corrected, tmp_path):
     assert str(ef.diagnose(found)) == str(ef.diagnose(found.idata))
     emulated_mean = ef.parameter_table(idata).column("mean")
     assert np.abs(emulated_mean / exact - 1).max() > 0.01
+
+
+def test_predictive_draws_of_arviz_are_taken_by_weight(corrected):
+    _, found = corrected
+    new = found.idata["new_measurement"]["frequency"][0]
+    some = found.idata["posterior_predictive"]["frequency"][0]
+    weights = found.weights[found.weights > 0]
+    exact = weights @ new.values / weights.sum()
+    far = abs(new.values.mean(axis=0) - exact)
+    error = 4 * some.std("draw").values / np.sqrt(len(some))
+    assert (abs(some.mean("draw").values - exact) < error).all()
+    assert (far > error).any()  # what it would be without the weights
 
 
 def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(

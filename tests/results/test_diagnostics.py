@@ -248,6 +248,8 @@ def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
         mean = sampler.get_chain(flat=True).mean(axis=0)
         assert_allclose(table.column("mean"), mean, rtol=1e-12)
         assert ef.figures.plot_correlation(idata).axes
-        with pytest.raises(ValueError, match="no group 'response'; to_inference_data"):
+        with pytest.raises(
+            ValueError, match="no group 'response', for it was made without"
+        ):
             ef.predictive_table(idata)
     assert ef.parameter_table(sampler.backend).column("parameter")[0] == "theta1"

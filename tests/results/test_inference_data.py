@@ -1,3 +1,4 @@
+import warnings
 from importlib.metadata import version
 from itertools import product
 
@@ -18,7 +19,15 @@ BOUNDS = [(0.5, 1.6), (-1.0, 1.0), (0.6, 3.0)]
 MEAN, SD = [1.0, 0.1, 1.5], [0.2, 0.3, 0.4]
 MEASURED = [10.2, 25.5]  # two of the model's four modes
 SAMPLED = ("posterior", "sample_stats", "log_likelihood", "response")
-GROUPS = (*SAMPLED, "posterior_predictive", "prior", "observed_data", "constant_data")
+GROUPS = (
+    *SAMPLED,
+    "new_measurement",
+    "posterior_predictive",
+    "prior",
+    "observed_data",
+    "constant_data",
+)
+DATA = ["frequency[1]", "frequency[2]", "ridge"]
 WALKERS, STEPS, MODES = 10, 24, 4
 
 
@@ -110,7 +119,6 @@ def assert_is_the_chain(idata, runs, discard=0, thin=1):
         expected = {
             ("sample_stats", "lp"): runs[e].get_log_prob(**options)[:, w],
             ("sample_stats", "log_prior"): blobs[:, 0],
-            ("log_likelihood", "ridge"): blobs[:, 2],
             ("response", "frequency"): blobs[:, 3:],
         }
         for k, name in enumerate(NAMES):
@@ -119,9 +127,10 @@ def assert_is_the_chain(idata, runs, discard=0, thin=1):
             found = dataset(idata, group)[name]
             assert found.dims == ("chain", "draw", "mode")[: 1 + value.ndim]
             assert_array_equal(found.values[chain], value)
-        factors = dataset(idata, "log_likelihood")["frequency"].values[chain]
-        assert factors.shape == (len(blobs), len(MEASURED))
-        assert_allclose(factors.sum(axis=1), blobs[:, 1], rtol=1e-11)
+        factors = dataset(idata, "log_likelihood")["data"][chain]
+        assert factors.datum.values.tolist() == DATA
+        assert_array_equal(factors[:, 2], blobs[:, 2])
+        assert_allclose(factors[:, :2].sum("datum"), blobs[:, 1], rtol=1e-11)
     for group in SAMPLED:
         found = dataset(idata, group)
         assert_array_equal(np.c_[found.ensemble, found.walker], pairs)
@@ -148,8 +157,9 @@ def test_container_groups_variables_and_dimensions(idata):
     expected = {
         "posterior": (NAMES, by_draw),
         "sample_stats": (["lp", "log_prior"], by_draw),
-        "log_likelihood": (["frequency", "ridge"], by_draw | {"mode": 2}),
-        "posterior_predictive": (["frequency"], by_draw | {"mode": 2}),
+        "log_likelihood": (["data"], by_draw | {"datum": 3}),
+        "new_measurement": (["frequency"], by_draw | {"mode": 2}),
+        "posterior_predictive": (["frequency"], {"chain": 1, "draw": 500, "mode": 2}),
         "prior": (NAMES, {"chain": 1, "draw": 1000}),
         "response": (["frequency"], by_draw | {"mode": 4}),
         "observed_data": (["frequency"], {"mode": 2}),
@@ -200,9 +210,43 @@ def test_a_plain_emcee_sampler_and_its_backend_are_converted():
 
 def test_arviz_judges_and_plots_the_result(idata):
     assert list(az.summary(idata).index) == NAMES
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # 600 draws of a short chain
+        loo = az.loo(idata)
+        ranking = az.compare({"one": idata, "other": idata})
+    assert loo.n_data_points == len(DATA) and len(ranking) == 2
     az.plot_trace(idata, var_names=NAMES[:2])
     assert plt.get_fignums()
     plt.close("all")
+
+
+def test_the_predictive_draws_are_new_measurements_of_all_chains(idata):
+    new = dataset(idata, "new_measurement")["frequency"]
+    some = dataset(idata, "posterior_predictive")["frequency"]
+    places = np.nonzero(np.isin(new.values[..., 0], some.values[..., 0]))
+    assert len(places[0]) == some.sizes["draw"]  # each once
+    assert len({*places[0]}) == new.sizes["chain"]  # 500 of 600
+    assert_array_equal(some.mode, new.mode)
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_parameters_of_a_plain_sampler_are_named(plain):
+    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * float(x @ x))
+    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 10)
+    source = sampler if plain else sampler.backend
+    idata = ef.to_inference_data(source, discard=5, names=["k", "m"])
+    assert dataset(idata, "posterior").attrs["sampled"] == ["k", "m"]
+    expected = sampler.get_chain(discard=5)[:, 3, 1]
+    assert_array_equal(dataset(idata, "posterior")["m"].values[3], expected)
+    with pytest.raises(ValueError, match=r"names: expected one for each of 2 param"):
+        ef.to_inference_data(source, names=["k"])
+    with pytest.raises(ValueError, match=r"names: there are \['k', 'm'\] already"):
+        ef.to_inference_data(idata, names=["k", "m"])
+
+
+def test_a_posterior_has_its_own_names(runs):
+    with pytest.raises(ValueError, match=r"names: there are \['stiff', 'alpha'"):
+        ef.to_inference_data(runs, names=NAMES)
 
 
 def test_netcdf_round_trip_keeps_every_number_and_the_tables(idata, tmp_path):

@@ -38,7 +38,7 @@ def made(frequency, mac=None, model_mode=None, measured=MEASURED, by=None, **dra
         }
         | {"mode": np.arange(1, frequency.shape[2] + 1)},
         "observed_data": {
-            "frequency": ("mode", measured, {"unit": "Hz"}),
+            "frequency": ("mode", measured, {"units": "Hz"}),
             "mode": np.arange(1, len(measured) + 1),
         },
     }
@@ -47,7 +47,7 @@ def made(frequency, mac=None, model_mode=None, measured=MEASURED, by=None, **dra
         stored = {"frequency": frequency.reshape(-1, frequency.shape[2])}
         new = by.terms[-1].replicate(np.random.default_rng(0), flat, stored)
         values = new["frequency"].reshape(*shape, -1)
-        groups["posterior_predictive"] = {
+        groups["new_measurement"] = {
             "frequency": (("chain", "draw", "mode"), values),
             "mode": groups["observed_data"]["mode"],
         }

@@ -121,15 +121,15 @@ def test_derived_quantities_are_rows_only_if_asked_for():
         ef.parameter_table(idata, var_names=["sum"])
 
 
-HEADER = "mode,measured Hz,at prior mean Hz,error %,{} Hz,c.o.v. %,error % "
+HEADER = "mode,measured Hz,prior mean Hz,error %,{} Hz,c.o.v. %,error % "
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
 
 
 @pytest.mark.parametrize(
     "posterior, what, updated, errors",
     [
-        (None, "mean of samples", [10.5, 27.0], [5.0, 8.0, 6.5]),
-        (POSTERIOR, "at posterior mean", [10.0, 26.0], [0.0, 4.0, 2.0]),
+        (None, "sample mean", [10.5, 27.0], [5.0, 8.0, 6.5]),
+        (POSTERIOR, "posterior mean", [10.0, 26.0], [0.0, 4.0, 2.0]),
     ],
 )
 def test_frequency_table_equals_numbers_by_hand(
@@ -143,7 +143,7 @@ def test_frequency_table_equals_numbers_by_hand(
     assert table.columns[:-2] == tuple(HEADER.format(what).split(","))
     assert table.column("mode") == ["1", "2", "TAE"]
     assert_array_equal(table.column("measured Hz"), [*MEASURED, np.nan])
-    assert_array_equal(table.column("at prior mean Hz"), [12.0, 22.0, np.nan])
+    assert_array_equal(table.column("prior mean Hz"), [12.0, 22.0, np.nan])
     assert_allclose(table.column("error %"), [20, 12, 16], rtol=1e-12)
     assert_allclose(table.column(f"{what} Hz"), [*updated, np.nan], rtol=1e-14)
     expected = [*(100 * FREQUENCY_SD / updated), np.nan]
@@ -170,8 +170,8 @@ def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
     ):
         table = ef.frequency_table(idata, joint, experiment=name)
         assert table.title == f"Natural frequencies of '{name}'"
-        assert_allclose(table.column("at prior mean Hz")[:-1], at_prior, rtol=1e-12)
-        assert_allclose(table.column("at posterior mean Hz")[:-1], expected, rtol=1e-9)
+        assert_allclose(table.column("prior mean Hz")[:-1], at_prior, rtol=1e-12)
+        assert_allclose(table.column("posterior mean Hz")[:-1], expected, rtol=1e-9)
         last = tae(idata, joint, experiment=name)[1][-1]
         assert_allclose(table.column("error % ")[-1], last, rtol=1e-9)
     with pytest.raises(ValueError, match=r"has measured .frequency.*loaded.freq.*exp"):

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import warnings
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import suppress
 
 import emcee
@@ -34,9 +34,13 @@ from support.pool_problems import (
 from support.runs import assert_same, failures
 from support.systems import KILL, inherits, need_start_method, posix
 
+import emcee_femu as ef
 from emcee_femu import EvaluationPool
+from emcee_femu.evaluation.samplers import Sampler
+from emcee_femu.moves import HamiltonianMove
 
 SLOW = pytest.mark.slow
+SLOPES = {"k": np.array([1.0, 0.0]), "m": np.array([0.0, 2.0])}  # of the frequencies
 spawn = pytest.param("spawn", marks=SLOW)  # starts processes anew
 anew = [spawn, pytest.param("forkserver", marks=SLOW)]
 
@@ -108,6 +112,103 @@ def test_anything_with_a_map_will_do(serial):
         from schwimmbad import SerialPool
 
         agree(sample(SerialPool()), serial)
+
+
+# --- ensembles together -----------------------------------------------------------
+
+
+class InStep:
+    """A solver that waits until as many are at work, once it is told to."""
+
+    def __init__(self, parties):
+        self.barrier, self.waiting = threading.Barrier(parties, timeout=20), False
+
+    def __call__(self, p):
+        if self.waiting:
+            self.barrier.wait()
+        return [p["k"], 2 * p["m"]]
+
+
+def in_step(solver):
+    """Return a posterior without bounds, so that each proposal is solved."""
+    model = ef.FunctionModel(
+        solver, n_modes=2, jacobian=lambda p: (solver(p), {"frequency": SLOPES})
+    )
+    prior = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2])
+    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.2)
+    return ef.LogPosterior(model, term, prior)
+
+
+def test_half_of_each_ensemble_is_on_the_pool_at_once(monkeypatch):
+    solver = InStep(parties=3 * 6 // 2)
+    advance = Sampler.advance
+
+    def advance_waiting(self, *arguments):
+        solver.waiting = True  # not of the starts
+        advance(self, *arguments)
+
+    monkeypatch.setattr(Sampler, "advance", advance_waiting)
+    with ThreadPoolExecutor(9) as pool:
+        ef.run(in_step(solver), ef.DEMCMove(), 6, 5, ensembles=3, seed=1, pool=pool)
+    assert not solver.barrier.broken
+
+
+def test_together_ensembles_are_what_they_are_one_after_another():
+    def solver(p):
+        time.sleep(1e-3)  # the others have their turn
+        return linear(p)
+
+    posterior = in_step(solver)
+    moves = [(HamiltonianMove([0.04, 0.04], steps=3), 0.6), (ef.DEMCMove(), 0.4)]
+    with ThreadPoolExecutor(4) as threads:
+        together, alone = (
+            ef.run(posterior, moves, 6, 9, ensembles=3, seed=1, pool=pool)
+            for pool in (threads, None)
+        )
+    assert_same(together, alone)
+    # Of gradients that the move keeps from step to step, none is asked for again.
+    assert together.solves == alone.solves
+
+
+def failing_later(error):
+    """Return a solver that raises once the starts are there, and counts its calls."""
+    lock, calls = threading.Lock(), []
+
+    def solver(p):
+        with lock:
+            calls.append(1)
+            number = len(calls)
+        time.sleep(2e-3)
+        if number == 60:
+            error()
+        return linear(p)
+
+    return solver, calls
+
+
+def test_an_error_in_one_ensemble_ends_all_and_keeps_their_samples():
+    solver, calls = failing_later(lambda: pool_problems.ordinary(None))
+    with ThreadPoolExecutor(4) as pool:
+        options = dict(ensembles=3, seed=1, pool=pool)
+        with pytest.raises(ArithmeticError, match="did not converge") as caught:
+            ef.run(in_step(solver), ef.DEMCMove(), 6, 1_000, **options)
+        stored = [sampler.iteration for sampler in caught.value.run]
+        time.sleep(0.1)  # the others stop where they wait
+        spent = len(calls)
+        time.sleep(0.1)
+    assert spent == len(calls) < 100 and min(stored) >= 1
+    assert [sampler.iteration for sampler in caught.value.run] == stored
+
+
+@posix
+def test_the_keyboard_ends_ensembles_that_are_under_way_together():
+    solver, calls = failing_later(lambda: os.kill(os.getpid(), signal.SIGINT))
+    with ThreadPoolExecutor(4) as pool:
+        options = dict(ensembles=3, seed=1, pool=pool)
+        with pytest.raises(KeyboardInterrupt) as caught:
+            ef.run(in_step(solver), ef.DEMCMove(), 6, 1_000, **options)
+    assert len(calls) < 200
+    assert min(sampler.iteration for sampler in caught.value.run) >= 1
 
 
 # --- what travels -----------------------------------------------------------------
@@ -338,6 +439,7 @@ def run_unguarded(tmp_path, *arguments):
     return [script.communicate(text, timeout=60) for script, text in pairs]
 
 
+@SLOW
 @inherits
 def test_a_script_needs_no_guard_nor_a_file(tmp_path):
     assert run_unguarded(tmp_path) == [("True\n", "")] * 3
@@ -357,7 +459,10 @@ def test_spawned_processes_of_a_script_without_a_guard_ask_for_it(tmp_path):
 STUCK = """
 import multiprocessing, sys
 from concurrent.futures import ProcessPoolExecutor
+import emcee_femu as ef
 from emcee_femu import EvaluationPool
+from emcee_femu.evaluation.samplers import Sampler
+from emcee_femu.moves import HamiltonianMove
 from support import pool_problems
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """run: seeds, starts, ensembles, moves, and the traps of plain emcee."""
 
+import sys
+
 import emcee
 import numpy as np
 import pytest
@@ -134,7 +136,24 @@ def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, nam
         run(**{"posterior": UNSOLVED} | options)
 
 
-def test_progress_shows_a_bar_an_ensemble(capsys):
-    run(ensembles=2, progress=True)
-    shown = capsys.readouterr().err
-    assert "ensemble 1/2" in shown and "ensemble 2/2" in shown
+@pytest.mark.parametrize(
+    "terminal, asked, shown",
+    [
+        (True, None, "bar"),
+        (True, True, "bar"),
+        (True, False, ""),
+        (False, None, ""),
+        (False, True, "lines"),
+    ],
+)
+def test_a_terminal_shows_a_bar_and_a_file_a_line_at_each_tenth(
+    terminal, asked, shown, monkeypatch, capsys
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: terminal)
+    run(steps=15, ensembles=2, progress=asked)
+    said = capsys.readouterr().err
+    assert ("2 ensembles: 100%" in said and "30/30" in said) == bool(shown)
+    assert ("\r" in said) == (shown == "bar")
+    if shown == "lines":
+        counts = [line.split()[3].split("/")[0] for line in said.splitlines()]
+        assert [int(count) for count in counts] == [*range(3, 31, 3)]

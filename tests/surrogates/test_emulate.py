@@ -123,7 +123,7 @@ def test_inferred_errors_are_no_inputs_of_the_emulator():
     assert_allclose(close[near], full[near], atol=0.1)
 
 
-@pytest.mark.parametrize("n_terms", [1, 2])
+@pytest.mark.parametrize("n_terms", [pytest.param(1, marks=SLOW), 2])
 def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
     """Candidates, each with the error of its measured one; shapes tell the pairs."""
     K = {"a": np.diag([1.0, 0.0, 0.0]), "b": np.array([[1, -1, 0], [-1, 2, -1],
@@ -147,6 +147,8 @@ def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
     near = full > full.max() - 6
     assert near.sum() > 5
     assert_allclose(close[near], full[near], atol=0.3)
+    sent = pickle.loads(pickle.dumps(emulated.posterior))  # to another process
+    assert_array_equal(sent(theta), emulated.posterior(theta))
 
 
 # --- a thin ridge -----------------------------------------------------------------

@@ -96,7 +96,10 @@ CASES = {
     "shapes alone": lambda: emulate("shapes"),
     "numbers": lambda: emulate("sorted"),
 }
-every_case = pytest.mark.parametrize("case", CASES)
+SLOWEST = pytest.param("shapes alone", marks=pytest.mark.slow)
+every_case = pytest.mark.parametrize(
+    "case", [SLOWEST if case == "shapes alone" else case for case in CASES]
+)
 
 
 def values_of(response, name):

@@ -1,0 +1,1 @@
+"""Stiffness and mass out of the programs where a model stands: one file per program."""

@@ -1,0 +1,278 @@
+"""The structure, its sensors, and the mode shapes that were measured and predicted."""
+
+import math
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from .. import checks
+from ..interfaces import Floats, read_declared
+from ..models.geometry import Geometry
+from ..posterior.log_posterior import LogPosterior
+from ..results.arviz_objects import samples
+from ..results.shapes import ModeShapes, PairedShapes, choose_experiment, solve_shapes
+from ..results.to_arviz import read_samples
+from .style import BELOW, BLUE, GREY, RED, Style, finish
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
+
+COLUMNS, PANEL = 3, 2.33  # panels beside each other; inches of each
+LARGEST = 0.15  # displacement drawn, of the size of the structure
+MARGIN = 0.17  # around the structure, of its size
+# A view in space: from how far to the side, and from how far above.
+SIDE, ABOVE = math.radians(30), math.radians(22)
+ROTATIONS = ":rx", ":ry", ":rz"  # of a node, which move none
+SMALL = 1e-9
+
+
+def plot_shapes(
+    idata: object,
+    posterior: LogPosterior | None = None,
+    *,
+    geometry: Geometry | None = None,
+    modes: Sequence[int] | None = None,
+    experiment: str | None = None,
+) -> "Figure":
+    """Draw the structure with its measured mode shapes and those of the updated model.
+
+    One panel per mode. Grey is the structure at rest, blue the model at the posterior
+    mean (one solve), red arrows are what the sensors measured, in the model's scale; a
+    blue circle is the model at a sensor, along what it measures. Where the model
+    returns shapes at more DOFs than the sensors', lines move with their nodes; a node
+    of which nothing is known stands still if most others are known, as supports do,
+    and its lines are not drawn else. Of close modes, which turn with the least change,
+    the shape is that which they span next to the measured one, at the sensors only.
+    Without measured shapes the model's are drawn alone.
+
+    A structure in a plane that its modes do not leave is drawn in that plane, any other
+    in space, z upwards.
+
+    Args:
+        idata: What :func:`run` or :func:`to_inference_data` returns.
+        posterior: The sampled posterior; known of a run.
+        geometry: Nodes, lines and sensors; None for the model's own.
+        modes: Which modes, 1 = the first measured one; None for all.
+        experiment: Name of one experiment of a joint posterior.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior, or needed, or geometry is no
+            Geometry.
+        ValueError: If no geometry is known, or it knows no DOF of the shapes; the model
+            returns no shapes; posterior has other parameters; there is no such mode or
+            experiment.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+        >>> model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+        >>> test = ef.Measurements([0.27, 0.66], shapes=[[1.0, 1.9], [1.6, -1.0]])
+        >>> term = ef.FrequencyTerm(test, relative_sd=0.01)
+        >>> bounds = [(5.0, 15.0), (2.0, 8.0)]
+        >>> prior = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 1.0, bounds)
+        >>> paired = ef.PairedModel(model, test, candidates=2)
+        >>> posterior = ef.LogPosterior(paired, term, prior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 50, ensembles=1, seed=1)
+        >>> tower = ef.Geometry({0: (0, 0), 1: (0, 1), 2: (0, 2)}, [(0, 1), (1, 2)],
+        ...                     {0: (1, "ux"), 1: (2, "ux")})
+        >>> figure = ef.figures.plot_shapes(run, geometry=tower)
+        >>> figure.axes[0].get_title().splitlines()[0]
+        'mode 1: 0.27 Hz measured,'
+    """
+    from matplotlib import pyplot as plt
+
+    idata, posterior = read_samples(idata, posterior)
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    test = choose_experiment(posterior, experiment)
+    if geometry is None:
+        geometry = read_declared(test.model, "geometry")
+    if geometry is None:
+        raise ValueError(
+            "geometry: the model tells none; give geometry=Geometry(nodes, lines, "
+            "sensors), {node: coordinates}, (node, node) each and {DOF: (node, "
+            "direction)}"
+        )
+    checks.instance("geometry", geometry, Geometry)
+    solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
+    numbers = _choose_modes(modes, solved.count)
+    drawn = [_displace(solved, geometry, number - 1) for number in numbers]
+    nodes = np.array([*geometry.nodes.values()])
+    view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
+    low, high = (nodes @ view.T).min(axis=0), (nodes @ view.T).max(axis=0)
+    size = float(np.linalg.norm(high - low)) or 1.0
+    low, high = low - MARGIN * size, high + MARGIN * size
+    rows = -(-len(numbers) // COLUMNS)
+    columns = -(-len(numbers) // rows)
+    slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
+    figure, panels = plt.subplots(
+        rows,
+        columns,
+        figsize=(max(PANEL * columns, 3.6), 0.6 + rows * (0.4 + PANEL * slope)),
+        layout="constrained",
+        squeeze=False,
+    )
+    for axes in panels.flat[len(numbers) :]:
+        axes.remove()
+    for axes, number, mode in zip(panels.flat, numbers, drawn, strict=False):
+        _draw_mode(axes, geometry, view, [_scale(part, mode, size) for part in mode])
+        axes.set_title(_title(solved, number - 1), fontsize=9)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set(xticks=[], yticks=[], frame_on=False)
+    _draw_directions(panels[0, 0], view, low + 0.05 * size, 0.12 * size)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    beside = 4 if columns == COLUMNS else 2
+    figure.legend(handles, labels, **{**BELOW, "ncols": beside}, fontsize=8)
+    figure.draw_without_rendering()  # the layout of such axes settles in two passes
+    return finish(figure, idata)
+
+
+def _choose_modes(modes: Sequence[int] | None, count: int) -> list[int]:
+    """Return the numbers of the modes to draw, refusing those that there are not."""
+    if modes is None:
+        return [*range(1, count + 1)]
+    if not isinstance(modes, Iterable) or isinstance(modes, str):
+        raise TypeError(f"modes: expected numbers of modes, got {modes!r}")
+    numbers = [checks.whole_number("modes", mode, 1) for mode in modes]
+    if not numbers or max(numbers) > count or len({*numbers}) < len(numbers):
+        raise ValueError(
+            f"modes: expected numbers from 1 to {count}, each once, got {numbers}"
+        )
+    return numbers
+
+
+def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
+    """Return what moves in mode i: the structure; at the sensors, model and measured.
+
+    Raises:
+        ValueError: If the geometry does not know a sensor, or no DOF at all.
+    """
+    sensors: Sequence[Hashable] = ()
+    if not isinstance(modes, PairedShapes):
+        values = dict(zip(modes.dofs, modes.shapes[:, i], strict=True))
+        paired = measured = np.empty(0)
+    else:
+        sensors, paired = modes.sensors, modes.paired[:, i]
+        measured = modes.measured[:, i]
+        measured = measured * np.nansum(measured * paired) / np.nansum(measured**2)
+        column = modes.shapes[:, modes.chosen[i]]
+        # What close modes span is known at the sensors only.
+        values = {} if modes.shared[i] else dict(zip(modes.dofs, column, strict=True))
+        values |= dict(zip(sensors, paired, strict=True))
+    unknown = [
+        dof
+        for dof in sensors or values
+        if geometry.locate(dof) is None and not str(dof).endswith(ROTATIONS)
+    ]
+    moves = _move_nodes(geometry, values)
+    if not moves or (sensors and unknown):
+        raise ValueError(
+            f"geometry: it does not know the DOFs {unknown}; give Geometry(nodes, "
+            "lines, sensors={DOF: (node, direction)}), or name them 'node:ux'"
+        )
+    if len(moves) > len(geometry.nodes) / 2:  # the others are supports
+        moves = dict.fromkeys(geometry.nodes, np.zeros(3)) | moves
+    predicted, tested = (
+        _move_nodes(geometry, dict(zip(sensors, shape, strict=True)))
+        for shape in (paired, measured)
+    )
+    return [moves, predicted, tested]
+
+
+def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
+    """Return the displacements of nodes from those along DOFs, zero across them."""
+    by_node: dict[Hashable, list[tuple[Floats, float]]] = {}
+    for dof, value in values.items():
+        place = geometry.locate(dof)
+        if place is not None and np.isfinite(value):  # a sensor may miss one mode
+            by_node.setdefault(place[0], []).append((place[1], value))
+    moves = {}
+    for node, pairs in by_node.items():
+        directions, along = zip(*pairs, strict=True)
+        moves[node] = np.linalg.lstsq(np.array(directions), np.array(along))[0]
+    return moves
+
+
+def _scale(moves: Moves, mode: Sequence[Moves], size: float) -> Moves:
+    """Return moves of a mode whose largest is a share of the structure's size."""
+    largest = max(np.linalg.norm(move) for part in mode for move in part.values())
+    factor = LARGEST * size / max(float(largest), np.finfo(float).tiny)
+    return {node: factor * move for node, move in moves.items()}
+
+
+def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
+    """Return where the axes x, y, z lead on the page, ``(2, 3)``."""
+    largest = np.abs(moves).max(axis=0)
+    used = np.ptp(nodes, axis=0) > SMALL * np.ptp(nodes)
+    used |= largest > SMALL * largest.max()
+    if not used.all():
+        axes = np.flatnonzero(used).tolist()
+        spare = [axis for axis in range(3) if axis not in axes]
+        return np.eye(3)[sorted((axes + spare)[:2])]
+    right = np.array([math.cos(SIDE), math.sin(SIDE), 0.0])
+    behind = np.array([-math.sin(SIDE), math.cos(SIDE), 0.0])
+    up = math.sin(ABOVE) * behind + math.cos(ABOVE) * np.eye(3)[2]
+    return np.array([right, up])
+
+
+def _draw_mode(
+    axes: "Axes", geometry: Geometry, view: Floats, mode: Sequence[Moves]
+) -> None:
+    """Draw the structure at rest and moved, and what sensors say."""
+    from matplotlib.collections import LineCollection
+
+    def place(node: Hashable, moves: Moves) -> Floats:
+        at: Floats = view @ (geometry.nodes[node] + moves.get(node, 0.0))
+        return at
+
+    structure, predicted, measured = mode
+    rest: Style = {"colors": "0.75", "linewidths": 1.0, "label": "at rest"}
+    lines = [[place(node, {}) for node in line] for line in geometry.lines]
+    axes.add_collection(LineCollection(lines, **rest))
+    moved = [
+        [place(node, structure) for node in line]
+        for line in geometry.lines
+        if all(node in structure for node in line)
+    ]
+    if moved:
+        style: Style = {"colors": BLUE, "linewidths": 1.6, "label": "updated model"}
+        axes.add_collection(LineCollection(moved, **style))
+    nodes = predicted or ({} if moved else structure)
+    if nodes:
+        x, y = np.transpose([place(node, nodes) for node in nodes])
+        label = "updated model at the sensors" if predicted else "updated model"
+        axes.plot(x, y, "o", mfc="white", mec=BLUE, ms=5, label=label)
+    if measured:
+        ends = [[place(node, {}), place(node, measured)] for node in measured]
+        axes.add_collection(LineCollection(ends, colors=RED, linewidths=1.2, zorder=3))
+        x, y = np.transpose([end for _, end in ends])
+        axes.plot(x, y, "o", color=RED, ms=3, zorder=3, label="measured")
+
+
+def _title(modes: ModeShapes, i: int) -> str:
+    """Return what stands above mode i."""
+    if not isinstance(modes, PairedShapes):
+        return f"mode {i + 1}: {modes.frequencies[i]:.4g} Hz updated"
+    k = modes.chosen[i]
+    mac = f"{modes.mac[i, k]:.3f}".removeprefix("0")
+    return (
+        f"mode {i + 1}: {modes.hertz[i]:.4g} Hz measured,\n"
+        f"{modes.frequencies[k]:.4g} Hz updated, MAC {mac}"
+    )
+
+
+def _draw_directions(axes: "Axes", view: Floats, at: Floats, length: float) -> None:
+    """Draw where x, y and z lead, in the corner of a panel."""
+    for name, direction in zip("xyz", view.T, strict=True):
+        if direction.any():
+            end = at + length * direction
+            axes.plot(*np.transpose([at, end]), color=GREY, lw=0.9)
+            middle: Style = {"ha": "center", "va": "center", "color": GREY}
+            x, y = at + 1.4 * length * direction
+            axes.text(x, y, name, fontsize=8, **middle)

@@ -1,0 +1,122 @@
+r"""Factors of symmetric sparse matrices, by PARDISO where it is installed.
+
+.. math:: A = L D L^T
+
+The pivots on the diagonal of D have the signs of the eigenvalues of A (Sylvester's law
+of inertia), so that a factor counts how many of these are negative.
+
+SuperLU comes with scipy. PARDISO (the extra ``pardiso``) stores half of a symmetric
+matrix and orders it by nested dissection, which pays in solids of some thousand DOFs.
+Smaller matrices are left to SuperLU, for PARDISO takes most of a second to load. A
+factor lives within one solve: a model holds none, and can be sent to other processes.
+
+Source: Schenk and Gaertner, Future Gener. Comput. Syst. 20 (2004) 475,
+    doi:10.1016/j.future.2003.07.011.
+"""
+
+import weakref
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.sparse import csc_array, csr_matrix, triu
+from scipy.sparse.linalg import splu
+
+from ..interfaces import Floats
+
+LARGE = 5_000  # DOFs; SuperLU takes a few tenths of a second at most for fewer
+DEFINITE, INDEFINITE = 2, -2  # PARDISO's types of real symmetric matrices
+REPRODUCIBLE = 2  # mode of MKL: the same bits from any number of threads
+ZERO_PIVOT = -4  # its error code, of a negative pivot of a definite matrix too
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """A matrix that was factored, to solve with many times.
+
+    Attributes:
+        solve: From ``b``, ``(N,)`` or ``(N, n)``, to the solution of ``A x = b``.
+        negative: How many eigenvalues of A are negative.
+    """
+
+    solve: Callable[[Floats], Floats]
+    negative: int
+
+
+def factor_definite(A: csc_array) -> Factor | None:
+    """Return the factor of a symmetric matrix, None unless positive definite."""
+    if not (A.diagonal() > 0).all():  # SuperLU would swap rows
+        return None
+    if _pardiso_pays(A):
+        return _factor_by_pardiso(A, DEFINITE)
+    try:
+        factor = _factor_by_superlu(A, 0.0)
+    except RuntimeError:  # exactly singular
+        return None
+    return None if factor.negative else factor
+
+
+def factor_indefinite(A: csc_array, threshold: float = 0.0) -> Factor:
+    """Return the factor of a symmetric matrix.
+
+    Args:
+        A: The matrix ``(N, N)``.
+        threshold: How small a pivot may be beside the largest number of its column
+            before SuperLU swaps rows, after which ``negative`` is no inertia.
+
+    Raises:
+        RuntimeError: If A is exactly singular.
+    """
+    factor = _factor_by_pardiso(A, INDEFINITE) if _pardiso_pays(A) else None
+    return _factor_by_superlu(A, threshold) if factor is None else factor
+
+
+def _pardiso_pays(A: csc_array) -> bool:
+    if A.shape[0] < LARGE or not A.diagonal().all():  # it wants every diagonal stored
+        return False
+    try:
+        import pypardiso  # noqa: F401
+    except ImportError:  # the extra is not installed, or MKL not found
+        return False
+    return True
+
+
+def _factor_by_superlu(A: csc_array, threshold: float) -> Factor:
+    factor = splu(
+        A,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=threshold,
+        options={"SymmetricMode": True},
+    )
+    return Factor(factor.solve, int((~(factor.U.diagonal() > 0)).sum()))
+
+
+def _factor_by_pardiso(A: csc_array, kind: int) -> Factor | None:
+    """Return the factor, None if a pivot is zero, or not positive where all should be.
+
+    PARDISO replaces a small pivot of an indefinite matrix; here that is none.
+    """
+    from pypardiso import ps
+    from pypardiso.pardiso_wrapper import PyPardisoError
+
+    ps.libmkl.MKL_CBWR_Set(REPRODUCIBLE)
+    # Each factor has a handle of its own; to look for MKL again would take longer than
+    # many a factorisation.
+    solver = copy(ps)
+    solver.pt, solver.iparm = np.zeros_like(ps.pt), np.zeros_like(ps.iparm)
+    solver.set_matrix_type(kind)
+    solver.size_limit_storage = np.inf  # above it each solve hashes the whole matrix
+    upper = csr_matrix(triu(A, format="csr"))
+    solve = partial(solver.solve, upper)
+    weakref.finalize(solve, solver.free_memory, everything=True)
+    try:
+        solver.factorize(upper)
+    except PyPardisoError as error:
+        if error.value != ZERO_PIVOT:
+            raise
+        return None
+    if solver.get_iparm(14):  # pivots replaced
+        return None
+    return Factor(solve, int(solver.get_iparm(23)))

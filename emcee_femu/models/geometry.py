@@ -1,0 +1,101 @@
+"""Where the nodes and sensors of a structure are, for its pictures."""
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..interfaces import Floats
+
+AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
+Node: TypeAlias = Hashable
+
+
+class Geometry:
+    r"""Nodes, the lines between them, and where and along what each DOF is measured.
+
+    Args:
+        nodes: ``{node: coordinates}``, two or three each, in one unit of length.
+        lines: ``(node, node)`` each: what is drawn of the structure.
+        sensors: ``{DOF: (node, direction)}``, a DOF as models and
+            :class:`Measurements` name it, a direction out of ux uy uz or a vector.
+            DOFs named ``"node:ux"`` need not be given.
+
+    Attributes:
+        nodes: ``{node: coordinates (3,)}``; a third that was not given is 0.
+        lines: As given.
+
+    Raises:
+        TypeError: If an argument is not of the form described.
+        ValueError: If a line or sensor has an unknown node or direction.
+
+    Examples:
+        >>> from emcee_femu.models.geometry import Geometry
+        >>> column = Geometry({0: (0, 0), 1: (0, 3)}, [(0, 1)], {"roof": (1, "ux")})
+        >>> node, direction = column.locate("roof")
+        >>> node, direction.tolist()
+        (1, [1.0, 0.0, 0.0])
+    """
+
+    def __init__(
+        self,
+        nodes: Mapping[Node, ArrayLike],
+        lines: Iterable[tuple[Node, Node]] = (),
+        sensors: Mapping[Hashable, tuple[Node, str | Sequence[float]]] | None = None,
+    ) -> None:
+        if not isinstance(nodes, Mapping) or not nodes:
+            raise TypeError(f"nodes: expected {{node: coordinates}}, got {nodes!r}")
+        self.nodes: dict[Node, Floats] = {}
+        for node, given in nodes.items():
+            place = checks.real_array(f"nodes[{node!r}]", given, 1)
+            if place.size not in (2, 3):
+                raise ValueError(
+                    f"nodes[{node!r}]: expected two or three coordinates, got {given!r}"
+                )
+            self.nodes[node] = np.append(place, np.zeros(3 - place.size))
+        self._by_text = {str(node): node for node in self.nodes}
+        if not isinstance(lines, Iterable) or isinstance(lines, str | Mapping):
+            raise TypeError(f"lines: expected (node, node) each, got {lines!r}")
+        self.lines = [
+            checks.group(f"lines[{i}]", line, "(node, node)", 2)
+            for i, line in enumerate(lines)
+        ]
+        for i, line in enumerate(self.lines):
+            for node in line:
+                self._check_node(f"lines[{i}]", node)
+        self.sensors: dict[Hashable, tuple[Node, Floats]] = {}
+        form = "{DOF: (node, direction)}"
+        by_dof = checks.mapping("sensors", {} if sensors is None else sensors, form)
+        for dof, sensor in by_dof.items():
+            label = f"sensors[{dof!r}]"
+            node, along = checks.group(label, sensor, "(node, direction)", 2)
+            self._check_node(label, node)
+            if isinstance(along, str) and along not in AXES:
+                raise ValueError(
+                    f"{label}: expected a direction out of {' '.join(AXES)} or a "
+                    f"vector, got {along!r}"
+                )
+            vector = AXES[along] if isinstance(along, str) else along
+            vector = checks.real_array(label, vector, 1)
+            if vector.size != 3 or not vector.any():
+                raise ValueError(f"{label}: expected a vector of three, got {along!r}")
+            self.sensors[dof] = node, vector / np.linalg.norm(vector)
+
+    def locate(self, dof: Hashable) -> tuple[Node, Floats] | None:
+        """Return the node and the direction ``(3,)`` of a DOF, None if not known.
+
+        Rotations, as ``"3:rz"``, are not known: they move no node.
+        """
+        if dof in self.sensors:
+            return self.sensors[dof]
+        node, _, direction = str(dof).rpartition(":")
+        if node in self._by_text and direction in AXES:
+            return self._by_text[node], np.array(AXES[direction])
+        return None
+
+    def _check_node(self, label: str, node: Node) -> None:
+        if node not in self.nodes:
+            some = ", ".join(map(repr, [*self.nodes][:6]))
+            raise ValueError(f"{label}: no node {node!r}; there are {some} ...")

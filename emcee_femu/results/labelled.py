@@ -1,0 +1,115 @@
+"""What the terms of a posterior say of samples, with dimensions and labels."""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from ..interfaces import Floats, Variable
+from ..likelihoods.term import Term
+from ..posterior.experiments import Experiment
+from ..posterior.log_posterior import LogPosterior
+
+
+class Labelled(NamedTuple):
+    """An array, and what its axes after those of the samples are."""
+
+    values: Floats
+    variable: Variable
+
+
+NUMBER = Variable({})
+
+
+def gather_by_terms(
+    posterior: LogPosterior, draws: Floats, rows: Floats
+) -> dict[str, dict[str, Labelled]]:
+    """Return the log-likelihood of each datum, and new measurements, by term."""
+    lead = draws.shape[:-1]
+    parameters = posterior.parameters(draws.reshape(-1, posterior.ndim))
+    response = posterior.unfold(rows.reshape(-1, rows.shape[-1]))
+    rng = np.random.default_rng(0)  # the same draws at each conversion
+    names = _name_measured(posterior)
+    likelihood: dict[str, Labelled] = {}
+    predictive: dict[str, Labelled] = {}
+    column = 2
+    for experiment in posterior.experiments:
+        stored = {
+            name: response[experiment.full_name(name)] for name in experiment.variables
+        }
+        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
+            label = experiment.full_name(name)
+            data = term.pointwise(parameters, stored)
+            for variable, values in data.items():
+                key = f"{label}[{variable}]" if len(data) > 1 else label
+                array = values.reshape(*lead, *values.shape[1:])
+                likelihood[key] = _label(experiment, term, variable, array, len(lead))
+            if not data:
+                likelihood[label] = Labelled(rows[..., column], NUMBER)
+            for variable, values in term.replicate(rng, parameters, stored).items():
+                array = values.reshape(*lead, *values.shape[1:])
+                key = names[label, variable]
+                predictive[key] = _label(experiment, term, variable, array, len(lead))
+            column += 1
+    if len(likelihood) > 1:  # ArviZ takes one variable
+        likelihood = {"data": _side_by_side(likelihood, len(lead))}
+    return {"log_likelihood": likelihood, "new_measurement": predictive}
+
+
+def _side_by_side(parts: Mapping[str, Labelled], lead: int) -> Labelled:
+    """Return every number of the parts along one dimension, by labels."""
+    labels = [
+        f"{name}[{', '.join(map(str, place))}]" if place else name
+        for name, part in parts.items()
+        for place in product(*part.variable.coords.values())
+    ]
+    flat = [v.reshape(*v.shape[:lead], -1) for v, _ in parts.values()]
+    return Labelled(np.concatenate(flat, axis=-1), Variable({"datum": labels}))
+
+
+def gather_observed(posterior: LogPosterior) -> dict[str, Labelled]:
+    """Return what was measured, by variable; a second time by the term's name too."""
+    names = _name_measured(posterior)
+    return {
+        names[experiment.full_name(name), variable]: _label(
+            experiment, term, variable, np.asarray(observed)
+        )
+        for experiment in posterior.experiments
+        for term, name in zip(experiment.terms, experiment.term_names, strict=True)
+        for variable, observed in term.observed.items()
+    }
+
+
+def _name_measured(posterior: LogPosterior) -> dict[tuple[str, str], str]:
+    """Return names by term and variable; only the first measurement has its name."""
+    names: dict[tuple[str, str], str] = {}
+    for experiment in posterior.experiments:
+        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
+            for variable in term.observed:
+                full = experiment.full_name(variable)
+                key = experiment.full_name(name), variable
+                names[key] = f"{full}[{name}]" if full in names.values() else full
+    return names
+
+
+def _label(
+    experiment: Experiment, term: Term, name: str, values: Floats, lead: int = 0
+) -> Labelled:
+    """Return what a term says with its dimensions, after ``lead`` axes of samples.
+
+    Where a term knows but the places, or fewer of them, the labels are those of the
+    response.
+    """
+    returned = experiment.variables.get(name)
+    variable = (term.reads or {}).get(name) or returned or NUMBER
+    coords = {}
+    for size, (dim, labels) in zip(
+        values.shape[lead:], variable.coords.items(), strict=True
+    ):
+        of_response = returned.coords.get(dim, ()) if returned else ()
+        if None in labels and len(of_response) >= len(labels):
+            labels = of_response
+        coords[experiment.full_name(dim)] = list(labels)[:size]
+    unit = variable.unit or (returned.unit if returned else "")
+    return Labelled(values, Variable(coords, unit))

@@ -1,0 +1,89 @@
+# %% [markdown]
+# # Write a report to hand over
+#
+# You will write one HTML file that says what was measured, what was assumed, what came out and
+# how far it can be trusted. `python examples/how_to/report.py` runs this page (5 s); it takes
+# `pip install "emcee_femu[report]"`.
+#
+# A steel mast of 6 m bends in one plane. Frequencies and shapes of three modes are simulated
+# here, with accelerometers at 2, 4 and 6 m. How stiff are its lower and upper half?
+
+# %%
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+import emcee_femu as ef
+
+nodes = [(0, 0, z) for z in range(7)]  # m
+halves = ["lower"] * 3 + ["upper"] * 3
+mast = ef.FrameModel(
+    nodes,
+    [(i, i + 1, half) for i, half in enumerate(halves)],
+    {
+        "lower": ef.Section("E lower", 4e6, 7850, 8e-3, 4e-5, 4e-5, (0, 1, 0)),
+        "upper": ef.Section("E upper", 4e6, 7850, 6e-3, 2e-5, 2e-5, (0, 1, 0)),
+    },
+    supports={0: "all"} | dict.fromkeys(range(1, 7), ("uy", "rx", "rz")),
+    n_modes=6,
+    shapes=True,
+)
+truth = {"E lower": 1.9e11, "E upper": 2.2e11}  # N/m2
+solved = mast({name: np.array([value]) for name, value in truth.items()})
+sensors = ["2:ux", "4:ux", "6:ux"]
+rows = [mast.shape_dofs.index(sensor) for sensor in sensors]
+rng = np.random.default_rng(1)
+shapes = solved.shapes[0, rows, :3]
+shapes = shapes / np.abs(shapes).max(axis=0) + 0.02 * rng.standard_normal((3, 3))
+hertz = solved.frequencies[0, :3] * (1 + 0.003 * rng.standard_normal(3))
+test = ef.Measurements(hertz, shapes, dofs=sensors, sensors=["2 m", "4 m", "6 m"])
+
+terms = [ef.FrequencyTerm(test, relative_sd=0.01), ef.ShapeTerm(test, delta=0.05)]
+prior = ef.GaussianPrior([*truth], [2.1e11] * 2, 2e10, [(1e11, 3e11)] * 2)
+units = dict.fromkeys(truth, "N/m^2")
+posterior = ef.LogPosterior(ef.PairedModel(mast, test), terms, prior, units)
+run = ef.run(posterior, steps=150, ensembles=2, seed=1)
+
+# %% [markdown]
+# {py:func}`~emcee_femu.report` takes the run. Give the posterior its units, and your
+# measurements the names of the sensors: they are what a reader sees.
+
+# %%
+path = Path(tempfile.mkdtemp(), "mast.html")
+ef.report(run, path, title="Mast: stiffness of its two halves").name
+
+# %% [markdown]
+# This is the file. Its pictures are inside, so that it can be sent as it is; the browser
+# prints it on A4, and in dark mode it is dark.
+
+# %%
+import html
+
+from IPython.display import HTML
+
+page = html.escape(path.read_text(encoding="utf-8"))
+style = "width: 100%; height: 40rem; border: 1px solid #888"
+HTML(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
+
+# %% [markdown]
+# The call at the end of the file writes it again. Of samples that were saved, as by
+# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`: without
+# `posterior=` the report lacks what only the model and the terms know, the likelihood in words
+# and the figures of mode shapes. A chain with burn-in wants `discard=`, as
+# {py:func}`~emcee_femu.to_inference_data` does. Results of {py:func}`~emcee_femu.certify` and
+# {py:func}`~emcee_femu.pool_tests` have reports, too.
+#
+# Single tables and figures, for a document of your own: {doc}`tables_and_figures`.
+
+# %% tags=["remove-cell"]
+text = path.read_text(encoding="utf-8")
+table = ef.parameter_table(run)
+assert table._repr_html_() in text
+assert text.count("<img") == 5  # fit, MAC, shapes, prior and posterior, correlations
+assert "http" not in text
+for name, low, high in zip(
+    truth, table.column("2.5 %"), table.column("97.5 %"), strict=True
+):
+    width = high - low
+    assert low - width < truth[name] < high + width

@@ -1,0 +1,231 @@
+"""OpenSees: matrices and names against its own static analysis and eigenvalues."""
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from support.examples import load
+from support.programs import opensees, run_example
+
+import emcee_femu as ef
+
+THETA = {"lower columns": 0.7, "upper columns": 1.3, "beams": 0.8}
+DIRECTIONS = {2: ("ux", "uy", "rz"), 3: ("ux", "uy", "uz", "rx", "ry", "rz")}
+
+
+@pytest.fixture
+def frame():
+    """The page: a plane frame whose floors are tied by equalDOF."""
+    return load("how_to/opensees")
+
+
+@pytest.fixture
+def ops():
+    program = opensees()
+    yield program
+    program.wipe()
+
+
+def build_cantilever(ops, nodes=4, *, mass=True):
+    """Bars along x in the plane, held at node 1."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 2, "-ndf", 3)
+    ops.geomTransf("Linear", 1)
+    for node in range(1, nodes + 1):
+        ops.node(node, 2.0 * node, 0.0)
+    ops.fix(1, 1, 1, 1)
+    line_mass = ("-mass", 3.0, "-cMass") if mass else ()
+    for bar in range(1, nodes):
+        ops.element(
+            "elasticBeamColumn", bar, bar, bar + 1, 2.0, 5.0, 7.0, 1, *line_mass
+        )
+
+
+def build_tower(ops):
+    """A storey of four columns in space; a rigid diaphragm, of lumped masses."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 3, "-ndf", 6)
+    ops.geomTransf("Linear", 1, 1.0, 0.0, 0.0)
+    for i, (x, y) in enumerate(((0, 0), (4, 0), (4, 3), (0, 3)), 1):
+        ops.node(i, float(x), float(y), 0.0)
+        ops.fix(i, *[1] * 6)
+        ops.node(10 + i, float(x), float(y), 3.0)
+        ops.mass(10 + i, 9.0, 9.0, 9.0, 0.5, 0.6, 0.7)
+        inertia = 1e-4 * i
+        section = (0.01, 2e9, 8e8, 2e-4, inertia, 2 * inertia)
+        ops.element("elasticBeamColumn", i, i, 10 + i, *section, 1)
+    ops.node(20, 1.8, 1.4, 3.0)
+    ops.fix(20, 0, 0, 1, 1, 1, 0)
+    ops.mass(20, 50.0, 50.0, 0.0, 0.0, 0.0, 80.0)
+    ops.rigidDiaphragm(3, 20, 11, 12, 13, 14)
+
+
+def check_eigenvalues(ops, base, count):
+    """Compare with the eigenvalues of OpenSees, of the model that stands there."""
+    ops.wipeAnalysis()
+    ops.constraints("Transformation")
+    ops.numberer("RCM")
+    theirs = np.array(ops.eigen("-genBandArpack", count))
+    squares = eigh(base.K.toarray(), base.M.toarray(), eigvals_only=True)[:count]
+    np.testing.assert_allclose(np.sqrt(squares), np.sqrt(theirs), rtol=1e-9)
+
+
+def check_rows(ops, build, base):
+    """A unit load at each DOF moves the nodes by the column of the flexibility."""
+    flexibility = np.linalg.inv(base.K.toarray())
+    dofs = []
+    for label in base.labels:
+        node, direction = label.split(":")
+        names = DIRECTIONS[len(ops.nodeCoord(int(node)))]
+        dofs.append((int(node), names.index(direction) + 1))
+    for column, (node, direction) in enumerate(dofs):
+        build()
+        ops.timeSeries("Linear", 1)
+        ops.pattern("Plain", 1, 1)
+        loads = np.zeros(ops.getNDF(node)[0])
+        loads[direction - 1] = 1e3
+        ops.load(node, *loads.tolist())
+        ops.system("BandGeneral")
+        ops.numberer("RCM")
+        ops.constraints("Transformation")
+        ops.integrator("LoadControl", 1.0)
+        ops.algorithm("Linear")
+        ops.analysis("Static")
+        assert ops.analyze(1) == 0
+        moved = [ops.nodeDisp(*dof) for dof in dofs]
+        expected = 1e3 * flexibility[:, column]
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(moved, expected, rtol=1e-8, atol=1e-10 * scale)
+
+
+def test_a_frame_with_tied_floors(frame, ops):
+    base = frame.assemble(ops, THETA)
+    assert len(set(base.labels)) == base.size == 14
+    assert not {"12:ux", "13:ux", "22:ux"} & {*base.labels}  # they move with 11 and 21
+    check_eigenvalues(ops, base, 5)
+    check_rows(ops, lambda: frame.build(ops, THETA), base)
+    with pytest.raises(ValueError, match=r"'12:ux': node 12 has .*held or tied"):
+        base.dofs("12:ux")
+
+
+def test_a_rigid_diaphragm_in_space(ops):
+    build_tower(ops)
+    base = ef.from_opensees(ops)
+    master = [label for label in base.labels if label.startswith("20:")]
+    assert master == ["20:ux", "20:uy", "20:rz"] and base.size == 15
+    check_eigenvalues(ops, base, 8)
+    check_rows(ops, lambda: build_tower(ops), base)
+
+
+def test_moving_mass_is_that_of_floors_and_elements(frame, ops):
+    base = frame.assemble(ops, dict.fromkeys(frame.TRUTH, 1.0))
+    column, beam = frame.LINE_MASS * frame.STOREY, frame.LINE_MASS * frame.BAY
+    # Of the lower columns only the part of the upper end moves: 156/420 of a bent and
+    # 1/3 of a stretched element.
+    for axis, share in (("ux", 156 / 420), ("uy", 1 / 3)):
+        expected = sum(frame.FLOORS) + 2 * beam + 2 * column * (1 + share)
+        assert base.moving_mass[axis] == pytest.approx(expected, rel=1e-12)
+
+
+def test_geometry_has_the_places_and_the_elements(frame, ops):
+    geometry = frame.assemble(ops, THETA).geometry
+    assert geometry.nodes[23].tolist() == [frame.BAY / 2, 2 * frame.STOREY, 0.0]
+    assert len(geometry.lines) == 8 and (21, 23) in geometry.lines
+    node, along = geometry.locate("21:ux")
+    assert node == 21 and along.tolist() == [1.0, 0.0, 0.0]
+    ops.wipe()
+    ops.model("basic", "-ndm", 2, "-ndf", 2)
+    for node, x, y in ((1, 0.0, 0.0), (2, 1.0, 0.0), (3, 1.0, 1.0), (4, 0.0, 1.0)):
+        ops.node(node, x, y)
+    ops.fix(1, 1, 1)
+    ops.fix(2, 0, 1)
+    ops.nDMaterial("ElasticIsotropic", 1, 10.0, 0.3, 2.0)
+    ops.element("quad", 1, 1, 2, 3, 4, 0.1, "PlaneStress", 1, 0.0, 2.0)
+    membrane = ef.from_opensees(ops)
+    assert membrane.geometry.lines == [(1, 2), (2, 3), (3, 4), (4, 1)]
+    assert membrane.labels == ("2:ux", "3:ux", "3:uy", "4:ux", "4:uy")
+
+
+def test_the_model_stays_as_it_is(ops):
+    build_cantilever(ops)
+    ops.timeSeries("Linear", 1)
+    ops.pattern("Plain", 1, 1)
+    ops.load(4, 0.0, 1.0, 0.0)
+    ops.system("BandGeneral")
+    ops.constraints("Plain")
+    ops.numberer("RCM")
+    ops.integrator("LoadControl", 1.0)
+    ops.algorithm("Linear")
+    ops.analysis("Static")
+    assert ops.analyze(1) == 0
+    tip = ops.nodeDisp(4)
+    K = ef.from_opensees(ops).K
+    assert tip[1] > 0 and ops.nodeDisp(4) == tip and ops.getTime() == 1.0
+    assert abs(K - ef.from_opensees(ops).K).max() == 0
+
+
+def test_rotations_without_mass_are_left_to_the_sparse_solver(ops):
+    build_cantilever(ops, 3, mass=False)
+    ops.mass(2, 1.0, 1.0, 0.0)
+    ops.mass(3, 1.0, 1.0, 0.0)
+    base = ef.from_opensees(ops)
+    model = ef.MatrixModel.from_differences(
+        base, {"E": {2.0: (2 * base.K, base.M)}}, n_modes=2
+    )
+    # Condensed by hand: rows 2:rz and 3:rz have no mass.
+    K = base.K.toarray()
+    kept, gone = (
+        base.dofs(["2:ux", "2:uy", "3:ux", "3:uy"]),
+        base.dofs(["2:rz", "3:rz"]),
+    )
+    small = K[np.ix_(kept, kept)] - K[np.ix_(kept, gone)] @ np.linalg.solve(
+        K[np.ix_(gone, gone)], K[np.ix_(gone, kept)]
+    )
+    expected = np.sqrt(2 * np.linalg.eigvalsh(small)[:2]) / (2 * np.pi)
+    found = model({"E": np.array([2.0])}).frequencies[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    assert model.geometry is base.geometry
+
+
+def build_nothing(ops):
+    ops.wipe()
+
+
+def build_held(ops):
+    build_cantilever(ops, 2)
+    ops.fix(2, 1, 1, 1)
+
+
+def build_massless(ops):
+    build_cantilever(ops, mass=False)
+
+
+def build_chain(ops):  # OpenSees ties 4:ux to 3:uy there
+    build_cantilever(ops)
+    ops.equalDOF(2, 3, 1)
+    ops.equalDOF(3, 4, 1)
+
+
+def build_tied_twice(ops):  # OpenSees keeps one of them
+    build_cantilever(ops)
+    ops.equalDOF(2, 4, 1)
+    ops.equalDOF(2, 4, 2)
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (build_nothing, r"ops: no model stands .*before ops\.wipe"),
+        (build_held, r"ops: every DOF is held or tied"),
+        (build_massless, r"ops: the model has no mass; .*ops\.mass"),
+        (build_chain, r"ops: node 4 is tied to node 3, which is tied .*same master"),
+        (build_tied_twice, r"ops: 7 DOFs are free, but .*8 equations.*one equalDOF"),
+    ],
+)
+def test_what_cannot_be_read_is_refused(ops, build, message):
+    build(ops)
+    with pytest.raises(ValueError, match=message):
+        ef.from_opensees(ops)
+
+
+def test_the_example_of_the_docstring(ops):
+    run_example(ef.from_opensees)
