@@ -83,6 +83,11 @@ class Evaluation:
         with open_pool(pool, workers, solver) as opened:
             yield cls(solver, opened, FailureLog(fraction) if reject else None)
 
+    def part(self) -> "Evaluation":
+        """Return an evaluation with its own counts; failures are counted here too."""
+        log = None if self.failures is None else FailureLog(1.0, self.failures)
+        return Evaluation(self.solver, self.pool, log)
+
     @property
     def evaluation(self) -> "Evaluation":
         """What solves: this; another one of what stores solves."""

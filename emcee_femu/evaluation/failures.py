@@ -45,6 +45,7 @@ class FailureLog:
 
     Args:
         max_failures: Fraction of the evaluations, of at least 100.
+        whole: The log of which this is a part: it counts, logs and stops.
 
     Attributes:
         evaluations: Points evaluated so far, those that failed among them.
@@ -52,8 +53,8 @@ class FailureLog:
         kept: The first 1,000 failures.
     """
 
-    def __init__(self, max_failures: float) -> None:
-        self.max_failures = max_failures
+    def __init__(self, max_failures: float, whole: "FailureLog | None" = None) -> None:
+        self.max_failures, self.whole = max_failures, whole
         self.evaluations = 0
         self.causes: Counter[str] = Counter()
         self.kept: list[Failure] = []
@@ -65,8 +66,11 @@ class FailureLog:
             RuntimeError: If too many failed.
         """
         self.evaluations += evaluations
+        self.causes.update(failed.cause for failed in failures)
+        if self.whole is not None:
+            self.whole.count(evaluations, failures)
+            return
         for failed in failures:
-            self.causes[failed.cause] += 1
             logger.warning(
                 "rejected: %s at %s", failed.message, dict(failed.parameters)
             )

@@ -51,7 +51,8 @@ class Record(NamedTuple):
         kind: What was evaluated; of a step it is "rows".
         theta: The points ``(n, d)``.
         values: What was found, ``(n, columns)``.
-        counts: Solves so far, evaluations, and failures by cause.
+        counts: Solves so far, evaluations, and failures by cause; of a step those of
+            its ensemble alone.
     """
 
     kind: Kind

@@ -39,21 +39,22 @@ class Turn(EvaluationPool):
 
 
 def take_turns(
-    evaluation: Evaluation, advance: Callable[[int], None], ensembles: Sequence[int]
+    evaluations: Sequence[Evaluation], advance: Callable[[int], None]
 ) -> None:
     """Advance all ensembles, so that their evaluations are on the pool together.
 
     Args:
-        evaluation: What evaluates them, on a pool.
-        advance: Runs one ensemble to its end.
-        ensembles: The numbers of all.
+        evaluations: What evaluates each of them, on one pool.
+        advance: Runs one ensemble, of that number, to its end.
 
     Raises:
         BaseException: What the first that failed raised.
     """
-    pool = evaluation.pool
+    pool, ensembles = evaluations[0].pool, range(len(evaluations))
     assert pool is not None
-    evaluation.pool = turn = Turn(pool)
+    turn = Turn(pool)
+    for evaluation in evaluations:
+        evaluation.pool = turn
 
     def work(number: int) -> None:
         with turn.lock:
@@ -70,4 +71,5 @@ def take_turns(
         raise
     finally:
         threads.shutdown(wait=False)
-        evaluation.pool = pool
+        for evaluation in evaluations:
+            evaluation.pool = pool

@@ -267,8 +267,9 @@ def run(
             weighted = search.moves(posterior.prior)
         else:
             states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
+        parts = [solver.part() for _ in range(ensembles)]
         if store is not None:
-            chains = _open_chains(store, solver, states, ensembles, steps)
+            chains = _open_chains(store, solver, parts, states, steps)
             if search is not None:  # after the starts, which it promises
                 store["search"] = search.to_json()
             states = [chain.get_last_sample() for chain in chains]
@@ -278,10 +279,8 @@ def run(
         together &= solver.pool is not None and solver.pool.takes_turns
         samplers = tuple(
             # Of moves that remember where they were, each ensemble has its own.
-            Sampler(
-                nwalkers, solver, deepcopy(weighted) if together else weighted, chain
-            )
-            for chain in backends
+            Sampler(nwalkers, part, deepcopy(weighted) if together else weighted, chain)
+            for part, chain in zip(parts, backends, strict=True)
         )
         record = Run(
             samplers,
@@ -303,7 +302,7 @@ def run(
         try:
             with bar:
                 if together:
-                    take_turns(solver, advance, range(ensembles))
+                    take_turns(parts, advance)
                 else:
                     for number in range(ensembles):
                         advance(number)
@@ -316,23 +315,28 @@ def run(
 def _open_chains(
     store: Store,
     solver: Evaluation,
+    parts: Sequence[Evaluation],
     states: Sequence[emcee.State],
-    ensembles: int,
     steps: int,
 ) -> list[StoredChain]:
     """Return the chains of a file, with the starts of those that it does not hold."""
     lengths, chains = store.lengths(), []
-    for ensemble in range(ensembles):
+    for ensemble, part in enumerate(parts):
         start = None if ensemble + 1 in lengths else states[ensemble]
-        chains.append(StoredChain(store, ensemble, start, solver))
+        chains.append(StoredChain(store, ensemble, start, part))
     longest = max(chain.iteration for chain in chains)
     if longest > steps:
         raise ValueError(
             f"steps: expected at least the {longest} steps that {store.path} holds "
             f"already, got {steps}"
         )
-    latest = max((chain.last for chain in chains), key=lambda record: record.counts[0])
-    solver.restore(latest.counts)
+    counts = [chain.last.counts for chain in chains]
+    for part, spent in zip(parts, counts, strict=True):
+        part.restore(spent)
+    # What was evaluated of a step that was not stored is evaluated again.
+    number = lengths[0] - 1
+    (begin,) = store.read(0, range(number, number + 1))
+    solver.restore(np.sum([begin.counts, *counts], axis=0).tolist())
     return chains
 
 
