@@ -46,6 +46,7 @@ class Evaluation:
         solver: What evaluates a point.
         pool: Where, None for this process.
         failures: The failed solves; None where a failure is an error.
+        whole: The evaluation of which this is a part, None of the whole.
         solves: Points inside the prior's support so far.
         bar: What shows how many more there are; at first nothing.
     """
@@ -53,6 +54,7 @@ class Evaluation:
     solver: Solver
     pool: EvaluationPool | None = None
     failures: FailureLog | None = None
+    whole: "Evaluation | None" = None
     solves: int = field(default=0, init=False)
     bar: Any = field(default=get_progress_bar(False, None), init=False)
 
@@ -84,9 +86,9 @@ class Evaluation:
             yield cls(solver, opened, FailureLog(fraction) if reject else None)
 
     def part(self) -> "Evaluation":
-        """Return an evaluation with its own counts; failures are counted here too."""
+        """Return an evaluation with its own counts; all is counted here too."""
         log = None if self.failures is None else FailureLog(1.0, self.failures)
-        return Evaluation(self.solver, self.pool, log)
+        return Evaluation(self.solver, self.pool, log, self)
 
     @property
     def evaluation(self) -> "Evaluation":
@@ -183,7 +185,8 @@ class Evaluation:
         failed = [result for result in results if isinstance(result, Failure)]
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
         solves = len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
-        self.solves += solves
+        for evaluation in filter(None, (self, self.whole)):
+            evaluation.solves += solves
         self.bar.update(solves)
         if self.failures is not None:
             self.failures.count(len(results), failed)

@@ -60,9 +60,8 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     @property
     def solves(self) -> int:
         """Solves of all ensembles, those before the stored chains too."""
-        return sum(
-            {id(s.evaluator): s.evaluator.solves for s in self.samplers}.values()
-        )
+        solves: int = self.samplers[0].evaluator.whole.solves
+        return solves
 
     def __len__(self) -> int:
         """Return the number of ensembles."""
