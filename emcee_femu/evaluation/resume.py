@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from importlib.metadata import version
-from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from .evaluator import Evaluation
+from .samplers import describe_object
 from .store import Store, StoredEvaluation
 
 logger = logging.getLogger("emcee_femu")
@@ -59,13 +59,7 @@ def _readable(value: object) -> object:
             return value.tolist()
         digest = hashlib.sha256(value.tobytes()).hexdigest()[:16]
         return f"{value.shape} numbers with the digest {digest}"
-    if type(value).__repr__ is not object.__repr__:
-        return repr(value).partition(" at 0x")[0]
-    # As emcee's moves, which keep their arguments but do not show them.
-    kinds = [kind for kind in type(value).__mro__ if "__init__" in vars(kind)]
-    names = {name for kind in kinds[:-1] for name in signature(kind).parameters}
-    kept = [f"{n}={getattr(value, n)!r}" for n in sorted(names) if hasattr(value, n)]
-    return f"{type(value).__name__}({', '.join(kept)})"
+    return describe_object(value)
 
 
 def check_path(backend: object, resume: bool) -> str | None:

@@ -1,6 +1,7 @@
 """emcee's samplers: all that is known here of their insides is known in this file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from inspect import signature
 from typing import Any
 
 import emcee
@@ -8,6 +9,8 @@ import numpy as np
 from emcee.ensemble import _FunctionWrapper
 
 from ..interfaces import Backend, Evaluator, Floats, Move
+
+LONGEST_REPR = 200  # characters of a move that are printed
 
 
 class Sampler(emcee.EnsembleSampler):
@@ -62,3 +65,27 @@ def moves_of(sampler: object) -> list[tuple[Move, float]]:
     """Return the weighted moves of a sampler; none of a backend, which has none."""
     moves = getattr(sampler, "_moves", ())
     return list(zip(moves, getattr(sampler, "_weights", ()), strict=True))
+
+
+def describe_moves(weighted: Sequence[tuple[object, float]]) -> str:
+    """Return moves with their weights in words."""
+    words = []
+    for move, weight in weighted:
+        text = describe_object(move)
+        if len(text) > LONGEST_REPR:  # of a fitted mixture, all its numbers
+            text = f"{type(move).__name__}(...)"
+        words.append(f"{weight:g} x {text}")
+    return "; ".join(words)
+
+
+def describe_object(value: object) -> str:
+    """Return the repr of an object, or its class with the arguments that it keeps.
+
+    emcee's moves keep their arguments but do not show them.
+    """
+    if type(value).__repr__ is not object.__repr__:
+        return repr(value).partition(" at 0x")[0]
+    kinds = [kind for kind in type(value).__mro__ if "__init__" in vars(kind)]
+    names = {name for kind in kinds[:-1] for name in signature(kind).parameters}
+    kept = [f"{n}={getattr(value, n)!r}" for n in sorted(names) if hasattr(value, n)]
+    return f"{type(value).__name__}({', '.join(kept)})"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from .. import checks
-from ..evaluation.samplers import Sampler, moves_of, unwrap
+from ..evaluation.samplers import Sampler, describe_moves, moves_of, unwrap
 from ..evaluation.store import Store, StoredChain
 from ..interfaces import Floats
 from ..moves.tempering import find_ladder
@@ -28,7 +28,6 @@ from .arviz_objects import InferenceData, dataset, is_arviz, is_weighted, sample
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
 STORED = ("acceptance", "betas", "failures", "search", "solves", "starts_given")  # JSON
-LONGEST_REPR = 200  # of a move, in the attributes
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
@@ -207,17 +206,6 @@ def _names(
             for k, i in enumerate(np.atleast_1d(places)):
                 names[i] = f"{name}[{k}]" if np.ndim(places) else name
     return tuple(names)
-
-
-def describe_moves(weighted: Sequence[tuple[object, float]]) -> str:
-    """Return moves with their weights in words."""
-    words = []
-    for move, weight in weighted:
-        text = repr(move)
-        if len(text) > LONGEST_REPR:  # of a fitted mixture, all its numbers
-            text = f"{type(move).__name__}(...)"
-        words.append(f"{weight:g} x {text}")
-    return "; ".join(words)
 
 
 def _of_file(

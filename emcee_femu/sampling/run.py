@@ -17,7 +17,7 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.failures import FailureLog
 from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import logger, open_evaluator
-from ..evaluation.samplers import Sampler
+from ..evaluation.samplers import Sampler, describe_moves
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..evaluation.turns import take_turns
 from ..interfaces import Backend, Floats, Move
@@ -85,7 +85,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
         if self.search is not None:
             yield f"Moves: {self.search.sentence}"
         else:
-            yield "Moves: " + ", ".join(f"{w:g} x {move!r}" for move, w in self.moves)
+            yield "Moves: " + describe_moves(self.moves)
         if self.failures is not None and self.failures.causes:
             yield f"Failed solves: {dict(self.failures.causes)}"
 

@@ -50,3 +50,10 @@ def test_a_comparison_warns_once_of_what_is_wrong_and_of_nothing_else():
         assert (f"{label}: " in text) == installed_is_wrong(move)
     assert not any(f"{label}: " in text for label in RIGHT)
     assert warning.filename == __file__
+
+
+def test_a_run_and_its_report_print_what_emcees_moves_were_given():
+    run = ef.run(POSTERIOR, emcee.moves.StretchMove(a=3.0), steps=2, seed=1)
+    said = "1 x StretchMove(a=3.0, "
+    assert said in str(run)
+    assert said in ef.to_inference_data(run).posterior.attrs["moves"]
