@@ -15,6 +15,10 @@ from typing import Any
 
 from jupyter_cache import get_cache
 
+# One thread for each page: two are executed side by side, and matrices are small.
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 SECTIONS = ["start", "tutorials", "how_to", "explanation"]
