@@ -203,7 +203,7 @@ def test_a_plain_emcee_sampler_and_its_backend_are_converted():
         assert_is_the_chain(ef.to_inference_data(source, POSTERIOR), [plain])
     idata = ef.to_inference_data(plain)  # which knows its posterior
     assert dataset(idata, "posterior").attrs["seed"].startswith("unknown")
-    assert dataset(idata, "posterior").attrs["moves"].startswith("1 x <emcee.moves")
+    assert dataset(idata, "posterior").attrs["moves"].startswith("1 x StretchMove(")
     idata = ef.to_inference_data(plain.backend, POSTERIOR)
     assert dataset(idata, "posterior").attrs["moves"].startswith("unknown")
 
