@@ -1,4 +1,4 @@
-"""Simulation-based calibration of "auto": 120 data sets of two posteriors.
+"""Simulation-based calibration of "auto": 80 data sets of two posteriors.
 
 The test is that of tests/test_calibration.py: ranks of parameters and log-likelihood, 8
 bins, Bonferroni's correction of 0.1 % over all of them.
@@ -36,7 +36,7 @@ class WithoutProposalDensity(ef.IndependenceMove):
 @pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_truth_ranks_uniformly_among_the_draws_of_auto(problem):
     seed = 21 + list(PROBLEMS).index(problem)
-    assert p_values(auto_ranks(PROBLEMS[problem], 120, seed)).min() > LEVEL
+    assert p_values(auto_ranks(PROBLEMS[problem], 80, seed)).min() > LEVEL
 
 
 @pytest.mark.slow

@@ -203,7 +203,7 @@ def test_a_thin_ridge_is_emulated_right(seed):
 
 @SLOW
 def test_where_all_becomes_copies_the_history_tells():
-    emulated = ef.emulate(posed_slab(1e-7), 20, seed=1)
+    emulated = ef.emulate(posed_slab(1e-6), 20, seed=1)
     assert emulated.solves == 20
     assert emulated.history.column("predicted error")[-1] > 0.1
 
