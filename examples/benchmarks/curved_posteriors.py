@@ -114,7 +114,7 @@ PROBLEMS = {  # and steps, walkers of each ensemble
         72,
     ),
     "footbridge": (footbridge, 100, 68),
-    "springs": (springs, 15, 40),
+    "springs": (springs, 10, 50),
 }
 
 
