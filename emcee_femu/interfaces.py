@@ -404,6 +404,14 @@ class SolveError(ValueError):
         return str(self.args[1])
 
 
+class RepeatedModes(ValueError):
+    """Two modes coincide, and have no derivatives where they part.
+
+    What a ``jacobian`` raises there. Climbs, ``run`` and ``find_map`` then take
+    differences of the response, which there is.
+    """
+
+
 def gather_tangents(
     label: str, response: Response, derivatives: object, names: Sequence[Hashable]
 ) -> dict[str, Floats]:

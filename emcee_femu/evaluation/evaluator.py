@@ -9,7 +9,7 @@ import numpy as np
 from emcee.pbar import get_progress_bar
 
 from .. import checks
-from ..interfaces import Floats, Linearization
+from ..interfaces import Floats, Linearization, RepeatedModes
 from ..posterior.derivatives import difference, unstack
 from ..posterior.log_posterior import Kind, LogPosterior
 from .failures import Failure, FailureLog, describe_failure
@@ -32,7 +32,8 @@ class Solver:
         try:
             return self.posterior.stack(theta, kind)
         except Exception as error:  # of any kind: it is the user's model that raised
-            if not self.reject:
+            # Where modes coincide the model itself can be solved.
+            if not (self.reject or isinstance(error, RepeatedModes)):
                 raise
             values = zip(self.posterior.names, theta.tolist(), strict=True)
             return describe_failure(error, dict(values))
@@ -174,8 +175,8 @@ class Evaluation:
         if not (rejecting and self.posterior.one_by_one):
             try:
                 return self.posterior.stack(theta, kind)  # type: ignore[return-value]
-            except Exception:  # of any kind: it is the user's model that raised
-                if not rejecting:
+            except Exception as error:
+                if not (rejecting or isinstance(error, RepeatedModes)):
                     raise
         return [self.solver((kind, point)) for point in theta]
 

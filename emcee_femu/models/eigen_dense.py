@@ -24,7 +24,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Derivatives, Floats, ModalSolution
+from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
 from .inputs import Matrix
 
 EPS = float(np.finfo(float).eps)
@@ -253,7 +253,7 @@ def refuse_parting(
     slopes: Slopes,
     where: str,
 ) -> None:
-    """Raise ValueError unless coinciding modes change alike, with every parameter.
+    """Raise RepeatedModes unless coinciding modes change alike, with every parameter.
 
     Args:
         phi: Their shapes, ``(N, c)``.
@@ -271,7 +271,7 @@ def refuse_parting(
         H = np.tensordot(weights, parts, 1)
         gap = H - np.trace(H) / c * np.eye(c)
         if np.abs(gap).max() > PARTING * np.abs(weights) @ sizes:
-            raise ValueError(
+            raise RepeatedModes(
                 f"modes {first} and {first + c - 1} coincide "
                 f"({np.sqrt(eigenvalue) / (2 * np.pi):.6g} Hz) at {where} and part as "
                 f"{name!r} changes: which is the lower one changes there, so that they "

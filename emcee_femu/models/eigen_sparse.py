@@ -21,7 +21,7 @@ from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from ..interfaces import Derivatives, Floats, ModalSolution
+from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
 from .eigen_dense import (
     EPS,
     REPEATED,
@@ -190,10 +190,10 @@ class SparseEigenproblem:
                 x, gap = _solve_held(shifted, K, M, phi, right)
                 if not gap > np.sqrt(len(phi)) * least[cluster].max():
                     last = int(cluster[-1]) + 1
-                    raise ValueError(
-                        f"mode {last} coincides with one above it, which was not asked "
-                        f"for, at {where}: its shape has no derivative by itself; ask "
-                        f"for n_modes={last + 1}"
+                    raise RepeatedModes(
+                        f"mode {last} coincides with one above it, or nearly with one "
+                        f"below, at {where}: its shape has no derivative by itself"
+                        + f"; ask for n_modes={last + 1}" * (last == len(eigenvalues))
                     )
                 turn = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
                 turns[:, :, cluster] = turn

@@ -224,7 +224,7 @@ def test_modes_that_coincide_and_part_are_named(kind, n_modes):
     p = {"a": np.array([3.0, 5.0]), "b": np.array([4.0, 5.0]), "m": np.ones(2)}
     message = r"modes 1 and 2 coincide \(0.0\d+ Hz\) at \{'a': 5.0, .* as 'a' changes"
     if n_modes == 1 and kind is not np.asarray:
-        message = r"mode 1 coincides with one above it.* at \{'a': 5.0.*n_modes=2"
+        message = r"mode 1 coincides with one above it, .* at \{'a': 5.0.*n_modes=2"
     with pytest.raises(ValueError, match=message):
         model.jacobian(p)
     near = p | {"b": p["b"] * (1 + 1e-6)}  # the remedy

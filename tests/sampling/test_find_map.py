@@ -486,3 +486,23 @@ def test_chains_start_from_draws_of_the_gaussians():
         target.posterior, ef.DEMCMove(), 16, 2, ensembles=1, seed=1, starts=start
     )
     assert np.isfinite(sampler.get_log_prob()).all()
+
+
+@pytest.mark.parametrize("workers", [None, pytest.param(1, marks=forks)])
+def test_modes_that_coincide_at_a_start_do_not_end_a_climb(workers):
+    one, zero = np.eye(1), np.zeros((1, 1))
+    K = {
+        "a": np.block([[one, zero], [zero, zero]]),
+        "b": np.block([[zero, zero], [zero, one]]),
+    }
+    model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), K, n_modes=2)
+    frequencies = np.sqrt([8.0, 12.0]) / (2 * np.pi)
+    term = ef.FrequencyTerm(frequencies, relative_sd=0.01)
+    prior = ef.GaussianPrior(["a", "b"], [10.0, 10.0], [3.0, 3.0], [(1, 30)] * 2)
+    posterior = ef.LogPosterior(model, term, prior)
+    starts = np.array([[10.0, 10.0], [9.0, 13.0]])  # the first has no derivatives
+    with pytest.raises(ValueError, match="coincide"):
+        model.jacobian({"a": starts[:1, 0], "b": starts[:1, 1]})
+    maxima = ef.find_map(posterior, starts, seed=1, workers=workers)
+    assert not maxima.lost
+    assert_allclose(np.sort(maxima.maxima[0].theta), [8.0, 12.0], rtol=0.01)
