@@ -1,4 +1,4 @@
-"""Hard posteriors of known answer: is what is called converged also right?
+"""Hard posteriors with known answers: how often is a converged run right?
 
 The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
 give its means, its 1 % and 99 % quantiles and the weights of its modes. Each run of

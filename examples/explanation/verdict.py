@@ -182,11 +182,11 @@ print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n
 # at 16 draws of the prior, it names both numbers.
 #
 # The cure that Fit names is one: units; or, where a term with five times as many values
-# infers its own error and outvotes the one that does not fit, known standard deviations;
-# or an error of the model, if there is none yet. {py:func}`~emcee_femu.identifiability`
-# says in a sentence for each parameter whether the data informed it. How often
-# "converged" was right on targets of known answer is on the page [Is what is called
-# converged also right?](calibration.md).
+# infers its own error and outvotes the one that does not fit, known standard
+# deviations; or an error of the model, if there is none yet.
+# {py:func}`~emcee_femu.identifiability` says in a sentence for each parameter whether
+# the data informed it. How often "converged" was right on targets of known answer is on
+# the page [How often is a converged run right?](calibration.md).
 #
 # Sources: Beck and Au (2002),
 # [doi:10.1061/(ASCE)0733-9399(2002)128:4(380)](https://doi.org/10.1061/(ASCE)0733-9399(2002)128:4(380));
