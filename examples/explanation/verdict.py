@@ -102,8 +102,7 @@ for title, setting in settings.items():
 # disagree. Ensembles in one mode agree by every number, and are wrong together. No
 # diagnosis of chains detects this, but the statement says that the starts were given.
 # Without `starts` they are drawn from the prior, further apart than the posterior is
-# wide, as R-hat needs. The dotted density below and the share of $x_1 < 1$ are by
-# quadrature:
+# wide, as R-hat needs. The dotted density of $x_1$ below is by quadrature:
 
 # %% mystnb={"image": {"alt": "Left: four histograms of x1, two at each of two separated peaks. Right: four histograms that all follow both peaks of the exact density"}}
 x1, x2 = np.linspace(0.1, 3.0, 300), np.linspace(0.05, 1.5, 300)
