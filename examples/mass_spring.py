@@ -11,9 +11,9 @@ bounds, times Gaussian relative errors of the frequencies with standard deviatio
 beta^-1/2 = 0.12 % (Eqs. 2.2 to 2.4).
 
 What to look for: the frequencies are matched to 0.01 %, a hundred times closer than
-any single stiffness (1 to 2.7 %), because one stiffness can make up for another: see
-the tilted ellipses of k1 against k2. A small lobe at k4 < 1980 N/m, 2.8 % of the
-mass, makes the posterior not quite Gaussian.
+any single stiffness (1 to 2.7 %). One stiffness can make up for another: see the
+tilted ellipses of k1 against k2. A small lobe at k4 < 1980 N/m, 2.8 % of the mass,
+makes the posterior not quite Gaussian.
 
 Run it:  python examples/mass_spring.py          (5 s)
          python examples/mass_spring.py --paper  (DE-MC as in the paper: 10 walkers,

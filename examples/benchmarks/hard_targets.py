@@ -3,8 +3,8 @@
 The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
 give its means, its 1 % and 99 % quantiles and the weights of its modes. Each run of
 "auto", four independent ensembles, is compared with them in its own standard errors.
-z of a mean is its error over the run's standard deviation times sqrt(1 / ESS), z of a
-quantile that of the share of draws beyond the exact quantile; the exact draws' own
+z of a mean is its error over the run's standard deviation times sqrt(1 / ESS). z of a
+quantile is that of the share of draws beyond the exact quantile. The exact draws' own
 error is added. ESS / 1000 is the bulk ESS of the worst parameter per 1000
 evaluations, including all before the chain.
 

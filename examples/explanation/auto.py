@@ -45,9 +45,9 @@ print(search.found_by)  # one row per ensemble
 # ## 2. Refinement
 #
 # The proposal has a Student-t component for each maximum. "auto" draws from it and fits
-# it again to all draws so far by their importance weights, until these are nearly equal
-# or no longer improve, in at most 12 rounds. Two wide components for gaps and tails
-# have a tenth of the weight.
+# it again to all draws so far by their importance weights. It stops when these are
+# nearly equal or no longer improve, after 12 rounds at most. Two wide components for
+# gaps and tails have a tenth of the weight.
 #
 # If no such proposal is good (Pareto k above 0.7, less than half efficient), it is
 # refined again: without the wide components, or, if fewer than 0.2 of its proposals
@@ -56,11 +56,10 @@ print(search.found_by)  # one row per ensemble
 #
 # The posterior of ten stiffnesses from eight frequencies is a bent ridge that no
 # mixture follows, but the frequencies themselves are smooth. So "auto" learns
-# deviations as polynomials of the parameters or of their logarithms, on three
-# conditions: fewer than 0.6 of a mixture's proposals would be accepted, all terms are
-# Gaussian, and there are at most 30 parameters. The degree is 4 up to 8 parameters, 3
-# up to 12, then 2. The fit uses some 4,000 solves where walkers on this *response
-# surface* go.
+# deviations as polynomials of the parameters or of their logarithms. It does so if
+# fewer than 0.6 of a mixture's proposals would be accepted, all terms are Gaussian, and
+# there are at most 30 parameters. The degree is 4 up to 8 parameters, 3 up to 12,
+# then 2. The fit uses some 4,000 solves where walkers on this *response surface* go.
 #
 # If that is better than the mixture by half, a new mixture is fitted to draws of the
 # surface and of its square and fourth root. The surface then screens ten to a hundred
@@ -100,11 +99,10 @@ for move, share in run.moves:
 #
 # ## What is on record
 #
-# `run.search` has the proposal, the separated modes of its components, their weights by
-# importance sampling with standard errors, how many climbs of each ensemble ended in
-# each, and where its walkers start. [The verdict](verdict.py) of
-# {py:func}`~emcee_femu.diagnose` compares the chain with it: the frozen proposal is an
-# importance sampler beside the chain.
+# `run.search` has the proposal, the separated modes of its components, and their
+# weights by importance sampling with standard errors. It also has how many climbs of
+# each ensemble ended in each mode, and where its walkers start. [The
+# verdict](verdict.py) of {py:func}`~emcee_femu.diagnose` compares the chain with it.
 
 # %%
 print("weights of the modes: ", np.round(search.weights, 3))

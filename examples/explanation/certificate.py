@@ -90,9 +90,9 @@ ef.parameter_table(certificates["a little off"].idata)
 #
 # Weights show nothing there, so `certify` searches:
 #
-# - It refuses bounds of the emulated posterior that leave out more than 1 % of the
-#   prior's probability, and draws that press against a bound which the prior does not
-#   have. Neither costs a solve.
+# - It refuses an emulated posterior whose bounds leave out more than 1 % of the prior's
+#   probability, or whose draws press against a bound that the prior does not have.
+#   Neither check costs a solve.
 # - A quarter of the solves, at most 30, climb the true posterior from draws of the
 #   prior far from the chain, if that is enough for three steps. A black box of d
 #   parameters takes d + 1 solves a step, a model with `jacobian` one; positive
@@ -118,7 +118,7 @@ refused
 #
 # **Weights do not recover what the chain did not visit.** For the paper's mass-spring
 # posterior, an emulator of 39 solves had the lobe at k4 < 1980 N/m right to 0.05 of
-# log-density, but a chain of 20 walkers and 800 steps had hardly been there. Its
+# log-density. But a chain of 20 walkers and 800 steps had hardly been there. Its
 # certificate was good, and its worst standard deviation 31 % off. So certify converged
 # chains. The certificate prints what `diagnose` says against a chain; unless the chain
 # is only short, it is not certified.

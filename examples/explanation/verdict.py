@@ -143,12 +143,12 @@ figure
 # ## Search: what no diagnosis sees
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
-# `"auto"` evaluates points: a fifth as many as the chain has evaluations, at least
-# 1,000, half of them draws of the prior and half about the modes found. It may miss a
-# mode if the region from which a climb would lead there is too small. This is so if the
-# region holds less than about 3 / points both of the prior and of the surroundings of
-# the found modes. (Where 3 hits are expected, the chance of none is 5 %.) The statement
-# says how small that is:
+# `"auto"` evaluates a fifth as many points as the chain has evaluations, at least
+# 1,000. Half of them are draws of the prior, half are about the modes found. It may
+# miss a mode if the region from which a climb would lead there is too small. This is so
+# if the region holds less than about 3 / points both of the prior and of the
+# surroundings of the found modes. (Where 3 hits are expected, the chance of none is 5
+# %.) The statement says how small that is:
 
 # %%
 points = good.modes.searched

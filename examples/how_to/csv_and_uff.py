@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Read measured modes from a file
 #
-# Read the modes of a test into {py:class}`~emcee_femu.Measurements`: from arrays, from
-# a CSV file that you fill in yourself, from a universal file of a test system, or from
-# an identification by pyOMA2. Terms and pairing take this one object.
+# Read the modes of a test into {py:class}`~emcee_femu.Measurements`, the one object
+# that terms and pairing take. They come from arrays, a CSV file that you fill in
+# yourself, a universal file of a test system, or an identification by pyOMA2.
 # `python examples/how_to/csv_and_uff.py` runs this page (2 s).
 #
 # ## From arrays

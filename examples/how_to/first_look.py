@@ -1,7 +1,7 @@
 # %% [markdown]
 # # Take a first look, before any sampling
 #
-# Find the maxima of a posterior in a few dozen solves, and learn whether model and test
+# Find the maxima of a posterior in a few dozen solves. They show whether model and test
 # fit together, whether there is more than one explanation, and what the data will not
 # tell. `python examples/how_to/first_look.py` runs this page (6 s).
 

@@ -2,7 +2,7 @@
 # # Use the matrices that an FE program exports
 #
 # Read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other program,
-# give their rows the names of the test's sensors, and make a model that solves
+# and give their rows the names of the test's sensors. The model made from them solves
 # thousands of parameter sets without the program. `python examples/how_to/matrices.py`
 # runs this page (2 s).
 #

@@ -113,7 +113,7 @@ def frequencies(basis, theta):  # in Hz, by scikit-fem
 
 
 # %% [markdown]
-# The cells from here on stand under a guard, so that the functions above can be
+# The cells from here on are under a guard, so that the functions above can be
 # imported without scikit-fem. Every element belongs to a strip, so $K_0$ is zero.
 
 # %%

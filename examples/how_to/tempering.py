@@ -5,10 +5,9 @@
 # move connects the modes. This page helps to choose such a move.
 # `python examples/how_to/tempering.py` runs this page in some 5 s.
 #
-# For two storeys of equal mass, both frequencies were measured, but no shape. With
-# stiffnesses k1 of the ground storey and k2 of the upper one they have the same
-# frequencies as with 2 k2 and k1 / 2: a soft storey on a stiff one, or the other way
-# round:
+# For two storeys of equal mass, both frequencies were measured, but no shape. The
+# stiffnesses k1 of the ground storey and k2 of the upper one give the same frequencies
+# as 2 k2 and k1 / 2. So the soft storey may be the upper or the lower one:
 
 # %%
 import numpy as np

@@ -2,8 +2,8 @@
 # # Close and crossing modes
 #
 # Measured and computed frequencies must not be compared by their numbers. This page
-# shows why, how {py:class}`~emcee_femu.PairedModel` compares them by shape, what it
-# does with modes so close that their shapes mix, and how to read the pairing of a
+# shows why, and how {py:class}`~emcee_femu.PairedModel` compares them by shape, even if
+# modes are so close that their shapes mix. It also shows how to read the pairing of a
 # finished run.
 #
 # `python examples/tutorials/crossing_modes.py` runs this page (8 s).
