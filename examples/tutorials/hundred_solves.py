@@ -91,28 +91,25 @@ emulated
 # %% [markdown]
 # How to read it (in a script, `print(emulated)` says the same):
 #
-# - `emulate` learns the response, not the log-posterior: here four eigenvalues, else
-#   shapes or any real vector that a term reads, each in units of its measurement error.
-#   *Leaving one out* predicts each solved point from the others. Some of these points
-#   are spread over the whole prior, so its error is larger than the error that counts.
+# - `emulate` learns the response, here four eigenvalues, in units of the measurement
+#   error. *Leaving one out* predicts each solved point from the others. Some of these
+#   are spread over the whole prior, so this error is larger than the one that counts.
 # - The first d + 4 = 7 solves are spread over the prior, or about `starts=`. Then
 #   batches of d / 2 + 1 go where the emulator is most uncertain among draws of its
-#   posterior. A model with `jacobian` is learned with its derivatives: half as many
-#   points do for either, and a third of the solves in the end.
-# - **Errors are in units of the measurement error**: the root of the sum of squared
-#   differences between the emulated and the full response. An error of 0.1 shifts a
-#   posterior mean by a tenth of its standard deviation at most, usually by far less.
-# - The *predicted error* is what the emulator expects at draws of its posterior. The
-#   *true error* is that times the factor by which the new solves exceeded it. `emulate`
-#   stops once the error stays below `tolerance` (0.1) for two rounds; `tolerance=0`
-#   spends all `solves`. About 10 solves a parameter are usual.
+#   posterior. A model with `jacobian` takes a third of the solves.
+# - **Errors** are distances between the emulated and the full response, in units of the
+#   measurement error (root of the sum of squares). An error of 0.1 shifts a posterior
+#   mean by a tenth of its standard deviation at most.
+# - The *predicted error* is what the emulator expects at draws of its posterior; the
+#   *true error* is corrected by the new solves. `emulate` stops after two rounds below
+#   `tolerance` (0.1); `tolerance=0` spends all `solves`. About 10 solves a parameter
+#   are usual.
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
-# is broad, not wrong. The first point of each batch comes from a wider posterior, and
-# the draws begin again at the whole prior whenever the solves have grown by half. So a
-# later emulator can find a mode that an early one excluded. A mode that no emulator
-# suspects stays unseen, and `certify` weighs only what was drawn: if in doubt, run it
-# again with another seed.
+# is broad, not wrong. Each batch also looks beyond the posterior, and whenever the
+# solves have grown by half, the draws begin again at the whole prior: a later emulator
+# can find a mode that an early one excluded. A mode that no emulator suspects stays
+# unseen. If in doubt, run it again with another seed.
 #
 # ## Run
 #
