@@ -2,8 +2,9 @@
 
 Modes of unequal widths and weights, some of which a search of this size misses, heavy
 tails, flat and skew densities, and shells. Converged runs are compared with the modes
-that they found; missed modes concern the search and are counted separately. Run it:
-python examples/benchmarks/hard_targets.py --fresh
+that they found; missed modes concern the search and are counted separately.
+
+Run it:  python examples/benchmarks/hard_targets.py --fresh
 """
 
 from collections.abc import Callable
