@@ -1,24 +1,25 @@
 """A program that is started from a command line, one process per solve.
 
-What stands between an FE program and a posterior is little, but each line of it was
-paid for. For your own program copy `finished_job`, change `COMMAND`, and write a
-reader in place of `read_frequencies`, which reads the table of CalculiX. Mind:
+Little code stands between an FE program and a posterior, but each line of it has a
+reason. For your own program copy `finished_job`, change `COMMAND`, and replace
+`read_frequencies`, which reads the table of CalculiX. Note:
 
-* A folder for each solve, new and empty, named after the worker process and removed
-  after the solve, also after one that failed: two workers never write to one file, and
-  a result that an earlier solve left behind is never read for that of a later one.
-* A time limit that ends the program and all that it started. Many programs are scripts
-  that start the solver; to kill the script alone leaves the solver behind, and waiting
-  for its output waits for it.
-* Exit status 0 does not mean that there is a result, so the reader checks what it
-  reads: it is one table, complete, and its columns fit to each other.
-* What is wrong with the parameters (no convergence, a time-out, a damaged result) is an
-  exception, which `on_failure="reject"` turns into a rejection. What is wrong with the
-  machine says nothing about the parameters: a licence is waited for, and then, as where
-  the disk is full or the program is missing, `Unavailable` stops the run even so. What
-  was solved is in the file of the run, which goes on from there.
+* Each solve has a new, empty folder, named after the worker process and removed after
+  the solve, even a failed one. So two workers never write to one file, and a result
+  of an earlier solve is never read for that of a later one.
+* A time limit ends the program and all that it started. Many programs are scripts
+  that start the solver. Killing the script alone leaves the solver behind, and
+  waiting for its output waits for the solver.
+* Exit status 0 does not mean that there is a result. So the reader checks that the
+  result is one complete table whose columns fit each other.
+* An error due to the parameters (no convergence, a time-out, a damaged result) is an
+  exception, which `on_failure="reject"` turns into a rejection. An error of the
+  machine says nothing about the parameters. The driver waits for a licence. If none
+  becomes free, or if the disk is full or the program is missing, `Unavailable` stops
+  the run in any case. All solves are in the file of the run, which continues from
+  there.
 
-CalculiX is free software and asks for no licence: apt install calculix-ccx
+CalculiX is free software and needs no licence: apt install calculix-ccx
 
 Run it:  python examples/calculix_program.py job.inp
 """

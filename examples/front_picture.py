@@ -1,7 +1,7 @@
 """The picture of the front page: mode shapes on the structure, and the frequencies.
 
-It runs the tutorial on a modal test, and draws two of its mode shapes, with what the
-sensors measured, beside its six frequencies before and after updating.
+It runs the tutorial on a modal test. It draws two mode shapes with the measurements
+of the sensors, beside the six frequencies before and after updating.
 
 Run it:  python examples/front_picture.py  (20 s; writes .github/images/front.png)
 """

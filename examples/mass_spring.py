@@ -5,13 +5,13 @@ stiffnesses are unknown; only the five natural frequencies are measured:
 
     K phi = (2 pi f)^2 M phi,    K = sum_s k_s b_s b_s^T,    M = diag(m).
 
-Five numbers for five unknowns fix the best fit, but not how well each is known. That
-is the posterior: a weak Gaussian prior about the initial guess, cut at bounds, times
-Gaussian relative errors of the frequencies with standard deviation beta^-1/2 = 0.12 %
-(Eqs. 2.2 to 2.4).
+Five numbers for five unknowns determine the best fit, but not how well each unknown
+is known. The posterior does: a weak Gaussian prior about the initial guess, cut at
+bounds, times Gaussian relative errors of the frequencies with standard deviation
+beta^-1/2 = 0.12 % (Eqs. 2.2 to 2.4).
 
-What to look for: the frequencies are met to 0.01 %, a hundred times closer than any
-single stiffness (1 to 2.7 %), because one stiffness can make up for another: see the
+What to look for: the frequencies are matched to 0.01 %, a hundred times closer than
+any single stiffness (1 to 2.7 %). One stiffness can make up for another: see the
 tilted ellipses of k1 against k2. A small lobe at k4 < 1980 N/m, 2.8 % of the mass,
 makes the posterior not quite Gaussian.
 

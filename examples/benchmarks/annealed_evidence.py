@@ -4,8 +4,8 @@ Exponentials in a corner of the unit box, Student t with 3 degrees of freedom in
 box, Gaussians, two modes and a funnel. z is the error in claimed standard errors, over
 the seeds that claim one.
 
-The bar: rms z at most 1.3, and errors claimed in at least half of the seeds but for the
-t and the funnel.
+The bar: rms z at most 1.3, and errors claimed in at least half of the seeds, except
+for the t and the funnel.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/annealed_evidence.py --seeds 20
 """

@@ -6,9 +6,9 @@ bim5  two Gaussians in 5 dimensions, ten standard deviations apart, weights 0.3 
 
 Every sampler gets the same vectorised log-density, the same over-dispersed starts and
 the same number of walkers. The effective sample size is the bulk ESS of the worst
-parameter. "/1000" counts what comes after the burn-in; "end to end" counts
-all evaluations, those of the burn-in and of the search of "auto" included. A peer takes
-part where it is installed: ``pip install dime-sampler``.
+parameter. "/1000" counts what comes after the burn-in; "end to end" counts all
+evaluations, including burn-in and the search of "auto". Another sampler takes part if
+it is installed: ``pip install dime-sampler``.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/benchmark.py
 """

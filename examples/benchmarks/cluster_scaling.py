@@ -1,18 +1,18 @@
-"""How large an ensemble a cluster needs: a thousand workers, simulated, and 32, slept.
+"""How large an ensemble a cluster needs: 1,000 workers simulated, 32 measured.
 
-One ensemble can have ``nwalkers / nsplits`` evaluations under way at once: half of it,
-for the usual two splits; the ensembles of a run are under way together. The half must
-be back before the other half moves, so that a generation lasts as long as its
-unluckiest worker. A cluster is used well if
+One ensemble can have ``nwalkers / nsplits`` evaluations under way at once: half of
+it, for the usual two splits. The ensembles of a run are under way together. The half
+must be back before the other half moves, so a generation lasts as long as its slowest
+worker. A cluster is used well if
 
 * every worker gets several evaluations of each half (then their times even out), or
 * all evaluations take the same time and the half is a multiple of the workers.
 
-Solver times are log-normal, and the master hands evaluation after evaluation to the
-next free worker, which takes it some time each. A larger ensemble is used better but
-has its price: every walker has a burn-in of its own. So where all solves take the same
-time, 2 to 4 walkers per worker are enough; where their times vary, 8 to 16. Beyond some
-hundred workers rather make each ensemble a job of its own, with its own ``seed``.
+Solver times are log-normal. The master sends one evaluation after another to the next
+free worker, and each takes it some time. A larger ensemble uses the workers better
+but has its price: every walker has its own burn-in. So if all solves take the same
+time, 2 to 4 walkers per worker are enough; if their times vary, 8 to 16. Beyond some
+hundred workers, make each ensemble a job of its own, with its own ``seed``.
 
 The last table is measured, with threads that sleep for a solve: four ensembles of 16
 walkers, together as ``run`` has them on a pool, and one after another.

@@ -1,4 +1,4 @@
-"""Posteriors of engineers' size, whose densities are bent: what "auto" makes of them.
+"""Curved posteriors of realistic size, and how "auto" does on them.
 
 building    ten storey stiffnesses from eight frequencies to 0.5 %, without shapes
 tower       eighteen storey stiffnesses, four modes with shapes at seven floors
@@ -6,9 +6,9 @@ footbridge  a 3-D frame of 268 DOFs: the moduli of fourteen groups of members, a
             and two errors, from five modes at 58 sensors
 springs     the paper's five springs from the prior, with few evaluations
 
-Data are simulated with parameters drawn from the prior, with each seed anew. The
-effective sample size is the bulk ESS of the worst parameter, over all solves, those of
-the search and of gradients included.
+Data are simulated with parameters drawn from the prior, anew with each seed. The
+effective sample size is the bulk ESS of the worst parameter, over all solves,
+including those of the search and of gradients.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/curved_posteriors.py
 """

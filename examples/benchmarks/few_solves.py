@@ -1,6 +1,6 @@
-"""How many solves a posterior takes by ``emulate``, and how right it then is.
+"""How many solves ``emulate`` needs for a posterior, and how accurate it then is.
 
-Every model is wrapped in a :class:`BlackBox`, as if a FE program were behind it: it
+Every model is wrapped in a :class:`BlackBox`, as if an FE program were behind it: it
 gives a response, with derivatives or without, and counts its solves itself. The
 problems are
 
@@ -14,17 +14,17 @@ problems are
                  close pairs; 4 frequencies and 32 shape ordinates, paired
 
 Each seed begins with nothing but the prior and the data. ``emulate`` gets as many
-solves as the bar allows, and "auto" samples the emulated posterior. A mixture is fitted
-to its chain and to one of the true posterior, which a chain may have missed parts of;
-means and standard deviations, of the emulated posterior and of the true one, are those
-of the same weighted draws of that mixture, so that chance hardly counts in their
-difference. The bar: means within .05 standard deviations, standard deviations within
-5 %, and of Beck and Au's two modes the weight within .02. Of the tower it is an
-effective share of .75.
+solves as the bar allows, and "auto" samples the emulated posterior. A mixture is
+fitted to its chain and to one of the true posterior, since a chain may have missed
+parts of it. Means and standard deviations of both posteriors are those of the same
+weighted draws of that mixture, so that chance hardly affects their difference. The
+bar: means within .05 standard deviations, standard deviations within 5 %, and the
+weight of Beck and Au's two modes within .02. For the tower it is an effective share
+of .75.
 
-Then, with solves of their own, ``certify`` gives the effective share of full solves at
-independent draws, and Pareto k. Overhead is the process time of emulator, sampling and
-certificate without the solves.
+Then ``certify``, with its own solves, gives the effective share of full solves at
+independent draws, and Pareto k. Overhead is the process time of emulator, sampling
+and certificate without the solves.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/few_solves.py --seeds 10
 """

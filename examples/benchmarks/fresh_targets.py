@@ -1,8 +1,9 @@
-"""Twelve more posteriors of known answer, none of which a setting was tuned to.
+"""Twelve more posteriors with known answers, to which no setting was tuned.
 
 Modes of unequal widths and weights, some of which a search of this size misses, heavy
-tails, flat and skew densities, and shells. What is called converged is held to the
-modes that the run found: what it missed is the search's affair, and is counted beside.
+tails, flat and skew densities, and shells. Converged runs are compared with the modes
+that they found; missed modes concern the search and are counted separately.
+
 Run it:  python examples/benchmarks/hard_targets.py --fresh
 """
 

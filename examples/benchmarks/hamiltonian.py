@@ -1,11 +1,11 @@
 """Hamiltonian moves beside DE-MC on shear buildings of 20, 30 and 50 storeys.
 
 The storey stiffnesses are unknown, with a Gaussian prior of 20 % about their nominal
-values. Twelve natural frequencies (errors of 0.5 %) and the mode shapes at every second
-floor (errors of 2 % of a shape's length) were measured on a building drawn from that
-prior; there are several buildings. The Gaussian at the maximum of the posterior
-(``find_map``) gives the metric, ``tuned`` chooses the steps, then all is frozen. All
-moves start from draws of that Gaussian and drop a fifth as burn-in.
+values. Twelve natural frequencies (errors of 0.5 %) and the mode shapes at every
+second floor (errors of 2 % of a shape's length) were measured on a building drawn
+from that prior; there are several buildings. The Gaussian at the maximum of the
+posterior (``find_map``) gives the metric, ``tuned`` chooses the steps, then both are
+frozen. All moves start from draws of that Gaussian and drop a fifth as burn-in.
 
 The effective sample size is the bulk ESS of the worst parameter. A gradient counts as
 one solve, and every solve after the burn-in counts, out of bounds or not. Pareto k is

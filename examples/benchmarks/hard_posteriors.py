@@ -1,4 +1,4 @@
-"""Eighteen posteriors that samplers find hard, each of which can be drawn exactly.
+"""Eighteen posteriors that are hard for samplers but can be sampled exactly.
 
 Every target is a density inside a box, with a uniform prior there: unequal modes, a
 ring, a funnel, heavy tails, a banana, ten modes, a corner, a ridge, exchangeable

@@ -1,16 +1,17 @@
-"""Hard posteriors of known answer: is what is called converged also right?
+"""Hard posteriors with known answers: how often is a converged run right?
 
 The targets are those of ``hard_posteriors.py``; up to a million exact draws of each
 give its means, its 1 % and 99 % quantiles and the weights of its modes. Each run of
-"auto", four independent ensembles, is held to them in its own standard errors:
-z of a mean is its error over the run's standard deviation times
-sqrt(1 / ESS), z of a quantile that of the share of draws beyond the exact quantile;
-the exact draws' own error is added. ESS / 1000 is the bulk ESS of the worst parameter
-per 1000 evaluations, all that came before the chain included.
+"auto", four independent ensembles, is compared with them in its own standard errors.
+z of a mean is its error over the run's standard deviation times sqrt(1 / ESS). z of a
+quantile is that of the share of draws beyond the exact quantile. The exact draws' own
+error is added. ESS / 1000 is the bulk ESS of the worst parameter per 1000
+evaluations, including all before the chain.
 
-The bar: of all runs called converged at most 1 % have a mean off by more than 5 of its
-standard errors, none a mode's weight by more than 0.05, and z scatters by 0.8 to 1.3.
-All of these are given the modes that the run found; what it missed stands beside.
+The bar: of all runs called converged at most 1 % have a mean off by more than 5 of
+its standard errors, none has a mode's weight off by more than 0.05, and z scatters by
+0.8 to 1.3. All of these are given the modes that the run found; missed modes are in a
+separate column.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hard_targets.py --seeds 20
 and with --fresh for the targets of ``fresh_targets.py``.

@@ -2,10 +2,10 @@
 
 The two samplers of a pair take turns in short blocks on one thread, and the median of
 the block-by-block ratios is printed, so that a drift of the machine's speed cancels.
-First the bare overhead, on a Gaussian that costs next to nothing; then the mass-spring
-posterior under ``DEMCMove``, vectorised over walkers, against the same posterior
-written as most scripts are: one walker at a time, ``scipy.linalg.eigh(K, M)``, under
-emcee's ``DEMove``.
+The first table is the bare overhead, on a Gaussian that costs next to nothing. The
+second compares the mass-spring posterior under ``DEMCMove``, vectorised over walkers,
+with the same posterior written as most scripts are: one walker at a time,
+``scipy.linalg.eigh(K, M)``, under emcee's ``DEMove``.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/overhead.py
 """

@@ -1,9 +1,10 @@
 # %% [markdown]
 # # What "auto" does
 #
-# `run(posterior, seed=1)` with its default `"auto"` searches for the modes of a posterior, fits a proposal
-# to what it found, freezes it, and samples with it. This page says how, and shows what
-# is on record. `python examples/explanation/auto.py` runs it in some 4 s.
+# `run(posterior, seed=1)` with its default `"auto"` searches for the modes of a
+# posterior, fits a proposal to them, freezes it, and samples with it. This page says
+# how, and shows what is on record. `python examples/explanation/auto.py` runs it in
+# some 4 s.
 #
 # The example has two modes. Two storeys of equal mass have the same frequencies with
 # stiffnesses k1 (ground) and k2 (upper) as with 2 k2 and k1 / 2:
@@ -26,13 +27,14 @@ run
 # %% [markdown]
 # ## 1. Search
 #
-# A fifth as many points as the chain has evaluations, at least 1,000, are solved: half
-# of them draws of the prior, half about the modes found so far, at 2, 4, 8 times their
-# widths and so on. Each ensemble climbs from its best point, then from those that
-# Gaussians at the known modes do not explain. Where a posterior is not
-# Gaussian there are many such points; a climb then starts only from those that a valley
-# separates from the nearest mode (looked for at four points on the way). The climbs are those of {py:func}`~emcee_femu.find_map`:
-# one solve a step with `jacobian`, `d + 1` without.
+# The search solves a fifth as many points as the chain has evaluations, at least 1,000.
+# Half of them are draws of the prior; half are about the modes found so far, at 2, 4, 8
+# times their widths and so on. Each ensemble climbs from its best point, then from
+# those that Gaussians at the known modes do not explain. If a posterior is not
+# Gaussian, there are many such points. A climb then starts only from those that a
+# valley separates from the nearest mode (checked at four points on the way). The climbs
+# are those of {py:func}`~emcee_femu.find_map`: one solve a step with `jacobian`,
+# `d + 1` without.
 
 # %%
 search = run.search
@@ -42,24 +44,28 @@ print(search.found_by)  # one row per ensemble
 # %% [markdown]
 # ## 2. Refinement
 #
-# A Student-t component for each maximum is drawn from, and fitted again to all draws so
-# far by their importance weights, until these are nearly equal or no longer get
-# better, in at most 12 rounds. Two wide components for gaps and tails have a tenth of
-# the weight. Where no such proposal is good (Pareto k above 0.7, less than half
-# efficient), it is refined again without the wide components, or, where fewer than 0.2
-# of its proposals would be accepted, from a mixture fitted to annealed populations
-# ({py:func}`~emcee_femu.anneal`); the one that finds more of the posterior is taken.
+# The proposal has a Student-t component for each maximum. "auto" draws from it and fits
+# it again to all draws so far by their importance weights. It stops when these are
+# nearly equal or no longer improve, after 12 rounds at most. Two wide components for
+# gaps and tails have a tenth of the weight.
 #
-# The posterior of ten stiffnesses from eight frequencies is a bent ridge that no mixture
-# follows, while the frequencies themselves are smooth. Where fewer than 0.6 of a
-# mixture's proposals would be accepted, all terms are Gaussian, and there are at most 30
-# parameters, deviations are therefore learned as polynomials of the parameters or of
-# their logarithms (of degree 4 up to 8 parameters, 3 up to 12, then 2), from some 4,000
-# solves where walkers on this *response surface* go. If that is better than the mixture
-# by half, a new mixture is fitted to draws of the surface and of its square and fourth
-# root, and the surface screens ten to a hundred of its proposals before each solve
-# ({py:class}`~emcee_femu.moves.DelayedAcceptanceMove`): the chain stays exact. {doc}`moves_measured`
-# has what that gains.
+# If no such proposal is good (Pareto k above 0.7, less than half efficient), it is
+# refined again: without the wide components, or, if fewer than 0.2 of its proposals
+# would be accepted, from a mixture fitted to annealed populations
+# ({py:func}`~emcee_femu.anneal`). The one that finds more of the posterior is used.
+#
+# The posterior of ten stiffnesses from eight frequencies is a bent ridge that no
+# mixture follows, but the frequencies themselves are smooth. So "auto" learns
+# deviations as polynomials of the parameters or of their logarithms. It does so if
+# fewer than 0.6 of a mixture's proposals would be accepted, all terms are Gaussian, and
+# there are at most 30 parameters. The degree is 4 up to 8 parameters, 3 up to 12,
+# then 2. The fit uses some 4,000 solves where walkers on this *response surface* go.
+#
+# If that is better than the mixture by half, a new mixture is fitted to draws of the
+# surface and of its square and fourth root. The surface then screens ten to a hundred
+# of its proposals before each solve
+# ({py:class}`~emcee_femu.moves.DelayedAcceptanceMove`): the chain stays exact.
+# {doc}`moves_measured` has the gain.
 
 # %%
 mixture = search.mixture
@@ -69,35 +75,34 @@ print(f"efficiency {search.efficiency:.2f}, Pareto k {search.pareto_k:.2f}")
 # %% [markdown]
 # ## 3. Sampling
 #
-# The mixture (and the surface, where there is one) is frozen, so that the chain is an
-# ordinary Markov chain. It has 90 % independence proposals from the mixture, or 60 or 20 % where fewer than 0.2 or 0.05 of
-# them would be accepted, and `DEMCMove(mode_jump=0.1)` otherwise. Where fewer than 0.2
-# would be, and the model has `jacobian`, it has 80 % [Hamiltonian moves](
-# ../how_to/hamiltonian.py) instead, and 10 % independence proposals if there are
-# several separated modes.
+# The mixture (and the surface, if there is one) is frozen, so the chain is an ordinary
+# Markov chain. It has 90 % independence proposals from the mixture, or 60 or 20 % if
+# fewer than 0.2 or 0.05 of them would be accepted. The rest is
+# `DEMCMove(mode_jump=0.1)`. If fewer than 0.2 would be accepted and the model has
+# `jacobian`, it has 80 % [Hamiltonian moves](../how_to/hamiltonian.py) instead, and 10
+# % independence proposals if there are several separated modes.
 
 # %%
 for move, share in run.moves:
     print(f"{100 * share:.0f} % {type(move).__name__}")
 
 # %% [markdown]
-# All ensembles share the proposal, but each starts from its own draws of it, in the
-# modes that its own climbs found, so that their agreement means something. Where no
-# proposal is good, as with most of 14 parameters at their bounds, each starts from its
-# own annealed population.
+# All ensembles share the proposal. But each starts from its own draws of it, in the
+# modes that its own climbs found, so that their agreement is evidence. If no proposal
+# is good, as with most of 14 parameters at their bounds, each starts from its own
+# annealed population.
 #
-# All that comes before the chain takes at most twice as many evaluations as the chain, or
-# 30,000 before a short one: climbs, annealing and second attempts end where that is
-# spent, whatever lies at bounds. The number and the seconds by the first solve are logged
-# before the search begins, and `run(..., progress=True)` shows a bar of it.
+# Everything before the chain takes at most twice as many evaluations as the chain, or
+# 30,000 before a short one: climbs, annealing and second attempts then stop, whatever
+# lies at bounds. The number, and the seconds estimated from the first solve, are logged
+# before the search begins; `run(..., progress=True)` shows a bar.
 #
 # ## What is on record
 #
-# `run.search` has the proposal, the separated modes of its components, their weights by
-# importance sampling with standard errors, how many climbs of each ensemble ended in
-# each, and where its walkers start. [The verdict](verdict.py) of
-# {py:func}`~emcee_femu.diagnose` holds the chain to it: the frozen proposal is an
-# importance sampler beside the chain.
+# `run.search` has the proposal, the separated modes of its components, and their
+# weights by importance sampling with standard errors. It also has how many climbs of
+# each ensemble ended in each mode, and where its walkers start. [The
+# verdict](verdict.py) of {py:func}`~emcee_femu.diagnose` compares the chain with it.
 
 # %%
 print("weights of the modes: ", np.round(search.weights, 3))
@@ -105,9 +110,9 @@ print("their standard errors:", np.round(search.errors, 3))
 ef.diagnose(run)
 
 # %% [markdown]
-# What no point of the search hit is not in the proposal; the statement on the search
-# says how small that may be. More steps search more. So do other seeds, and
-# starts of your own (`starts=`), which are searched too.
+# A mode that no point of the search hit is not in the proposal; the statement on the
+# search says how small it may be. More steps search more. So do other seeds, and starts
+# of your own (`starts=`), which are searched too.
 #
 # All evaluations before the chain are counted. The chain holds no part of
 # the search, so that nothing needs to be discarded:

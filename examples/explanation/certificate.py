@@ -1,15 +1,15 @@
 # %% [markdown]
-# # May I believe an emulated posterior?
+# # Can I trust an emulated posterior?
 #
-# After this page you will know what {py:func}`~emcee_femu.certify` proves about a
-# posterior that was sampled with a stand-in for the model, what its three verdicts
-# mean, and what it cannot see. `python examples/explanation/certificate.py` runs the
-# page (4 s).
+# What does {py:func}`~emcee_femu.certify` prove about a posterior that was sampled with
+# a stand-in for the model, what do its three verdicts mean, and what can it not see?
+# `python examples/explanation/certificate.py` runs the page (4 s).
 #
 # A stand-in (an emulator, a reduced or a coarse model) gives a posterior that is nearly
-# right. `certify` spends full solves on draws of it. At each draw the ratio of true to
-# emulated density is a weight: if all weights are equal the emulated posterior is the
-# true one; if they differ they correct it; if a few carry everything it is useless.
+# right. `certify` spends full solves on draws of it. At each draw the weight is the
+# ratio of true to emulated density. If all weights are equal, the emulated posterior is
+# the true one. If they differ, they correct it. If a few carry everything, it is
+# useless.
 #
 # ## Three stand-ins
 #
@@ -64,9 +64,9 @@ certificates["a little off"]
 # | corrected | neither certified nor refused | use `certificate.mean`, `.sd` and `.idata`, whose draws are those solved in full, with weights |
 # | refused | Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly equal ones fewer than 25; k above 1 - 1 / log10(n); or something missing (below) | the sentence says: more solves for the emulator, for the certificate, wider bounds, a start |
 #
-# Tables and figures of `certificate.idata` show the corrected posterior where there is
-# one, and say so in their titles, also when it was written to netCDF and read back. Its
-# group `certificate` holds the draws, weights and log-posteriors.
+# Tables and figures of `certificate.idata` show the corrected posterior if there is
+# one, and say so in their titles, even if it was read back from netCDF. Its group
+# `certificate` holds the draws, weights and log-posteriors.
 
 # %%
 ef.parameter_table(certificates["a little off"].idata)
@@ -75,32 +75,32 @@ ef.parameter_table(certificates["a little off"].idata)
 # ## How it decides
 #
 # Pareto k describes the tail of the largest weights: above 0.7 their mean cannot be
-# estimated. Where weights are nearly equal (efficiency above 0.9) k does not matter.
-# From fewer than 100 weights the largest tell little of it (it scatters by 0.2), so it
-# is taken as the larger of two: ArviZ's, and the one that the curvature of ln w over
-# all draws implies. Efficiency and the largest weight, which the sentence gives too,
-# decide with it.
+# estimated. If weights are nearly equal (efficiency above 0.9), k does not matter. With
+# fewer than 100 weights k scatters by 0.2. It is then the larger of two values:
+# ArviZ's, and the one implied by the curvature of ln w over all draws. Efficiency and
+# the largest weight, also in the sentence, decide with it.
 #
 # Means and standard deviations use the whole chain: a fit to ln w, made at other draws,
-# says what to expect of the weights everywhere, and the solved draws correct it. So the
-# errors of a certified result are a few hundredths of a standard deviation, where 75
-# draws alone would know a mean to 0.12 (`pytest -m slow tests/results` holds the claimed
-# errors to exact values).
+# predicts the weights everywhere, and the solved draws correct it. So the errors of a
+# certified result are a few hundredths of a standard deviation, where 75 draws alone
+# would know a mean to 0.12 (`pytest -m slow tests/results` compares the claimed errors
+# with exact values).
 #
 # ## Where the emulator puts no draws
 #
-# Weights see nothing there. So `certify` looks on purpose:
+# Weights show nothing there, so `certify` searches:
 #
-# - Bounds of the emulated posterior that leave out more than 1 % of the prior's
-#   probability are refused, and so are draws that press against a bound which the
-#   prior does not have. Neither costs a solve.
+# - It refuses an emulated posterior whose bounds leave out more than 1 % of the prior's
+#   probability, or whose draws press against a bound that the prior does not have.
+#   Neither check costs a solve.
 # - A quarter of the solves, at most 30, climb the true posterior from draws of the
-#   prior far from the chain, if that is enough for three steps (a black box of d
-#   parameters takes d + 1 solves a step, a model with `jacobian` one), positive ones by
-#   their logarithms. A maximum with more than 1 % of the posterior where the chain has
-#   hardly a draw is refused, with its place; a climb that fails is a finding.
+#   prior far from the chain, if that is enough for three steps. A black box of d
+#   parameters takes d + 1 solves a step, a model with `jacobian` one; positive
+#   parameters climb by their logarithms. A maximum with more than 1 % of the posterior
+#   where the chain has hardly a draw is refused, with its place; a climb that fails is
+#   a finding.
 #
-# The first of these, live: an emulator that was learned inside narrow bounds.
+# Here is the first: an emulator that was learned inside narrow bounds.
 
 # %%
 bounds = {"k": (8.8, 15.0), "m": (0.9, 1.4)}
@@ -111,17 +111,17 @@ refused = ef.certify(ef.to_inference_data(sampler, cut, 100), true, solves=100, 
 refused
 
 # %% [markdown]
-# A narrow mode of which no climb comes near stays unseen, and so does a part of the
-# posterior next to the draws, without a maximum of its own, that an emulator without
-# `spread` cuts off smoothly: {py:func}`~emcee_femu.emulate` looks for these while it
+# A narrow mode that no climb comes near stays unseen. So does a part of the posterior
+# next to the draws, without a maximum of its own, that an emulator without `spread`
+# cuts off smoothly. {py:func}`~emcee_femu.emulate` looks for such parts while it
 # learns.
 #
-# **Nor do weights bring back what the chain did not visit.** Of the paper's mass-spring
-# posterior an emulator of 39 solves had the lobe at k4 < 1980 N/m right to 0.05 of
-# log-density, but a chain of 20 walkers and 800 steps had hardly been there, and its
-# certificate was as good as its worst standard deviation was bad (31 % off). Certify
-# converged chains: what `diagnose` says against one is printed with the certificate, and
-# unless it is but short, it is not certified.
+# **Weights do not recover what the chain did not visit.** For the paper's mass-spring
+# posterior, an emulator of 39 solves had the lobe at k4 < 1980 N/m right to 0.05 of
+# log-density. But a chain of 20 walkers and 800 steps had hardly been there. Its
+# certificate was good, and its worst standard deviation 31 % off. So certify converged
+# chains. The certificate prints what `diagnose` says against a chain; unless the chain
+# is only short, it is not certified.
 
 # %% tags=["remove-cell"]
 shorts = {title: found.short for title, found in certificates.items()}

@@ -1,18 +1,17 @@
 # %% [markdown]
-# # DE-MC, and why a generation must not move at once
+# # DE-MC, and why not all walkers may move at once
 #
-# After this page you will know what the paper's sampler does, where its factor
-# $2.38 / \sqrt{2d}$ comes from, what the small noise is for, and why half of the
-# walkers stand still while the others move: a program that moves all of them from
-# one generation gives wrong variances. `python examples/explanation/de_mc.py` runs
-# the page (6 s).
+# This page explains what the paper's sampler does, where its factor $2.38 / \sqrt{2d}$
+# comes from, and what the small noise is for. It also shows why half of the walkers
+# stand still while the others move: a program that moves all of them at once gives
+# wrong variances. `python examples/explanation/de_mc.py` runs the page (6 s).
 #
 # ## The proposal
 #
-# Metropolis-Hastings needs a step that fits the posterior: too small, and the chain
-# creeps; too large, and nothing is accepted. Where parameters are correlated the step
-# must be correlated too. Differential evolution Markov chain (DE-MC) takes the step
-# from the ensemble itself (Eq. 3.2 of the paper):
+# Metropolis-Hastings needs a step that fits the posterior. If it is too small, the
+# chain creeps; if it is too large, nothing is accepted. If parameters are correlated,
+# the step must be correlated too. Differential evolution Markov chain (DE-MC) takes the
+# step from the ensemble itself (Eq. 3.2 of the paper):
 #
 # $$ \theta^* = \theta_i + \gamma (\theta_a - \theta_b) + \varepsilon, \qquad
 #    r = \min\Big\{1, \frac{p(\theta^*)}{p(\theta_i)}\Big\} . $$
@@ -34,13 +33,13 @@ ef.figures.plot_proposals()
 # %% [markdown]
 # ## Where gamma comes from
 #
-# For a Gaussian posterior of covariance $\Sigma$ in many dimensions the best Gaussian
+# For a Gaussian posterior of covariance $\Sigma$ in many dimensions, the best Gaussian
 # random walk has steps of covariance $(2.38^2 / d) \Sigma$ (Roberts, Gelman and Gilks
-# 1997). Two independent walkers differ by a vector of covariance $2 \Sigma$. Equate
-# $2 \gamma^2 \Sigma$ with the former: $\gamma = 2.38 / \sqrt{2 d}$.
+# 1997). The difference of two independent walkers has covariance $2 \Sigma$. Equating
+# $2 \gamma^2 \Sigma$ with the former gives $\gamma = 2.38 / \sqrt{2 d}$.
 #
-# The law can be seen without a chain. Draw walkers from the target, propose once, and
-# average the squared length of the accepted steps: the further a walker moves on
+# The rule can be checked without a chain. Draw walkers from the target, propose once,
+# and average the squared length of the accepted steps: the further a walker moves on
 # average, the better.
 
 
@@ -66,7 +65,7 @@ for d, (squares, acceptance) in curves.items():
     print(f"d = {d:2}: best {best[d]:.1f}, accepted {acceptance[top]:.2f}")
 
 # %% [markdown]
-# The maxima are flat and lie near 2.38 in every dimension; there about a third of the
+# The maxima are flat and lie near 2.38 in every dimension. There, about a third of the
 # proposals are accepted in few dimensions, about a quarter in many.
 
 # %% mystnb={"image": {"alt": "Curves over gamma sqrt(2 d), one for each dimension, all with a flat maximum near 2.4, marked by a line"}}
@@ -80,45 +79,48 @@ plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
-# The law is for one mode that is nearly Gaussian. Between modes a step must be as long
+# The rule is for one mode that is nearly Gaussian. Between modes a step must be as long
 # as the distance of two walkers in them: $\gamma = 1$, which `mode_jump=0.1` of
-# {py:class}`~emcee_femu.DEMCMove` takes for one walker in ten.
+# {py:class}`~emcee_femu.DEMCMove` uses for one walker in ten.
 #
 # ## What the noise is for
 #
 # Differences of walkers stay in the plane that the walkers span. With too few walkers,
-# or walkers that start in a plane, the chain never leaves it. The noise
-# $\varepsilon$ makes every place reachable; it is small so as not to cost acceptance.
-# By default it is a hundredth of the spread of the walkers at rest, for each parameter
-# by itself, so that areas of 1e-4 and stiffnesses of 1e10 can stand side by side.
-# The stock `emcee.moves.DEMove` has no such noise, only a jitter of gamma, which stays
-# in the plane too, until rounding errors have grown large enough. (emcee refuses starts in
-# a plane, unless it is told not to check.) A parameter in which all walkers agree to the
-# last digit gets no noise by default; give `sigma` if you start like that.
+# or walkers that start in a plane, the chain never leaves it. The noise $\varepsilon$
+# makes every place reachable, and is too small to cost acceptance. By default it is a
+# hundredth of the spread of the walkers at rest, for each parameter by itself, so areas
+# of 1e-4 and stiffnesses of 1e10 can stand side by side.
 #
-# ## Why the right law stays
+# The stock `emcee.moves.DEMove` has no such noise, only a jitter of gamma, which stays
+# in the plane too, until rounding errors have grown large enough. (emcee refuses starts
+# in a plane, unless it is told not to check.) A parameter in which all walkers agree to
+# the last digit gets no noise by default; give `sigma` if you start like that.
+#
+# ## Why the target is preserved
 #
 # $N$ walkers have the joint density $p(\theta_1) \cdots p(\theta_N)$. Move walker $i$
 # while all others stand still. The pairs $(a, b)$ and $(b, a)$ are equally likely, and
 # so are $\varepsilon$ and $-\varepsilon$: the way back is proposed as often as the way
-# there. So Metropolis' rule keeps the joint density (detailed balance), exactly and for
-# any $N$. It is no approximation that needs many walkers.
+# there. So Metropolis' rule preserves the joint density (detailed balance), exactly and
+# for any $N$. It is not an approximation for many walkers.
 #
 # The paper moves one walker after the other, in step 4 of its algorithm. A loop over
-# walkers is slow, and its FE solves cannot run side by side. It is tempting to compute
-# all $N$ proposals from the present generation and to accept each by itself. Some
+# walkers is slow, and its FE solves cannot run in parallel. It is tempting to compute
+# all $N$ proposals from the present generation and to accept each by itself, and some
 # programs do. But then $\theta_a$ and $\theta_b$ move in the same step as $\theta_i$.
 # To come back, walker $i$ would need the difference of their *new* places, which is
-# another one. The way back is not proposed as often, and the joint density is not kept.
+# different. The way back is not proposed as often, and the joint density is not
+# preserved.
 #
-# `DEMCMove` deals the walkers into two halves and moves one half with the other as guides, which stand still meanwhile: detailed balance holds, and a whole half is one
-# batch of solves. `nsplits=nwalkers` is the paper's sweep.
+# `DEMCMove` splits the walkers into two halves and moves one half while the other, its
+# guides, stands still. So detailed balance holds, and a whole half is one batch of
+# solves. `nsplits=nwalkers` is the paper's sweep.
 #
 # ## Exact start: how wrong is it?
 #
 # Draw many ensembles from a Gaussian of variance 1 in three dimensions, so that every
-# walker is right from the beginning, and move them. A correct move keeps the variance
-# at 1 at every step. First the wrong move, on all ensembles at once:
+# walker has the right distribution from the beginning, and move them. A correct move
+# keeps the variance at 1 at every step. First the wrong move, on all ensembles at once:
 
 
 # %%
@@ -189,10 +191,10 @@ print(f"\n10 walkers, 5 parameters, all at once: {paper[0]:.3f} +- {paper[1]:.3f
 
 # %% [markdown]
 # The first column is the variance over the truth when all move at once. In the figure
-# (left) the four walkers drift away from the right law, and more steps make it worse.
-# On the right the error shrinks with the number of walkers; from 4 $d$ on it is hardly
-# seen. That is why it has survived in programs. With 2 $d$ walkers, which are usual and
-# which the paper has, variances are a few percent too small.
+# (left) the four walkers drift away from the right distribution, and more steps make it
+# worse. On the right the error shrinks with the number of walkers; from 4 $d$ on it is
+# hardly visible, which is why the mistake has survived in programs. With 2 $d$ walkers,
+# the usual number and that of the paper, variances are a few percent too small.
 
 # %% mystnb={"image": {"alt": "Left: variance over the truth by step, constant at 1 for DEMCMove, falling below 0.9 for the wrong move. Right: the same over the number of walkers, the wrong move approaching 1 from below"}}
 figure, (left, right_axes) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
@@ -218,9 +220,9 @@ plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
-# Bars and bands are two standard errors. The same test, for all moves of the package
-# and with deliberately broken ones that must fail it, is
-# `pytest -m "slow or not slow" tests/moves/test_moves_law.py`.
+# Bars and bands are two standard errors. `pytest -m "slow or not slow"
+# tests/moves/test_moves_law.py` is the same test for all moves of the package, with
+# deliberately broken moves that must fail it.
 #
 # Sources: the paper's Eqs. 3.2 and 3.3; ter Braak (2006),
 # [doi:10.1007/s11222-006-8769-1](https://doi.org/10.1007/s11222-006-8769-1); ter Braak

@@ -1,17 +1,16 @@
 # %% [markdown]
 # # The likelihoods
 #
-# After this page you will know what each term computes, what it takes for granted,
-# and which setting decides how narrow your posterior becomes. Each formula is checked
-# against `scipy.stats` on the page. `python examples/explanation/likelihoods.py` runs
-# it (5 s).
+# This page says what each term computes, what it assumes, and which setting decides how
+# narrow your posterior becomes. It checks each formula against `scipy.stats`.
+# `python examples/explanation/likelihoods.py` runs it (5 s).
 #
-# A term maps the model's response to a log-likelihood, the logarithm of the density
-# of what was measured. An engineer would call minus that number a misfit, with two
-# differences: it has the scale of the errors in it, and their normalising constants.
-# The constants do not matter as long as all errors are given. They matter as soon as
-# an error is inferred, and when [model classes](../tutorials/model_classes.py) are
-# compared by their evidence.
+# A term maps the model's response to a log-likelihood, the logarithm of the density of
+# what was measured. An engineer would call its negative a misfit, with two differences:
+# it includes the scale of the errors and their normalising constants. The constants do
+# not matter as long as all errors are given. They matter as soon as an error is
+# inferred, and when [model classes](../tutorials/model_classes.py) are compared by
+# their evidence.
 
 # %%
 import numpy as np
@@ -30,7 +29,7 @@ import emcee_femu as ef
 #    r_i = \frac{f_i(\theta) - f_i^m}{f_i^m}. $$
 #
 # So $\beta_i^{-1/2}$ is the relative standard deviation of mode $i$: the paper's
-# $\beta = 10$ means 32 %, and 1 % is $\beta = 10^4$. Say it as `relative_sd`, as `sd`
+# $\beta = 10$ means 32 %, and 1 % is $\beta = 10^4$. Give it as `relative_sd`, as `sd`
 # in Hz, as `beta`, or as the `covariance` of the measured frequencies in Hz².
 #
 # A factor of two is easily lost here. Many papers compare eigenvalues,
@@ -51,32 +50,32 @@ print(f"correlated   {correlated[0]:.6f}   scipy {correlated_by_scipy:.6f}")
 
 # %% [markdown]
 # Repeated tests scatter together: temperature and mounting move all frequencies one
-# way. With a correlation of 0.8 two deviations of opposite sign are much less likely
+# way. With a correlation of 0.8, two deviations of opposite sign are much less likely
 # than if they were independent, as the two numbers show. Give the covariance of *one*
-# test. That of the mean of $N$ tests would shrink as $1/N$, though what all tests
-# share in error does not.
+# test. That of the mean of $N$ tests would shrink as $1/N$, but errors that all tests
+# share do not.
 #
-# **Assumed:** errors are small against the frequencies and Gaussian; what is compared
-# is the same mode. {py:class}`~emcee_femu.PairedModel` sees to the second; where it
-# finds no partner, 8 is subtracted from the log-likelihood, as much as four standard
-# deviations cost. The posterior stays finite there, so that a walker can return.
+# **Assumed:** errors are small against the frequencies and Gaussian, and the compared
+# modes are the same. {py:class}`~emcee_femu.PairedModel` ensures the second. If it
+# finds no partner, 8 is subtracted from the log-likelihood, the cost of four standard
+# deviations. The posterior stays finite there, so that a walker can return.
 
 # %% [markdown]
 # ## What the model cannot represent
 #
 # Tests often scatter by 0.2 % while a good model is off by 1 or 2 %. With the scatter
-# alone as error the posterior is far too narrow, about values that make up for what
-# the model lacks. `discrepancy="error"` adds a relative standard deviation $\sigma_d$
+# alone as error, the posterior is far too narrow, about values that make up for the
+# model's errors. `discrepancy="error"` adds a relative standard deviation $\sigma_d$
 # that is a parameter with a prior of its own:
 #
 # $$ \ln p = -\tfrac12 r^T (R + \sigma_d^2 I)^{-1} r
 #    - \tfrac12 \ln \det 2 \pi (R + \sigma_d^2 I) - \sum_i \ln f_i^m , $$
 #
-# with $R$ the covariance of the relative measurement errors. The determinant is what
-# keeps $\sigma_d$ from growing: without it the largest $\sigma_d$ would always win.
-# The prior must be proper. $1/\sigma_d$, the usual choice for a scale, leaves
-# $(r^T r)^{-m/2}$ after integration over $\sigma_d$, which has no finite integral where
-# all $m$ residuals can vanish together.
+# with $R$ the covariance of the relative measurement errors. The determinant keeps
+# $\sigma_d$ from growing: without it the largest $\sigma_d$ would always win. The prior
+# must be proper. $1/\sigma_d$, the usual choice for a scale, leaves $(r^T r)^{-m/2}$
+# after integration over $\sigma_d$. This has no finite integral if all $m$ residuals
+# can vanish together.
 
 # %%
 term = ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="error")
@@ -86,9 +85,9 @@ scale = np.hypot(0.002, sigma) * measured
 print(value, stats.norm.logpdf(predicted, measured, scale).sum(axis=1))
 
 # %% [markdown]
-# With an error of the scatter alone even the best place of the parameters is improbable, and
-# the posterior narrow about it; with $\sigma_d$ of the size of the misfit it is as wide as it
-# must be. [Noise and model error](../tutorials/noise_and_model_error.py) shows both.
+# With the scatter alone, even the best parameters are improbable, and the posterior is
+# narrow about them. With $\sigma_d$ of the size of the misfit, it is as wide as it must
+# be. [Noise and model error](../tutorials/noise_and_model_error.py) shows both.
 
 # %% [markdown]
 # ## Mode shapes
@@ -102,11 +101,10 @@ print(value, stats.norm.logpdf(predicted, measured, scale).sum(axis=1))
 #
 # $\delta$ is the standard deviation of one sensor for a shape of unit length, and
 # $n_s - 1$ the number of directions in which $n_s$ sensors can err. The power matters
-# as soon as $\delta$ is inferred (`discrepancy="name"`): with $\delta^{-1}$ alone, as
-# one also finds it, the inferred $\delta$ would be about $\sqrt{n_s - 1}$ times too
-# large.
-# The term is a Gaussian of the part of the unit shape that is at right angles to the
-# measured one:
+# as soon as $\delta$ is inferred (`discrepancy="name"`): with $\delta^{-1}$ alone,
+# which some authors use, the inferred $\delta$ would be about $\sqrt{n_s - 1}$ times
+# too large. The term is a Gaussian of the part of the unit shape that is orthogonal to
+# the measured one:
 
 # %%
 rng = np.random.default_rng(1)
@@ -120,18 +118,18 @@ density = stats.norm.logpdf([sine, 0, 0, 0, 0, 0, 0], scale=0.05).sum()
 print(by_mac, density, "1 - MAC =", round(1 - ((unit.T @ other) ** 2).item(), 4))
 
 # %% [markdown]
-# Where each sensor has its own standard deviation, `sd`, the model's shape is scaled by
+# If each sensor has its own standard deviation, `sd`, the model's shape is scaled by
 # $\gamma$ to fit best and compared sensor by sensor:
 #
 # $$ \ln p = \sum_{i,s} \ln N(\phi^m_{si} - \gamma_i \phi_{si}; 0, \sigma_{si}^2),
 #    \qquad \gamma_i = \frac{\sum_s \phi_{si}^m \phi_{si} / \sigma_{si}^2}
 #    {\sum_s \phi_{si}^2 / \sigma_{si}^2} . $$
 #
-# A bad sensor then counts for little; by MAC it counts as much as the others.
+# A bad sensor then has little weight; by MAC it counts as much as the others.
 #
-# **Assumed:** sensors err independently. Dense arrays of sensors on a model that is
-# wrong somewhere do not: their residuals are alike, and the posterior comes out too
-# narrow. Take fewer sensors, or a larger $\delta$.
+# **Assumed:** sensors err independently. On a model that is wrong somewhere, dense
+# arrays of sensors do not: their residuals are alike, and the posterior becomes too
+# narrow. Use fewer sensors, or a larger $\delta$.
 
 # %%
 sd = np.full((8, 1), 0.05)
@@ -165,15 +163,15 @@ print(statics, stats.norm.logpdf(u, u_m, 0.1).sum())
 # $s = |H^m| \sqrt{(1 - \gamma^2) / (2 n_d \gamma^2)}$. `amplitude=True` compares
 # $\ln |H|$ instead, for phases that are not trusted.
 #
-# **Assumed:** lines are independent (averaged FFTs without zero padding), and the
-# errors are those that coherence sees. It does not see the accelerometer's mass or a
-# tilted hammer, which all lines share.
+# **Assumed:** lines are independent (averaged FFTs without zero padding), and coherence
+# shows all errors. It does not show the accelerometer's mass or a tilted hammer, which
+# all lines share.
 #
-# Complex FRFs have a sharp likelihood where the resonances meet, and away from there it may
-# rise in the wrong direction: a model without a resonance in the band is less wrong than
-# one with a resonance in the wrong place. The logarithms of amplitudes lead there from
-# everywhere, but say less of the stiffness. So look for the place by amplitudes and sample
-# with complex FRFs, if phases are good.
+# The likelihood of complex FRFs is sharp where the resonances meet. Away from there it
+# may rise in the wrong direction: a model without a resonance in the band is less wrong
+# than one with a resonance in the wrong place. The logarithms of amplitudes lead there
+# from everywhere, but determine the stiffness less well. So search by amplitudes, and
+# sample with complex FRFs if phases are good.
 
 # %%
 lines = np.linspace(0.5, 1.8, 131)
@@ -192,17 +190,18 @@ print(by_frf, stats.norm.logpdf([r.real, r.imag], scale=s).sum())
 # %% [markdown]
 # ## Spectra of ambient vibration
 #
-# {py:class}`~emcee_femu.spectra.SpectrumTerm` is Whittle's likelihood. For a long record the
-# Fourier transforms $F_k$ of $n$ channels at line $k$ are independent complex Gaussian
-# vectors of zero mean. Their covariance is what the mode and the noise make of it,
-# $E_k = \Phi H_k \Phi^T + S_e I$, so that with $D_k$ the average of $F_k F_k^H$ over
-# $n_d$ segments
+# {py:class}`~emcee_femu.spectra.SpectrumTerm` is Whittle's likelihood. For a long
+# record the Fourier transforms $F_k$ of $n$ channels at line $k$ are independent
+# complex Gaussian vectors of zero mean. The mode and the noise determine their
+# covariance, $E_k = \Phi H_k \Phi^T + S_e I$. With $D_k$ the average of $F_k F_k^H$
+# over $n_d$ segments,
 #
 # $$ \ln p = -n_d \sum_k \big[ n \ln \pi + \ln |E_k| + \mathrm{tr}(E_k^{-1} D_k)
 #    \big] . $$
 #
 # Here the data are the scatter itself: nothing is averaged away, and no error needs to
-# be given. The complex Gaussian is a real one of twice the size, which checks it:
+# be given. The complex Gaussian is a real one of twice the dimension, which serves as a
+# check:
 
 # %%
 F = rng.standard_normal((2, 1)) + 1j * rng.standard_normal((2, 1))
@@ -218,15 +217,15 @@ complex_normal = stats.multivariate_normal.logpdf(real, cov=np.kron(np.eye(2), E
 print(whittle, complex_normal)
 
 # %% [markdown]
-# **Assumed:** the record is long against the mode's memory, $1 / (\zeta f)$; forces and
-# noise have a flat spectrum over the band; the structure does not change meanwhile.
+# **Assumed:** the record is much longer than the mode's memory, $1 / (\zeta f)$; forces
+# and noise have a flat spectrum over the band; the structure does not change meanwhile.
 #
 # ## Several terms
 #
-# Their log-likelihoods add, as those of independent measurements do. A test of many
-# FRF lines or sensors then outweighs five frequencies by its sheer number: that is
-# right if all its errors are independent, and wrong if they share what the model
-# cannot represent. A discrepancy for each term is the remedy.
+# The log-likelihoods of several terms add, as those of independent measurements do. A
+# test of many FRF lines or sensors then outweighs five frequencies by its sheer number.
+# That is right if all its errors are independent, and wrong if they share what the
+# model cannot represent. A discrepancy for each term is the remedy.
 #
 # Sources: the paper's Eq. 2.2; Vanik, Beck and Au (2000),
 # [doi:10.1061/(ASCE)0733-9399(2000)126:7(738)](https://doi.org/10.1061/(ASCE)0733-9399(2000)126:7(738));

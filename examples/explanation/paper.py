@@ -3,22 +3,22 @@
 #
 # This package began as a reproduction of M. Sherri, I. Boulkaibet, T. Marwala and M. I.
 # Friswell, "A Differential Evaluation Markov Chain Monte Carlo algorithm for Bayesian
-# Model Updating", who update two structures by DE-MC. After this page you will know
-# which of its tables and figures come out, which printed numbers cannot be true, and
-# why. `python examples/explanation/paper.py` runs the page (20 s) in a short setting;
-# the long runs stand beside their commands.
+# Model Updating", who update two structures by DE-MC. This page says which of the
+# paper's tables and figures are reproduced, which printed numbers cannot be true, and
+# why. `python examples/explanation/paper.py` runs the page (20 s) with short runs; the
+# long runs have their commands.
 #
-# The paper's text prints neither its figures of the structures nor, for the first,
-# $\beta$ and the prior. Topology and geometry were inferred from its tables;
+# The paper prints no figures of the structures and, for the first, neither $\beta$ nor
+# the prior. Topology and geometry were inferred from its tables;
 # {py:func}`~emcee_femu.paper.mass_spring` and {py:func}`~emcee_femu.paper.h_structure`
-# hold every reading.
+# state every assumption.
 #
 # ## Five masses, ten springs
 #
-# Springs between ground (0) and nodes 1 to 5. Taken literally, no placement of the ten
-# springs gives the printed rows. With two other readings exactly one does: spring k7
-# follows k2, and the measured frequencies belong to the round stiffnesses "true", not
-# to those printed as nominal.
+# Ten springs connect ground (0) and nodes 1 to 5. Taken literally, no placement of them
+# gives the printed rows. With two other readings exactly one does: spring k7 follows
+# k2, and the measured frequencies belong to the round stiffnesses "true", not to those
+# printed as nominal.
 
 # %%
 import numpy as np
@@ -56,8 +56,8 @@ Table(
 )
 
 # %% [markdown]
-# The paper's algorithm and its 10 walkers, in four independent ensembles; 1,500
-# generations here, 10,000 in the paper. $\beta$ is not printed: that of the package
+# The paper's algorithm runs with its 10 walkers, in four independent ensembles; 1,500
+# generations here, 10,000 in the paper. $\beta$ is not printed: the package's value
 # gives the printed c.o.v. of the frequencies.
 
 # %%
@@ -72,13 +72,13 @@ table = ef.frequency_table(idata, springs.posterior, printed.frequencies)
 table
 
 # %% [markdown]
-# The package does not call a run this short converged, and says how long it has to be:
+# The package does not call such a short run converged, and says how long it has to be:
 
 # %%
 ef.diagnose(run, discard=300)
 
 # %% [markdown]
-# `python examples/mass_spring.py --paper` makes the long run: 10,000 generations, four
+# `python examples/mass_spring.py --paper` is the long run: 10,000 generations, four
 # ensembles (half a minute).
 #
 # | | k1 | k2 | k4 | k6 | k8 | TAE |
@@ -94,7 +94,7 @@ ef.diagnose(run, discard=300)
 #   `ef.run(springs.posterior, nwalkers=40, steps=4_000, seed=1)`)
 #   and widens k4; a short chain misses it. Hence the published c.o.v. of k4.
 # - TAE, the total average error, is that of the frequencies at the mean of the
-#   parameters, as the paper defines it. The mean of the frequencies themselves comes
+#   parameters, as the paper defines it. The mean of the frequencies themselves is
 #   closer (0.01 %).
 #
 # Figure 4.2, samples with the ellipses that hold 95 %; true values in blue:
@@ -103,16 +103,17 @@ ef.diagnose(run, discard=300)
 ef.figures.plot_scatter(idata, truths=springs.target)
 
 # %% [markdown]
-# Figure 4.4, correlations. The paper's words are that only (k1, k2) and (k6, k8) are
-# above 0.7; here only the first is.
+# Figure 4.4, correlations. According to the paper only (k1, k2) and (k6, k8) are above
+# 0.7; here only the first is.
 
 # %% mystnb={"image": {"alt": "Matrix of correlations of the five stiffnesses; k1 and k2 have the strongest"}}
 ef.figures.plot_correlation(idata)
 
 # %% [markdown]
-# Figure 4.3, TAE of the running mean, from the first generation on. It goes on falling
+# Figure 4.3, TAE of the running mean, from the first generation on. It keeps falling
 # long after the chain has forgotten its start: the error of a mean falls with the
-# square root of its draws. A curve that is flat at last is no proof of convergence.
+# square root of its draws. A curve that finally becomes flat does not prove
+# convergence.
 
 # %% mystnb={"image": {"alt": "Total average error over the generations, falling from 0.3 % to 0.03 %"}}
 ef.figures.plot_tae(ef.to_inference_data(run), springs.posterior)
@@ -120,8 +121,8 @@ ef.figures.plot_tae(ef.to_inference_data(run), springs.posterior)
 # %% [markdown]
 # ## The unsymmetrical H
 #
-# A free-free aluminium frame of three bars, real measured frequencies; unknown are area
-# and one second moment of area per bar. A plane frame cannot give the printed
+# A free-free aluminium frame of three bars has real measured frequencies. Area and one
+# second moment of area per bar are unknown. A plane frame cannot give the printed
 # sensitivities; a 3-D frame with tilted sections does. Its geometry is a fit, and other
 # members of a family fit as well; this one has round numbers.
 
@@ -152,8 +153,8 @@ Table(
 )
 
 # %% [markdown]
-# The frequencies hardly depend on Ix1 and Ix3: whatever the sampler, these two must stay
-# unknown.
+# The frequencies hardly depend on Ix1 and Ix3, so these two stay unknown whatever the
+# sampler.
 #
 # ### With beta = 10, as printed
 #
@@ -175,8 +176,8 @@ print(f"efficiency of the weights: {1 / (weights**2).sum() / len(weights):.2f}")
 # ### With beta = 5e4, as the printed results imply
 #
 # The printed c.o.v. of the frequencies, 0.3 to 0.6 %, and the printed areas need errors
-# of 0.45 %. With them the posterior has local modes without mass in corners of the box
-# that catch walkers of DE-MC; `"auto"` is not caught.
+# of 0.45 %. With these the posterior has local modes without mass in corners of the
+# box. They trap walkers of DE-MC, but not `"auto"`.
 
 # %%
 chains = ef.run(frame.posterior, nwalkers=16, steps=150, ensembles=2, seed=1)
@@ -202,9 +203,9 @@ h_table = ef.frequency_table(sharp, frame.posterior, published.frequencies)
 h_table
 
 # %% [markdown]
-# Figure 5.2, with $\beta = 5 \cdot 10^4$: Ix1 and Ix3 fill the bounds, so
-# that the samples are not Gaussian; red are the smallest regions that hold 95 % and 50 % of
-# them where the paper draws ellipses.
+# Figure 5.2, with $\beta = 5 \cdot 10^4$: Ix1 and Ix3 fill the bounds, so the samples
+# are not Gaussian. Where the paper draws ellipses, red marks the smallest regions that
+# hold 95 % and 50 % of the samples.
 
 # %% mystnb={"image": {"alt": "Scatter matrix of three second moments of area and three areas; Ix1 and Ix3 spread from bound to bound, the others are narrow"}}
 ef.figures.plot_scatter(sharp)
@@ -215,18 +216,19 @@ ef.figures.plot_scatter(sharp)
 # - The printed $\beta = 10$ cannot be the one behind the printed results: with it the
 #   posterior is nearly the prior, cut by the bounds. $\beta = 5 \cdot 10^4$ gives the
 #   areas to 5 % and about the printed c.o.v. of the frequencies.
-# - The printed c.o.v. of Ix1, Ix3 and A3 come out with no $\beta$, see the floor below.
-# - The paper concludes from smaller c.o.v. that DE-MC beats Metropolis-Hastings. A c.o.v.
-#   belongs to the posterior: converged samplers agree on it, and one that has not spread
-#   reports the smallest ([comparing moves](../tutorials/comparing_moves.py) shows it).
+# - No $\beta$ gives the printed c.o.v. of Ix1, Ix3 and A3; see the floor below.
+# - The paper concludes from smaller c.o.v. that DE-MC beats Metropolis-Hastings. A
+#   c.o.v. belongs to the posterior: converged samplers agree on it, and a sampler that
+#   has not spread reports the smallest ([comparing
+#   moves](../tutorials/comparing_moves.py) shows it).
 # - The text of section 5 calls 53.9, 117.3, 208.4, 254.0 and 445.0 Hz the initial
 #   frequencies; by Table 5.2 they are the measured ones, and the errors agree with that.
 # - Equation 2.2 divides by the measured frequency, as its text does not say; the errors
 #   of the tables do. Table 4.1 calls its fifth row $\theta_4$.
 #
-# If all other parameters were known exactly, one would be left with the standard
-# deviation $F_{jj}^{-1/2}$, $F$ being the information of data and prior. Where the
-# posterior is nearly Gaussian along that line and not cut by a bound, its standard
+# If all other parameters were known exactly, the remaining standard deviation of one
+# would be $F_{jj}^{-1/2}$, where $F$ is the information of data and prior. If the
+# posterior is nearly Gaussian along that line and no bound cuts it, its standard
 # deviation cannot be smaller:
 
 # %%
@@ -244,16 +246,16 @@ Table(
 
 # %% [markdown]
 # (The floors of Ix1 and Ix3 are wider than the bounds, which alone limit them.) For the
-# 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller, and then
-# the printed c.o.v. of the frequencies could not be: no $\beta$ gives both. Such numbers
-# come from a population that has not spread. The Metropolis-Hastings column, which the
-# paper rejects, is nearer to what a posterior can be.
+# 0.026 % of A3 the errors of the frequencies would have to be 60 times smaller. The
+# printed c.o.v. of the frequencies would then be impossible: no $\beta$ gives both.
+# Such numbers come from a population that has not spread. The Metropolis-Hastings
+# column, which the paper rejects, is closer to a possible posterior.
 #
 # ### The order of the modes
 #
-# The paper compares frequencies index by index, and printed no shapes. With those of the
-# initial structure taken as measured, {py:class}`~emcee_femu.PairedModel` says how often
-# the modes inside the bounds are in another order:
+# The paper compares frequencies index by index and prints no shapes. With the shapes of
+# the initial structure taken as measured, {py:class}`~emcee_femu.PairedModel` says how
+# often the modes inside the bounds are in another order:
 
 # %%
 home = np.array([1, 2, 4, 5, 7])  # the elastic modes of the paper's table

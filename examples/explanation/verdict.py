@@ -1,16 +1,17 @@
 # %% [markdown]
 # # What the verdict means
 #
-# After this page you will know what each statement of {py:func}`~emcee_femu.diagnose` has
-# seen, why R-hat over walkers is not convergence, what to do about a complaint, and what
-# none can see. `python examples/explanation/verdict.py` runs the page (10 s).
+# This page explains what each statement of {py:func}`~emcee_femu.diagnose` is based on,
+# why R-hat over walkers is not convergence, what to do about a complaint, and what no
+# diagnosis can see. `python examples/explanation/verdict.py` runs the page (10 s).
 #
 # `diagnose(run)` ends in three statements, each with a status of its own. *Chains*: did
 # they converge, by which number, and how many steps does it take? *Search*: what was
-# found, and how small a mode may be missing? *Fit*: is what was measured inside the
-# posterior predictive? Chains of a wrong model converge too, so look at all three. The
-# example is a two-storey frame with a soft lower or a soft upper storey, which have the
-# same two frequencies (Beck and Au 2002): two modes far apart.
+# found, and how small a mode may be missing? *Fit*: is the measurement inside the
+# posterior predictive? Chains of a wrong model converge too, so look at all three.
+#
+# The example is a two-storey frame with a soft lower or a soft upper storey, which have
+# the same two frequencies (Beck and Au 2002): two modes far apart.
 
 # %%
 from textwrap import fill, indent
@@ -36,10 +37,10 @@ good
 # %% [markdown]
 # ## Chains
 #
-# The first check that speaks withholds "converged"; `diagnosis.chains.short` is its name,
-# and `diagnosis.chains.sentence` has the number, its limit, and one action. Where a longer
-# chain is the cure it says which `steps` will do for all that spoke; with `backend=` and
-# `resume=True` a run goes on to there.
+# The first check that fails withholds "converged". `diagnosis.chains.short` is its
+# name; `diagnosis.chains.sentence` has the number, its limit, and one action. If a
+# longer chain helps, it says how many `steps` are enough for all failed checks. With
+# `backend=` and `resume=True` a run continues to there.
 #
 # | `chains.short` | what was seen | what to do |
 # |---|---|---|
@@ -56,21 +57,21 @@ good
 #
 # ## R-hat over walkers is mixing, not convergence
 #
-# R-hat compares chains that should have the same distribution: the variance $B$ of
-# their means with the mean $W$ of their variances,
+# R-hat compares chains that should have the same distribution. It compares the variance
+# $B$ of their means with the mean $W$ of their variances,
 #
 # $$ \hat R = \sqrt{\frac{n - 1}{n} + \frac{B}{W}} , $$
 #
-# each chain cut in two and its values replaced by normal scores of their ranks (Vehtari
-# et al. 2021). It is 1 where the chains agree. *Independent* chains from
-# *over-dispersed* starts that end in the same distribution have probably forgotten where
-# they came from. The walkers of one ensemble are not independent: each moves by the
-# differences of the others. R-hat over walkers sees walkers that stay apart; it cannot
-# say that all of them are where the posterior is.
+# where each chain is cut in two and its values are replaced by normal scores of their
+# ranks (Vehtari et al. 2021). It is 1 if the chains agree. *Independent* chains from
+# *over-dispersed* starts that end in the same distribution have probably forgotten
+# their starts. The walkers of one ensemble are not independent: each moves by the
+# differences of the others. So R-hat over walkers shows walkers that stay apart, but
+# not whether all of them are where the posterior is.
 #
-# A common habit: optimise, then start all walkers in a small ball about the optimum.
-# {py:func}`~emcee_femu.find_map` finds two maxima, and which of them a single climb meets
-# depends on where it starts. Here the ensembles begin in either or in the same, among
+# A common habit is to optimise, and then to start all walkers in a small ball about the
+# optimum. {py:func}`~emcee_femu.find_map` finds two maxima; the start of a climb
+# decides which one it reaches. Here the ensembles begin in either or in the same, among
 # other faults:
 
 # %%
@@ -96,12 +97,12 @@ for title, setting in settings.items():
     print(f"{title}:\n{indent(fill(diagnosis.chains.sentence, 76), '  ')}\n")
 
 # %% [markdown]
-# Those in their own modes are well mixed, one by one, by R-hat over their walkers, and
-# each has half of the posterior with full confidence; only side by side they cannot
-# agree. Those in one mode agree by every number, and are wrong together. No diagnosis of
-# chains sees this, but the statement knows that the starts were given. Without `starts`
-# they are drawn from the prior, further apart than the posterior is wide: that is what
-# R-hat needs. The share of $x_1 < 1$ by quadrature is the dotted density below:
+# Ensembles in different modes are well mixed, one by one, by R-hat over their walkers,
+# and each has half of the posterior with full confidence. Only side by side do they
+# disagree. Ensembles in one mode agree by every number, and are wrong together. No
+# diagnosis of chains detects this, but the statement says that the starts were given.
+# Without `starts` they are drawn from the prior, further apart than the posterior is
+# wide, as R-hat needs. The dotted density of $x_1$ below is by quadrature:
 
 # %% mystnb={"image": {"alt": "Left: four histograms of x1, two at each of two separated peaks. Right: four histograms that all follow both peaks of the exact density"}}
 x1, x2 = np.linspace(0.1, 3.0, 300), np.linspace(0.05, 1.5, 300)
@@ -122,48 +123,50 @@ plt.close(figure)  # shown once, by the next line
 figure
 
 # %% [markdown]
-# R-hat over ensembles should be below 1.01, as Vehtari et al. advise; over walkers
-# `diagnose` only speaks above 1.05. One walker is a short chain: with $n$ steps and an
-# autocorrelation time $\tau$ its mean has the variance $\tau / n$ of the posterior's, in
-# halves twice that, so that R-hat of perfectly healthy walkers is about
-# $\sqrt{1 + 2 \tau / n}$: 1.02 at the 50 $\tau$ that are asked for.
+# R-hat over ensembles should be below 1.01, as Vehtari et al. advise; over walkers,
+# `diagnose` complains only above 1.05. One walker is a short chain. With $n$ steps and
+# an autocorrelation time $\tau$, its mean has the variance $\tau / n$ of the
+# posterior's, and each half twice that. So R-hat of perfectly healthy walkers is about
+# $\sqrt{1 + 2 \tau / n}$: 1.02 at the required 50 $\tau$.
 
 # %% [markdown]
 # ## What "auto" adds
 #
 # The checks from "a mode is lost" to "proposal too narrow" need what `"auto"` found
-# (`run.search`) and no solve. The frozen proposal q is an importance sampler beside the
-# chain: it knows the weights of separated modes by itself. And at the chain's own draws
-# p / q says how long a walker waits there. These numbers are in `diagnose(...).modes`,
-# printed as a table where there are several separated modes (above), and work from the
-# ArviZ object too. Pareto k of draws of q is k / (1 - k) of draws of p, and is converted.
+# (`run.search`), and no solve. The frozen proposal q is an importance sampler beside
+# the chain, so it gives the weights of separated modes independently. At the chain's
+# own draws, p / q says how long a walker waits there. `diagnose(...).modes` has these
+# numbers, printed as a table if there are several separated modes (above), and works
+# from the ArviZ object too. Pareto k of draws of q is converted to draws of p, as k /
+# (1 - k).
 #
 # ## Search: what no diagnosis sees
 #
 # No diagnosis sees what neither a search nor a walker has visited. The search of
-# `"auto"` sees by points, a fifth as many as the chain has evaluations and at least
-# 1,000: half of them draws of the prior, half about the modes found. A mode from whose
-# region a climb would lead to it may be missed where that region holds less than about
-# 3 / points both of the prior and of the surroundings of the found modes (of 3 expected
-# hits none is made with a chance of 5 %). The statement says how small that is:
+# `"auto"` evaluates a fifth as many points as the chain has evaluations, at least
+# 1,000. Half of them are draws of the prior, half are about the modes found. It may
+# miss a mode if the region from which a climb would lead there is too small. This is so
+# if the region holds less than about 3 / points both of the prior and of the
+# surroundings of the found modes. (Where 3 hits are expected, the chance of none is 5
+# %.) The statement says how small that is:
 
 # %%
 points = good.modes.searched
 print(f"{points} points: a region of {3 / points:.1e} may be missed")
 
 # %% [markdown]
-# More steps search more; other seeds and starts (`starts=`, which are searched too)
-# are the other remedy, and [tempering](../how_to/tempering.py).
+# More steps search more. Other remedies are other seeds, your own starts (`starts=`,
+# which are searched too), and [tempering](../how_to/tempering.py).
 #
 # ## Fit: the right posterior of a wrong model
 #
-# `diagnosis.fit` compares what was measured with new measurements drawn from the
-# posterior, as {py:func}`~emcee_femu.predictive_table` does: its status is "fits", "at a
-# bound" (a parameter is pressed against one), "does not fit", or "not checked" where data
-# or posterior are not known, as of plain samplers. A single value outside of 95 % of five
-# is no alarm, two are, and so is one at four standard deviations. An error that is
-# inferred more than two prior standard deviations above its prior mean does not fit
-# either. Here are the same frequencies in rad/s, a mistake that no chain minds:
+# `diagnosis.fit` compares the measurement with new measurements drawn from the
+# posterior, as {py:func}`~emcee_femu.predictive_table` does. Its status is "fits", "at
+# a bound" (a parameter is pressed against one), "does not fit", or "not checked" if
+# data or posterior are unknown, as for plain samplers. One value of five outside 95 %
+# is no alarm; two are, and so is one at four standard deviations. An inferred error
+# more than two prior standard deviations above its prior mean does not fit either. Here
+# are the same frequencies in rad/s, a mistake that chains cannot show:
 
 # %%
 import warnings
@@ -177,16 +180,16 @@ unfit = ef.diagnose(wrong).fit
 print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n\n")
 
 # %% [markdown]
-# The warning comes before any sampling: `run` solves the model at the prior mean, and if
-# all values of a variable are off by more than a factor of 3, to the same side, there and
-# at 16 draws of the prior, it names both numbers.
+# The warning comes before any sampling: `run` solves the model at the prior mean. If
+# all values of a variable are off by more than a factor of 3, to the same side, there
+# and at 16 draws of the prior, the warning names both numbers.
 #
-# The cure that Fit names is one: units; or, where a term with five times as many values
-# infers its own error and outvotes the one that does not fit, known standard deviations;
-# or an error of the model, if there is none yet. {py:func}`~emcee_femu.identifiability`
-# says in a sentence for each parameter whether the data informed it. How often
-# "converged" was right on targets of known answer is on the page [Is what is called
-# converged also right?](calibration.md).
+# Fit names one remedy. It may be units. If a term with five times as many values infers
+# its own error and outvotes the term that does not fit, it is known standard
+# deviations. Otherwise it is an error of the model, if there is none yet.
+# {py:func}`~emcee_femu.identifiability` says for each parameter whether the data
+# informed it. How often "converged" was right on targets with known answers is on the
+# page [How often is a converged run right?](calibration.md).
 #
 # Sources: Beck and Au (2002),
 # [doi:10.1061/(ASCE)0733-9399(2002)128:4(380)](https://doi.org/10.1061/(ASCE)0733-9399(2002)128:4(380));

@@ -1,16 +1,16 @@
 # %% [markdown]
-# # Go from records to a posterior with pyOMA2
+# # From records to a posterior with pyOMA2
 #
-# You will identify modes from acceleration records by pyOMA2, with their uncertainties, and
-# update a model with them. `python examples/how_to/ambient_vibration.py` runs this page
-# (4 s); it takes `pip install "emcee_femu[oma]"`.
+# Identify modes and their uncertainties from acceleration records by pyOMA2, and update
+# a model with them. `python examples/how_to/ambient_vibration.py` runs this page (4 s);
+# it takes `pip install "emcee_femu[oma]"`.
 #
-# Five floors of 25.91 kg on springs vibrate under wind and traffic, whose
-# forces nobody knows. Five accelerometers record 300 s. How stiff is each storey?
+# Five floors of 25.91 kg on springs vibrate under unmeasured wind and traffic. Five
+# accelerometers record 300 s. How stiff is each storey?
 #
-# The pyOMA2 package brings no records as files (`get_sample_data` fetches them from the
-# network), so these are from its own generator, `example_data`: white noise on a frame of
-# 10 kN/m per storey, 10 % noise in each channel. The truth is thus known, and shown.
+# The pyOMA2 package contains no records (`get_sample_data` fetches them from the
+# network), so these are from its own generator, `example_data`: white noise on a frame
+# of 10 kN/m per storey, 10 % noise in each channel. The truth is thus known, and shown.
 
 # %%
 import logging
@@ -72,10 +72,11 @@ def identify(acceleration, rate, peaks):  # records are (samples, channels)
 
 
 # %% [markdown]
-# The cells that work stand under a guard, so that the functions can be imported without
-# pyOMA2. {py:meth}`Measurements.from_pyoma2 <emcee_femu.Measurements.from_pyoma2>` takes
-# frequencies, deviations and complex shapes, turns the shapes real, and says how complex
-# they were (MPC; 1 = not at all).
+# The cells that run the analysis are under a guard, so that the functions can be
+# imported without pyOMA2. {py:meth}`Measurements.from_pyoma2
+# <emcee_femu.Measurements.from_pyoma2>` takes frequencies, standard deviations and
+# complex shapes, makes the shapes real, and says how complex they were (MPC; 1 = not at
+# all).
 
 # %% tags=["remove-stderr"]
 if __name__ == "__main__":
@@ -89,10 +90,10 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## The posterior
 #
-# The model is the chain of springs. Its stiffnesses are believed to be 12 kN/m, give or take
-# 30 %. Frequencies weigh by their own deviations, shapes by the noise of a sensor, `DELTA`.
-# A chain's modes never change order, so
-# no pairing is needed (otherwise: {py:class}`~emcee_femu.PairedModel`).
+# The model is the chain of springs. Its stiffnesses are believed to be 12 kN/m, give or
+# take 30 %. Frequencies have their own standard deviations, shapes the noise of a
+# sensor, `DELTA`. The modes of a chain never change order, so no pairing is needed
+# (otherwise: {py:class}`~emcee_femu.PairedModel`).
 
 
 # %%
@@ -111,9 +112,9 @@ def posterior(measured):  # of the storeys' stiffnesses k1 (ground) to k5
 
 
 # %% [markdown]
-# Two ensembles, which must agree before a table is believed. A real structure deviates from
-# its model by more than 0.2 % in frequency, and then
-# `FrequencyTerm(measured, discrepancy="model error")` is the term to use.
+# The run has two ensembles, which must agree before you trust a table. A real structure
+# deviates from its model by more than 0.2 % in frequency; then use the term
+# `FrequencyTerm(measured, discrepancy="model error")`.
 
 # %%
 if __name__ == "__main__":
@@ -127,8 +128,8 @@ if __name__ == "__main__":
     print("\n" + textwrap.fill(diagnosis.verdict, 80))
 
 # %% [markdown]
-# What do the shapes add? A climb to the maximum by frequencies alone, started at the mean,
-# has the standard deviations without them:
+# What do the shapes add? A climb from the mean to the maximum by frequencies alone
+# gives the standard deviations without them:
 
 # %%
 if __name__ == "__main__":
@@ -142,13 +143,12 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## Can the result be trusted?
 #
-# Over 24 simulated records such as this one, whose truth is known, chi-square of the five
-# stiffnesses has a mean of 4.6, 5 being that of a posterior as sure as it may be, and
-# `Fn_std` is 0.87 to 1.12 of the scatter of the frequencies: it may be taken as it is.
-# `Phi_std` of pyOMA2 1.4.3 is 4.5 times the scatter of the shapes, and `from_pyoma2` leaves it
-# out unless told (`tests/examples/test_ambient_vibration.py` watches both). Inferring delta
-# makes the posterior too sure: one number cannot stand for the first mode's shape and for
-# the fifth's, which is four times noisier.
+# Over 24 such simulated records, chi-square of the five stiffnesses has a mean of 4.6;
+# the ideal is 5. `Fn_std` is 0.87 to 1.12 of the scatter of the frequencies, so it can
+# be used as it is. `Phi_std` of pyOMA2 1.4.3 is 4.5 times the scatter of the shapes,
+# and `from_pyoma2` ignores it by default (`tests/examples/test_ambient_vibration.py`
+# watches both). Inferring delta makes the posterior overconfident: one number cannot
+# stand for the first mode's shape and for the fifth's, which is four times noisier.
 #
 # For a posterior from the record itself, without a model order, see {doc}`spectra`.
 

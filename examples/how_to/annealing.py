@@ -1,10 +1,10 @@
 # %% [markdown]
 # # A population in one call: TMCMC
 #
-# Users of TMCMC (Ching and Chen, 2007) look for a population of the posterior and its
-# evidence, carried from the prior through rising powers of the likelihood. That is
-# {py:func}`~emcee_femu.anneal`. `python examples/how_to/annealing.py` runs this page
-# in some 5 s.
+# TMCMC (Ching and Chen, 2007) gives a population of the posterior and its evidence,
+# moved from the prior through rising powers of the likelihood.
+# {py:func}`~emcee_femu.anneal` does this in one call.
+# `python examples/how_to/annealing.py` runs this page in some 5 s.
 
 # %%
 import emcee_femu as ef
@@ -15,13 +15,12 @@ population = ef.anneal(posterior, 500, seed=1)
 population
 
 # %% [markdown]
-# Each power is so far above the last that the weights have a coefficient of variation
-# of 1. The whole population is one batch for a `pool=` or `workers=`; `on_failure`,
-# `backend` and `resume` are those of {py:func}`~emcee_femu.run`. The result has
-# `theta`, `powers`, `log_evidence` with its standard error, effective sizes and the
-# solves spent.
+# Each power is chosen so that the weights have a coefficient of variation of 1. The
+# whole population is one batch for a `pool=` or `workers=`; `on_failure`, `backend` and
+# `resume` are those of {py:func}`~emcee_femu.run`. The result has `theta`, `powers`,
+# `log_evidence` with its standard error, effective sizes and the number of solves.
 #
-# Tables and figures take it as they take chains:
+# Tables and figures accept it like chains:
 
 # %%
 idata = ef.to_inference_data(population, posterior)
@@ -33,7 +32,7 @@ ef.figures.plot_scatter(idata)
 # %% [markdown]
 # ## How far to trust it
 #
-# It is a population, not a chain: there is no R-hat, and `diagnose` says what to judge by.
+# A population is not a chain: there is no R-hat, and `diagnose` says what to judge by.
 # Compare runs of several seeds instead:
 
 # %%
@@ -48,23 +47,25 @@ for seed in (2, 3, 4):
     )
 
 # %% [markdown]
-# **What no early member came near is not found**, and the standard error does not know
-# of it. A narrow mode in a wide prior needs many members, or a search: `find_map` and
-# `"auto"` look for what is narrow. [Moves measured](
-# ../explanation/moves_measured.md#tmcmc-how-many-members) has figures, also of a
-# funnel, whose neck it misses. There no error is claimed, and `problems` says why: the
-# last proposals, fitted to the population, have weights of a heavy tail. Nor is one
-# claimed where the mean weight of these proposals, a second estimate of the evidence,
-# differs from the first by more than 2.5 standard errors. Chance alone does that to one
-# or two populations in a hundred; another seed, or a larger size, has an error then.
+# **A region that no early member came near is not found**, and the standard error does
+# not include it. A narrow mode in a wide prior needs many members, or a search: use
+# `find_map` or `"auto"`. [Moves
+# measured](../explanation/moves_measured.md#tmcmc-how-many-members) has figures,
+# including a funnel, whose neck it misses.
 #
-# Moves are independence proposals and random walks, fitted by each half of the
-# population to the other half; a population that is fitted to itself has an evidence
-# that is too large. They are made in logits of parameters between two bounds, and in
-# logarithms of those above zero, so that a posterior pressed to a bound is no edge.
-# At each power sweeps end by the slowest quarter of the members, not by the average.
+# No error is claimed there, and `problems` says why: the last proposals, fitted to the
+# population, have heavy-tailed weights. The mean weight of these proposals is a second
+# estimate of the evidence. If it differs from the first by more than 2.5 standard
+# errors, no error is claimed either. Chance alone does that to one or two populations
+# in a hundred; another seed, or a larger size, has an error then.
 #
-# The evidence goes to [a comparison of model classes](../tutorials/model_classes.py):
+# Moves are independence proposals and random walks. Each half of the population is
+# fitted to the other half; a population fitted to itself gives too large an evidence.
+# Parameters between two bounds move in logits, those above zero in logarithms, so that
+# a posterior at a bound has no edge. At each power, the slowest quarter of the members,
+# not the average, decides when the sweeps end.
+#
+# Use the evidence in [a comparison of model classes](../tutorials/model_classes.py):
 # `compare_models({"A": population_a, "B": population_b})`.
 
 # %% tags=["remove-cell"]

@@ -1,16 +1,16 @@
 # %% [markdown]
 # # Use a program as a black box
 #
-# Any program that is started from a command line is a model: write its input file, start
-# it, read its output. `emulate` then learns the outputs from some tens of solves, and
-# `certify` holds the posterior to full ones. `python examples/how_to/black_box.py` runs this
-# page (4 s of processor time).
+# Any program that is started from a command line can be a model: write its input file,
+# start it, read its output. `emulate` then learns the outputs from some tens of solves,
+# and `certify` checks the posterior against full ones.
+# `python examples/how_to/black_box.py` runs this page (4 s of processor time).
 #
 # ## The program
 #
-# A few lines of Python stand for it, so that this page runs on every machine: two storeys of
-# 16.5 t and 16.1 t. It reads `job.inp` and writes `job.dat` in the folder where it is
-# started, as FE programs do.
+# A few lines of Python replace the program here, so that this page runs on every
+# machine: two storeys of 16.5 t and 16.1 t. Like an FE program, it reads `job.inp` and
+# writes `job.dat` in the folder where it is started.
 
 # %%
 import subprocess
@@ -38,9 +38,9 @@ COMMAND = [sys.executable, "-I", "-S", str(home / "program.py")]
 # %% [markdown]
 # ## The function around it
 #
-# One parameter set in, its results out. Every solve gets a new, empty folder; the time
-# limit ends a program that hangs; `check=True` turns an exit status other than 0 into an
-# exception; numbers are written with all their digits.
+# The function takes one parameter set and returns its results. Every solve gets a new,
+# empty folder; the time limit ends a program that hangs; `check=True` turns an exit
+# status other than 0 into an exception; numbers are written with all their digits.
 
 # %%
 starts = []
@@ -58,8 +58,8 @@ def solve(p):
 solve({"k1": 50.0, "k2": 10.0})
 
 # %% [markdown]
-# Before anything else, solve some corners of the prior and look at what they print: where
-# a tenth of the prior cannot be solved, narrow it.
+# First, solve some corners of the prior and look at the output. If a tenth of the prior
+# cannot be solved, narrow it.
 #
 # ## Emulate, run, certify
 
@@ -78,35 +78,34 @@ print(f"the program was started {len(starts)} times")
 certificate
 
 # %% [markdown]
-# What these steps do, and how to read what they print: {doc}`/tutorials/hundred_solves`. A
-# program that writes K and M needs no emulator: with parts of them that functions of the
-# parameters multiply a solve takes microseconds, without the program
-# ({doc}`/tutorials/large_models`).
+# {doc}`/tutorials/hundred_solves` explains these steps and their output. A program that
+# writes K and M needs no emulator: if functions of the parameters multiply their parts,
+# a solve takes microseconds, without the program ({doc}`/tutorials/large_models`).
 #
 # ## For daily use
 #
 # [`examples/calculix_program.py`](https://github.com/emcee-femu/emcee_femu/blob/main/examples/calculix_program.py)
-# is that function, to copy, with CalculiX as the program ({doc}`calculix`). What it
-# does besides:
+# is that function, to copy, with CalculiX as the program ({doc}`calculix`). It also
+# handles:
 #
-# **Time limit.** Take ten times the longest usual solve, on a machine that is as busy as it
-# will be. A program that waits for its licence spends the limit on waiting: let it give up
-# at once, and let the driver wait. Killing a start script leaves the solver that it started
-# alive, and `subprocess.run(..., capture_output=True, timeout=60)` then waits for the
-# solver's output: the driver starts the program in a process group of its own, ends the
-# group, and lets it print into a file. A run that is killed itself (SIGKILL, out of memory)
-# cannot end its solvers any more: each goes on to the end of its one solve.
+# **Time limit.** Take ten times the longest usual solve, on a machine that is as busy
+# as it will be. A program that waits for its licence would spend the limit on waiting:
+# let it give up at once, and let the driver wait. Killing a start script leaves its
+# solver alive, and `subprocess.run(..., capture_output=True, timeout=60)` then waits
+# for the solver's output. So the driver starts the program in a process group of its
+# own, ends the group, and redirects its output to a file. A run that is itself killed
+# (SIGKILL, out of memory) cannot end its solvers: each finishes its one solve.
 #
-# **Scratch folders.** Each solve gets a new, empty folder, `worker-PID-...`, which is removed
-# after it, also after a failure. Two workers never share one, and no result that an earlier
-# solve left behind is taken for a new one. `scratch=` says where they are, best on a local
-# disk that is large enough for all workers. When a run stops, workers end in the middle of
-# a solve and leave theirs: give a `tempfile.TemporaryDirectory()` around the run.
+# **Scratch folders.** Each solve gets a new, empty folder, `worker-PID-...`, which is
+# removed after it, also after a failure. Two workers never share one, and an old result
+# is never taken for a new one. `scratch=` says where they are, best on a local disk
+# that is large enough for all workers. When a run stops, workers end in the middle of a
+# solve and leave their folders: use a `tempfile.TemporaryDirectory()` around the run.
 #
-# **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the program
-# with one thread each (`OMP_NUM_THREADS=1`), with four licences. `emulate` asks for
-# as many solves at a time as there are workers, at least for d / 2 + 1, `certify` for all of
-# its draws at once.
+# **Workers.** `workers=4` solves four parameter sets at a time, in four copies of the
+# program with one thread each (`OMP_NUM_THREADS=1`) and four licences. `emulate` asks
+# for as many solves at a time as there are workers, at least for d / 2 + 1; `certify`
+# asks for all of its draws at once.
 #
 # **Failures**: {doc}`failing_solves`.
 

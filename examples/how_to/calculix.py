@@ -1,19 +1,21 @@
 # %% [markdown]
 # # CalculiX, end to end
 #
-# A steel beam of three parts is clamped at one end and rests on an elastic bearing at the
-# other. Six measured frequencies, three of each bending plane, are to tell the stiffness
-# of the three parts and of the bearing. CalculiX solves it with solid elements, as a
-# program that is started anew for each solve. You will update the beam both ways:
+# A steel beam of three parts is clamped at one end and rests on an elastic bearing at
+# the other. Six measured frequencies, three of each bending plane, are to determine the
+# stiffness of the three parts and of the bearing. CalculiX solves the beam with solid
+# elements, as a program that is started anew for each solve. The page updates it both
+# ways:
 #
-# - **(a) as a black box**: the frequencies are read from its output, `emulate` learns them from
-#   some tens of solves, and `certify` holds the posterior to some more;
-# - **(b) by its matrices**: CalculiX writes K and M, five times; the model made of them is
-#   reduced and sampled without the program.
+# - **(a) as a black box**: the frequencies are read from its output, `emulate` learns
+#   them from some tens of solves, and `certify` checks the posterior with some more;
+# - **(b) by its matrices**: CalculiX writes K and M five times; the model made of them
+#   is reduced and sampled without the program.
 #
-# Both must give one posterior. CalculiX is free software: `apt install calculix-ccx`.
-# `python examples/how_to/calculix.py` runs this page (15 s of processor time). It is a short setting: a
-# study would take longer chains (`GENERATIONS`) and, for a better certificate, 100 checks.
+# Both must give the same posterior. CalculiX is free software:
+# `apt install calculix-ccx`. `python examples/how_to/calculix.py` runs this page (15 s
+# of processor time) with short chains. A study would use longer ones (`GENERATIONS`)
+# and, for a better certificate, 100 checks.
 
 # %% tags=["remove-cell"]
 import sys
@@ -53,8 +55,8 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 
 # %% [markdown]
 # `calculix_program` is the driver, a file to copy beside your own script:
-# {download}`calculix_program.py <../../examples/calculix_program.py>`. What its lines are for is
-# on {doc}`black_box` and {doc}`failing_solves`.
+# {download}`calculix_program.py <../../examples/calculix_program.py>`. {doc}`black_box`
+# and {doc}`failing_solves` explain its lines.
 #
 # ````{dropdown} The driver: start the program, wait for it, end it
 # ```{literalinclude} ../../examples/calculix_program.py
@@ -64,24 +66,25 @@ EDGES = "01 12 23 30 45 56 67 74 04 15 26 37".split()
 # ```
 # ````
 #
-# The units are SI; the factors are those of the stiffness of each part. The measured
-# frequencies will be simulated: those of CalculiX at the true factors, with 0.5 % of noise.
+# The units are SI; the factors multiply the stiffness of each part. The measured
+# frequencies are simulated: those of CalculiX at the true factors, with 0.5 % of noise.
 # A real structure also deviates from its model, and 0.5 % would then be too little.
 #
 # ## The input file
 #
-# Here stands your own template, with numbers put in where the parameters are. Of CalculiX, mind:
+# Put your own template here, with numbers where the parameters are. With CalculiX,
+# mind:
 #
-# - **Numbers.** After `*SPRING` CalculiX 2.20 tells a stiffness from a direction by the
-#   decimal point: 28000 without one is no stiffness, and the program stops. It reads 20
-#   characters of a number, so write `.10e`.
-# - **Elements.** The mass of C3D20R is singular, which a sparse `MatrixModel` allows; one row
-#   of them has a singular K too, so take two or C3D20.
+# - **Numbers.** After `*SPRING`, CalculiX 2.20 distinguishes a stiffness from a
+#   direction by the decimal point: 28000 without a point is not taken for a stiffness,
+#   and the program stops. It reads 20 characters of a number, so write `.10e`.
+# - **Elements.** The mass of C3D20R is singular, which a sparse `MatrixModel` allows;
+#   one row of them also has a singular K, so use two rows, or C3D20.
 # - **Digits.** The .dat file has seven of each eigenvalue: enough here, too few for the
 #   narrow finite differences of a gradient.
-# - **Order.** Both planes are bent alike, and the bearing lifts only vertical modes, so the
-#   order of the six never changes within the bounds. Where it may, measure shapes, and
-#   put a {py:class}`~emcee_femu.PairedModel` around the function.
+# - **Order.** Both planes bend alike, and the bearing lifts only vertical modes, so the
+#   order of the six never changes within the bounds. If it may, measure shapes, and put
+#   a {py:class}`~emcee_femu.PairedModel` around the function.
 
 
 # %%
@@ -176,12 +179,13 @@ if __name__ == "__main__":
     print(textwrap.fill(certificate.verdict, 80))
 
 # %% [markdown]
-# `emulate` stopped long before it had spent the solves that it was allowed: its true error in
-# two rounds was below a tenth of the measurement's.
+# `emulate` stopped long before it had used all allowed solves: its true error was below
+# a tenth of the measurement error in two rounds.
 #
 # ## (b) By its matrices
 #
-# Another seed: chains of the same random numbers would agree by that alone.
+# Use another seed, since chains with the same random numbers would agree for that
+# reason alone.
 
 # %%
 if __name__ == "__main__":
@@ -197,7 +201,8 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## One posterior?
 #
-# z is the gap over its standard error, of the certificate and of chain (b) together.
+# z is the difference over its standard error, of the certificate and of chain (b)
+# together.
 
 
 # %%

@@ -1,17 +1,17 @@
 # %% [markdown]
 # # Read measured modes from a file
 #
-# You will bring the modes of a test into {py:class}`~emcee_femu.Measurements`: from
-# arrays, from a CSV file that you fill in yourself, from a universal file of a test
-# system, or from an identification by pyOMA2. All that follows, terms and pairing, takes
-# this one object. `python examples/how_to/csv_and_uff.py` runs this page (2 s).
+# Read the modes of a test into {py:class}`~emcee_femu.Measurements`, the one object
+# that terms and pairing take. They come from arrays, a CSV file that you fill in
+# yourself, a universal file of a test system, or an identification by pyOMA2.
+# `python examples/how_to/csv_and_uff.py` runs this page (2 s).
 #
 # ## From arrays
 #
 # Frequencies are in Hz and ascending. Shapes have one row per sensor, one column per
-# mode, in any scale. `dofs` says where the sensors are in the model, by number or by
-# a label such as `"3:uy"`; a model that knows the DOFs of its shapes is matched by them,
-# in any order, and refused where one is missing.
+# mode, in any scale. `dofs` gives the sensors' places in the model, by number or by a
+# label such as `"3:uy"`. A model that knows the DOFs of its shapes is matched by them,
+# in any order; a missing DOF raises an error.
 
 # %%
 import tempfile
@@ -34,7 +34,7 @@ test
 # %% [markdown]
 # ## From CSV
 #
-# The same test as a file, which any spreadsheet writes:
+# The same test as a file, from any spreadsheet:
 
 # %%
 table = """quantity,sensor,dof,mode 1,mode 2
@@ -49,7 +49,7 @@ read
 
 # %% [markdown]
 # The first line has the titles `quantity,sensor,dof`, then one per mode. The first cell
-# of a row says what it holds; only the frequencies must be there.
+# of a row says what it holds; only the frequencies are required.
 #
 # | row | how many | holds |
 # |---|---|---|
@@ -60,19 +60,19 @@ read
 # | `damping ratio`, `damping sd` | one | numbers, not percent |
 # | `phase collinearity` | one | of shapes that were complex |
 #
-# `sensor` is any name, `dof` the model's number or label. Both stay empty in rows that
-# are not of a shape, `dof` also in rows `shape sd`. `to_csv(path)` writes such a file with
-# all digits. A cell that cannot be read is named by line and column. A spreadsheet whose
-# language writes decimal commas puts semicolons between the cells; that is read too.
+# `sensor` is any name, `dof` the model's number or label. Both stay empty in rows other
+# than shapes, `dof` also in rows `shape sd`. `to_csv(path)` writes such a file with all
+# digits. An unreadable cell raises an error with its line and column. Spreadsheets in
+# languages with decimal commas separate cells by semicolons; this is read too.
 #
-# Where a sensor was missing in one mode, leave its cell of `shape` blank, or give NaN in
-# an array. This mode is then compared at the other sensors, when modes are paired and in
-# a {py:class}`~emcee_femu.ShapeTerm`.
+# If a sensor was missing in one mode, leave its cell of `shape` blank, or use NaN in an
+# array. That mode is then paired, and compared in a {py:class}`~emcee_femu.ShapeTerm`,
+# at the other sensors.
 #
 # ## From a universal file
 #
 # Test systems export modes as data sets 55 of a universal file (UFF), here two complex
-# modes at three nodes in x. To read it takes `pip install "emcee_femu[uff]"`.
+# modes at three nodes in x. Reading it takes `pip install "emcee_femu[uff]"`.
 
 # %% tags=["hide-input"]
 import pyuff
@@ -107,24 +107,23 @@ from_uff = ef.Measurements.from_uff(
 from_uff
 
 # %% [markdown]
-# A sensor is a node and a direction, `"2:x"`. Without `sensors=` all are taken but those
-# that are zero in all modes, and a warning names these: so such files mark what was
-# not measured. Frequencies are in Hz whatever the units of the file. The file holds no
-# deviations: give them to the term, `ef.FrequencyTerm(test, relative_sd=0.01)`, or repeat
-# the test, see {doc}`repeated_tests`.
+# A sensor is a node and a direction, `"2:x"`. Without `sensors=` all are used except
+# those that are zero in all modes, which mark what was not measured; a warning names
+# them. Frequencies are in Hz whatever the units of the file. The file holds no standard
+# deviations: give them to the term, `ef.FrequencyTerm(test, relative_sd=0.01)`, or
+# repeat the test, see {doc}`repeated_tests`.
 #
-# Complex shapes are turned real, each by the phase at which its real part is largest. The
-# column MPC, modal phase collinearity, says what this neglects: 1 where all sensors move
-# in phase or against it, and a warning below 0.9.
+# Complex shapes are made real, each by the phase at which its real part is largest. The
+# column MPC, modal phase collinearity, says what this neglects: it is 1 if all sensors
+# move in phase or in opposite phase. Below 0.9 there is a warning.
 #
 # ## From pyOMA2
 #
-# `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their deviations and
-# shapes after pyOMA2's `mpe`: {doc}`ambient_vibration` does it from
-# acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to the
-# verdict on the chains. Frequency response functions come from data
-# sets 58, see {doc}`frf`; records of ambient vibration may also be compared as they are,
-# see {doc}`spectra`.
+# `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their standard
+# deviations and shapes after pyOMA2's `mpe`. {doc}`ambient_vibration` goes from
+# acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to
+# the verdict. Frequency response functions come from data sets 58, see {doc}`frf`.
+# Records of ambient vibration may also be compared directly, see {doc}`spectra`.
 
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):

@@ -1,18 +1,19 @@
 # %% [markdown]
 # # Emulate modes that cross
 #
-# Return the mode shapes, say so, and return a set of modes that is closed; `emulate` does the
-# rest. This page shows why, and what it gains. `python examples/how_to/emulated_crossing_modes.py` runs it
-# (6 s of processor time).
+# Return the mode shapes, declare them, and return a closed set of modes; `emulate` does
+# the rest. This page shows why, and what it gains.
+# `python examples/how_to/emulated_crossing_modes.py` runs it (6 s of processor time).
 #
 # ## The kink
 #
-# `emulate` does not learn the likelihood, nor the frequencies, but numbers that stay smooth
-# as the parameters change. Sorted eigenvalues do not stay so where two modes meet: each has a kink
-# there, and a Gaussian process through a kink is wrong near it and does not know it. The
-# plainest case is a beam of nearly square section: its bending modes in the two planes
-# cross, or nearly so, where width and height are equal. Both are unknown, as shares of
-# their nominal values; a small coupling keeps the modes apart.
+# `emulate` learns neither the likelihood nor the frequencies, but numbers that stay
+# smooth as the parameters change. Sorted eigenvalues are not smooth where two modes
+# meet: each has a kink there. A Gaussian process through a kink is wrong near it and
+# does not know it. The simplest case is a beam of nearly square section: its bending
+# modes in the two planes cross, or nearly so, where width and height are equal. Both
+# are unknown, as fractions of their nominal values; a small coupling keeps the modes
+# apart.
 
 # %% mystnb={"image": {"alt": "The two lowest frequencies over the height: one rises, one is level, and where height and width are equal each takes the place of the other in a sharp bend"}}
 import matplotlib.pyplot as plt
@@ -44,16 +45,16 @@ _ = axes.set(xlabel="height, width 1", ylabel="frequency in Hz")
 # | frequencies and shapes | the entries of A = Q^T Lambda Q and the shapes Phi Q, where Q turns the modes onto reference shapes |
 # | any other real variable | its numbers as they are |
 #
-# Which modes go together is chosen at every fit: the parting into neighbours with the
+# Each fit chooses which modes go together: the grouping into neighbours with the
 # smallest error when each solved point is left out in turn.
 #
 # ## The model with its shapes
 #
-# Two frequencies were measured, no shapes; the model returns its shapes all the same, because
-# they tell which mode is which. `FunctionModel(solve, n_modes=3)` would not say that they
-# are there, and `emulate` would not use them: declare them, with the names of their DOFs.
-# (A `MatrixModel` or a `PairedModel` with shapes does so by itself.) The model returns all
-# three modes: a mode that crosses one that is not returned keeps its kink.
+# Two frequencies were measured and no shapes. The model still returns its shapes,
+# because they identify the modes. `FunctionModel(solve, n_modes=3)` would not declare
+# them, and `emulate` would not use them; so declare them, with the names of their DOFs.
+# (A `MatrixModel` or a `PairedModel` with shapes does so by itself.) The model returns
+# all three modes: a mode that crosses one that is not returned keeps its kink.
 
 # %%
 limits = [(0.7, 1.3)] * 2
@@ -67,9 +68,9 @@ emulated
 # %% [markdown]
 # ## Without them
 #
-# For comparison the same as plain numbers, under a name of their own and with a term that
-# reads it. `emulate` takes these as they are, kinks included. (`deviations` tells it the
-# errors of the measurement.)
+# For comparison, here are the same numbers as a plain variable under another name, with
+# a term that reads it. `emulate` takes these as they are, kinks included. (`deviations`
+# gives it the measurement errors.)
 
 
 # %%
@@ -94,7 +95,7 @@ plain = ef.LogPosterior(numbers, SortedTerm(), prior)
 as_numbers = ef.emulate(plain, solves=16, seed=1, tolerance=0)
 
 # %% [markdown]
-# Both at draws of the true posterior, none of which they have solved:
+# Both are compared at draws of the true posterior, none of which they have solved:
 
 # %%
 (chain,) = ef.run(posterior, steps=100, seed=2, ensembles=1)
@@ -112,22 +113,22 @@ for name, error in errors.items():
     print(f"{name}: {rms:.2g} measurement errors (rms), {most:.2g} at most")
 
 # %% [markdown]
-# What is predicted is always real and in ascending order, and pairing with measured modes
-# comes after it, so that order and pairs are those of a full solve.
+# Predictions are always real and in ascending order. Pairing with measured modes comes
+# after them, so order and pairs are those of a full solve.
 #
 # ## Which modes to return
 #
-# **More modes help only if the set is then closed.** A last mode that crosses the next one
-# above it, which is not returned, has a kink that nothing smooths. Of the paper's H
-# structure seven modes were as good as nine, and eight were worse, because the last ones
+# **More modes help only if the set is then closed.** If the last mode crosses the next
+# one, which is not returned, it has a kink that nothing smooths. For the paper's H
+# structure seven modes were as good as nine. Eight were worse, because the last ones
 # cross modes that are not returned (`examples/benchmarks/few_solves.py` has it).
 #
 # ## The Gaussian processes
 #
-# are the package's own: a linear trend, one kernel for all outputs (squared exponential, or
-# Matern's 5/2 where the responses are less smooth; the restricted likelihood chooses), one
-# Cholesky factor. How far whole problems come with them:
-# {doc}`/explanation/few_solves_measured`.
+# The Gaussian processes are the package's own. They have a linear trend, one Cholesky
+# factor, and one kernel for all outputs: squared exponential, or Matern's 5/2 where the
+# responses are less smooth; the restricted likelihood chooses.
+# {doc}`/explanation/few_solves_measured` has whole problems.
 
 # %% tags=["remove-cell"]
 rms = [np.sqrt((error**2).mean()) for error in errors.values()]

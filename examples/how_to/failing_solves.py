@@ -2,8 +2,9 @@
 # # Handle solves that fail
 #
 # Some parameter sets cannot be solved: the program does not converge, hangs, or returns
-# fewer modes. By default that stops the run, with nothing lost; `on_failure="reject"` goes on
-# and counts. `python examples/how_to/failing_solves.py` runs this page (5 s of processor time).
+# fewer modes. By default that stops the run, with nothing lost; with
+# `on_failure="reject"` the run continues and counts failures.
+# `python examples/how_to/failing_solves.py` runs this page (5 s of processor time).
 #
 # ## Stop, and say where
 #
@@ -41,14 +42,14 @@ except ArithmeticError as error:
     print(error, *error.__notes__, sep="\n")
 
 # %% [markdown]
-# What was sampled before is in the file `backend=`, and in `error.run`. A run that a
-# failure stopped goes on with `resume=True, on_failure="reject"`.
+# The samples so far are in the file `backend=`, and in `error.run`. A run that a
+# failure stopped continues with `resume=True, on_failure="reject"`.
 #
 # ## Reject, and count
 #
-# A rejected solve is taken for impossible: the posterior is zero there. Each one is logged
-# with its parameters by the logger "emcee_femu", which is silenced here, and starts from the
-# prior that cannot be solved are drawn again.
+# A rejected solve has posterior probability zero. The logger "emcee_femu", silenced
+# here, logs each one with its parameters. Starts from the prior that cannot be solved
+# are drawn again.
 
 # %%
 logging.getLogger("emcee_femu").setLevel(logging.ERROR)
@@ -68,10 +69,10 @@ print("the first one:", first.message, dict(first.parameters), sep="\n  ")
 ef.diagnose(run, discard=100)
 
 # %% [markdown]
-# **Rejecting says something about the parameters.** It takes a part of the prior away, for
+# **Rejecting says something about the parameters.** It removes a part of the prior, for
 # an evidence too. If that part is far from the measurement, nothing changes; if the
-# posterior leans against it, the result is that of another prior. So `max_failures` stops a
-# run in which more than that share of the evaluations, of at least 100, has failed:
+# posterior leans against it, the result is that of another prior. So `max_failures`
+# stops a run if more than that share of the evaluations, of at least 100, has failed:
 
 # %%
 try:
@@ -82,9 +83,9 @@ except RuntimeError as error:
 # %% [markdown]
 # ## A program that hangs
 #
-# gets its limit where the model starts it; `subprocess.TimeoutExpired` and `TimeoutError`
-# count as time-outs, apart from other exceptions. Here a program sleeps where it should
-# solve.
+# Limit the time where the model starts the program. `subprocess.TimeoutExpired` and
+# `TimeoutError` count as time-outs, apart from other exceptions. Here a program sleeps
+# where it should solve.
 
 # %%
 HANGS = [sys.executable, "-I", "-S", "-c", "import time; time.sleep(60)"]
@@ -104,9 +105,9 @@ print(dict(stopped.failures.causes))
 # %% [markdown]
 # ## The parameters' fault, or the machine's?
 #
-# Of what can fail, some is the parameters' doing, and some is the machine's. A posterior from
-# which a licence server took points is wrong. This is what the driver
-# `examples/calculix_program.py` ({doc}`calculix`) does about either:
+# Some failures come from the parameters, and some from the machine. If points are
+# missing because a licence server was down, the posterior is wrong. The driver
+# `examples/calculix_program.py` ({doc}`calculix`) handles both:
 #
 # | what fails | what the driver does | what the run does |
 # |---|---|---|
@@ -116,7 +117,8 @@ print(dict(stopped.failures.causes))
 # | no licence is free | tries again for `patience` seconds, then `Unavailable` | stops, also with `on_failure="reject"` |
 # | a full disk, no scratch folder, no such program | `Unavailable` | stops, also with `on_failure="reject"` |
 #
-# `Unavailable` is a `BaseException`, no `Exception`, so that nothing on its way catches it:
+# `Unavailable` is a `BaseException`, not an `Exception`, so that nothing on its way
+# catches it:
 
 
 # %%
@@ -146,11 +148,11 @@ with tempfile.TemporaryDirectory() as folder:  # yours is where you keep results
 print(f"the next day: {emulated.solves} solves by {len(calls)} calls")
 
 # %% [markdown]
-# `emulate(..., backend="frame.sqlite", resume=True)` stores every solve as it arrives, and
-# the same call goes on when the server is back, after it has checked that the model is the
-# same. `certify` and `run` do so too ({doc}`/tutorials/long_runs`). A solve that `emulate`
-# rejects is left out of the fit, and not asked for there again; in `certify` such a draw has
-# no weight.
+# `emulate(..., backend="frame.sqlite", resume=True)` stores every solve as it arrives.
+# When the server is back, the same call checks that the model is the same, and
+# continues. So do `certify` and `run` ({doc}`/tutorials/long_runs`). A solve that
+# `emulate` rejects is left out of the fit and not tried again; in `certify` such a draw
+# has no weight.
 
 # %% tags=["remove-cell"]
 assert 0 < log.causes["exception"] < 0.2 * log.evaluations

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Take a first look, before any sampling
 #
-# You will find the maxima of a posterior in a few dozen solves, and learn whether model
-# and test fit together, whether there is more than one explanation, and what the data
-# will not tell. `python examples/how_to/first_look.py` runs this page (6 s).
+# Find the maxima of a posterior in a few dozen solves. They show whether model and test
+# fit together, whether there is more than one explanation, and what the data will not
+# tell. `python examples/how_to/first_look.py` runs this page (6 s).
 
 # %%
 import textwrap
@@ -18,9 +18,10 @@ found
 
 # %% [markdown]
 # {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the
-# posterior, fits a Gaussian to each (Laplace's approximation), and gives its share of the
-# evidence, the weight. The second maximum is another explanation of the same data; a bound
-# in its row says that a parameter ran into it. The numbers are in `found.maxima`:
+# posterior and fits a Gaussian to each (Laplace's approximation). The weight of a
+# maximum is its share of the evidence. The second maximum is another explanation of the
+# same data; a bound in its row means that a parameter ran into it. The numbers are in
+# `found.maxima`:
 
 # %%
 best = found.maxima[0]
@@ -30,39 +31,39 @@ print(np.sqrt(np.diag(best.covariance)).round(1))
 # %% [markdown]
 # ## What the data inform, locally
 #
-# {py:func}`~emcee_femu.identifiability` takes what was found in place of samples, and
-# gives the standard deviations over those of the prior, the correlations of the Gaussian
-# about the heaviest maximum, cut at the bounds, and the sensitivities of the eigenvalues
-# there.
+# {py:func}`~emcee_femu.identifiability` accepts this result in place of samples. It
+# gives the standard deviations over those of the prior, the correlations of the
+# Gaussian about the heaviest maximum, cut at the bounds, and the sensitivities of the
+# eigenvalues there.
 
 # %%
 ef.identifiability(found)
 
 # %% [markdown]
-# {doc}`/tutorials/what_is_learned` explains them. Run it before a test is made, with the frequencies that the model predicts as measured
-# ones, and it says what the test will not see.
+# {doc}`/tutorials/what_is_learned` explains them. Before a test, use predicted
+# frequencies as the measured ones: the result says what the test will not see.
 #
 # ## What it costs
 #
-# Each step goes to the top of a quadratic inside the bounds, with the Fisher information
-# as its curvature, and a climb ends where less than 0.001 of log-posterior is left to
-# gain. A model with `jacobian` ({doc}`gradients`) spends one solve a step, a black box
-# `d + 1`; a likelihood of unknown form `2 d` and, at start and top, `d (d - 1) / 2` for
-# the curvature. With `jacobian` the paper's mass-spring posterior takes some 60 solves, its
-# H structure with precise frequencies, which has five maxima, some hundreds; without it
-# five to twelve times as many.
+# Each step goes to the maximum of a quadratic inside the bounds, with the Fisher
+# information as its curvature. A climb ends when less than 0.001 of log-posterior is
+# left to gain. A model with `jacobian` ({doc}`gradients`) takes one solve a step, a
+# black box `d + 1`. A likelihood of unknown form takes `2 d` and, at start and top,
+# `d (d - 1) / 2` for the curvature. With `jacobian` the paper's mass-spring posterior
+# takes some 60 solves; its H structure with precise frequencies, which has five maxima,
+# takes some hundreds. Without `jacobian` they take five to twelve times as many.
 #
-# With `workers=` or `pool=` all climbs advance in one batch. Under `on_failure="reject"` a
-# start that cannot be solved is given up, and said.
+# With `workers=` or `pool=` all climbs advance in one batch. Under
+# `on_failure="reject"`, a start that cannot be solved is dropped and reported.
 #
 # ## What it does not say
 #
 # - A maximum that no start leads to is missing. A narrow one may need many starts:
 #   `starts=200`, or starts of your own.
 # - Standard deviations and weights are those of Gaussians. `check=100` spends that many
-#   solves on draws from them, and says by their importance weights (Pareto k, effective
-#   share) whether the posterior is one. So it is seen that two parameters which only
-#   matter together make a banana:
+#   solves on draws from them. Their importance weights (Pareto k, effective share) say
+#   whether the posterior is Gaussian. Here they reveal a banana, of two parameters that
+#   matter only together:
 
 # %%
 model = ef.FunctionModel(
@@ -75,7 +76,7 @@ banana = ef.find_map(ef.LogPosterior(model, term, prior), seed=1, check=100)
 print(textwrap.fill(banana.findings[-1], 80))
 
 # %% [markdown]
-# - Model errors that are inferred make a posterior with a long tail: sample it.
+# - Inferred model errors give a posterior with a long tail: sample it.
 
 # %% tags=["remove-cell"]
 assert len(found.maxima) == 2 and 0.95 < found.weights[0] < 1

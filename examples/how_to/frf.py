@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Update from frequency response functions
 #
-# You will compare measured frequency response functions (FRFs) with a model's line by
-# line, without an identification of modes before, and infer the damping too.
+# Compare measured frequency response functions (FRFs) with a model's line by line,
+# without identifying modes first, and infer the damping too.
 # `python examples/how_to/frf.py` runs this page (4 s).
 #
-# A hammer or shaker test gives FRFs: response over force. Here a frame of three storeys is
+# A hammer or shaker test gives FRFs: response over force. Here a three-storey frame is
 # excited at the roof and measured at the roof and the first floor.
 #
 # ## The model
@@ -50,8 +50,8 @@ model = ef.frf.FRFModel(
 
 # %% [markdown]
 # Modes that are left out add a constant flexibility below their frequencies; with
-# `residual=True` a `MatrixModel` adds it exactly. All walkers are one batch, and
-# derivatives come with it.
+# `residual=True` a `MatrixModel` adds it exactly. All walkers are one batch, with
+# derivatives.
 #
 # ## The measurement
 #
@@ -80,13 +80,14 @@ measured = ef.frf.FRFMeasurements(
 # %% [markdown]
 # The error follows from the coherence c and the number of averages n: the real and the
 # imaginary part have the standard deviation $|H| \sqrt{(1 - c) / (2 n c)}$. Receptance
-# against accelerance, or mm/N against m/N, is refused before the first solve, by name.
+# against accelerance, or mm/N against m/N, raises an error before the first solve.
 #
 # ## The posterior
 #
-# {py:class}`~emcee_femu.frf.FRFTerm` compares real and imaginary parts; `amplitude=True` the
-# logarithm of the amplitude, where phases are not trusted; `discrepancy="name"` infers
-# what the model cannot represent, relative to the amplitude.
+# {py:class}`~emcee_femu.frf.FRFTerm` compares real and imaginary parts.
+# `amplitude=True` compares the logarithm of the amplitude, for phases that are not
+# trusted. `discrepancy="name"` infers what the model cannot represent, relative to the
+# amplitude.
 
 # %%
 prior = ef.GaussianPrior(
@@ -104,10 +105,10 @@ ef.parameter_table(idata, nominal=truth)
 ef.frf.plot_frf(idata, posterior)
 
 # %% [markdown]
-# Most information is in the lines at the resonances, which tell stiffness by their place and
-# damping by their width. A run needs no more lines than these.
+# Most information is in the lines at the resonances: their place determines the
+# stiffness and their width the damping. A run needs no more lines than these.
 #
-# FRFs are not stored with each sample, since they are large; the natural frequencies and
+# FRFs are large, so they are not stored with each sample; the natural frequencies and
 # damping ratios of the modes are. `stored=True` stores all. One sample of 4 channels of
 # 400 lines would take:
 
@@ -115,10 +116,10 @@ ef.frf.plot_frf(idata, posterior)
 print(f"{4 * 400 * np.dtype(complex).itemsize / 1e3:.0f} kB")
 
 # %% [markdown]
-# **Limits.** Damping is that of modes, real shapes: nonproportional damping needs complex
-# modes, which are not here. Estimates of one test share errors that no coherence shows:
-# the mass of the accelerometer, a tilted hammer, leakage where a window cuts the decay.
-# `discrepancy` is for these.
+# **Limits.** Damping is modal, with real shapes: nonproportional damping needs complex
+# modes, which the package does not have. Estimates of one test share errors that no
+# coherence shows: the mass of the accelerometer, a tilted hammer, leakage where a
+# window cuts the decay. Use `discrepancy` for these.
 
 # %% tags=["remove-cell"]
 assert ef.diagnose(run).converged

@@ -1,20 +1,19 @@
 # %% [markdown]
 # # Give the derivatives of your model
 #
-# You will hand the derivatives of an FE program to the posterior, so that its gradient
-# costs one solve, and see what happens without them.
-# `python examples/how_to/gradients.py` runs this page (2 s).
+# Pass the derivatives of an FE program to the posterior, so that its gradient costs one
+# solve, and see what happens without them. `python examples/how_to/gradients.py` runs
+# this page (2 s).
 #
-# Who needs them? Searches for maxima ({doc}`first_look`), `"auto"`, and
-# {py:class}`~emcee_femu.moves.HamiltonianMove` for ten parameters and more. All the package's
-# own models have derivatives already, see below.
+# Searches for maxima ({doc}`first_look`), `"auto"`, and
+# {py:class}`~emcee_femu.moves.HamiltonianMove` for ten parameters and more use
+# derivatives. All models of this package have them already, see below.
 #
 # ## A solver with derivatives
 #
-# Many FE programs give the derivatives of their results, and the eigenvalues of symmetric
-# matrices have theirs for a few products:
-# $d\lambda = \phi^T (dK - \lambda\, dM)\, \phi$ with $\phi^T M \phi = 1$. Whoever has them
-# says so:
+# Many FE programs give the derivatives of their results. Those of the eigenvalues of
+# symmetric matrices cost a few products: $d\lambda = \phi^T (dK - \lambda\, dM)\, \phi$
+# with $\phi^T M \phi = 1$. If you have derivatives, pass them:
 
 # %%
 import numpy as np
@@ -45,10 +44,10 @@ term = ef.FrequencyTerm([3.2], relative_sd=0.01)
 posterior = ef.LogPosterior(model, term, prior)
 
 # %% [markdown]
-# `posterior.gradient` gives the rows of the posterior and the gradient, here of four points
-# from four solves. `posterior.linearize` adds the *information*, Fisher's of the
-# likelihood and the curvature of the log-prior, whose inverse is a covariance where the
-# model is nearly straight:
+# `posterior.gradient` gives the rows of the posterior and the gradient, here of four
+# points from four solves. `posterior.linearize` adds the *information*: Fisher's
+# information of the likelihood and the curvature of the log-prior. Its inverse is a
+# covariance where the model is nearly linear:
 
 # %%
 theta = posterior.start(4, seed=1)  # (4, 2)
@@ -57,13 +56,14 @@ print(gradient.round(3))
 print(np.linalg.inv(information[0]).round(4))
 
 # %% [markdown]
-# Where a row is -inf (out of bounds, or a solve that failed and was to be rejected)
-# gradient and information are NaN.
+# If a row is -inf (out of bounds, or a rejected failed solve), gradient and information
+# are NaN.
 #
 # ## Without derivatives
 #
-# The gradient is there all the same, by central differences: `2 d + 1` solves for each
-# point, in one batch for the workers. `posterior.differentiable` tells the two apart.
+# The gradient is then computed by central differences: `2 d + 1` solves for each point,
+# in one batch for the workers. `posterior.differentiable` says which of the two
+# applies.
 
 # %%
 plain = ef.LogPosterior(ef.FunctionModel(solve, n_modes=1), term, prior)
@@ -72,34 +72,36 @@ differences = plain.gradient(theta)[1]
 print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 
 # %% [markdown]
-# No difference is taken across a bound. The steps, 3e-5 of the prior's width, suit solvers
-# whose frequencies are good to nine digits or more. Searches for maxima take one side
-# only, `d + 1` solves, and steps 100 times as wide, for which six digits do.
+# No difference is taken across a bound. The steps, 3e-5 of the prior's width, suit
+# solvers with frequencies good to nine digits or more. Searches for maxima use
+# one-sided differences, `d + 1` solves, and steps 100 times as wide, for which six
+# digits are enough.
 #
 # ## Models, terms and priors of your own
 #
-# - **A model** that solves all walkers at once has a method `jacobian(parameters)`, with
-#   the response and the derivatives of its variables, each `(n, *shape)`. A parameter
-#   that is left out changes nothing.
-# - **A term** may have `linearize` or, if its errors are Gaussian, `deviations`, which is
-#   easier: deviations r and their standard deviations sd. With neither, it is differenced
-#   without another solve, and `linearize` of the posterior has no information.
+# - **A model** that solves all walkers at once has a method `jacobian(parameters)`. It
+#   returns the response and the derivatives of its variables, each `(n, *shape)`. A
+#   parameter that is left out changes nothing.
+# - **A term** may have `linearize` or, for Gaussian errors, `deviations`, which is
+#   easier: residuals r and their standard deviations sd. With neither, it is
+#   differenced without another solve, and `linearize` of the posterior has no
+#   information.
 # - **A prior** may have `gradient`; otherwise its `logpdf` is differenced.
 #
 # ## The models of this package
 #
-# All models of this package, the reduced ones too, and a
-# {py:class}`~emcee_femu.PairedModel` of any model that has derivatives, have derivatives.
-# Frequencies and shapes are exact by every parameter, masses and products such as E A too,
-# and their derivatives cost one to two solves with vectors (sparse matrices: shapes cost one
-# more factorisation for each mode): `model.jacobian({"k": np.array([9.0])})`.
+# All models of this package have derivatives, reduced ones too, and so has a
+# {py:class}`~emcee_femu.PairedModel` of any model that has them. Those of frequencies
+# and shapes are exact for every parameter, even masses and products such as E A. They
+# cost one to two solves with vectors (for sparse matrices, shapes cost one more
+# factorisation for each mode): `model.jacobian({"k": np.array([9.0])})`.
 #
-# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes and
-# the parameter that parts them. If no parameter parts them, as in a building that is the
-# same in both directions, frequencies have derivatives, and shapes those without turning
-# in the space that they share. A `PairedModel` fixes which mode is whose, as its steps
-# have no slope, and differentiates the rest: frequencies, shapes, MAC, and how far close
-# modes share their space.
+# Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes
+# and the parameter that separates them. In a building that is the same in both
+# directions, no parameter does. Frequencies then have derivatives, and shapes have
+# those without rotation in their common space. A `PairedModel` keeps the pairing fixed,
+# as its steps have no slope. It differentiates the rest: frequencies, shapes, MAC, and
+# how far close modes share their space.
 
 # %% tags=["remove-cell"]
 assert posterior.differentiable and not plain.differentiable

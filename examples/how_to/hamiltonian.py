@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Many parameters: Hamiltonian moves
 #
-# Random walks need the more solves the more parameters there are. Where a model has
-# `jacobian` (those of this package have it), a gradient comes with a solve, and
-# {py:class}`~emcee_femu.moves.HamiltonianMove` follows it: each proposal is the end of a
-# trajectory of `steps` leapfrog steps, one solve each. After this page you can tune it
-# and run it. `python examples/how_to/hamiltonian.py` runs this page in some 5 s.
+# Random walks need more solves the more parameters there are. If a model has
+# `jacobian`, as all of this package have, a gradient comes with a solve, and
+# {py:class}`~emcee_femu.moves.HamiltonianMove` follows it. Each proposal is the end of
+# a trajectory of `steps` leapfrog steps, one solve each. This page tunes it and runs
+# it. `python examples/how_to/hamiltonian.py` runs this page in some 5 s.
 #
-# A tower of ten storeys, its fourth one weak; five frequencies and shapes at every
+# A ten-storey tower has a weak fourth storey; five frequencies and shapes at every
 # second floor are measured:
 
 # %%
@@ -31,7 +31,7 @@ posterior = ef.LogPosterior(model, terms, prior)
 #
 # The *metric*, a covariance near that of the posterior, makes all directions alike.
 # With `metric=None`, the variances of the prior, many more steps are needed.
-# {py:func}`~emcee_femu.find_map` gives one, by few solves.
+# {py:func}`~emcee_femu.find_map` gives a metric with few solves.
 
 # %%
 found = ef.find_map(posterior, 4, seed=1, check=0)
@@ -42,8 +42,8 @@ print(f"{found.solves} solves; maximum", best.theta.round())
 # %% [markdown]
 # ## 2. Tune
 #
-# `tuned` chooses step size and number of steps by some 70 gradients per sample. Then
-# all is frozen, and the chain is exact.
+# `tuned` chooses step size and number of steps, with some 70 gradients per sample. Then
+# both are frozen, and the chain is exact.
 
 # %%
 move = ef.moves.HamiltonianMove.tuned(posterior, samples, best.covariance, seed=1)
@@ -52,8 +52,8 @@ print(move.steps, "steps of", round(move.step_size, 2))
 # %% [markdown]
 # ## 3. Run
 #
-# All walkers move on their own, so that a few are enough. Start them where a maximum
-# or a burn-in is: from draws of the prior the move is slow.
+# Walkers move independently, so a few are enough. Start them at a maximum or after a
+# burn-in: from draws of the prior the move is slow.
 
 # %%
 starts = found.draw(4 * 8, seed=2).reshape(4, 8, 10)
@@ -62,21 +62,20 @@ diagnosis = ef.diagnose(run, discard=20)
 diagnosis
 
 # %% [markdown]
-# The chains are only called well mixed: starts in one place see no other mode;
-# `find_map` looked for one. A step of the chain costs `steps` evaluations, which
-# {py:func}`~emcee_femu.compare_moves` counts these evaluations in the same way.
-# [Moves measured](../explanation/moves_measured.md) has buildings of 20, 30 and 50
-# storeys.
+# The chains are only called well mixed, since starts in one place see no other mode;
+# `find_map` looked for one. A step of the chain costs `steps` evaluations;
+# {py:func}`~emcee_femu.compare_moves` counts them in the same way. [Moves
+# measured](../explanation/moves_measured.md) has buildings of 20, 30 and 50 storeys.
 #
 # ## Good to know
 #
-# - Each trajectory draws its own step size, within 20 %, against resonances; a tenth
+# - Each trajectory draws its own step size, within 20 %, to avoid resonances. A tenth
 #   of them take smaller steps, which free walkers from the far tails.
-# - A trajectory that leaves the bounds, or meets a solve that fails, is rejected
-#   there, and costs no more solves.
+# - A trajectory that leaves the bounds, or meets a failed solve, is rejected there, and
+#   costs no more solves.
 # - The move does not cross between modes: mix it with one that does.
-# - `"auto"` turns to Hamiltonian moves by itself, where fewer than a fifth of its
-#   proposals would be accepted and the models have `jacobian`.
+# - `"auto"` uses Hamiltonian moves by itself if fewer than a fifth of its proposals
+#   would be accepted and the models have `jacobian`.
 
 # %% tags=["remove-cell"]
 assert diagnosis.rhat_between.max() < 1.05

@@ -1,15 +1,15 @@
 # %% [markdown]
 # # Use the matrices that an FE program exports
 #
-# You will read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other
-# program, name their rows as the test names its sensors, and make a model of them that
-# solves thousands of parameter sets without the program.
-# `python examples/how_to/matrices.py` runs this page (2 s).
+# Read K and M from the files of CalculiX, Abaqus, Nastran, ANSYS or any other program,
+# and give their rows the names of the test's sensors. The model made from them solves
+# thousands of parameter sets without the program. `python examples/how_to/matrices.py`
+# runs this page (2 s).
 #
 # {py:func}`~emcee_femu.read_matrices` reads what a program exports, and
-# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>` makes
-# the model from one export per parameter. With files of CalculiX (not called here, they
-# come from your runs):
+# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
+# makes the model from one export per parameter. With files of CalculiX (not called
+# here, since they come from your runs):
 
 
 # %%
@@ -49,15 +49,15 @@ def from_calculix():
 # | ANSYS | `*SMAT,K,D,IMPORT,FULL,file.full,STIFF`, `*EXPORT,K,MMF,K.mtx`; M by `MASS` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
 # | any other | Matrix Market (`scipy.io.mmwrite`) or `scipy.sparse.save_npz` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
 #
-# The format is told by the content, not by the name of the file. A file that is cut,
-# damaged or in another format is refused with its name, the line where there is one, and
-# what to do. Matrices must be symmetric.
+# The format is recognised by the content, not by the name of the file. A file that is
+# truncated, damaged or in another format raises an error with its name, the line if
+# there is one, and what to do. Matrices must be symmetric.
 #
 # ## Rows by their names
 #
-# Here three exports of a building with three storeys, whose columns of the ground floor
-# were made 2 and 3 times as stiff. Matrix Market files have no labels, so a text file
-# of them is given with the matrices, a line `node.direction` for each row; CalculiX's
+# Here are three exports of a three-storey building, in two of which the columns of the
+# ground floor are 2 and 3 times as stiff. Matrix Market files have no labels, so a text
+# file with a line `node.direction` for each row is given with the matrices. CalculiX's
 # `.dof` is such a file.
 
 # %%
@@ -88,10 +88,10 @@ base = ef.read_matrices(
 print(base)
 
 # %% [markdown]
-# `base.dofs("node 3 x")` is a row, `base.dofs(["3:ux", "1:ux"])` an array of them; x y z,
-# ux uy uz, rx ry rz and the numbers 1 to 6 will do. With `base.sensors` the model names
-# its rows as the test names them, and `Measurements(..., dofs=[...])`, or the column `dof`
-# of its CSV file, is matched by these names.
+# `base.dofs("node 3 x")` is a row, `base.dofs(["3:ux", "1:ux"])` an array of them; x y
+# z, ux uy uz, rx ry rz and the numbers 1 to 6 are accepted. With `base.sensors` the
+# model names its rows as the test does. `Measurements(..., dofs=[...])`, or the column
+# `dof` of its CSV file, is matched by these names.
 
 # %%
 print(base.dofs("node 3 x"), base.dofs(["3:ux", "1:ux"]))
@@ -115,53 +115,55 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # %% [markdown]
 # ## Parameters from differences
 #
-# $K_j = (K(b) - K(a)) / (b - a)$ for each parameter, from the base and an export in which
-# it alone was changed. For M alike: an export is what `read_matrices` gives, `(K, M)`, or
-# K alone if M is the same. Two matrices are on a straight line whatever they are; with
-# more exports the fewest powers up to the cube that fit are taken, and a parameter of
-# which K is no polynomial is refused, with how far it is off.
+# $K_j = (K(b) - K(a)) / (b - a)$ for each parameter, from the base and an export in
+# which only this parameter was changed. M is split in the same way: an export is what
+# `read_matrices` gives, `(K, M)`, or K alone if M is the same. Two matrices always lie
+# on a straight line. With more exports the fewest powers up to the cube that fit are
+# used. If K is not a polynomial of a parameter, the error says how far it is off.
 #
-# Moduli, densities, areas and springs are straight and need one export, better two. A
-# plate's thickness (t and t³) needs three. Parameters that multiply each other, such as E
-# and I of the same member, are not to be had from exports in which one is changed; if you
-# have the parts, say what multiplies them:
-# `MatrixModel(K0, M0, K={"bending": (K3, lambda E, t: E * t**3)}, n_modes=3)`.
+# Moduli, densities, areas and springs are linear and need one export, better two. A
+# plate's thickness (t and t³) needs three. Parameters that multiply each other, such as
+# E and I of the same member, cannot be found from exports in which one is changed. If
+# you have the parts, say what multiplies them: `MatrixModel(K0, M0, K={"bending": (K3,
+# lambda E, t: E * t**3)}, n_modes=3)`.
 #
-# A matrix counts as unchanged below 1e-9 of its diagonal; what rounding left in other
-# entries, below 1e-12, is dropped, so that $K_j$ has entries only where the parameter
-# acts. So export all digits, and change the parameter much: double it.
+# A matrix counts as unchanged below 1e-9 of its diagonal. Rounding errors in other
+# entries, below 1e-12, are dropped, so that $K_j$ has entries only where the parameter
+# acts. So export all digits, and make a large change: double the parameter.
 #
-# A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`);
-# thousands stay sparse and are reduced by {py:func}`~emcee_femu.reduce_model`
-# ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the posterior.
+# A model of a few hundred DOFs is faster with dense matrices (`base.K.toarray()`).
+# Models of thousands stay sparse; {py:func}`~emcee_femu.reduce_model` reduces them
+# ({doc}`/tutorials/large_models`). {doc}`calculix` goes from the program to the
+# posterior.
 #
 # ## What to know of each program
 #
-# - **CalculiX** leaves out held DOFs. Beams and shells are made into bricks, so that a node
-#   becomes several: such a name is refused with its rows, of which you choose one, as in
+# - **CalculiX** leaves out held DOFs. It makes beams and shells into bricks, so a node
+#   becomes several. Such a name raises an error that lists its rows; choose one, as in
 #   `shapes={"12:uz": 40}`. Elements with reduced integration (C3D20R, C3D8I, and so
-#   beams and shells) have a singular mass, which sparse models take. A single row of
-#   C3D20R bricks is singular in K too, and is refused: take C3D20. A sector of a cyclic
+#   beams and shells) have a singular mass, which sparse models accept. A single row of
+#   C3D20R bricks is singular in K too, and is refused: use C3D20. A sector of a cyclic
 #   symmetry is complex and refused.
 # - **Abaqus** numbers inner nodes below zero (`base.dofs("-3:ux")`), and puts 1e36 on the
 #   diagonal of held DOFs, which are left out. With FORMAT=COORDINATE there are no labels,
 #   and held rows are refused.
-# - **Nastran** writes the a-set in the displacement coordinate systems of its grid points,
-#   ten digits in a punch file. A punch file has no end mark: one that was cut is refused or
-#   warned of, if it misses whole grid points; compare the total mass. Names
-#   that begin with K and M (KAAX, MAAX) are taken for them; if there are several, say
-#   `{"K": path, "M": path}` or take `base.matrices["KGG"]`. Binary OP4 is
+# - **Nastran** writes the a-set in the displacement coordinate systems of its grid
+#   points, with ten digits in a punch file. A punch file has no end mark: a truncated
+#   one is refused, or gives a warning, if it misses whole grid points; compare the
+#   total mass. Names that begin with K and M (KAAX, MAAX) are taken for them. If there
+#   are several, use `{"K": path, "M": path}` or `base.matrices["KGG"]`. Binary OP4 is
 #   refused: write it FORMATTED.
-# - **ANSYS** `.full` goes through PyMAPDL-Reader, which runs with NumPy 2 from version 0.56
-#   and brings VTK.
+# - **ANSYS** `.full` files are read by PyMAPDL-Reader, which runs with NumPy 2 from
+#   version 0.56 and installs VTK.
 #
-# Checked with the programs' own frequencies: CalculiX 2.20 (six modes each of a beam of
-# C3D20 bricks, clamped and free, of B31, B32 and B32R beams, S4, S8 and S8R shells: to 4
-# decimals, and the bricks again after changes of E and density by 30 % through
-# `from_differences`), MSC Nastran 2013 (a public punch file with its eigenvalues: all 7
-# printed digits), ANSYS 15 (the clamped beam that comes with the reader: its torsion and
-# axial modes are half of those of the same beam, free, to about 1 %). Readers of
-# Abaqus files and of OP4 are held to files written by their published formats.
+# Results agree with the programs' own frequencies: CalculiX 2.20 (six modes each of a
+# beam of C3D20 bricks, clamped and free, of B31, B32 and B32R beams, S4, S8 and S8R
+# shells: to 4 decimals, and the bricks again after changes of E and density by 30 %
+# through `from_differences`), MSC Nastran 2013 (a public punch file with its
+# eigenvalues: all 7 printed digits), ANSYS 15 (the clamped beam that comes with the
+# reader: its torsion and axial modes are half of those of the same beam, free, to about
+# 1 %). Readers of Abaqus files and of OP4 are tested on files written by their
+# published formats.
 
 # %% tags=["remove-cell"]
 from scipy.linalg import eigh

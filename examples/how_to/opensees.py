@@ -1,15 +1,15 @@
 # %% [markdown]
 # # Update an OpenSees model
 #
-# You will take K and M out of a model that you build in OpenSeesPy, and update it without
-# OpenSees in the loop. `python examples/how_to/opensees.py` runs this page (3 s); it
-# takes `pip install "emcee_femu[opensees]"`.
+# Take K and M from a model that you build in OpenSeesPy, and update it without OpenSees
+# in the loop. `python examples/how_to/opensees.py` runs this page (3 s); it takes
+# `pip install "emcee_femu[opensees]"`.
 #
-# A frame of two storeys and one bay is updated from four measured frequencies: three
-# factors, on the stiffness of the lower columns, of the upper columns and of the beams.
-# OpenSees assembles its matrices for four parameter sets, and the sampler works with these.
-# {py:func}`~emcee_femu.from_opensees` reads K, M and the name of every row from whatever
-# model stands in OpenSees.
+# A frame of two storeys and one bay is updated from four measured frequencies, with
+# three factors: on the stiffness of the lower columns, of the upper columns and of the
+# beams. OpenSees assembles its matrices for four parameter sets, and the sampler works
+# with these. {py:func}`~emcee_femu.from_opensees` reads K, M and the name of every row
+# from the model that is currently in OpenSees.
 
 # %%
 import ctypes
@@ -52,7 +52,7 @@ def load_opensees():
 # %% [markdown]
 # ## The model
 #
-# Here stands your own script. Parameters are factors on the moduli of groups of elements.
+# Put your own script here. Parameters are factors on the moduli of groups of elements.
 # `ops` is `openseespy.opensees`.
 
 
@@ -91,19 +91,18 @@ def add_floor(ops, floor, columns, beams):
 # %% [markdown]
 # ## Its matrices
 #
-# The integrator `GimmeMCK` with the system `FullGeneral` hands them out;
-# {py:func}`~emcee_femu.from_opensees` asks for them.
+# The integrator `GimmeMCK` with the system `FullGeneral` gives the matrices;
+# {py:func}`~emcee_femu.from_opensees` calls them.
 #
-# - **Supports and ties.** The handler Transformation takes fixed DOFs and those tied by
-#   equalDOF or rigidDiaphragm out of the equations. (Penalty would add huge numbers to K,
-#   and Lagrange rows.) A tied direction has no row of its own: a sensor at a direction that
-#   equalDOF ties reads the row of the master, here `"11:ux"` for all of the first floor.
-#   Nodes tied twice, or to one that is tied itself, are refused, for OpenSees gets them
-#   wrong.
+# - **Supports and ties.** The handler Transformation removes fixed DOFs, and those tied
+#   by equalDOF or rigidDiaphragm, from the equations. (Penalty would add huge numbers
+#   to K, and Lagrange rows.) A tied direction has no row of its own: a sensor there
+#   reads the row of the master, here `"11:ux"` for all of the first floor. Nodes tied
+#   twice, or to a tied node, are refused, since OpenSees treats them wrongly.
 # - **Rows** are named by node and direction, `"12:uy"`: `base.dofs("12:uy")` is a row, and
 #   `shapes=base.sensors(["11:ux", "21:ux"])` asks for shapes at sensors.
-# - **Mass.** `print(base)` shows the mass that moves along each axis; compare it with what
-#   you put in.
+# - **Mass.** `print(base)` shows the mass that moves along each axis; compare it with
+#   your input.
 
 
 # %%
@@ -117,12 +116,12 @@ def assemble(ops, theta):
 #
 # $K = K_0 + \sum_j \theta_j K_j$: {py:meth}`MatrixModel.from_differences
 # <emcee_femu.MatrixModel.from_differences>` makes the parts from one assembly with all
-# factors 1 and one per group doubled; what belongs to no group, such as springs, is left
-# over in $K_0$. It fails where K is not linear in the parameter: PDelta and Corotational
-# transformations under load, the depth of a section, the thickness of a plate. The
-# eigensolver of OpenSees, called at a random θ, proves the split. The cells from here on
-# work; they stand under a guard, so that the functions above can be imported without
-# OpenSees.
+# factors 1 and one per group doubled. What belongs to no group, such as springs,
+# remains in $K_0$. It fails if K is not linear in the parameter: PDelta and
+# Corotational transformations under load, the depth of a section, the thickness of a
+# plate. The eigensolver of OpenSees, called at a random θ, verifies the split. The
+# cells from here on are under a guard, so that the functions above can be imported
+# without OpenSees.
 
 
 # %%
@@ -150,11 +149,11 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## The update
 #
-# The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 % of
-# noise. A real structure also deviates from its model:
+# The measured frequencies are simulated: those of OpenSees at true factors, with 0.5 %
+# of noise. A real structure also deviates from its model:
 # `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study takes
-# `ensembles=4`, and looks at {py:func}`~emcee_femu.diagnose`.
+# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study uses
+# `ensembles=4` and checks {py:func}`~emcee_femu.diagnose`.
 
 # %%
 if __name__ == "__main__":
@@ -171,11 +170,11 @@ if __name__ == "__main__":
 # ## DOFs without mass
 #
 # `mass(node, m, m, 0.)` alone leaves the rotations massless. The model then works with
-# sparse matrices, one parameter set after another, and takes up to forty times as long in
-# a small model. Here the elements have a consistent mass (`-mass`, `-cMass`); in a lumped model
-# give each rotation the inertia $m r^2$ of a radius r that is small to the structure, such
-# as 1 cm. Static condensation is no remedy for
-# a split: $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ, so it must be done anew at
+# sparse matrices, one parameter set after another, and takes up to forty times as long
+# if it is small. Here the elements have a consistent mass (`-mass`, `-cMass`). In a
+# lumped model, give each rotation the inertia $m r^2$ of a radius r that is small
+# against the structure, such as 1 cm. Static condensation does not help:
+# $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ, so it must be repeated at
 # each θ, say in a {py:class}`~emcee_femu.FunctionModel`.
 
 # %% tags=["remove-cell"]

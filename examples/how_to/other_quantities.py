@@ -1,17 +1,18 @@
 # %% [markdown]
 # # Compare quantities other than modes
 #
-# You will update a model from any measured quantity, with a likelihood of your own, and
-# have the same tables and figures as for modes.
-# `python examples/how_to/other_quantities.py` runs this page (4 s).
+# Update a model from any measured quantity, with a likelihood of your own, and get the
+# same tables and figures as for modes. `python examples/how_to/other_quantities.py`
+# runs this page (4 s).
 #
-# A model may return any response: an object with attributes, or a mapping, each value an
-# array with one row per walker. A term reads of it what it needs, and says so in `reads`;
-# the names, dimensions, coordinates and units that it declares go into the ArviZ object,
-# the tables and the figures.
+# A model may return any response: an object with attributes, or a mapping, each value
+# an array with one row per walker. A term lists in `reads` what it needs from it. The
+# declared names, dimensions, coordinates and units go into the ArviZ object, the tables
+# and the figures.
 #
-# Here the deflections of a cantilever under a load at its tip tell its bending stiffness.
-# (For linear static tests there are a model and a term already: {doc}`static_test`.)
+# Here the deflections of a cantilever under a load at its tip determine its bending
+# stiffness. (For linear static tests there are a model and a term already:
+# {doc}`static_test`.)
 
 # %%
 import numpy as np
@@ -30,8 +31,8 @@ def cantilever(p):  # for all walkers at once; EI in kN m2, (n,)
 
 # %% [markdown]
 # A term is any callable from parameters and response to log-likelihoods `(n,)`. The
-# attributes are optional: with `reads` what is missing is refused before the first
-# solve, with `observed` tables and figures show what was measured.
+# attributes are optional. With `reads`, a missing variable raises an error before the
+# first solve; with `observed`, tables and figures show what was measured.
 
 
 # %%
@@ -63,9 +64,9 @@ ef.figures.plot_predictive(idata)
 # `ef.FunctionModel(function, variables=StaticTerm.reads)`, which declares what it returns;
 # the labels of the points are those that the term reads.
 #
-# All optional attributes of models and terms are listed in {doc}`/reference/interfaces`.
-# With `deviations`, of errors that are Gaussian, `arviz.loo` works too; derivatives are in
-# {doc}`gradients`.
+# All optional attributes of models and terms are listed in
+# {doc}`/reference/interfaces`. With `deviations`, for Gaussian errors, `arviz.loo`
+# works too; derivatives are in {doc}`gradients`.
 
 # %% tags=["remove-cell"]
 EI = idata.posterior["EI"].values

@@ -1,15 +1,16 @@
 # %% [markdown]
 # # Update a PyNite model
 #
-# You will take K and M out of a model that you build in PyNite, and update it without PyNite
-# in the loop. `python examples/how_to/pynite.py` runs this page (4 s); it takes
+# Take K and M from a model that you build in PyNite, and update it without PyNite in
+# the loop. `python examples/how_to/pynite.py` runs this page (4 s); it takes
 # `pip install "emcee_femu[pynite]"`.
 #
-# A steel platform on four columns carries a pump on one of its long beams. It is updated
-# from five measured frequencies: three factors, on the stiffness of the columns, of the
-# long beams and of the short beams. PyNite assembles its matrices for four parameter sets,
-# and the sampler works with these. {py:func}`~emcee_femu.from_pynite` reads K, M and the
-# name of every row from an analysed PyNite model.
+# A steel platform on four columns carries a pump on one of its long beams. It is
+# updated from five measured frequencies, with three factors: on the stiffness of the
+# columns, of the long beams and of the short beams. PyNite assembles its matrices for
+# four parameter sets, and the sampler works with these.
+# {py:func}`~emcee_femu.from_pynite` reads K, M and the name of every row from an
+# analysed PyNite model.
 
 # %%
 import numpy as np
@@ -30,8 +31,8 @@ SECTIONS = {  # area m2, Iy m4, Iz m4, J m4
 # %% [markdown]
 # ## The model
 #
-# Here stands your own script. Parameters are factors on the moduli of groups of members: a
-# material of its own for each group, and the factor on E and on G.
+# Put your own script here. Parameters are factors on the moduli of groups of members:
+# each group has its own material, with the factor on E and on G.
 
 
 # %%
@@ -61,14 +62,15 @@ def build(theta):
 
 
 # %% [markdown]
-# A member that passes through a node is divided there by PyNite itself.
+# PyNite itself divides a member that passes through a node.
 #
-# **Mass.** There is none but in a load combination: self-weight of members, which becomes a
-# consistent mass (`rho` is a weight per volume here), and loads at nodes in the direction
-# that is asked for, divided by g. With neither, PyNite stops: "Model is massless". Do not
-# give mass by loads on members: PyNite 3.2.0 gets it wrong (981 N/m along 4 m, 400 kg,
-# becomes -100 kg at one end and 200 kg at the other). The moving mass, printed below, is the
-# check: all that you put in, but for what belongs to the supports.
+# **Mass.** PyNite takes mass only from a load combination: self-weight of members,
+# which becomes a consistent mass (`rho` is a weight per volume here), and loads at
+# nodes in the requested direction, divided by g. With neither, PyNite stops: "Model is
+# massless". Do not give mass by loads on members: PyNite 3.2.0 gets it wrong (981 N/m
+# along 4 m, 400 kg, becomes -100 kg at one end and 200 kg at the other). Check the
+# moving mass, printed below: it is all that you put in, except for what belongs to the
+# supports.
 
 
 # %%
@@ -83,10 +85,10 @@ def add_mass(model, nodes):
 # %% [markdown]
 # ## Its matrices
 #
-# {py:func}`~emcee_femu.from_pynite` takes what `analyze_modal` took: combination, direction
-# and gravity. It leaves the supported DOFs out and names the others by node and direction,
-# `"AB:uy"`: `base.dofs("AB:uy")` is a row, and `shapes=base.sensors(["AB:uy", "A:ux"])` asks
-# for shapes at sensors.
+# {py:func}`~emcee_femu.from_pynite` takes the arguments of `analyze_modal`:
+# combination, direction and gravity. It leaves the supported DOFs out and names the
+# others by node and direction, `"AB:uy"`: `base.dofs("AB:uy")` is a row, and
+# `shapes=base.sensors(["AB:uy", "A:ux"])` asks for shapes at sensors.
 
 
 # %%
@@ -95,19 +97,19 @@ def assemble(theta):
 
 
 # %% [markdown]
-# Rotations have mass here, since members have self-weight. To those that would have none
-# PyNite gives a millionth of the smallest entry of M's diagonal, so M is positive definite.
-# Do not condense such DOFs out before the split: the condensed
+# Rotations have mass here, since members have self-weight. To massless rotations PyNite
+# gives a millionth of the smallest entry of M's diagonal, so M is positive definite. Do
+# not condense such DOFs out before the split: the condensed
 # $K_{aa} - K_{ab} K_{bb}^{-1} K_{ba}$ is not affine in θ.
 #
 # ## The split
 #
-# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>` makes
-# $K = K_0 + \sum_j \theta_j K_j$ from one assembly with all factors 1 and one per group
-# doubled. It fails where K is not linear in the parameter: P-Delta, the depth of a section,
-# the thickness of a plate. PyNite's own frequencies at a random θ prove the split. The cells
-# from here on work; they stand under a guard, so that the functions above can be imported
-# without PyNite.
+# {py:meth}`MatrixModel.from_differences <emcee_femu.MatrixModel.from_differences>`
+# makes $K = K_0 + \sum_j \theta_j K_j$ from one assembly with all factors 1 and one per
+# group doubled. It fails if K is not linear in the parameter: P-Delta, the depth of a
+# section, the thickness of a plate. PyNite's own frequencies at a random θ verify the
+# split. The cells from here on are under a guard, so that the functions above can be
+# imported without PyNite.
 
 # %%
 if __name__ == "__main__":
@@ -130,8 +132,8 @@ if __name__ == "__main__":
 # The measured frequencies are simulated: those of PyNite at true factors, with 0.5 % of
 # noise. A real structure also deviates from its model:
 # `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study takes
-# `ensembles=4`, and looks at {py:func}`~emcee_femu.diagnose`.
+# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study uses
+# `ensembles=4` and checks {py:func}`~emcee_femu.diagnose`.
 
 # %%
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Use a test that was repeated
 #
-# You will turn several tests of one structure into one
-# {py:class}`~emcee_femu.Measurements` with the scatter of the tests as its error,
-# covariance included. `python examples/how_to/repeated_tests.py` runs this page (3 s).
+# Turn several tests of one structure into one {py:class}`~emcee_femu.Measurements`,
+# with the scatter of the tests as its error, covariance included.
+# `python examples/how_to/repeated_tests.py` runs this page (3 s).
 #
 # Six tests of a frame on six days; the frequencies of a day rise and fall together,
 # since temperature changes all of them.
@@ -45,15 +45,15 @@ sd = np.sqrt(np.diag(test.covariance))
 (test.covariance / np.outer(sd, sd)).round(2)  # correlation of the two modes
 
 # %% [markdown]
-# It is not divided by the number of tests. Errors that all tests share, by mounting,
+# It is not divided by the number of tests. Errors that all tests share, from mounting,
 # temperature or the model, do not average out, and a posterior that shrinks as
-# $1/\sqrt{N}$ would be too confident. If your tests are truly independent and of the same
-# state, say so yourself: `ef.Measurements(test.frequencies, covariance=test.covariance /
-# 6)`.
+# $1/\sqrt{N}$ would be overconfident. If your tests are truly independent and of the
+# same state, divide yourself: `ef.Measurements(test.frequencies,
+# covariance=test.covariance / 6)`.
 #
-# Each test's shape is scaled to unit length and turned to the sign of the others, real or
-# complex; `shapes` is the mean and `shape_sd` the scatter. A test whose modes are out of
-# order is found by its shapes:
+# Each test's shape is scaled to unit length and given the sign of the others, real or
+# complex; `shapes` is the mean and `shape_sd` the scatter. If the modes of a test are
+# out of order, its shapes reveal it:
 
 # %%
 swapped = [*shapes[:5], [row[::-1] for row in shapes[5]]]
@@ -64,8 +64,8 @@ except ValueError as error:
     print(textwrap.fill(message, 80))
 
 # %% [markdown]
-# A full covariance takes more tests than modes. With fewer, `correlated=False` gives one
-# standard deviation per mode, for which two tests suffice.
+# A full covariance needs more tests than modes. With fewer, `correlated=False` gives
+# one standard deviation per mode, for which two tests are enough.
 #
 # ## In a posterior
 #
@@ -98,9 +98,9 @@ ef.parameter_table(idata)
 ef.predictive_table(idata, posterior)
 
 # %% [markdown]
-# Where each test deserves a posterior of its own, because the structure changes from test
-# to test, {py:func}`~emcee_femu.pool_tests` infers what varies: [many tests](
-# ../tutorials/many_tests.py).
+# If each test deserves its own posterior, because the structure changes from test to
+# test, {py:func}`~emcee_femu.pool_tests` infers what varies: [many
+# tests](../tutorials/many_tests.py).
 
 # %% tags=["remove-cell"]
 mean = np.mean(frequencies, axis=0)

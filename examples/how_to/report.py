@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Write a report to hand over
 #
-# You will write one HTML file that says what was measured, what was assumed, what came out and
-# how far it can be trusted. `python examples/how_to/report.py` runs this page (5 s); it takes
-# `pip install "emcee_femu[report]"`.
+# Write one HTML file that says what was measured, what was assumed, what the result is
+# and how far it can be trusted. `python examples/how_to/report.py` runs this page (5
+# s); it takes `pip install "emcee_femu[report]"`.
 #
 # A steel mast of 6 m bends in one plane. Frequencies and shapes of three modes are simulated
 # here, with accelerometers at 2, 4 and 6 m. How stiff are its lower and upper half?
@@ -46,16 +46,16 @@ posterior = ef.LogPosterior(ef.PairedModel(mast, test), terms, prior, units)
 run = ef.run(posterior, steps=150, ensembles=2, seed=1)
 
 # %% [markdown]
-# {py:func}`~emcee_femu.report` takes the run. Give the posterior its units, and your
-# measurements the names of the sensors: they are what a reader sees.
+# {py:func}`~emcee_femu.report` takes the run. Give units to the posterior and sensor
+# names to the measurements: the reader sees them.
 
 # %%
 path = Path(tempfile.mkdtemp(), "mast.html")
 ef.report(run, path, title="Mast: stiffness of its two halves").name
 
 # %% [markdown]
-# This is the file. Its pictures are inside, so that it can be sent as it is; the browser
-# prints it on A4, and in dark mode it is dark.
+# This is the file. Its pictures are inside, so you can send it as it is. A browser
+# prints it on A4, and shows it dark in dark mode.
 
 # %%
 import html
@@ -67,14 +67,14 @@ style = "width: 100%; height: 40rem; border: 1px solid #888"
 HTML(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
 
 # %% [markdown]
-# The call at the end of the file writes it again. Of samples that were saved, as by
-# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`: without
-# `posterior=` the report lacks what only the model and the terms know, the likelihood in words
-# and the figures of mode shapes. A chain with burn-in wants `discard=`, as
-# {py:func}`~emcee_femu.to_inference_data` does. Results of {py:func}`~emcee_femu.certify` and
-# {py:func}`~emcee_femu.pool_tests` have reports, too.
+# The file ends with the call that writes it again. For saved samples, as by
+# `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`. Without
+# `posterior=` the report lacks the likelihood in words and the figures of mode shapes,
+# which need model and terms. A chain with burn-in needs `discard=`, as in
+# {py:func}`~emcee_femu.to_inference_data`. Results of {py:func}`~emcee_femu.certify`
+# and {py:func}`~emcee_femu.pool_tests` have reports, too.
 #
-# Single tables and figures, for a document of your own: {doc}`tables_and_figures`.
+# For single tables and figures in your own document, see {doc}`tables_and_figures`.
 
 # %% tags=["remove-cell"]
 text = path.read_text(encoding="utf-8")

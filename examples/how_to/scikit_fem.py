@@ -1,14 +1,14 @@
 # %% [markdown]
 # # Update a scikit-fem model
 #
-# You will assemble K for parts of a mesh in scikit-fem, and find the part that has lost
+# Assemble K for parts of a mesh in scikit-fem, and find the part that has lost
 # stiffness. `python examples/how_to/scikit_fem.py` runs this page (6 s); it takes
 # `pip install "emcee_femu[skfem]"`.
 #
 # A plate clamped along one edge may have lost stiffness in any of four strips. Eight
-# measured frequencies are to tell the bending stiffness of each. scikit-fem assembles a
-# form whose coefficient is a field, one number for each element of the mesh;
-# {py:func}`~emcee_femu.from_skfem` leaves the held DOFs out and names the others.
+# measured frequencies are to determine the bending stiffness of each. scikit-fem
+# assembles a form whose coefficient is a field, one number for each element of the
+# mesh; {py:func}`~emcee_femu.from_skfem` leaves the held DOFs out and names the others.
 
 # %%
 import numpy as np
@@ -23,10 +23,10 @@ E, NU, RHO = 70e9, 0.33, 2700.0  # Pa, -, kg/m3
 # %% [markdown]
 # ## The model
 #
-# Here stands your own script. Parameters are factors on what K is linear in, here the
-# bending stiffness of a strip. For a thickness t say that K grows with t³ and M with t:
-# `K={"bending": (K3, lambda t: t**3)}, M={"mass": (M1, lambda t: t)}`. What is no such sum
-# goes through {py:class}`~emcee_femu.AssembledModel`.
+# Put your own script here. Parameters are factors in which K is linear, here the
+# bending stiffness of a strip. For a thickness t, K grows with t³ and M with t:
+# `K={"bending": (K3, lambda t: t**3)}, M={"mass": (M1, lambda t: t)}`. If K is no such
+# sum, use {py:class}`~emcee_femu.AssembledModel`.
 
 
 # %%
@@ -67,13 +67,14 @@ def forms():  # of stiffness and mass of a Kirchhoff plate
 #
 # - **Supports.** `get_dofs("root")` takes all DOFs of the clamped edge; a simply supported
 #   one takes some, by name: `get_dofs("root").all(["u", "u_y"])`.
-# - **Rows** are named by vertex and DOF: `"12:u"` is the deflection of vertex 12, u_x and
-#   u_y are its slopes, u_xy is its twist. A vertex is found by its place,
-#   `basis.mesh.nodes_satisfying(lambda x: ...)`; to a sensor between vertices, the shape
-#   functions map the DOFs (`basis.probes`). Displacements of an `ElementVector` are ux, uy
-#   and uz.
-# - **Mass.** DOFs without mass do not occur, since M comes from the same shape functions as
-#   K. A lumped M, with mass on the deflections only, is singular: keep the consistent one.
+# - **Rows** are named by vertex and DOF: `"12:u"` is the deflection of vertex 12, u_x
+#   and u_y are its slopes, u_xy is its twist. Find a vertex by its place,
+#   `basis.mesh.nodes_satisfying(lambda x: ...)`. For a sensor between vertices, the
+#   shape functions map the DOFs (`basis.probes`). Displacements of an `ElementVector`
+#   are ux, uy and uz.
+# - **Mass.** There are no massless DOFs, since M comes from the same shape functions as
+#   K. A lumped M, with mass on the deflections only, is singular: keep the consistent
+#   one.
 
 
 # %%
@@ -97,8 +98,8 @@ def assemble(basis, theta):
 #
 # $K = \sum_j \theta_j K_j$: {py:meth}`MatrixModel.from_differences
 # <emcee_femu.MatrixModel.from_differences>` makes the parts from one assembly with all
-# factors 1 and one per strip doubled. The eigensolver that scikit-fem calls, at a random θ,
-# proves the split.
+# factors 1 and one per strip doubled. The eigensolver that scikit-fem calls, at a
+# random θ, verifies the split.
 
 
 # %%
@@ -112,7 +113,7 @@ def frequencies(basis, theta):  # in Hz, by scikit-fem
 
 
 # %% [markdown]
-# The cells from here on work; they stand under a guard, so that the functions above can be
+# The cells from here on are under a guard, so that the functions above can be
 # imported without scikit-fem. Every element belongs to a strip, so $K_0$ is zero.
 
 # %%
@@ -137,11 +138,11 @@ if __name__ == "__main__":
 # %% [markdown]
 # ## The update
 #
-# The measured frequencies are simulated: those of scikit-fem at true factors, with 0.5 % of
-# noise. A real structure also deviates from its model:
+# The measured frequencies are simulated: those of scikit-fem at true factors, with 0.5
+# % of noise. A real structure also deviates from its model:
 # `ef.FrequencyTerm(..., discrepancy="model error")`, see
-# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study takes
-# `ensembles=4`, and looks at {py:func}`~emcee_femu.diagnose`.
+# {doc}`/tutorials/noise_and_model_error`. The run is short, for this page; a study uses
+# `ensembles=4` and checks {py:func}`~emcee_femu.diagnose`.
 
 # %%
 if __name__ == "__main__":
@@ -155,7 +156,7 @@ if __name__ == "__main__":
     print(ef.frequency_table(idata, posterior))
 
 # %% [markdown]
-# Strip 2 has lost 30 % of its stiffness, and the others are told apart from it.
+# Strip 2 has lost 30 % of its stiffness, and the data separate it from the others.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":

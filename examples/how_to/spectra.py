@@ -1,21 +1,21 @@
 # %% [markdown]
 # # Identify modes from a record of ambient vibration
 #
-# You will turn accelerations under wind and traffic into frequencies, damping ratios and
-# shapes *with* their uncertainties, ready for a posterior of your model.
+# Turn accelerations under wind and traffic into frequencies, damping ratios and shapes
+# *with* their uncertainties, ready for a posterior of your model.
 # `python examples/how_to/spectra.py` runs this page (5 s).
 #
-# Wind, traffic and people shake a structure with forces that nobody measures. Near one
-# spectral peak, or a close pair, the Fourier transform of such a record says what the mode
-# is, and its statistics are known exactly: line by line an independent complex Gaussian
-# vector, whose covariance follows from frequency, damping ratio, shape, the spectral
-# density of the modal force and that of the noise (Whittle's likelihood; in this use Au's
-# "fast Bayesian FFT"). No order of a model, no stabilisation diagram.
+# Wind, traffic and people shake a structure with forces that nobody measures. Near a
+# spectral peak, or a close pair, the Fourier transform of such a record determines the
+# mode, and its statistics are known exactly. Line by line it is an independent complex
+# Gaussian vector. Its covariance follows from frequency, damping ratio, shape, the
+# spectral density of the modal force and that of the noise (Whittle's likelihood; here
+# Au's "fast Bayesian FFT"). There is no model order and no stabilisation diagram.
 #
 # ## The record
 #
-# Three floors under wind for 600 periods of their first mode, simulated, so that the truth
-# is known:
+# Three floors are under wind for 600 periods of their first mode, simulated, so the
+# truth is known:
 
 # %%
 import matplotlib.pyplot as plt
@@ -49,7 +49,7 @@ def record(seed):  # accelerations of the floors, (samples, 3)
 accelerations = record(seed=7)
 
 # %% [markdown]
-# The bands are read off a plot of the spectra; six half widths of the peak to either side
+# Read the bands off a plot of the spectra; six half widths of the peak to either side
 # are a good choice.
 
 # %% mystnb={"image": {"alt": "Spectral densities of three floors over frequency: three peaks at 1, 2.8 and 4 Hz, each inside a shaded band"}}
@@ -76,12 +76,12 @@ legend = axes.legend(frameon=False, loc="upper right")
 #   `kind="velocity"`. `averages=8` cuts the record into segments first; spectral matrices
 #   from elsewhere are `Spectra(lines, matrices, averages=8)`. Densities are one-sided, per
 #   Hz.
-# - **`SpectrumModel(spectra)`** is one mode with the parameters `f`, `zeta`, `ln_S` (the
-#   logarithm of the force's density), `ln_S_e` (of the noise) and `phi_<sensor>`: the shape
-#   where the `reference` sensor has 1. `SpectrumModel(spectra, 2)` is a close pair: `f1`,
-#   `f2` and so on, and the coherence of the two forces, `coherence_re` and
-#   `coherence_im`. `model.ranges` are wide ranges of all parameters by the level of the
-#   spectra, for a prior.
+# - **`SpectrumModel(spectra)`** is one mode with the parameters `f`, `zeta`, `ln_S`
+#   (the logarithm of the force's density), `ln_S_e` (of the noise) and `phi_<sensor>`:
+#   the shape, with 1 at the `reference` sensor. `SpectrumModel(spectra, 2)` is a close
+#   pair: `f1`, `f2` and so on, and the coherence of the two forces, `coherence_re` and
+#   `coherence_im`. `model.ranges` has wide ranges of all parameters for a prior, from
+#   the level of the spectra.
 # - **`SpectrumTerm(spectra)`** is the likelihood, in closed form for all walkers at once,
 #   with derivatives for `"auto"`.
 
@@ -103,11 +103,12 @@ found = {
 ef.parameter_table(found["1 Hz"])
 
 # %% [markdown]
-# The run is short, for this page. {py:func}`~emcee_femu.spectra.modes_from_spectra` makes
-# {py:class}`~emcee_femu.Measurements` of one or more bands: frequencies with their
-# standard deviations (the covariance, where there is a pair), `damping` and `damping_sd`,
-# shapes and `shape_sd`. These enter {py:class}`~emcee_femu.FrequencyTerm`,
-# {py:class}`~emcee_femu.ShapeTerm` and {py:class}`~emcee_femu.PairedModel` as any others.
+# The run is short, for this page. {py:func}`~emcee_femu.spectra.modes_from_spectra`
+# makes {py:class}`~emcee_femu.Measurements` from one or more bands: frequencies with
+# their standard deviations (the covariance for a pair), `damping` and `damping_sd`,
+# shapes and `shape_sd`. Use them in {py:class}`~emcee_femu.FrequencyTerm`,
+# {py:class}`~emcee_femu.ShapeTerm` and {py:class}`~emcee_femu.PairedModel` like any
+# others.
 
 # %%
 modes = ef.spectra.modes_from_spectra(found)
@@ -116,9 +117,9 @@ modes
 # %% [markdown]
 # ## How long must a record be?
 #
-# For a long record of $N_c$ periods, a band of $f (1 \pm \kappa \zeta)$ and little noise
-# Au's laws (2014, Mech. Syst. Signal Process. 48, 15-33) give the squared coefficients of
-# variation of $f$ and $\zeta$,
+# For a long record of $N_c$ periods, a band of $f (1 \pm \kappa \zeta)$ and little
+# noise, Au's formulas (2014, Mech. Syst. Signal Process. 48, 15-33) give the squared
+# coefficients of variation of $f$ and $\zeta$,
 #
 # $$ \frac{\zeta}{2 \pi N_c B_f}, \qquad \frac{1}{2 \pi \zeta N_c B_\zeta}, $$
 #
@@ -143,27 +144,29 @@ for periods in (1_000, 10_000):
     print(f"{periods} periods: f to {by_f:.2%}, zeta to {by_zeta:.1%}")
 
 # %% [markdown]
-# These are for 1 % damping. A damping ratio to 5 % needs more than 10,000 periods. The Fisher information of the term
-# agrees with both laws within 0.5 % (`tests/likelihoods/test_spectrum_term.py`), for three
-# channels also where the noise is inferred. A single channel cannot tell noise from the
-# flanks of the peak as well, and is a little less certain than the laws.
+# These are for 1 % damping. A damping ratio to 5 % needs more than 10,000 periods. The
+# Fisher information of the term agrees with both formulas within 0.5 %
+# (`tests/likelihoods/test_spectrum_term.py`), for three channels even if the noise is
+# inferred. A single channel separates noise from the flanks of the peak less well, and
+# is a little less certain than the formulas.
 #
-# Stochastic subspaces ({doc}`ambient_vibration`) use the whole range of frequencies, and
-# believe the forces to be white over all of it, of which a band asks nothing. What the
-# spectra add is a posterior, with shapes and without a model order to choose.
+# Stochastic subspaces ({doc}`ambient_vibration`) use the whole range of frequencies and
+# assume white forces over all of it; a band does not. Spectra add a posterior, with
+# shapes and without a model order to choose.
 #
 # ## What it cannot do
 #
-# - Another mode in the band that is not in the model pulls the flanks up: the band must
-#   end where the next peak begins to show. More than two modes per band are refused.
-# - Lines are independent, and peaks not smeared, only where a mode is wide against their
-#   distance: $2 \zeta f$ must be several times 1 / duration, of one segment. Short segments
-#   make damping too high: one long segment is best.
-# - Where frequencies drift (temperature), the peak of a long record is wider than the mode;
-#   take hours apart and pool them, as [many tests](../tutorials/many_tests.py) does.
+# - Another mode in the band that is not in the model raises the flanks: end the band
+#   where the next peak begins to show. More than two modes per band are refused.
+# - Lines are independent, and peaks not smeared, only if a mode is wide compared with
+#   their distance: $2 \zeta f$ must be several times 1 / duration, of one segment.
+#   Short segments make damping too high: one long segment is best.
+# - If frequencies drift (temperature), the peak of a long record is wider than the
+#   mode. Treat each hour as a test, and pool them as [many
+#   tests](../tutorials/many_tests.py) does.
 # - The force must be flat over the band, and the noise alike in all channels.
-# - Of a pair, the modes are in ascending order; where the posterior does not tell `f1` from
-#   `f2` its means mix both modes.
+# - The modes of a pair are in ascending order; if the posterior does not separate `f1`
+#   from `f2`, their means mix both modes.
 
 # %% tags=["remove-cell"]
 assert np.abs((modes.frequencies - F) / modes.sd).max() < 3.5

@@ -1,11 +1,11 @@
 # %% [markdown]
 # # Combine a static and a modal test
 #
-# You will update one model from deflections under known loads and from natural
-# frequencies together. `python examples/how_to/static_test.py` runs this page (4 s).
+# Update one model from deflections under known loads and from natural frequencies
+# together. `python examples/how_to/static_test.py` runs this page (4 s).
 #
-# Frequencies tell stiffness over mass, deflections under known loads tell stiffness alone:
-# neither test says what the structure weighs, both together do.
+# Frequencies determine stiffness over mass, deflections under known loads stiffness
+# alone. Neither test determines the mass; both together do.
 #
 # {py:class}`~emcee_femu.StaticModel` solves $K(\theta)\,u = f$ for several load cases with
 # the matrices of a {py:class}`~emcee_femu.MatrixModel`: dense in one batch, or sparse with
@@ -33,9 +33,9 @@ static = ef.StaticModel(
 )
 
 # %% [markdown]
-# {py:class}`~emcee_femu.DisplacementTerm` compares what the gauges read: one row per load
-# case, one column per gauge, in the unit of the model. Names of cases and points are held
-# against the model's.
+# {py:class}`~emcee_femu.DisplacementTerm` compares the readings of the gauges: one row
+# per load case, one column per gauge, in the unit of the model. Names of cases and
+# points are checked against the model's.
 
 # %%
 gauges = ef.DisplacementTerm(  # mm
@@ -59,8 +59,8 @@ prior = ef.IndependentPrior(
 # %% [markdown]
 # ## The modal test alone
 #
-# In a few solves {py:func}`~emcee_femu.find_map` and
-# {py:func}`~emcee_femu.identifiability` say what frequencies leave open:
+# {py:func}`~emcee_femu.find_map` and {py:func}`~emcee_femu.identifiability` say in a
+# few solves what frequencies leave open:
 
 # %%
 alone = ef.LogPosterior(modal, frequencies, prior)
@@ -82,17 +82,20 @@ ef.parameter_table(idata)
 ef.figures.plot_predictive(idata, posterior)
 
 # %% [markdown]
-# `LogPosterior.joint` takes any experiments that share parameters: states of one structure
-# (empty and with a known mass on its roof, {doc}`/tutorials/what_is_learned`; at two
-# temperatures), or tests of different kinds. The prior owns all parameters; each model and
-# each term reads those that it knows, and each model is solved once per parameter set.
-# Where solves are slow, `ef.emulate(posterior, 60, seed=1, cheap=["static"])` emulates each
-# model but those that are cheap, from solves of its own, and `.posterior` of what it
-# returns is ready to run. Whatever belongs to an experiment carries its name: the term `modal.frequency`, the
-# argument `experiment="modal"` of tables and figures.
+# `LogPosterior.joint` takes any experiments that share parameters: states of one
+# structure (empty and with a known mass on its roof, {doc}`/tutorials/what_is_learned`;
+# at two temperatures), or tests of different kinds. The prior has all parameters; each
+# model and each term reads those that it knows, and each model is solved once per
+# parameter set.
 #
-# A model error is inferred for a static test as for a modal one:
-# `ef.DisplacementTerm(..., discrepancy="name")`, with a proper prior for that parameter.
+# If solves are slow, `ef.emulate(posterior, 60, seed=1, cheap=["static"])` emulates
+# each model from solves of its own, except those in `cheap`. The attribute `.posterior`
+# of the result is ready to run. Parts of an experiment carry its name: the term
+# `modal.frequency`, the argument `experiment="modal"` of tables and figures.
+#
+# A model error can be inferred for a static test as for a modal one:
+# `ef.DisplacementTerm(..., discrepancy="name")`, with a proper prior for that
+# parameter.
 
 # %% tags=["remove-cell"]
 assert "is known well, not k and m by themselves" in str(one)

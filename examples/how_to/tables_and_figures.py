@@ -1,9 +1,9 @@
 # %% [markdown]
-# # Take tables and figures into a report
+# # Use tables and figures in a report
 #
-# You will turn any table into a pandas frame, and so into CSV, LaTeX or Markdown, give
-# figures units and reference values, draw the structure and its mode shapes, save figures for
-# print, and hand the samples to ArviZ, corner and netCDF.
+# Turn any table into a pandas frame, and so into CSV, LaTeX or Markdown. Give figures
+# units and reference values, draw the structure and its mode shapes, and save figures
+# for print. Pass the samples to ArviZ, corner and netCDF.
 # `python examples/how_to/tables_and_figures.py` runs this page (10 s).
 
 # %%
@@ -21,15 +21,15 @@ idata = ef.to_inference_data(run)
 # %% [markdown]
 # ## Tables
 #
-# A table prints itself, and shows itself in a notebook. {doc}`/start/reading` defines the
-# columns. `nominal=` adds the true or assumed values and the errors against them.
+# A table prints itself, in a notebook too. {doc}`/start/reading` defines the columns.
+# `nominal=` adds the true or assumed values and the errors against them.
 
 # %%
 table = ef.parameter_table(idata, nominal=problem.nominal)
 table
 
 # %% [markdown]
-# What you see is rounded; `to_frame` has all digits, and pandas writes them:
+# The display is rounded; `to_frame` has all digits, and pandas writes them:
 
 # %%
 frame = table.to_frame()
@@ -37,16 +37,16 @@ frame.to_csv(folder / "parameters.csv", index=False)
 print(frame[["parameter", "mean", "sd/prior sd"]].to_latex(index=False))
 
 # %% [markdown]
-# `table.column("mean")` is one column. The other tables are made alike:
+# `table.column("mean")` is one column. The other tables work in the same way:
 # {py:func}`~emcee_femu.frequency_table`, {py:func}`~emcee_femu.predictive_table`,
-# {py:func}`~emcee_femu.pairing_table`; what {py:func}`~emcee_femu.diagnose` and
-# {py:func}`~emcee_femu.identifiability` return has its table in the attribute `table`.
+# {py:func}`~emcee_femu.pairing_table`. The results of {py:func}`~emcee_femu.diagnose`
+# and {py:func}`~emcee_femu.identifiability` have their table in the attribute `table`.
 #
 # ## Figures
 #
-# Each function returns a matplotlib figure. Axes have the units that the posterior was
-# given, `LogPosterior(model, terms, prior, units={"k1": "N/m"})`, as tables do. `truths`
-# mark values in blue, `var_names` choose the parameters.
+# Each function returns a matplotlib figure. Axes and tables have the units of the
+# posterior, `LogPosterior(model, terms, prior, units={"k1": "N/m"})`. `truths` mark
+# values in blue, `var_names` choose the parameters.
 
 # %% mystnb={"image": {"alt": "Three parameters in pairs: samples in grey, 95 % ellipses in red, reference values in blue near the middle of the ellipses"}}
 figure = ef.figures.plot_scatter(
@@ -57,18 +57,18 @@ figure = ef.figures.plot_scatter(
 figure
 
 # %% [markdown]
-# Where samples are not Gaussian, the smallest regions that hold 95 % and 50 % of them stand in
-# place of the ellipse; `ellipse=True` draws ellipses everywhere.
+# If samples are not Gaussian, the smallest regions that hold 95 % and 50 % of them
+# replace the ellipse; `ellipse=True` draws ellipses everywhere.
 #
-# Prior beside posterior, each over its maximum, shows what the data have said of each
-# parameter:
+# The prior beside the posterior, each scaled by its maximum, shows what the data say
+# about each parameter:
 
 # %% mystnb={"image": {"alt": "Five panels, one per stiffness: the prior is a wide grey hill, the posterior a narrow red peak, the reference value a blue line through it"}}
 ef.figures.plot_prior_posterior(run, units=problem.units, truths=problem.nominal)
 
 # %% [markdown]
-# For print save a vector format; the text stays text. Axes can be changed before, as of any
-# figure.
+# For print, save a vector format; text stays text. You can change the axes first, as of
+# any figure.
 
 # %%
 figure.savefig(folder / "scatter.pdf", bbox_inches="tight")
@@ -76,13 +76,15 @@ figure.savefig(folder / "scatter.png", dpi=300, bbox_inches="tight")
 sorted(path.name for path in folder.iterdir())
 
 # %% [markdown]
-# {py:func}`~emcee_femu.figures.plot_tae`, {py:func}`~emcee_femu.figures.plot_correlation`,
-# {py:func}`~emcee_femu.figures.plot_predictive` and the others in {doc}`/reference/index` work
-# alike. A script that draws many figures closes each, `plt.close(figure)`.
+# {py:func}`~emcee_femu.figures.plot_tae`,
+# {py:func}`~emcee_femu.figures.plot_correlation`,
+# {py:func}`~emcee_femu.figures.plot_predictive` and the others in
+# {doc}`/reference/index` work in the same way. A script that draws many figures closes
+# each, `plt.close(figure)`.
 #
 # ## The structure
 #
-# Mode shapes are drawn on the structure. A test of a frame of two storeys, simulated here, has
+# Mode shapes are drawn on the structure. This simulated test of a two-storey frame has
 # six accelerometers; a DOF is named by its node and direction:
 
 # %%
@@ -119,21 +121,22 @@ of_frame = ef.LogPosterior(ef.PairedModel(frame_model, test), terms, prior)
 frame_run = ef.run(of_frame, steps=150, ensembles=2, seed=1)
 
 # %% [markdown]
-# {py:func}`~emcee_femu.figures.plot_shapes` needs to know where the nodes are and which lines
-# join them. A frame knows, and so do matrices of OpenSees, PyNite and scikit-fem; for others
-# give `geometry=ef.Geometry(nodes, lines, sensors)`, which also says where a sensor is whose
-# DOF is not named by its node. With `shapes=True` the model returns its shapes at all nodes, so
-# that the whole structure moves; asked for the sensors alone, it moves there only.
+# {py:func}`~emcee_femu.figures.plot_shapes` needs the nodes and the lines that join
+# them. A frame has them, and so have matrices of OpenSees, PyNite and scikit-fem. For
+# others give `geometry=ef.Geometry(nodes, lines, sensors)`, which also places sensors
+# whose DOF is not named by its node. With `shapes=True` the model returns its shapes at
+# all nodes, so the whole structure moves; with shapes at the sensors only, it moves
+# only there.
 
 # %% mystnb={"image": {"alt": "Four mode shapes of a frame of two storeys: grey at rest, blue the updated model, red dots what six sensors measured, next to the circles of the model"}}
 shapes_figure = ef.figures.plot_shapes(frame_run)
 shapes_figure
 
 # %% [markdown]
-# {py:func}`~emcee_femu.figures.plot_mac` draws the MAC of all measured and model modes, before
-# and after updating; a frame is a pair, with the 95 % interval of its MAC. A number near 1
-# outside of the frames says that these sensors cannot tell two modes apart: here the third and
-# the eighth, which differ at the corners without a sensor.
+# {py:func}`~emcee_femu.figures.plot_mac` draws the MAC of all measured and model modes,
+# before and after updating. A framed cell is a pair, with the 95 % interval of its MAC.
+# A number near 1 outside the frames means that these sensors cannot distinguish two
+# modes: here the third and the eighth, which differ at the corners without a sensor.
 
 # %% mystnb={"image": {"alt": "Two matrices of four measured and eight model modes: near one on the diagonal, framed in red, and for the third measured and the eighth mode of the model"}}
 mac_figure = ef.figures.plot_mac(frame_run)
@@ -142,8 +145,9 @@ mac_figure
 # %% [markdown]
 # ## ArviZ, corner and your own
 #
-# `idata` is an ArviZ object, before or since version 1, in which each walker is a chain. All
-# that ArviZ draws and computes is yours ({doc}`with_arviz` has what it means):
+# `idata` is an ArviZ object, before or since version 1, in which each walker is a
+# chain. All functions of ArviZ work on it ({doc}`with_arviz` says what their results
+# mean):
 
 # %%
 import arviz
@@ -151,8 +155,8 @@ import arviz
 arviz.summary(idata, var_names=["k1", "k2"])[["mean", "sd"]]
 
 # %% [markdown]
-# corner, or whatever else takes an array, gets one column per parameter. What you compute
-# from parameters is a column as well, here a ratio of two stiffnesses:
+# corner, or anything else that takes an array, gets one column per parameter. A
+# quantity computed from parameters is a column too, here a ratio of two stiffnesses:
 
 # %% mystnb={"image": {"alt": "Corner plot of k1 and of the ratio k2 to k1"}}
 import corner
@@ -162,8 +166,9 @@ pairs = np.column_stack([draws["k1"], draws["k2"] / draws["k1"]])
 corner_figure = corner.corner(pairs, labels=["k1", "k2 / k1"])
 
 # %% [markdown]
-# Save the run itself with `idata.to_netcdf`, and read it with `arviz.from_netcdf`: tables and
-# figures are made again without a solve. (With ArviZ 1 it takes `pip install h5netcdf`.)
+# Save the run itself with `idata.to_netcdf`, and read it with `arviz.from_netcdf`:
+# tables and figures can be made again without a solve. (With ArviZ 1 it takes
+# `pip install h5netcdf`.)
 
 # %%
 idata.to_netcdf(folder / "run.nc")

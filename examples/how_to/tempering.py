@@ -1,15 +1,13 @@
 # %% [markdown]
 # # Several modes: jumps and tempering
 #
-# Where a posterior has several modes, walkers stay in the mode where they began,
-# unless a move leads from one to the other. After this page you can choose such a
-# move. `python examples/how_to/tempering.py`
-# runs this page in some 5 s.
+# If a posterior has several modes, walkers stay in the mode where they began, unless a
+# move connects the modes. This page helps to choose such a move.
+# `python examples/how_to/tempering.py` runs this page in some 5 s.
 #
-# Two storeys of equal mass, of which both frequencies were measured, but no shape. With
-# stiffnesses k1 of the ground storey and k2 of the upper one they have the same
-# frequencies as with 2 k2 and k1 / 2. Here that is a soft storey on a stiff one, or the
-# other way round:
+# For two storeys of equal mass, both frequencies were measured, but no shape. The
+# stiffnesses k1 of the ground storey and k2 of the upper one give the same frequencies
+# as 2 k2 and k1 / 2. So the soft storey may be the upper or the lower one:
 
 # %%
 import numpy as np
@@ -39,7 +37,7 @@ def shares(run, discard=100):  # of a stiff ground storey, by ensemble
 # ## Nothing known: "auto"
 #
 # `"auto"` searches for the modes, and proposes jumps between them. It is the first
-# choice, as for all else:
+# choice, as always:
 
 # %%
 auto = ef.run(posterior, steps=200, seed=1)
@@ -49,8 +47,8 @@ print("auto ", shares(auto, 0))
 # ## Modes that both have walkers: `mode_jump`
 #
 # A step of DE-MC with $\gamma = 1$ leads from one mode to the other if the two walkers
-# of the difference sit in them. `mode_jump=0.1` makes a tenth of the steps such ones.
-# How often a walker crosses:
+# of the difference are in them. `mode_jump=0.1` gives a tenth of the steps this
+# $\gamma$. How often a walker crosses:
 
 # %%
 crossings = {}
@@ -62,17 +60,18 @@ for jump in (0.0, 0.1):
     print(f"mode_jump={jump}: {crossings[jump]} times in {stiff.size} steps")
 
 # %% [markdown]
-# Between the crossings an ensemble keeps the shares that its starts happened to have.
-# The verdict of {py:func}`~emcee_femu.diagnose` tells whether they were enough.
+# Between crossings an ensemble keeps the shares that its starts happened to have. The
+# verdict of {py:func}`~emcee_femu.diagnose` says whether there were enough.
 #
 # ## Modes that a search may miss: `TemperedMove`
 #
 # Blocks of walkers sample powers of the likelihood, from 1, the posterior, to 0, the
-# prior. Hot walkers roam everywhere and hand what they find to the cold ones. It costs
+# prior. Hot walkers roam everywhere and pass what they find to the cold ones. It costs
 # as many evaluations as there are blocks, and gives the evidence.
 #
-# Neighbouring powers must overlap, and how many that takes depends on the problem:
-# `overlaps` of the evidence says how much they do, 1 for all, and below 0.1 too little.
+# Neighbouring powers must overlap; how many powers that takes depends on the problem.
+# `overlaps` of the evidence says how much they do: 1 is complete, below 0.1 is too
+# little.
 
 # %%
 betas = np.linspace(1, 0, 8) ** 4
@@ -83,29 +82,29 @@ evidence = ef.log_evidence(tempered, discard=100)
 evidence
 
 # %% [markdown]
-# The one bridge of "auto" must agree with the whole ladder:
+# The single bridge of "auto" must agree with the whole ladder:
 
 # %%
 bridged = ef.log_evidence(auto)
 print(bridged)
 
 # %% [markdown]
-# Both modes in a figure, as the smallest regions that hold 95 % and 50 % of the samples. A
-# mean and a standard deviation do not describe such a posterior: report the modes one by
-# one.
+# The figure shows both modes, as the smallest regions that hold 95 % and 50 % of the
+# samples. A mean and a standard deviation do not describe such a posterior: report the
+# modes one by one.
 
 # %% mystnb={"image": {"alt": "Scatter of ground and upper stiffness: two separate small clouds, a stiff storey on a soft one, and a soft one on a stiff one"}}
 ef.figures.plot_scatter(idata)
 
 # %% [markdown]
-# - Conversion, tables, figures and `diagnose` use the cold walkers alone.
+# - Conversion, tables, figures and `diagnose` use only the cold walkers.
 # - `nwalkers` counts all blocks together, a multiple of the number of betas; the
 #   default is as many for each as `run` would take.
-# - No standard error of the evidence is claimed, with the reason in `problems`, where
-#   two neighbouring powers hardly overlap, or where the chain is shorter than 20
-#   autocorrelation times of the evidence.
-# - What modes do to a verdict: [the verdict](../explanation/verdict.py). How to compare
-#   evidences: [model classes](../tutorials/model_classes.py).
+# - No standard error of the evidence is claimed if two neighbouring powers hardly
+#   overlap, or if the chain is shorter than 20 autocorrelation times of the evidence;
+#   `problems` has the reason.
+# - [The verdict](../explanation/verdict.py) says how several modes affect a verdict,
+#   [model classes](../tutorials/model_classes.py) how to compare evidences.
 
 # %% tags=["remove-cell"]
 cold = idata.posterior["ground"].values

@@ -1,12 +1,13 @@
 # %% [markdown]
 # # ArviZ on your posterior
 #
-# You will hand samples of this package to ArviZ, and samples of plain emcee to this
-# package: which functions work on which, and what their numbers mean where walkers are
-# chains. `python examples/how_to/with_arviz.py` runs this page (10 s).
+# Pass samples of this package to ArviZ, and samples of plain emcee to this package:
+# which functions work on which, and what their numbers mean if walkers are chains.
+# `python examples/how_to/with_arviz.py` runs this page (10 s).
 #
-# The structure has two storeys; its frequencies and mode shapes were measured. One model
-# class has two unknown stiffnesses. In the other the upper one is as in the drawings.
+# The structure has two storeys; its frequencies and mode shapes were measured. One
+# model class has two unknown stiffnesses. In the other, the upper stiffness is that of
+# the drawings.
 
 # %%
 import arviz as az
@@ -42,15 +43,16 @@ others = ef.to_inference_data(ef.run(smaller, steps=400, seed=1))
 az.summary(idata)
 
 # %% [markdown]
-# ArviZ's `r_hat` compares walkers. Those of one ensemble are not independent, so that it
-# says how well they mix. {py:func}`~emcee_femu.diagnose` compares whole ensembles.
+# ArviZ's `r_hat` compares walkers. Those of one ensemble are not independent, so it
+# shows only how well they mix. {py:func}`~emcee_femu.diagnose` compares whole
+# ensembles.
 #
 # ### Predictive checks
 #
 # The group `posterior_predictive` holds 500 new measurements, with their error, and
 # `arviz.plot_ppc` takes seconds. It draws the distribution of all measured values of a
-# variable together. By mode, {py:func}`~emcee_femu.figures.plot_predictive` is easier to
-# read; its draws, one for each sample, are in the group `new_measurement`.
+# variable together. {py:func}`~emcee_femu.figures.plot_predictive` draws it by mode and
+# is easier to read; its draws, one for each sample, are in the group `new_measurement`.
 
 # %% mystnb={"image": {"alt": "The density of two measured frequencies in black among those of 500 simulated measurements in blue"}}
 draw = az.plot_ppc if hasattr(az, "plot_ppc") else az.plot_ppc_dist  # since version 1
@@ -77,16 +79,16 @@ ranking = az.compare({"k1 and k2": idata, "k1 alone": others})
 ranking
 
 # %% [markdown]
-# Mind the warning. A modal test has few data, each of them matters, and leaving one out
-# changes the posterior much: a Pareto k above 0.7 says that the samples cannot tell what
-# it would be. {py:func}`~emcee_femu.compare_models` ranks by the evidence, which has no
-# such limit, but depends on the prior.
+# Mind the warning. A modal test has few data, and leaving one out changes the posterior
+# much: a Pareto k above 0.7 means that the samples cannot give the result.
+# {py:func}`~emcee_femu.compare_models` ranks by the evidence, which has no such limit
+# but depends on the prior.
 #
 # ## Samples of plain emcee
 #
-# A sampler of any log-probability can be converted with names, and then judged and
-# tabulated. Without a {py:class}`~emcee_femu.LogPosterior` nothing is known of prior,
-# data and model: what compares with them is left out.
+# A sampler of any log-probability can be converted with names, then judged and
+# tabulated. Without a {py:class}`~emcee_femu.LogPosterior`, prior, data and model are
+# unknown, so comparisons with them are left out.
 
 # %%
 import emcee
@@ -105,20 +107,21 @@ ef.parameter_table(plain)
 ef.diagnose(plain)
 
 # %% [markdown]
-# What `arviz.from_emcee` returns will do as well:
+# The result of `arviz.from_emcee` works as well:
 
 # %% tags=["remove-stderr"]
 theirs = az.from_emcee(sampler, var_names=["k1", "k2"])
 ef.parameter_table(theirs)
 
 # %% [markdown]
-# ## What does not
+# ## What does not work
 #
 # - `isel(draw=...)` and `isel(chain=...)` of ArviZ take the same places in every group,
 #   and those of `prior` and `posterior_predictive` are not those of the chain. Give
 #   `discard=` and `thin=` when you convert.
-# - Draws that {py:func}`~emcee_femu.certify` corrected have weights. ArviZ ignores them;
-#   tables and figures here do not. The group `posterior_predictive` is drawn by weight.
+# - Draws that {py:func}`~emcee_femu.certify` corrected have weights. ArviZ ignores
+#   them; tables and figures here use them. The group `posterior_predictive` is drawn by
+#   weight.
 # - A tempered run is converted without its hot walkers.
 
 # %% tags=["remove-cell"]

@@ -73,10 +73,10 @@ ef.figures.plot_scatter(idata.isel(draw=slice(500, None)), var_names=["a", "b", 
 #
 # With more than a few parameters, differential evolution is more efficient than the
 # stretch move. It is about as efficient as emcee's `DEMove`, with less overhead per
-# generation. An independence move,
-# `[(ef.IndependenceMove.fit(samples), 0.8), (DEMCMove(), 0.2)]`, is more efficient than
-# both if the posterior is close to the distribution fitted to the burn-in. [Moves
-# measured](../explanation/moves_measured.md) has the numbers, also of other packages.
+# generation. An independence move, `[(ef.IndependenceMove.fit(samples), 0.8),
+# (DEMCMove(), 0.2)]`, is more efficient than both if the posterior is close to the
+# distribution fitted to the burn-in. [Moves measured](../explanation/moves_measured.md)
+# has the numbers, other packages included.
 #
 # Differences from emcee's own moves:
 #

@@ -85,7 +85,7 @@ run = ef.run(ef.LogPosterior(model, term, positive), steps=100, ensembles=1, see
 print(run[0].get_chain().min() > 0)
 
 # %% [markdown]
-# ## Another number of modes
+# ## A different number of modes
 #
 # The model returns two frequencies; the test has three:
 

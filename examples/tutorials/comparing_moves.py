@@ -1,21 +1,21 @@
 # %% [markdown]
 # # Comparing moves
 #
-# Which sampler is good for *your* posterior? After this page you can measure it, read
-# the table, and say how sure the answer is. `python
-# examples/tutorials/comparing_moves.py` runs this page in some 10 s.
+# Which sampler is good for *your* posterior? This page measures it, explains the table,
+# and shows how certain the answer is. `python examples/tutorials/comparing_moves.py`
+# runs this page in some 10 s.
 #
 # ## What to measure
 #
-# In model updating the FE solve is what costs, and one is spent on every proposal
-# inside the bounds, accepted or not. What it buys are *effective samples*: n
-# correlated draws fix a mean as well as ESS = n / tau independent ones, where tau is
-# the autocorrelation time. So the currency is
+# In model updating the FE solve is what costs, and every proposal inside the bounds
+# takes one, accepted or not. The benefit is *effective samples*: n correlated draws
+# determine a mean as well as ESS = n / tau independent ones, where tau is the
+# autocorrelation time. So the currency is
 #
 # $$e = \frac{1000 \min_j \mathrm{ESS}_j}{\text{evaluations}}$$
 #
-# effective samples per 1000 evaluations of the log-posterior, for the parameter j that
-# fares worst. Two other numbers are often printed instead, and neither will do:
+# that is, effective samples per 1000 evaluations of the log-posterior, for the worst
+# parameter j. Two other numbers are often printed instead, and neither will do:
 #
 # - **Acceptance.** Small steps are nearly always accepted, and lead nowhere.
 # - **The c.o.v. of the parameters.** It belongs to the posterior, not to the sampler:
@@ -26,9 +26,9 @@
 #
 # ## A posterior
 #
-# A building of five storeys whose first three natural frequencies were measured.
-# Five stiffnesses and three data: what one storey loses, another may make up for, so
-# that the posterior is a thin, tilted ellipsoid.
+# The first three natural frequencies of a five-storey building were measured. Five
+# stiffnesses and three data: one storey can make up for what another loses, so the
+# posterior is a thin, tilted ellipsoid.
 
 # %%
 import emcee
@@ -48,8 +48,8 @@ posterior = ef.LogPosterior(model, term, prior)
 # ## The contest
 #
 # {py:func}`~emcee_femu.compare_moves` takes what {py:func}`~emcee_femu.run` takes: a
-# move, a mixture, a move of emcee's, or "auto". A random walk that is tuned to the
-# covariance of an earlier run needs that run first:
+# move, a mixture, a move of emcee's, or "auto". A random walk tuned to the covariance
+# of an earlier run needs that run first:
 
 # %%
 (first,) = ef.run(posterior, ef.DEMCMove(), nwalkers=20, steps=500, seed=2, ensembles=1)
@@ -65,9 +65,9 @@ compared = ef.compare_moves(posterior, moves, 20, steps=600, seed=2)
 compared
 
 # %% [markdown]
-# All moves start from the same draws of the prior, in four independent ensembles.
-# Runs this short suit a page: no random walk is long enough to be judged, as the
-# verdicts say. For a decision between those take five times as many steps.
+# All moves start from the same draws of the prior, in four independent ensembles. Runs
+# this short suit a page: no random walk is long enough to be judged, as the verdicts
+# say. To decide between those, use five times as many steps.
 #
 # ## Reading the table
 #
@@ -84,32 +84,32 @@ compared
 # | verdict | that of {py:func}`~emcee_femu.diagnose` on the chains |
 #
 # The conclusion below the table follows three rules. A move wins only if its lead is
-# more than two combined standard errors: a lead within the spread of the ensembles is
-# luck. It wins only if it has converged: a chain of fewer than 50 autocorrelation
-# times does not know its own tau, nor its ESS. And where burn-in and search turn the order round,
-# the conclusion says so.
+# more than two combined standard errors; a smaller lead is luck. It wins only if it has
+# converged: a chain of fewer than 50 autocorrelation times does not know its own tau,
+# nor its ESS. The conclusion also says if burn-in and search reverse the order.
 
 # %% mystnb={"image": {"alt": "One row per move with its ESS per 1000 evaluations: auto far to the right, tuned M-H and DE-MC close to each other, the stretch move and small steps behind them; beside it the error of each running mean"}}
 ef.figures.plot_comparison(compared)
 
 # %% [markdown]
-# Bars that are hatched have not converged. To the right, the frequencies' total
-# average error at the mean of the chain so far: it ends at a level that belongs to the
-# posterior, and tells how soon each mean is known.
+# Hatched bars have not converged. The right panel shows the frequencies' total average
+# error at the mean of the chain so far. It ends at a level that belongs to the
+# posterior, and shows how soon each mean is known.
 #
-# Differential evolution and tuned Metropolis-Hastings are of one kind: DE-MC takes its steps from
-# the differences of other walkers, which lie along the ellipsoid by themselves, so
-# that it is worth a first run for tuning, no more. The independence proposal of
-# "auto" escapes the ceiling of random walks: it can jump anywhere.
+# Differential evolution and tuned Metropolis-Hastings are about equally efficient.
+# DE-MC takes its steps from the differences of other walkers, which lie along the
+# ellipsoid without tuning, so it saves the tuning run and no more. The independence
+# proposal of "auto" avoids the limit of random walks: it can jump anywhere.
 #
 # ## Why not acceptance
 #
-# Of the random walks, the one with most acceptance is the worst by far: see the columns.
+# Among the random walks, the one with the highest acceptance is by far the worst: see
+# the columns.
 #
 # ## Why not the c.o.v.
 #
-# The c.o.v. of k5, in percent, in four short runs whose walkers start close together,
-# at the mean of the first run, beside that of the converged chains:
+# The c.o.v. of k5, in percent, beside that of the converged chains. It is from four
+# short runs whose walkers start close together, at the mean of the first run:
 
 
 # %%
@@ -132,8 +132,8 @@ print("DE-MC:           ", np.round(demc, 1))
 print(f"converged:        {exact:.1f}")
 
 # %% [markdown]
-# The walkers with small steps have the smallest c.o.v. by far, and it is wrong: it
-# tells how far they have got. By it, the worst move would have won.
+# The walkers with small steps have by far the smallest c.o.v., and it is wrong: it says
+# how far they have spread. Judged by it, the worst move would have won.
 #
 # ## Where to go on
 #

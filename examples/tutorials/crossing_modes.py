@@ -1,9 +1,10 @@
 # %% [markdown]
 # # Close and crossing modes
 #
-# After this page you know why measured and computed frequencies must not be compared
-# by their numbers, how {py:class}`~emcee_femu.PairedModel` compares them by shape, what it does with modes so
-# close that their shapes mix, and how to read the pairing of a finished run.
+# Measured and computed frequencies must not be compared by their numbers. This page
+# shows why, and how {py:class}`~emcee_femu.PairedModel` compares them by shape, even if
+# modes are so close that their shapes mix. It also shows how to read the pairing of a
+# finished run.
 #
 # `python examples/tutorials/crossing_modes.py` runs this page (8 s).
 
@@ -15,8 +16,8 @@ from scipy import stats
 import emcee_femu as ef
 
 # %% [markdown]
-# A building of two storeys sways along x and along y: four modes, two of them near
-# 3 Hz. By the drawings it is 20 % stiffer along x. In truth the walls along x have
+# A two-storey building sways along x and along y: four modes, two of them near 3 Hz.
+# According to the drawings it is 20 % stiffer along x. In truth the walls along x have
 # cracked and keep 75 % of their stiffness; along y it has 105 %. So **x comes second in
 # the model and first in the test**. Units: MN, kt, m.
 
@@ -49,9 +50,10 @@ test = simulate(model, truth, scatter=0.007, seed=1)
 print(test)
 
 # %% [markdown]
-# ## By number: a posterior that is wrong
+# ## By number: a wrong posterior
 #
-# A {py:class}`~emcee_femu.FrequencyTerm` alone compares the i-th measured with the model's i-th frequency.
+# A {py:class}`~emcee_femu.FrequencyTerm` alone compares the i-th measured frequency
+# with the i-th of the model.
 
 # %%
 term = ef.FrequencyTerm(test)
@@ -65,11 +67,11 @@ ef.parameter_table(wrong, nominal=truth)
 ef.figures.plot_scatter(wrong, truths=truth)
 
 # %% [markdown]
-# There are two clouds, and the fit is as good in both: frequencies alone cannot tell x
-# from y. The prior decides, and it prefers the cloud nearer to the drawings, which
-# spreads the damage over both directions. The truth (blue) is in the smaller cloud, and
-# the mean lies between the two, where hardly a sample is. The chains have converged, to the
-# wrong posterior, and it fits: no diagnosis sees a wrong comparison that fits.
+# There are two clouds, and both fit equally well: frequencies alone cannot tell x from
+# y. The prior decides. It prefers the cloud nearer to the drawings, which spreads the
+# damage over both directions. The truth (blue) is in the smaller cloud, and the mean
+# lies between the two, where there is hardly a sample. The chains have converged to the
+# wrong posterior, and it fits: no diagnosis detects a wrong comparison that fits.
 
 # %%
 kx = wrong["posterior"]["kx"].values.ravel()
@@ -85,8 +87,8 @@ print(f"In the wrong cloud, kx > 0.81: {share:.0f} % of the samples")
 # $$\mathrm{MAC}(\phi, \psi) =
 # \frac{(\phi^T \psi)^2}{(\phi^T \phi)\,(\psi^T \psi)},$$
 #
-# 1 for the same shape at any scale and sign, 0 for shapes at right angles. Here is that
-# of the measured modes (rows) with those of the nominal model (columns):
+# which is 1 for the same shape at any scale and sign, and 0 for orthogonal shapes. The
+# MAC of the measured modes (rows) and those of the nominal model (columns):
 
 # %%
 nominal = model({name: np.ones(1) for name in K}).shapes[0]
@@ -95,12 +97,11 @@ measured = test.shapes / np.linalg.norm(test.shapes, axis=0)
 print(((measured.T @ nominal) ** 2).round(2))
 
 # %% [markdown]
-# The first measured mode is the model's second. `PairedModel` makes this choice for
-# each parameter set anew: out of `candidates` modes (twice the measured
-# ones, unless you say otherwise) each measured mode gets one, so that the sum of all
-# MAC is largest. One to one matters: the largest MAC for each mode by itself may give
-# one mode of the model to two measured ones. How often does the order differ from
-# the test's over the prior?
+# The first measured mode is the model's second. `PairedModel` makes this choice anew
+# for each parameter set. Out of `candidates` modes (by default twice as many as were
+# measured) each measured mode gets one, so that the sum of all MAC is largest. One to
+# one matters: if each measured mode took its largest MAC, two might take the same mode
+# of the model. Over the prior, how often does the order differ from the test's?
 
 # %%
 paired = ef.PairedModel(model, test, candidates=4)
@@ -126,20 +127,22 @@ ef.parameter_table(right, nominal=truth)
 ef.pairing_table(right)
 
 # %% [markdown]
-# One cloud, and the truth in it. The table says how it came about. "model's mode" is
-# the usual partner; "another in %" how many samples had another one; "MAC < 0.5 in %"
-# how often the partner hardly resembled the measured mode; "wrong by index in %" how
-# often a comparison by number would have been wrong: here never any more, as the
-# samples are now where x comes first. A mode that the model does not have shows up as a
-# MAC below 0.5 in all samples. It costs a finite penalty of log-likelihood (8,
-# as four standard deviations would), so that the chain goes on and you
-# see it; then look for what the model lacks, or leave that mode out.
+# There is one cloud, with the truth in it. The table shows how each measured mode was
+# paired. "model's mode" is the usual partner, and "another in %" the share of samples
+# with another one. "MAC < 0.5 in %" says how often the partner hardly resembled the
+# measured mode. "wrong by index in %" says how often a comparison by number would have
+# been wrong: here never, since x now comes first in the samples.
+#
+# A mode that the model does not have shows up as a MAC below 0.5 in all samples. It
+# costs a finite penalty of log-likelihood (8, as four standard deviations would), so
+# the chain continues and you see it. Then look for what the model lacks, or leave that
+# mode out.
 #
 # ## Modes so close that their shapes mix
 #
-# Two modes of nearly the same frequency turn in the plane that they span: a little
-# asymmetry decides in which direction. Let both directions be equally stiff, and let a
-# light brace across the plan, which the model does not have, tie x to y.
+# Two modes of nearly the same frequency can rotate in the plane that they span: a small
+# asymmetry decides their direction. Suppose that both directions are equally stiff, and
+# that a light brace across the plan, which the model does not have, ties x to y.
 
 # %%
 SQUARE = {"kx": np.kron(np.diag([1.0, 0.0]), ONE_WAY), "ky": K["ky"]}
@@ -152,11 +155,12 @@ print(mixed)
 print((mixed.shapes / np.abs(mixed.shapes).max(axis=0)).round(2))
 
 # %% [markdown]
-# The modes sway along the diagonals, while the model's sway along x and y. Mode by
-# mode the MAC is between 0.5 and 0.6, whatever the parameters. But the plane of the two is the
-# same. Below a relative distance of `min_gap` (2 %) `PairedModel` therefore compares a
-# measured shape with its projection on the plane of both modes: the **subspace MAC**.
-# It fades between 1 % and 2 % (2 % to 4 % of kx), so that nothing jumps:
+# The measured modes sway along the diagonals, the model's along x and y. Mode by mode
+# the MAC is between 0.5 and 0.6, whatever the parameters. But the two modes span the
+# same plane. Below a relative distance of `min_gap` (2 %), `PairedModel` therefore
+# compares a measured shape with its projection on the plane of both modes: the
+# **subspace MAC**. It fades between 1 % and 2 % (2 % to 4 % of kx), so that nothing
+# jumps:
 
 # %% mystnb={"image": {"alt": "MAC of the first measured mode against kx: below 0.6 mode by mode; with min_gap from 0.98 to 1.02 it is 1"}}
 kx = np.linspace(0.92, 1.08, 161)
@@ -175,9 +179,9 @@ axes.legend()
 figure
 
 # %% [markdown]
-# With an inferred error of the shapes, `ShapeTerm(mixed, discrepancy="shape error")`, the
-# posterior mode by mode holds the shapes for off by some 0.4 at each sensor, and speaks of
-# modes that the model does not have. On the plane both misunderstandings are gone:
+# With an inferred shape error, `ShapeTerm(mixed, discrepancy="shape error")`, the
+# mode-by-mode posterior infers errors of some 0.4 at each sensor, and reports modes
+# that the model does not have. With the subspace MAC both are gone:
 
 # %%
 priors = dict.fromkeys(K, stats.lognorm(0.15)) | {
@@ -192,17 +196,18 @@ ef.parameter_table(plane)
 ef.pairing_table(plane)
 
 # %% [markdown]
-# That the two modes still change places in many samples is no fault: within their plane
-# it has no meaning.
+# The two modes still change places in many samples. This is no fault: within their
+# plane the order has no meaning.
 #
-# The projection costs what the angle in the plane could have told. That angle depends
-# on the smallest asymmetries, which no model has right, so little is lost.
+# The projection gives up the angle in the plane. That angle depends on the smallest
+# asymmetries, which no model has right, so little is lost.
 #
 # ## In short
 #
 # Measure shapes, if only at a few sensors. Wrap the model in a `PairedModel`, whether
-# you expect crossing or not. Look at {py:func}`~emcee_femu.pairing_table`. If no shapes were measured, keep
-# to modes that cannot cross inside the prior, and look at the clouds of a scatter.
+# you expect crossing or not, and look at {py:func}`~emcee_femu.pairing_table`. If no
+# shapes were measured, use only modes that cannot cross inside the prior, and look for
+# separate clouds in a scatter plot.
 #
 # The paper that this package reproduces compares by number:
 # [what that means for its H](../explanation/paper.py).

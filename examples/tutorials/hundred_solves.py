@@ -1,11 +1,11 @@
 # %% [markdown]
 # # A posterior in a hundred solves
 #
-# Your model is a program. It takes minutes for a solve, it gives no matrices and no
-# derivatives. You will learn its response from some twenty solves, sample what was
-# learned, and spend sixty more to find out whether the result may be believed; and you
-# will see what to do when it may not. `python examples/tutorials/hundred_solves.py` runs
-# this page (14 s of processor time).
+# Your model is a program that takes minutes for a solve and gives no matrices and no
+# derivatives. This page learns its response from some twenty solves, samples what was
+# learned, and spends sixty more solves to check the result. It also shows what to do if
+# the check fails. `python examples/tutorials/hundred_solves.py` runs this page (14 s of
+# processor time).
 #
 # | a solve takes | and you have | use | true solves |
 # |---|---|---|---|
@@ -18,10 +18,10 @@
 #
 # ## The program
 #
-# A footbridge slab of 30 m on three elastic bearings. The modulus, the thickness and the
-# stiffness of the bearings are unknown. Stiffness goes with the cube of the thickness, so
-# the matrices are no sum of parts, even if you had them. The function below takes well
-# under a millisecond; let it stand for an hour, and count its calls.
+# A footbridge slab of 30 m rests on three elastic bearings. The modulus, the thickness
+# and the stiffness of the bearings are unknown. Stiffness grows with the cube of the
+# thickness. The function below takes well under a millisecond; imagine an hour, and
+# count its calls.
 
 # %%
 import tempfile
@@ -58,9 +58,10 @@ def solve(p):
 
 
 # %% [markdown]
-# Four frequencies were measured, each to 0.5 %. (They are simulated: those of E = 33 GPa,
-# 0.82 m and 70 MN/m, with noise.) A {py:class}`~emcee_femu.FunctionModel` is all that the
-# package needs of a program; {doc}`/how_to/black_box` starts a real one.
+# Four frequencies were measured, each to 0.5 %. (They are simulated with E = 33 GPa,
+# 0.82 m and 70 MN/m, plus noise.) The package needs only a
+# {py:class}`~emcee_femu.FunctionModel` around a program; {doc}`/how_to/black_box`
+# starts a real one.
 
 # %%
 model = ef.FunctionModel(solve, n_modes=4)
@@ -77,8 +78,8 @@ posterior = ef.LogPosterior(model, term, prior, units)
 # %% [markdown]
 # ## Emulate
 #
-# {py:func}`~emcee_femu.emulate` may spend 40 solves. With `backend=` every solve is on disk
-# as it arrives.
+# {py:func}`~emcee_femu.emulate` may spend 40 solves. `backend=` stores every solve as
+# it arrives.
 
 # %%
 folder = tempfile.TemporaryDirectory()  # yours is where you keep your results
@@ -90,34 +91,30 @@ emulated
 # %% [markdown]
 # How to read it (in a script, `print(emulated)` says the same):
 #
-# - Not the log-posterior is emulated but the response: here four eigenvalues, else shapes
-#   at the sensors or any real vector that a term reads, each in units of its measurement
-#   error. *Leaving one out* predicts each solved point from the others. Points of the whole
-#   prior are among them, so this is worse than what counts.
-# - The first d + 4 = 7 solves are spread over the prior (or about `starts=`, such as a
-#   maximum of {py:func}`~emcee_femu.find_map`). Then batches of d / 2 + 1 go where the
-#   emulator is in most doubt among draws of the posterior that it gives. A model with
-#   `jacobian` is learned with its derivatives: half as many points do for either, and a
-#   third of the solves in the end.
-# - **Errors are those of the data**: the distance between the emulated and the full
-#   response, every datum in units of its own measurement error, the root of the sum of
-#   squares. An error of 0.1 shifts a posterior mean by a tenth of its standard
-#   deviation at most, and usually by far less.
-# - The *predicted error* is what the emulator expects at draws of its posterior. The
-#   *true error* is that times the factor by which the new solves exceeded what was
-#   predicted for them. Two rounds below `tolerance` (0.1) end it; `tolerance=0` spends
-#   all `solves`. About 10 solves a parameter are usual.
+# - `emulate` learns the response, here four eigenvalues, in units of the measurement
+#   error. *Leaving one out* predicts each solved point from the others. Some of these
+#   are spread over the whole prior, so this error is larger than the one that counts.
+# - The first d + 4 = 7 solves are spread over the prior, or about `starts=`. Then
+#   batches of d / 2 + 1 go where the emulator is most uncertain among draws of its
+#   posterior. A model with `jacobian` takes a third of the solves.
+# - **Errors** are distances between the emulated and the full response, in units of the
+#   measurement error (root of the sum of squares). An error of 0.1 shifts a posterior
+#   mean by a tenth of its standard deviation at most.
+# - The *predicted error* is what the emulator expects at draws of its posterior; the
+#   *true error* is corrected by the new solves. `emulate` stops after two rounds below
+#   `tolerance` (0.1); `tolerance=0` spends all `solves`. About 10 solves a parameter
+#   are usual.
 #
-# The likelihood carries the emulator's own variance, so while little is known the
-# posterior is broad, not wrong. The first point of each batch is drawn from a wider posterior,
-# whose emulator errs twice as much as it says, and the draws begin again at the whole prior
-# whenever the solves have grown by half: a mode that an early emulator excluded is found
-# by a later one. What no emulator ever suspects stays unseen, and `certify` weighs only
-# what was drawn: in doubt run it again with another seed.
+# The likelihood includes the emulator's own variance, so with few solves the posterior
+# is broad, not wrong. Each batch also looks beyond the posterior, and whenever the
+# solves have grown by half, the draws begin again at the whole prior: a later emulator
+# can find a mode that an early one excluded. A mode that no emulator suspects stays
+# unseen. If in doubt, run it again with another seed.
 #
 # ## Run
 #
-# The emulated posterior costs next to nothing, so let "auto" take what it wants.
+# The emulated posterior costs next to nothing, so let "auto" take the evaluations that
+# it wants.
 
 # %%
 run = ef.run(emulated.posterior, steps=400, ensembles=2, seed=2)
@@ -125,13 +122,13 @@ idata = ef.to_inference_data(run)
 ef.diagnose(run)
 
 # %% [markdown]
-# The statements are on the chain of the emulated posterior, not on the emulator. That is
-# the next step's business.
+# These statements are about the chain of the emulated posterior, not about the
+# emulator. The next step checks that.
 #
 # ## Certify
 #
-# {py:func}`~emcee_femu.certify` solves in full at draws of the emulated posterior. If both
-# posteriors are one, every draw gets the same weight.
+# {py:func}`~emcee_femu.certify` makes full solves at draws of the emulated posterior.
+# If both posteriors are the same, every draw gets the same weight.
 
 # %%
 certificate = ef.certify(idata, posterior, solves=60, seed=3)
@@ -140,19 +137,19 @@ print(f"{spent} calls of the program, all told")
 certificate
 
 # %% [markdown]
-# - *emulated mean* and *mean*: of the emulated posterior, and of the true one, as the
-#   weights correct it; *shift/sd* is their difference in posterior standard deviations.
-#   The next columns say the same of standard deviations.
-# - **Efficiency** is the effective share of the weights, 1 where all are equal. **Pareto k**
-#   tells how heavy the tail of the weights is; above 0.7 no mean over them can be
-#   believed, unless they are nearly equal (efficiency above 0.9).
-# - The verdict is *certified*, *corrected* (the weights repair what is wrong; tables and
-#   figures of `certificate.idata` use them) or *refused*, with what to do.
-# - A quarter of the solves climb the true posterior from draws of the prior that lie away
-#   from the chain: they look for what the emulator has missed. The last sentence says how
-#   far they came.
+# - *emulated mean* is that of the emulated posterior, and *mean* is that of the true
+#   one, by the weights. *shift/sd* is their difference in posterior standard
+#   deviations. The next columns are the same for standard deviations.
+# - **Efficiency** is the effective share of the weights, 1 if all are equal. **Pareto
+#   k** describes how heavy the tail of the weights is. Above 0.7 no mean over them can
+#   be trusted, unless they are nearly equal (efficiency above 0.9).
+# - The verdict is *certified*, *corrected* (the weights correct the posterior; tables
+#   and figures of `certificate.idata` use them) or *refused*, with what to do.
+# - A quarter of the solves climb the true posterior from draws of the prior away from
+#   the chain, to find what the emulator has missed. The last sentence says how far they
+#   got.
 #
-# Go on with `certificate.idata`; the tables and figures made of it say what it is worth.
+# Continue with `certificate.idata`; its tables and figures state the verdict.
 
 # %%
 ef.parameter_table(certificate.idata)
@@ -161,13 +158,13 @@ ef.parameter_table(certificate.idata)
 ef.figures.plot_scatter(certificate.idata)
 
 # %% [markdown]
-# The data inform the bearings best. All ellipses are long: a thicker slab of a softer
+# The data determine the bearings best. All ellipses are long: a thicker slab of softer
 # concrete on stiffer bearings has nearly the same frequencies.
 #
 # ## When it is refused
 #
-# Suppose that you knew much less before the test, and that nine solves were all that you
-# had allowed: the first design and one batch.
+# Suppose that you knew much less before the test, and allowed only nine solves: the
+# first design and one batch.
 
 # %%
 wide = ef.GaussianPrior(
@@ -195,35 +192,35 @@ def learn(solves):
 poor, refused = learn(9)
 
 # %% [markdown]
-# `poor.history` told as much: a true error of the size of the measurement's. The verdict
-# names what to do: more solves for the emulator, a few more for the certificate, which
-# then corrects the draws, or a chain of full solves.
+# `poor.history` warned of this: a true error as large as the measurement's. The verdict
+# says what to do: more solves for the emulator; a few more for the certificate, which
+# then corrects the draws; or a chain of full solves.
 #
-# **More solves from the same file.** Nothing that was solved is lost. The same call with
-# more solves and `resume=True` goes on where it ended, and the result is that of one call,
-# to the bit. So it does after a kill, or when a licence server was down
-# ({doc}`/how_to/failing_solves`). Some solves are repeated each time, to see that the model
-# is still the same.
+# **More solves from the same file.** No solve is lost. The same call with more solves
+# and `resume=True` continues, and the result is exactly that of one call. The same
+# works after a crash, or when a licence server was down
+# ({doc}`/how_to/failing_solves`). Some solves are repeated each time, to check that the
+# model is still the same.
 
 # %%
 better, certified = learn(40)
 
 # %% [markdown]
-# **Or a chain of full solves, led by the emulator.** Where no number of solves that you can
-# pay settles the emulator, a {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` walks many steps
-# by the emulated posterior between two full solves, and the full one decides. The chain
-# is that of the true posterior, whatever the emulator is worth; a poor one costs
-# acceptance ({doc}`large_models`).
+# **Or a chain of full solves, led by the emulator.** If no affordable number of solves
+# settles the emulator, use a {py:class}`~emcee_femu.moves.DelayedAcceptanceMove`. It
+# walks many steps by the emulated posterior between two full solves, and the full one
+# decides. The chain is that of the true posterior, whatever the emulator; a poor one
+# costs acceptance ({doc}`large_models`).
 #
-# `certify` and {py:func}`~emcee_femu.run` take `backend=` too. `workers=8` solves a batch at
-# once: eight points of `emulate` (d / 2 + 1 if that is more), all draws of `certify`. `emulate`
-# then takes fewer rounds, which are what you wait for, and the file can only be gone on with by
-# eight.
+# `certify` and {py:func}`~emcee_femu.run` take `backend=` too. `workers=8` solves a
+# batch at once: eight points of `emulate` (d / 2 + 1 if that is more), all draws of
+# `certify`. `emulate` then needs fewer rounds, so you wait less, and the file can only
+# be continued with eight workers.
 #
-# Next: {doc}`/how_to/black_box` for a program that is started from the command line,
-# {doc}`/how_to/failing_solves` for solves that fail, {doc}`/how_to/emulated_crossing_modes`
-# for modes that cross, and {doc}`/explanation/few_solves_measured` for how often all this
-# was right.
+# Next: {doc}`/how_to/black_box` starts a program from the command line,
+# {doc}`/how_to/failing_solves` handles solves that fail, and
+# {doc}`/how_to/emulated_crossing_modes` modes that cross.
+# {doc}`/explanation/few_solves_measured` says how often all this was right.
 
 # %% tags=["remove-cell"]
 assert spent <= 100 and emulated.solves < 40

@@ -2,8 +2,8 @@
 # # Large models
 #
 # A mesh of a hundred thousand degrees of freedom cannot be solved fifty thousand times.
-# It need not be. Some fifty full solves make a small model that takes its place, with a
-# certificate of its error; a solve of the small one takes well under a millisecond.
+# It need not be. Some fifty full solves make a small model that replaces it, with a
+# certificate of its error; a solve of the small model takes well under a millisecond.
 # `python examples/tutorials/large_models.py` runs this page (10 s of processor time).
 #
 # ## The matrices
@@ -11,7 +11,7 @@
 # The structure is a concrete pier, 24 m high and 6 m wide, of plane-stress squares. Its
 # lower, middle and upper third have unknown stiffness. Your FE program exports such
 # matrices ({doc}`/how_to/matrices`); here 30 lines of NumPy assemble them. The mesh is
-# small, so that the page runs in seconds. All that follows is the same for a large one.
+# small, so that the page runs in seconds; all steps are the same for a large one.
 
 # %%
 from itertools import product
@@ -64,9 +64,9 @@ K = {name: k for name, (k, _) in parts.items()}
 M = sparse.diags(sum(m for _, m in parts.values()), format="csc")
 
 # %% [markdown]
-# {py:class}`~emcee_femu.MatrixModel` takes the constant part of the stiffness, here empty,
-# the mass, and one matrix for each parameter. Where a parameter is no factor of a matrix,
-# {py:class}`~emcee_femu.AssembledModel` takes a function that assembles them.
+# {py:class}`~emcee_femu.MatrixModel` takes the constant part of the stiffness, here
+# empty, the mass, and one matrix for each parameter. If a parameter is not a factor of
+# a matrix, {py:class}`~emcee_femu.AssembledModel` takes a function that assembles them.
 
 # %%
 zero = sparse.csc_matrix(M.shape)
@@ -78,9 +78,9 @@ print("frequencies in Hz:", full(ones).frequencies[0].round(2))
 # %% [markdown]
 # ## Reduce it
 #
-# {py:func}`~emcee_femu.reduce_model` needs the bounds within which the parameters will
-# be, and the largest relative error of a frequency that you accept. A tenth of the
-# measurement error is small enough; here it is a fiftieth.
+# {py:func}`~emcee_femu.reduce_model` needs the bounds of the parameters and the largest
+# relative frequency error that you accept. A tenth of the measurement error is small
+# enough; here it is a fiftieth.
 
 # %%
 bounds = dict.fromkeys(K, (0.6, 1.4))
@@ -92,18 +92,19 @@ print(f"largest 1 - MAC of a shape there {small.shape_error:.1e}")
 print(f"{small.full_solves} full solves")
 
 # %% [markdown]
-# The small model is a Ritz basis: the mode shapes of full solves at points far from each
-# other, until a few in a row bring nothing new.
+# The small model is a Ritz basis of mode shapes. They come from full solves at points
+# far from each other, until a few in a row add nothing new.
 #
-# The second line is the **certificate**. At 40 points that the basis was not made from,
+# The second line is the **certificate**. At 40 points that were not used for the basis,
 # half of them corners of the bounds, the frequencies were compared with those of full
-# solves. The error is measured, not estimated. Three things to know:
+# solves. The error is measured, not estimated. Note:
 #
-# - It is no bound over all of the box: after n points drawn at random, with 95 %
-#   confidence less than 3 / n of the box errs more.
-# - Frequencies are certified; shapes are measured, and not held below the tolerance.
-# - Where a reduction does not pay, a warning says so. Outside its bounds the small model
-#   knows nothing, and refuses.
+# - The certificate is not a bound over the whole box. After n points drawn at random,
+#   with 95 % confidence less than 3 / n of the box has a larger error.
+# - Frequencies are certified. Errors of shapes are measured, but not held below the
+#   tolerance.
+# - A warning says if a reduction does not pay. Outside its bounds the small model
+#   raises an error.
 #
 # ## Sample it
 #
@@ -135,21 +136,23 @@ print(f"{evaluations / small.full_solves:.0f} times fewer")
 # %% [markdown]
 # ## A faster factorisation
 #
-# A full solve of a large model spends most of its time in factoring K. SciPy's SuperLU
-# does well for frames and plane meshes; solids take PARDISO a small part of its time:
+# A full solve of a large model spends most of its time on factoring K. SciPy's SuperLU
+# does well for frames and plane meshes; for solids, PARDISO takes a small part of its
+# time:
 #
 # ```bash
 # pip install 'emcee_femu[pardiso]'   # Linux on x86-64; it brings MKL, 0.6 GB
 # ```
 #
-# It is used where it is installed, for models from 5,000 DOFs on. The results are the same
-# but for rounding. It takes as many threads as `MKL_NUM_THREADS` says, or else
-# `OMP_NUM_THREADS`; their number changes no bit of a result.
+# PARDISO is used if it is installed, for models from 5,000 DOFs on. The results are the
+# same but for rounding. It takes as many threads as `MKL_NUM_THREADS` says, or else
+# `OMP_NUM_THREADS`; their number does not change a result.
 #
-# A block of 8-node bricks with four unknown moduli, six modes, reduced to 1e-4. On two
-# cores that were busy with other work, too (3 to 5 processes; not so the fourth row), by
-# `OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py --threads 2`
-# (the last row with `--dofs 200000 --solvers PARDISO`, without its reduction):
+# The table is for a block of 8-node bricks with four unknown moduli and six modes,
+# reduced to 1e-4. It was measured on two cores that were busy with other work, too (3
+# to 5 processes; not so the fourth row), by `OMP_NUM_THREADS=1 python
+# examples/benchmarks/large_model.py --threads 2` (the last row with
+# `--dofs 200000 --solvers PARDISO`, without its reduction):
 #
 # | DOFs | solver | factor | six modes | memory | reduced | error | memory then |
 # |---|---|---|---|---|---|---|---|
@@ -164,20 +167,20 @@ print(f"{evaluations / small.full_solves:.0f} times fewer")
 #
 # ## A million degrees of freedom
 #
-# From the smallest to the largest block, ten times as many DOFs, the time to factor grew
-# with the power 2.0 of their number, the memory with 1.25. By these powers a million
-# DOFs take half an hour and 30 GB to factor, and fifty such solves a day.
+# From the smallest to the largest block, ten times as many DOFs, the time to factor
+# grew with the power 2.0 of their number, and the memory with 1.25. Extrapolated, a
+# million DOFs take half an hour and 30 GB to factor, and fifty such solves take a day.
 #
-# So leave the large eigenproblem to your FE program, which solves it out of core or on a
-# cluster, and take one of two ways:
+# So leave the large eigenproblem to your FE program, which solves it out of core or on
+# a cluster. Then use one of two ways:
 #
-# - **Its modal basis.** Let it solve at the centre and at the corners of the bounds, and
-#   export these modes beside K and M. A basis of them needs products alone, no
-#   factorisation. Check it at a few points that were solved, too, and left out.
-# - **Its frequencies alone.** {py:func}`~emcee_femu.emulate` learns them from some tens of
-#   its solves, and no matrices are exported ({doc}`hundred_solves`).
+# - **Its modal basis.** Solve at the centre and at the corners of the bounds, and
+#   export these modes beside K and M. A basis of them needs only products, no
+#   factorisation. Check it at a few more solved points that it was not made from.
+# - **Its frequencies alone.** {py:func}`~emcee_femu.emulate` learns them from some tens
+#   of its solves, without matrices ({doc}`hundred_solves`).
 #
-# The first, with full solves in place of those of a program:
+# The first way, with full solves instead of those of a program:
 
 # %%
 solved = np.array([[1.0, 1.0, 1.0], *product(*bounds.values())])
@@ -194,10 +197,11 @@ print(f"{V.shape[1]} basis vectors, largest frequency error {error.max():.1e}")
 # %% [markdown]
 # ## A coarse model, corrected
 #
-# Suppose the cheap model errs more than the measurement: a reduction to 3 %, a coarser mesh,
-# an emulator. {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker walk
-# 20 steps by the cheap posterior; one full solve decides on where it arrived. The chain is
-# that of the full model, however wrong the cheap one is; a bad one costs acceptance.
+# Suppose the error of the cheap model is larger than that of the measurement: a
+# reduction to 3 %, a coarser mesh, an emulator.
+# {py:class}`~emcee_femu.moves.DelayedAcceptanceMove` lets each walker walk 20 steps by
+# the cheap posterior, and one full solve accepts or rejects where it arrived. The chain
+# is that of the full model, however wrong the cheap one is; a bad one costs acceptance.
 
 # %%
 coarse = ef.reduce_model(full, bounds, tolerance=0.03, test_points=10)
@@ -213,11 +217,11 @@ print(f"{move.proposed} proposals", end=", ")
 print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 
 # %% [markdown]
-# (Twenty steps of the chain show how it is used; they are too few for a result.)
-# `steps=(10, 30)` draws the length anew each time. Where the cheap posterior is much
-# narrower than the full one, walkers wait long in its tails: mend the cheap model.
+# (Twenty steps of the chain only show how it is used.) `steps=(10, 30)` draws the
+# length anew each time. If the cheap posterior is much narrower than the full one,
+# walkers wait long in its tails: improve the cheap model.
 #
-# Take this way where `certify` refuses ({doc}`hundred_solves`).
+# Use this move if `certify` refuses the emulator ({doc}`hundred_solves`).
 
 # %% tags=["remove-cell"]
 assert small.max_error <= 1e-4 and small.size < 40 and small.full_solves <= 100

@@ -1,17 +1,19 @@
 # %% [markdown]
 # # Long runs and clusters
 #
-# A run of days meets power cuts, time limits of a queue, full disks and solves that do not
-# converge. You will keep a run in a file, kill it and go on with it, see what a changed
-# model does to it, decide what a failed solve means, use several processes, and write the
-# job of a cluster. `python examples/tutorials/long_runs.py` runs this page (12 s of processor time).
+# A run of days meets power cuts, time limits of a queue, full disks and solves that do
+# not converge. This page keeps a run in a file, kills it and continues it, and shows
+# what happens if the model has changed. It also covers failed solves, several processes
+# and the job script of a cluster. `python examples/tutorials/long_runs.py` runs this
+# page (12 s of processor time).
 #
 # ## A run in a file
 #
 # The script below is a whole job: model, data, prior, and one call of
-# {py:func}`~emcee_femu.run` with `backend=`, the name of a file, and `resume=True`. This
-# page writes it, so that it can be killed in a process of its own. The model is a frame of
-# three storeys; a pause of a millisecond makes it slow enough to be killed.
+# {py:func}`~emcee_femu.run` with `backend=`, the name of a file, and `resume=True`.
+# This page writes it to a file, so that it can be killed as a separate process. The
+# model is a frame of three storeys; a pause of a millisecond makes it slow enough to be
+# killed.
 
 # %%
 import os
@@ -60,10 +62,9 @@ home = Path(folder.name)
 file = home / "run.sqlite"
 
 # %% [markdown]
-# Start it, wait until the file holds 60 steps, and kill it as a full memory or the cluster's
-# time limit would. {py:func}`~emcee_femu.diagnose` and
-# {py:func}`~emcee_femu.to_inference_data`, which is told the posterior, read the file by its
-# name, also while it grows.
+# Start it, wait until the file holds 60 steps, and kill it, as the cluster's time limit
+# would. {py:func}`~emcee_femu.diagnose` and {py:func}`~emcee_femu.to_inference_data`,
+# with the posterior as an argument, read the file by its name, even while it grows.
 
 # %%
 search = [str(Path(ef.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
@@ -97,8 +98,8 @@ stored = steps_in(file)
 print("killed in the middle:", 60 <= stored < 300)
 
 # %% [markdown]
-# The same command goes on, and ends with the chain of a run that was never stopped, to
-# the bit.
+# The same command continues, and ends with exactly the chain of a run that was never
+# stopped.
 
 # %%
 done = subprocess.run(**start, capture_output=True, text=True, check=True)
@@ -114,22 +115,22 @@ same = np.array_equal(resumed, whole.get_chain()[..., 0].T)
 print("identical to a run that was never stopped:", same)
 
 # %% [markdown]
-# So a job script may always say `resume=True`: where there is no file a new run begins, and
-# where the run is complete the call returns at once. The search of "auto" goes on too, and
+# So a job script may always say `resume=True`: without a file a new run begins, and if
+# the run is complete the call returns at once. The search of "auto" continues too.
 # {py:func}`~emcee_femu.anneal`, {py:func}`~emcee_femu.emulate` and
-# {py:func}`~emcee_femu.certify` take `backend` and `resume` as well, each with a file of its
-# own. A file that is there is refused without `resume=True`.
+# {py:func}`~emcee_femu.certify` also take `backend` and `resume`, each with its own
+# file. Without `resume=True`, an existing file raises an error.
 #
-# The file is a SQLite database, whatever its suffix: a step is there wholly or not at all,
-# whatever kills the run. Each record has a checksum, so that flipped bytes are refused by
-# name, and a second run that writes to the same file is refused. On a network file system
-# see {doc}`/how_to/clusters`.
+# The file is a SQLite database, whatever its suffix: each step is stored completely or
+# not at all. Each record has a checksum, so that damaged records raise an error that
+# names them. A second run that writes to the same file is refused. On a network file
+# system see {doc}`/how_to/clusters`.
 #
 # ## The same posterior, or another one?
 #
-# Weeks later you go on with the run, and somebody has corrected a mass in the model. A chain
-# of two posteriors would be worth nothing, and nobody would notice. So a resumed run
-# evaluates 16 of the stored points again and compares what it finds with what was stored.
+# Weeks later you continue the run, and somebody has corrected a mass in the model. A
+# chain of two posteriors would be worthless, and nobody would notice. So a resumed run
+# evaluates 16 of the stored points again and compares the results with the stored ones.
 
 
 # %%
@@ -151,20 +152,21 @@ def go_on(changed, steps=400):
 other_model = go_on(posterior(corrected))
 
 # %% [markdown]
-# Data, prior, moves and settings are in the file, so that a difference is named without a
-# solve.
+# Data, prior, moves and settings are in the file, so that a difference is reported
+# without a solve.
 #
-# - The tolerance of the probe is `probe_tolerance=1e-6`. A solver that gives another result
-#   at each call is told apart from a changed one, and refused with that word.
-# - What does not show at these parameter sets passes; functions are not compared.
-# - Of data, priors, moves and settings what the file knows is compared as text, arrays of
-#   more than 512 numbers by a digest.
+# - The tolerance of this check is `probe_tolerance=1e-6`. A solver that gives a
+#   different result at each call is distinguished from a changed one, and the error
+#   says so.
+# - A change without effect at these parameter sets passes. Functions are not compared.
+# - Data, priors, moves and settings are compared as text, arrays of more than 512
+#   numbers by a digest.
 #
 # ## Pieces, until it is enough
 #
-# `steps` may grow from call to call. Where a job may take only so long, let it go on in
-# pieces, look after each one, and end when the verdict is good or the time is up. The next
-# job of the queue is the same script.
+# `steps` may grow from call to call. If a job may take only so long, run it in pieces,
+# check the verdict after each, and stop when it is good or the time is up. The next job
+# of the queue is the same script.
 
 # %%
 begin, limit = time.monotonic(), 20 * 3600.0  # s; leave some room
@@ -179,25 +181,26 @@ for steps in range(500, 10_001, 500):
 assert verdict.converged
 
 # %% [markdown]
-# {py:func}`~emcee_femu.diagnose` says in one line what is missing, and in `verdict.verdict`
-# at length, with the `steps` that it takes: the mass-spring posterior has a long tail in k4, which a short
-# chain visits too rarely for its standard deviation. The search of "auto" takes a fifth of
-# the evaluations that the *first* call asks for, so do not begin with too small a piece.
+# {py:func}`~emcee_femu.diagnose` says in one line what is missing, and in
+# `verdict.verdict` at length, with the `steps` that it takes. The mass-spring posterior
+# has a long tail in k4, which a short chain visits too rarely to determine its standard
+# deviation. The search of "auto" takes a fifth of the evaluations of the *first* call,
+# so do not begin with too small a piece.
 #
 # ## Solves that fail
 #
-# A solve that fails (an exception, a time-out, NaN, a wrong number of modes) stops the run
-# with the parameters by name. What was sampled is kept, in the file and as `error.run`.
-# Should a run go on instead? With `on_failure="reject"` a failed solve is taken for
-# impossible, counted by cause and reported: {doc}`/how_to/failing_solves` tells when that is
-# right.
+# A solve that fails (an exception, a time-out, NaN, a wrong number of modes) stops the
+# run and names the parameters. The samples so far are kept, in the file and as
+# `error.run`. With `on_failure="reject"` the run continues instead: a failed solve has
+# zero probability, is counted by cause and reported. {doc}`/how_to/failing_solves` says
+# when that is right.
 #
 # ## Processes
 #
-# `workers=4` starts four processes and ends them with the run. On other machines, `pool=`
-# takes any `concurrent.futures` executor, or a dask `Client`, or anything with a `map`. The
-# chain is that of a serial run. Processes need the guard `if __name__ == "__main__":`
-# wherever they are not forked (macOS, Windows).
+# `workers=4` starts four processes and ends them with the run. On other machines,
+# `pool=` takes any `concurrent.futures` executor, a dask `Client`, or anything with a
+# `map`. The chain is that of a serial run. Where processes are not forked (macOS,
+# Windows) they need the guard `if __name__ == "__main__":`.
 
 # %%
 if __name__ == "__main__":
@@ -214,9 +217,9 @@ if __name__ == "__main__":
     print("the same chain:", np.array_equal(*chains))
 
 # %% [markdown]
-# Workers pay from about a millisecond per solve on; one ensemble can use `nwalkers / 2` of
-# them at once. {doc}`/how_to/clusters` has executors for other machines, and what they
-# cost.
+# Workers save time from about a millisecond per solve on; one ensemble can use
+# `nwalkers / 2` of them at once. {doc}`/how_to/clusters` has executors for other
+# machines, and what they cost.
 #
 # ## A job script
 #
@@ -231,10 +234,10 @@ if __name__ == "__main__":
 #  python job.py
 #  ```
 #
-# with `workers=16` and 32 walkers or more in `job.py`, one thread for the linear algebra of
-# each, and the pieces above. Submit it three times: `--dependency=singleton` lets one job of
-# that name run after the other, each goes on where the last one was stopped, and those
-# that find nothing left to do end at once.
+# In `job.py`, use `workers=16`, 32 walkers or more, and the pieces above; the linear
+# algebra of each worker has one thread. Submit the script three times:
+# `--dependency=singleton` runs jobs of the same name one after another. Each continues
+# where the last one was stopped, and those that find nothing left to do end at once.
 
 # %% tags=["remove-cell"]
 assert 60 <= stored < 300 and same

@@ -2,23 +2,21 @@
 # # Many tests of one structure
 #
 # The same structure, tested again, is not quite the same: temperature, assembly, loads
-# and excitation change from test to test. After this page you can say how much the
-# parameters of a structure differ from test to test, on what that depends, and what
-# to expect of the next test. `python examples/tutorials/many_tests.py` runs this page
-# in some 10 s.
+# and excitation change. This page shows how much the parameters of a structure vary
+# from test to test, what this depends on, and what to expect of the next test.
+# `python examples/tutorials/many_tests.py` runs this page in some 10 s.
 #
-# One posterior of all data answers another question. It takes the parameters for
-# constant, so that its standard deviations shrink with the number of tests, below the
-# scatter that everybody sees. {py:func}`~emcee_femu.pool_tests` starts from the
+# A single posterior of all data answers another question. It assumes that the
+# parameters are constant, so its standard deviations shrink with the number of tests,
+# below the scatter between tests. {py:func}`~emcee_femu.pool_tests` starts from the
 # posteriors of the single tests instead, and needs no new FE solve.
 #
 # ## Sixteen tests
 #
-# A frame of two storeys on soft soil is tested on 16 days between -4 and 33 degrees.
-# The tests are simulated, so that we know what should come out: the frame loses 0.4 %
-# of its stiffness a degree, and scatters by 1.5 %; the soil does not mind the
-# temperature, but differs from day to day by 6 %. Three frequencies are measured,
-# with errors of 0.5 %.
+# A two-storey frame on soft soil is tested on 16 days between -4 and 33 degrees. The
+# tests are simulated, so the answer is known. The frame loses 0.4 % of its stiffness a
+# degree, and scatters by 1.5 %. The soil does not depend on temperature, but varies
+# from day to day by 6 %. Three frequencies are measured, with errors of 0.5 %.
 
 # %%
 import numpy as np
@@ -47,7 +45,7 @@ for i in range(3):
 # %% [markdown]
 # ## Each test by itself
 #
-# Every test is updated as if it were the only one, under the same prior.
+# Every test is updated by itself, under the same prior.
 
 # %%
 names, bounds = ["frame", "soil"], [(0.3, 2.0), (0.3, 2.0)]
@@ -66,8 +64,8 @@ print(f"to {max(soil_sd.values()):.3f}")
 ef.parameter_table(tests["day1"])
 
 # %% [markdown]
-# Pool converged chains only, hence the `assert`: one walker that is caught far away may
-# make a standard deviation many times too large.
+# Pool only converged chains, hence the `assert`: one walker caught far away may make a
+# standard deviation many times too large.
 
 # %% [markdown]
 # ## The population
@@ -87,25 +85,25 @@ pooled = ef.pool_tests(tests, population, **settings)
 pooled
 
 # %% [markdown]
-# The first table has the population:
+# The first table is for the population:
 #
-# - `mean` is that at the average temperature. It is known better with each test, as
-#   in one posterior of all data, and so is the slope `per T`.
-# - `sd` is the spread from test to test. It does **not** shrink with more tests: it is
-#   the structure's own, and only becomes known better.
-# - `next test` is what to expect of the parameters next time, and to design for.
+# - `mean` is that at the average temperature. More tests determine it better, as in one
+#   posterior of all data, and likewise the slope `per T`.
+# - `sd` is the spread from test to test. It does **not** shrink with more tests, since
+#   it belongs to the structure; it only becomes known better.
+# - `next test` is what to expect of the parameters in the next test; design for it.
 #
-# The second table has each test by itself and given all others, where it is known
-# better, for they say what is likely. A Pareto k above 0.7 would say that the draws of a
-# test hardly reach to where the others put it. As `posteriors` are given, such tests
-# were sampled again under the population, by new solves.
+# The second table has each test by itself, and given all others, which determine it
+# better. A Pareto k above 0.7 would mean that the draws of a test hardly reach to where
+# the others put it. Since `posteriors` are given, such tests were sampled again under
+# the population, by new solves.
 
 # %% mystnb={"image": {"alt": "Two panels, frame and soil, one row for each of 16 days: grey intervals of single tests, blue ones in the light of all beside them, a little shorter and nearer to the population's mean"}}
 ef.figures.plot_population(pooled)
 
 # %% [markdown]
-# Grey is a test by itself, blue the same test in the light of all: drawn towards what
-# the temperature of its day lets expect, the more so the less it knew by itself.
+# Grey is a test by itself, blue the same test given all others. It moves towards the
+# value expected at the temperature of its day, the more so the less certain it was.
 #
 # Along the temperature, the frame falls and the soil does not:
 
@@ -115,8 +113,8 @@ ef.figures.plot_population(pooled, against="T")
 # %% [markdown]
 # ## A test not yet made
 #
-# `next_test` draws its parameters: the uncertainty of the population and the scatter
-# about it, at a temperature that no test had.
+# `next_test` draws the parameters of a test at a temperature that no test had. The
+# draws include the uncertainty of the population and the scatter about it.
 
 # %%
 hot = pooled.next_test(T=40.0)  # 1,000 draws
@@ -128,9 +126,9 @@ low, high = np.quantile(frequencies[:, 0], [0.025, 0.975])
 print(f"first frequency: {low:.2f} to {high:.2f} Hz")
 
 # %% [markdown]
-# `pooled.idata` and `pooled.run` are those of the population's run, for
-# `parameter_table`, `diagnose` and all else; its `log_likelihood` has that of each
-# test, so that `arviz.loo` says which test the others do not expect.
+# `pooled.idata` and `pooled.run` belong to the population's run; use them with
+# `parameter_table`, `diagnose` and the rest. The `log_likelihood` has one value for
+# each test, so `arviz.loo` shows which test the others do not expect.
 
 # %%
 ef.diagnose(pooled.run)
@@ -138,7 +136,7 @@ ef.diagnose(pooled.run)
 # %% [markdown]
 # ## What is assumed
 #
-# Hyperpriors are those of the population's own parameters. Where you give none, they
+# Hyperpriors are the priors of the population's own parameters. If you give none, they
 # follow from the prior of the tests, with mean m and standard deviation s: `mean` is
 # normal(m, s), `sd` half-normal(s), a slope normal(0, s / sd of the covariate).
 
@@ -147,35 +145,37 @@ pooled.population
 
 # %% [markdown]
 # - `hyperpriors={"sd soil": stats.halfnorm(scale=0.1)}` replaces them.
-# - Parameters that are not named, such as an inferred error or discrepancy, stay each
-#   test's own, under its own prior.
+# - Parameters that are not named, such as an inferred error or discrepancy, stay
+#   separate for each test, under the test's own prior.
 # - Each test's prior is divided out of its posterior. Priors may differ between tests
-#   and need not resemble the population; they must not exclude what it needs. A prior
-#   much narrower than the likelihood leaves nothing to divide.
-# - Where bounds cut, `mean` and `sd` are those before the cut. A population of which
-#   less than a tenth is inside is excluded.
+#   and need not resemble the population, but they must not exclude what it needs. A
+#   prior much narrower than the likelihood leaves nothing to divide.
+# - If bounds truncate the population, `mean` and `sd` are those before truncation. A
+#   population of which less than a tenth is inside is excluded.
 #
 # ## How, and when not to trust it
 #
-# The likelihood of a population is, test by test, an average over the draws of that
-# test's posterior of normal density / prior density. Its error falls with the number of
-# draws, whatever the likelihood, and grows with the number of pooled parameters.
-# `pytest -m slow tests/population/test_truth.py` holds it to quadrature: with 3,000 draws
-# of each of 20 tests of two parameters the population's parameters are within 0.15
-# standard deviations, and their standard deviations within 10 %.
+# The likelihood of a population is a product over the tests. Each factor is the average
+# of normal density / prior density over the draws of that test's posterior. Its error
+# falls with the number of draws, whatever the likelihood, and grows with the number of
+# pooled parameters. `pytest -m slow tests/population/test_truth.py` compares it with
+# quadrature. With 3,000 draws of each of 20 tests of two parameters, the population's
+# parameters are within 0.15 standard deviations, and their standard deviations within
+# 10 %.
 #
-# Every test has a Pareto k of the weights from its own posterior to that given all. Above
-# 0.7, with fewer than 100 effective draws, it hardly reaches where the population puts
-# it; the conclusion says not to trust the result, and which tests to sample again:
+# Every test has a Pareto k of the weights from its own posterior to that given all.
+# Above 0.7, with fewer than 100 effective draws, the test hardly reaches to where the
+# population puts it. The conclusion then says not to trust the result, and which tests
+# to sample again:
 #
 # - `pool_tests(..., posteriors={"day7": posterior})` does that for tests that need it;
 # - `pooled.under_population("day7", posterior)` returns the posterior with the
-#   population for its prior. Run it with your own pools and files, and pool again with
-#   `population=pooled.population`. Nothing else is needed: the prior is read from each
-#   ArviZ object.
+#   population as its prior. Run it with your own pools and files, and pool again with
+#   `population=pooled.population`. Each ArviZ object holds its prior, so nothing else
+#   is needed.
 #
-# `draws=4_000` uses more draws of each test: the way to smaller errors. The draws should be nearly independent: an ESS of a few
-# hundred per test at least.
+# `draws=4_000` uses more draws of each test, for smaller errors. The draws should be
+# nearly independent: an ESS of a few hundred per test at least.
 
 # %% tags=["remove-cell"]
 truth = {

@@ -1,11 +1,11 @@
 # %% [markdown]
 # # A modal test, from CSV to verdict
 #
-# After this page you can take a table of measured frequencies and mode shapes, update
-# a frame model with it, say whether the result may be believed, and report it. The
-# structure is a two-storey steel frame of one bay, 6.0 m by 5.6 m; eight
-# accelerometers found six modes. Unknown are the stiffness of the columns and of the
-# beams along x and along y.
+# This page updates a frame model with a table of measured frequencies and mode shapes,
+# checks whether the result can be trusted, and reports it. The structure is a
+# two-storey steel frame of one bay, 6.0 m by 5.6 m; eight accelerometers found six
+# modes. The stiffnesses of the columns, of the beams along x and of the beams along y
+# are unknown.
 #
 # `python examples/tutorials/modal_test.py` runs this page (15 s) and leaves its
 # files in `figures/modal_test`.
@@ -21,12 +21,12 @@ import emcee_femu as ef
 # %% [markdown]
 # ## What was measured
 #
-# A test report becomes a CSV file that you can fill in by hand. The first line has the
-# titles `quantity,sensor,dof`, then one per mode. `sensor` is any name; `dof` says
-# where the sensor is in the model: `8:ux` is the displacement of node 8 along x.
-# Frequencies must be there. Standard deviations and shapes are optional, but without
-# shapes nobody knows which mode is which. Shapes may have any scale and sign.
-# [CSV and universal files](../how_to/csv_and_uff.py) has all rows.
+# Write the test report as a CSV file, by hand if you like. The first line has the
+# titles `quantity,sensor,dof`, then one per mode. `sensor` is any name; `dof` is the
+# sensor's place in the model: `8:ux` is the displacement of node 8 along x. Frequencies
+# are required. Standard deviations and shapes are optional, but without shapes modes
+# cannot be paired. Shapes may have any scale and sign. [CSV and universal
+# files](../how_to/csv_and_uff.py) has all rows.
 
 # %%
 directory = Path("figures/modal_test")
@@ -48,16 +48,16 @@ test = ef.Measurements.from_csv(directory / "test.csv")
 print(test)
 
 # %% [markdown]
-# (MPC, the modal phase collinearity, is 1 for shapes of real numbers.) The standard deviations are 0.2 %, the scatter of a good modal test. The numbers are
-# simulated, so that the truth is known: columns, beams x and beams y have
-# 0.95, 1.15 and 0.85 of their nominal stiffness, and **the floors of the true frame are
-# heavier on one side**, which the model below does not know. No parameters make it
-# fit exactly. That is how it is with real structures.
+# MPC, the modal phase collinearity, is 1 for real shapes. The standard deviations are
+# 0.2 %, the scatter of a good modal test. The numbers are simulated, so the truth is
+# known: columns, beams x and beams y have 0.95, 1.15 and 0.85 of their nominal
+# stiffness. **The floors of the true frame are heavier on one side**, which the model
+# below does not know. So no parameters make it fit exactly, as with real structures.
 #
 # ## The model
 #
-# Any consistent units will do. Here they are GN, m, s and, therefore, 10⁶ t; so E is
-# in GPa. A section's property is a number or the name of a parameter.
+# Any consistent units will do. Here they are GN, m, s and, therefore, 10⁶ t; E is in
+# GPa. Each property of a section is a number or the name of a parameter.
 
 # %%
 WIDTH_X, WIDTH_Y, HEIGHT = 6.0, 5.6, 3.5  # m
@@ -89,11 +89,11 @@ print(model(nominal).frequencies[0, :6].round(3), "Hz, nominal")
 # %% [markdown]
 # ## Which mode is which
 #
-# Sway along x and sway along y lie close together, and may change their order when
-# the stiffnesses change. {py:class}`~emcee_femu.PairedModel` gives each measured mode the mode of the model
-# that looks like it (the largest MAC, one to one) for each parameter set anew. It
-# searches twice as many modes as were measured. [Crossing modes](crossing_modes.py)
-# shows what happens without.
+# Sway along x and sway along y have close frequencies, and may change order as the
+# stiffnesses change. For each parameter set, {py:class}`~emcee_femu.PairedModel` pairs
+# every measured mode with the mode of the model that looks like it (the largest MAC,
+# one to one). It searches twice as many modes as were measured. [Crossing
+# modes](crossing_modes.py) shows what happens without pairing.
 
 # %%
 paired = ef.PairedModel(model, test)
@@ -103,18 +103,18 @@ print("model's modes ", pairing.model_modes[0])
 print("MAC           ", pairing.mac[0].round(2))
 
 # %% [markdown]
-# Look at this line before any sampling. A MAC below 0.9 for all modes points to
-# mistaken sensor positions or signs, which no parameter can mend.
+# Check this line before any sampling. A MAC below 0.9 for all modes points to wrong
+# sensor positions or signs, which no parameter can repair.
 #
 # ## What is known before the test
 #
-# A lognormal prior keeps a stiffness positive: here 210 GPa, known to about 20 %.
-# E stands for more than steel: it takes up what joints, cladding and bolts do.
+# A lognormal prior keeps a stiffness positive: here 210 GPa, known to about 20 %. E
+# covers more than steel: it absorbs the effect of joints, cladding and bolts.
 #
-# Two more parameters say how far the model itself is off. `frequency error` is its
-# relative standard deviation in frequencies, which comes on top of the measured
-# 0.2 %. `shape error` is the standard deviation at one sensor for a shape of length
-# one. Both get a half-normal prior: 2 % and 0.1 are sizes that would not surprise.
+# Two more parameters describe the error of the model itself. `frequency error` is its
+# relative standard deviation in frequencies, on top of the measured 0.2 %.
+# `shape error` is the standard deviation at one sensor for a shape of unit length. Both
+# have half-normal priors; their scales, 2 % and 0.1, are sizes that would not surprise.
 # {py:class}`~emcee_femu.FrequencyTerm` and {py:class}`~emcee_femu.ShapeTerm` have the
 # formulas.
 
@@ -137,10 +137,10 @@ posterior = ef.LogPosterior(paired, terms, prior, units)
 # %% [markdown]
 # ## Sampling, and the verdict
 #
-# {py:func}`~emcee_femu.run` with `"auto"` first searches for all maxima of the posterior and builds a proposal from
-# them; then four independent ensembles of walkers sample with it. Four, because only
-# chains that started apart can show that they disagree. 200 steps are short; a real
-# study may take 2,000.
+# {py:func}`~emcee_femu.run` with `"auto"` first searches for all maxima of the
+# posterior and builds a proposal from them. Four independent ensembles of walkers then
+# sample with it, since only chains with separate starts can disagree. 200 steps are
+# short; a real study may take 2,000.
 
 # %%
 run = ef.run(posterior, steps=200, seed=2)
@@ -149,10 +149,10 @@ diagnosis = ef.diagnose(run)
 diagnosis
 
 # %% [markdown]
-# Read the three last lines first. Only "Chains: converged" means that you may go on.
-# "Search" names a limit that every sampler has: a maximum that neither the search nor a
-# walker came near is not seen. "Fit" says whether what was measured is what the updated
-# model predicts. The columns are explained in [reading the tables](../start/reading.md).
+# Read the last three lines first. Go on only if they say "Chains: converged". "Search"
+# states a limit of every sampler: it misses a maximum that neither the search nor a
+# walker came near. "Fit" says whether the updated model predicts what was measured.
+# [Reading the tables](../start/reading.md) explains the columns.
 #
 # ## What was learned
 
@@ -160,19 +160,19 @@ diagnosis
 ef.parameter_table(idata)
 
 # %% [markdown]
-# The last column is the posterior's by the prior's standard deviation: of what was not
-# known about the columns less than a tenth is left, of the beams a quarter to a third.
-# The model's own error is inferred at 0.7 % in frequency, more than three times the
-# scatter of the test. With the 0.2 % alone the intervals would be far too narrow: see
-# [noise and model error](noise_and_model_error.py).
+# The last column is the posterior standard deviation divided by that of the prior. Less
+# than a tenth of the uncertainty of the columns is left, and a quarter to a third of
+# that of the beams. The model's own error is inferred at 0.7 % in frequency, more than
+# three times the scatter of the test. With the 0.2 % alone the intervals would be far
+# too narrow: see [noise and model error](noise_and_model_error.py).
 
 # %% mystnb={"image": {"alt": "Scatter of three stiffnesses with 95 % ellipses, and of two errors, whose regions have a tail upwards; lines mark the true stiffnesses, inside each ellipse"}}
 truth = {"columns": 0.95 * 210, "beams x": 1.15 * 210, "beams y": 0.85 * 210}
 ef.figures.plot_scatter(idata, truths=truth)
 
 # %% [markdown]
-# Ellipses that lean tell of combinations: if the columns are stiffer, the beams must
-# be softer for the same frequency. The true values, in blue, lie inside.
+# Tilted ellipses show correlations: if the columns are stiffer, the beams must be
+# softer for the same frequency. The true values, in blue, lie inside.
 #
 # ## Does the updated model fit?
 #
@@ -186,15 +186,15 @@ figure = ef.figures.plot_predictive(idata, posterior)
 figure
 
 # %% [markdown]
-# The thin line is where a new measurement should lie with 95 % probability, error of
-# the model included; zero is what was measured. All lines should cross zero,
-# and here they do. The MAC is about 0.97 for the modes that the uneven floors twist,
-# and hardly changes with the parameters: no stiffness will mend what the mass has
-# spoilt. The shape error, one for all modes, is therefore inferred at 0.06, three
-# times the 0.02 with which the sensors were simulated.
+# A new measurement should lie on the thin line with 95 % probability, model error
+# included; zero is the measured value. All lines should cross zero, and here they do.
+# The MAC is about 0.97 for the modes that the uneven floors twist. It hardly changes
+# with the parameters: no stiffness can make up for a wrong mass. The shape error, one
+# for all modes, is therefore inferred at 0.06, three times the 0.02 with which the
+# sensors were simulated.
 #
-# On the structure: what the sensors measured in red, the updated model in blue. Sway
-# along y, sway along x and torsion:
+# The measured shapes (red) and the updated model (blue) on the structure: sway along y,
+# sway along x and torsion.
 
 # %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red arrows what eight sensors measured; the arrows end near the model"}}
 shapes = ef.figures.plot_shapes(run, modes=[1, 2, 3])
@@ -204,18 +204,18 @@ shapes
 ef.pairing_table(idata)
 
 # %% [markdown]
-# In some of the samples the sway modes have changed places. Compared in ascending
-# order, these samples would have been judged by the wrong modes (last column).
+# In some samples the sway modes have changed places. A comparison in ascending order
+# would have used the wrong modes there (last column).
 #
-# ## When the verdict is another one
+# ## When the verdict is different
 #
-# The statement says what to do, mostly how many steps to run: a run in a file,
-# `backend="run.sqlite"`, goes on with `resume=True` and more `steps`. [The
-# verdict](../explanation/verdict.py) has all of them.
+# The statement says what to do, usually how many steps to run: a run in a file,
+# `backend="run.sqlite"`, continues with `resume=True` and more `steps`. [The
+# verdict](../explanation/verdict.py) lists all statements.
 #
-# If it is not mended, do not report numbers. Chains of a wrong model converge too: where
-# the Fit says no, look at `plot_predictive`, at the inferred errors, and at
-# what {py:func}`~emcee_femu.identifiability` says in sentences:
+# If the problem remains, do not report numbers. Chains of a wrong model converge too.
+# If the fit is bad, look at `plot_predictive`, at the inferred errors, and at the
+# sentences of {py:func}`~emcee_femu.identifiability`:
 
 # %%
 print(*ef.identifiability(idata).findings, sep="\n")
@@ -224,9 +224,8 @@ print(*ef.identifiability(idata).findings, sep="\n")
 # ## The report
 #
 # Report the prior, the likelihood with its errors, the interval of each parameter and
-# its sd ratio, the verdict, and the predictive check. Tables turn into pandas frames;
-# `idata` is an ArviZ object and keeps samples, predictions, priors
-# and data in one file.
+# its sd ratio, the verdict, and the predictive check. Tables convert to pandas; `idata`
+# is an ArviZ object with samples, predictions, priors and data in one file.
 
 # %%
 ef.parameter_table(idata).to_frame().to_csv(directory / "parameters.csv")
@@ -244,11 +243,11 @@ print("Verdict:", diagnosis.short)
 # %% [markdown]
 # *Prior: lognormal, 210 GPa, 20 %, for each stiffness; half-normal for the errors.
 # Likelihood: six frequencies with 0.2 % of measurement error and an inferred model
-# error; six shapes at eight sensors. Modes paired by MAC. Four ensembles of 20
-# walkers, 200 steps after burn-in.* That is all that a colleague needs to do it again.
+# error; six shapes at eight sensors. Modes paired by MAC. Four ensembles of 20 walkers,
+# 200 steps after burn-in.* A colleague needs no more to repeat it.
 #
-# Next: [which parameters can be learned](what_is_learned.py), before a test and after
-# it; or [your own FE program](../how_to/fe_programs.md) in place of the frame.
+# Next: [which parameters can be learned](what_is_learned.py), before and after a test;
+# or [your own FE program](../how_to/fe_programs.md) in place of the frame.
 
 # %% tags=["remove-cell"]
 assert diagnosis.converged

@@ -1,23 +1,22 @@
 # %% [markdown]
 # # Comparing model classes
 #
-# How many parameters do the data pay for? A *model class* is a model, its parameters
-# and their prior. After this page you can compare classes by their evidence, and say
-# what such a comparison depends on. `python examples/tutorials/model_classes.py` runs
-# this page in some 6 s.
+# How many parameters do the data justify? A *model class* is a model, its parameters
+# and their prior. This page compares classes by their evidence, and shows what such a
+# comparison depends on. `python examples/tutorials/model_classes.py` runs this page in
+# some 6 s.
 #
-# More parameters always fit better, so that the fit cannot choose. The *evidence* can.
-# It is the probability density that a class gave to the measurements D before they
-# were made:
+# More parameters always fit better, so the fit cannot choose. The *evidence* can. It is
+# the probability density that a class gave to the measurements D before they were made:
 #
 # $$Z = p(D) = \int p(D \mid \theta)\, p(\theta)\, d\theta$$
 #
-# A class that could have predicted many other things has given each of them less.
+# A class that could also have predicted many other data gave less to each of them.
 #
 # ## Three classes for one building
 #
-# Three floors of 500 kg, three natural frequencies, measured to 1 %. The drawings say
-# 2 MN/m for each storey. The second storey was seen to be damaged. Which of these?
+# Three floors of 500 kg, three natural frequencies, measured to 1 %. The drawings say 2
+# MN/m for each storey. The second storey has visible damage. Which of these?
 #
 # - one factor for all storeys;
 # - one factor, and the second storey by itself;
@@ -46,9 +45,8 @@ for function in (one_factor, second_apart):
     function.variables = ef.modal_variables(3)
 
 # %% [markdown]
-# All classes are given the same measurements, and each a prior that is meant: 30 % on
-# every stiffness. `"auto"` samples them; its runs know the evidence without any
-# further solve.
+# All classes get the same measurements and realistic priors: 30 % on every stiffness.
+# `"auto"` samples them; its runs give the evidence without any further solve.
 
 # %%
 factor = ef.GaussianPrior(["factor"], [1.0], [0.3], [(0.1, 3.0)])
@@ -67,8 +65,8 @@ for name, run in runs.items():
     print(f"{name}: {ef.diagnose(run).short}")
 
 # %% [markdown]
-# All chains have converged, but of the first class two of three measured frequencies lie
-# outside of what it predicts.
+# All chains have converged, but two of three measured frequencies lie outside of what
+# the first class predicts.
 #
 # ## The comparison
 
@@ -77,12 +75,11 @@ compared = ef.compare_models(runs)
 compared
 
 # %% [markdown]
-# The table has, for each class, ln Z with its standard error, and the ln of the Bayes
-# factor: how many times less the class expected the data than the first one did. The
-# probabilities take all classes for equally probable before the data; give `prior=`
-# where that is not so. `weak`, `positive`, `strong` and `very strong` are Kass and
-# Raftery's words, for ln B below 1, below 3, below 5, and above. A difference within
-# two combined standard errors is called undecided.
+# For each class, the table has ln Z with its standard error, and the logarithm of the
+# Bayes factor against the first class. The probabilities take all classes for equally
+# probable before the data; otherwise give `prior=`. `weak`, `positive`, `strong` and
+# `very strong` are Kass and Raftery's words, for ln B below 1, below 3, below 5, and
+# above. A difference within two combined standard errors is called undecided.
 
 # %% mystnb={"image": {"alt": "Log Bayes factors of three classes with bars: second storey apart on top, three stiffnesses a little behind, one factor far behind; to the right their probabilities"}}
 ef.figures.plot_model_comparison(compared)
@@ -95,9 +92,9 @@ ef.figures.plot_model_comparison(compared)
 # $$\ln Z = \langle \ln p(D \mid \theta) \rangle - \mathrm{KL}(\text{posterior},
 # \text{prior})$$
 #
-# The fit is the log-likelihood's mean over the posterior. The charge, the
-# Kullback-Leibler divergence, is what the data had to teach: how far the posterior was
-# narrowed down from the prior.
+# The fit is the mean of the log-likelihood over the posterior. The charge, the
+# Kullback-Leibler divergence, is how far the data narrowed the posterior down from the
+# prior.
 
 # %%
 charge = {}
@@ -110,14 +107,14 @@ for name, run in runs.items():
     print(f"{name:20} fit {fit:6.2f} - charge {charge[name]:5.2f} = {log_z:6.2f}")
 
 # %% [markdown]
-# The one factor fits badly, whatever it is. The third stiffness makes the fit hardly
-# better, but has to be learned, and is charged for.
+# The single factor fits badly at any value. The third stiffness hardly improves the
+# fit, but adds to the charge.
 #
 # ## What the evidence depends on
 #
-# On the prior, far more than a posterior does. Here is the one factor again, uniform
-# between 0.5 and 1.5, and then over a range ten times as wide. The posterior is the
-# same; the evidence is not.
+# The evidence depends on the prior far more than a posterior does. Here is the single
+# factor again, uniform between 0.5 and 1.5, and then over a range ten times as wide.
+# The posterior is the same; the evidence is not.
 
 # %%
 wide = {}
@@ -133,11 +130,11 @@ loss = wide[1.5].log_evidence - wide[10.1].log_evidence
 print(f"lost: {loss:.2f}; ln 10 = {np.log(10):.2f}")
 
 # %% [markdown]
-# So a prior that is made wide "to be on the safe side" decides the comparison against
-# its class, by ln 10 for each tenfold that was not needed, and for each parameter. An
-# improper prior has no evidence at all. Say what you believed before the test, in all
-# classes alike, and try by how much the conclusion moves when the priors do. Here is
-# the Bayes factor of the second storey apart against three stiffnesses:
+# So a prior made wide "to be on the safe side" counts against its class, by ln 10 for
+# each unnecessary factor of ten, and for each parameter. An improper prior has no
+# evidence at all. Use priors that state what you believed before the test, in all
+# classes alike, and check how much the conclusion changes with them. Here is the Bayes
+# factor of the second storey apart against three stiffnesses:
 
 # %%
 factors = {}
@@ -156,12 +153,12 @@ for sd in (0.15, 0.3, 0.6):
     print(f"prior sd {100 * sd:.0f} %: ln B = {factors[sd]:.2f}")
 
 # %% [markdown]
-# With the prior it goes from weak to positive, and it would be wrong to report more
+# It changes with the prior from weak to positive, and it would be wrong to report more
 # than that. The evidence against one factor is beyond any such change.
 #
-# It depends on the error model as well: with errors that are too small, every class
-# fails, and the most flexible one fails least. An error that is inferred
-# (`discrepancy="name"`) is a parameter like others, and is charged for.
+# The evidence depends on the error model as well: if errors are too small, every class
+# fails, and the most flexible one fails least. An inferred error (`discrepancy="name"`)
+# is a parameter like others, and adds to the charge.
 #
 # ## Where log evidences come from
 #
@@ -171,9 +168,9 @@ for sd in (0.15, 0.3, 0.6):
 # | {py:class}`~emcee_femu.moves.TemperedMove` with betas from 1 to 0 | bridge sampling between neighbouring betas: [tempering](../how_to/tempering.py) |
 # | {py:func}`~emcee_femu.anneal` | hands on the estimate of the annealing: [TMCMC](../how_to/annealing.py) |
 #
-# No standard error is claimed where one could not be believed; the reason is then in
-# `problems`, and `compare_models` decides nothing. [Moves measured](
-# ../explanation/moves_measured.md) holds all three to exact values.
+# If a standard error cannot be trusted, none is claimed. The reason is then in
+# `problems`, and `compare_models` decides nothing. [Moves
+# measured](../explanation/moves_measured.md) compares all three with exact values.
 
 # %% tags=["remove-cell"]
 assert compared.winner != "one factor"

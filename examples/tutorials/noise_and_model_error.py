@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Unknown noise and model error
 #
-# After this page you can say how large the errors in your likelihood are and where they
-# come from, use the scatter of repeated tests without becoming too sure, infer the
-# error that nobody measured, and show that the result may be believed. That this
-# matters is shown on simulated buildings, whose truth is known.
+# How large are the errors in your likelihood, and where do they come from? This page
+# uses the scatter of repeated tests without overconfidence, infers the error that
+# nobody measured, and checks whether the result can be trusted. Simulated buildings,
+# whose truth is known, show that this matters.
 #
 # `python examples/tutorials/noise_and_model_error.py` runs this page (12 s).
 
@@ -53,9 +53,9 @@ print(exact.round(3), "Hz")
 #
 # ## Repeated tests
 #
-# Ten tests on one day. The temperature of the hour shifts all frequencies
-# together; each frequency has scatter of its own as well; and the day as a whole has an
-# offset, that no repeat on this day can show.
+# Ten tests are made on one day. The temperature of the hour shifts all frequencies
+# together, and each frequency also has a scatter of its own. The day as a whole has an
+# offset, which no repeat on this day can show.
 
 
 # %%
@@ -74,10 +74,11 @@ print("scatter of one test in %:", (100 * sd / mean).round(2))
 print("correlations of mode 1:  ", np.corrcoef(tests.T)[0].round(2))
 
 # %% [markdown]
-# {py:meth}`~emcee_femu.Measurements.from_repeats` keeps the mean and the covariance **of one test**. It does not
-# divide by the number of tests, as one would for the error of a mean, since what the
-# tests share does not average out. How often is the true first frequency within ± 1.96
-# standard deviations of the mean, over 2,000 simulated campaigns?
+# {py:meth}`~emcee_femu.Measurements.from_repeats` keeps the mean and the covariance
+# **of one test**. It does not divide by the number of tests, as for the error of a
+# mean, since errors that the tests share do not average out. Over 2,000 simulated
+# campaigns, how often is the true first frequency within ± 1.96 standard deviations of
+# the mean?
 
 # %%
 rng = np.random.default_rng(4)
@@ -95,14 +96,15 @@ columns.append(("divided by sqrt(N)", ".0f", shares[:, 1]))
 Table.from_columns("% of campaigns with the truth inside; 95 wanted", columns)
 
 # %% [markdown]
-# Divided, the interval shrinks about a wrong centre: more tests make it worse.
-# Undivided it holds from ten tests on (three do not know their own scatter). That
-# is because the offset of the day was simulated as large as the scatter of a test.
-# Nothing measured on one day can check that; tests on other days can.
+# If divided, the interval shrinks about a wrong centre: more tests make it worse. If
+# not, it holds from ten tests on (three do not know their own scatter). That is because
+# the offset of the day was simulated as large as the scatter of a test. Nothing
+# measured on one day can check that; tests on other days can.
 #
-# The correlation counts too. An error that shifts all modes alike hides the overall
-# stiffness only; how storeys differ shows in the modes relative to one another, which
-# such an error leaves as they are: `ef.FrequencyTerm(repeats)` uses the covariance.
+# The correlation matters too. An error that shifts all modes alike hides only the
+# overall stiffness. Differences between storeys show in the modes relative to one
+# another, which such an error does not change: `ef.FrequencyTerm(repeats)` uses the
+# covariance.
 #
 # (A covariance of five modes from ten tests is a rough estimate. `from_repeats` refuses
 # to make one from fewer tests than it needs; `correlated=False` then keeps one standard
@@ -110,10 +112,9 @@ Table.from_columns("% of campaigns with the truth inside; 95 wanted", columns)
 #
 # ## The model's own error
 #
-# No building has three equal storeys. Let the storeys' stiffnesses scatter by 6 % about
-# their factor, and the floors' masses by 6 % about their nominal value. The two
-# factors, the means, are still well defined, but no factors reproduce such a building
-# exactly.
+# No building has three equal storeys. Let the storey stiffnesses scatter by 6 % about
+# their factor, and the floor masses by 6 % about their nominal value. The two factors,
+# now means, are still well defined, but no factors reproduce such a building exactly.
 
 
 # %%
@@ -134,10 +135,10 @@ errors = np.array([building(rng) / exact - 1 for _ in range(500)])
 print("sd of the model error in %:", (100 * errors.std(axis=0)).round(2))
 
 # %% [markdown]
-# So 6 % here and there is 1 % in the frequencies, five times the scatter of a test.
-# One such building, updated twice: with the 0.2 % of the test alone, and with a
-# `discrepancy`, an error of the model on top whose size is a parameter. Its prior,
-# half-normal of scale 2 %, says which size would not surprise.
+# So this 6 % is 1 % in the frequencies, five times the scatter of a test. Here is one
+# such building, updated twice: with the 0.2 % of the test alone, and with a
+# `discrepancy`. This is an additional error of the model, whose size is a parameter.
+# Its prior, half-normal of scale 2 %, says which size would not surprise.
 
 # %%
 SCATTER = 0.002
@@ -169,18 +170,17 @@ ef.parameter_table(results[ignored][1], nominal=truth)
 ef.parameter_table(results[inferred][1])
 
 # %% [markdown]
-# Both chains have converged, but the first does not fit: two of five frequencies are
-# outside of what it predicts. The first posterior is about eight times narrower, and the
-# truth (0.85 and 1.05) is outside both of its intervals. The second infers an error of
-# about the right size, from five frequencies and two factors, and is as wide as it
-# must be.
+# Both chains have converged, but the first posterior does not fit: two of five
+# frequencies are outside of what it predicts. It is about eight times narrower than the
+# second, and the truth (0.85 and 1.05) is outside both of its intervals. The second
+# infers an error of about the right size, from five frequencies and two factors, and is
+# as wide as it must be.
 #
 # ## Which one is right? Coverage
 #
-# One building proves nothing. If intervals of 95 % are to mean something, they must
-# hold the truth in 95 % of all cases. Thirty buildings, each with its own
-# irregularities and its own test, short chains that start from the Gaussian about the
-# maximum:
+# One building proves nothing. Intervals of 95 % must hold the truth in 95 % of all
+# cases. Here are thirty buildings, each with its own irregularities and its own test,
+# sampled with short chains that start from the Gaussian about the maximum:
 
 
 # %%
@@ -206,35 +206,35 @@ for label, share in coverage.items():
     print(f"model error {label}: {share:.0f} % of 60 intervals hold the truth")
 
 # %% [markdown]
-# Where model error is ignored, intervals that promise 95 % keep it in a minority of
-# cases: they are far too narrow. Inferred, the promise is kept. (Sixty intervals are
-# few: a share of 95 % is known to about ± 6 %. And the model assumes errors that are
+# If model error is ignored, the 95 % intervals hold the truth in a minority of cases:
+# they are far too narrow. If it is inferred, they are right. (Sixty intervals are few:
+# a share of 95 % is known to about ± 6 %. The term also assumes that errors are
 # independent from mode to mode, which is roughly so here.)
 #
 # ## Does the model predict the test?
 #
-# The check that needs no truth: would a new measurement fall near the one that was
-# made?
+# One check needs no truth: would a new measurement fall near the one that was made?
 
 # %%
 ef.predictive_table(results[ignored][1], results[ignored][0])
 
 # %% [markdown]
-# Two of five measured values lie outside of intervals that should hold 95 %, and these
-# data were even used for the fit. The likelihood knows too small an error, whatever the
-# verdict on the chains says. With the inferred error:
+# Two of five measured values lie outside of intervals that should hold 95 %, although
+# the same data were used for the fit. The error in the likelihood is too small,
+# whatever the verdict on the chains. With the inferred error:
 
 # %% mystnb={"image": {"alt": "Deviations of five frequencies in percent; the thin lines of new measurements reach over zero for all modes"}}
 ef.figures.plot_predictive(results[inferred][1], results[inferred][0])
 
 # %% [markdown]
-# The thin lines, of a new measurement with model error, reach over zero for all modes.
+# The thin lines are 95 % intervals of a new measurement with model error. They cross
+# zero for all modes.
 #
 # ## Which prior for the error?
 #
-# It matters, as five frequencies say little about the size of an error. A prior that
-# expects 0.2 % keeps the error too small, and the posterior too narrow. But
-# {py:func}`~emcee_femu.identifiability` says so:
+# The prior matters, since five frequencies say little about the size of an error. A
+# prior that expects 0.2 % keeps the error too small, and the posterior too narrow.
+# {py:func}`~emcee_femu.identifiability` reports it:
 
 # %%
 tight = inferred(measured, scale=0.002)
@@ -243,18 +243,20 @@ sentence = ef.identifiability(idata).findings[1]
 print(textwrap.fill(sentence))
 
 # %% [markdown]
-# A prior ten times too wide does less harm than one ten times too narrow: the
-# posterior becomes wider by a third to a half. So take a scale that would not surprise
-# you, rather too large, and report it. The prior must be proper: under 1 / sigma, which
-# is often taken for an unknown scale, the posterior has no finite integral
-# where the model can fit all data exactly, as it can when there are as many
-# parameters as frequencies.
+# A prior ten times too wide does less harm than one ten times too narrow: the posterior
+# becomes wider by a third to a half. So use a scale that would not surprise you, rather
+# too large, and report it.
+#
+# The prior must be proper. Under 1 / sigma, the usual choice for an unknown scale, the
+# posterior has no finite integral if the model can fit all data exactly. It can if
+# there are as many parameters as frequencies.
 #
 # ## Unknown noise
 #
-# Where nobody knows the scatter of the test, leave it out. The same argument then infers
-# one relative standard deviation for all modes, by the formula above without R. Here the
-# model is exact, and the noise of the simulated test 0.5 %:
+# If nobody knows the scatter of the test, leave it out. The same argument then infers
+# one relative standard deviation for all modes, by the formula of
+# {doc}`/explanation/likelihoods` without R. Here the model is exact, and the noise of
+# the simulated test is 0.5 %:
 
 # %%
 noisy = exact * (1 + 0.005 * np.random.default_rng(2).normal(size=5))
@@ -265,21 +267,23 @@ unknown_table = ef.parameter_table(ef.run(unknown, steps=200, seed=1))
 unknown_table
 
 # %% [markdown]
-# Five frequencies say little of its size: the interval reaches from 0.4 to 2.6 %. The
-# name is yours; what is inferred is noise and model error together, as one test does
-# not tell them apart. Only repeats know the noise alone: give it as `relative_sd`, and
-# what `discrepancy` infers on top is the model's. {py:class}`~emcee_femu.Measurements`
-# bring their own standard deviations, so give `test.frequencies` where these are not to
-# count. All terms but those of spectra, which know their noise, take `discrepancy` alone.
+# Five frequencies say little about its size: the interval is 0.4 to 2.6 %. The name is
+# yours. The inferred error is noise and model error together, since one test cannot
+# separate them. Only repeats determine the noise alone: give it as `relative_sd`, and
+# `discrepancy` then infers the model's error on top.
+#
+# {py:class}`~emcee_femu.Measurements` bring their own standard deviations; to ignore
+# them, pass `test.frequencies`. All terms accept `discrepancy` alone, except those of
+# spectra, which know their noise.
 #
 # ## In short
 #
 # - Give the scatter of one test, never that of the mean of many.
-# - Infer noise that nobody knows: `discrepancy="noise"` alone.
+# - Infer unknown noise: `discrepancy="noise"` alone.
 # - Infer the model's error: `discrepancy="error"`, half-normal of 2 % for frequencies.
 #   Shapes have their own, `ShapeTerm(test, discrepancy="shape error")`.
-# - Look at {py:func}`~emcee_femu.predictive_table` with the posterior; believe intervals only where the
-#   measured values lie inside.
+# - Look at {py:func}`~emcee_femu.predictive_table` with the posterior. Trust intervals
+#   only where the measured values lie inside.
 # - An inferred error much larger than expected is news about the model. Look for what
 #   it lacks before you widen the prior.
 

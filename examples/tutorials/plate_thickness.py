@@ -1,9 +1,10 @@
 # %% [markdown]
 # # A plate whose thickness is unknown
 #
-# You will update a thickness, a modulus and the stiffness of a support, none of which is a
-# factor of K and M alone: say what multiplies each matrix, reduce the model, and sample.
-# `python examples/tutorials/plate_thickness.py` runs this page (10 s).
+# This page updates a thickness, a modulus and the stiffness of a support. Thickness and
+# modulus are not simple factors of K and M, so you say what multiplies each matrix,
+# reduce the model, and sample. `python examples/tutorials/plate_thickness.py` runs this
+# page (10 s).
 #
 # An aluminium plate is bolted to a wall along one edge. Its thickness was not measured, the
 # bolts give way a little, and a shaker of 0.3 kg hangs at a free corner.
@@ -22,7 +23,7 @@ N_MODES, NOISE = 6, 0.003  # relative sd of a measured frequency
 # %% [markdown]
 # ## The matrices
 #
-# Any program can hand them out ({doc}`/how_to/fe_programs`). Here they are products of
+# Any program can export them ({doc}`/how_to/fe_programs`). Here they are products of
 # beams along and across the plate, by cubic Hermite polynomials:
 
 
@@ -72,9 +73,9 @@ def plate(nx=20, ny=8):
 # %% [markdown]
 # ## What multiplies them
 #
-# Bending grows with $E t^3$, the mass with $\rho t$, the support's stiffness k is a factor.
-# A function's arguments are parameters; it is called with all walkers at once, and its
-# derivatives are found without a solve.
+# Bending stiffness grows with $E t^3$ and the mass with $\rho t$; the support's
+# stiffness k is a factor. A function's arguments are parameters. It is called with all
+# walkers at once, and its derivatives take no solve.
 
 # %%
 bending, support, mass, corner = plate()
@@ -91,15 +92,15 @@ model = ef.MatrixModel(
 print(f"{bending.shape[0]} DOFs; parameters {', '.join(model.names)}")
 
 # %% [markdown]
-# If a program gives matrices at several thicknesses instead, three exports are enough for
-# {py:meth}`~emcee_femu.MatrixModel.from_differences` to find t and t³. What is no sum of
-# given matrices, such as the place of a spring, goes through
-# {py:class}`~emcee_femu.AssembledModel`: a function from one parameter set to K and M.
+# If a program gives matrices at several thicknesses instead, three exports are enough
+# for {py:meth}`~emcee_femu.MatrixModel.from_differences` to find t and t³. If K is not
+# a sum of given matrices (the place of a spring), use
+# {py:class}`~emcee_femu.AssembledModel`, a function from one parameter set to K and M.
 #
 # ## A small model
 #
-# Inside bounds a few shapes are enough; the error of their frequencies is checked by full
-# solves that were not used for them.
+# Inside the bounds a few shapes are enough. Full solves that were not used for them
+# check the error of their frequencies.
 
 # %%
 bounds = {"E": (60, 80), "t": (3.4, 4.8), "k": (1, 100)}
@@ -109,8 +110,8 @@ reduced
 # %% [markdown]
 # ## The posterior
 #
-# Six frequencies were measured, to 0.3 %. (They are simulated, by the full model.) Drawings
-# say 4 mm, a handbook 70 GPa; of the bolts hardly anything is known.
+# Six frequencies were measured to 0.3 %, here simulated by the full model. The drawings
+# say 4 mm and a handbook 70 GPa; hardly anything is known about the bolts.
 
 # %%
 rng = np.random.default_rng(3)
@@ -130,10 +131,10 @@ ef.parameter_table(run)
 ef.figures.plot_scatter(run)
 
 # %% [markdown]
-# Modulus and thickness lie along a line. Of a bare plate only $E t^2$ would be known, since
-# all frequencies are proportional to $t \sqrt{E / \rho}$; what tells them apart is the
-# known mass of the shaker. {py:func}`~emcee_femu.identifiability` says so before a test is
-# made: {doc}`what_is_learned`.
+# Modulus and thickness lie along a line. A bare plate would determine only $E t^2$,
+# since all its frequencies are proportional to $t \sqrt{E / \rho}$. The known mass of
+# the shaker separates them. {py:func}`~emcee_femu.identifiability` shows this before a
+# test is made: {doc}`what_is_learned`.
 
 # %% tags=["remove-cell"]
 draws = np.concatenate([sampler.get_chain(flat=True) for sampler in run])

@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Which parameters can be learned
 #
-# After this page you can say before a test which parameters it will determine, choose
-# modes and sensors by it, say after the test what the data told and what only the
-# prior told, and know what to add where a parameter stays unknown.
+# Before a test, you can see which parameters it will determine, and choose modes and
+# sensors accordingly. After the test, you can separate what the data say from what only
+# the prior says, and see what to add if a parameter stays unknown.
 #
 # `python examples/tutorials/what_is_learned.py` runs this page (6 s).
 
@@ -17,8 +17,8 @@ import emcee_femu as ef
 from emcee_femu.table import Table
 
 # %% [markdown]
-# A shear building has five floors of 20 t. The factors k1 to k5 of its storeys'
-# nominal stiffness, 30 MN/m, are unknown to about 20 %. Units: kN, t, m.
+# A shear building has five floors of 20 t. The factors k1 to k5 of its storeys' nominal
+# stiffness, 30 MN/m, are uncertain by about 20 %. Units: kN, t, m.
 
 # %%
 N, MASS, STIFFNESS = 5, 20.0, 30e3
@@ -41,10 +41,10 @@ nominal = {name: np.ones(1) for name in names}
 # %% [markdown]
 # ## Before the test
 #
-# No measurement is needed to know what a test will tell: let the model predict one at
-# the nominal parameters, and ask what would be learned from it. Frequencies are to be
-# good to 1 %, model error included, and shapes to 0.03 at a sensor for a shape of
-# length one.
+# You can see what a test will tell without measuring anything: let the model predict
+# the data at the nominal parameters, and look at what they would teach. Frequencies are
+# assumed good to 1 %, model error included, and shapes to 0.03 at a sensor for a shape
+# of unit length.
 
 
 # %%
@@ -66,18 +66,21 @@ look = ef.identifiability(found)
 look
 
 # %% [markdown]
-# {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the posterior, and
-# takes the posterior for a Gaussian about each of them (Laplace). That is a sketch, but
-# it costs only a few solves ([a first look](../how_to/first_look.py)). The first table says what two frequencies would teach:
-# the ratio of the posterior's to the prior's standard deviation (of logarithms, as the
-# priors are lognormal) is 0.69 to 0.94, so nearly all uncertainty would stay. Its last
-# column is by how many standard errors of all data a prior sd of the parameter moves them. The second table says why: each row is what one
-# prior standard deviation of a storey changes in the eigenvalues. Two frequencies are
-# two numbers, for five unknowns.
+# {py:func}`~emcee_femu.find_map` climbs from 16 draws of the prior to the maxima of the
+# posterior, and approximates the posterior by a Gaussian about each of them (Laplace).
+# This is a sketch, but it costs only a few solves ([a first
+# look](../how_to/first_look.py)).
+#
+# The first table says what two frequencies would teach. The ratio of the posterior's to
+# the prior's standard deviation (of logarithms, as the priors are lognormal) is 0.69 to
+# 0.94, so nearly all uncertainty would remain. Its last column says by how many
+# standard errors one prior sd of the parameter changes all data. The second table says
+# why: each row is the change in the eigenvalues for one prior standard deviation of a
+# storey. Two frequencies are two numbers, for five unknowns.
 #
 # ### Which modes, which sensors
 #
-# The cheapest remedy is a better plan. Here is each plan's sd ratio of every storey:
+# The cheapest remedy is a better plan. The sd ratio of every storey under each plan:
 
 
 # %%
@@ -100,9 +103,9 @@ columns = [("plan", "", list(plans)), *columns]
 Table.from_columns("sd/prior sd that a plan would leave", columns)
 
 # %% [markdown]
-# Two modes with their shapes teach far more than three frequencies, on most storeys
-# nearly as much as five, and are far easier to excite. Places of sensors are compared
-# in the same way: `planned(2, (2, 5))`, and so on.
+# Two modes with their shapes teach far more than three frequencies. For most storeys
+# they teach nearly as much as five, and they are far easier to excite. Compare sensor
+# positions in the same way: `planned(2, (2, 5))`, and so on.
 #
 # ## After the test
 #
@@ -136,16 +139,15 @@ after = ef.identifiability(idata)
 after
 
 # %% [markdown]
-# The sd ratios are close to those that the plan promised (its fourth row). They differ
-# because the storey is softer than nominal, and because samples know the true form of
-# the posterior where the plan took a Gaussian. The loss in the ground storey is found:
-# its whole 95 % interval lies below 0.9.
+# The sd ratios are close to those of the plan (its fourth row). They differ because the
+# storey is softer than nominal, and because the plan assumed a Gaussian posterior. The
+# loss in the ground storey is found: its whole 95 % interval lies below 0.9.
 #
 # ## What only the prior says
 #
-# A parameter with an sd ratio near 1 is as uncertain as before. Its posterior is
-# the prior, in other words, and its mean is what you had assumed. A narrower
-# prior makes the answer narrower, not better:
+# A parameter with an sd ratio near 1 is as uncertain as before. Its posterior is the
+# prior, and its mean is what you had assumed. A narrower prior makes the answer
+# narrower, not better:
 
 # %%
 for spread in (0.05, 0.1, 0.2):
@@ -159,11 +161,11 @@ for spread in (0.05, 0.1, 0.2):
     print(f"prior {100 * spread:.0f} %: sd of k5 {k5:.3f}, sd ratio {ratio:.2f}")
 
 # %% [markdown]
-# One frequency hardly depends on the top storey, and its standard deviation follows
-# the prior's. Such a prior is no mistake: it is a **regularisation**, and
-# keeps the other parameters from wandering off. But report it beside the result, and
-# never call such a parameter updated. What one frequency does determine is a
-# combination, which the findings name:
+# One frequency hardly depends on the top storey, so the standard deviation of that
+# storey follows its prior. Such a prior is no mistake: it is a **regularisation**, and
+# keeps the other parameters from drifting. But report it beside the result, and never
+# call such a parameter updated. One frequency does determine a combination, which the
+# findings name:
 
 # %%
 print("\n".join(map(textwrap.fill, about.findings[1:])))
@@ -171,8 +173,8 @@ print("\n".join(map(textwrap.fill, about.findings[1:])))
 # %% [markdown]
 # ## Stiffness and mass: only their ratio
 #
-# Frequencies are roots of stiffness over mass. If the factor k of all storeys and the
-# factor m of all floors are both unknown, no number of modes will part them.
+# Frequencies are square roots of stiffness over mass. If the factor k of all storeys
+# and the factor m of all floors are both unknown, no number of modes can separate them.
 
 # %%
 both = ef.IndependentPrior({"k": stats.lognorm(0.3), "m": stats.lognorm(0.3)})
@@ -197,16 +199,16 @@ ef.figures.plot_scatter(ratio_only)
 
 # %% [markdown]
 # The samples lie along a line k = m, which is what "correlated" means. The ratio is
-# known to half a percent; each parameter by itself keeps an sd ratio of 0.7, the 1/√2
-# that two priors leave of one number. A sampler shows the line; a least-squares fit
-# would have returned one point of it, with nothing to warn you.
+# known to half a percent. Each parameter by itself keeps an sd ratio of 0.7: two priors
+# and one known ratio leave 1/√2. A sampler shows the line; a least-squares fit would
+# have returned one point of it, without a warning.
 #
 # ## What to add
 #
-# Two experiments part them: the same building with a known mass on its roof, and a
-# static test, as deflections know nothing of mass ([a static
-# test](../how_to/static_test.py)).
-# {py:meth}`~emcee_femu.LogPosterior.joint` takes them together.
+# Two experiments separate them: the same building with a known mass on its roof, and a
+# static test, since deflections do not depend on mass ([a static
+# test](../how_to/static_test.py)). {py:meth}`~emcee_femu.LogPosterior.joint` combines
+# them.
 
 # %%
 static = ef.StaticModel(
@@ -235,13 +237,14 @@ for i, name in enumerate(both.names):
 Table.from_columns("sd/prior sd of stiffness and mass", columns)
 
 # %% [markdown]
-# (The first row is of a Gaussian, and close to what the samples had.) A small
-# mass does less, as the shift that it causes is not much larger than the errors
-# of the frequencies. One deflection, read to 2 %, beats a mass of 20 t.
+# (The first row is a Gaussian approximation, and close to the samples above.) A small
+# mass helps less, as its frequency shift is not much larger than the frequency errors.
+# One deflection, read to 2 %, beats a mass of 20 t.
 #
-# In short: look before the test, with `identifiability(find_map(...))`; look after it,
-# with `identifiability(idata)` ({py:func}`~emcee_femu.identifiability`); report the sd ratio beside each interval. And where it
-# is near 1, add another kind of data before you add more of the same.
+# In short: use `identifiability(find_map(...))` before the test and
+# `identifiability(idata)` after it ({py:func}`~emcee_femu.identifiability`), and report
+# the sd ratio beside each interval. Where it is near 1, add another kind of data before
+# you add more of the same.
 
 # %% tags=["remove-cell"]
 frequencies, _, five, shapes, _ = rows
