@@ -14,7 +14,7 @@ from .gaussian_process import Processes, fit_processes
 
 LEAST = 1e-8  # an eigenvalue predicted below this share of the usual one is cut there
 WORST = 100.0  # squared error beyond which it is only known to be large
-GAIN = 0.8  # several modes together must lower the squared error to this share
+GAIN = 0.95  # several modes together must lower the squared error to this share
 ROUNDS = 3  # of lengths, then of blocks with them
 STEP = 1e-4  # share of a variable's size by which it is moved along its derivatives
 
