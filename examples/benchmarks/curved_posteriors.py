@@ -81,22 +81,25 @@ def footbridge(seed: int, bays: int = 22) -> Problem:
     inner = [node for node in range(2 * right) if node not in corners]
     sensors = [f"{node}:uz" for node in inner]
     sensors += [f"{node}:uy" for node in inner][: 58 - len(sensors)]
-    model = ef.FrameModel(nodes, elements, sections, corners, n_modes=5, shapes=sensors)
+    model = ef.FrameModel(nodes, elements, sections, corners, n_modes=7, shapes=sensors)
     laws = {name: stats.lognorm(0.15, scale=2.1e11) for name in sections}
     laws["density"] = stats.lognorm(0.1, scale=9_000.0)
     rng = np.random.default_rng(seed)
     truth = {name: law.rvs(1, random_state=rng) for name, law in laws.items()}
     solved = model(truth)
-    frequencies = solved.frequencies[0] * (1 + 0.005 * rng.standard_normal(5))
-    shapes = solved.shapes[0] / np.linalg.norm(solved.shapes[0], axis=0)
+    frequencies = solved.frequencies[0, :5] * (1 + 0.005 * rng.standard_normal(5))
+    shapes = solved.shapes[0, :, :5]
+    shapes = shapes / np.linalg.norm(shapes, axis=0)
     shapes += 0.008 * rng.standard_normal(shapes.shape)
+    measured = ef.Measurements(frequencies, shapes=shapes, dofs=sensors)
+    paired = ef.PairedModel(model, measured, candidates=7)
     laws["frequency error"] = stats.halfnorm(scale=0.02)
     laws["shape error"] = stats.halfnorm(scale=0.1)
     terms = [
-        ef.FrequencyTerm(frequencies, relative_sd=0.002, discrepancy="frequency error"),
-        ef.ShapeTerm(shapes, discrepancy="shape error"),
+        ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="frequency error"),
+        ef.ShapeTerm(measured, discrepancy="shape error"),
     ]
-    posterior = ef.LogPosterior(model, terms, ef.IndependentPrior(laws))
+    posterior = ef.LogPosterior(paired, terms, ef.IndependentPrior(laws))
     return posterior, {name: value.item() for name, value in truth.items()}
 
 
