@@ -27,6 +27,7 @@ from .emulated import EmulatedModel
 from .emulated_draws import GROWN, EmulatedDraws, Explorer
 from .emulated_experiments import EmulatedExperiments, emulate_each
 from .emulation_problem import EmulationProblem
+from .gaussian_process import NUGGET
 from .partition import fit_outputs
 
 DRAWS = 20_000  # of the prior, for its quantiles
@@ -65,11 +66,12 @@ def emulate(
     parameters. The response (eigenvalues, shapes at the sensors, any real vector that
     a term reads) is emulated, not the scalar posterior, and the likelihood knows how
     far the emulator may be off. The first ``d + 4`` solves are spread over the prior,
-    then batches of ``d / 2 + 1`` go where the emulator is most in doubt among draws of
-    the emulated posterior, the first of each batch among draws of a wider one, whose
-    emulator errs twice as much as it says. The draws are walkers kept from round to
-    round; whenever the solves have grown by half, half of them come anew from the whole
-    prior, so that modes that one emulator excludes come back with a later one. A
+    then batches of ``d / 2 + 1`` go to those draws of the emulated posterior whose
+    solves lower its expected error most, averaged over all draws, the first of each
+    batch among draws of a wider one, whose emulator errs twice as much as it says. The
+    draws are walkers kept from round to round; whenever the solves have grown by half,
+    half of them come anew from the whole prior, so that modes that one emulator
+    excludes come back with a later one. A
     parameter whose prior spans decades is seen by its logarithm; so are all
     positive ones as long as the solves are predicted better so, each from the others.
 
@@ -374,27 +376,31 @@ class _Emulation:
     def _choose(
         self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
     ) -> Floats:
-        """Return the next points, each where most error is left after those before.
+        """Return the next points, each what lowers the error most after those before.
 
-        The first where the posterior may yet turn out to be, the others at draws of the
-        emulated one; of a wide batch more such firsts. None where solves fail, as far
-        as the nearest point tells that was solved or failed, if there are others.
+        The mean square error at draws of the emulated posterior; the first point, and
+        some more of a wide batch, that where the posterior may yet turn out to be.
+        None where solves fail, as far as the nearest point tells that was solved or
+        failed, if there are others.
         """
-        inputs, unit_sd = self.problem.inputs, emulator.processes.unit_sd
+        inputs, processes = self.problem.inputs, emulator.processes
         theta, count = np.vstack([draws.members, draws.wide]), len(draws.members)
         known = emulator.coordinates(self.theta[:, inputs])
         at = emulator.coordinates(theta[:, inputs])
         fails = ~self._solved[cdist(at, known).argmin(axis=1)]
-        before, chosen = unit_sd(at) ** 2, self.theta[~self._solved]
+        weights = draws.errors / np.maximum(processes.unit_sd(at) ** 2, NUGGET)
+        chosen = self.theta[~self._solved]
         for place in range(number):
-            after = unit_sd(at, emulator.coordinates(chosen[:, inputs])) ** 2
-            share = np.divide(after, before, np.zeros_like(after), where=before > 0)
-            left = draws.errors * share
-            left[fails] -= 1.0 + left.max()
-            taken = np.vstack([self.theta, chosen])
-            left[(theta[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf
+            extra = emulator.coordinates(chosen[:, inputs])
+            left = processes.unit_covariance(at, extra)
             among = slice(count) if place % self.few else slice(count, None)
-            chosen = np.vstack([chosen, theta[among][np.argmax(left[among])]])
+            # Solving at a draw takes cov^2 / var from the variance at another.
+            gain = weights[among] @ left[among] ** 2
+            gain /= np.maximum(left.diagonal(), NUGGET)
+            gain[fails] -= 1.0 + gain.max()
+            taken = np.vstack([self.theta, chosen])
+            gain[(theta[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf
+            chosen = np.vstack([chosen, theta[among][np.argmax(gain[among])]])
         return chosen[-number:]
 
     def _true_error(

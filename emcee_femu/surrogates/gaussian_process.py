@@ -122,16 +122,23 @@ class Processes:
         predicted: Floats = np.hstack(self._basis(points, 1)) @ self._weights
         return predicted
 
-    def unit_sd(self, points: Floats, extra: Floats | None = None) -> Floats:
-        """Return the standard deviation ``(n,)`` of an output of amplitude one.
+    def unit_sd(self, points: Floats) -> Floats:
+        """Return the standard deviation ``(n,)`` of an output of amplitude one."""
+        explained, hidden = self._parts(points, 1)
+        square = 1.0 - (explained**2).sum(axis=1) + (hidden**2).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
+    def unit_covariance(self, points: Floats, extra: Floats) -> Floats:
+        """Return the covariance ``(n, n)`` between points, of amplitude one.
 
         Args:
             points: Where, ``(n, d)``.
             extra: Points ``(m, d)`` that are solved too, whatever comes out.
         """
         explained, hidden = self._parts(points, 1)
-        square = 1.0 - (explained**2).sum(axis=1) + (hidden**2).sum(axis=1)
-        if extra is not None and len(extra):
+        left = self._correlate(points, points, 1, 1)
+        left += hidden @ hidden.T - explained @ explained.T
+        if len(extra):
             width = self.values.shape[1]
             there, free = self._parts(extra, width)
             between = self._correlate(extra, points, width, 1)
@@ -139,8 +146,9 @@ class Processes:
             among = self._correlate(extra, extra, width, width)
             among += free @ free.T - there @ there.T
             factor = np.linalg.cholesky(among + NUGGET * np.eye(len(among)))
-            square -= (solve_triangular(factor, between, lower=True) ** 2).sum(axis=0)
-        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+            known = solve_triangular(factor, between, lower=True)
+            left -= known.T @ known
+        return left
 
     def slopes(self, points: Floats) -> Floats:
         """Return the derivatives of the means by the coordinates, ``(n, q, d)``."""

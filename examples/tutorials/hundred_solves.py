@@ -95,8 +95,8 @@ emulated
 #   error. *Leaving one out* predicts each solved point from the others. Some of these
 #   are spread over the whole prior, so this error is larger than the one that counts.
 # - The first d + 4 = 7 solves are spread over the prior, or about `starts=`. Then
-#   batches of d / 2 + 1 go where the emulator is most uncertain among draws of its
-#   posterior. A model with `jacobian` takes a third of the solves.
+#   batches of d / 2 + 1 go to the draws of its posterior whose solves lower the error
+#   most. A model with `jacobian` takes a third of the solves.
 # - **Errors** are distances between the emulated and the full response, in units of the
 #   measurement error (root of the sum of squares). An error of 0.1 shifts a posterior
 #   mean by a tenth of its standard deviation at most.

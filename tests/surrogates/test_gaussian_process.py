@@ -81,7 +81,7 @@ def spell_out(points, values, lengths):
 
 
 def condition(points, values, at, fitted):
-    """Return means and factors of the variance, with a trend of a vague prior."""
+    """Return means and covariance, with a trend of a vague prior."""
     # A prior of variance 1e6 on the trend makes it an ordinary conditional Gaussian.
     values = values[:, None] if values.ndim == 2 else values
     places, weights, numbers = spell_out(points, values, fitted.lengths)
@@ -93,17 +93,16 @@ def condition(points, values, at, fitted):
     n = len(numbers)
     among = joint[:n, :n] + gp.NUGGET * np.eye(n)
     gain = np.linalg.solve(among, joint[:n, n:]).T
-    return gain @ numbers, (joint[n:, n:] - gain @ joint[:n, n:]).diagonal()
+    return gain @ numbers, joint[n:, n:] - gain @ joint[:n, n:]
 
 
 @EVERY
 def test_prediction_is_the_conditional_gaussian(case):
     fitted = CASES[case]
-    expected, factor = condition(fitted.points, fitted.values, FRESH, fitted)
+    expected, covariance = condition(fitted.points, fitted.values, FRESH, fitted)
     np.testing.assert_allclose(fitted.predict(FRESH), expected, atol=4e-3)
-    np.testing.assert_allclose(
-        fitted.unit_sd(FRESH), np.sqrt(factor), rtol=1e-2, atol=1e-4
-    )
+    sd = np.sqrt(covariance.diagonal())
+    np.testing.assert_allclose(fitted.unit_sd(FRESH), sd, rtol=1e-2, atol=1e-4)
 
 
 @EVERY
@@ -113,21 +112,22 @@ def test_leaving_one_out_is_what_the_others_predict(case):
     residual, sd = fitted.leave_out(values), fitted.left_out_sd
     for i in range(len(points)):
         rest, at = np.arange(len(points)) != i, points[i : i + 1]
-        mean, factor = condition(points[rest], values[rest], at, fitted)
+        mean, covariance = condition(points[rest], values[rest], at, fitted)
         np.testing.assert_allclose(residual[i], values[i, 0] - mean[0], atol=8e-3)
-        np.testing.assert_allclose(sd[i], np.sqrt(factor + gp.NUGGET), rtol=1e-2)
+        np.testing.assert_allclose(sd[i], np.sqrt(covariance[0] + gp.NUGGET), rtol=1e-2)
 
 
 @EVERY
-def test_the_sd_after_further_solves_needs_no_values(case):
+def test_the_covariance_after_further_solves_needs_no_values(case):
     fitted, extra = CASES[case], RNG.standard_normal((3, 3))
     sloped = fitted.values.shape[1] > 1  # then so are the next ones
     more = with_slopes(extra) if sloped else answers(extra)[:, None]
     solved, values = np.vstack([fitted.points, extra]), [fitted.values, more]
-    _, factor = condition(solved, np.concatenate(values), FRESH, fitted)
-    after = fitted.unit_sd(FRESH, extra)
-    np.testing.assert_allclose(after, np.sqrt(factor), rtol=0.01, atol=1e-3)
-    np.testing.assert_allclose(fitted.unit_sd(FRESH, extra[:0]), fitted.unit_sd(FRESH))
+    _, covariance = condition(solved, np.concatenate(values), FRESH, fitted)
+    after = fitted.unit_covariance(FRESH, extra)
+    np.testing.assert_allclose(after, covariance, rtol=0.01, atol=1e-3)
+    before = fitted.unit_covariance(FRESH, extra[:0]).diagonal()
+    np.testing.assert_allclose(before, fitted.unit_sd(FRESH) ** 2, atol=1e-6)
 
 
 @pytest.mark.parametrize("case", ["smooth, sloped", "rough, sloped", "partly"])
