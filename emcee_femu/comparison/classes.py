@@ -151,8 +151,7 @@ def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
         raise ValueError(
             f"prior: expected a number above zero for each of {labels}, got {prior}"
         )
-    normalised: Floats = weights / weights.sum()
-    return normalised
+    return np.asarray(weights / weights.sum())
 
 
 def _judge(lead: float) -> str:

@@ -9,7 +9,7 @@ from .. import checks
 from ..comparison.classes import LEAD, ModelComparison
 from ..comparison.compare import Comparison
 from ..results.verdict import CONVERGED
-from .style import BLUE, GREY, RED, finish
+from .style import BLUE, GREY, RED, Style, finish, subplots
 from .total_average_error import draw_errors, running_tae
 
 if TYPE_CHECKING:
@@ -46,12 +46,12 @@ def plot_comparison(comparison: Comparison) -> "Figure":
         >>> len(ef.figures.plot_comparison(comparison).axes)
         2
     """
-    checks.instance("comparison", comparison, Comparison)
-    from matplotlib import pyplot as plt
+    from matplotlib import colormaps
 
+    checks.instance("comparison", comparison, Comparison)
     labels = comparison.table.column("move")
-    palette = plt.get_cmap("tab10" if len(labels) <= 10 else "tab20").colors
-    colors = {label: palette[i % len(palette)] for i, label in enumerate(labels)}
+    palette = colormaps["tab10" if len(labels) <= 10 else "tab20"]
+    colors = {label: palette(i % palette.N) for i, label in enumerate(labels)}
     try:
         curves = {
             label: running_tae(idata, comparison.posterior)
@@ -61,17 +61,12 @@ def plot_comparison(comparison: Comparison) -> "Figure":
         curves = {}
     lines = 2 + max(map(len, labels)) // LABEL_WIDTH  # of the longest, with its verdict
     height = 2.2 + max(len(labels) * max(0.5, 0.2 * lines), 2.2)
-    figure, panels = plt.subplots(
-        1,
-        1 + bool(curves),
-        figsize=(11.0 if curves else 7.0, height),
-        layout="constrained",
-        squeeze=False,
-        width_ratios=[1.3, 1.0] if curves else [1.0],
-    )
-    _draw_bars(panels[0, 0], comparison, colors)
+    widths = [1.3, 1.0] if curves else [1.0]
+    size = 11.0 if curves else 7.0, height
+    figure, panels = subplots(len(widths), len(widths), size, width_ratios=widths)
+    _draw_bars(panels[0], comparison, colors)
     if curves:
-        axes, verdicts = panels[0, 1], comparison.table.column("verdict")
+        axes, verdicts = panels[1], comparison.table.column("verdict")
         failed = [verdict != CONVERGED for verdict in verdicts]
         styles = {
             label: {"ls": "--" if bad else "-", "color": colors[label], "lw": 1.6}
@@ -147,25 +142,17 @@ def plot_model_comparison(comparison: ModelComparison) -> "Figure":
         2
     """
     checks.instance("comparison", comparison, ModelComparison)
-    from matplotlib import pyplot as plt
-
     column = comparison.table.column
     labels, verdicts = column("model class"), column("verdict")
     behind, rows = -np.array(column("ln Bayes factor")), np.arange(len(labels))
     bars = LEAD * np.array(column("its +-"))
     colours = [RED, *(BLUE for _ in labels[1:])]
-    figure, (left, right) = plt.subplots(
-        1,
-        2,
-        figsize=(9.0, 1.9 + 0.55 * len(rows)),
-        layout="constrained",
-        sharey=True,
-        width_ratios=[1.6, 1.0],
-    )
+    size, widths = (9.0, 1.9 + 0.55 * len(rows)), [1.6, 1.0]
+    figure, (left, right) = subplots(2, 2, size, sharey=True, width_ratios=widths)
     left.axvline(0.0, color=GREY, lw=0.8)
     for row, (x, bar) in enumerate(zip(behind, bars, strict=True)):
         if x < -FAR:  # it would hide how the others differ
-            place = {"xycoords": left.get_yaxis_transform(), "va": "center"}
+            place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
             left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
             continue
         left.errorbar(
@@ -178,7 +165,7 @@ def plot_model_comparison(comparison: ModelComparison) -> "Figure":
             capsize=4,
         )
         if not np.isfinite(bar):
-            where = {"xytext": (8, 4), "textcoords": "offset points"}
+            where: Style = {"xytext": (8, 4), "textcoords": "offset points"}
             left.annotate("no error can be claimed", (x, row), **where)
     left.margins(x=0.12, y=0.2)
     left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])

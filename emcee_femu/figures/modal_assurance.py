@@ -12,7 +12,7 @@ from ..results.arviz_objects import dataset, samples
 from ..results.shapes import PairedShapes, choose_experiment, solve_shapes
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
-from .style import RED, Style, finish
+from .style import RED, Style, finish, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,8 +59,6 @@ def plot_mac(
         >>> [axes.get_title() for axes in ef.figures.plot_mac(run).axes[:2]]
         ['before: at the prior mean', 'after: at the posterior mean']
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
     test = choose_experiment(posterior, experiment)
@@ -80,14 +78,9 @@ def plot_mac(
     m, q = after.mac.shape
     across = len(solved) if q <= FEW else 1
     down = len(solved) // across
-    figure, panels = plt.subplots(
-        down,
-        across,
-        figsize=(max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)),
-        layout="constrained",
-        squeeze=False,
-    )
-    for axes, (title, modes) in zip(panels.flat, solved.items(), strict=True):
+    size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
+    figure, panels = subplots(len(solved), across, size)
+    for axes, (title, modes) in zip(panels, solved.items(), strict=True):
         _draw_matrix(axes, modes, ends if modes is after else None)
         axes.set_title(title, fontsize=10)
     figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")

@@ -11,15 +11,7 @@ from ..interfaces import Floats
 from ..results.arviz_objects import mean_sizes, samples
 from ..results.to_arviz import read_samples
 from .density import covariance_ellipse, estimate_density
-from .style import (
-    BLUE,
-    GREY,
-    RED,
-    Style,
-    changing_draws,
-    finish,
-    parameter_axes,
-)
+from .style import BLUE, GREY, RED, Style, changing_draws, finish, scale_axes, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,7 +76,7 @@ def plot_scatter(
         checks.flag("ellipse", ellipse)
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
-    labels, scale, limits, marks = parameter_axes(idata, names, [draws], units, truths)
+    labels, scale, limits, marks = scale_axes(idata, names, [draws], units, truths)
     draws = draws / scale
     d = len(names)
     side = max(min(WIDTH, 2.0 + 1.2 * d), d)
@@ -202,14 +194,12 @@ def plot_correlation(
         >>> len(ef.figures.plot_correlation(run).axes)  # the map and its colour bar
         2
     """
-    from matplotlib import pyplot as plt
-
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
     d = len(names)
     values = np.corrcoef(draws, rowvar=False).reshape(d, d)
     size = 1.8 + 0.7 * d
-    figure, axes = plt.subplots(figsize=(size + 0.8, size), layout="constrained")
+    figure, (axes,) = subplots(1, 1, (size + 0.8, size))
     image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
     for (i, j), value in np.ndenumerate(values):
         color = "white" if abs(value) > 0.6 else "black"
@@ -217,6 +207,6 @@ def plot_correlation(
     axes.set_xticks(range(d), names)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
-    figure = finish(figure, idata)
+    finish(figure, idata)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
     return figure

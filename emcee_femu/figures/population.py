@@ -8,7 +8,7 @@ from .. import checks
 from ..interfaces import Floats
 from ..population.pool_tests import PooledTests
 from ..results.arviz_objects import name_with_unit
-from .style import BELOW, BLUE, GREY, RED, Style, finish
+from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,8 +64,6 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure"
         raise ValueError(
             f"against: expected a covariate among {covariates}, got {against!r}"
         )
-    from matplotlib import pyplot as plt
-
     d, rows = len(pooled.population.names), len(pooled.tests) + 3
     columns = min(d, 4 if against is None else 3)
     lines = -(-d // columns)
@@ -73,23 +71,14 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure"
     if against is None:
         height = 1.4 + float(np.clip(0.24 * rows, 2.0, 12.0))
         size = (2.6 + 2.4 * columns, height * lines)
-    figure, panels = plt.subplots(
-        lines,
-        columns,
-        figsize=size,
-        layout="constrained",
-        squeeze=False,
-        sharey="row" if against is None else False,
-    )
-    for axes in panels.flat[d:]:
-        axes.remove()
-    for i, axes in enumerate(panels.flat[:d]):
+    sharey = "row" if against is None else False
+    figure, panels = subplots(d, columns, size, sharey=sharey)
+    for i, axes in enumerate(panels):
         if against is None:
             _draw_rows(axes, pooled, i)
         else:
             _draw_along(axes, pooled, i, against)
-    handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, **BELOW)
+    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **BELOW)
     return finish(figure)
 
 

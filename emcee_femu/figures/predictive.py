@@ -10,7 +10,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..results.measured import Measured, measured_variables
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, RED, Style, finish
+from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,21 +54,13 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Fi
         >>> len(figure.axes)  # no modes were paired
         1
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     parts = measured_variables(idata)
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
-    figure, panels = plt.subplots(
-        len(heights),
-        1,
-        figsize=(width, 1.2 + sum(heights)),
-        height_ratios=heights,
-        layout="constrained",
-        squeeze=False,
-    )
-    remaining = iter(panels[:, 0])
+    size = width, 1.2 + sum(heights)
+    figure, panels = subplots(len(heights), 1, size, height_ratios=heights)
+    remaining = iter(panels)
     handles: Style = {}
     for part in parts:
         axes = next(remaining)
@@ -119,14 +111,8 @@ def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
     shown = [np.zeros(1), low, high, -band[stated], band[stated]]
     axes.axhline(0, color="black", lw=0.8)
     if stated.any():
-        axes.bar(
-            place[stated],
-            2 * band[stated],
-            bottom=-band[stated],
-            width=0.7,
-            color="0.85",
-            label="measured ± 2 sd",
-        )
+        style: Style = {"width": 0.7, "color": "0.85", "label": "measured ± 2 sd"}
+        axes.bar(place[stated], 2 * band[stated], bottom=-band[stated], **style)
     if part.replicated is not None:
         ends = scale * (summarize(part.replicated)[1:] - measured)
         shown.extend(ends)
@@ -171,17 +157,12 @@ def _draw_initial(axes: "Axes", before: Floats, shown: Floats, unit: str) -> Non
     label = "before updating: prior mean"
     style: Style = {"color": RED, "mfc": "none", "ms": 7, "label": label}
     axes.plot(place[near] - 0.22, before[near], "D", **style)
+    style = {"color": RED, "ha": "center", "fontsize": 9}
+    style["arrowprops"] = {"arrowstyle": "-|>", "color": RED}
     for x, value in zip(place[far], before[far], strict=True):
-        axes.annotate(
-            f"before:\n{value:+.3g} {unit}".rstrip(),
-            (x, high if value > 0 else low),
-            (x, high - room if value > 0 else low + room),
-            color=RED,
-            ha="center",
-            va="bottom" if value > 0 else "top",
-            fontsize=9,
-            arrowprops={"arrowstyle": "-|>", "color": RED},
-        )
+        text = f"before:\n{value:+.3g} {unit}".rstrip()
+        end, away, va = (high, -room, "bottom") if value > 0 else (low, room, "top")
+        axes.annotate(text, (x, end), (x, end + away), va=va, **style)
     axes.set_ylim(low, high)
 
 

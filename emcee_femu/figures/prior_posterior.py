@@ -10,7 +10,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import GaussianPrior, IndependentPrior
 from ..results.arviz_objects import InferenceData, groups
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, parameter_axes
+from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, scale_axes, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +60,6 @@ def plot_prior_posterior(
         >>> [axes.get_xlabel() for axes in figure.axes]
         ['k1 [N/m]', 'k2 [N/m]', 'k4 [N/m]', 'k6 [N/m]', 'k8 [N/m]']
     """
-    from matplotlib import pyplot as plt
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
@@ -70,18 +69,11 @@ def plot_prior_posterior(
     before = _prior_draws(idata, names)
     known = ~np.isnan(before[0])
     shown = [draws, np.where(known, before, draws.mean(axis=0))]
-    labels, scale, limits, marks = parameter_axes(idata, names, shown, units, truths)
-    rows, columns = -(-len(names) // COLUMNS), min(len(names), COLUMNS)
-    figure, panels = plt.subplots(
-        rows,
-        columns,
-        figsize=(max(PANEL[0] * columns, 3.4), 0.4 + PANEL[1] * rows),
-        layout="constrained",
-        squeeze=False,
-    )
-    for axes in panels.flat[len(names) :]:
-        axes.remove()
-    for i, axes in enumerate(panels.flat[: len(names)]):
+    labels, scale, limits, marks = scale_axes(idata, names, shown, units, truths)
+    columns = min(len(names), COLUMNS)
+    size = max(PANEL[0] * columns, 3.4), 0.4 + PANEL[1] * -(-len(names) // columns)
+    figure, panels = subplots(len(names), columns, size)
+    for i, axes in enumerate(panels):
         grid = np.linspace(limits[i, 0], limits[i, 1], POINTS)
         density = _prior_density(posterior, names[i], grid * scale[i])
         if density is not None:
@@ -101,17 +93,16 @@ def plot_prior_posterior(
         Line2D([], [], color=BLUE, lw=1.4, label="reference"),
     ]
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
-    figure.legend(handles=keys, **{**BELOW, "ncols": 3})
+    figure.legend(handles=keys, **BELOW | {"ncols": 3})
     return finish(figure, idata)
 
 
 def _prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
     """Return draws of the prior ``(n, d)``, NaN of what has none."""
-    prior = groups(idata).get("prior", {})
-    some = [prior[name].values.ravel() if name in prior else None for name in names]
-    n = max((len(column) for column in some if column is not None), default=1)
-    columns = [np.full(n, np.nan) if column is None else column for column in some]
-    return np.column_stack(columns)
+    prior = groups(idata).get("prior")
+    if prior is None:
+        return np.full((1, len(names)), np.nan)
+    return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
 
 
 def _prior_density(
@@ -125,8 +116,7 @@ def _prior_density(
         return None
     theta = np.tile(values[:, None], len(prior.names))
     density = np.exp(prior.logpdfs(theta)[:, prior.names.index(name)])
-    heights: Floats = density / density[np.isfinite(density)].max()
-    return heights
+    return np.asarray(density / density[np.isfinite(density)].max())
 
 
 def _draw_histogram(axes: "Axes", values: Floats, limits: Floats, color: str) -> None:

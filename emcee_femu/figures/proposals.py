@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..interfaces import Floats
-from .style import BLUE, GREY, RED, Style, finish
+from .style import BLUE, GREY, RED, Style, finish, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,14 +25,12 @@ def plot_proposals() -> "Figure":
         >>> [axes.get_title().split(":")[0] for axes in figure.axes]
         ['Metropolis-Hastings', 'DE-MC']
     """
-    from matplotlib import pyplot as plt
+    from matplotlib.patches import Circle
 
     covariance = np.array([[1.0, 0.8], [0.8, 1.0]])
     current, a, b = np.array([[-1.3, -0.9], [1.4, 1.0], [0.3, -0.4]])
     others = [(-0.6, -1.1), (-0.3, 0.5), (0.9, 1.5), (-1.6, -1.9), (0.6, 0.5)]
-    figure, panels = plt.subplots(
-        1, 2, figsize=(9.6, 4.9), sharex=True, sharey=True, layout="constrained"
-    )
+    figure, panels = subplots(2, 2, (9.6, 4.9), sharex=True, sharey=True)
     grid = np.linspace(-2.6, 2.6, 121)
     x, y = np.meshgrid(grid, grid)
     points = np.stack([x, y], axis=-1)
@@ -53,7 +51,7 @@ def plot_proposals() -> "Figure":
     left, right = panels
     proposed = current + np.array([0.55, 0.25])
     left.set_title("Metropolis-Hastings: a step of fixed law")
-    left.add_patch(plt.Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
+    left.add_patch(Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
     arrow(left, current, proposed, RED)
     point(left, current, r"$\theta_{t-1}$", "black", -20)
     point(left, proposed, r"$\theta^*$", RED)

@@ -20,17 +20,14 @@ from ..results.arviz_objects import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
 # Red is what counts, blue what it is compared with.
 RED, BLUE, GREY = "#c8102e", "#1f5fa8", "0.45"
-BELOW: Style = {
-    "loc": "outside lower center",
-    "ncols": 2,
-    "frameon": False,
-}  # of a legend
+BELOW: Style = {"loc": "outside lower center", "ncols": 2, "frameon": False}  # legends
 
 
 def changing_draws(
@@ -61,7 +58,7 @@ class ParameterAxes(NamedTuple):
     marks: Floats
 
 
-def parameter_axes(
+def scale_axes(
     idata: InferenceData,
     names: Sequence[str],
     draws: Sequence[Floats],
@@ -121,6 +118,26 @@ def _label(name: str, unit: str, exponent: int) -> str:
     power = f"$10^{{{exponent}}}$ " if exponent else ""
     within = f"{power}{unit}".strip()
     return f"{name} [{within}]" if within else name
+
+
+def subplots(
+    count: int, columns: int, size: tuple[float, float], **options: Any
+) -> tuple["Figure", "list[Axes]"]:
+    """Return a figure of pyplot and its panels, row by row.
+
+    Args:
+        count: How many panels there are.
+        columns: How many of them are beside each other.
+        size: Of the figure, in inches.
+        options: Of ``Figure.subplots``.
+    """
+    from matplotlib import pyplot as plt
+
+    figure = plt.figure(figsize=size, layout="constrained")
+    panels = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
+    for axes in panels.flat[count:]:
+        axes.remove()
+    return figure, [*panels.flat[:count]]
 
 
 def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":

@@ -11,7 +11,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
 from ..results.measured import measured_frequencies
 from ..results.to_arviz import read_samples
-from .style import Style, finish
+from .style import Style, finish, subplots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,12 +47,10 @@ def plot_tae(
         >>> figure.axes[0].get_ylabel()
         'total average error of the mean so far (%)'
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
     curve = running_tae(idata, posterior, experiment)
-    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    figure, (axes,) = subplots(1, 1, (6.4, 4.0))
     draw_errors(axes, {f"ends at {curve[1][-1]:.3g} %": curve})
     axes.set_xlabel("generation")
     axes.legend(frameon=False)

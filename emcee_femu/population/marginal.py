@@ -203,8 +203,7 @@ class PopulationTerm(Term):
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood ``(n,)``."""
         outside = np.maximum(np.log(LEAST_INSIDE / response["inside"]), 0.0)
-        log_likelihood: Floats = response["log_marginal"].sum(axis=1) - STEEP * outside
-        return log_likelihood
+        return np.asarray(response["log_marginal"].sum(axis=1) - STEEP * outside)
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]

@@ -24,7 +24,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..sampling.anneal import Annealed
 from ..sampling.run import Run
 from ..sampling.search_record import SearchRecord
-from .arviz_objects import InferenceData, dataset, is_arviz, is_weighted, samples
+from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
 STORED = ("acceptance", "betas", "failures", "search", "solves", "starts_given")  # JSON
@@ -292,7 +292,7 @@ def _of_arviz(
     if fractions.size != shape[0] * shape[1]:  # chains were selected
         fractions = np.full(shape, np.nan)
     search = numbers.get("search")
-    chains_of = Chains(
+    return Chains(
         tuple(names),
         draws[kept],
         log_prob[kept],
@@ -305,14 +305,12 @@ def _of_arviz(
         starts_given=numbers.get("starts_given", False),
         **{name: group.attrs[name] for name in TOLD if name in group.attrs},
     )
-    return replace(chains_of, kind="weighted") if is_weighted(idata) else chains_of
 
 
 def autocorrelation_time(chain: Floats) -> Floats:
     """Return emcee's tau of ``chain (steps, walkers, d)``, ``(d,)``, however short."""
     # tol=0 because diagnose reports steps / tau itself.
-    tau: Floats = emcee.autocorr.integrated_time(chain, tol=0)
-    return tau
+    return np.asarray(emcee.autocorr.integrated_time(chain, tol=0))
 
 
 def tau_by_ensemble(values: Floats, moved: NDArray[np.bool_]) -> Floats:
@@ -350,5 +348,4 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
         centre = (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
         squares = ((means - centre) ** 2 / variance).sum(axis=0)
     most = stats.chi2.isf(LEVEL / d, n_ensembles - 1)
-    ratio: Floats = squares / (TAU_KNOWN_TO * most)
-    return ratio
+    return np.asarray(squares / (TAU_KNOWN_TO * most))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import skew
 
 from ..interfaces import Floats
 from ..posterior.derivatives import place
@@ -107,8 +108,7 @@ class Identifiability(Report):
     def correlation(self) -> Floats:
         """The correlation matrix of the posterior, ``(d, d)``."""
         sd = np.sqrt(np.diag(self.covariance))
-        correlation: Floats = self.covariance / np.outer(sd, sd)
-        return correlation
+        return np.asarray(self.covariance / np.outer(sd, sd))
 
     @property
     def from_bound(self) -> Floats:
@@ -410,16 +410,10 @@ def _compare_logarithms(
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(before)
-        apt = _skew(logs) + CLEAR < _skew(before)  # never for NaN
+        skews = [np.abs(skew(draws, axis=0)) for draws in (logs, before)]
+        apt = skews[0] + CLEAR < skews[1]  # never for NaN
         moments = np.stack([logs.mean(axis=0), logs.std(axis=0), mean, sd])
     return np.where(apt & ~is_error, moments, np.nan)
-
-
-def _skew(draws: Floats) -> Floats:
-    """Return the size of the skewness of each column."""
-    centred = draws - draws.mean(axis=0)
-    skew: Floats = np.abs((centred**3).mean(axis=0)) / draws.std(axis=0) ** 3
-    return skew
 
 
 def _shares_at_bounds(

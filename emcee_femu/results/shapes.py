@@ -137,7 +137,4 @@ def modal_assurance(measured: Floats, shapes: Floats) -> Floats:
     known = np.where(there, measured, 0.0)
     products = (known.T @ shapes) ** 2
     sizes = (known**2).sum(axis=0)[:, None] * (there.T.astype(float) @ shapes**2)
-    mac: Floats = np.divide(
-        products, sizes, out=np.zeros_like(products), where=sizes > 0
-    )
-    return mac
+    return np.asarray(products / np.maximum(sizes, np.finfo(float).tiny))
