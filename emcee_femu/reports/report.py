@@ -38,6 +38,7 @@ from ..results.certificate import Certificate
 from ..results.chains import read_chains
 from ..results.diagnose import diagnose
 from ..results.identifiability import identifiability
+from ..results.labelled import each_term
 from ..results.measured import Measured, read_measured
 from ..results.tables import (
     frequency_table,
@@ -136,7 +137,7 @@ def report(
         measured_shapes=[t for e in experiments for t in _tabulate_shapes(e)],
         digests={
             key: sha256(values.tobytes()).hexdigest()
-            for key, values in _list_data(measured, experiments)
+            for key, values in _list_data(measured, sampled)
         },
         posterior=sampled,
         experiments=experiments,
@@ -180,20 +181,19 @@ def _draw(figure: Figure) -> str:
 
 
 def _list_data(
-    measured: Iterable[Measured], experiments: Iterable[Experiment]
+    measured: Iterable[Measured], posterior: LogPosterior | None
 ) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield names and numbers of all that was measured."""
     for part in measured:
         yield part.name, part.values
-    for experiment in experiments:
-        for term, label in zip(experiment.terms, experiment.term_names, strict=True):
-            name = experiment.full_name(label)
-            if isinstance(term, ShapeTerm):
-                yield name, term.measured
-            elif isinstance(term, FRFTerm):
-                yield name, term.measured.values
-            elif isinstance(term, SpectrumTerm):
-                yield name, term.measured.matrices
+    for experiment, term, label in each_term(posterior) if posterior else ():
+        name = experiment.full_name(label)
+        if isinstance(term, ShapeTerm):
+            yield name, term.measured
+        elif isinstance(term, FRFTerm):
+            yield name, term.measured.values
+        elif isinstance(term, SpectrumTerm):
+            yield name, term.measured.matrices
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:

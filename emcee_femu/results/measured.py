@@ -10,6 +10,7 @@ import numpy as np
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from .arviz_objects import Dataset, InferenceData, dataset
+from .labelled import each_term
 from .to_arviz import original_name
 
 GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
@@ -48,16 +49,12 @@ class Measured:
 
     def sd(self, posterior: LogPosterior | None) -> Floats:
         """Return the standard deviations of the measurement, NaN where unknown."""
-        for experiment in posterior.experiments if posterior else ():
-            for term, label in zip(
-                experiment.terms, experiment.term_names, strict=True
-            ):
-                for variable, sd in term.error_sd.items():
-                    name = experiment.full_name(variable)
-                    if self.name in (name, f"{name}[{label}]") and np.array_equal(
-                        np.ravel(term.observed[variable]), self.values
-                    ):
-                        return np.where(sd > 0, sd, np.nan).ravel()
+        for experiment, term, label in each_term(posterior) if posterior else ():
+            for variable, sd in term.error_sd.items():
+                name, measured = experiment.full_name(variable), term.observed[variable]
+                same = np.array_equal(np.ravel(measured), self.values)
+                if same and self.name in (name, f"{name}[{label}]"):
+                    return np.where(sd > 0, sd, np.nan).ravel()
         return np.full(len(self.values), np.nan)
 
 
