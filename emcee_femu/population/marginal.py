@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable
 from ..likelihoods.term import Term
-from ..results.arviz_objects import InferenceData, dataset, samples
+from ..results.arviz_objects import InferenceData, dataset, samples, spread_out
 from .normal import NormalPopulation
 
 FEWEST = 100  # draws of a test
@@ -97,21 +97,19 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
             f"expected at least {FEWEST} different draws, got {different}; run it "
             "longer"
         )
-    kept = np.linspace(0, len(flat) - 1, min(number, len(flat))).astype(int)
+    kept = spread_out(len(flat), number)
     # Of parameters that are not pooled the prior stays, and must not be divided out.
     whole = len(names) == len(sampled)
-    group, variables = (
-        ("sample_stats", ["log_prior"]) if whole else ("log_prior", names)
-    )
+    group, parts = ("sample_stats", ["log_prior"]) if whole else ("log_prior", names)
     try:
-        stored = dataset(idata, group)[list(variables)].transpose("chain", "draw")
+        stored = dataset(idata, group)[list(parts)].transpose("chain", "draw")
     except (KeyError, ValueError):
         raise ValueError(
             "it lacks the log-prior of its draws, in sample_stats, or by parameter, in "
             "the group log_prior, where some parameters are not pooled; convert its "
             "run with to_inference_data, from a GaussianPrior or IndependentPrior"
         ) from None
-    log_prior = sum(stored[name].values.ravel()[kept] for name in variables)
+    log_prior = sum(stored[name].values.ravel()[kept] for name in parts)
     constant = dataset(idata, "constant_data").reindex(parameter=list(names))
     return Draws(
         theta=flat[kept][:, [sampled.index(name) for name in names]],

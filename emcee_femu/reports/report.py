@@ -123,7 +123,9 @@ def report(
     idata, sampled = read_samples(source, posterior, discard, argument="source")
     experiments = sampled.experiments if sampled else ()
     held = groups(idata)
-    measured = read_measured(idata) if {"observed_data", "response"} <= {*held} else []
+    measured = read_measured(idata)
+    with_frequencies = _find_places((part.name for part in measured), "frequency")
+    with_pairs = _find_places(map(str, held.get("response", ())), "mac")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"show": _show, "draw": _draw}
     template = Path(__file__).with_name("report.html.jinja").read_text("utf-8")
@@ -148,10 +150,10 @@ def report(
         diagnosis=diagnose(run or idata, discard if run else 0),
         certificate=held["certificate"].attrs if "certificate" in held else None,
         parameters=parameter_table(idata),
-        frequencies=_compare_frequencies(idata, measured),
+        frequencies=[frequency_table(idata, experiment=e) for e in with_frequencies],
         pictures=dict(_draw_all(idata, sampled, measured, pooled)),
         predicted=_tabulate_predictions(idata, sampled, measured),
-        pairings=_tabulate_pairs(idata, held),
+        pairings=[pairing_table(idata, e) for e in with_pairs],
         identifiability=(
             identifiability(idata) if "constant_data" in held and not pooled else None
         ),
@@ -163,6 +165,12 @@ def report(
     )
     path.write_text(page, encoding="utf-8")
     return path
+
+
+def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
+    """Return the experiments that have a quantity, None for a single one."""
+    parts = (name.rpartition(".") for name in names)
+    return [experiment or None for experiment, _, last in parts if last == quantity]
 
 
 def _show(part: Table | Report) -> Any:
@@ -243,17 +251,6 @@ def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Ta
     return Table.from_columns(title, columns)
 
 
-def _compare_frequencies(
-    idata: InferenceData, measured: Iterable[Measured]
-) -> list[Table]:
-    names = [part.name.rpartition(".") for part in measured]
-    return [
-        frequency_table(idata, experiment=experiment or None)
-        for experiment, _, quantity in names
-        if quantity == "frequency"
-    ]
-
-
 def _tabulate_predictions(
     idata: InferenceData, posterior: LogPosterior | None, measured: list[Measured]
 ) -> Table | None:
@@ -261,11 +258,6 @@ def _tabulate_predictions(
         return None
     drawn = all(part.replicated is not None for part in measured)
     return predictive_table(idata, posterior if drawn else None)
-
-
-def _tabulate_pairs(idata: InferenceData, held: dict[str, Any]) -> list[Table]:
-    names = (str(name).rpartition(".") for name in held.get("response", ()))
-    return [pairing_table(idata, place or None) for place, _, v in names if v == "mac"]
 
 
 def _draw_all(
