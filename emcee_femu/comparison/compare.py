@@ -214,7 +214,8 @@ def _check_reference(
 ) -> dict[str, Floats]:
     """Return mean and sd by parameter name; empty if there is no reference."""
     moments = {}
-    for name, pair in checks.by_name("reference", reference or {}, names).items():
+    reference = {} if reference is None else reference
+    for name, pair in checks.by_name("reference", reference, names).items():
         moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
         if moments[name].shape != (2,) or not moments[name][1] > 0:
             raise ValueError(

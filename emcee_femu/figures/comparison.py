@@ -1,9 +1,13 @@
 """Figures of comparisons: moves, and model classes."""
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from .. import checks
 from ..comparison.classes import LEAD, ModelComparison
@@ -12,16 +16,12 @@ from ..results.verdict import CONVERGED
 from .style import BLUE, GREY, RED, Style, finish, subplots
 from .total_average_error import draw_errors, running_tae
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
 LEAST = 0.001  # probability that is written as a number
 FAR = 25.0  # log evidence behind the first beyond which a class is only named
 
 
-def plot_comparison(comparison: Comparison) -> "Figure":
+def plot_comparison(comparison: Comparison) -> Figure:
     """Draw the ESS per 1000 evaluations of each move, and the error of its mean.
 
     Left: the best on top, error bars of one standard error over the ensembles; the
@@ -46,8 +46,6 @@ def plot_comparison(comparison: Comparison) -> "Figure":
         >>> len(ef.figures.plot_comparison(comparison).axes)
         2
     """
-    from matplotlib import colormaps
-
     checks.instance("comparison", comparison, Comparison)
     labels = comparison.table.column("move")
     palette = colormaps["tab10" if len(labels) <= 10 else "tab20"]
@@ -81,9 +79,7 @@ def plot_comparison(comparison: Comparison) -> "Figure":
     return finish(figure)
 
 
-def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> None:
-    from matplotlib.patches import Patch
-
+def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> None:
     column = comparison.table.column
     titles = ("ESS per 1000", "+-", "move", "verdict")
     rows = sorted(zip(*map(column, titles), strict=True), key=lambda row: row[0])
@@ -117,7 +113,7 @@ def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> 
     axes.figure.legend(handles=keys, **where)
 
 
-def plot_model_comparison(comparison: ModelComparison) -> "Figure":
+def plot_model_comparison(comparison: ModelComparison) -> Figure:
     """Draw the log Bayes factors of model classes against the first, and probabilities.
 
     Left: the best on top; bars of two combined standard errors, beyond which a class is

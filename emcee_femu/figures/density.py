@@ -4,6 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from ..interfaces import Floats
 
@@ -68,8 +69,6 @@ def estimate_density(points: Floats, limits: Floats, size: float) -> Density | N
     each axis: separate clouds stay separate. Points are mirrored at the limits, so that
     a density that leans on a bound does not fade there. None for points on a line.
     """
-    from scipy.ndimage import gaussian_filter, map_coordinates
-
     near = points[((points >= limits[:, 0]) & (points <= limits[:, 1])).all(axis=1)]
     centre, scale = near.mean(axis=0), near.std(axis=0)
     correlation: Floats = np.atleast_2d(np.corrcoef(near, rowvar=False))

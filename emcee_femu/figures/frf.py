@@ -1,8 +1,7 @@
 """The figure of measured and predicted FRFs."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..likelihoods.frf import FRFTerm
@@ -12,9 +11,6 @@ from ..results.tables import INTERVAL
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, Style, finish, subplots
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 DRAWN = 200  # draws that are solved anew
 
 
@@ -23,7 +19,7 @@ def plot_frf(
     posterior: LogPosterior | None = None,
     *,
     experiment: str | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw measured and predicted amplitudes.
 
     One panel per channel: the measured amplitude is points, the updated model its 95 %

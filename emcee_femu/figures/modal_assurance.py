@@ -1,8 +1,9 @@
 """How alike the measured and the model's mode shapes are, before and after updating."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..interfaces import Floats
@@ -14,17 +15,13 @@ from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import RED, Style, finish, subplots
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 FEW = 4  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.56  # inches of a measured mode, and at least of the model's
 
 
 def plot_mac(
     idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
-) -> "Figure":
+) -> Figure:
     """Draw the MAC of measured and model modes, before and after updating.
 
     Before is the model at the prior mean, left out where it cannot be solved; after, at
@@ -87,10 +84,8 @@ def plot_mac(
     return finish(figure, idata)
 
 
-def _draw_matrix(axes: "Axes", modes: PairedShapes, ends: Floats | None) -> None:
+def _draw_matrix(axes: Axes, modes: PairedShapes, ends: Floats | None) -> None:
     """Draw a matrix with its numbers, and the intervals of pairs if there are some."""
-    from matplotlib.patches import Rectangle
-
     m, q = modes.mac.shape
     axes.imshow(modes.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for (i, j), value in np.ndenumerate(modes.mac):

@@ -2,9 +2,12 @@
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats, read_declared
@@ -14,10 +17,6 @@ from ..results.arviz_objects import samples
 from ..results.shapes import ModeShapes, PairedShapes, choose_experiment, solve_shapes
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
@@ -37,7 +36,7 @@ def plot_shapes(
     geometry: Geometry | None = None,
     modes: Sequence[int] | None = None,
     experiment: str | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw the structure with its measured mode shapes and those of the updated model.
 
     One panel per mode. Grey is the structure at rest, blue the model at the posterior
@@ -209,10 +208,9 @@ def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
 
 
 def _draw_mode(
-    axes: "Axes", geometry: Geometry, view: Floats, mode: Sequence[Moves]
+    axes: Axes, geometry: Geometry, view: Floats, mode: Sequence[Moves]
 ) -> None:
     """Draw the structure at rest and moved, and what sensors say."""
-    from matplotlib.collections import LineCollection
 
     def place(node: Hashable, moves: Moves) -> Floats:
         return view @ (geometry.nodes[node] + moves.get(node, 0.0))
@@ -253,7 +251,7 @@ def _title(modes: ModeShapes, i: int) -> str:
     )
 
 
-def _draw_directions(axes: "Axes", view: Floats, at: Floats, length: float) -> None:
+def _draw_directions(axes: Axes, view: Floats, at: Floats, length: float) -> None:
     """Draw where x, y and z lead, in the corner of a panel."""
     for name, direction in zip("xyz", view.T, strict=True):
         if direction.any():

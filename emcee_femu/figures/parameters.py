@@ -1,9 +1,12 @@
 """All pairs of parameters with where 95 % of the mass lies, and their correlation."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse, Patch
 from numpy.typing import NDArray
 
 from .. import checks
@@ -12,10 +15,6 @@ from ..results.arviz_objects import mean_sizes, samples
 from ..results.to_arviz import read_samples
 from .density import covariance_ellipse, estimate_density
 from .style import BLUE, GREY, RED, Style, changing_draws, finish, scale_axes, subplots
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; ellipses and regions use every sample
 WIDTH = 7.0  # inches: that of a page
@@ -31,7 +30,7 @@ def plot_scatter(
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
     ellipse: bool | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw all pairs of parameters, and where 95 % of their mass lies, in red.
 
     A covariance ellipse as in Figs 4.2 and 5.2, which holds 95 % of a Gaussian; where
@@ -68,9 +67,7 @@ def plot_scatter(
         >>> figure.axes[2].get_xlabel()
         'k1 [N/m]'
     """
-    import corner
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
+    import corner  # and with it ArviZ, which takes seconds
 
     if ellipse is not None:
         checks.flag("ellipse", ellipse)
@@ -126,11 +123,9 @@ def plot_scatter(
 
 
 def _draw_mass(
-    axes: "Axes", points: Floats, limits: Floats, size: float, ellipse: bool | None
+    axes: Axes, points: Floats, limits: Floats, size: float, ellipse: bool | None
 ) -> bool:
     """Draw the ellipse of points ``(n, 2)`` or their regions, and tell if the first."""
-    from matplotlib.patches import Ellipse
-
     density = None if ellipse else estimate_density(points, limits, size)
     if density is None or (ellipse is None and density.gaussian):
         (width, height), angle = covariance_ellipse(points)
@@ -145,7 +140,7 @@ def _draw_mass(
     return False
 
 
-def _fit_labels(figure: "Figure", panels: NDArray[np.object_], panel: float) -> None:
+def _fit_labels(figure: Figure, panels: NDArray[np.object_], panel: float) -> None:
     """Set labels and ticks so that they fit beside panels of so many inches."""
     bottom = [axes.xaxis for axes in panels[-1]]
     beside = [axes.yaxis for axes in panels[1:, 0]]
@@ -174,7 +169,7 @@ def _fit_labels(figure: "Figure", panels: NDArray[np.object_], panel: float) -> 
 
 def plot_correlation(
     idata: object, *, var_names: Sequence[str] | None = None
-) -> "Figure":
+) -> Figure:
     """Draw the correlation of the parameters as a map with numbers (Figs 4.4, 5.3).
 
     Args:

@@ -1,18 +1,14 @@
 """The figure of many tests: each alone, each in the light of all, and the next one."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats
 from ..population.pool_tests import PooledTests
 from ..results.arviz_objects import name_with_unit
 from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LEVELS = (0.025, 0.5, 0.975)
 MOST_LABELS = 25  # of tests beside a panel
@@ -21,7 +17,7 @@ SHIFT = 0.17  # between the intervals of one test
 BESIDE = 0.006  # of the covariate's range, between intervals of one test
 
 
-def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure":
+def plot_population(pooled: PooledTests, against: str | None = None) -> Figure:
     """Draw the parameters of every test, their population and the next test.
 
     One panel per parameter. Grey is a test by itself (median and 95 % interval of its
@@ -82,7 +78,7 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure"
     return finish(figure)
 
 
-def _draw_rows(axes: "Axes", pooled: PooledTests, i: int) -> None:
+def _draw_rows(axes: Axes, pooled: PooledTests, i: int) -> None:
     """Draw one row per test, and below them the population and the next test."""
     name, count = pooled.population.names[i], len(pooled.tests)
     rows: Floats = np.arange(float(count))
@@ -108,7 +104,7 @@ def _draw_rows(axes: "Axes", pooled: PooledTests, i: int) -> None:
     axes.set_xlabel(_label(pooled, name))
 
 
-def _draw_along(axes: "Axes", pooled: PooledTests, i: int, against: str) -> None:
+def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
     """Draw the tests along a covariate, with the population's mean as a line."""
     name = pooled.population.names[i]
     values = pooled.population.covariates[against]
@@ -139,7 +135,7 @@ def _label(pooled: PooledTests, name: str) -> str:
 
 
 def _draw_tests(
-    axes: "Axes", pooled: PooledTests, i: int, at: Floats, shift: float, sideways: bool
+    axes: Axes, pooled: PooledTests, i: int, at: Floats, shift: float, sideways: bool
 ) -> None:
     """Draw the intervals of the tests at places, beside each other by a shift."""
     tests = pooled.model.tests.values()

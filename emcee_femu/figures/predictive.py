@@ -1,9 +1,10 @@
 """The figure of what was measured against what the model predicts."""
 
 from math import ceil
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
@@ -12,15 +13,11 @@ from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 MOST_LABELS = 24  # below a panel
 FAR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
 
 
-def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Figure":
+def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Figure:
     """Draw how far predictions lie from what was measured, and the MAC.
 
     One panel per measured variable, with the deviations from its measured values: in
@@ -97,7 +94,7 @@ def _label(part: Measured) -> tuple[list[str], str]:
     return labels, f"{below}, and the model's mode paired with it"
 
 
-def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
+def _draw_deviations(axes: Axes, part: Measured, sd: Floats) -> None:
     """Draw the variable before and after updating, and its measurement error."""
     measured, unit = part.values, part.unit
     scale = np.ones_like(measured)
@@ -132,7 +129,7 @@ def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
     axes.grid(True, axis="y", alpha=0.25)
 
 
-def _draw_mac(axes: "Axes", mac: Floats) -> None:
+def _draw_mac(axes: Axes, mac: Floats) -> None:
     """Draw mean and 95 % interval of the MAC ``(n, m)``."""
     mean, low, high = summarize(mac)
     _draw_intervals(axes, mean, low, high)
@@ -143,7 +140,7 @@ def _draw_mac(axes: "Axes", mac: Floats) -> None:
     axes.grid(True, axis="y", alpha=0.25)
 
 
-def _draw_initial(axes: "Axes", before: Floats, shown: Floats, unit: str) -> None:
+def _draw_initial(axes: Axes, before: Floats, shown: Floats, unit: str) -> None:
     """Draw the model at the prior mean, and set limits that hold what is ``shown``."""
     near = np.abs(before) <= FAR * np.abs(shown).max()
     inside = np.append(shown, before[near])
@@ -167,7 +164,7 @@ def _draw_initial(axes: "Axes", before: Floats, shown: Floats, unit: str) -> Non
 
 
 def _draw_intervals(
-    axes: "Axes", mean: Floats, low: Floats, high: Floats, label: str = ""
+    axes: Axes, mean: Floats, low: Floats, high: Floats, label: str = ""
 ) -> None:
     place = np.arange(len(mean))
     axes.vlines(place, low, high, color=BLUE, lw=5, label=label)

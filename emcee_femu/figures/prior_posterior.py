@@ -1,9 +1,13 @@
 """What is known of each parameter before and after updating."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
@@ -11,10 +15,6 @@ from ..posterior.priors import GaussianPrior, IndependentPrior
 from ..results.arviz_objects import InferenceData, groups
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, scale_axes, subplots
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLUMNS, PANEL = 3, (2.33, 1.7)  # panels beside each other; inches of each
 BINS, POINTS = 25, 400  # of the central 99 % of samples, and of an axis
@@ -27,7 +27,7 @@ def plot_prior_posterior(
     var_names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw the prior and the posterior density of every parameter.
 
     Each density is divided by its maximum: that of a parameter which the data leave
@@ -60,10 +60,6 @@ def plot_prior_posterior(
         >>> [axes.get_xlabel() for axes in figure.axes]
         ['k1 [N/m]', 'k2 [N/m]', 'k4 [N/m]', 'k6 [N/m]', 'k8 [N/m]']
     """
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-    from matplotlib.ticker import MaxNLocator
-
     idata, posterior = read_samples(idata, posterior)
     names, draws = changing_draws(idata, var_names)
     before = _prior_draws(idata, names)
@@ -119,7 +115,7 @@ def _prior_density(
     return np.asarray(density / density[np.isfinite(density)].max())
 
 
-def _draw_histogram(axes: "Axes", values: Floats, limits: Floats, color: str) -> None:
+def _draw_histogram(axes: Axes, values: Floats, limits: Floats, color: str) -> None:
     """Draw a histogram of as many bins as the values fill well, its maximum 1."""
     low, high = np.quantile(values, [0.005, 0.995])
     width = (high - low) / BINS

@@ -4,9 +4,13 @@ import io
 import re
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
+import matplotlib
 import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats
@@ -18,10 +22,6 @@ from ..results.arviz_objects import (
     samples,
     unit_of,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
@@ -122,7 +122,7 @@ def _label(name: str, unit: str, exponent: int) -> str:
 
 def subplots(
     count: int, columns: int, size: tuple[float, float], **options: Any
-) -> tuple["Figure", "list[Axes]"]:
+) -> tuple[Figure, list[Axes]]:
     """Return a figure of pyplot and its panels, row by row.
 
     Args:
@@ -131,8 +131,6 @@ def subplots(
         size: Of the figure, in inches.
         options: Of ``Figure.subplots``.
     """
-    from matplotlib import pyplot as plt
-
     figure = plt.figure(figsize=size, layout="constrained")
     panels = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
     for axes in panels.flat[count:]:
@@ -140,7 +138,7 @@ def subplots(
     return figure, [*panels.flat[:count]]
 
 
-def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":
+def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
     """Return a figure of pyplot, which a notebook will show once.
 
     Above it stands what :func:`certify` said of its samples, if it did.
@@ -149,8 +147,6 @@ def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":
     the value of the last line: what a function draws and returns would come twice. Our
     figures leave pyplot when they are shown as a value. Scripts are left alone.
     """
-    import matplotlib
-
     if idata is not None and (text := describe_certificate(idata).strip(" ()")):
         figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
     if "inline" in matplotlib.get_backend():
@@ -159,19 +155,15 @@ def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":
     return figure
 
 
-def draw_png(figure: "Figure") -> bytes:
+def draw_png(figure: Figure) -> bytes:
     """Return a figure as PNG on white, of 160 dots per inch, and close it."""
-    from matplotlib import pyplot as plt
-
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=160, facecolor="white")
     plt.close(figure)
     return file.getvalue()
 
 
-def _leave_pyplot(figure: "Figure") -> None:
+def _leave_pyplot(figure: Figure) -> None:
     """Close a figure, and leave it to IPython to show it as ever."""
-    from matplotlib import pyplot as plt
-
     plt.close(figure)
     raise NotImplementedError  # how IPython is told so

@@ -1,9 +1,11 @@
 """The error of the mean so far, generation by generation."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import ticker
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats
@@ -13,16 +15,12 @@ from ..results.measured import measured_frequencies
 from ..results.to_arviz import read_samples
 from .style import Style, finish, subplots
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 POINTS = 200  # generations at which the model is solved
 
 
 def plot_tae(
     idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
-) -> "Figure":
+) -> Figure:
     """Draw the total average error of the running mean (Figs 4.3, 5.4).
 
     Args:
@@ -91,13 +89,11 @@ def running_tae(
 
 
 def draw_errors(
-    axes: "Axes",
+    axes: Axes,
     curves: Mapping[str, tuple[Floats, Floats]],
     styles: Mapping[str, Style] | None = None,
 ) -> None:
     """Draw errors in percent by label; logarithmic where a decade is passed."""
-    from matplotlib import ticker
-
     for label, (generations, error) in curves.items():
         axes.plot(generations, error, label=label, **(styles or {}).get(label, {}))
     axes.set(xscale="log", ylabel="total average error of the mean so far (%)")

@@ -306,7 +306,8 @@ def pool_tests(
                 f"population: its covariate {name!r} is given for {list(values)}; "
                 f"expected one number for each of {list(by_test)}"
             )
-    again = checks.by_name("posteriors", posteriors or {}, [*by_test])
+    again = {} if posteriors is None else posteriors
+    again = checks.by_name("posteriors", again, [*by_test])
     for test, posterior in again.items():
         checks.instance(f"posteriors[{test!r}]", posterior, LogPosterior)
     mean, sd = np.transpose([test.prior for test in by_test.values()], (1, 0, 2))

@@ -16,8 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import checks, figures
-from ..figures.style import draw_png
+from .. import checks
 from ..interfaces import read_declared
 from ..likelihoods.frf import FRFTerm
 from ..likelihoods.shape import ShapeTerm
@@ -185,6 +184,8 @@ def _show(part: Table | Report) -> Any:
 
 def _draw(figure: Figure) -> str:
     """Return the address of a picture that is itself the picture."""
+    from ..figures.style import draw_png
+
     return f"data:image/png;base64,{b64encode(draw_png(figure)).decode()}"
 
 
@@ -267,6 +268,8 @@ def _draw_all(
     pooled: PooledTests | None,
 ) -> Iterator[tuple[str, list[Figure]]]:
     """Yield the figures of each section that has some."""
+    from .. import figures
+
     if pooled is not None:
         yield "population", [figures.plot_population(pooled)]
     if measured:
