@@ -19,8 +19,7 @@ InferenceData: TypeAlias = Any  # before version 1 its own class, since then a D
 Dataset: TypeAlias = Any  # xarray's
 
 # Groups whose draws may have weights.
-SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response"}
-SAMPLED |= {"new_measurement"}
+SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response", "new_measurement"}
 FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
@@ -189,12 +188,9 @@ def mean_sizes(chains: Floats) -> Floats:
 def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
     import xarray
 
-    data = {
-        f"p{i}": (("chain", "draw"), chains[:, :, i]) for i in range(chains.shape[2])
-    }
+    sample_dims = ["chain", "draw"]
+    data = xarray.Dataset({"p": ((*sample_dims, "parameter"), chains)})
+    data.attrs["sample_dims"] = sample_dims
     # Walkers that never move make ArviZ divide by zero; diagnose names them.
     with np.errstate(divide="ignore", invalid="ignore"):
-        result = statistic(
-            xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]}), **options
-        )
-    return np.array([float(result[f"p{i}"]) for i in range(chains.shape[2])])
+        return np.asarray(statistic(data, **options)["p"])

@@ -50,6 +50,7 @@ FIRST = 8  # starts that are put in order
 STEPS = 3  # of a climb, below which it says nothing
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
 SHOWN = 2_000  # draws of the chain that are compared
+MOMENTS = "mean", "mean_error", "sd", "sd_error"  # of the true posterior
 
 
 def certify(
@@ -160,11 +161,11 @@ def certify(
     unsound, warned = _judge_chain(idata)
     faults = [*compare_bounds(chain, posterior.prior), *unsound]
     asked = {"moves": "certify", "solves": solves, "seed": seed}
-    bar = progress_bar(display, solves, "certify")
+    asked["emulated draws"] = chain.draws
     with (
         open_evaluator(
             posterior,
-            asked | {"emulated draws": chain.draws},
+            asked,
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -173,7 +174,7 @@ def certify(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        bar as evaluator.evaluation.bar,
+        progress_bar(display, solves, "certify") as evaluator.evaluation.bar,
     ):
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
@@ -208,10 +209,7 @@ def certify(
         pareto_k=pareto_k,
         curvature_k=curvature_k(chain, theta, log_weights),
         largest=float(n * weights.max()) if possible else np.inf,
-        mean=moments[0],
-        mean_error=moments[1],
-        sd=moments[2],
-        sd_error=moments[3],
+        **dict(zip(MOMENTS, moments, strict=True)),
         emulated_mean=chain.draws.mean(axis=0),
         emulated_sd=chain.draws.std(axis=0, ddof=1),
         theta=theta,

@@ -64,12 +64,12 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     Raises:
         ValueError: If there are none.
     """
-    if every := read_measured(idata):
-        return every
-    response = list(dataset(idata, "response").data_vars)
-    raise ValueError(
-        f"idata: no likelihood term says what it measured of the response {response}"
-    )
+    if not (every := read_measured(idata)):
+        raise ValueError(
+            "idata: no likelihood term says what it measured of the response "
+            f"{list(dataset(idata, 'response').data_vars)}"
+        )
+    return every
 
 
 def measured_frequencies(
