@@ -98,7 +98,8 @@ def plot_shapes(
         )
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
-    numbers = _choose_modes(modes, solved.count)
+    hertz = solved.hertz if isinstance(solved, PairedShapes) else solved.frequencies
+    numbers = _choose_modes(modes, len(hertz))
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import GaussianPrior, IndependentPrior
-from ..results.arviz_objects import InferenceData, groups
+from ..results.arviz_objects import prior_draws
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, scale_axes, subplots
 
@@ -62,7 +62,7 @@ def plot_prior_posterior(
     """
     idata, posterior = read_samples(idata, posterior)
     names, draws = changing_draws(idata, var_names)
-    before = _prior_draws(idata, names)
+    before = prior_draws(idata, names)
     known = ~np.isnan(before[0])
     shown = [draws, np.where(known, before, draws.mean(axis=0))]
     labels, scale, limits, marks = scale_axes(idata, names, shown, units, truths)
@@ -91,14 +91,6 @@ def plot_prior_posterior(
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
     figure.legend(handles=keys, **BELOW | {"ncols": 3})
     return finish(figure, idata)
-
-
-def _prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
-    """Return draws of the prior ``(n, d)``, NaN of what has none."""
-    prior = groups(idata).get("prior")
-    if prior is None:
-        return np.full((1, len(names)), np.nan)
-    return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
 
 
 def _prior_density(

@@ -3,8 +3,7 @@
 import io
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import matplotlib
 import numpy as np
@@ -42,48 +41,47 @@ def changing_draws(
     return names, draws
 
 
-class ParameterAxes(NamedTuple):
-    """How the axes of d parameters are drawn.
-
-    Attributes:
-        labels: Names, with unit and the power of ten taken out of the axis.
-        scale: That power, ``(d,)``, by which what is drawn is divided.
-        limits: Where the axes end, so divided, ``(d, 2)``.
-        marks: Values to mark, so divided, ``(d,)``; NaN where there is none.
-    """
-
-    labels: list[str]
-    scale: Floats
-    limits: Floats
-    marks: Floats
-
-
 def scale_axes(
     idata: InferenceData,
     names: Sequence[str],
     draws: Sequence[Floats],
     units: Mapping[str, str] | None,
     truths: Mapping[str, float] | None,
-) -> ParameterAxes:
-    """Return labels and limits for what is drawn of parameters, several ``(n, d)``."""
+) -> tuple[list[str], Floats, Floats, Floats]:
+    """Return how the axes of d parameters are drawn.
+
+    Args:
+        idata: Samples with what is known of the parameters.
+        names: Of the parameters.
+        draws: What is drawn of them, several ``(n, d)``.
+        units: Units by name, in place of those that idata has.
+        truths: Values to mark by name.
+
+    Returns:
+        Labels: names, with unit and the power of ten taken out of the axis. That power
+        ``(d,)``, by which what is drawn is divided. So divided, where the axes end
+        ``(d, 2)``, and values to mark ``(d,)``; NaN where there is none.
+    """
     there = [str(name) for name in dataset(idata, "posterior").data_vars]
     values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
     by_name = dict(zip(there, values, strict=True))  # without elements of vectors
     marks = np.array([by_name.get(name, np.nan) for name in names])
     units = checks.units_by_name("units", units, there)
-    exponents = [_exponent(column) for column in draws[0].T]
+    sizes = np.abs(draws[0]).max(axis=0)
+    ordinary = (sizes >= 1e-2) & (sizes < 1e5)
+    exponents = np.where(ordinary, 0, np.floor(np.log10(sizes))).astype(int)
     labels = [
         _label(name, units.get(name) or unit_of(idata, name), exponent)
         for name, exponent in zip(names, exponents, strict=True)
     ]
     prior = prior_constants(idata, names)
-    bounds = np.column_stack([prior["lower"].values, prior["upper"].values])
+    bounds = prior[["lower", "upper"]].to_array().values.T
     limits = np.array([axis_limits(part, bounds) for part in draws])
     low = np.fmin(limits[..., 0].min(axis=0), marks)
     high = np.fmax(limits[..., 1].max(axis=0), marks)
-    scale = 10.0 ** np.array(exponents)
+    scale = 10.0**exponents
     shown = np.column_stack([low, high]) / scale[:, None]
-    return ParameterAxes(labels, scale, shown, marks / scale)
+    return labels, scale, shown, marks / scale
 
 
 def axis_limits(draws: Floats, bounds: Floats) -> Floats:
@@ -104,12 +102,6 @@ def axis_limits(draws: Floats, bounds: Floats) -> Floats:
     # fmin and fmax leave out NaN.
     limits = np.fmax(low, bounds[:, 0]), np.fmin(high, bounds[:, 1])
     return np.column_stack(limits)
-
-
-def _exponent(column: Floats) -> int:
-    """Return the power of ten to take out of an axis, 0 for ordinary numbers."""
-    size = float(np.abs(column).max())
-    return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
 
 
 def _label(name: str, unit: str, exponent: int) -> str:
@@ -147,11 +139,16 @@ def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
     the value of the last line: what a function draws and returns would come twice. Our
     figures leave pyplot when they are shown as a value. Scripts are left alone.
     """
+
+    def leave_pyplot() -> None:
+        """Close the figure, and leave it to IPython to show it as ever."""
+        plt.close(figure)
+        raise NotImplementedError  # how IPython is told so
+
     if idata is not None and (text := describe_certificate(idata).strip(" ()")):
         figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
     if "inline" in matplotlib.get_backend():
-        show = partial(_leave_pyplot, figure)
-        figure._ipython_display_ = show  # type: ignore[attr-defined]
+        figure._ipython_display_ = leave_pyplot  # type: ignore[attr-defined]
     return figure
 
 
@@ -161,9 +158,3 @@ def draw_png(figure: Figure) -> bytes:
     figure.savefig(file, format="png", dpi=160, facecolor="white")
     plt.close(figure)
     return file.getvalue()
-
-
-def _leave_pyplot(figure: Figure) -> None:
-    """Close a figure, and leave it to IPython to show it as ever."""
-    plt.close(figure)
-    raise NotImplementedError  # how IPython is told so

@@ -53,9 +53,8 @@ class Draws(NamedTuple):
         test itself leaves open, the smaller the more draws there are.
         """
         number, d = self.theta.shape
-        scatter: Floats = self.theta.std(axis=0)
-        scatter *= min(1.0, RESOLVED / number) ** (1 / d)
-        return scatter
+        share = min(1.0, RESOLVED / number) ** (1 / d)
+        return np.asarray(self.theta.std(axis=0) * share)
 
 
 def read_tests(
@@ -114,8 +113,8 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
     return Draws(
         theta=flat[kept][:, [sampled.index(name) for name in names]],
         log_prior=np.asarray(log_prior),
-        bounds=np.column_stack([constant["lower"].values, constant["upper"].values]),
-        prior=np.stack([constant["prior_mean"].values, constant["prior_sd"].values]),
+        bounds=constant[["lower", "upper"]].to_array().values.T,
+        prior=constant[["prior_mean", "prior_sd"]].to_array().values,
     )
 
 

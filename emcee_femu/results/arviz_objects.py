@@ -90,6 +90,14 @@ def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
         return xarray.Dataset(dict.fromkeys(constants, nothing))
 
 
+def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
+    """Return draws of the prior ``(n, d)``, NaN of what has none."""
+    prior = groups(idata).get("prior")
+    if prior is None or not prior.sizes["chain"]:  # chains were selected
+        return np.full((1, len(names)), np.nan)
+    return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
+
+
 def groups(idata: InferenceData) -> dict[str, Any]:
     """Return all groups as xarray Datasets."""
     tree = hasattr(idata, "children")

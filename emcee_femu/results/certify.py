@@ -5,7 +5,6 @@ narrower than the prior's, draws that press against such a bound, and climbs of 
 posterior from draws of the prior.
 """
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,6 +38,7 @@ from .certificate import (
     curvature_k,
     find_missed,
 )
+from .chains import read_chains
 from .diagnose import FEWEST_STEPS, diagnose
 from .to_arviz import check_sampled, read_samples
 from .verdict import NOT_CONVERGED
@@ -261,28 +261,27 @@ class EmulatedChain:
                 "idata: expected draws of the emulated posterior, got those that a "
                 "certificate has weighted; give it the object that you certified"
             )
-        names, chains = samples(idata)
-        m, n, d = chains.shape
+        chains = read_chains(idata)
+        names, (n, _, _, d) = chains.names, chains.draws.shape
+        by_step = chains.draws.reshape(n, -1, d)
+        m, steps = by_step.shape[1], np.arange(n)[:, None]
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
-        steps = np.arange(n)[:, None]
-        draws = chains[order, steps].reshape(-1, d)
-        lp = dataset(idata, "sample_stats")["lp"].transpose("chain", "draw").values
-        constant = dataset(idata, "constant_data").reindex(parameter=names)
-        bulk = effective_sizes(chains)[0]
-        if len(json.loads(dataset(idata, "posterior").attrs.get("betas", "[1.0]"))) > 1:
+        draws = by_step[steps, order].reshape(-1, d)
+        constant = dataset(idata, "constant_data").reindex(parameter=list(names))
+        by_chain = by_step.swapaxes(0, 1)
+        bulk = effective_sizes(by_chain)[0]
+        if len(chains.betas) > 1:
             # Exchanges hand states over, which walker by walker look independent.
             bulk = diagnose(idata).ess_bulk
-        both = chains, (chains - draws.mean(axis=0)) ** 2
+        both = by_chain, (by_chain - draws.mean(axis=0)) ** 2
         # At least one; NaN is that of a chain too short.
         sizes = np.fmax(np.nan_to_num([bulk, *map(mean_sizes, both)], nan=1.0), 1.0)
         return cls(
-            names=tuple(names),
+            names=names,
             draws=draws,
-            log_posterior=lp[order, steps].ravel(),
+            log_posterior=chains.log_prob.reshape(n, m)[steps, order].ravel(),
             coordinates=Coordinates.positive(prior),
-            bounds=np.column_stack(
-                [constant["lower"].values, constant["upper"].values]
-            ),
+            bounds=constant[["lower", "upper"]].to_array().values.T,
             size=float(min(sizes[0].min(), m * n)),
             mean_sizes=sizes[1:],
         )

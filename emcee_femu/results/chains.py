@@ -287,24 +287,16 @@ def _of_arviz(
     kept = slice(discard + thin - 1, None, thin)
     if not len(draws[kept]):
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
-    numbers = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
-    fractions = np.array(numbers.get("acceptance", []))
+    told = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
+    told |= {name: group.attrs[name] for name in TOLD if name in group.attrs}
+    fractions = np.array(told.pop("acceptance", []))
     if fractions.size != shape[0] * shape[1]:  # chains were selected
         fractions = np.full(shape, np.nan)
-    search = numbers.get("search")
-    return Chains(
-        tuple(names),
-        draws[kept],
-        log_prob[kept],
-        fractions.reshape(shape),
-        posterior=posterior,
-        search=None if search is None else SearchRecord.from_json(search),
-        betas=np.array(numbers.get("betas", [1.0])),
-        failures=numbers.get("failures", {}),
-        solves=numbers.get("solves", 0),
-        starts_given=numbers.get("starts_given", False),
-        **{name: group.attrs[name] for name in TOLD if name in group.attrs},
-    )
+    if told.get("search") is not None:
+        told["search"] = SearchRecord.from_json(told["search"])
+    told["betas"] = np.array(told.get("betas", [1.0]))
+    known = tuple(names), draws[kept], log_prob[kept], fractions.reshape(shape)
+    return Chains(*known, posterior=posterior, **told)
 
 
 def autocorrelation_time(chain: Floats) -> Floats:

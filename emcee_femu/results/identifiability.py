@@ -16,6 +16,7 @@ from .arviz_objects import (
     InferenceData,
     dataset,
     describe_certificate,
+    prior_draws,
     samples,
 )
 from .sensitivities import by_mode, fit_sensitivities
@@ -328,12 +329,10 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
             f"parameter(s), got {different}; run longer"
         )
     prior_sd = constants["prior_sd"].values
-    bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
+    bounds = constants[["lower", "upper"]].to_array().values.T
     modes: tuple[str, ...] = ()
     slopes, r_squared, effect = np.empty((0, d)), np.empty(0), np.full(d, np.nan)
-    before = np.full((1, d), np.nan)
-    if "prior" in idata and dataset(idata, "prior").sizes["chain"]:
-        before = np.column_stack([dataset(idata, "prior")[k].values[0] for k in names])
+    before = prior_draws(idata, names)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     if fitted:

@@ -28,11 +28,6 @@ class ModeShapes:
     shapes: Floats
     dofs: Sequence[Hashable]
 
-    @property
-    def count(self) -> int:
-        """How many modes there are to show."""
-        return len(self.frequencies)
-
 
 @dataclass(frozen=True, eq=False)
 class PairedShapes(ModeShapes):
@@ -56,11 +51,6 @@ class PairedShapes(ModeShapes):
     paired: Floats
     shared: NDArray[np.bool_]
     mac: Floats
-
-    @property
-    def count(self) -> int:
-        """How many measured modes there are."""
-        return len(self.hertz)
 
 
 def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
