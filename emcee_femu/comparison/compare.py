@@ -14,7 +14,8 @@ from ..moves.proposing import find_stock_fault
 from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, samples
-from ..results.diagnose import FEWEST_STEPS, Diagnosis, diagnose
+from ..results.chains import FEWEST_STEPS
+from ..results.diagnose import Diagnosis, diagnose
 from ..results.to_arviz import to_inference_data
 from ..results.verdict import CONVERGED
 from ..sampling.run import Run, run

@@ -85,16 +85,11 @@ def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> No
     rows = sorted(zip(*map(column, titles), strict=True), key=lambda row: row[0])
     values, errors, labels, verdicts = zip(*rows, strict=True)
     fit = [verdict == CONVERGED for verdict in verdicts]
-    bars = axes.barh(
-        range(len(rows)),
-        values,
-        xerr=errors,
-        height=0.65,
-        color=[colors[k] if ok else "none" for k, ok in zip(labels, fit, strict=True)],
-        edgecolor=[colors[label] for label in labels],
-        hatch=["" if good else "////" for good in fit],
-        error_kw={"capsize": 3, "lw": 1.2},
-    )
+    edges = [colors[label] for label in labels]
+    style: Style = {"height": 0.65, "error_kw": {"capsize": 3, "lw": 1.2}}
+    style["color"] = [c if good else "none" for c, good in zip(edges, fit, strict=True)]
+    style["hatch"] = ["" if good else "////" for good in fit]
+    bars = axes.barh(range(len(rows)), values, xerr=errors, edgecolor=edges, **style)
     axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
     axes.set_xlim(0, 1.25 * np.add(values, errors).max())  # room for the numbers
     names = [
@@ -151,15 +146,9 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
             place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
             left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
             continue
-        left.errorbar(
-            x,
-            row,
-            xerr=bar if row and np.isfinite(bar) else None,
-            fmt="o",
-            color=colours[row],
-            mfc="white" if verdicts[row] == "undecided" else colours[row],
-            capsize=4,
-        )
+        style: Style = {"fmt": "o", "color": colours[row], "capsize": 4}
+        style["mfc"] = "white" if verdicts[row] == "undecided" else colours[row]
+        left.errorbar(x, row, xerr=bar if row and np.isfinite(bar) else None, **style)
         if not np.isfinite(bar):
             where: Style = {"xytext": (8, 4), "textcoords": "offset points"}
             left.annotate("no error can be claimed", (x, row), **where)

@@ -78,18 +78,17 @@ def plot_scatter(
     d = len(names)
     side = max(min(WIDTH, 2.0 + 1.2 * d), d)
     panel = (side - LEFT - RIGHT) / d
+    style: Style = {"plot_contours": False, "plot_density": False, "max_n_ticks": 4}
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]],
         labels=labels,
         range=limits,
         bins=30,
-        plot_contours=False,
-        plot_density=False,
         truths=[None if np.isnan(mark) else mark for mark in marks],
         truth_color=BLUE,
         data_kwargs={"alpha": 0.25, "ms": min(2.0, 1.2 * panel), "color": GREY},
         hist_kwargs={"color": GREY},
-        max_n_ticks=4,
+        **style,
     )
     figure.set_size_inches(side, side)
     finish(figure, idata)
@@ -112,13 +111,10 @@ def plot_scatter(
         Line2D([], [], color=BLUE, marker="s", label="reference"),
     ]
     is_shown = [d > 1, True in drawn, False in drawn, np.isfinite(marks).any()]
-    figure.legend(
-        handles=[h for h, shown in zip(handles, is_shown, strict=True) if shown],
-        loc="upper right",
-        fontsize=min(11, 6.5 + d),
-        frameon=False,
-        bbox_to_anchor=(1.0, 1.0 - (above - RIGHT) / side),
-    )
+    handles = [h for h, shown in zip(handles, is_shown, strict=True) if shown]
+    style = {"loc": "upper right", "frameon": False, "fontsize": min(11, 6.5 + d)}
+    style["bbox_to_anchor"] = (1.0, 1.0 - (above - RIGHT) / side)
+    figure.legend(handles=handles, **style)
     return figure
 
 
@@ -127,14 +123,14 @@ def _draw_mass(
 ) -> bool:
     """Draw the ellipse of points ``(n, 2)`` or their regions, and tell if the first."""
     density = None if ellipse else estimate_density(points, limits, size)
-    if density is None or (ellipse is None and density.gaussian):
+    if density is None or (ellipse is None and density[2]):
         (width, height), angle = covariance_ellipse(points)
         style: Style = {"fill": False, "color": RED, "lw": 1.6, "zorder": 5}
         patch = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
         axes.add_patch(patch)
         return True
-    grid = density.x, density.y, density.values
-    levels = np.unique([*density.levels, 2 * density.values.max()])
+    grid, levels, _ = density
+    levels = np.unique([*levels, 2 * grid[2].max()])
     axes.contourf(*grid, levels, colors=[(RED, 0.15), (RED, 0.35)], zorder=4)
     axes.contour(*grid, levels[:-1], colors=RED, linewidths=0.9, zorder=5)
     return False

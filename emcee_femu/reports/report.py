@@ -210,14 +210,13 @@ def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
     columns: list[Column] = [
         (part.dims or "quantity", "", part.labels if part.dims else [part.name]),
         (f"measured{unit}", ".6g", values),
-        (f"standard deviation{unit}", ".3g", sd),
     ]
+    if np.isfinite(sd).any():
+        columns.append((f"standard deviation{unit}", ".3g", sd))
     if len(values) > MOST_ROWS:
+        ends = (f"lowest{unit}", values.min()), (f"highest{unit}", values.max())
         columns = [("values", "d", [len(values)])]
-        columns += [(f"lowest{unit}", ".6g", [values.min()])]
-        columns += [(f"highest{unit}", ".6g", [values.max()])]
-    elif np.isnan(sd).all():
-        del columns[2]
+        columns += [(title, ".6g", [value]) for title, value in ends]
     return Table.from_columns(f"Measured: {part.name}", columns)
 
 

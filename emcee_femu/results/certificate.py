@@ -195,23 +195,20 @@ class Certificate(Report):
         return self.table, self.verdict, *self.findings
 
     def sealed(
-        self,
-        idata: InferenceData,
-        posterior: LogPosterior,
-        rows: Floats,
-        log_emulated: Floats,
+        self, posterior: LogPosterior, rows: Floats, log_emulated: Floats
     ) -> "Certificate":
         """Return the certificate with the ArviZ object to go on with.
 
+        Until then its ``idata`` is that of the emulated posterior.
+
         Args:
-            idata: Of the emulated posterior.
             posterior: The true one.
             rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
             log_emulated: The emulated log-posterior there, ``(n,)``.
         """
         import xarray
 
-        text, sealed = f"{self.short} by {self.solves} full solves", groups(idata)
+        text, sealed = f"{self.short} by {self.solves} full solves", groups(self.idata)
         if self.short == CORRECTED:
             text = f"corrected by the weights of {len(self.weights)} full solves"
             possible = self.weights > 0

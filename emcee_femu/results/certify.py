@@ -38,8 +38,8 @@ from .certificate import (
     curvature_k,
     find_missed,
 )
-from .chains import read_chains
-from .diagnose import FEWEST_STEPS, diagnose
+from .chains import FEWEST_STEPS, read_chains
+from .diagnose import diagnose
 from .to_arviz import check_sampled, read_samples
 from .verdict import NOT_CONVERGED
 
@@ -219,8 +219,9 @@ def certify(
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
         notes=(*warned, *notes),
         settled=all("too short" in text for text in warned),
+        idata=idata,
     )
-    return certificate.sealed(idata, posterior, rows, emulated)
+    return certificate.sealed(posterior, rows, emulated)
 
 
 @dataclass(frozen=True, eq=False)

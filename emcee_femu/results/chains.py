@@ -28,6 +28,7 @@ from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
 STORED = ("acceptance", "betas", "failures", "search", "solves", "starts_given")  # JSON
+FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
@@ -224,12 +225,13 @@ def _of_file(
     begun = [chain for chain in stored if chain.iteration > discard]
     betas = np.array(manifest.get("betas") or [1.0])
     search = None if search is None else SearchRecord.from_json(search)
+    moves = "; ".join(map(" ".join, manifest["moves"]))
     return replace(
         read(begun or stored, betas),
         names=tuple(manifest["parameters"]),
         posterior=posterior,
         search=search,
-        moves=describe_moves(search.moves(None)) if search else manifest["moves"],
+        moves=describe_moves(search.moves(None)) if search else moves,
         seed=str(manifest["seed"]),
         origin="" if search is None else search.sentence,
         starts_given=manifest["starts"] is not None and search is None,
@@ -297,6 +299,15 @@ def _of_arviz(
     told["betas"] = np.array(told.get("betas", [1.0]))
     known = tuple(names), draws[kept], log_prob[kept], fractions.reshape(shape)
     return Chains(*known, posterior=posterior, **told)
+
+
+def check_length(values: Floats) -> None:
+    """Refuse values ``(steps, ...)`` of too few steps to judge."""
+    if len(values) < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, left "
+            f"{len(values)}"
+        )
 
 
 def autocorrelation_time(chain: Floats) -> Floats:

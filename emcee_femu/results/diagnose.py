@@ -11,7 +11,7 @@ from ..interfaces import Floats
 from ..table import Parts, Report, Table
 from .arviz_objects import effective_sizes, mean_sizes, rhat
 from .certificate import Certificate
-from .chains import Chains, excess_scatter, read_chains, tau_by_ensemble
+from .chains import Chains, check_length, excess_scatter, read_chains, tau_by_ensemble
 from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes
 from .verdict import (
@@ -23,7 +23,6 @@ from .verdict import (
     judge_without_chains,
 )
 
-FEWEST_STEPS = 8  # that can be judged
 UNKNOWN = Statement("not judged", "not judged", "not judged.")
 TAILS = (0.05, 0.95)
 
@@ -197,10 +196,7 @@ def _measure(chains: Chains) -> Diagnosis:
     """Return the numbers of chains, not judged."""
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
-    if steps < FEWEST_STEPS:
-        raise ValueError(
-            f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"
-        )
+    check_length(draws)
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
