@@ -99,7 +99,12 @@ def plot_shapes(
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
     hertz = solved.hertz if isinstance(solved, PairedShapes) else solved.frequencies
-    numbers = _choose_modes(modes, len(hertz))
+    some = range(1, len(hertz) + 1) if modes is None else np.atleast_1d(modes)
+    numbers = [checks.whole_number("modes", mode, 1) for mode in some]
+    if not numbers or max(numbers) > len(hertz) or len({*numbers}) < len(numbers):
+        raise ValueError(
+            f"modes: expected numbers from 1 to {len(hertz)}, each once, got {numbers}"
+        )
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
@@ -121,17 +126,6 @@ def plot_shapes(
     figure.legend(handles=panels[0].get_legend_handles_labels()[0], **below)
     figure.draw_without_rendering()  # the layout of such axes settles in two passes
     return finish(figure, idata)
-
-
-def _choose_modes(modes: Sequence[int] | None, count: int) -> list[int]:
-    """Return the numbers of the modes to draw, refusing those that there are not."""
-    some = range(1, count + 1) if modes is None else np.atleast_1d(modes)
-    numbers = [checks.whole_number("modes", mode, 1) for mode in some]
-    if not numbers or max(numbers) > count or len({*numbers}) < len(numbers):
-        raise ValueError(
-            f"modes: expected numbers from 1 to {count}, each once, got {numbers}"
-        )
-    return numbers
 
 
 def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:

@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from .. import checks
 from ..interfaces import Floats
 from ..population.pool_tests import PooledTests
-from ..results.arviz_objects import name_with_unit
-from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
+from ..results.arviz_objects import unit_of
+from .style import BELOW, BLUE, GREY, RED, Style, finish, label_axis, subplots
 
 LEVELS = (0.025, 0.5, 0.975)
 MOST_LABELS = 25  # of tests beside a panel
@@ -131,7 +131,7 @@ def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
 
 def _label(pooled: PooledTests, name: str) -> str:
     """Return a parameter with the unit of its population's mean."""
-    return name_with_unit(pooled.idata, f"mean {name}").removeprefix("mean ")
+    return label_axis(name, unit_of(pooled.idata, f"mean {name}"))
 
 
 def _draw_tests(

@@ -71,7 +71,7 @@ def scale_axes(
     ordinary = (sizes >= 1e-2) & (sizes < 1e5)
     exponents = np.where(ordinary, 0, np.floor(np.log10(sizes))).astype(int)
     labels = [
-        _label(name, units.get(name) or unit_of(idata, name), exponent)
+        label_axis(name, units.get(name) or unit_of(idata, name), exponent)
         for name, exponent in zip(names, exponents, strict=True)
     ]
     prior = prior_constants(idata, names)
@@ -104,7 +104,7 @@ def axis_limits(draws: Floats, bounds: Floats) -> Floats:
     return np.column_stack(limits)
 
 
-def _label(name: str, unit: str, exponent: int) -> str:
+def label_axis(name: str, unit: str, exponent: int = 0) -> str:
     """Return a parameter with its unit and the power of ten taken out of its axis."""
     unit = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit)
     power = f"$10^{{{exponent}}}$ " if exponent else ""

@@ -163,12 +163,6 @@ def unit_of(idata: InferenceData, name: str) -> str:
     )
 
 
-def name_with_unit(idata: InferenceData, name: str) -> str:
-    """Return a variable of the posterior as axes have it, such as ``k1 [N/m]``."""
-    unit = unit_of(idata, name)
-    return f"{name} [{unit}]" if unit else name
-
-
 def spread_out(n: int, most: int) -> NDArray[np.intp]:
     """Return which of n draws to take where ``most`` will do, evenly spread."""
     return np.linspace(0, n - 1, min(n, most)).astype(np.intp)

@@ -38,11 +38,9 @@ class Evidence(Report):
     failed_solves: int = 0
 
     def _parts(self) -> Parts:
-        error = (
-            f"+- {self.log_evidence_error:.4f}"
-            if np.isfinite(self.log_evidence_error)
-            else "(no standard error can be claimed)"
-        )
+        error = f"+- {self.log_evidence_error:.4f}"
+        if not np.isfinite(self.log_evidence_error):
+            error = "(no standard error can be claimed)"
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."
