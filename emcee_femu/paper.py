@@ -199,12 +199,7 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
     elements += [(a, b, "left") for a, b in ((7, 8), (8, 0), (0, 9), (9, 10))]
     elements += [(a, b, "right") for a, b in ((11, 6), (6, 12))]
     return FrameModel(
-        [*middle, *left, *right],
-        elements,
-        sections,
-        modes=modes,
-        skip=6,
-        shapes=shapes,
+        [*middle, *left, *right], elements, sections, modes=modes, skip=6, shapes=shapes
     )
 
 

@@ -40,9 +40,7 @@ class ModelComparison(Report):
 
 
 def compare_models(
-    models: Mapping[str, object],
-    *,
-    prior: Mapping[str, float] | None = None,
+    models: Mapping[str, object], *, prior: Mapping[str, float] | None = None
 ) -> ModelComparison:
     r"""Compare model classes by their evidence, for the same data.
 

@@ -14,14 +14,8 @@ from .certificate import Certificate
 from .chains import Chains, check_length, excess_scatter, read_chains, tau_by_ensemble
 from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes
-from .verdict import (
-    CONVERGED,
-    NO_CHAINS,
-    Statement,
-    judge_chains,
-    judge_search,
-    judge_without_chains,
-)
+from .verdict import CONVERGED, NO_CHAINS, Statement, judge_chains, judge_search
+from .verdict import judge_without_chains as judge_others
 
 UNKNOWN = Statement("not judged", "not judged", "not judged.")
 TAILS = (0.05, 0.95)
@@ -182,7 +176,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         about = judge_chains(diagnosis, chains.starts_given, discard)
         search = judge_search(diagnosis.modes)
     else:
-        about, search = judge_without_chains(source, chains)
+        about, search = judge_others(source, chains)
         nan: Any = np.full((1, len(chains.names)), np.nan)
         # From tau to scatter, in the order of the attributes.
         numbers = nan, *3 * [nan[0]], nan[:, :1], (), *4 * [nan[0]]
