@@ -34,7 +34,7 @@ def plot_shapes(
     posterior: LogPosterior | None = None,
     *,
     geometry: Geometry | None = None,
-    modes: Sequence[int] | None = None,
+    modes: int | Sequence[int] | None = None,
     experiment: str | None = None,
 ) -> Figure:
     """Draw the structure with its measured mode shapes and those of the updated model.
@@ -55,7 +55,7 @@ def plot_shapes(
         idata: What :func:`run` or :func:`to_inference_data` returns.
         posterior: The sampled posterior; known of a run.
         geometry: Nodes, lines and sensors; None for the model's own.
-        modes: Which modes, 1 = the first measured one; None for all.
+        modes: Which mode or modes, 1 = the first measured one; None for all.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:
