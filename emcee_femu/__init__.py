@@ -27,8 +27,8 @@ paper         the two structures of the paper, and its published numbers
 from importlib import import_module
 from importlib.metadata import version as _version
 from types import ModuleType
+from typing import TYPE_CHECKING
 
-from . import figures as figures
 from . import moves as moves
 from .comparison.classes import compare_models as compare_models
 from .comparison.compare import compare_moves as compare_moves
@@ -76,11 +76,20 @@ from .sampling.run import run as run
 from .surrogates.emulate import emulate as emulate
 from .surrogates.reduced import reduce_model as reduce_model
 
+if TYPE_CHECKING:
+    from . import figures as figures
+
 __version__ = _version("emcee-femu")
+LATER = ("figures", "frf", "paper", "spectra")
 
 
 def __getattr__(name: str) -> ModuleType:
     """Import a special subject when it is first asked for, as in ``ef.frf``."""
-    if name in ("frf", "paper", "spectra"):
+    if name in LATER:
         return import_module(f".{name}", __name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return all names, for completion also those that are imported later."""
+    return [*globals(), *LATER]

@@ -177,19 +177,21 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
         >>> paper.h_frame(modes=[1, 2, 3])(theta).frequencies.shape
         (1, 3)
     """
-    tilts = {"left": 45.0, "middle": 30.0, "right": 45.0}
-    sections = {
-        bar: Section(
+    sections = {}
+    tilts = {"left": 45.0, "middle": 30.0, "right": 45.0}  # out of the normal
+    for i, (bar, tilt) in enumerate(tilts.items(), 1):
+        sine, cosine = float(np.sin(np.radians(tilt))), float(np.cos(np.radians(tilt)))
+        # The direction whose displacement Ix resists.
+        across = (0.0, sine, cosine) if bar == "middle" else (sine, 0.0, cosine)
+        sections[bar] = Section(
             E=7.2e10,
             GJ=720.0,
             rho=2785.0,
             A=f"A{i}",
             Iy=2.5255e-9,
             Iz=f"Ix{i}",
-            orientation=_tilt(along_x=bar == "middle", degrees=tilt),
+            orientation=across,
         )
-        for i, (bar, tilt) in enumerate(tilts.items(), 1)
-    }
     middle = [(x, 0.0, 0.0) for x in np.linspace(0.0, 0.690, 7)]
     left = [(0.0, y, 0.0) for y in (-0.210, -0.105, 0.095, 0.190)]
     right = [(0.690, y, 0.0) for y in (-0.105, 0.105)]
@@ -197,12 +199,7 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
     elements += [(a, b, "left") for a, b in ((7, 8), (8, 0), (0, 9), (9, 10))]
     elements += [(a, b, "right") for a, b in ((11, 6), (6, 12))]
     return FrameModel(
-        [*middle, *left, *right],
-        elements,
-        sections,
-        modes=modes,
-        skip=6,
-        shapes=shapes,
+        [*middle, *left, *right], elements, sections, modes=modes, skip=6, shapes=shapes
     )
 
 
@@ -265,14 +262,6 @@ def h_structure(beta: float = 10.0) -> Problem:
         ),
         units=units,
     )
-
-
-def _tilt(along_x: bool, degrees: float) -> tuple[float, float, float]:
-    """Return the direction whose displacement Ix resists, tilted out of the normal."""
-    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-    if along_x:
-        return (0.0, float(sine), float(cosine))
-    return (float(sine), 0.0, float(cosine))
 
 
 def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:

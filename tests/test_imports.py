@@ -72,7 +72,7 @@ def test_importing_the_package_loads_no_plotting_no_arviz_and_no_program():
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()
-    assert "emcee_femu.figures" in loaded
+    assert "emcee_femu.results.tables" in loaded
     assert not {"arviz", "corner", "matplotlib", "xarray", "pandas"} & set(loaded)
     assert not {"openseespy", "Pynite", "skfem"} & set(loaded)
 

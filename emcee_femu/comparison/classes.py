@@ -40,9 +40,7 @@ class ModelComparison(Report):
 
 
 def compare_models(
-    models: Mapping[str, object],
-    *,
-    prior: Mapping[str, float] | None = None,
+    models: Mapping[str, object], *, prior: Mapping[str, float] | None = None
 ) -> ModelComparison:
     r"""Compare model classes by their evidence, for the same data.
 
@@ -80,23 +78,20 @@ def compare_models(
         >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
         Ahead: four factors; the evidence against one factor is strong.
     """
-    evidences = _estimate(models)
-    weights = _weigh(prior, list(evidences))
+    found = _estimate(models)
+    labels = sorted(found, key=lambda label: -found[label].log_evidence)
+    evidences = {label: found[label] for label in labels}
     values = np.array([evidence.log_evidence for evidence in evidences.values()])
-    order = np.argsort(-values, kind="stable")
-    labels = [list(evidences)[i] for i in order]
-    values = values[order]
-    errors = np.array([evidences[label].log_evidence_error for label in labels])
-    posterior = values + np.log(weights[order])
+    errors = np.array([evidence.log_evidence_error for evidence in evidences.values()])
+    posterior = values + np.log(_weigh(prior, labels))
     probabilities = np.exp(posterior - np.logaddexp.reduce(posterior))
 
     lead = values[0] - values
     lead_errors = np.where(np.arange(len(lead)) > 0, np.hypot(errors[0], errors), 0.0)
     decided = lead > LEAD * lead_errors
-    verdicts = ["first"] + [
-        _judge(ahead) if clear else "undecided"
-        for ahead, clear in zip(lead[1:], decided[1:], strict=True)
-    ]
+    words = [next(word for least, word in WORDS if ahead >= least) for ahead in lead]
+    verdicts = np.where(decided, [f"behind, {word}" for word in words], "undecided")
+    verdicts[0] = "first"
     columns: list[Column] = [
         ("model class", "", labels),
         ("log evidence", ".2f", values),
@@ -111,13 +106,12 @@ def compare_models(
         + ("equal" if prior is None else "given")
         + " prior probabilities"
     )
-    winner = labels[0] if decided[1:].all() else None
     return ModelComparison(
         table=Table.from_columns(title, columns),
-        evidences={label: evidences[label] for label in labels},
+        evidences=evidences,
         probabilities=dict(zip(labels, probabilities.tolist(), strict=True)),
-        winner=winner,
-        conclusion=_conclude(labels, verdicts, evidences),
+        winner=labels[0] if decided[1:].all() else None,
+        conclusion=_conclude(verdicts.tolist(), evidences),
     )
 
 
@@ -151,20 +145,11 @@ def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
         raise ValueError(
             f"prior: expected a number above zero for each of {labels}, got {prior}"
         )
-    normalised: Floats = weights / weights.sum()
-    return normalised
+    return np.asarray(weights / weights.sum())
 
 
-def _judge(lead: float) -> str:
-    """Return what Kass and Raftery call a log Bayes factor."""
-    word = next(word for least, word in WORDS if lead >= least)
-    return f"behind, {word}"
-
-
-def _conclude(
-    labels: list[str], verdicts: list[str], evidences: Mapping[str, Evidence]
-) -> str:
-    pairs = list(zip(labels[1:], verdicts[1:], strict=True))
+def _conclude(verdicts: list[str], evidences: Mapping[str, Evidence]) -> str:
+    (first, _), *pairs = zip(evidences, verdicts, strict=True)
     close = [label for label, verdict in pairs if verdict == "undecided"]
     words = [
         f"the evidence against {label} is {verdict.rpartition(', ')[2]}"
@@ -173,14 +158,14 @@ def _conclude(
     ]
     if close:
         lines = [
-            f"Undecided between {', '.join([labels[0], *close[:-1]])} and {close[-1]}: "
+            f"Undecided between {', '.join([first, *close[:-1]])} and {close[-1]}: "
             "the log evidences differ by less than two standard errors; run longer."
         ]
         if words:
             lines.append(f"Of the others, {', '.join(words)}.")
     else:
-        lines = [f"Ahead: {labels[0]}; {', '.join(words)}."]
-    for label in labels:
-        for problem in evidences[label].problems:
+        lines = [f"Ahead: {first}; {', '.join(words)}."]
+    for label, evidence in evidences.items():
+        for problem in evidence.problems:
             lines.append(f"{label}: no error can be claimed, for {problem}.")
     return "\n".join(lines)

@@ -14,10 +14,11 @@ from ..moves.proposing import find_stock_fault
 from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, samples
-from ..results.diagnose import FEWEST_STEPS, Diagnosis, diagnose
+from ..results.chains import FEWEST_STEPS
+from ..results.diagnose import Diagnosis, diagnose
 from ..results.to_arviz import to_inference_data
 from ..results.verdict import CONVERGED
-from ..sampling.run import run
+from ..sampling.run import Run, run
 from ..table import Column, Parts, Report, Table
 
 LEAD = 2.0  # combined standard errors by which a winner must be ahead
@@ -141,10 +142,8 @@ def compare_moves(
                 ess=np.array(ess),
                 kept=round(evaluations * (steps - dropped)),
                 chain=round(evaluations * steps),
-                before=sampled.evaluations,
-                solves=sampled.solves,
                 cpu=cpu,
-                recipe="" if sampled.search is None else sampled.search.sentence,
+                run=sampled,
                 idata=to_inference_data(sampled, discard=dropped),
             )
         )
@@ -235,10 +234,9 @@ class Entry:
         label: The move's name.
         diagnosis: The judgement of all its ensembles.
         ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
-        kept, chain, before: Evaluations of the kept steps, of the stored ones, and of
-            what was before them.
-        solves, cpu: FE solves and CPU seconds, in total.
-        recipe: What was done before the stored steps, in words.
+        kept, chain: Evaluations of the kept steps, and of the stored ones.
+        cpu: CPU seconds, in total.
+        run: The run.
         idata: ArviZ object of the kept steps.
     """
 
@@ -247,10 +245,8 @@ class Entry:
     ess: Floats
     kept: int
     chain: int
-    before: int
-    solves: int
     cpu: float
-    recipe: str
+    run: Run
     idata: InferenceData
 
     @property
@@ -271,13 +267,12 @@ class Entry:
     @property
     def end_to_end(self) -> float:
         """ESS per 1000 evaluations, with all that was dropped or went before."""
-        return self.efficiency * self.kept / (self.chain + self.before)
+        return self.efficiency * self.kept / (self.chain + self.run.evaluations)
 
     @property
     def per_cpu_second(self) -> float:
         """ESS per CPU second of the kept steps, at an even pace."""
-        share = self.kept / (self.chain + self.before)
-        return float(self.diagnosis.ess_bulk.min() / (share * self.cpu))
+        return self.efficiency**2 * self.kept / (1000 * self.end_to_end * self.cpu)
 
     def __str__(self) -> str:
         """Return label, efficiency and its standard error."""
@@ -297,8 +292,8 @@ def _tabulate(
     diagnoses = [entry.diagnosis for entry in entries]
     columns: list[Column] = [
         ("move", "", [e.label for e in entries]),
-        ("FE solves", "d", [e.solves for e in entries]),
-        ("before chain", "d", [e.before for e in entries]),
+        ("FE solves", "d", [e.run.solves for e in entries]),
+        ("before chain", "d", [e.run.evaluations for e in entries]),
         ("acceptance", ".2f", [float(d.acceptance.mean()) for d in diagnoses]),
         ("tau", ".0f", [float(d.tau.max()) for d in diagnoses]),
         ("steps/tau", ".0f", [float(d.steps_per_tau.min()) for d in diagnoses]),
@@ -363,9 +358,9 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
     if unfit and able:
         lines.append(f"Not converged, so out of the contest: {', '.join(unfit)}.")
     lines += [
-        f"{entry.label}: {entry.recipe}; {entry.before} evaluations in all before "
-        "its chains."
+        f"{entry.label}: {entry.run.search.sentence}; {entry.run.evaluations} "
+        "evaluations in all before its chains."
         for entry in entries
-        if entry.recipe
+        if entry.run.search is not None
     ]
     return winner, "\n".join(lines)

@@ -1,9 +1,9 @@
 """The paper's figures and more, for any chain; each function returns a Figure.
 
-Only these modules use matplotlib and corner, which take seconds to import: they are
-imported where they are used. pyplot holds the figures, so that ``plt.show()`` shows
-them; a script that draws many closes each with ``plt.close(figure)``, a notebook need
-not.
+Only these modules use matplotlib and corner, which take seconds to import: the package
+imports them when they are first asked for. pyplot holds the figures, so that
+``plt.show()`` shows them; a script that draws many closes each with
+``plt.close(figure)``, a notebook need not.
 """
 
 from .comparison import plot_comparison as plot_comparison

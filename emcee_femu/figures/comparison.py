@@ -1,27 +1,27 @@
 """Figures of comparisons: moves, and model classes."""
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from .. import checks
 from ..comparison.classes import LEAD, ModelComparison
 from ..comparison.compare import Comparison
 from ..results.verdict import CONVERGED
-from .style import BLUE, GREY, RED, finish
+from .style import BLUE, GREY, RED, Style, finish, subplots
 from .total_average_error import draw_errors, running_tae
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
 LEAST = 0.001  # probability that is written as a number
 FAR = 25.0  # log evidence behind the first beyond which a class is only named
 
 
-def plot_comparison(comparison: Comparison) -> "Figure":
+def plot_comparison(comparison: Comparison) -> Figure:
     """Draw the ESS per 1000 evaluations of each move, and the error of its mean.
 
     Left: the best on top, error bars of one standard error over the ensembles; the
@@ -47,11 +47,9 @@ def plot_comparison(comparison: Comparison) -> "Figure":
         2
     """
     checks.instance("comparison", comparison, Comparison)
-    from matplotlib import pyplot as plt
-
     labels = comparison.table.column("move")
-    palette = plt.get_cmap("tab10" if len(labels) <= 10 else "tab20").colors
-    colors = {label: palette[i % len(palette)] for i, label in enumerate(labels)}
+    palette = colormaps["tab10" if len(labels) <= 10 else "tab20"]
+    colors = {label: palette(i % palette.N) for i, label in enumerate(labels)}
     try:
         curves = {
             label: running_tae(idata, comparison.posterior)
@@ -61,17 +59,12 @@ def plot_comparison(comparison: Comparison) -> "Figure":
         curves = {}
     lines = 2 + max(map(len, labels)) // LABEL_WIDTH  # of the longest, with its verdict
     height = 2.2 + max(len(labels) * max(0.5, 0.2 * lines), 2.2)
-    figure, panels = plt.subplots(
-        1,
-        1 + bool(curves),
-        figsize=(11.0 if curves else 7.0, height),
-        layout="constrained",
-        squeeze=False,
-        width_ratios=[1.3, 1.0] if curves else [1.0],
-    )
-    _draw_bars(panels[0, 0], comparison, colors)
+    widths = [1.3, 1.0] if curves else [1.0]
+    size = 11.0 if curves else 7.0, height
+    figure, panels = subplots(len(widths), len(widths), size, width_ratios=widths)
+    _draw_bars(panels[0], comparison, colors)
     if curves:
-        axes, verdicts = panels[0, 1], comparison.table.column("verdict")
+        axes, verdicts = panels[1], comparison.table.column("verdict")
         failed = [verdict != CONVERGED for verdict in verdicts]
         styles = {
             label: {"ls": "--" if bad else "-", "color": colors[label], "lw": 1.6}
@@ -86,24 +79,17 @@ def plot_comparison(comparison: Comparison) -> "Figure":
     return finish(figure)
 
 
-def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> None:
-    from matplotlib.patches import Patch
-
+def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> None:
     column = comparison.table.column
     titles = ("ESS per 1000", "+-", "move", "verdict")
     rows = sorted(zip(*map(column, titles), strict=True), key=lambda row: row[0])
     values, errors, labels, verdicts = zip(*rows, strict=True)
     fit = [verdict == CONVERGED for verdict in verdicts]
-    bars = axes.barh(
-        range(len(rows)),
-        values,
-        xerr=errors,
-        height=0.65,
-        color=[colors[k] if ok else "none" for k, ok in zip(labels, fit, strict=True)],
-        edgecolor=[colors[label] for label in labels],
-        hatch=["" if good else "////" for good in fit],
-        error_kw={"capsize": 3, "lw": 1.2},
-    )
+    edges = [colors[label] for label in labels]
+    style: Style = {"height": 0.65, "error_kw": {"capsize": 3, "lw": 1.2}}
+    style["color"] = [c if good else "none" for c, good in zip(edges, fit, strict=True)]
+    style["hatch"] = ["" if good else "////" for good in fit]
+    bars = axes.barh(range(len(rows)), values, xerr=errors, edgecolor=edges, **style)
     axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
     axes.set_xlim(0, 1.25 * np.add(values, errors).max())  # room for the numbers
     names = [
@@ -122,7 +108,7 @@ def _draw_bars(axes: "Axes", comparison: Comparison, colors: dict[str, Any]) -> 
     axes.figure.legend(handles=keys, **where)
 
 
-def plot_model_comparison(comparison: ModelComparison) -> "Figure":
+def plot_model_comparison(comparison: ModelComparison) -> Figure:
     """Draw the log Bayes factors of model classes against the first, and probabilities.
 
     Left: the best on top; bars of two combined standard errors, beyond which a class is
@@ -147,38 +133,24 @@ def plot_model_comparison(comparison: ModelComparison) -> "Figure":
         2
     """
     checks.instance("comparison", comparison, ModelComparison)
-    from matplotlib import pyplot as plt
-
     column = comparison.table.column
     labels, verdicts = column("model class"), column("verdict")
     behind, rows = -np.array(column("ln Bayes factor")), np.arange(len(labels))
     bars = LEAD * np.array(column("its +-"))
     colours = [RED, *(BLUE for _ in labels[1:])]
-    figure, (left, right) = plt.subplots(
-        1,
-        2,
-        figsize=(9.0, 1.9 + 0.55 * len(rows)),
-        layout="constrained",
-        sharey=True,
-        width_ratios=[1.6, 1.0],
-    )
+    size, widths = (9.0, 1.9 + 0.55 * len(rows)), [1.6, 1.0]
+    figure, (left, right) = subplots(2, 2, size, sharey=True, width_ratios=widths)
     left.axvline(0.0, color=GREY, lw=0.8)
     for row, (x, bar) in enumerate(zip(behind, bars, strict=True)):
         if x < -FAR:  # it would hide how the others differ
-            place = {"xycoords": left.get_yaxis_transform(), "va": "center"}
+            place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
             left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
             continue
-        left.errorbar(
-            x,
-            row,
-            xerr=bar if row and np.isfinite(bar) else None,
-            fmt="o",
-            color=colours[row],
-            mfc="white" if verdicts[row] == "undecided" else colours[row],
-            capsize=4,
-        )
+        style: Style = {"fmt": "o", "color": colours[row], "capsize": 4}
+        style["mfc"] = "white" if verdicts[row] == "undecided" else colours[row]
+        left.errorbar(x, row, xerr=bar if row and np.isfinite(bar) else None, **style)
         if not np.isfinite(bar):
-            where = {"xytext": (8, 4), "textcoords": "offset points"}
+            where: Style = {"xytext": (8, 4), "textcoords": "offset points"}
             left.annotate("no error can be claimed", (x, row), **where)
     left.margins(x=0.12, y=0.2)
     left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])

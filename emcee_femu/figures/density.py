@@ -1,9 +1,9 @@
 """Where the mass of two parameters lies: an ellipse, or regions of highest density."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from ..interfaces import Floats
 
@@ -16,24 +16,6 @@ TENTH = 0.251  # standard deviations of a Gaussian that hold its middle tenth
 # Area that region and ellipse share, over that of both, from which draws count as
 # Gaussian; the second for one independent draw, since few draws make ragged regions.
 ALIKE, NOISE = 0.8, 1.5
-
-
-class Density(NamedTuple):
-    """A density on a grid, and its values that bound the regions.
-
-    Attributes:
-        x: First coordinate of the grid ``(CELLS, CELLS)``.
-        y: Second coordinate.
-        values: The density there, up to a factor.
-        levels: Values outside of which 5 % and 50 % of the draws are, ``(2,)``.
-        gaussian: Whether the region of 95 % is near the ellipse.
-    """
-
-    x: Floats
-    y: Floats
-    values: Floats
-    levels: Floats
-    gaussian: bool
 
 
 def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
@@ -60,7 +42,9 @@ def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
     return 2 * RADIUS * np.sqrt(variances), float(np.degrees(np.arctan2(y, x)))
 
 
-def estimate_density(points: Floats, limits: Floats, size: float) -> Density | None:
+def estimate_density(
+    points: Floats, limits: Floats, size: float
+) -> tuple[tuple[Floats, Floats, Floats], Floats, bool] | None:
     """Return the density of points ``(n, 2)`` inside the axes' limits ``(2, 2)``.
 
     A histogram of coordinates without correlation, smoothed by a Gaussian as wide as
@@ -68,8 +52,6 @@ def estimate_density(points: Floats, limits: Floats, size: float) -> Density | N
     each axis: separate clouds stay separate. Points are mirrored at the limits, so that
     a density that leans on a bound does not fade there. None for points on a line.
     """
-    from scipy.ndimage import gaussian_filter, map_coordinates
-
     near = points[((points >= limits[:, 0]) & (points <= limits[:, 1])).all(axis=1)]
     centre, scale = near.mean(axis=0), near.std(axis=0)
     correlation: Floats = np.atleast_2d(np.corrcoef(near, rowvar=False))
@@ -109,4 +91,4 @@ def estimate_density(points: Floats, limits: Floats, size: float) -> Density | N
     ellipse = math.pi * RADIUS**2 * math.sqrt(np.linalg.det(covariance))
     overlap = shared / (ellipse + region.sum() * cell - shared)
     gaussian = bool(overlap > ALIKE - NOISE / math.sqrt(size))
-    return Density(x[..., 0], x[..., 1], values, levels, gaussian)
+    return (x[..., 0], x[..., 1], values), levels, gaussian

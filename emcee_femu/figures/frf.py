@@ -1,8 +1,7 @@
 """The figure of measured and predicted FRFs."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..likelihoods.frf import FRFTerm
@@ -10,10 +9,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import samples, spread_out
 from ..results.tables import INTERVAL
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, Style, finish
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from .style import BELOW, BLUE, Style, finish, subplots
 
 DRAWN = 200  # draws that are solved anew
 
@@ -23,7 +19,7 @@ def plot_frf(
     posterior: LogPosterior | None = None,
     *,
     experiment: str | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw measured and predicted amplitudes.
 
     One panel per channel: the measured amplitude is points, the updated model its 95 %
@@ -58,8 +54,6 @@ def plot_frf(
         >>> len(ef.frf.plot_frf(run).axes)  # one channel
         1
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
     pairs = [
@@ -80,18 +74,9 @@ def plot_frf(
     H = model(posterior.parameters(some))[measured.kind]
     ends = np.quantile(np.sqrt((H**2).sum(axis=-1)), INTERVAL, axis=0)
     rows = len(measured.channels)
-    figure, panels = plt.subplots(
-        rows,
-        1,
-        figsize=(8, 1.0 + 2.3 * rows),
-        sharex=True,
-        layout="constrained",
-        squeeze=False,
-    )
+    figure, panels = subplots(rows, 1, (8.0, 1.0 + 2.3 * rows), sharex=True)
     unit, label = reads[measured.kind].unit, "updated model, 95 %"
-    for i, (axes, channel) in enumerate(
-        zip(panels[:, 0], measured.channels, strict=True)
-    ):
+    for i, (axes, channel) in enumerate(zip(panels, measured.channels, strict=True)):
         style: Style = {"color": BLUE, "alpha": 0.6, "lw": 0.8, "label": label}
         axes.fill_between(measured.lines, *ends[:, i], **style)
         style = {"color": "black", "ms": 3, "label": "measured"}
@@ -99,7 +84,6 @@ def plot_frf(
         axes.set_yscale("log")
         axes.grid(True, alpha=0.25)
         axes.set_ylabel(f"{channel.label}\n{measured.kind} ({unit})")
-    panels[-1, 0].set_xlabel("frequency (Hz)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, **BELOW)
+    panels[-1].set_xlabel("frequency (Hz)")
+    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **BELOW)
     return finish(figure, idata)

@@ -1,8 +1,9 @@
 """How alike the measured and the model's mode shapes are, before and after updating."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..interfaces import Floats
@@ -12,11 +13,7 @@ from ..results.arviz_objects import dataset, samples
 from ..results.shapes import PairedShapes, choose_experiment, solve_shapes
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
-from .style import RED, Style, finish
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import RED, Style, finish, subplots
 
 FEW = 4  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.56  # inches of a measured mode, and at least of the model's
@@ -24,7 +21,7 @@ ROW, COLUMN = 0.42, 0.56  # inches of a measured mode, and at least of the model
 
 def plot_mac(
     idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
-) -> "Figure":
+) -> Figure:
     """Draw the MAC of measured and model modes, before and after updating.
 
     Before is the model at the prior mean, left out where it cannot be solved; after, at
@@ -59,8 +56,6 @@ def plot_mac(
         >>> [axes.get_title() for axes in ef.figures.plot_mac(run).axes[:2]]
         ['before: at the prior mean', 'after: at the posterior mean']
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
     test = choose_experiment(posterior, experiment)
@@ -80,24 +75,17 @@ def plot_mac(
     m, q = after.mac.shape
     across = len(solved) if q <= FEW else 1
     down = len(solved) // across
-    figure, panels = plt.subplots(
-        down,
-        across,
-        figsize=(max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)),
-        layout="constrained",
-        squeeze=False,
-    )
-    for axes, (title, modes) in zip(panels.flat, solved.items(), strict=True):
+    size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
+    figure, panels = subplots(len(solved), across, size)
+    for axes, (title, modes) in zip(panels, solved.items(), strict=True):
         _draw_matrix(axes, modes, ends if modes is after else None)
         axes.set_title(title, fontsize=10)
     figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
     return finish(figure, idata)
 
 
-def _draw_matrix(axes: "Axes", modes: PairedShapes, ends: Floats | None) -> None:
+def _draw_matrix(axes: Axes, modes: PairedShapes, ends: Floats | None) -> None:
     """Draw a matrix with its numbers, and the intervals of pairs if there are some."""
-    from matplotlib.patches import Rectangle
-
     m, q = modes.mac.shape
     axes.imshow(modes.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for (i, j), value in np.ndenumerate(modes.mac):

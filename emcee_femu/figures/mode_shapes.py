@@ -1,10 +1,13 @@
 """The structure, its sensors, and the mode shapes that were measured and predicted."""
 
 import math
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Hashable, Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats, read_declared
@@ -13,11 +16,7 @@ from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import samples
 from ..results.shapes import ModeShapes, PairedShapes, choose_experiment, solve_shapes
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, GREY, RED, Style, finish
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
 
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
@@ -35,9 +34,9 @@ def plot_shapes(
     posterior: LogPosterior | None = None,
     *,
     geometry: Geometry | None = None,
-    modes: Sequence[int] | None = None,
+    modes: int | Sequence[int] | None = None,
     experiment: str | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw the structure with its measured mode shapes and those of the updated model.
 
     One panel per mode. Grey is the structure at rest, blue the model at the posterior
@@ -56,7 +55,7 @@ def plot_shapes(
         idata: What :func:`run` or :func:`to_inference_data` returns.
         posterior: The sampled posterior; known of a run.
         geometry: Nodes, lines and sensors; None for the model's own.
-        modes: Which modes, 1 = the first measured one; None for all.
+        modes: Which mode or modes, 1 = the first measured one; None for all.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:
@@ -86,8 +85,6 @@ def plot_shapes(
         >>> figure.axes[0].get_title().splitlines()[0]
         'mode 1: 0.27 Hz measured,'
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
     test = choose_experiment(posterior, experiment)
@@ -101,7 +98,13 @@ def plot_shapes(
         )
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
-    numbers = _choose_modes(modes, solved.count)
+    hertz = solved.hertz if isinstance(solved, PairedShapes) else solved.frequencies
+    some = range(1, len(hertz) + 1) if modes is None else np.atleast_1d(modes)
+    numbers = [checks.whole_number("modes", mode, 1) for mode in some]
+    if not numbers or max(numbers) > len(hertz) or len({*numbers}) < len(numbers):
+        raise ValueError(
+            f"modes: expected numbers from 1 to {len(hertz)}, each once, got {numbers}"
+        )
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
@@ -111,40 +114,18 @@ def plot_shapes(
     rows = -(-len(numbers) // COLUMNS)
     columns = -(-len(numbers) // rows)
     slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
-    figure, panels = plt.subplots(
-        rows,
-        columns,
-        figsize=(max(PANEL * columns, 3.6), 0.6 + rows * (0.4 + PANEL * slope)),
-        layout="constrained",
-        squeeze=False,
-    )
-    for axes in panels.flat[len(numbers) :]:
-        axes.remove()
-    for axes, number, mode in zip(panels.flat, numbers, drawn, strict=False):
+    inches = max(PANEL * columns, 3.6), 0.6 + rows * (0.4 + PANEL * slope)
+    figure, panels = subplots(len(numbers), columns, inches)
+    for axes, number, mode in zip(panels, numbers, drawn, strict=True):
         _draw_mode(axes, geometry, view, [_scale(part, mode, size) for part in mode])
         axes.set_title(_title(solved, number - 1), fontsize=9)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set(xticks=[], yticks=[], frame_on=False)
-    _draw_directions(panels[0, 0], view, low + 0.05 * size, 0.12 * size)
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    beside = 4 if columns == COLUMNS else 2
-    figure.legend(handles, labels, **{**BELOW, "ncols": beside}, fontsize=8)
+    _draw_directions(panels[0], view, low + 0.05 * size, 0.12 * size)
+    below = BELOW | {"ncols": 4 if columns == COLUMNS else 2, "fontsize": 8}
+    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **below)
     figure.draw_without_rendering()  # the layout of such axes settles in two passes
     return finish(figure, idata)
-
-
-def _choose_modes(modes: Sequence[int] | None, count: int) -> list[int]:
-    """Return the numbers of the modes to draw, refusing those that there are not."""
-    if modes is None:
-        return [*range(1, count + 1)]
-    if not isinstance(modes, Iterable) or isinstance(modes, str):
-        raise TypeError(f"modes: expected numbers of modes, got {modes!r}")
-    numbers = [checks.whole_number("modes", mode, 1) for mode in modes]
-    if not numbers or max(numbers) > count or len({*numbers}) < len(numbers):
-        raise ValueError(
-            f"modes: expected numbers from 1 to {count}, each once, got {numbers}"
-        )
-    return numbers
 
 
 def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
@@ -222,14 +203,12 @@ def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
 
 
 def _draw_mode(
-    axes: "Axes", geometry: Geometry, view: Floats, mode: Sequence[Moves]
+    axes: Axes, geometry: Geometry, view: Floats, mode: Sequence[Moves]
 ) -> None:
     """Draw the structure at rest and moved, and what sensors say."""
-    from matplotlib.collections import LineCollection
 
     def place(node: Hashable, moves: Moves) -> Floats:
-        at: Floats = view @ (geometry.nodes[node] + moves.get(node, 0.0))
-        return at
+        return view @ (geometry.nodes[node] + moves.get(node, 0.0))
 
     structure, predicted, measured = mode
     rest: Style = {"colors": "0.75", "linewidths": 1.0, "label": "at rest"}
@@ -267,7 +246,7 @@ def _title(modes: ModeShapes, i: int) -> str:
     )
 
 
-def _draw_directions(axes: "Axes", view: Floats, at: Floats, length: float) -> None:
+def _draw_directions(axes: Axes, view: Floats, at: Floats, length: float) -> None:
     """Draw where x, y and z lead, in the corner of a panel."""
     for name, direction in zip("xyz", view.T, strict=True):
         if direction.any():

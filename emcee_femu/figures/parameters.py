@@ -1,9 +1,12 @@
 """All pairs of parameters with where 95 % of the mass lies, and their correlation."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse, Patch
 from numpy.typing import NDArray
 
 from .. import checks
@@ -11,19 +14,7 @@ from ..interfaces import Floats
 from ..results.arviz_objects import mean_sizes, samples
 from ..results.to_arviz import read_samples
 from .density import covariance_ellipse, estimate_density
-from .style import (
-    BLUE,
-    GREY,
-    RED,
-    Style,
-    changing_draws,
-    finish,
-    parameter_axes,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BLUE, GREY, RED, Style, changing_draws, finish, scale_axes, subplots
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; ellipses and regions use every sample
 WIDTH = 7.0  # inches: that of a page
@@ -39,7 +30,7 @@ def plot_scatter(
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
     ellipse: bool | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw all pairs of parameters, and where 95 % of their mass lies, in red.
 
     A covariance ellipse as in Figs 4.2 and 5.2, which holds 95 % of a Gaussian; where
@@ -76,31 +67,28 @@ def plot_scatter(
         >>> figure.axes[2].get_xlabel()
         'k1 [N/m]'
     """
-    import corner
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
+    import corner  # and with it ArviZ, which takes seconds
 
     if ellipse is not None:
         checks.flag("ellipse", ellipse)
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
-    labels, scale, limits, marks = parameter_axes(idata, names, [draws], units, truths)
+    labels, scale, limits, marks = scale_axes(idata, names, [draws], units, truths)
     draws = draws / scale
     d = len(names)
     side = max(min(WIDTH, 2.0 + 1.2 * d), d)
     panel = (side - LEFT - RIGHT) / d
+    style: Style = {"plot_contours": False, "plot_density": False, "max_n_ticks": 4}
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]],
         labels=labels,
         range=limits,
         bins=30,
-        plot_contours=False,
-        plot_density=False,
         truths=[None if np.isnan(mark) else mark for mark in marks],
         truth_color=BLUE,
         data_kwargs={"alpha": 0.25, "ms": min(2.0, 1.2 * panel), "color": GREY},
         hist_kwargs={"color": GREY},
-        max_n_ticks=4,
+        **style,
     )
     figure.set_size_inches(side, side)
     finish(figure, idata)
@@ -123,37 +111,32 @@ def plot_scatter(
         Line2D([], [], color=BLUE, marker="s", label="reference"),
     ]
     is_shown = [d > 1, True in drawn, False in drawn, np.isfinite(marks).any()]
-    figure.legend(
-        handles=[h for h, shown in zip(handles, is_shown, strict=True) if shown],
-        loc="upper right",
-        fontsize=min(11, 6.5 + d),
-        frameon=False,
-        bbox_to_anchor=(1.0, 1.0 - (above - RIGHT) / side),
-    )
+    handles = [h for h, shown in zip(handles, is_shown, strict=True) if shown]
+    style = {"loc": "upper right", "frameon": False, "fontsize": min(11, 6.5 + d)}
+    style["bbox_to_anchor"] = (1.0, 1.0 - (above - RIGHT) / side)
+    figure.legend(handles=handles, **style)
     return figure
 
 
 def _draw_mass(
-    axes: "Axes", points: Floats, limits: Floats, size: float, ellipse: bool | None
+    axes: Axes, points: Floats, limits: Floats, size: float, ellipse: bool | None
 ) -> bool:
     """Draw the ellipse of points ``(n, 2)`` or their regions, and tell if the first."""
-    from matplotlib.patches import Ellipse
-
     density = None if ellipse else estimate_density(points, limits, size)
-    if density is None or (ellipse is None and density.gaussian):
+    if density is None or (ellipse is None and density[2]):
         (width, height), angle = covariance_ellipse(points)
         style: Style = {"fill": False, "color": RED, "lw": 1.6, "zorder": 5}
         patch = Ellipse(points.mean(axis=0), width, height, angle=angle, **style)
         axes.add_patch(patch)
         return True
-    grid = density.x, density.y, density.values
-    levels = np.unique([*density.levels, 2 * density.values.max()])
+    grid, levels, _ = density
+    levels = np.unique([*levels, 2 * grid[2].max()])
     axes.contourf(*grid, levels, colors=[(RED, 0.15), (RED, 0.35)], zorder=4)
     axes.contour(*grid, levels[:-1], colors=RED, linewidths=0.9, zorder=5)
     return False
 
 
-def _fit_labels(figure: "Figure", panels: NDArray[np.object_], panel: float) -> None:
+def _fit_labels(figure: Figure, panels: NDArray[np.object_], panel: float) -> None:
     """Set labels and ticks so that they fit beside panels of so many inches."""
     bottom = [axes.xaxis for axes in panels[-1]]
     beside = [axes.yaxis for axes in panels[1:, 0]]
@@ -182,7 +165,7 @@ def _fit_labels(figure: "Figure", panels: NDArray[np.object_], panel: float) -> 
 
 def plot_correlation(
     idata: object, *, var_names: Sequence[str] | None = None
-) -> "Figure":
+) -> Figure:
     """Draw the correlation of the parameters as a map with numbers (Figs 4.4, 5.3).
 
     Args:
@@ -202,14 +185,12 @@ def plot_correlation(
         >>> len(ef.figures.plot_correlation(run).axes)  # the map and its colour bar
         2
     """
-    from matplotlib import pyplot as plt
-
     idata, _ = read_samples(idata)
     names, draws = changing_draws(idata, var_names)
     d = len(names)
     values = np.corrcoef(draws, rowvar=False).reshape(d, d)
     size = 1.8 + 0.7 * d
-    figure, axes = plt.subplots(figsize=(size + 0.8, size), layout="constrained")
+    figure, (axes,) = subplots(1, 1, (size + 0.8, size))
     image = axes.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
     for (i, j), value in np.ndenumerate(values):
         color = "white" if abs(value) > 0.6 else "black"
@@ -217,6 +198,6 @@ def plot_correlation(
     axes.set_xticks(range(d), names)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
-    figure = finish(figure, idata)
+    finish(figure, idata)
     figure.draw_without_rendering()  # the layout of square axes settles in two passes
     return figure

@@ -1,18 +1,14 @@
 """The figure of many tests: each alone, each in the light of all, and the next one."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats
 from ..population.pool_tests import PooledTests
-from ..results.arviz_objects import name_with_unit
-from .style import BELOW, BLUE, GREY, RED, Style, finish
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from ..results.arviz_objects import unit_of
+from .style import BELOW, BLUE, GREY, RED, Style, finish, label_axis, subplots
 
 LEVELS = (0.025, 0.5, 0.975)
 MOST_LABELS = 25  # of tests beside a panel
@@ -21,7 +17,7 @@ SHIFT = 0.17  # between the intervals of one test
 BESIDE = 0.006  # of the covariate's range, between intervals of one test
 
 
-def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure":
+def plot_population(pooled: PooledTests, against: str | None = None) -> Figure:
     """Draw the parameters of every test, their population and the next test.
 
     One panel per parameter. Grey is a test by itself (median and 95 % interval of its
@@ -64,8 +60,6 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure"
         raise ValueError(
             f"against: expected a covariate among {covariates}, got {against!r}"
         )
-    from matplotlib import pyplot as plt
-
     d, rows = len(pooled.population.names), len(pooled.tests) + 3
     columns = min(d, 4 if against is None else 3)
     lines = -(-d // columns)
@@ -73,27 +67,18 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> "Figure"
     if against is None:
         height = 1.4 + float(np.clip(0.24 * rows, 2.0, 12.0))
         size = (2.6 + 2.4 * columns, height * lines)
-    figure, panels = plt.subplots(
-        lines,
-        columns,
-        figsize=size,
-        layout="constrained",
-        squeeze=False,
-        sharey="row" if against is None else False,
-    )
-    for axes in panels.flat[d:]:
-        axes.remove()
-    for i, axes in enumerate(panels.flat[:d]):
+    sharey = "row" if against is None else False
+    figure, panels = subplots(d, columns, size, sharey=sharey)
+    for i, axes in enumerate(panels):
         if against is None:
             _draw_rows(axes, pooled, i)
         else:
             _draw_along(axes, pooled, i, against)
-    handles, labels = panels.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, **BELOW)
+    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **BELOW)
     return finish(figure)
 
 
-def _draw_rows(axes: "Axes", pooled: PooledTests, i: int) -> None:
+def _draw_rows(axes: Axes, pooled: PooledTests, i: int) -> None:
     """Draw one row per test, and below them the population and the next test."""
     name, count = pooled.population.names[i], len(pooled.tests)
     rows: Floats = np.arange(float(count))
@@ -119,7 +104,7 @@ def _draw_rows(axes: "Axes", pooled: PooledTests, i: int) -> None:
     axes.set_xlabel(_label(pooled, name))
 
 
-def _draw_along(axes: "Axes", pooled: PooledTests, i: int, against: str) -> None:
+def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
     """Draw the tests along a covariate, with the population's mean as a line."""
     name = pooled.population.names[i]
     values = pooled.population.covariates[against]
@@ -146,11 +131,11 @@ def _draw_along(axes: "Axes", pooled: PooledTests, i: int, against: str) -> None
 
 def _label(pooled: PooledTests, name: str) -> str:
     """Return a parameter with the unit of its population's mean."""
-    return name_with_unit(pooled.idata, f"mean {name}").removeprefix("mean ")
+    return label_axis(name, unit_of(pooled.idata, f"mean {name}"))
 
 
 def _draw_tests(
-    axes: "Axes", pooled: PooledTests, i: int, at: Floats, shift: float, sideways: bool
+    axes: Axes, pooled: PooledTests, i: int, at: Floats, shift: float, sideways: bool
 ) -> None:
     """Draw the intervals of the tests at places, beside each other by a shift."""
     tests = pooled.model.tests.values()

@@ -1,26 +1,23 @@
 """The figure of what was measured against what the model predicts."""
 
 from math import ceil
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..results.measured import Measured, measured_variables
 from ..results.tables import summarize
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, RED, Style, finish
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BELOW, BLUE, RED, Style, finish, subplots
 
 MOST_LABELS = 24  # below a panel
 FAR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
 
 
-def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Figure":
+def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Figure:
     """Draw how far predictions lie from what was measured, and the MAC.
 
     One panel per measured variable, with the deviations from its measured values: in
@@ -54,21 +51,13 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> "Fi
         >>> len(figure.axes)  # no modes were paired
         1
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     parts = measured_variables(idata)
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
-    figure, panels = plt.subplots(
-        len(heights),
-        1,
-        figsize=(width, 1.2 + sum(heights)),
-        height_ratios=heights,
-        layout="constrained",
-        squeeze=False,
-    )
-    remaining = iter(panels[:, 0])
+    size = width, 1.2 + sum(heights)
+    figure, panels = subplots(len(heights), 1, size, height_ratios=heights)
+    remaining = iter(panels)
     handles: Style = {}
     for part in parts:
         axes = next(remaining)
@@ -105,7 +94,7 @@ def _label(part: Measured) -> tuple[list[str], str]:
     return labels, f"{below}, and the model's mode paired with it"
 
 
-def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
+def _draw_deviations(axes: Axes, part: Measured, sd: Floats) -> None:
     """Draw the variable before and after updating, and its measurement error."""
     measured, unit = part.values, part.unit
     scale = np.ones_like(measured)
@@ -119,14 +108,8 @@ def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
     shown = [np.zeros(1), low, high, -band[stated], band[stated]]
     axes.axhline(0, color="black", lw=0.8)
     if stated.any():
-        axes.bar(
-            place[stated],
-            2 * band[stated],
-            bottom=-band[stated],
-            width=0.7,
-            color="0.85",
-            label="measured ± 2 sd",
-        )
+        style: Style = {"width": 0.7, "color": "0.85", "label": "measured ± 2 sd"}
+        axes.bar(place[stated], 2 * band[stated], bottom=-band[stated], **style)
     if part.replicated is not None:
         ends = scale * (summarize(part.replicated)[1:] - measured)
         shown.extend(ends)
@@ -146,7 +129,7 @@ def _draw_deviations(axes: "Axes", part: Measured, sd: Floats) -> None:
     axes.grid(True, axis="y", alpha=0.25)
 
 
-def _draw_mac(axes: "Axes", mac: Floats) -> None:
+def _draw_mac(axes: Axes, mac: Floats) -> None:
     """Draw mean and 95 % interval of the MAC ``(n, m)``."""
     mean, low, high = summarize(mac)
     _draw_intervals(axes, mean, low, high)
@@ -157,7 +140,7 @@ def _draw_mac(axes: "Axes", mac: Floats) -> None:
     axes.grid(True, axis="y", alpha=0.25)
 
 
-def _draw_initial(axes: "Axes", before: Floats, shown: Floats, unit: str) -> None:
+def _draw_initial(axes: Axes, before: Floats, shown: Floats, unit: str) -> None:
     """Draw the model at the prior mean, and set limits that hold what is ``shown``."""
     near = np.abs(before) <= FAR * np.abs(shown).max()
     inside = np.append(shown, before[near])
@@ -171,22 +154,17 @@ def _draw_initial(axes: "Axes", before: Floats, shown: Floats, unit: str) -> Non
     label = "before updating: prior mean"
     style: Style = {"color": RED, "mfc": "none", "ms": 7, "label": label}
     axes.plot(place[near] - 0.22, before[near], "D", **style)
+    style = {"color": RED, "ha": "center", "fontsize": 9}
+    style["arrowprops"] = {"arrowstyle": "-|>", "color": RED}
     for x, value in zip(place[far], before[far], strict=True):
-        axes.annotate(
-            f"before:\n{value:+.3g} {unit}".rstrip(),
-            (x, high if value > 0 else low),
-            (x, high - room if value > 0 else low + room),
-            color=RED,
-            ha="center",
-            va="bottom" if value > 0 else "top",
-            fontsize=9,
-            arrowprops={"arrowstyle": "-|>", "color": RED},
-        )
+        text = f"before:\n{value:+.3g} {unit}".rstrip()
+        end, away, va = (high, -room, "bottom") if value > 0 else (low, room, "top")
+        axes.annotate(text, (x, end), (x, end + away), va=va, **style)
     axes.set_ylim(low, high)
 
 
 def _draw_intervals(
-    axes: "Axes", mean: Floats, low: Floats, high: Floats, label: str = ""
+    axes: Axes, mean: Floats, low: Floats, high: Floats, label: str = ""
 ) -> None:
     place = np.arange(len(mean))
     axes.vlines(place, low, high, color=BLUE, lw=5, label=label)

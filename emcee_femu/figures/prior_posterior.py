@@ -1,20 +1,20 @@
 """What is known of each parameter before and after updating."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import GaussianPrior, IndependentPrior
-from ..results.arviz_objects import InferenceData, groups
+from ..results.arviz_objects import prior_draws
 from ..results.to_arviz import read_samples
-from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, parameter_axes
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, scale_axes, subplots
 
 COLUMNS, PANEL = 3, (2.33, 1.7)  # panels beside each other; inches of each
 BINS, POINTS = 25, 400  # of the central 99 % of samples, and of an axis
@@ -27,7 +27,7 @@ def plot_prior_posterior(
     var_names: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
-) -> "Figure":
+) -> Figure:
     """Draw the prior and the posterior density of every parameter.
 
     Each density is divided by its maximum: that of a parameter which the data leave
@@ -60,28 +60,16 @@ def plot_prior_posterior(
         >>> [axes.get_xlabel() for axes in figure.axes]
         ['k1 [N/m]', 'k2 [N/m]', 'k4 [N/m]', 'k6 [N/m]', 'k8 [N/m]']
     """
-    from matplotlib import pyplot as plt
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-    from matplotlib.ticker import MaxNLocator
-
     idata, posterior = read_samples(idata, posterior)
     names, draws = changing_draws(idata, var_names)
-    before = _prior_draws(idata, names)
+    before = prior_draws(idata, names)
     known = ~np.isnan(before[0])
     shown = [draws, np.where(known, before, draws.mean(axis=0))]
-    labels, scale, limits, marks = parameter_axes(idata, names, shown, units, truths)
-    rows, columns = -(-len(names) // COLUMNS), min(len(names), COLUMNS)
-    figure, panels = plt.subplots(
-        rows,
-        columns,
-        figsize=(max(PANEL[0] * columns, 3.4), 0.4 + PANEL[1] * rows),
-        layout="constrained",
-        squeeze=False,
-    )
-    for axes in panels.flat[len(names) :]:
-        axes.remove()
-    for i, axes in enumerate(panels.flat[: len(names)]):
+    labels, scale, limits, marks = scale_axes(idata, names, shown, units, truths)
+    columns = min(len(names), COLUMNS)
+    size = max(PANEL[0] * columns, 3.4), 0.4 + PANEL[1] * -(-len(names) // columns)
+    figure, panels = subplots(len(names), columns, size)
+    for i, axes in enumerate(panels):
         grid = np.linspace(limits[i, 0], limits[i, 1], POINTS)
         density = _prior_density(posterior, names[i], grid * scale[i])
         if density is not None:
@@ -101,17 +89,8 @@ def plot_prior_posterior(
         Line2D([], [], color=BLUE, lw=1.4, label="reference"),
     ]
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
-    figure.legend(handles=keys, **{**BELOW, "ncols": 3})
+    figure.legend(handles=keys, **BELOW | {"ncols": 3})
     return finish(figure, idata)
-
-
-def _prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
-    """Return draws of the prior ``(n, d)``, NaN of what has none."""
-    prior = groups(idata).get("prior", {})
-    some = [prior[name].values.ravel() if name in prior else None for name in names]
-    n = max((len(column) for column in some if column is not None), default=1)
-    columns = [np.full(n, np.nan) if column is None else column for column in some]
-    return np.column_stack(columns)
 
 
 def _prior_density(
@@ -125,11 +104,10 @@ def _prior_density(
         return None
     theta = np.tile(values[:, None], len(prior.names))
     density = np.exp(prior.logpdfs(theta)[:, prior.names.index(name)])
-    heights: Floats = density / density[np.isfinite(density)].max()
-    return heights
+    return np.asarray(density / density[np.isfinite(density)].max())
 
 
-def _draw_histogram(axes: "Axes", values: Floats, limits: Floats, color: str) -> None:
+def _draw_histogram(axes: Axes, values: Floats, limits: Floats, color: str) -> None:
     """Draw a histogram of as many bins as the values fill well, its maximum 1."""
     low, high = np.quantile(values, [0.005, 0.995])
     width = (high - low) / BINS

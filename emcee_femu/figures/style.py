@@ -3,10 +3,13 @@
 import io
 import re
 from collections.abc import Mapping, Sequence
-from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
+import matplotlib
 import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats
@@ -19,18 +22,11 @@ from ..results.arviz_objects import (
     unit_of,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 Style: TypeAlias = dict[str, Any]  # keyword arguments of matplotlib
 
 # Red is what counts, blue what it is compared with.
 RED, BLUE, GREY = "#c8102e", "#1f5fa8", "0.45"
-BELOW: Style = {
-    "loc": "outside lower center",
-    "ncols": 2,
-    "frameon": False,
-}  # of a legend
+BELOW: Style = {"loc": "outside lower center", "ncols": 2, "frameon": False}  # legends
 
 
 def changing_draws(
@@ -45,48 +41,47 @@ def changing_draws(
     return names, draws
 
 
-class ParameterAxes(NamedTuple):
-    """How the axes of d parameters are drawn.
-
-    Attributes:
-        labels: Names, with unit and the power of ten taken out of the axis.
-        scale: That power, ``(d,)``, by which what is drawn is divided.
-        limits: Where the axes end, so divided, ``(d, 2)``.
-        marks: Values to mark, so divided, ``(d,)``; NaN where there is none.
-    """
-
-    labels: list[str]
-    scale: Floats
-    limits: Floats
-    marks: Floats
-
-
-def parameter_axes(
+def scale_axes(
     idata: InferenceData,
     names: Sequence[str],
     draws: Sequence[Floats],
     units: Mapping[str, str] | None,
     truths: Mapping[str, float] | None,
-) -> ParameterAxes:
-    """Return labels and limits for what is drawn of parameters, several ``(n, d)``."""
+) -> tuple[list[str], Floats, Floats, Floats]:
+    """Return how the axes of d parameters are drawn.
+
+    Args:
+        idata: Samples with what is known of the parameters.
+        names: Of the parameters.
+        draws: What is drawn of them, several ``(n, d)``.
+        units: Units by name, in place of those that idata has.
+        truths: Values to mark by name.
+
+    Returns:
+        Labels: names, with unit and the power of ten taken out of the axis. That power
+        ``(d,)``, by which what is drawn is divided. So divided, where the axes end
+        ``(d, 2)``, and values to mark ``(d,)``; NaN where there is none.
+    """
     there = [str(name) for name in dataset(idata, "posterior").data_vars]
     values = checks.numbers_by_name("truths", {} if truths is None else truths, there)
     by_name = dict(zip(there, values, strict=True))  # without elements of vectors
     marks = np.array([by_name.get(name, np.nan) for name in names])
     units = checks.units_by_name("units", units, there)
-    exponents = [_exponent(column) for column in draws[0].T]
+    sizes = np.abs(draws[0]).max(axis=0)
+    ordinary = (sizes >= 1e-2) & (sizes < 1e5)
+    exponents = np.where(ordinary, 0, np.floor(np.log10(sizes))).astype(int)
     labels = [
-        _label(name, units.get(name) or unit_of(idata, name), exponent)
+        label_axis(name, units.get(name) or unit_of(idata, name), exponent)
         for name, exponent in zip(names, exponents, strict=True)
     ]
     prior = prior_constants(idata, names)
-    bounds = np.column_stack([prior["lower"].values, prior["upper"].values])
+    bounds = prior[["lower", "upper"]].to_array().values.T
     limits = np.array([axis_limits(part, bounds) for part in draws])
     low = np.fmin(limits[..., 0].min(axis=0), marks)
     high = np.fmax(limits[..., 1].max(axis=0), marks)
-    scale = 10.0 ** np.array(exponents)
+    scale = 10.0**exponents
     shown = np.column_stack([low, high]) / scale[:, None]
-    return ParameterAxes(labels, scale, shown, marks / scale)
+    return labels, scale, shown, marks / scale
 
 
 def axis_limits(draws: Floats, bounds: Floats) -> Floats:
@@ -109,13 +104,7 @@ def axis_limits(draws: Floats, bounds: Floats) -> Floats:
     return np.column_stack(limits)
 
 
-def _exponent(column: Floats) -> int:
-    """Return the power of ten to take out of an axis, 0 for ordinary numbers."""
-    size = float(np.abs(column).max())
-    return 0 if 1e-2 <= size < 1e5 else int(np.floor(np.log10(size)))
-
-
-def _label(name: str, unit: str, exponent: int) -> str:
+def label_axis(name: str, unit: str, exponent: int = 0) -> str:
     """Return a parameter with its unit and the power of ten taken out of its axis."""
     unit = re.sub(r"\^(-?\d+)", r"$^{\1}$", unit)
     power = f"$10^{{{exponent}}}$ " if exponent else ""
@@ -123,7 +112,25 @@ def _label(name: str, unit: str, exponent: int) -> str:
     return f"{name} [{within}]" if within else name
 
 
-def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":
+def subplots(
+    count: int, columns: int, size: tuple[float, float], **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure of pyplot and its panels, row by row.
+
+    Args:
+        count: How many panels there are.
+        columns: How many of them are beside each other.
+        size: Of the figure, in inches.
+        options: Of ``Figure.subplots``.
+    """
+    figure = plt.figure(figsize=size, layout="constrained")
+    panels = figure.subplots(-(-count // columns), columns, squeeze=False, **options)
+    for axes in panels.flat[count:]:
+        axes.remove()
+    return figure, [*panels.flat[:count]]
+
+
+def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
     """Return a figure of pyplot, which a notebook will show once.
 
     Above it stands what :func:`certify` said of its samples, if it did.
@@ -132,29 +139,22 @@ def finish(figure: "Figure", idata: InferenceData | None = None) -> "Figure":
     the value of the last line: what a function draws and returns would come twice. Our
     figures leave pyplot when they are shown as a value. Scripts are left alone.
     """
-    import matplotlib
+
+    def leave_pyplot() -> None:
+        """Close the figure, and leave it to IPython to show it as ever."""
+        plt.close(figure)
+        raise NotImplementedError  # how IPython is told so
 
     if idata is not None and (text := describe_certificate(idata).strip(" ()")):
         figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
     if "inline" in matplotlib.get_backend():
-        show = partial(_leave_pyplot, figure)
-        figure._ipython_display_ = show  # type: ignore[attr-defined]
+        figure._ipython_display_ = leave_pyplot  # type: ignore[attr-defined]
     return figure
 
 
-def draw_png(figure: "Figure") -> bytes:
+def draw_png(figure: Figure) -> bytes:
     """Return a figure as PNG on white, of 160 dots per inch, and close it."""
-    from matplotlib import pyplot as plt
-
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=160, facecolor="white")
     plt.close(figure)
     return file.getvalue()
-
-
-def _leave_pyplot(figure: "Figure") -> None:
-    """Close a figure, and leave it to IPython to show it as ever."""
-    from matplotlib import pyplot as plt
-
-    plt.close(figure)
-    raise NotImplementedError  # how IPython is told so

@@ -1,9 +1,11 @@
 """The error of the mean so far, generation by generation."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib import ticker
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from .. import checks
 from ..interfaces import Floats
@@ -11,18 +13,14 @@ from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, dataset, samples
 from ..results.measured import measured_frequencies
 from ..results.to_arviz import read_samples
-from .style import Style, finish
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from .style import Style, finish, subplots
 
 POINTS = 200  # generations at which the model is solved
 
 
 def plot_tae(
     idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
-) -> "Figure":
+) -> Figure:
     """Draw the total average error of the running mean (Figs 4.3, 5.4).
 
     Args:
@@ -47,12 +45,10 @@ def plot_tae(
         >>> figure.axes[0].get_ylabel()
         'total average error of the mean so far (%)'
     """
-    from matplotlib import pyplot as plt
-
     idata, posterior = read_samples(idata, posterior)
     posterior = checks.instance("posterior", posterior, LogPosterior)
     curve = running_tae(idata, posterior, experiment)
-    figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+    figure, (axes,) = subplots(1, 1, (6.4, 4.0))
     draw_errors(axes, {f"ends at {curve[1][-1]:.3g} %": curve})
     axes.set_xlabel("generation")
     axes.legend(frameon=False)
@@ -93,13 +89,11 @@ def running_tae(
 
 
 def draw_errors(
-    axes: "Axes",
+    axes: Axes,
     curves: Mapping[str, tuple[Floats, Floats]],
     styles: Mapping[str, Style] | None = None,
 ) -> None:
     """Draw errors in percent by label; logarithmic where a decade is passed."""
-    from matplotlib import ticker
-
     for label, (generations, error) in curves.items():
         axes.plot(generations, error, label=label, **(styles or {}).get(label, {}))
     axes.set(xscale="log", ylabel="total average error of the mean so far (%)")

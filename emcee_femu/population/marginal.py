@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable
 from ..likelihoods.term import Term
-from ..results.arviz_objects import InferenceData, dataset, samples
+from ..results.arviz_objects import InferenceData, dataset, samples, spread_out
 from .normal import NormalPopulation
 
 FEWEST = 100  # draws of a test
@@ -53,9 +53,8 @@ class Draws(NamedTuple):
         test itself leaves open, the smaller the more draws there are.
         """
         number, d = self.theta.shape
-        scatter: Floats = self.theta.std(axis=0)
-        scatter *= min(1.0, RESOLVED / number) ** (1 / d)
-        return scatter
+        share = min(1.0, RESOLVED / number) ** (1 / d)
+        return np.asarray(self.theta.std(axis=0) * share)
 
 
 def read_tests(
@@ -97,27 +96,25 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
             f"expected at least {FEWEST} different draws, got {different}; run it "
             "longer"
         )
-    kept = np.linspace(0, len(flat) - 1, min(number, len(flat))).astype(int)
+    kept = spread_out(len(flat), number)
     # Of parameters that are not pooled the prior stays, and must not be divided out.
     whole = len(names) == len(sampled)
-    group, variables = (
-        ("sample_stats", ["log_prior"]) if whole else ("log_prior", names)
-    )
+    group, parts = ("sample_stats", ["log_prior"]) if whole else ("log_prior", names)
     try:
-        stored = dataset(idata, group)[list(variables)].transpose("chain", "draw")
+        stored = dataset(idata, group)[list(parts)].transpose("chain", "draw")
     except (KeyError, ValueError):
         raise ValueError(
             "it lacks the log-prior of its draws, in sample_stats, or by parameter, in "
             "the group log_prior, where some parameters are not pooled; convert its "
             "run with to_inference_data, from a GaussianPrior or IndependentPrior"
         ) from None
-    log_prior = sum(stored[name].values.ravel()[kept] for name in variables)
+    log_prior = sum(stored[name].values.ravel()[kept] for name in parts)
     constant = dataset(idata, "constant_data").reindex(parameter=list(names))
     return Draws(
         theta=flat[kept][:, [sampled.index(name) for name in names]],
         log_prior=np.asarray(log_prior),
-        bounds=np.column_stack([constant["lower"].values, constant["upper"].values]),
-        prior=np.stack([constant["prior_mean"].values, constant["prior_sd"].values]),
+        bounds=constant[["lower", "upper"]].to_array().values.T,
+        prior=constant[["prior_mean", "prior_sd"]].to_array().values,
     )
 
 
@@ -203,8 +200,7 @@ class PopulationTerm(Term):
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood ``(n,)``."""
         outside = np.maximum(np.log(LEAST_INSIDE / response["inside"]), 0.0)
-        log_likelihood: Floats = response["log_marginal"].sum(axis=1) - STEEP * outside
-        return log_likelihood
+        return np.asarray(response["log_marginal"].sum(axis=1) - STEEP * outside)
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]

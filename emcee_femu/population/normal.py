@@ -1,7 +1,7 @@
 """The normal distribution of a structure's parameters, test after test."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
@@ -108,10 +108,7 @@ class NormalPopulation(Report):
             for covariate, values in self.covariates.items():
                 unit = np.std([*values.values()])
                 defaults[f"{name} per {covariate}"] = stats.norm(0.0, s / unit)
-        hyperpriors = defaults | dict(self.hyperpriors)
-        return type(self)(
-            self.names, covariates=self.covariates, hyperpriors=hyperpriors
-        )
+        return replace(self, hyperpriors=defaults | dict(self.hyperpriors))
 
     @property
     def prior(self) -> IndependentPrior:

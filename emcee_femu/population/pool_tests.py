@@ -293,11 +293,7 @@ def pool_tests(
         >>> len(pooled.next_test()["k"])  # draws of a test not yet made
         1000
     """
-    if not isinstance(population, NormalPopulation):
-        raise TypeError(
-            "population: expected a NormalPopulation, got "
-            f"{type(population).__name__}; write NormalPopulation(names)"
-        )
+    checks.instance("population", population, NormalPopulation)
     number = checks.whole_number("draws", draws, 100)
     seed = checks.whole_number("seed", seed)
     steps = checks.whole_number("steps", steps, 1)
@@ -321,13 +317,13 @@ def pool_tests(
     units = {f"{what} {name}": unit for name, unit in pairs for what in ("mean", "sd")}
     pooled = _pool(by_test, complete, seed, steps, ensembles, units)
     renewed = [test for test in pooled.unreached if test in again]
-    if not renewed:
-        return pooled
     for test in renewed:
         under = pooled.under_population(test, again[test])
         idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
         by_test |= read_tests({**tests, test: idata}, names, number)
-    return _pool(by_test, complete, seed, steps, ensembles, units)
+    if renewed:
+        pooled = _pool(by_test, complete, seed, steps, ensembles, units)
+    return pooled
 
 
 def _pool(

@@ -16,8 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import checks, figures
-from ..figures.style import draw_png
+from .. import checks
 from ..interfaces import read_declared
 from ..likelihoods.frf import FRFTerm
 from ..likelihoods.shape import ShapeTerm
@@ -38,6 +37,7 @@ from ..results.certificate import Certificate
 from ..results.chains import read_chains
 from ..results.diagnose import diagnose
 from ..results.identifiability import identifiability
+from ..results.labelled import each_term
 from ..results.measured import Measured, read_measured
 from ..results.tables import (
     frequency_table,
@@ -122,7 +122,9 @@ def report(
     idata, sampled = read_samples(source, posterior, discard, argument="source")
     experiments = sampled.experiments if sampled else ()
     held = groups(idata)
-    measured = read_measured(idata) if {"observed_data", "response"} <= {*held} else []
+    measured = read_measured(idata)
+    with_frequencies = _find_places((part.name for part in measured), "frequency")
+    with_pairs = _find_places(map(str, held.get("response", ())), "mac")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"show": _show, "draw": _draw}
     template = Path(__file__).with_name("report.html.jinja").read_text("utf-8")
@@ -136,7 +138,7 @@ def report(
         measured_shapes=[t for e in experiments for t in _tabulate_shapes(e)],
         digests={
             key: sha256(values.tobytes()).hexdigest()
-            for key, values in _list_data(measured, experiments)
+            for key, values in _list_data(measured, sampled)
         },
         posterior=sampled,
         experiments=experiments,
@@ -147,10 +149,10 @@ def report(
         diagnosis=diagnose(run or idata, discard if run else 0),
         certificate=held["certificate"].attrs if "certificate" in held else None,
         parameters=parameter_table(idata),
-        frequencies=_compare_frequencies(idata, measured),
+        frequencies=[frequency_table(idata, experiment=e) for e in with_frequencies],
         pictures=dict(_draw_all(idata, sampled, measured, pooled)),
         predicted=_tabulate_predictions(idata, sampled, measured),
-        pairings=_tabulate_pairs(idata, held),
+        pairings=[pairing_table(idata, e) for e in with_pairs],
         identifiability=(
             identifiability(idata) if "constant_data" in held and not pooled else None
         ),
@@ -162,6 +164,12 @@ def report(
     )
     path.write_text(page, encoding="utf-8")
     return path
+
+
+def _find_places(names: Iterable[str], quantity: str) -> list[str | None]:
+    """Return the experiments that have a quantity, None for a single one."""
+    parts = (name.rpartition(".") for name in names)
+    return [experiment or None for experiment, _, last in parts if last == quantity]
 
 
 def _show(part: Table | Report) -> Any:
@@ -176,24 +184,25 @@ def _show(part: Table | Report) -> Any:
 
 def _draw(figure: Figure) -> str:
     """Return the address of a picture that is itself the picture."""
+    from ..figures.style import draw_png
+
     return f"data:image/png;base64,{b64encode(draw_png(figure)).decode()}"
 
 
 def _list_data(
-    measured: Iterable[Measured], experiments: Iterable[Experiment]
+    measured: Iterable[Measured], posterior: LogPosterior | None
 ) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield names and numbers of all that was measured."""
     for part in measured:
         yield part.name, part.values
-    for experiment in experiments:
-        for term, label in zip(experiment.terms, experiment.term_names, strict=True):
-            name = experiment.full_name(label)
-            if isinstance(term, ShapeTerm):
-                yield name, term.measured
-            elif isinstance(term, FRFTerm):
-                yield name, term.measured.values
-            elif isinstance(term, SpectrumTerm):
-                yield name, term.measured.matrices
+    for experiment, term, label in each_term(posterior) if posterior else ():
+        name = experiment.full_name(label)
+        if isinstance(term, ShapeTerm):
+            yield name, term.measured
+        elif isinstance(term, FRFTerm):
+            yield name, term.measured.values
+        elif isinstance(term, SpectrumTerm):
+            yield name, term.measured.matrices
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
@@ -201,14 +210,13 @@ def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
     columns: list[Column] = [
         (part.dims or "quantity", "", part.labels if part.dims else [part.name]),
         (f"measured{unit}", ".6g", values),
-        (f"standard deviation{unit}", ".3g", sd),
     ]
+    if np.isfinite(sd).any():
+        columns.append((f"standard deviation{unit}", ".3g", sd))
     if len(values) > MOST_ROWS:
+        ends = (f"lowest{unit}", values.min()), (f"highest{unit}", values.max())
         columns = [("values", "d", [len(values)])]
-        columns += [(f"lowest{unit}", ".6g", [values.min()])]
-        columns += [(f"highest{unit}", ".6g", [values.max()])]
-    elif np.isnan(sd).all():
-        del columns[2]
+        columns += [(title, ".6g", [value]) for title, value in ends]
     return Table.from_columns(f"Measured: {part.name}", columns)
 
 
@@ -243,17 +251,6 @@ def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Ta
     return Table.from_columns(title, columns)
 
 
-def _compare_frequencies(
-    idata: InferenceData, measured: Iterable[Measured]
-) -> list[Table]:
-    names = [part.name.rpartition(".") for part in measured]
-    return [
-        frequency_table(idata, experiment=experiment or None)
-        for experiment, _, quantity in names
-        if quantity == "frequency"
-    ]
-
-
 def _tabulate_predictions(
     idata: InferenceData, posterior: LogPosterior | None, measured: list[Measured]
 ) -> Table | None:
@@ -263,11 +260,6 @@ def _tabulate_predictions(
     return predictive_table(idata, posterior if drawn else None)
 
 
-def _tabulate_pairs(idata: InferenceData, held: dict[str, Any]) -> list[Table]:
-    names = (str(name).rpartition(".") for name in held.get("response", ()))
-    return [pairing_table(idata, place or None) for place, _, v in names if v == "mac"]
-
-
 def _draw_all(
     idata: InferenceData,
     posterior: LogPosterior | None,
@@ -275,6 +267,8 @@ def _draw_all(
     pooled: PooledTests | None,
 ) -> Iterator[tuple[str, list[Figure]]]:
     """Yield the figures of each section that has some."""
+    from .. import figures
+
     if pooled is not None:
         yield "population", [figures.plot_population(pooled)]
     if measured:

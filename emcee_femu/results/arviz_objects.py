@@ -19,8 +19,7 @@ InferenceData: TypeAlias = Any  # before version 1 its own class, since then a D
 Dataset: TypeAlias = Any  # xarray's
 
 # Groups whose draws may have weights.
-SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response"}
-SAMPLED |= {"new_measurement"}
+SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response", "new_measurement"}
 FEWEST_RESAMPLED, COPIES = 4_000, 40
 
 
@@ -91,6 +90,14 @@ def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
         return xarray.Dataset(dict.fromkeys(constants, nothing))
 
 
+def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
+    """Return draws of the prior ``(n, d)``, NaN of what has none."""
+    prior = groups(idata).get("prior")
+    if prior is None or not prior.sizes["chain"]:  # chains were selected
+        return np.full((1, len(names)), np.nan)
+    return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
+
+
 def groups(idata: InferenceData) -> dict[str, Any]:
     """Return all groups as xarray Datasets."""
     tree = hasattr(idata, "children")
@@ -156,12 +163,6 @@ def unit_of(idata: InferenceData, name: str) -> str:
     )
 
 
-def name_with_unit(idata: InferenceData, name: str) -> str:
-    """Return a variable of the posterior as axes have it, such as ``k1 [N/m]``."""
-    unit = unit_of(idata, name)
-    return f"{name} [{unit}]" if unit else name
-
-
 def spread_out(n: int, most: int) -> NDArray[np.intp]:
     """Return which of n draws to take where ``most`` will do, evenly spread."""
     return np.linspace(0, n - 1, min(n, most)).astype(np.intp)
@@ -189,12 +190,9 @@ def mean_sizes(chains: Floats) -> Floats:
 def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
     import xarray
 
-    data = {
-        f"p{i}": (("chain", "draw"), chains[:, :, i]) for i in range(chains.shape[2])
-    }
+    sample_dims = ["chain", "draw"]
+    data = xarray.Dataset({"p": ((*sample_dims, "parameter"), chains)})
+    data.attrs["sample_dims"] = sample_dims
     # Walkers that never move make ArviZ divide by zero; diagnose names them.
     with np.errstate(divide="ignore", invalid="ignore"):
-        result = statistic(
-            xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]}), **options
-        )
-    return np.array([float(result[f"p{i}"]) for i in range(chains.shape[2])])
+        return np.asarray(statistic(data, **options)["p"])

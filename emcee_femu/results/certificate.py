@@ -153,9 +153,8 @@ class Certificate(Report):
             return f"too few solves, {FEWEST} draws are the least; certify with more"
         if not self.largest < np.inf:
             return f"the true posterior is zero at all draws; {better}"
-        if heavy and max(self.pareto_k, self.curvature_k) > min(
-            GOOD_K, 1 - 1 / np.log10(n)
-        ):
+        k, most = max(self.pareto_k, self.curvature_k), min(GOOD_K, 1 - 1 / np.log10(n))
+        if heavy and k > most:
             return (
                 f"the weights have so heavy a tail that no mean over {n} of them can "
                 f"be believed; {better}"
@@ -196,23 +195,20 @@ class Certificate(Report):
         return self.table, self.verdict, *self.findings
 
     def sealed(
-        self,
-        idata: InferenceData,
-        posterior: LogPosterior,
-        rows: Floats,
-        log_emulated: Floats,
+        self, posterior: LogPosterior, rows: Floats, log_emulated: Floats
     ) -> "Certificate":
         """Return the certificate with the ArviZ object to go on with.
 
+        Until then its ``idata`` is that of the emulated posterior.
+
         Args:
-            idata: Of the emulated posterior.
             posterior: The true one.
             rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
             log_emulated: The emulated log-posterior there, ``(n,)``.
         """
         import xarray
 
-        text, sealed = f"{self.short} by {self.solves} full solves", groups(idata)
+        text, sealed = f"{self.short} by {self.solves} full solves", groups(self.idata)
         if self.short == CORRECTED:
             text = f"corrected by the weights of {len(self.weights)} full solves"
             possible = self.weights > 0
@@ -292,10 +288,8 @@ def correct_moments(
         alone = weights @ (theta - weights @ theta) ** 2 / left
         variance = np.where(variance > 0, variance, alone)
     sd = np.sqrt(np.where(variance > 0, variance, np.nan))
-    sd_error = error(
-        *((by[1] - 2 * shift * by[0]) / (2 * sd) for by in (by_draws, by_chain))
-    )
-    return np.array([centre + shift, mean_error, sd, sd_error])
+    both = ((by[1] - 2 * shift * by[0]) / (2 * sd) for by in (by_draws, by_chain))
+    return np.array([centre + shift, mean_error, sd, error(*both)])
 
 
 def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> float:

@@ -5,7 +5,6 @@ narrower than the prior's, draws that press against such a bound, and climbs of 
 posterior from draws of the prior.
 """
 
-import json
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,7 +38,8 @@ from .certificate import (
     curvature_k,
     find_missed,
 )
-from .diagnose import FEWEST_STEPS, diagnose
+from .chains import FEWEST_STEPS, read_chains
+from .diagnose import diagnose
 from .to_arviz import check_sampled, read_samples
 from .verdict import NOT_CONVERGED
 
@@ -50,6 +50,7 @@ FIRST = 8  # starts that are put in order
 STEPS = 3  # of a climb, below which it says nothing
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
 SHOWN = 2_000  # draws of the chain that are compared
+MOMENTS = "mean", "mean_error", "sd", "sd_error"  # of the true posterior
 
 
 def certify(
@@ -160,11 +161,11 @@ def certify(
     unsound, warned = _judge_chain(idata)
     faults = [*compare_bounds(chain, posterior.prior), *unsound]
     asked = {"moves": "certify", "solves": solves, "seed": seed}
-    bar = progress_bar(display, solves, "certify")
+    asked["emulated draws"] = chain.draws
     with (
         open_evaluator(
             posterior,
-            asked | {"emulated draws": chain.draws},
+            asked,
             workers=workers,
             pool=pool,
             on_failure=on_failure,
@@ -173,7 +174,7 @@ def certify(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        bar as evaluator.evaluation.bar,
+        progress_bar(display, solves, "certify") as evaluator.evaluation.bar,
     ):
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
@@ -208,10 +209,7 @@ def certify(
         pareto_k=pareto_k,
         curvature_k=curvature_k(chain, theta, log_weights),
         largest=float(n * weights.max()) if possible else np.inf,
-        mean=moments[0],
-        mean_error=moments[1],
-        sd=moments[2],
-        sd_error=moments[3],
+        **dict(zip(MOMENTS, moments, strict=True)),
         emulated_mean=chain.draws.mean(axis=0),
         emulated_sd=chain.draws.std(axis=0, ddof=1),
         theta=theta,
@@ -221,8 +219,9 @@ def certify(
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
         notes=(*warned, *notes),
         settled=all("too short" in text for text in warned),
+        idata=idata,
     )
-    return certificate.sealed(idata, posterior, rows, emulated)
+    return certificate.sealed(posterior, rows, emulated)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,28 +262,27 @@ class EmulatedChain:
                 "idata: expected draws of the emulated posterior, got those that a "
                 "certificate has weighted; give it the object that you certified"
             )
-        names, chains = samples(idata)
-        m, n, d = chains.shape
+        chains = read_chains(idata)
+        names, (n, _, _, d) = chains.names, chains.draws.shape
+        by_step = chains.draws.reshape(n, -1, d)
+        m, steps = by_step.shape[1], np.arange(n)[:, None]
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
-        steps = np.arange(n)[:, None]
-        draws = chains[order, steps].reshape(-1, d)
-        lp = dataset(idata, "sample_stats")["lp"].transpose("chain", "draw").values
-        constant = dataset(idata, "constant_data").reindex(parameter=names)
-        bulk = effective_sizes(chains)[0]
-        if len(json.loads(dataset(idata, "posterior").attrs.get("betas", "[1.0]"))) > 1:
+        draws = by_step[steps, order].reshape(-1, d)
+        constant = dataset(idata, "constant_data").reindex(parameter=list(names))
+        by_chain = by_step.swapaxes(0, 1)
+        bulk = effective_sizes(by_chain)[0]
+        if len(chains.betas) > 1:
             # Exchanges hand states over, which walker by walker look independent.
             bulk = diagnose(idata).ess_bulk
-        both = chains, (chains - draws.mean(axis=0)) ** 2
+        both = by_chain, (by_chain - draws.mean(axis=0)) ** 2
         # At least one; NaN is that of a chain too short.
         sizes = np.fmax(np.nan_to_num([bulk, *map(mean_sizes, both)], nan=1.0), 1.0)
         return cls(
-            names=tuple(names),
+            names=names,
             draws=draws,
-            log_posterior=lp[order, steps].ravel(),
+            log_posterior=chains.log_prob.reshape(n, m)[steps, order].ravel(),
             coordinates=Coordinates.positive(prior),
-            bounds=np.column_stack(
-                [constant["lower"].values, constant["upper"].values]
-            ),
+            bounds=constant[["lower", "upper"]].to_array().values.T,
             size=float(min(sizes[0].min(), m * n)),
             mean_sizes=sizes[1:],
         )

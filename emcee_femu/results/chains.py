@@ -24,10 +24,11 @@ from ..posterior.log_posterior import LogPosterior
 from ..sampling.anneal import Annealed
 from ..sampling.run import Run
 from ..sampling.search_record import SearchRecord
-from .arviz_objects import InferenceData, dataset, is_arviz, is_weighted, samples
+from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
 STORED = ("acceptance", "betas", "failures", "search", "solves", "starts_given")  # JSON
+FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
@@ -224,12 +225,13 @@ def _of_file(
     begun = [chain for chain in stored if chain.iteration > discard]
     betas = np.array(manifest.get("betas") or [1.0])
     search = None if search is None else SearchRecord.from_json(search)
+    moves = "; ".join(map(" ".join, manifest["moves"]))
     return replace(
         read(begun or stored, betas),
         names=tuple(manifest["parameters"]),
         posterior=posterior,
         search=search,
-        moves=describe_moves(search.moves(None)) if search else manifest["moves"],
+        moves=describe_moves(search.moves(None)) if search else moves,
         seed=str(manifest["seed"]),
         origin="" if search is None else search.sentence,
         starts_given=manifest["starts"] is not None and search is None,
@@ -287,32 +289,31 @@ def _of_arviz(
     kept = slice(discard + thin - 1, None, thin)
     if not len(draws[kept]):
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
-    numbers = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
-    fractions = np.array(numbers.get("acceptance", []))
+    told = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
+    told |= {name: group.attrs[name] for name in TOLD if name in group.attrs}
+    fractions = np.array(told.pop("acceptance", []))
     if fractions.size != shape[0] * shape[1]:  # chains were selected
         fractions = np.full(shape, np.nan)
-    search = numbers.get("search")
-    chains_of = Chains(
-        tuple(names),
-        draws[kept],
-        log_prob[kept],
-        fractions.reshape(shape),
-        posterior=posterior,
-        search=None if search is None else SearchRecord.from_json(search),
-        betas=np.array(numbers.get("betas", [1.0])),
-        failures=numbers.get("failures", {}),
-        solves=numbers.get("solves", 0),
-        starts_given=numbers.get("starts_given", False),
-        **{name: group.attrs[name] for name in TOLD if name in group.attrs},
-    )
-    return replace(chains_of, kind="weighted") if is_weighted(idata) else chains_of
+    if told.get("search") is not None:
+        told["search"] = SearchRecord.from_json(told["search"])
+    told["betas"] = np.array(told.get("betas", [1.0]))
+    known = tuple(names), draws[kept], log_prob[kept], fractions.reshape(shape)
+    return Chains(*known, posterior=posterior, **told)
+
+
+def check_length(values: Floats) -> None:
+    """Refuse values ``(steps, ...)`` of too few steps to judge."""
+    if len(values) < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, left "
+            f"{len(values)}"
+        )
 
 
 def autocorrelation_time(chain: Floats) -> Floats:
     """Return emcee's tau of ``chain (steps, walkers, d)``, ``(d,)``, however short."""
     # tol=0 because diagnose reports steps / tau itself.
-    tau: Floats = emcee.autocorr.integrated_time(chain, tol=0)
-    return tau
+    return np.asarray(emcee.autocorr.integrated_time(chain, tol=0))
 
 
 def tau_by_ensemble(values: Floats, moved: NDArray[np.bool_]) -> Floats:
@@ -350,5 +351,4 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
         centre = (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
         squares = ((means - centre) ** 2 / variance).sum(axis=0)
     most = stats.chi2.isf(LEVEL / d, n_ensembles - 1)
-    ratio: Floats = squares / (TAU_KNOWN_TO * most)
-    return ratio
+    return np.asarray(squares / (TAU_KNOWN_TO * most))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -10,13 +11,12 @@ from ..interfaces import Floats
 from ..table import Parts, Report, Table
 from .arviz_objects import effective_sizes, mean_sizes, rhat
 from .certificate import Certificate
-from .chains import excess_scatter, read_chains, tau_by_ensemble
+from .chains import Chains, check_length, excess_scatter, read_chains, tau_by_ensemble
 from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes
 from .verdict import CONVERGED, NO_CHAINS, Statement, judge_chains, judge_search
 from .verdict import judge_without_chains as judge_others
 
-FEWEST_STEPS = 8  # that can be judged
 UNKNOWN = Statement("not judged", "not judged", "not judged.")
 TAILS = (0.05, 0.95)
 
@@ -171,29 +171,26 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     if isinstance(source, Certificate):
         source = source.idata
     chains = read_chains(source, discard=discard)
+    if chains.kind == "chain":
+        diagnosis = _measure(chains)
+        about = judge_chains(diagnosis, chains.starts_given, discard)
+        search = judge_search(diagnosis.modes)
+    else:
+        about, search = judge_others(source, chains)
+        nan: Any = np.full((1, len(chains.names)), np.nan)
+        # From tau to scatter, in the order of the attributes.
+        numbers = nan, *3 * [nan[0]], nan[:, :1], (), *4 * [nan[0]]
+        measured = chains.names, len(chains.draws), *numbers, chains.failures
+        diagnosis = Diagnosis(*measured)
+    fit = judge_fit(source, chains, discard)
+    return replace(diagnosis, chains=about, search=search, fit=fit)
+
+
+def _measure(chains: Chains) -> Diagnosis:
+    """Return the numbers of chains, not judged."""
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
-    if chains.kind != "chain":
-        about, search = judge_others(source, chains)
-        unknown = "steps_per_tau ess_bulk ess_tail rhat_within rhat_between sd_error"
-        return Diagnosis(
-            names=chains.names,
-            steps=steps,
-            tau=np.full((1, ndim), np.nan),
-            acceptance=np.full((1, 1), np.nan),
-            stuck=(),
-            scatter=np.full(ndim, np.nan),
-            failures=chains.failures,
-            modes=None,
-            chains=about,
-            search=search,
-            fit=judge_fit(source, chains, discard),
-            **dict.fromkeys(unknown.split(), np.full(ndim, np.nan)),
-        )
-    if steps < FEWEST_STEPS:
-        raise ValueError(
-            f"discard: expected at least {FEWEST_STEPS} steps to judge, left {steps}"
-        )
+    check_length(draws)
     moved = (draws != draws[0]).any(axis=0).all(axis=2)  # (ensembles, walkers)
     by_ensemble = draws.transpose(1, 2, 0, 3)  # (ensembles, walkers, steps, d)
     squares = (draws - draws.mean(axis=(0, 1, 2))) ** 2
@@ -218,7 +215,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         steps_per_tau = steps / tau.max(axis=0)
         of_variance = np.sqrt(squares.var(axis=(0, 1, 2)) / of_squares)
         sd_error = 0.5 * of_variance / squares.mean(axis=(0, 1, 2))
-    diagnosis = Diagnosis(
+    return Diagnosis(
         names=chains.names,
         steps=steps,
         tau=tau,
@@ -234,20 +231,11 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         modes=weigh_modes(chains),
         failures=chains.failures,
     )
-    return replace(
-        diagnosis,
-        chains=judge_chains(diagnosis, chains.starts_given, discard),
-        search=judge_search(diagnosis.modes),
-        fit=judge_fit(source, chains, discard),
-    )
 
 
 def _as_chains(values: Floats) -> Floats:
     """Return values with every walker as a chain, ``(chains, steps, d)``."""
-    chains: Floats = values.transpose(1, 2, 0, 3).reshape(
-        -1, len(values), values.shape[3]
-    )
-    return chains
+    return values.transpose(1, 2, 0, 3).reshape(-1, len(values), values.shape[3])
 
 
 def _sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
@@ -266,5 +254,4 @@ def _size_by_means(values: Floats) -> Floats:
     series = values.mean(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))
-    result: Floats = gain * mean_sizes(series.swapaxes(0, 1))
-    return result
+    return np.asarray(gain * mean_sizes(series.swapaxes(0, 1)))

@@ -9,9 +9,8 @@ from ..interfaces import Floats
 from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
 from ..table import Parts, Report
-from .chains import Chains, autocorrelation_time, read_chains
+from .chains import Chains, autocorrelation_time, check_length, read_chains
 
-FEWEST_STEPS = 8
 ENOUGH_TAU = 20  # of a series, below which neither tau nor its error can be believed
 ENOUGH_OVERLAP = 0.1
 LEVEL = 0.01  # of ensembles that scatter more than their series allow
@@ -39,11 +38,9 @@ class Evidence(Report):
     failed_solves: int = 0
 
     def _parts(self) -> Parts:
-        error = (
-            f"+- {self.log_evidence_error:.4f}"
-            if np.isfinite(self.log_evidence_error)
-            else "(no standard error can be claimed)"
-        )
+        error = f"+- {self.log_evidence_error:.4f}"
+        if not np.isfinite(self.log_evidence_error):
+            error = "(no standard error can be claimed)"
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."
@@ -121,13 +118,8 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     if isinstance(source, Evidence):
         return source
     if isinstance(source, Annealed):
-        return Evidence(
-            source.log_evidence,
-            source.log_evidence_error,
-            method="as it was given",
-            problems=source.problems,
-            failed_solves=source.failed_solves,
-        )
+        found = source.log_evidence, source.log_evidence_error, "as it was given"
+        return Evidence(*found, source.problems, failed_solves=source.failed_solves)
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(
@@ -136,11 +128,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
             "run or anneal returned"
         )
     log_prob = chains.log_prob
-    if len(log_prob) < FEWEST_STEPS:
-        raise ValueError(
-            f"discard: expected at least {FEWEST_STEPS} steps to judge, left "
-            f"{len(log_prob)}"
-        )
+    check_length(log_prob)
     if not np.isfinite(log_prob).all():
         raise ValueError(
             "source: a log-posterior after discard is not finite; start where it is "

@@ -11,7 +11,7 @@ from ..sampling.first_solve import doubt_units
 from .arviz_objects import InferenceData, is_arviz
 from .chains import Chains
 from .identifiability import describe_samples
-from .measured import measured_variables
+from .measured import read_measured
 from .to_arviz import read_samples
 from .verdict import Statement
 
@@ -33,10 +33,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         discard: Stored steps that were dropped.
     """
     idata = _read(source, chains, discard)
-    try:
-        parts = [] if idata is None else measured_variables(idata)
-    except ValueError:  # chains from elsewhere, or terms that say nothing
-        parts = []
+    parts = [] if idata is None else read_measured(idata)
     drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
     if not drawn:
         known = idata is not None and "constant_data" in idata

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import skew
 
 from ..interfaces import Floats
 from ..posterior.derivatives import place
@@ -15,6 +16,7 @@ from .arviz_objects import (
     InferenceData,
     dataset,
     describe_certificate,
+    prior_draws,
     samples,
 )
 from .sensitivities import by_mode, fit_sensitivities
@@ -107,8 +109,7 @@ class Identifiability(Report):
     def correlation(self) -> Floats:
         """The correlation matrix of the posterior, ``(d, d)``."""
         sd = np.sqrt(np.diag(self.covariance))
-        correlation: Floats = self.covariance / np.outer(sd, sd)
-        return correlation
+        return np.asarray(self.covariance / np.outer(sd, sd))
 
     @property
     def from_bound(self) -> Floats:
@@ -328,12 +329,10 @@ def describe_samples(idata: InferenceData, fitted: bool = True) -> Identifiabili
             f"parameter(s), got {different}; run longer"
         )
     prior_sd = constants["prior_sd"].values
-    bounds = np.column_stack([constants["lower"].values, constants["upper"].values])
+    bounds = constants[["lower", "upper"]].to_array().values.T
     modes: tuple[str, ...] = ()
     slopes, r_squared, effect = np.empty((0, d)), np.empty(0), np.full(d, np.nan)
-    before = np.full((1, d), np.nan)
-    if "prior" in idata and dataset(idata, "prior").sizes["chain"]:
-        before = np.column_stack([dataset(idata, "prior")[k].values[0] for k in names])
+    before = prior_draws(idata, names)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what may be negative
         logs = np.log(draws).mean(axis=0), np.log(draws).std(axis=0)
     if fitted:
@@ -410,16 +409,10 @@ def _compare_logarithms(
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(before)
-        apt = _skew(logs) + CLEAR < _skew(before)  # never for NaN
+        skews = [np.abs(skew(draws, axis=0)) for draws in (logs, before)]
+        apt = skews[0] + CLEAR < skews[1]  # never for NaN
         moments = np.stack([logs.mean(axis=0), logs.std(axis=0), mean, sd])
     return np.where(apt & ~is_error, moments, np.nan)
-
-
-def _skew(draws: Floats) -> Floats:
-    """Return the size of the skewness of each column."""
-    centred = draws - draws.mean(axis=0)
-    skew: Floats = np.abs((centred**3).mean(axis=0)) / draws.std(axis=0) ** 3
-    return skew
 
 
 def _shares_at_bounds(

@@ -1,6 +1,6 @@
 """What the terms of a posterior say of samples, with dimensions and labels."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import product
 from typing import NamedTuple
 
@@ -22,6 +22,13 @@ class Labelled(NamedTuple):
 NUMBER = Variable({})
 
 
+def each_term(posterior: LogPosterior) -> Iterator[tuple[Experiment, Term, str]]:
+    """Yield experiment, term and name of every term of a posterior."""
+    for experiment in posterior.experiments:
+        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
+            yield experiment, term, name
+
+
 def gather_by_terms(
     posterior: LogPosterior, draws: Floats, rows: Floats
 ) -> dict[str, dict[str, Labelled]]:
@@ -33,25 +40,15 @@ def gather_by_terms(
     names = _name_measured(posterior)
     likelihood: dict[str, Labelled] = {}
     predictive: dict[str, Labelled] = {}
-    column = 2
-    for experiment in posterior.experiments:
-        stored = {
-            name: response[experiment.full_name(name)] for name in experiment.variables
-        }
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            label = experiment.full_name(name)
-            data = term.pointwise(parameters, stored)
-            for variable, values in data.items():
-                key = f"{label}[{variable}]" if len(data) > 1 else label
-                array = values.reshape(*lead, *values.shape[1:])
-                likelihood[key] = _label(experiment, term, variable, array, len(lead))
-            if not data:
-                likelihood[label] = Labelled(rows[..., column], NUMBER)
-            for variable, values in term.replicate(rng, parameters, stored).items():
-                array = values.reshape(*lead, *values.shape[1:])
-                key = names[label, variable]
-                predictive[key] = _label(experiment, term, variable, array, len(lead))
-            column += 1
+    for column, (experiment, term, name) in enumerate(each_term(posterior), 2):
+        label = experiment.full_name(name)
+        stored = {v: response[experiment.full_name(v)] for v in experiment.variables}
+        likelihood[label] = Labelled(rows[..., column], NUMBER)
+        for variable, values in term.pointwise(parameters, stored).items():
+            likelihood[label] = _label(experiment, term, variable, values, *lead)
+        for variable, values in term.replicate(rng, parameters, stored).items():
+            key = names[label, variable]
+            predictive[key] = _label(experiment, term, variable, values, *lead)
     if len(likelihood) > 1:  # ArviZ takes one variable
         likelihood = {"data": _side_by_side(likelihood, len(lead))}
     return {"log_likelihood": likelihood, "new_measurement": predictive}
@@ -73,10 +70,9 @@ def gather_observed(posterior: LogPosterior) -> dict[str, Labelled]:
     names = _name_measured(posterior)
     return {
         names[experiment.full_name(name), variable]: _label(
-            experiment, term, variable, np.asarray(observed)
+            experiment, term, variable, np.asarray(observed)[None]
         )
-        for experiment in posterior.experiments
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True)
+        for experiment, term, name in each_term(posterior)
         for variable, observed in term.observed.items()
     }
 
@@ -84,32 +80,29 @@ def gather_observed(posterior: LogPosterior) -> dict[str, Labelled]:
 def _name_measured(posterior: LogPosterior) -> dict[tuple[str, str], str]:
     """Return names by term and variable; only the first measurement has its name."""
     names: dict[tuple[str, str], str] = {}
-    for experiment in posterior.experiments:
-        for term, name in zip(experiment.terms, experiment.term_names, strict=True):
-            for variable in term.observed:
-                full = experiment.full_name(variable)
-                key = experiment.full_name(name), variable
-                names[key] = f"{full}[{name}]" if full in names.values() else full
+    for experiment, term, name in each_term(posterior):
+        for variable in term.observed:
+            full = experiment.full_name(variable)
+            key = experiment.full_name(name), variable
+            names[key] = f"{full}[{name}]" if full in names.values() else full
     return names
 
 
 def _label(
-    experiment: Experiment, term: Term, name: str, values: Floats, lead: int = 0
+    experiment: Experiment, term: Term, name: str, values: Floats, *lead: int
 ) -> Labelled:
-    """Return what a term says with its dimensions, after ``lead`` axes of samples.
+    """Return what a term says with its dimensions; its first axis becomes the leading.
 
     Where a term knows but the places, or fewer of them, the labels are those of the
     response.
     """
     returned = experiment.variables.get(name)
     variable = (term.reads or {}).get(name) or returned or NUMBER
-    coords = {}
-    for size, (dim, labels) in zip(
-        values.shape[lead:], variable.coords.items(), strict=True
-    ):
+    shape, coords = values.shape[1:], {}
+    for size, (dim, labels) in zip(shape, variable.coords.items(), strict=True):
         of_response = returned.coords.get(dim, ()) if returned else ()
         if None in labels and len(of_response) >= len(labels):
             labels = of_response
         coords[experiment.full_name(dim)] = list(labels)[:size]
     unit = variable.unit or (returned.unit if returned else "")
-    return Labelled(values, Variable(coords, unit))
+    return Labelled(values.reshape(*lead, *shape), Variable(coords, unit))

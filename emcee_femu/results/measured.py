@@ -9,7 +9,8 @@ import numpy as np
 
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from .arviz_objects import Dataset, InferenceData, dataset
+from .arviz_objects import Dataset, InferenceData, dataset, groups
+from .labelled import each_term
 from .to_arviz import original_name
 
 GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
@@ -48,16 +49,12 @@ class Measured:
 
     def sd(self, posterior: LogPosterior | None) -> Floats:
         """Return the standard deviations of the measurement, NaN where unknown."""
-        for experiment in posterior.experiments if posterior else ():
-            for term, label in zip(
-                experiment.terms, experiment.term_names, strict=True
-            ):
-                for variable, sd in term.error_sd.items():
-                    name = experiment.full_name(variable)
-                    if self.name in (name, f"{name}[{label}]") and np.array_equal(
-                        np.ravel(term.observed[variable]), self.values
-                    ):
-                        return np.where(sd > 0, sd, np.nan).ravel()
+        for experiment, term, label in each_term(posterior) if posterior else ():
+            for variable, sd in term.error_sd.items():
+                name, measured = experiment.full_name(variable), term.observed[variable]
+                same = np.array_equal(np.ravel(measured), self.values)
+                if same and self.name in (name, f"{name}[{label}]"):
+                    return np.where(sd > 0, sd, np.nan).ravel()
         return np.full(len(self.values), np.nan)
 
 
@@ -67,12 +64,12 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     Raises:
         ValueError: If there are none.
     """
-    if every := read_measured(idata):
-        return every
-    response = list(dataset(idata, "response").data_vars)
-    raise ValueError(
-        f"idata: no likelihood term says what it measured of the response {response}"
-    )
+    if not (every := read_measured(idata)):
+        raise ValueError(
+            "idata: no likelihood term says what it measured of the response "
+            f"{list(dataset(idata, 'response').data_vars)}"
+        )
+    return every
 
 
 def measured_frequencies(
@@ -97,39 +94,36 @@ def measured_frequencies(
 
 def read_measured(idata: InferenceData) -> list[Measured]:
     """Return every measured variable that the response holds; there may be none."""
-    groups: dict[str, Mapping[str, Any]] = {}
-    for group in GROUPS:
-        try:
-            groups[group] = dataset(idata, group).data_vars
-        except ValueError:  # it is not there
-            groups[group] = {}
+    there = groups(idata)
+    held: dict[str, Mapping[str, Any]] = {
+        group: dataset(idata, group).data_vars if group in there else {}
+        for group in GROUPS
+    }
     originals = {
-        str(name): original_name(str(name), groups["response"])
-        for name in groups["observed_data"]
+        str(name): original_name(str(name), held["response"])
+        for name in held["observed_data"]
     }
     return [
-        _read(groups, name, variable)
+        _read(held, name, variable)
         for name, variable in originals.items()
-        if variable in groups["response"]
+        if variable in held["response"]
     ]
 
 
-def _read(
-    groups: Mapping[str, Mapping[str, Any]], name: str, variable: str
-) -> Measured:
-    dims = list(map(str, groups["response"][variable].dims))
+def _read(held: Mapping[str, Mapping[str, Any]], name: str, variable: str) -> Measured:
+    dims = list(map(str, held["response"][variable].dims))
 
     def align(values: Dataset) -> Dataset:
         """Return an array with the dimensions of the response."""
         return values.rename({d: original_name(str(d), dims) for d in values.dims})
 
-    observed = align(groups["observed_data"][name])
+    observed = align(held["observed_data"][name])
 
     def at_places(group: str, other: str) -> Dataset:
         """Return samples ``(n, m)`` or constants ``(1, m)`` where it was measured."""
-        if other not in groups[group]:
+        if other not in held[group]:
             return None
-        values = align(groups[group][other]).reindex_like(observed)
+        values = align(held[group][other]).reindex_like(observed)
         if "chain" in values.dims:
             values = values.transpose("chain", "draw", *observed.dims)
         return values.values.reshape(-1, observed.size)

@@ -61,15 +61,13 @@ class ModeWeights(Report):
     @property
     def table(self) -> Table:
         """One row per mode."""
-        n_ensembles, n_modes = self.weights.shape
-        by_ensemble = [
-            (f"ensemble {e}", ".3f", row) for e, row in enumerate(self.weights, 1)
-        ]
+        n_modes = len(self.importance)
+        ensembles = enumerate(self.weights, 1)
         return Table.from_columns(
             f"Weights of {n_modes} separated modes",
             [
-                ("mode", "", list(range(1, n_modes + 1))),
-                *by_ensemble,
+                ("mode", "", range(1, n_modes + 1)),
+                *((f"ensemble {e}", ".3f", row) for e, row in ensembles),
                 ("+-", ".3f", self.errors),
                 ("importance", ".3f", self.importance),
                 ("+- ", ".3f", self.importance_errors),
@@ -92,10 +90,9 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
     labels = owner.reshape(draws.shape[:3])
     indicators = 1.0 * (labels[..., None] == np.arange(n_modes))
     accepted = expected_acceptance(log_weights)
+    counts = np.bincount(owner, minlength=n_modes)
     with np.errstate(invalid="ignore"):  # of modes without a draw
-        acceptance = np.bincount(owner, accepted, n_modes) / np.bincount(
-            owner, minlength=n_modes
-        )
+        acceptance = np.bincount(owner, accepted, n_modes) / counts
     # Draws of p, not of q, have the tail index k / (1 - k).
     k = pareto_k(log_weights[spread_out(len(flat), MOST_DRAWS)])
     as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_modes)
@@ -133,8 +130,7 @@ def expected_acceptance(log_weights: Floats) -> Floats:
     inverse = np.exp(log_weights.min() - log_weights)
     order = np.argsort(inverse)
     increasing = inverse[order]
-    n = len(inverse)
-    below = np.cumsum(increasing)
-    result = np.empty(n)
-    result[order] = (below + increasing * np.arange(n - 1, -1, -1)) / below[-1]
+    below, above = np.cumsum(increasing), np.arange(len(inverse))[::-1]
+    result = np.empty(len(inverse))
+    result[order] = (below + increasing * above) / below[-1]
     return result

@@ -28,11 +28,6 @@ class ModeShapes:
     shapes: Floats
     dofs: Sequence[Hashable]
 
-    @property
-    def count(self) -> int:
-        """How many modes there are to show."""
-        return len(self.frequencies)
-
 
 @dataclass(frozen=True, eq=False)
 class PairedShapes(ModeShapes):
@@ -56,11 +51,6 @@ class PairedShapes(ModeShapes):
     paired: Floats
     shared: NDArray[np.bool_]
     mac: Floats
-
-    @property
-    def count(self) -> int:
-        """How many measured modes there are."""
-        return len(self.hertz)
 
 
 def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
@@ -137,7 +127,4 @@ def modal_assurance(measured: Floats, shapes: Floats) -> Floats:
     known = np.where(there, measured, 0.0)
     products = (known.T @ shapes) ** 2
     sizes = (known**2).sum(axis=0)[:, None] * (there.T.astype(float) @ shapes**2)
-    mac: Floats = np.divide(
-        products, sizes, out=np.zeros_like(products), where=sizes > 0
-    )
-    return mac
+    return np.asarray(products / np.maximum(sizes, np.finfo(float).tiny))

@@ -222,12 +222,11 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
             f"posterior: no term draws new measurements of {missing}, so that their "
             "error is not known; leave posterior out"
         )
-    if posterior is None or missing:
-        posterior, what = None, "the model alone"
-        drawn = [part.predicted for part in parts]
-    else:
-        what = "a new measurement, with its error and the discrepancy"
-        drawn = [part.replicated for part in parts if part.replicated is not None]
+    posterior = None if missing else posterior
+    what = "a new measurement, with its error and the discrepancy"
+    if posterior is None:
+        what = "the model alone"
+    drawn: list[Any] = [p.replicated if posterior else p.predicted for p in parts]
     draws = np.concatenate(drawn, axis=1)
     measured = np.concatenate([part.values for part in parts])
     mean, low, high = summarize(draws)

@@ -23,12 +23,11 @@ from ..posterior.priors import (
     summarize_prior,
 )
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
-from .chains import TOLD, Chains, read_chains
+from .chains import STORED, TOLD, Chains, read_chains
 from .labelled import NUMBER, Labelled, gather_by_terms, gather_observed
 
 PRIOR_DRAWS = 1_000
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
-SAMPLES = ("chain", "draw")
 
 
 def to_inference_data(
@@ -155,12 +154,9 @@ def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
 def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
     """Return the ArviZ object of chains."""
     draws, posterior = chains.draws, chains.posterior
-    by_parameter = zip(chains.names, np.moveaxis(draws, -1, 0), strict=True)
+    units = posterior.units if posterior else {}
     groups: dict[str, dict[str, Labelled]] = {
-        "posterior": {
-            name: Labelled(values, _parameter(posterior, name))
-            for name, values in by_parameter
-        },
+        "posterior": _by_parameter(chains.names, draws, units),
         "sample_stats": {"lp": Labelled(chains.log_prob, NUMBER)},
     }
     attributes = {
@@ -175,7 +171,10 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
     if posterior is not None:
         rows = _rows(chains, posterior)
         groups["sample_stats"]["log_prior"] = Labelled(rows[..., 1], NUMBER)
-        groups["log_prior"] = _log_prior_by_parameter(posterior, draws)
+        if isinstance(posterior.prior, GaussianPrior | IndependentPrior):
+            densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
+            densities = densities.reshape(draws.shape)
+            groups["log_prior"] = _by_parameter(chains.names, densities, {})
         groups["response"] = {
             name: Labelled(value, posterior.variables[name])
             for name, value in posterior.unfold(rows).items()
@@ -189,7 +188,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
         "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
     }
     datasets = {
-        name: _dataset(_as_chains(group), attributes, SAMPLES, coords)
+        name: _dataset(group, attributes, coords)
         for name, group in groups.items()
         if group
     }
@@ -205,11 +204,9 @@ def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:
 
     n, chains = measurements.sizes["draw"], measurements.sizes["chain"]
     share = None if weights is None else weights / weights.sum()
-    size = (
-        PREDICTIVE_DRAWS if weights is not None else min(PREDICTIVE_DRAWS, n * chains)
-    )
+    size = min(PREDICTIVE_DRAWS, n * chains) if share is None else PREDICTIVE_DRAWS
     rng = np.random.default_rng(0)
-    picked = np.sort(rng.choice(n * chains, size, weights is not None, share))
+    picked = np.sort(rng.choice(n * chains, size, share is not None, share))
     draw, chain = (xarray.DataArray(v, dims="pick") for v in divmod(picked, chains))
     some = measurements.drop_vars(["chain", "draw", "step", "ensemble", "walker"])
     some = some.isel(draw=draw, chain=chain).rename(pick="draw")
@@ -217,44 +214,43 @@ def pick_some(measurements: Dataset, weights: Floats | None = None) -> Dataset:
     return some.expand_dims("chain").assign_coords(places)
 
 
-def _as_chains(group: Mapping[str, Labelled]) -> dict[str, Labelled]:
-    """Return arrays ``(steps, ensembles, walkers, ...)`` as ``(chain, draw, ...)``."""
-    chains = {}
-    for name, (values, variable) in group.items():
-        steps, _, _, *shape = values.shape
-        moved = np.moveaxis(values, 0, 2).reshape(-1, steps, *shape)
-        chains[name] = Labelled(moved, variable)
-    return chains
-
-
 def _dataset(
     group: Mapping[str, Labelled],
     attributes: Mapping[str, object],
-    lead: tuple[str, ...] = (),
     coords: Mapping[str, object] | None = None,
 ) -> Dataset:
-    """Return arrays, whose first dimensions are those that lead, as a Dataset."""
+    """Return arrays as a Dataset.
+
+    Those of samples, which have coordinates, are ``(steps, ensembles, walkers, ...)``,
+    and become ``(chain, draw, ...)``.
+    """
     import xarray
 
     apart = name_apart({name: part.variable.coords for name, part in group.items()})
-    variables = {
-        name: ((*lead, *apart[name]), values, {"units": variable.unit})
-        for name, (values, variable) in group.items()
-    }
-    first = next(iter(group.values())).values
-    places: dict[str, Any] = {
-        dim: np.arange(n) for dim, n in zip(lead, first.shape, strict=False)
-    }
-    places |= {dim: v for dims in apart.values() for dim, v in dims.items()}
-    sampled = {"sample_dims": list(lead)} if lead else {}
+    variables = {}
+    places: dict[str, Any] = {k: v for dims in apart.values() for k, v in dims.items()}
+    for name, (values, variable) in group.items():
+        dims = [*apart[name]]
+        if coords is not None:
+            n, _, _, *shape = values.shape
+            values = np.moveaxis(values, 0, 2).reshape(-1, n, *shape)
+            dims = ["chain", "draw", *dims]
+            places = {"chain": range(len(values)), "draw": range(n)} | places
+        variables[name] = dims, values, {"units": variable.unit}
+    sampled = {} if coords is None else {"sample_dims": ["chain", "draw"]}
     return xarray.Dataset(
-        variables, {**places, **(coords or {})}, {**attributes, **sampled}
+        variables, places | dict(coords or {}), dict(attributes) | sampled
     )
 
 
-def _parameter(posterior: LogPosterior | None, name: str) -> Variable:
-    """Return a parameter as a number with its unit."""
-    return Variable({}, posterior.units.get(name, "") if posterior else "")
+def _by_parameter(
+    names: Sequence[str], values: Floats, units: Mapping[str, str]
+) -> dict[str, Labelled]:
+    """Return numbers ``(..., d)`` by parameter."""
+    return {
+        name: Labelled(values[..., i], Variable({}, units.get(name, "")))
+        for i, name in enumerate(names)
+    }
 
 
 def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
@@ -275,30 +271,12 @@ def _attributes_of(chains: Chains) -> dict[str, Any]:
     search = None if chains.search is None else chains.search.to_json()
     if search is not None and search["surface"] is not None:
         search["surface"]["coefficients"] = []  # as many numbers as draws
-    numbers = {
-        "acceptance": chains.acceptance.ravel().tolist(),
-        "betas": chains.betas.tolist(),
-        "failures": dict(chains.failures),
-        "search": search,
-        "solves": chains.solves,
-        "starts_given": chains.starts_given,
-    }
+    stored = {name: vars(chains)[name] for name in STORED} | {"search": search}
     return (
         {"sampled": list(chains.names)}
         | {name: vars(chains)[name] for name in TOLD}
-        | {name: json.dumps(value) for name, value in numbers.items()}
+        | {k: json.dumps(v, default=np.ndarray.tolist) for k, v in stored.items()}
     )
-
-
-def _log_prior_by_parameter(
-    posterior: LogPosterior, draws: Floats
-) -> dict[str, Labelled]:
-    prior = posterior.prior
-    if not isinstance(prior, GaussianPrior | IndependentPrior):
-        return {}
-    densities = prior.logpdfs(draws.reshape(-1, draws.shape[-1])).reshape(draws.shape)
-    pairs = zip(posterior.names, np.moveaxis(densities, -1, 0), strict=True)
-    return {name: Labelled(density, NUMBER) for name, density in pairs}
 
 
 def _fixed_groups(
@@ -320,14 +298,10 @@ def _fixed_groups(
         f"initial_{name}": Labelled(value, posterior.variables[name])
         for name, value in posterior.unfold(posterior.initial).items()
     }
-    draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
-    pairs = zip(posterior.names, draws.T, strict=True)
-    drawn = {
-        name: Labelled(column[None], _parameter(posterior, name))
-        for name, column in pairs
-    }
+    draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)[:, None, None]
+    drawn = _by_parameter(posterior.names, draws, posterior.units)
     groups = {
-        "prior": _dataset(drawn, attributes, SAMPLES),
+        "prior": _dataset(drawn, attributes, {}),
         "constant_data": _dataset(constants, attributes),
     }
     if observed := gather_observed(posterior):

@@ -15,7 +15,9 @@ def entry(
     # Deviations of which the standard error of the mean is `error`.
     around = efficiency + error * np.sqrt(3) * np.array([1, -1, 1, -1])
     ess = around * kept / 4 / 1000
-    return Entry(label, diagnosis, ess, kept, 12_500, before, 1, 2.0, recipe, None)
+    search = SimpleNamespace(sentence=recipe) if recipe else None
+    run = SimpleNamespace(evaluations=before, search=search)
+    return Entry(label, diagnosis, ess, kept, 12_500, 2.0, run, None)
 
 
 @pytest.mark.parametrize(("lead", "wins"), [(9.9, False), (10.1, True)])

@@ -95,7 +95,7 @@ def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
 
 
 def test_modes_are_chosen_and_others_refused(run):
-    (axes,) = ef.figures.plot_shapes(run, geometry=TOWER, modes=[2]).axes
+    (axes,) = ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes
     assert axes.get_title().startswith("mode 2: ")
     for modes, message in (([3], "from 1 to 2"), ([], "from 1 to 2"), ([0], "least 1")):
         with pytest.raises(ValueError, match=f"modes: .*{message}"):
