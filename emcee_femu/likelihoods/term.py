@@ -18,13 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import (
-    Floats,
-    Parameters,
-    Response,
-    Variable,
-    read_declared,
-)
+from ..interfaces import Floats, Parameters, Response, Variable, read_declared
 from ..interfaces import read as read_variable
 
 Values = TypeVar("Values", Floats, NDArray[np.complex128])

@@ -22,14 +22,7 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..interfaces import Derivatives, Floats, ModalSolution
-from .eigen_dense import (
-    EPS,
-    REPEATED,
-    Slopes,
-    at_row,
-    check_elastic,
-    refuse_parting,
-)
+from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
 from .factorization import Factor, factor_definite, factor_indefinite
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero

@@ -16,13 +16,7 @@ from ..interfaces import (
     read,
     read_declared,
 )
-from ..measurements.frf import (
-    KINDS,
-    frf_variable,
-    read_channels,
-    read_kind,
-    read_lines,
-)
+from ..measurements.frf import KINDS, frf_variable, read_channels, read_kind, read_lines
 from .inputs import derive_along
 from .matrix import MatrixModel
 from .static import StaticModel

@@ -57,11 +57,7 @@ class Stencil(NamedTuple):
 
 
 def place(
-    prior: Prior,
-    theta: Floats,
-    scale: Floats,
-    step: float = STEP,
-    sides: Sides = SIDES,
+    prior: Prior, theta: Floats, scale: Floats, step: float = STEP, sides: Sides = SIDES
 ) -> Stencil:
     """Return the points about ``theta (n, d)``, none outside the prior's support."""
     (n, d), k = theta.shape, len(sides[0])

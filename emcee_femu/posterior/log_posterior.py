@@ -409,9 +409,7 @@ class LogPosterior(Report):
             return self.rejected()
 
     def start(
-        self,
-        nwalkers: int,
-        seed: int | np.random.SeedSequence | np.random.Generator,
+        self, nwalkers: int, seed: int | np.random.SeedSequence | np.random.Generator
     ) -> Floats:
         """Draw starting positions ``(nwalkers, d)`` from the prior.
 
