@@ -193,30 +193,17 @@ class ModalSolution(NamedTuple):
         return self.frequencies
 
 
-class Pairing(NamedTuple):
-    """Which mode of the model is paired with which measured mode.
-
-    Attributes:
-        mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
-        model_modes: Numbers of the model's modes, 1 = the lowest, ``(n, n_measured)``.
-        unpaired: Where the MAC is too low for the pair to mean much,
-            ``(n, n_measured)``.
-    """
-
-    mac: Floats
-    model_modes: NDArray[np.intp]
-    unpaired: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class PairedSolution:
+class PairedSolution(NamedTuple):
     """A modal solution in the order of the measured modes, at the sensors.
 
     Attributes:
         frequencies: Frequencies of the paired modes in Hz, ``(n, n_measured)``, in the
             order of the measured ones.
         shapes: Their shapes at the sensors, ``(n, n_sensors, n_measured)``.
-        pairing: How they were paired.
+        mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
+        model_mode: Numbers of the model's modes, 1 = the lowest, ``(n, n_measured)``.
+        unpaired: Where the MAC is too low for the pair to mean much,
+            ``(n, n_measured)``.
 
     Examples:
         >>> import numpy as np
@@ -231,27 +218,14 @@ class PairedSolution:
 
     frequencies: Floats
     shapes: Floats
-    pairing: Pairing
+    mac: Floats
+    model_mode: NDArray[np.intp]
+    unpaired: NDArray[np.bool_]
 
     @property
     def frequency(self) -> Floats:
         """The frequencies, under the name by which they are stored."""
         return self.frequencies
-
-    @property
-    def mac(self) -> Floats:
-        """The MAC of every pair."""
-        return self.pairing.mac
-
-    @property
-    def model_mode(self) -> NDArray[np.intp]:
-        """The numbers of the model's modes."""
-        return self.pairing.model_modes
-
-    @property
-    def unpaired(self) -> NDArray[np.bool_]:
-        """Where the MAC is too low."""
-        return self.pairing.unpaired
 
 
 def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variable]:

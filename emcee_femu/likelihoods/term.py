@@ -352,8 +352,6 @@ def _replace(
     def move(name: str, value: Response) -> Response:
         if name in shifted:
             return shifted[name]
-        if isinstance(value, tuple):  # the pairing of modes
-            return _replace(value, shifted, n, times)
         by_row = isinstance(value, np.ndarray) and value.ndim and len(value) == n
         return np.repeat(value, times, axis=0) if by_row else value
 

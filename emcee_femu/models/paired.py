@@ -19,7 +19,6 @@ from ..interfaces import (
     Floats,
     Model,
     PairedSolution,
-    Pairing,
     Parameters,
     Response,
     SolveError,
@@ -202,8 +201,8 @@ class PairedModel:
     def _solution(
         self, chosen: NDArray[np.intp], paired: dict[str, Floats]
     ) -> PairedSolution:
-        pairing = Pairing(paired["mac"], chosen + 1, paired["mac"] < self.min_mac)
-        return PairedSolution(paired["frequency"], paired["shapes"], pairing)
+        f, shapes, mac = paired.values()
+        return PairedSolution(f, shapes, mac, chosen + 1, mac < self.min_mac)
 
     def read_candidates(self, response: Response) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of a response's candidates."""
