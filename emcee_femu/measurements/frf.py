@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
-from dataclasses import dataclass
 from os import PathLike
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Variable
@@ -82,7 +81,6 @@ def read_lines(lines: ArrayLike) -> Floats:
     return numbers
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
 class FRFMeasurements(Report):
     r"""Frequency response functions of several channels at the same lines.
 
@@ -123,14 +121,6 @@ class FRFMeasurements(Report):
         [10.0]
     """
 
-    lines: Floats
-    values: NDArray[np.complex128]
-    channels: tuple[Channel, ...]
-    kind: str
-    coherence: Floats | None
-    averages: int | None
-    unit: str | None
-
     def __init__(
         self,
         lines: ArrayLike,
@@ -169,16 +159,9 @@ class FRFMeasurements(Report):
             averages = checks.whole_number("averages", averages, 2)
         if unit is not None:
             checks.text("unit", unit)
-        checks.set_fields(
-            self,
-            lines=numbers,
-            values=H,
-            channels=pairs,
-            kind=read_kind(kind),
-            coherence=coherence,
-            averages=averages,
-            unit=unit,
-        )
+        self.lines, self.values, self.channels = numbers, H, pairs
+        self.kind, self.coherence = read_kind(kind), coherence
+        self.averages, self.unit = averages, unit
 
     @classmethod
     def from_uff(

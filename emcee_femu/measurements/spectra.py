@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
@@ -18,7 +17,6 @@ from .modes import labels
 KINDS = {"acceleration": 0, "velocity": 1, "displacement": 2}  # over i omega, powers
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Spectra(Report):
     r"""Spectral matrices of a record in a band, raw or averaged over segments.
 
@@ -54,12 +52,6 @@ class Spectra(Report):
         ((25, 2, 2), True)
     """
 
-    lines: Floats
-    matrices: NDArray[np.complex128]
-    averages: int
-    sensors: tuple[str, ...]
-    kind: str
-
     def __init__(
         self,
         lines: ArrayLike,
@@ -84,14 +76,10 @@ class Spectra(Report):
                 "matrices: expected Hermitian ones with a diagonal above zero, the "
                 "mean of F F^H over segments"
             )
-        checks.set_fields(
-            self,
-            lines=numbers,
-            matrices=D,
-            averages=checks.whole_number("averages", averages, 1),
-            sensors=labels(sensors, D.shape[1]),
-            kind=read_kind(kind, KINDS),
-        )
+        self.lines, self.matrices = numbers, D
+        self.averages = checks.whole_number("averages", averages, 1)
+        self.sensors = labels(sensors, D.shape[1])
+        self.kind = read_kind(kind, KINDS)
 
     @classmethod
     def from_record(
