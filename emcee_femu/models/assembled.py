@@ -176,24 +176,18 @@ class AssembledModel:
             )
             for units, high, low in zip((K, M), ahead, behind, strict=True):
                 units.append((high - low) / (2 * step))
+        label = f"the mass matrix at {where(0)}"
         problem: SparseEigenproblem | Eigenproblem
         if issparse(K[0]):
-            check_mass(M[0], f"the mass matrix at {where(0)}")
+            check_mass(M[0], label)
             K, M = ([csc_array(unit) for unit in units] for units in (K, M))
             problem = SparseEigenproblem(K, M, self.n_modes, self.skip, self.shape_dofs)
         else:
-            wanted = self.skip + np.arange(self.n_modes)
-            output = self._output
+            wanted, output = self.skip + np.arange(self.n_modes), self._output
             if output is None:
                 output = np.eye(len(K[0]))[list(self.shape_dofs)]
-            try:
-                problem = Eigenproblem(
-                    np.array(K), np.array(M), wanted, self.skip, output
-                )
-            except np.linalg.LinAlgError:
-                raise ValueError(
-                    f"the mass matrix is not positive definite at {where(0)}"
-                ) from None
+            parts = np.array(K), np.array(M), wanted, self.skip, output
+            problem = Eigenproblem(*parts, label)
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}

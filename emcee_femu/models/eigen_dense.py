@@ -53,6 +53,10 @@ class Eigenproblem:
         skip: Number of rigid-body modes, checked at each solve.
         output: Maps mass-normalised shapes to what is returned of them, ``(n_out, N)``;
             without rows for frequencies alone.
+        label: What M0 is called in a message.
+
+    Raises:
+        ValueError: If the mass is constant and not positive definite.
     """
 
     def __init__(
@@ -62,11 +66,18 @@ class Eigenproblem:
         selected: NDArray[np.intp],
         skip: int,
         output: Floats,
+        label: str = "M0",
     ) -> None:
         self.selected, self.skip, self.folded = selected, skip, len(M) == 1
         self.K, self.M, self.output = K, M, output
         if self.folded:  # from here on y stands for the shapes
-            inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
+            try:
+                inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
+            except np.linalg.LinAlgError:
+                raise ValueError(
+                    f"{label} is not positive definite: remove massless DOFs by static "
+                    "condensation, or give scipy.sparse matrices"
+                ) from None
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
     def solve(

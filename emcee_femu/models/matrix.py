@@ -187,14 +187,6 @@ def sparse_problem(model: MatrixModel) -> SparseEigenproblem:
 
 
 def _dense_problem(model: MatrixModel) -> Eigenproblem:
-    if not model.M:
-        try:
-            np.linalg.cholesky(model.M0)
-        except np.linalg.LinAlgError:
-            raise ValueError(
-                "M0: expected a positive definite matrix; remove massless DOFs "
-                "by static condensation, or give scipy.sparse matrices"
-            ) from None
     return Eigenproblem(
         np.array([model.K0, *model.K.values()]),
         np.array([model.M0, *model.M.values()]),
