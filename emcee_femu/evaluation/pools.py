@@ -118,9 +118,8 @@ class EvaluationPool:
         point and the traceback of the worker.
         """
         points = list(iterable)
-        size = self.chunksize or max(1, -(-len(points) // max(1, self.n_workers)))
-        if self.chunksize is None and not self.n_workers:
-            size = 1
+        share = -(-len(points) // self.n_workers) if self.n_workers else 1
+        size = self.chunksize or max(1, share)
         parts = [points[i : i + size] for i in range(0, len(points), size)]
         results = dict(self._evaluate(function, parts))
         return [value for i in range(len(parts)) for value in results[i]]
@@ -259,8 +258,6 @@ def open_pool(
 class OwnProcesses(ProcessPoolExecutor):
     """The processes of ``run(..., workers=8)``."""
 
-    argument = "workers"  # which asked for them
-
 
 def count_workers(pool: object, workers: int | None) -> int:
     """Return how many evaluations :func:`open_pool` runs at once; 1 if unknown."""
@@ -304,44 +301,27 @@ def _count_workers(executor: Any) -> int:
 
 def _dump(executor: object, function: Function) -> bytes:
     """Pickle for the workers of an executor; pickle's message names what it cannot."""
-    if type(executor).__module__.partition(".")[0] in BY_VALUE:
-        why = "its workers do not have this script"
-        return _dump_by_value(executor, function, why)
+    by_value = type(executor).__module__.partition(".")[0] in BY_VALUE
+    by_value |= not hasattr(sys.modules["__main__"], "__file__")  # of a notebook
+    why, remedy = "workers cannot import what a script or a notebook defines", ""
     try:
         payload = pickle.dumps(function)
+        if not by_value or b"__main__" not in payload:
+            return payload
     except Exception as error:  # a pickler raises what it likes
-        return _dump_by_value(executor, function, str(error))
-    if b"__main__" in payload and not hasattr(sys.modules["__main__"], "__file__"):
-        why = "workers cannot import what a notebook defines"
-        return _dump_by_value(executor, function, why)
-    return payload
-
-
-def _dump_by_value(executor: object, function: Function, why: str) -> bytes:
+        why = str(error)
     try:
         return bytes(import_module("cloudpickle").dumps(function))
-    except ImportError as error:
-        install = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
-        raise _refusal(executor, why, install) from error
+    except ImportError:
+        remedy = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
     except Exception as error:
-        raise _refusal(executor, str(error)) from error
-
-
-def _refusal(executor: object, why: str, remedy: str = "") -> TypeError:
-    argument = getattr(type(executor), "argument", "pool")
-    other = (
-        "run(..., workers=8), which pickles nothing on Linux unless a start method was "
-        "set, or a ThreadPoolExecutor"
-    )
-    if argument == "workers":  # which were not forked, then
-        other = (
-            "pool=ThreadPoolExecutor(8), which pickles nothing; nor do forked workers, "
-            'on Linux: multiprocessing.set_start_method("fork", force=True)'
-        )
-    return TypeError(
-        f"{argument}: the function cannot be pickled for the workers ({why}); {remedy}"
-        "write functions at the top level of a module, and open files, locks and "
-        f"programs inside the call; or give {other}"
+        why = str(error)
+    raise TypeError(
+        f"{'workers' if isinstance(executor, OwnProcesses) else 'pool'}: the function "
+        f"cannot be pickled for the workers ({why}); {remedy}write functions at the top"
+        " level of a module, and open files, locks and programs inside the call; or "
+        "give pool=ThreadPoolExecutor(8), which pickles nothing, or workers=8, which on"
+        " Linux does not either unless a start method other than fork was set"
     )
 
 
