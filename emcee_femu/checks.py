@@ -72,8 +72,7 @@ def covariance_factor(argument: str, covariance: Floats) -> Floats:
             f"{argument}: expected a symmetric, positive definite matrix, got "
             f"{covariance.tolist()}"
         )
-    result: Floats = scale[:, None] * factor
-    return result
+    return np.asarray(scale[:, None] * factor)
 
 
 def _numbers(argument: str, value: ArrayLike, kinds: str, described: str) -> Any:

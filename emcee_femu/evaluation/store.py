@@ -299,8 +299,7 @@ class StoredChain(emcee.backends.Backend):
             record.theta if name == "chain" else record.values[:, part[name]]
             for record in self._store.read(self._stream, numbers)
         ]
-        values: Floats = np.concatenate(steps) if flat else np.stack(steps)
-        return values
+        return np.asarray(np.concatenate(steps) if flat else np.stack(steps))
 
     def reset(self, nwalkers: int, ndim: int) -> None:
         """Refuse to clear the chain: a file is for one run."""

@@ -126,8 +126,7 @@ class FrequencyTerm(Term):
         )
         if unpaired is None:
             return self.log_constants
-        constants: Floats = self.log_constants - UNPAIRED * unpaired[:, : self.n_modes]
-        return constants
+        return np.asarray(self.log_constants - UNPAIRED * unpaired[:, : self.n_modes])
 
     def deviations(
         self, parameters: Parameters, response: Response

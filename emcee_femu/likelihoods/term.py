@@ -279,8 +279,7 @@ def log_normal(r: Floats, sd: Floats) -> Floats:
 
 def add_discrepancy(variances: Floats, discrepancy: Floats) -> Floats:
     """Return standard deviations of independent errors, one of them inferred."""
-    total: Floats = np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2))
-    return total
+    return np.asarray(np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2)))
 
 
 def linearize_normal(
@@ -332,8 +331,7 @@ def move_along(
         wide = np.moveaxis(np.concatenate([tangent, tangent], axis=-1), -1, 1)
         moved = wide * sides.reshape(*sides.shape, *[1] * (wide.ndim - 2))
         moved += np.asarray(value)[:, None]
-        shifted: Floats = moved.reshape(-1, *wide.shape[2:])
-        return shifted
+        return np.asarray(moved.reshape(-1, *wide.shape[2:]))
 
     variables = {
         name: shift(read_variable(response, name), tangent)

@@ -215,8 +215,7 @@ class FRFMeasurements(Report):
         if self.coherence is None or self.averages is None:
             return None
         relative = np.sqrt((1 / self.coherence - 1) / (2 * self.averages))
-        result: Floats = np.abs(self.values) * relative
-        return result
+        return np.asarray(np.abs(self.values) * relative)
 
     def between(self, low: float, high: float) -> FRFMeasurements:
         """Return the lines from ``low`` to ``high`` Hz, both included."""

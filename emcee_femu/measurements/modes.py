@@ -62,8 +62,7 @@ def phases(raw: Shapes) -> Shapes:
     if not np.iscomplexobj(raw):
         return np.ones(raw.shape[-1])
     unit = raw / np.abs(raw).max(axis=0)  # squares neither over- nor underflow
-    factors: Shapes = np.exp(-0.5j * np.angle((unit * unit).sum(axis=0)))
-    return factors
+    return np.asarray(np.exp(-0.5j * np.angle((unit * unit).sum(axis=0))))
 
 
 def phase_collinearity(raw: Shapes, stated: ArrayLike | None = None) -> Floats:

@@ -165,5 +165,4 @@ class Spectra(Report):
     @property
     def psd(self) -> Floats:
         """The spectral densities of the channels, ``(n_lines, n_channels)``."""
-        diagonal: Floats = np.diagonal(self.matrices, axis1=1, axis2=2).real
-        return diagonal
+        return np.asarray(np.diagonal(self.matrices, axis1=1, axis2=2).real)

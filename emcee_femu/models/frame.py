@@ -237,8 +237,7 @@ class FrameModel:
 def _multiply(term: Term, values: Parameters) -> Floats | float:
     """Return a product of properties, ``(n,)`` or a number."""
     factors = (values[factor] if isinstance(factor, str) else factor for factor in term)
-    product: Floats | float = math.prod(factors, start=1.0)
-    return product
+    return math.prod(factors, start=1.0)
 
 
 def _assemble(

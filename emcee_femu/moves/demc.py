@@ -170,5 +170,4 @@ def spread(walkers: Floats) -> Floats:
     mean = weights.dot(walkers)
     variance = weights.dot(walkers * walkers)
     variance -= mean * mean
-    result: Floats = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
-    return result
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance))

@@ -214,8 +214,7 @@ def temper(log_prob: Floats, log_prior: Floats, beta: float | Floats) -> Floats:
 
     -inf stays -inf for every beta; beta = 1 changes no bit.
     """
-    tempered: Floats = log_prob - (1 - beta) * subtract_log_prior(log_prob, log_prior)
-    return tempered
+    return np.asarray(log_prob - (1 - beta) * subtract_log_prior(log_prob, log_prior))
 
 
 def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:

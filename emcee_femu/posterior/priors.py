@@ -236,8 +236,7 @@ def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
 def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     """Return which rows of ``theta (n, d)`` lie inside ``bounds (d, 2)``."""
     within = (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
-    result: NDArray[np.bool_] = np.logical_and.reduce(within, axis=1)
-    return result
+    return np.asarray(np.logical_and.reduce(within, axis=1))
 
 
 def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
