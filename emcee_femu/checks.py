@@ -97,11 +97,15 @@ def _refuse(argument: str, array: Any, wrong: Any, expected: str) -> None:
         raise ValueError(f"{argument}: expected {expected}, got {array[where]}{at}")
 
 
-def real_number(argument: str, value: Any, low: float = -math.inf) -> float:
-    """Return ``value`` as a finite float that is at least ``low``."""
+def real_number(
+    argument: str, value: Any, low: float = -math.inf, high: float = math.inf
+) -> float:
+    """Return ``value`` as a finite float from ``low`` to ``high``."""
     number = real_array(argument, value, 0).item()
     if number < low:
         raise ValueError(f"{argument}: expected at least {low:g}, got {number:g}")
+    if number > high:
+        raise ValueError(f"{argument}: expected at most {high:g}, got {number:g}")
     return number
 
 

@@ -77,9 +77,7 @@ class Evaluation:
             raise ValueError(
                 f"on_failure: expected 'raise' or 'reject', got {on_failure!r}"
             )
-        fraction = checks.real_number("max_failures", max_failures, 0.0)
-        if fraction > 1:
-            raise ValueError(f"max_failures: expected at most 1, got {fraction:g}")
+        fraction = checks.real_number("max_failures", max_failures, 0.0, 1.0)
         reject = on_failure == "reject"
         solver = Solver(posterior, reject)
         with open_pool(pool, workers, solver) as opened:

@@ -166,7 +166,9 @@ class Term:
             return {}
         ((variable, measured),) = self.observed.items()
         values = self._parts(parameters, stored)
-        return {variable: values.reshape(-1, *measured.shape)}
+        if values[0].size != np.size(measured):
+            return {}
+        return {variable: values.reshape(-1, *np.shape(measured))}
 
     def replicate(
         self,
@@ -202,6 +204,7 @@ class FunctionTerm(Term):
                 setattr(self, attribute, declared)
         self._deviations = read_declared(function, "deviations")
         self.gaussian = self._deviations is not None
+        self.separate = self.gaussian and len(self.observed) == 1
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return what the callable does."""
@@ -213,20 +216,10 @@ class FunctionTerm(Term):
         """Return what the callable says, None where it does not."""
         return self._deviations(parameters, response) if self.gaussian else None
 
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> Mapping[str, Floats]:
-        """Return the log-likelihood of each datum, where each has its deviation."""
-        pair = self.deviations(parameters, stored) if self.observed else None
-        if pair is None or len(self.observed) > 1:
-            return {}
-        ((variable, measured),) = self.observed.items()
-        values = log_normal(*pair)
-        if values[0].size != np.size(measured):
-            return {}
-        constant = self(parameters, stored) - values.sum(axis=1)
-        values += constant[:, None] / values.shape[1]
-        return {variable: values.reshape(-1, *np.shape(measured))}
+    def _parts(self, parameters: Parameters, response: Response) -> Floats:
+        values = super()._parts(parameters, response)
+        constant = self(parameters, response) - values.sum(axis=1)
+        return np.asarray(values + constant[:, None] / values.shape[1])
 
 
 def as_term(term: Callable[[Parameters, Response], Floats]) -> Term:

@@ -59,15 +59,12 @@ def read_kind(kind: object, kinds: Collection[str] = KINDS) -> str:
 
 def read_channels(channels: Any) -> tuple[Channel, ...]:
     """Return pairs of DOFs."""
-    pairs = isinstance(channels, Sequence) and all(
-        isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2
-        for pair in channels
+    form = "pairs (response DOF, excitation DOF)"
+    if not isinstance(channels, Sequence) or isinstance(channels, str) or not channels:
+        raise TypeError(f"channels: expected {form}, got {channels!r}")
+    result = tuple(
+        Channel(*checks.group("channels", pair, form, 2)) for pair in channels
     )
-    if not pairs or isinstance(channels, str) or not len(channels):
-        raise TypeError(
-            f"channels: expected pairs (response DOF, excitation DOF), got {channels!r}"
-        )
-    result = tuple(Channel(*pair) for pair in channels)
     if len(set(result)) < len(result):
         raise ValueError(f"channels: expected each pair once, got {list(channels)}")
     return result
@@ -101,6 +98,10 @@ class FRFMeasurements(Report):
             it is not known.
         averages: Number of independent averages; needed with coherence.
         unit: Of the values, where it is not that of SI.
+
+    Attributes:
+        sd: Standard deviation of real and imaginary part, ``(n_channels, n_lines)``;
+            None without a coherence.
 
     Raises:
         TypeError: If values are not numbers, or channels no pairs.
@@ -146,6 +147,7 @@ class FRFMeasurements(Report):
                 f"values: expected finite numbers other than 0, got {H[i, j]:g} of "
                 f"channel {pairs[i]} at {numbers[j]:g} Hz; leave such lines out"
             )
+        self.sd: Floats | None = None
         if (coherence is None) != (averages is None):
             raise ValueError("coherence, averages: expected both or none of them")
         if coherence is not None:
@@ -157,6 +159,8 @@ class FRFMeasurements(Report):
                     "is rounded to 1 says nothing of the error"
                 )
             averages = checks.whole_number("averages", averages, 2)
+            relative = np.sqrt((1 / coherence - 1) / (2 * averages))
+            self.sd = np.abs(H) * relative
         if unit is not None:
             checks.text("unit", unit)
         self.lines, self.values, self.channels = numbers, H, pairs
@@ -208,14 +212,6 @@ class FRFMeasurements(Report):
             + ("" if self.averages is None else f", {self.averages} averages"),
             columns,
         )
-
-    @property
-    def sd(self) -> Floats | None:
-        """Standard deviation of real and imaginary part, ``(n_channels, n_lines)``."""
-        if self.coherence is None or self.averages is None:
-            return None
-        relative = np.sqrt((1 / self.coherence - 1) / (2 * self.averages))
-        return np.asarray(np.abs(self.values) * relative)
 
     def between(self, low: float, high: float) -> FRFMeasurements:
         """Return the lines from ``low`` to ``high`` Hz, both included."""

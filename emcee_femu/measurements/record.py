@@ -41,6 +41,10 @@ class Measurements(Report):
         damping: Damping ratios, ``(n_modes,)``, or None if unknown.
         damping_sd: Their standard deviations, ``(n_modes,)``.
 
+    Attributes:
+        n_modes: The number of measured modes.
+        n_sensors: The number of sensors, 0 where there are no shapes.
+
     Raises:
         TypeError: If an argument does not hold numbers of the kind described.
         ValueError: If modes are not ascending, 0 Hz, NaN or listed twice; a shape is
@@ -95,7 +99,8 @@ class Measurements(Report):
             if shapes is None and value is not None:
                 raise ValueError(f"{name}: expected shapes with it, got none")
         self.frequencies = modes.frequencies(frequencies)
-        n_modes, n_sensors = len(self.frequencies), 0
+        self.n_modes = n_modes = len(self.frequencies)
+        self.n_sensors = 0
         self.shapes = self.phase_collinearity = there = None
         if shapes is not None:
             raw = modes.shapes(shapes, n_modes, missing=True)
@@ -104,7 +109,7 @@ class Measurements(Report):
                     f"shapes: expected (n_sensors, {n_modes}), got {raw.shape}; for "
                     "repeated tests see from_repeats"
                 )
-            n_sensors, there = len(raw), ~np.isnan(raw)
+            self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
             real = (raw * modes.phases(raw)).real
             modes.refuse_duplicates(self.frequencies, real)
@@ -115,10 +120,10 @@ class Measurements(Report):
             modes.refuse_duplicates(self.frequencies, None)
         self.sd = modes.deviations("sd", sd, (n_modes,))
         self.covariance = modes.covariance(covariance, n_modes)
-        shape = n_sensors, n_modes
+        shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
-        self.sensors = modes.labels(sensors, n_sensors)
-        self.dofs = modes.dofs(dofs, n_sensors)
+        self.sensors = modes.labels(sensors, self.n_sensors)
+        self.dofs = modes.dofs(dofs, self.n_sensors)
         self.damping = modes.deviations("damping", damping, (n_modes,))
         self.damping_sd = modes.deviations("damping_sd", damping_sd, (n_modes,))
 
@@ -299,18 +304,7 @@ class Measurements(Report):
             >>> Measurements.from_pyoma2(result).frequencies.tolist()
             [3.1, 9.8]
         """
-        fields = uff.read_pyoma2(result, shape_sd)
-        return cls(**fields, sensors=sensors, dofs=dofs)
-
-    @property
-    def n_modes(self) -> int:
-        """The number of measured modes."""
-        return len(self.frequencies)
-
-    @property
-    def n_sensors(self) -> int:
-        """The number of sensors, 0 where there are no shapes."""
-        return len(self.sensors)
+        return cls(**uff.read_pyoma2(result, shape_sd), sensors=sensors, dofs=dofs)
 
     def _parts(self) -> Parts:
         return (self._table(),)

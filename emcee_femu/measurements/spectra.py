@@ -36,6 +36,9 @@ class Spectra(Report):
         sensors: Labels of the channels; None for s1, s2, ...
         kind: What was recorded: "acceleration", "velocity" or "displacement".
 
+    Attributes:
+        psd: The spectral densities of the channels, ``(n_lines, n_channels)``.
+
     Raises:
         TypeError: If an argument does not hold numbers or labels.
         ValueError: If sizes disagree, a number is not finite, a matrix is not Hermitian
@@ -69,9 +72,9 @@ class Spectra(Report):
                 f"matrices: expected ({len(numbers)}, n_channels, n_channels), one "
                 f"matrix of finite numbers for each line, got {D.shape}"
             )
-        diagonal = np.diagonal(D, axis1=1, axis2=2)
+        self.psd: Floats = np.diagonal(D, axis1=1, axis2=2).real
         asymmetry = np.abs(D - D.conj().swapaxes(1, 2)).max()
-        if not (diagonal.real > 0).all() or asymmetry > 1e-8 * diagonal.real.max():
+        if not (self.psd > 0).all() or asymmetry > 1e-8 * self.psd.max():
             raise ValueError(
                 "matrices: expected Hermitian ones with a diagonal above zero, the "
                 "mean of F F^H over segments"
@@ -122,10 +125,8 @@ class Spectra(Report):
             [3.0, 3.02, 5.0]
         """
         x = checks.real_array("record", record, 2)
-        number = checks.real_number("rate", rate)
+        number = checks.positive_array("rate", rate, 0).item()
         averages = checks.whole_number("averages", averages, 1)
-        if number <= 0:
-            raise ValueError(f"rate: expected samples per second, got {number:g}")
         if len(x) <= x.shape[1] or not x.shape[1]:
             raise ValueError(
                 f"record: expected (samples, channels), got {x.shape}; transpose it"
@@ -161,8 +162,3 @@ class Spectra(Report):
                 ("at Hz", ".4g", self.lines[self.psd.argmax(axis=0)]),
             ],
         )
-
-    @property
-    def psd(self) -> Floats:
-        """The spectral densities of the channels, ``(n_lines, n_channels)``."""
-        return np.asarray(np.diagonal(self.matrices, axis1=1, axis2=2).real)

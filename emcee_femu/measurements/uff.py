@@ -21,7 +21,13 @@ AXES = {"r1": "x", "r2": "y", "r3": "z", "r4": "rx", "r5": "ry", "r6": "rz"}
 
 def read_uff(path: Path, sensors: Sequence[str] | None = None) -> dict[str, Any]:
     """Return the arguments of :class:`Measurements` that a universal file holds."""
-    modes = _read_modes(path)
+    sets = read_sets(path, 55)
+    modes = {i: data for i, data in sets.items() if data["analysis_type"] in MODES}
+    if not modes:
+        raise ValueError(
+            f"{path}: expected data sets 55 with normal or complex modes, got "
+            f"{len(sets)} data sets 55 and no mode among them"
+        )
     values = {i: _nodal_values(path, data) for i, data in modes.items()}
     first, *others = values
     for i in others:
@@ -110,18 +116,6 @@ def read_sets(path: Path, number: int) -> dict[int, DataSet]:
         raise ValueError(f"{path}: pyuff cannot read it ({error})") from error
 
 
-def _read_modes(path: Path) -> dict[int, DataSet]:
-    """Return the data sets 55 that are modes, by their place in the file."""
-    sets = read_sets(path, 55)
-    modes = {i: data for i, data in sets.items() if data["analysis_type"] in MODES}
-    if not modes:
-        raise ValueError(
-            f"{path}: expected data sets 55 with normal or complex modes, got "
-            f"{len(sets)} data sets 55 and no mode among them"
-        )
-    return modes
-
-
 def _frequency(data: DataSet) -> float:
     """Return Hz: as stated, or the undamped frequency of an eigenvalue in rad/s."""
     normal = data["analysis_type"] == 2
@@ -166,7 +160,14 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
             raise ValueError(
                 f"{path}, data set {i}: its lines are not those of data set {first}"
             )
-        kinds[i] = _find_kind(path, i, data)
+        above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
+        if above not in ORDINATES or below != FORCE:
+            raise ValueError(
+                f"{path}, data set {i}: expected displacement, velocity or acceleration"
+                f" (types {list(ORDINATES)}) over force ({FORCE}), got type {above} "
+                f"over {below}"
+            )
+        kinds[i] = ORDINATES[above]
         channel, sign = _find_channel(data)
         if channel in values:
             raise ValueError(f"{path}, data set {i}: {'/'.join(channel)} appears twice")
@@ -193,17 +194,6 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
         )
     coherence = np.array([coherences[channel] for channel in values])
     return {**fields, "coherence": coherence, "averages": averages}
-
-
-def _find_kind(path: Path, i: int, data: DataSet) -> str:
-    above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
-    if above not in ORDINATES or below != FORCE:
-        raise ValueError(
-            f"{path}, data set {i}: expected displacement, velocity or acceleration "
-            f"(types {list(ORDINATES)}) over force ({FORCE}), got type {above} over "
-            f"{below}"
-        )
-    return ORDINATES[above]
 
 
 def _find_channel(data: DataSet) -> tuple[tuple[str, str], float]:

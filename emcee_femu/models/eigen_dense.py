@@ -182,8 +182,7 @@ class Eigenproblem:
         least = np.maximum(REPEATED * eigenvalues[:, 1:], rounding)
         clusters = np.zeros(eigenvalues.shape, dtype=np.intp)
         clusters[:, 1:] = np.cumsum(np.diff(eigenvalues) > least, axis=1)
-        together: NDArray[np.bool_]
-        together = clusters[:, :, None] == clusters[:, None, self.selected]
+        together = np.equal(clusters[:, :, None], clusters[:, None, self.selected])
         for row, column in np.argwhere(together.sum(axis=1) > 1).tolist():
             members = np.flatnonzero(together[row, :, column])
             first = int(members[0])
@@ -195,7 +194,7 @@ class Eigenproblem:
                 at_row(slopes, row),
                 describe(row),
             )
-        return together
+        return np.asarray(together)
 
 
 def _weigh(parts: Floats, weights: Floats) -> Floats:

@@ -132,13 +132,15 @@ class SparseEigenproblem:
         changes = np.empty((len(slopes), n, count))
         turns = np.empty((len(slopes), *shapes.shape))
         for i in range(n):
-            values, phi = self.lowest(k[i], m[i], self.skip + count, describe(i))
+            K, M, where = self.stiffness(k[i]), self.mass(m[i]), describe(i)
+            if len(self.M) > 1:
+                check_mass(M, f"the mass matrix at {where}")
+            values, phi = lowest_modes(K, M, self.skip + count, self.skip, where)
             modes = values[self.skip :], phi[:, self.skip :]
             frequencies[i], shapes[i] = np.sqrt(modes[0]) / (2 * np.pi), modes[1][dofs]
             if slopes:
-                matrices = self.stiffness(k[i]), self.mass(m[i])
                 changes[:, i], turns[:, i] = self._differentiate(
-                    matrices, modes, at_row(slopes, i), describe(i)
+                    K, M, modes, at_row(slopes, i), where
                 )
         changes /= 8 * np.pi**2 * frequencies
         derivatives = {"frequency": dict(zip(slopes, changes, strict=True))}
@@ -147,17 +149,13 @@ class SparseEigenproblem:
         return ModalSolution(frequencies, shapes if len(dofs) else None), derivatives
 
     def _differentiate(
-        self,
-        matrices: tuple[csc_array, csc_array],
-        modes: Pairs,
-        slopes: Slopes,
-        where: str,
+        self, K: csc_array, M: csc_array, modes: Pairs, slopes: Slopes, where: str
     ) -> tuple[Floats, Floats]:
         """Return derivatives of eigenvalues ``(d, m)`` and shapes ``(d, n_dof, m)``.
 
         Of one parameter set, with its K and M; modes that coincide are one cluster.
         """
-        (K, M), (eigenvalues, shapes), dofs = matrices, modes, self.dofs
+        (eigenvalues, shapes), dofs = modes, self.dofs
         units = [*self.K[1:], *self.M[1:]]
         weights = [np.array([*part]) for part in zip(*slopes.values(), strict=True)]
         size = np.abs(shapes)
@@ -191,16 +189,6 @@ class SparseEigenproblem:
                 turn = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
                 turns[:, :, cluster] = turn
         return changes, turns
-
-    def lowest(self, k: Floats, m: Floats, count: int, where: str) -> Pairs:
-        """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
-
-        Rigid-body modes are included; ``where`` names the parameters in an error.
-        """
-        K, M = self.stiffness(k), self.mass(m)
-        if len(self.M) > 1:
-            check_mass(M, f"the mass matrix at {where}")
-        return lowest_modes(K, M, count, self.skip, where)
 
 
 def lowest_modes(

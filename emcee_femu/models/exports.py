@@ -167,8 +167,7 @@ def _fit_powers(
 
 def _add(weights: Iterable[float], matrices: Iterable[csc_array]) -> csc_array:
     """Return the weighted sum of matrices."""
-    terms = [w * A for w, A in zip(weights, matrices, strict=True)]
-    return csc_array(sum(terms[1:], terms[0]))
+    return csc_array(sum(w * A for w, A in zip(weights, matrices, strict=True)))
 
 
 def _scale(matrix: csc_array, reference: csc_array) -> csc_array:

@@ -111,9 +111,7 @@ class PairedModel:
         if candidates is None:
             candidates = 2 * n_modes
         self.candidates = checks.whole_number("candidates", candidates, n_modes)
-        self.min_mac = checks.real_number("min_mac", min_mac, 0.0)
-        if self.min_mac > 1:
-            raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac}")
+        self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
         size = np.sqrt(np.nansum(measurements.shapes**2, axis=0))
         self._shapes = measurements.shapes / size
@@ -157,17 +155,13 @@ class PairedModel:
     def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
         if differentiate is None:
             return None
-        return partial(self._differentiate_by, differentiate)  # goes to other processes
-
-    def _differentiate_by(
-        self, differentiate: Differentiate, parameters: Parameters
-    ) -> tuple[PairedSolution, Derivatives]:
-        return self._differentiate(*differentiate(parameters))
+        return partial(self._differentiate, differentiate)  # goes to other processes
 
     def _differentiate(
-        self, response: Response, derivatives: Derivatives
+        self, differentiate: Differentiate, parameters: Parameters
     ) -> tuple[PairedSolution, Derivatives]:
-        """Return paired modes and their derivatives, of what the model returned."""
+        """Return paired modes and their derivatives."""
+        response, derivatives = differentiate(parameters)
         modes = self.read_candidates(response)
         chosen, paired = _pair_modes(self._shapes, *modes, self.min_gap)
         names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]

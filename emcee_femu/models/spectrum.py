@@ -102,12 +102,10 @@ class SpectrumModel:
     def _respond(self, *columns: Floats) -> dict[str, Floats]:
         """Return the response to one column of values for each of the names."""
         values = dict(zip(self.names, columns, strict=True))
-        n, f, zeta, ln_S = (
-            len(columns[0]),
-            *(
-                np.stack([values[f"{key}{end}"] for end in self._ends], axis=1)
-                for key in ("f", "zeta", "ln_S")
-            ),
+        n = len(columns[0])
+        f, zeta, ln_S = (
+            np.stack([values[f"{key}{end}"] for end in self._ends], axis=1)
+            for key in ("f", "zeta", "ln_S")
         )
         shapes = np.ones((n, len(self.sensors), self.n_modes))
         for i, end in enumerate(self._ends):

@@ -81,9 +81,7 @@ class DEMCMove(ProposingMove):
         self.gamma0 = (
             None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
         )
-        self.mode_jump = checks.real_number("mode_jump", mode_jump, 0)
-        if self.mode_jump > 1:
-            raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")
+        self.mode_jump = checks.real_number("mode_jump", mode_jump, 0.0, 1.0)
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that is too small, or that sigma does not fit.

@@ -61,10 +61,6 @@ class Mixture:
         heights -= 0.5 * d * np.log(df * np.pi)
         return heights
 
-    @cached_property
-    def _edges(self) -> Floats:
-        return np.cumsum(self.weights)[:-1]
-
     def squared_distances(self, x: Floats) -> Floats:
         """Return the squared Mahalanobis distance ``(n, k)`` of each x ``(n, d)``."""
         standard = (x - self.means[:, None]) @ self.inverses.transpose(0, 2, 1)
@@ -90,7 +86,8 @@ class Mixture:
         """Draw ``(n, d)``."""
         several = len(self.weights) > 1
         if several:
-            which = self._edges.searchsorted(random.random(n), side="right")
+            edges = np.cumsum(self.weights)[:-1]
+            which = edges.searchsorted(random.random(n), side="right")
         normal = random.standard_normal((n, self.means.shape[1]))
         normal *= np.sqrt(self.df / random.chisquare(self.df, n))[:, None]
         drawn: Floats

@@ -1,8 +1,8 @@
 """The log-posterior: models, likelihood terms and prior, for a batch of walkers."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from itertools import product
 from typing import Literal, Self, TypeAlias
 
 import numpy as np
@@ -206,7 +206,7 @@ class LogPosterior(Report):
         labels = ["log_posterior", "log_prior"]
         labels += [f"log_likelihood[{name}]" for name in self.term_names]
         for name, variable in self.variables.items():
-            for where in product(*variable.coords.values()):
+            for where in itertools.product(*variable.coords.values()):
                 labels.append(
                     f"{name}[{', '.join(map(str, where))}]" if where else name
                 )
@@ -318,13 +318,10 @@ class LogPosterior(Report):
             return np.hstack([rows, rest])
         if kind == "rows":
             return rows
-        r, sd = [], []
-        for part in solved:
-            for term in part.terms:
-                if (pair := term.deviations(parameters, part.response)) is not None:
-                    r.append(pair[0])
-                    sd.append(pair[1])
-        return np.hstack([rows, *r, *sd])
+        every = [(t, part.response) for part in solved for t in part.terms]
+        pairs = [term.deviations(parameters, response) for term, response in every]
+        r_and_sd = zip(*filter(None, pairs), strict=True)
+        return np.hstack([rows, *itertools.chain(*r_and_sd)])
 
     def _gather(
         self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
