@@ -38,9 +38,8 @@ def numeric_array(argument: str, value: ArrayLike) -> Floats:
 def complex_array(argument: str, value: ArrayLike) -> Floats | NDArray[np.complex128]:
     """Return ``value`` as a new float64 or complex128 array; NaN is allowed."""
     raw = _numbers(argument, value, "fiuc", "real or complex")
-    array: Floats | NDArray[np.complex128]
-    array = raw.astype(np.complex128 if raw.dtype.kind == "c" else np.float64)
-    return array
+    kind = np.complex128 if raw.dtype.kind == "c" else np.float64
+    return np.asarray(raw.astype(kind))
 
 
 def positive_array(argument: str, value: ArrayLike, ndim: int | None = None) -> Floats:

@@ -1,4 +1,4 @@
-"""The contracts between the stages: model, response, term, prior, move, backend.
+"""The contracts between the stages: model, response, term, prior, move.
 
 Everything between sampler and model carries a leading axis of ``n`` walkers. Outside
 the sampler parameters have names; only the prior owns their order. A plain function
@@ -339,26 +339,6 @@ class Evaluator(Protocol):
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
-
-
-class Backend(Protocol):
-    """Where emcee stores a chain."""
-
-    initialized: bool
-
-    @property
-    def iteration(self) -> int:
-        """The number of stored steps."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Walkers and parameters."""
-
-    def get_chain(self, *, flat: bool, thin: int, discard: int) -> Floats:
-        """Return the stored positions ``(steps, nwalkers, ndim)``."""
-
-    def save_step(self, state: Any, accepted: NDArray[np.bool_]) -> None:
-        """Store one generation."""
 
 
 class SolveError(ValueError):

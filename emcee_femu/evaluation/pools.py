@@ -104,12 +104,9 @@ class EvaluationPool:
         self.n_workers = _count_workers(executor)
         if hasattr(executor, "get_executor"):  # a dask Client
             self._executor = executor.get_executor(pure=False)
+        # Whether several threads may use it at once.
+        self.takes_turns = hasattr(self._executor, "submit")
         self._shipped: list[tuple[Function, str, bytes]] = []
-
-    @property
-    def takes_turns(self) -> bool:
-        """Whether several threads may use it at once."""
-        return hasattr(self._executor, "submit")
 
     def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
         """Return ``[function(point) for point in iterable]``, evaluated by the workers.
@@ -167,7 +164,7 @@ class EvaluationPool:
         once, while the other workers are at theirs.
         """
         try:
-            if not hasattr(self._executor, "submit"):
+            if not self.takes_turns:
                 yield from enumerate(self._executor.map(evaluate, tasks))
                 return
             submit = self._executor.submit

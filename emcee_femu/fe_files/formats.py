@@ -180,16 +180,11 @@ def read_calculix(path: Path) -> list[Part]:
 
 
 HEAD = 4096  # bytes that are looked at
-INTEGER, NUMBER = r"\s*-?\d+\s*", r"\s*[-+]?[\d.]+(?:[ED][-+]?\d+)?\s*"
-TRIPLET = rf"\s*\d+ +\d+ {NUMBER}"
 # How the first line of a text file begins that is no comment, and who reads it.
 TEXTS: dict[str, Read] = {
     r"%%MatrixMarket\b.*": read_matrix_market,
     HEADER.pattern: read_op4,
-    TRIPLET: read_abaqus,
-    rf"{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
-    rf"{INTEGER},{INTEGER},{INTEGER},{INTEGER},{NUMBER}": read_abaqus,
-    rf"\s*-?\d+ +\d+ +-?\d+ +\d+ {NUMBER}": read_abaqus,
+    r"\s*-?\d+[ ,].*": read_abaqus,
 }
 # A Fortran record of 24 or, with long integers, 48 bytes, either end of a number first.
 OP4 = rb"(\x18\0\0\0|\0\0\0\x18).{24}\1.*|(\x30\0\0\0|\0\0\0\x30).{48}\2.*"
@@ -197,7 +192,6 @@ BINARIES: dict[bytes, Read] = {  # the first bytes
     rb"PK\x03\x04.*": read_npz,
     rb".{8}\x04\0\0\0.*": read_full,
 }
-LABEL = r"\s*\d+\.\d+\s*"  # of a .dof file
 KNOWN = (
     "Matrix Market, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, CalculiX "
     ".sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
@@ -228,7 +222,7 @@ def read_file(path: Path) -> list[Part]:
     told = (x for x in lines if x.strip() and x[0] not in "$*")
     first = next(told, lines[0])
     if path.suffix.lower() in {*CALCULIX.values(), ".dof"}:
-        if re.fullmatch(f"{LABEL}|{TRIPLET}", first, re.I):
+        if re.fullmatch(r"\s*\d+(\.\d+\s*| +\d+ .*)", first):  # a label, or an entry
             return read_calculix(path)
     for form, read in TEXTS.items():
         if re.fullmatch(form, first, re.I):

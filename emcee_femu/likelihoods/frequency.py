@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, modal_variables, read
-from ..measurements import Measurements
+from ..measurements import Measurements, modes
 from .term import Term, add_discrepancy, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
@@ -155,13 +155,8 @@ def _principal_axes(
     covariance: ArrayLike, frequencies: Floats
 ) -> tuple[Floats, Floats]:
     """Return precisions of relative errors along axes where they are independent."""
-    n = len(frequencies)
-    C = checks.real_array("covariance", covariance, 2)
-    if C.shape != (n, n) or np.abs(C - C.T).max() > 1e-8 * np.abs(C).max():
-        raise ValueError(
-            f"covariance: expected a symmetric ({n}, {n}) matrix for {n} modes, "
-            f"got {C.tolist()}"
-        )
+    C = modes.covariance(covariance, len(frequencies))
+    assert C is not None
     variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
     if not variances[0] > 1e-12 * variances[-1]:
         raise ValueError(

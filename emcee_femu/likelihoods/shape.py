@@ -133,7 +133,15 @@ class ShapeTerm(Term):
         1 - MAC. With ``sd``, shapes are divided by it first, and components multiplied
         by the length of the measured one.
         """
-        shapes = self._at_sensors(response)
+        shapes: Floats = read(response, "shapes")
+        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
+            raise ValueError(
+                f"measured: the shapes of {self.n_modes} modes were measured, but the "
+                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
+            )
+        if not isinstance(response, PairedSolution):  # whose rows are the sensors
+            shapes = at_sensors(shapes, self._dofs, len(self.measured))
+        shapes = shapes[:, :, : self.n_modes]
         weights = self._there / (1.0 if self.sd is None else self.sd)
         measured, weighted = weights * self.measured, weights * shapes
         side = np.where((weighted * measured).sum(axis=1) < 0, -1.0, 1.0)
@@ -163,18 +171,6 @@ class ShapeTerm(Term):
     def _across(self) -> NDArray[np.bool_]:
         """Which deviations there are: one less for each mode than sensors."""
         return self._there & (self._there.cumsum(axis=0) > 1)
-
-    def _at_sensors(self, response: Response) -> Floats:
-        """Return the measured modes at the sensors, ``(n, n_sensors, n_modes)``."""
-        shapes: Floats = read(response, "shapes")
-        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
-            raise ValueError(
-                f"measured: the shapes of {self.n_modes} modes were measured, but the "
-                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
-            )
-        if not isinstance(response, PairedSolution):  # whose rows are the sensors
-            shapes = at_sensors(shapes, self._dofs, len(self.measured))
-        return shapes[:, :, : self.n_modes]
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]

@@ -18,7 +18,7 @@ from ..interfaces import (
     modal_variables,
 )
 from .eigen_dense import Eigenproblem
-from .eigen_sparse import SparseEigenproblem, check_mass
+from .eigen_sparse import SparseEigenproblem
 from .inputs import Dofs, Matrix, choose_dofs, describe, read_batch, read_matrix
 
 STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
@@ -179,14 +179,14 @@ class AssembledModel:
         label = f"the mass matrix at {where(0)}"
         problem: SparseEigenproblem | Eigenproblem
         if issparse(K[0]):
-            check_mass(M[0], label)
             K, M = ([csc_array(unit) for unit in units] for units in (K, M))
-            problem = SparseEigenproblem(K, M, self.n_modes, self.skip, self.shape_dofs)
+            wanted = self.n_modes, self.skip, self.shape_dofs
+            problem = SparseEigenproblem(K, M, *wanted, label)
         else:
-            wanted, output = self.skip + np.arange(self.n_modes), self._output
+            selected, output = self.skip + np.arange(self.n_modes), self._output
             if output is None:
                 output = np.eye(len(K[0]))[list(self.shape_dofs)]
-            parts = np.array(K), np.array(M), wanted, self.skip, output
+            parts = np.array(K), np.array(M), selected, self.skip, output
             problem = Eigenproblem(*parts, label)
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]

@@ -87,6 +87,7 @@ class SparseEigenproblem:
         n_modes: How many elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
         dofs: Where mass-normalised shapes are wanted; empty for none.
+        label: What M0 is called in a message.
 
     Attributes:
         stiffness: K as a function of its coefficients ``(n_k,)``.
@@ -103,10 +104,13 @@ class SparseEigenproblem:
         n_modes: int,
         skip: int = 0,
         dofs: Sequence[int] = (),
+        label: str = "M0",
     ) -> None:
         self.K, self.M, self.n_modes, self.skip = tuple(K), tuple(M), n_modes, skip
         self.dofs = np.array(dofs, dtype=np.intp)
         self.stiffness, self.mass = SparseSum(K), SparseSum(M)
+        if len(M) == 1:
+            check_mass(M[0], label)
 
     def solve(
         self, k: Floats, m: Floats, describe: Callable[[int], str]
