@@ -23,9 +23,7 @@ def real_array(argument: str, value: ArrayLike, ndim: int | None = None) -> Floa
     """Return ``value`` as a new float64 array of finite numbers."""
     array = numeric_array(argument, value)
     if ndim is not None and array.ndim != ndim:
-        raise ValueError(
-            f"{argument}: expected {ndim} dimension(s), got shape {array.shape}"
-        )
+        raise ValueError(f"{argument}: expected {ndim} dimension(s), got {array.shape}")
     _refuse(argument, array, ~np.isfinite(array), "finite numbers")
     return array
 
@@ -56,9 +54,7 @@ def covariance_factor(argument: str, covariance: Floats) -> Floats:
         ValueError: If covariance is not square, symmetric and positive definite.
     """
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
-        raise ValueError(
-            f"{argument}: expected a square matrix, got shape {covariance.shape}"
-        )
+        raise ValueError(f"{argument}: expected (n, n), got shape {covariance.shape}")
     variances = np.diag(covariance)
     scale = np.sqrt(np.where(variances > 0, variances, 1.0))
     correlation = covariance / np.outer(scale, scale)
@@ -127,9 +123,8 @@ def flag(argument: str, value: Any) -> bool:
 def instance(argument: str, value: object, kind: type[T]) -> T:
     """Return an object of a class, refusing others."""
     if not isinstance(value, kind):
-        raise TypeError(
-            f"{argument}: expected a {kind.__name__}, got {type(value).__name__}"
-        )
+        got = type(value).__name__
+        raise TypeError(f"{argument}: expected a {kind.__name__}, got {got}")
     return value
 
 
@@ -212,9 +207,7 @@ def parameter_names(argument: str, names: Iterable[str]) -> tuple[str, ...]:
     """Return ``names`` as a tuple of distinct, non-empty strings."""
     if isinstance(names, str | set | frozenset) or not isinstance(names, Iterable):
         remedy = f"; write [{names!r}]" if type(names) is str else ""
-        raise TypeError(
-            f"{argument}: expected a sequence of names, got {names!r}{remedy}"
-        )
+        raise TypeError(f"{argument}: expected a sequence, got {names!r}{remedy}")
     result = tuple(names)
     for name in result:
         text(argument, name)

@@ -41,7 +41,7 @@ deviations term          ``deviations(parameters, response)``: r and sd, each
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
@@ -359,7 +359,11 @@ class SolveError(ValueError):
 
 
 def gather_tangents(
-    label: str, response: Response, derivatives: object, names: Sequence[Hashable]
+    label: str,
+    response: Response,
+    derivatives: object,
+    names: Sequence[Hashable],
+    needed: Iterable[str] = (),
 ) -> dict[str, Floats]:
     """Return the derivatives of each variable, ``(n, *shape, d)``.
 
@@ -368,10 +372,11 @@ def gather_tangents(
         response: The model's.
         derivatives: ``{variable: {name: (n, *shape)}}``; zero where one is left out.
         names: The d names that there are.
+        needed: Variables that must be among them.
 
     Raises:
         TypeError: If derivatives is no mapping.
-        ValueError: If it has another name.
+        ValueError: If it has another name, or lacks a variable.
         SolveError: If a derivative is not as large as its variable.
     """
     if not isinstance(derivatives, Mapping):
@@ -379,15 +384,18 @@ def gather_tangents(
             f"{label}: expected {{variable: {{parameter: array}}}}, got "
             f"{type(derivatives).__name__}"
         )
+    if missing := {*needed} - {*derivatives}:
+        raise ValueError(
+            f"{label} returned no derivatives of {missing}; return {{variable: "
+            "{parameter: array}}, {} for one that does not change"
+        )
     tangents = {}
     for variable, by_name in derivatives.items():
         shape = np.shape(read(response, variable))
         tangents[variable] = tangent = np.zeros((*shape, len(names)))
         unknown = [name for name in by_name if name not in names]
         if unknown:
-            raise ValueError(
-                f"{label}: no parameter {unknown}; there are {list(names)}"
-            )
+            raise ValueError(f"{label}: no parameter {unknown}; there are {[*names]}")
         for name, value in by_name.items():
             if np.shape(value) != shape:
                 raise SolveError(

@@ -75,7 +75,7 @@ class Evaluation:
         """
         if on_failure not in ("raise", "reject"):
             raise ValueError(
-                f"on_failure: expected 'raise' or 'reject', got {on_failure!r}"
+                f"on_failure: expected raise or reject, got {on_failure!r}"
             )
         fraction = checks.real_number("max_failures", max_failures, 0.0, 1.0)
         reject = on_failure == "reject"

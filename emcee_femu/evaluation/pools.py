@@ -275,9 +275,7 @@ def _check_executor(executor: object) -> None:
             "run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"
         )
     if getattr(executor, "asynchronous", False):
-        raise TypeError(
-            "pool, executor: expected a dask Client with asynchronous=False"
-        )
+        raise TypeError("pool, executor: expected a Client with asynchronous=False")
     if isinstance(executor, type) or not hasattr(executor, "map"):
         raise TypeError(
             "pool, executor: expected a concurrent.futures executor, a dask Client or "

@@ -120,7 +120,7 @@ def read_lines(path: Path) -> list[str]:
     lines = text.replace("\r\n", "\n").split("\n")
     if lines.pop():
         raise ValueError(
-            f"{path}, line {len(lines) + 1}: the file ends within a line; {AGAIN}"
+            f"{path}, line {len(lines) + 1}: ends within the line; {AGAIN}"
         )
     return lines
 

@@ -56,7 +56,7 @@ def from_skfem(basis: Any, K: Matrix, M: Matrix, held: ArrayLike = ()) -> Matric
     """
     if not hasattr(basis, "nodal_dofs"):
         raise TypeError(
-            f"basis: expected a Basis of scikit-fem, got {type(basis).__name__}"
+            f"basis: expected scikit-fem's Basis, got {type(basis).__name__}"
         )
     every, numbers = np.arange(basis.N), np.asarray(held)
     listed = numbers.ndim == 1 and (numbers.dtype.kind in "iu" or not numbers.size)

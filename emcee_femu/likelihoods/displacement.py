@@ -72,9 +72,7 @@ class DisplacementTerm(Term):
             numbers = error_array(error, value, u.shape[1:], u.shape)
             self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
         if not (self.sd > 0).all() and (error or not u.all()):
-            raise ValueError(
-                "measured: a displacement of zero has no relative error; give sd"
-            )
+            raise ValueError("measured: zero has no relative error; give sd")
         labels = {
             "load_case": _read_labels("cases", cases, u.shape[0]),
             "point": _read_labels("points", points, u.shape[1]),
@@ -109,6 +107,6 @@ def _read_labels(
     array = np.asarray(labels, dtype=object)
     if array.shape != (size,) or len(set(array)) != size:
         raise ValueError(
-            f"{argument}: expected {size} labels, each another, got {labels!r}"
+            f"{argument}: expected {size} different labels, got {labels!r}"
         )
     return list(array)

@@ -76,9 +76,7 @@ class FRFTerm(Term):
         if sd is not None:
             spread = error_array("sd", sd, (shape[0], 1), shape)
         elif spread is None and discrepancy is None:
-            raise ValueError(
-                "sd: the measurements have no coherence; give sd, or a discrepancy"
-            )
+            raise ValueError("sd: measured has no coherence; give sd or discrepancy")
         # (n_channels, n_lines); zero if exact
         self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
         kind, unit = measured.kind, measured.unit

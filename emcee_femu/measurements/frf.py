@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
+from copy import copy
 from os import PathLike
 from typing import Any, NamedTuple, Self
 
@@ -222,13 +223,8 @@ class FRFMeasurements(Report):
                 f"low, high: no line between {low:g} and {high:g} Hz; they are "
                 f"{self.lines[0]:g} to {self.lines[-1]:g}"
             )
-        coherence: Any = self.coherence
-        return FRFMeasurements(
-            self.lines[kept],
-            self.values[:, kept],
-            self.channels,
-            kind=self.kind,
-            coherence=None if coherence is None else coherence[:, kept],
-            averages=self.averages,
-            unit=self.unit,
-        )
+        part = copy(self)
+        part.lines, part.values = self.lines[kept], self.values[:, kept]
+        if self.coherence is not None and self.sd is not None:
+            part.coherence, part.sd = self.coherence[:, kept], self.sd[:, kept]
+        return part

@@ -144,10 +144,9 @@ def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
     if value is None:
         return None
     matrix = checks.real_array("covariance", value, 2)
-    if matrix.shape != (n_modes, n_modes):
-        raise ValueError(
-            f"covariance: expected shape {(n_modes, n_modes)}, got {matrix.shape}"
-        )
+    shape = (n_modes, n_modes)
+    if matrix.shape != shape:
+        raise ValueError(f"covariance: expected shape {shape}, got {matrix.shape}")
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)
     return 0.5 * (matrix + matrix.T)  # printed digits are rounded
@@ -159,9 +158,7 @@ def labels(value: Sequence[str] | None, n_sensors: int) -> tuple[str, ...]:
         return tuple(f"s{i + 1}" for i in range(n_sensors))
     names = checks.parameter_names("sensors", value)
     if len(names) != n_sensors:
-        raise ValueError(
-            f"sensors: expected a label for each of {n_sensors} sensors, got {names}"
-        )
+        raise ValueError(f"sensors: expected {n_sensors} labels, got {names}")
     return names
 
 
@@ -177,9 +174,7 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
     if places.shape != (n_sensors,):
-        raise ValueError(
-            f"dofs: expected one for each of {n_sensors} sensors, got {places.shape}"
-        )
+        raise ValueError(f"dofs: expected {n_sensors} DOFs, got {places.shape}")
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
         raise ValueError(
             f"dofs: expected distinct DOFs, numbers from 0, got {places.tolist()}; "
@@ -195,8 +190,7 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
     n_tests, n_modes = tests.shape
     if n_tests < 2 or not n_modes:
         raise ValueError(
-            "frequencies: expected (n_tests, n_modes) with at least two tests, got "
-            f"{tests.shape}"
+            f"frequencies: expected (n_tests >= 2, n_modes), got {tests.shape}"
         )
     if correlated and n_tests <= n_modes:
         raise ValueError(

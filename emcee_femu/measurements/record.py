@@ -90,12 +90,9 @@ class Measurements(Report):
                 "sd, covariance: expected at most one of the two; sd**2 is the "
                 "diagonal of the covariance"
             )
-        for name, value in (
-            ("shape_sd", shape_sd),
-            ("sensors", sensors),
-            ("dofs", dofs),
-            ("phase_collinearity", phase_collinearity),
-        ):
+        of_shapes = dict(shape_sd=shape_sd, sensors=sensors, dofs=dofs)
+        of_shapes |= {"phase_collinearity": phase_collinearity}
+        for name, value in of_shapes.items():
             if shapes is None and value is not None:
                 raise ValueError(f"{name}: expected shapes with it, got none")
         self.frequencies = modes.frequencies(frequencies)

@@ -51,9 +51,7 @@ def read_uff(path: Path, sensors: Sequence[str] | None = None) -> dict[str, Any]
         kept = [*checks.parameter_names("sensors", sensors)]
         unknown = set(kept) - set(labels)
         if unknown:
-            raise ValueError(
-                f"sensors: {sorted(unknown)} are not in {path}; there are {labels}"
-            )
+            raise ValueError(f"sensors: {path} has no {sorted(unknown)}, only {labels}")
     fields = {
         "frequencies": np.array([_frequency(data) for data in modes.values()]),
         "shapes": shapes[[labels.index(label) for label in kept]],
@@ -132,9 +130,7 @@ def _nodal_values(path: Path, data: DataSet) -> dict[str, complex]:
             f"{data['n_data_per_node']} at {len(nodes)} nodes"
         )
     if len(set(nodes)) < len(nodes):
-        raise ValueError(
-            f"{path}, data set 55: a node appears twice, nodes are {nodes}"
-        )
+        raise ValueError(f"{path}, data set 55: a node appears twice: {nodes}")
     return {
         f"{node}:{AXES[key]}": data[key][i]
         for i, node in enumerate(nodes)
@@ -157,9 +153,7 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
     kinds, values = {}, {}
     for i, data in functions.items():
         if not np.array_equal(data["x"], lines):
-            raise ValueError(
-                f"{path}, data set {i}: its lines are not those of data set {first}"
-            )
+            raise ValueError(f"{path}, data set {i}: other lines than data set {first}")
         above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
         if above not in ORDINATES or below != FORCE:
             raise ValueError(
@@ -189,9 +183,7 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
     }
     missing = ["/".join(channel) for channel in values if channel not in coherences]
     if missing:
-        raise ValueError(
-            f"averages: {path} has no coherence of {missing}; leave it out"
-        )
+        raise ValueError(f"averages: {path} has no coherence of {missing}; omit it")
     coherence = np.array([coherences[channel] for channel in values])
     return {**fields, "coherence": coherence, "averages": averages}
 

@@ -88,9 +88,7 @@ class Section:
                 raise ValueError(f"{name}: expected a parameter name, got ''")
         vector = checks.real_array("orientation", self.orientation, 1)
         if vector.shape != (3,) or not vector.any():
-            raise ValueError(
-                f"orientation: expected a vector (3,) that is not zero, got {vector}"
-            )
+            raise ValueError(f"orientation: expected (3,), not all zero, got {vector}")
 
     @property
     def properties(self) -> dict[str, float | str]:
@@ -158,9 +156,7 @@ class FrameModel:
     ) -> None:
         points = checks.real_array("nodes", nodes, 2)
         if points.shape[1] != 3 or len(points) < 2:
-            raise ValueError(
-                f"nodes: expected two or more, (n_nodes, 3), got {points.shape}"
-            )
+            raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
         free = _find_free_dofs(len(points), supports)
         _check_elements(len(points), elements, sections)
         lines = [(first, second) for first, second, _ in elements]

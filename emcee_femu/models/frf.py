@@ -103,9 +103,7 @@ class FRFModel:
             )
         unknown = [dof for pair in self.channels for dof in pair if dof not in dofs]
         if unknown:
-            raise ValueError(
-                f"channels: no shapes at the DOF {unknown[0]!r}; there are {dofs}"
-            )
+            raise ValueError(f"channels: no shapes at {unknown[0]!r}, only at {dofs}")
         self._rows, self._columns = (
             [dofs.index(dof) for dof in side]
             for side in zip(*self.channels, strict=True)
@@ -227,9 +225,7 @@ def _read_damping(damping: Any, n_modes: int) -> tuple[float | str, ...]:
     """Return one for each mode, or a and b: numbers, or names of parameters."""
     if isinstance(damping, Mapping):
         if not damping or {*damping} - {*PROPORTIONAL}:
-            raise ValueError(
-                f"damping: expected {list(PROPORTIONAL)}, got {list(damping)}"
-            )
+            raise ValueError(f"damping: expected {[*PROPORTIONAL]}, got {[*damping]}")
         values = [damping.get(key, 0.0) for key in PROPORTIONAL]
     elif np.ndim(damping) == 0:
         values = [damping] * n_modes

@@ -136,9 +136,7 @@ def choose_dofs(
         wanted = [checks.whole_number(argument, dof) for dof in wanted]
     for dof in wanted:
         if dof not in dofs:
-            raise ValueError(
-                f"{argument}: no DOF {dof}; DOFs are {dofs[0]} to {dofs[-1]}"
-            )
+            raise ValueError(f"{argument}: no DOF {dof} among {dofs[0]} to {dofs[-1]}")
     if not wanted or len(set(wanted)) < len(wanted):
         raise ValueError(f"{argument}: expected DOFs, each once, got {wanted}")
     places = [dofs.index(dof) for dof in wanted]
@@ -176,7 +174,7 @@ def read_matrix(
         raise ValueError(f"{argument}: expected a square matrix, got {matrix.shape}")
     if size not in (None, N):
         raise ValueError(
-            f"{argument}: expected the shape of K0, {(size, size)}, got {(N, N)}"
+            f"{argument}: expected K0's shape {(size, size)}, got {(N, N)}"
         )
     gap, largest = abs(matrix - matrix.T).max(), abs(matrix).max()
     if gap > ASYMMETRY * largest:

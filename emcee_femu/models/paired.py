@@ -165,13 +165,8 @@ class PairedModel:
         modes = self.read_candidates(response)
         chosen, paired = _pair_modes(self._shapes, *modes, self.min_gap)
         names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]
-        gathered = gather_tangents("model: jacobian", response, derivatives, names)
-        missing = [name for name in ("frequency", "shapes") if name not in gathered]
-        if missing:
-            raise ValueError(
-                f"model: its jacobian returned no derivatives of {missing}, by which "
-                "modes are paired; return {variable: {parameter: array}}"
-            )
+        needed = "frequency", "shapes"
+        gathered = gather_tangents("jacobian", response, derivatives, names, needed)
         tangents = (
             np.moveaxis(gathered["frequency"], -1, 0)[..., : self.candidates],
             self._at_sensors(np.moveaxis(gathered["shapes"], -1, 0)),

@@ -94,7 +94,7 @@ class DEMCMove(ProposingMove):
         """
         if nwalkers < self.nsplits:
             raise ValueError(
-                f"nsplits: expected at most nwalkers = {nwalkers}, got {self.nsplits}"
+                f"nsplits: expected at most {nwalkers}, got {self.nsplits}"
             )
         at_rest = nwalkers - -(-nwalkers // self.nsplits)
         if at_rest < 2:

@@ -177,7 +177,7 @@ class Mixture:
         fewest = PER_PARAMETER * d * (1 if components == "auto" else components)
         if n < fewest or not d:
             raise ValueError(
-                f"samples: expected at least {fewest} draws, got shape {draws.shape}"
+                f"samples: expected {fewest} draws or more, got {len(draws)}"
             )
         # Evenly spaced, so that every walker and time of a chain takes part.
         draws = draws[np.linspace(0, n - 1, min(n, MOST_DRAWS)).astype(int)]

@@ -187,9 +187,7 @@ class LogPosterior(Report):
         """
         if len(self.experiments) > 1:
             names = [experiment.name for experiment in self.experiments]
-            raise ValueError(
-                f"model: there is one for each of {names}; see experiments"
-            )
+            raise ValueError(f"model: one for each of {names}; see experiments")
         return self.experiments[0].model
 
     @property

@@ -227,9 +227,7 @@ def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
         )
     for name, (low, high) in zip(names, array.tolist(), strict=True):
         if not low < high:
-            raise ValueError(
-                f"bounds: expected low < high for {name!r}, got ({low:g}, {high:g})"
-            )
+            raise ValueError(f"bounds: {name!r} has low >= high, ({low:g}, {high:g})")
     return array
 
 
