@@ -117,9 +117,8 @@ def open_evaluator(
     """
     path = check_path(backend, checks.flag("resume", resume))
     tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
-    with Evaluation.open(
-        posterior, workers, pool, on_failure, max_failures
-    ) as evaluation:
+    opened = Evaluation.open(posterior, workers, pool, on_failure, max_failures)
+    with opened as evaluation:
         if path is None:
             yield evaluation
             return

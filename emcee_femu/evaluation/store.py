@@ -153,10 +153,8 @@ class Store:
             "AND (number - ?) % ? = 0 ORDER BY number"
         )
         ends = numbers.start, numbers.stop, numbers.start, numbers.step
-        for _, _, kind, points, ndim, counts, content in self._rows(
-            query, stream, *ends
-        ):
-            table = np.frombuffer(content, "<f8").reshape(points, -1).copy()
+        for _, _, kind, n, ndim, counts, content in self._rows(query, stream, *ends):
+            table = np.frombuffer(content, "<f8").reshape(n, -1).copy()
             yield Record(kind, table[:, :ndim], table[:, ndim:], json.loads(counts))
 
     def verify(self) -> None:

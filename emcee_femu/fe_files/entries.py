@@ -58,9 +58,8 @@ def build_matrix(
         raise ValueError(f"{path}: expected rows and columns from 1 on; {AGAIN}")
     if size is None:
         size = int(max(rows.max(), columns.max())) + 1
-    _, first, count = np.unique(
-        rows * size + columns, return_index=True, return_counts=True
-    )
+    places = rows * size + columns
+    _, first, count = np.unique(places, return_index=True, return_counts=True)
     if (count > 1).any():
         at = first[count > 1].min()
         raise ValueError(
@@ -119,9 +118,7 @@ def read_lines(path: Path) -> list[str]:
         raise ValueError(f"{path}, line {line}: binary bytes in a text file; {AGAIN}")
     lines = text.replace("\r\n", "\n").split("\n")
     if lines.pop():
-        raise ValueError(
-            f"{path}, line {len(lines) + 1}: ends within the line; {AGAIN}"
-        )
+        raise ValueError(f"{path}, line {len(lines) + 1}: it is cut off; {AGAIN}")
     return lines
 
 

@@ -37,16 +37,14 @@ def read_abaqus(path: Path) -> list[Part]:
     """
     named = NAMED.fullmatch(path.name)
     if named is None:
-        return [_read_abaqus("", path)]
+        return [_read_part("", path)]
     other = "MASS" if named[2].upper() == "STIF" else "STIF"
     beside = path.with_name(f"{named[1]}{other}{named[3]}")
     files = {named[2].upper(): path} | ({other: beside} if beside.exists() else {})
-    return [
-        _read_abaqus(KINDS[kind], file) for kind, file in sorted(files.items())[::-1]
-    ]
+    return [_read_part(KINDS[kind], file) for kind, file in sorted(files.items())[::-1]]
 
 
-def _read_abaqus(name: str, path: Path) -> Part:
+def _read_part(name: str, path: Path) -> Part:
     with path.open(encoding="latin-1") as file:
         first = next((x for x in file if x.strip() and not x.startswith("*")), "")
     delimiter = "," if "," in first else None

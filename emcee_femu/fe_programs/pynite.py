@@ -58,9 +58,7 @@ def from_pynite(
         ('tip:ux', 'tip:uy')
     """
     if not hasattr(model, "load_combos"):
-        raise TypeError(
-            f"model: expected PyNite's FEModel3D, got {type(model).__name__}"
-        )
+        raise TypeError(f"model: expected an FEModel3D, got {type(model).__name__}")
     checks.text("mass_combo_name", mass_combo_name)
     if mass_combo_name not in model.load_combos:
         raise ValueError(

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
-from .term import Term, add_discrepancy, choose_error, error_array
+from .term import Deviations, Term, add_discrepancy, choose_error, error_array
 
 
 class DisplacementTerm(Term):
@@ -80,9 +80,7 @@ class DisplacementTerm(Term):
         self.reads = {"displacement": Variable(labels)}
         self.observed, self.error_sd = {"displacement": u}, {"displacement": self.sd}
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each."""
         cases, points = self.measured.shape
         u = read(response, "displacement")[:, :cases, :points]
@@ -106,7 +104,5 @@ def _read_labels(
         return [None] * size
     array = np.asarray(labels, dtype=object)
     if array.shape != (size,) or len(set(array)) != size:
-        raise ValueError(
-            f"{argument}: expected {size} different labels, got {labels!r}"
-        )
+        raise ValueError(f"{argument}: expected {size} different labels, got {labels}")
     return list(array)

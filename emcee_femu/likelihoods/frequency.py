@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, modal_variables, read
 from ..measurements import Measurements, modes
-from .term import Term, add_discrepancy, choose_error, error_array
+from .term import Deviations, Term, add_discrepancy, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -128,9 +128,7 @@ class FrequencyTerm(Term):
             return self.log_constants
         return np.asarray(self.log_constants - UNPAIRED * unpaired[:, : self.n_modes])
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return independent relative deviations and their standard deviations."""
         predicted = read(response, "frequency")[:, : self.n_modes]
         if predicted.shape[1] < self.n_modes:
@@ -151,13 +149,11 @@ class FrequencyTerm(Term):
         return self.measured * (1.0 + deviations @ self._axes.T)
 
 
-def _principal_axes(
-    covariance: ArrayLike, frequencies: Floats
-) -> tuple[Floats, Floats]:
+def _principal_axes(covariance: ArrayLike, hertz: Floats) -> tuple[Floats, Floats]:
     """Return precisions of relative errors along axes where they are independent."""
-    C = modes.covariance(covariance, len(frequencies))
+    C = modes.covariance(covariance, len(hertz))
     assert C is not None
-    variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
+    variances, axes = np.linalg.eigh(C / np.outer(hertz, hertz))
     if not variances[0] > 1e-12 * variances[-1]:
         raise ValueError(
             "covariance: expected a positive definite matrix; that of repeats needs "

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..interfaces import Parameters, Response, Variable, read
 from ..measurements.frf import FRFMeasurements, frf_variable
-from .term import Term, add_discrepancy, error_array
+from .term import Deviations, Term, add_discrepancy, error_array
 
 
 class FRFTerm(Term):
@@ -82,9 +82,7 @@ class FRFTerm(Term):
         kind, unit = measured.kind, measured.unit
         self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each.
 
         Of amplitudes they are those of the logarithms.

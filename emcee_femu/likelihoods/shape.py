@@ -11,7 +11,7 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
 from ..models.paired import at_sensors
-from .term import LEAST_SD, Term, error_array, log_normal
+from .term import LEAST_SD, Deviations, Term, error_array, log_normal
 
 
 class ShapeTerm(Term):
@@ -85,14 +85,9 @@ class ShapeTerm(Term):
             self._dofs, measured = measured.dofs, measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self._there = there = ~np.isnan(shapes)
-        self.measured = shapes = checks.real_array(
-            "measured", np.where(there, shapes, 0.0), 2
-        )
-        if (
-            not shapes.size
-            or there.sum(axis=0).min() < 2
-            or not shapes.any(axis=0).all()
-        ):
+        filled = np.where(there, shapes, 0.0)
+        self.measured = shapes = checks.real_array("measured", filled, 2)
+        if not shapes.size or there.sum(0).min() < 2 or not shapes.any(axis=0).all():
             raise ValueError(
                 "measured: expected shapes (n_sensors, n_modes) of at least two "
                 f"sensors, none of them all zero, got shape {shapes.shape}"
@@ -123,9 +118,7 @@ class ShapeTerm(Term):
         coords = {"dof": dofs, "mode": range(1, self.n_modes + 1)}
         self.reads = {"shapes": Variable(coords, stored=False)}
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return what a unit shape has across the measured one, and its deviations.
 
         Of each mode these are its components along n_s - 1 directions that are

@@ -12,7 +12,7 @@ they cost evaluations of the term, and no solve.
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,7 @@ from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read_declared
 from ..interfaces import read as read_variable
 
+Deviations: TypeAlias = tuple[Floats, Floats]  # r and sd, (n, m) each
 Values = TypeVar("Values", Floats, NDArray[np.complex128])
 
 # An inferred error of zero, where a search may stand on the bound of a prior: its
@@ -75,14 +76,11 @@ class Term:
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        log_likelihood: Floats = np.add.reduce(
-            self._parts(parameters, response), axis=1
-        )
-        return log_likelihood
+        return np.asarray(np.add.reduce(self._parts(parameters, response), axis=1))
 
     def deviations(
         self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats] | None:
+    ) -> Deviations | None:
         """Return r and sd, ``(n, m)`` each, None where the term is not Gaussian.
 
         The log-likelihood is, but for a constant, the sum of those of N(r; 0, sd).
@@ -212,7 +210,7 @@ class FunctionTerm(Term):
 
     def deviations(
         self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats] | None:
+    ) -> Deviations | None:
         """Return what the callable says, None where it does not."""
         return self._deviations(parameters, response) if self.gaussian else None
 

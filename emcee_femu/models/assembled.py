@@ -19,7 +19,7 @@ from ..interfaces import (
 )
 from .eigen_dense import Eigenproblem
 from .eigen_sparse import SparseEigenproblem
-from .inputs import Dofs, Matrix, choose_dofs, describe, read_batch, read_matrix
+from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
 STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
 MOST = 10**9  # DOFs, before it is known how many there are
@@ -166,7 +166,7 @@ class AssembledModel:
         return ModalSolution(frequencies, shapes), derivatives
 
     def _solve_one(
-        self, row: dict[str, float], by: tuple[str, ...], where: Callable[[int], str]
+        self, row: dict[str, float], by: tuple[str, ...], where: Where
     ) -> tuple[ModalSolution, Derivatives]:
         K, M = ([matrix] for matrix in self.matrices(row))
         for name in by:

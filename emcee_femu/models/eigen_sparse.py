@@ -13,7 +13,7 @@ Source: Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211.
 """
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -24,6 +24,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from ..interfaces import Derivatives, Floats, ModalSolution
 from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
 from .factorization import Factor, factor_definite, factor_indefinite
+from .inputs import Where
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
@@ -54,9 +55,8 @@ class SparseSum:
         pattern, row = np.unique(np.concatenate(places), return_inverse=True)
         number = np.repeat(np.arange(len(terms)), [len(own) for own in places])
         data = np.concatenate([e.data for e in entries])
-        self.numbers = csc_array(
-            (data, (row, number)), shape=(len(pattern), len(terms))
-        )
+        shape = len(pattern), len(terms)
+        self.numbers = csc_array((data, (row, number)), shape=shape)
         ends = np.searchsorted(pattern, self.size * np.arange(self.size + 1))
         self.pattern = (pattern % self.size).astype(np.int32), ends.astype(np.int32)
 
@@ -112,9 +112,7 @@ class SparseEigenproblem:
         if len(M) == 1:
             check_mass(M[0], label)
 
-    def solve(
-        self, k: Floats, m: Floats, describe: Callable[[int], str]
-    ) -> ModalSolution:
+    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``, one by one.
 
         ``describe(i)`` names parameter set i in an error message.
@@ -122,7 +120,7 @@ class SparseEigenproblem:
         return self.jacobian(k, m, {}, describe)[0]
 
     def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Callable[[int], str]
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
     ) -> tuple[ModalSolution, Derivatives]:
         """Return what :meth:`solve` does, and its derivatives, from one solve.
 
@@ -208,7 +206,7 @@ def lowest_modes(
             f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
             f"got {count}"
         )
-    values, vectors = _solve_shifted(K, M, count, skip, where)
+    values, vectors = _lanczos(K, M, count, skip, where)
     # The strain energy of a rigid motion is a difference of large terms: what is
     # left of it is rounding of their size. (A bound by the largest eigenvalue
     # would refuse models with penalty springs or tiny masses.)
@@ -241,9 +239,7 @@ def check_complete(K: csc_array, M: csc_array, values: Floats, where: str) -> No
         )
 
 
-def _solve_shifted(
-    K: csc_array, M: csc_array, count: int, skip: int, where: str
-) -> Pairs:
+def _lanczos(K: csc_array, M: csc_array, count: int, skip: int, where: str) -> Pairs:
     """Return the pairs nearest to ``-sigma``, ascending.
 
     Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to

@@ -135,10 +135,8 @@ def _fit_powers(
                 steps = [[x**p - start**p for p in powers] for x in given]
                 scale = np.abs(steps).max(axis=0)  # powers of 2e11, beside others
                 weights = np.linalg.pinv(steps / scale)
-                shares = [_add(row, changes) for row in weights]
-                terms = [
-                    _drop(A, whole) / s for A, s in zip(shares, scale, strict=True)
-                ]
+                parts = [_add(row, changes) for row in weights]
+                terms = [_drop(A, whole) / s for A, s in zip(parts, scale, strict=True)]
                 off = [
                     _scale(_add([1.0, *-np.array(row)], [change, *terms]), size).max()
                     for row, change, size in zip(steps, changes, sizes, strict=True)

@@ -176,10 +176,8 @@ class FrameModel:
         places = list(chosen.values())
         self._problem: Eigenproblem | SparseEigenproblem
         if len(free) > MOST_DENSE and self.modes[-1] == self.n_modes:
-            sparse_K, sparse_M = ([*map(csc_array, A.values())] for A in (K, M))
-            self._problem = SparseEigenproblem(
-                sparse_K, sparse_M, self.n_modes, skip, places
-            )
+            Ks, Ms = ([*map(csc_array, A.values())] for A in (K, M))
+            self._problem = SparseEigenproblem(Ks, Ms, self.n_modes, skip, places)
         else:
             self._problem = Eigenproblem(
                 np.array([*K.values()]),

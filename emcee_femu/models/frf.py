@@ -252,9 +252,8 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
             f"stiffness gives the flexibility, got {type(model).__name__}; take more "
             "modes instead"
         )
-    responses, excitations = (
-        [model.shape_dofs[i] for i in side] for side in (rows, columns)
-    )
+    dofs = model.shape_dofs
+    responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
     loads = {str(dof): {dof: 1.0} for dof in excitations}
     points, functions = [*dict.fromkeys(responses)], model.coefficients.parts[0]
     K = {

@@ -52,7 +52,7 @@ class Geometry:
             place = checks.real_array(f"nodes[{node!r}]", given, 1)
             if place.size not in (2, 3):
                 raise ValueError(
-                    f"nodes[{node!r}]: expected (2,) or (3,), got {given!r}"
+                    f"nodes[{node!r}]: expected 2 or 3 numbers, got {given!r}"
                 )
             self.nodes[node] = np.append(place, np.zeros(3 - place.size))
         self._by_text = {str(node): node for node in self.nodes}

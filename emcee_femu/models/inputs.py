@@ -11,8 +11,9 @@ from .. import checks
 from ..interfaces import Derivatives, Floats, Parameters
 
 Matrix: TypeAlias = Floats | csc_array
-# Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set in a message.
-Weights: TypeAlias = tuple[Floats, Floats, Callable[[int], str]]
+Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
+# Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set.
+Weights: TypeAlias = tuple[Floats, Floats, Where]
 Dofs: TypeAlias = Sequence[Hashable] | Mapping[Hashable, Hashable] | NDArray[np.intp]
 
 
@@ -173,9 +174,7 @@ def read_matrix(
     if matrix.shape != (N, N) or not N:
         raise ValueError(f"{argument}: expected a square matrix, got {matrix.shape}")
     if size not in (None, N):
-        raise ValueError(
-            f"{argument}: expected K0's shape {(size, size)}, got {(N, N)}"
-        )
+        raise ValueError(f"{argument}: expected K0's shape {(size,) * 2}, got {(N, N)}")
     gap, largest = abs(matrix - matrix.T).max(), abs(matrix).max()
     if gap > ASYMMETRY * largest:
         raise ValueError(

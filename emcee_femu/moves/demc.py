@@ -93,9 +93,7 @@ class DEMCMove(ProposingMove):
                 the dimension and live_dangerously is not set.
         """
         if nwalkers < self.nsplits:
-            raise ValueError(
-                f"nsplits: expected at most {nwalkers}, got {self.nsplits}"
-            )
+            raise ValueError(f"nsplits: expected up to {nwalkers}, got {self.nsplits}")
         at_rest = nwalkers - -(-nwalkers // self.nsplits)
         if at_rest < 2:
             raise ValueError(

@@ -138,12 +138,8 @@ class Mixture:
             if not alive.any():
                 break
             if not alive.all():
-                belongs, counts, before = (
-                    belongs[:, alive],
-                    counts[alive],
-                    before[alive],
-                )
-                distances = distances[:, alive]
+                belongs, counts = belongs[:, alive], counts[alive]
+                before, distances = before[alive], distances[:, alive]
             pull = belongs * (df + d) / (df + distances)
             means = (pull.T @ x) / pull.sum(axis=0)[:, None]
             apart = x - means[:, None]
@@ -176,9 +172,7 @@ class Mixture:
         n, d = draws.shape
         fewest = PER_PARAMETER * d * (1 if components == "auto" else components)
         if n < fewest or not d:
-            raise ValueError(
-                f"samples: expected {fewest} draws or more, got {len(draws)}"
-            )
+            raise ValueError(f"samples: expected {fewest} draws or more, got {n}")
         # Evenly spaced, so that every walker and time of a chain takes part.
         draws = draws[np.linspace(0, n - 1, min(n, MOST_DRAWS)).astype(int)]
         # Whitened by all draws: scales may differ by 1e11, correlations be 0.99999.

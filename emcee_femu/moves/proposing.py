@@ -98,10 +98,8 @@ def only_propose(inner: Move) -> ProposingMove:
     Raises:
         TypeError: If inner is not one of this package, or accepts in its own way.
     """
-    if (
-        isinstance(inner, ProposingMove)
-        and type(inner).propose is ProposingMove.propose
-    ):
+    propose = ProposingMove.propose
+    if isinstance(inner, ProposingMove) and type(inner).propose is propose:
         return inner
     raise TypeError(
         "inner: expected an untempered move of this package that needs no gradient, "

@@ -204,10 +204,8 @@ class LogPosterior(Report):
         labels = ["log_posterior", "log_prior"]
         labels += [f"log_likelihood[{name}]" for name in self.term_names]
         for name, variable in self.variables.items():
-            for where in itertools.product(*variable.coords.values()):
-                labels.append(
-                    f"{name}[{', '.join(map(str, where))}]" if where else name
-                )
+            for at in itertools.product(*variable.coords.values()):
+                labels.append(f"{name}[{', '.join(map(str, at))}]" if at else name)
         return tuple(labels)
 
     def with_models(self, wrap: Callable[[Model], Model]) -> Self:
