@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 
 Floats: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = Mapping[str, Floats]
+Batch: TypeAlias = Mapping[str, Floats]  # arrays (n, ...) by the name of a variable
 # What a model returns: an object with its variables as attributes, or a mapping.
 Response: TypeAlias = Any
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian

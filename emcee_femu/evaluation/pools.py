@@ -42,6 +42,7 @@ BY_VALUE = ("distributed", "ray", "loky")
 THREADS = (ThreadPoolExecutor, ThreadPool)  # they share memory: nothing is pickled
 HANGING = ("multiprocessing.pool.Pool", "multiprocess.pool.Pool")
 Function: TypeAlias = Callable[[Any], Any]  # of a point
+Results: TypeAlias = Iterator[tuple[int, Any]]  # numbers of points, as they come
 
 _keys = count()
 
@@ -121,9 +122,7 @@ class EvaluationPool:
         results = dict(self._evaluate(function, parts))
         return [value for i in range(len(parts)) for value in results[i]]
 
-    def each(
-        self, function: Function, points: Sequence[object]
-    ) -> Iterator[tuple[int, Any]]:
+    def each(self, function: Function, points: Sequence[object]) -> Results:
         """Yield number and result of each point as soon as a worker has it.
 
         Where the executor has only a ``map`` they come in order.
@@ -133,7 +132,7 @@ class EvaluationPool:
 
     def _evaluate(
         self, function: Function, parts: Sequence[Sequence[object]]
-    ) -> Iterator[tuple[int, Sequence[Any]]]:
+    ) -> Results:
         """Yield number and results of each part, as they come."""
         function = unwrap(function)
         sent: object = function
@@ -155,9 +154,7 @@ class EvaluationPool:
                     yield waiting[place], outcome.values
             waiting, sent = sorted(missing), payload
 
-    def _completed(
-        self, tasks: list[Task], payload: object
-    ) -> Iterator[tuple[int, Outcome]]:
+    def _completed(self, tasks: list[Task], payload: object) -> Results:
         """Yield number and outcome of each task as it ends.
 
         A task that a worker without the function returns is submitted again with it at

@@ -184,10 +184,9 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
         [[3.0, -1.0], [-1.0, 1.0]]
     """
     if isinstance(path, Mapping):
-        files = {
-            name: Path(checks.file_name(f"path[{name!r}]", file))
-            for name, file in path.items()
-        }
+        for name, given in path.items():
+            checks.file_name(f"path[{name!r}]", given)
+        files = {name: Path(given) for name, given in path.items()}
         labels = files.pop(LABELS, None)
         if not files or not all(isinstance(name, str) and name for name in files):
             raise ValueError(

@@ -1,13 +1,12 @@
 """The likelihood of FFTs near one mode or a close pair."""
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..interfaces import Batch, Floats, Parameters, Response, Variable, read
 from ..measurements.spectra import KINDS, Spectra
 from .term import Term, derive, move_along
 
@@ -96,11 +95,7 @@ class SpectrumTerm(Term):
         return log_likelihood
 
     def linearize(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
+        self, parameters: Parameters, response: Response, tangents: Batch, steps: Floats
     ) -> tuple[Floats, Floats]:
         r"""Return the gradient of the log-likelihood, and its scores ``(n, m, d)``.
 

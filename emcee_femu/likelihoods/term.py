@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, Variable, read_declared
+from ..interfaces import Batch, Floats, Parameters, Response, Variable, read_declared
 from ..interfaces import read as read_variable
 
 Deviations: TypeAlias = tuple[Floats, Floats]  # r and sd, (n, m) each
@@ -104,11 +104,7 @@ class Term:
         return values
 
     def linearize(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
+        self, parameters: Parameters, response: Response, tangents: Batch, steps: Floats
     ) -> tuple[Floats, Floats | None]:
         """Return the gradient ``(n, d)`` along tangents, and scores ``(n, m, d)``.
 
@@ -131,11 +127,7 @@ class Term:
         return linearize_normal(*here, *slopes)
 
     def _choose_steps(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
+        self, parameters: Parameters, response: Response, tangents: Batch, steps: Floats
     ) -> Floats:
         """Return steps that change no variable by more than a small part of itself."""
         n, d = steps.shape
@@ -152,9 +144,7 @@ class Term:
             chosen = np.minimum(chosen, ALONG * relative)
         return np.where(np.isfinite(chosen) & (chosen > 0), chosen, steps)
 
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> Mapping[str, Floats]:
+    def pointwise(self, parameters: Parameters, stored: Batch) -> Batch:
         """Return the log-likelihood of each datum, in the shape of what was measured.
 
         Deviations that are no single data, as of a covariance, have none, nor have
@@ -169,11 +159,8 @@ class Term:
         return {variable: values.reshape(-1, *np.shape(measured))}
 
     def replicate(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        stored: Mapping[str, Floats],
-    ) -> Mapping[str, Floats]:
+        self, rng: np.random.Generator, parameters: Parameters, stored: Batch
+    ) -> Batch:
         """Return a new measurement for each sample, with all its errors.
 
         None where it reads what is not stored, or cannot be drawn.
@@ -186,7 +173,7 @@ class Term:
         measured = self.restore(r + sd * rng.standard_normal(r.shape))
         return {} if measured is None else dict.fromkeys(self.observed, measured)
 
-    def _reads_only(self, stored: Mapping[str, Floats]) -> bool:
+    def _reads_only(self, stored: Batch) -> bool:
         return set(self.reads or ()) <= set(stored)
 
 
@@ -306,10 +293,7 @@ def derive(values: Values, steps: Floats) -> Values:
 
 
 def move_along(
-    parameters: Parameters,
-    response: Response,
-    tangents: Mapping[str, Floats],
-    steps: Floats,
+    parameters: Parameters, response: Response, tangents: Batch, steps: Floats
 ) -> tuple[dict[str, Floats], Response]:
     """Return parameters and response, ``n * 2 d`` of each, moved along the tangents.
 
@@ -333,9 +317,7 @@ def move_along(
     return there, _replace(response, variables, n, 2 * d)
 
 
-def _replace(
-    response: Response, shifted: Mapping[str, Floats], n: int, times: int
-) -> Response:
+def _replace(response: Response, shifted: Batch, n: int, times: int) -> Response:
     """Return a response with other variables, and the rest of it repeated."""
 
     def move(name: str, value: Response) -> Response:

@@ -73,18 +73,14 @@ def phase_collinearity(raw: Shapes, stated: ArrayLike | None = None) -> Floats:
     n_modes = raw.shape[-1]
     if np.iscomplexobj(raw):
         if stated is not None:
-            raise ValueError(
-                "phase_collinearity: it is computed from complex shapes; leave it out"
-            )
+            raise ValueError("phase_collinearity: complex shapes give it; leave it out")
         unit = raw / np.abs(raw).max(axis=0)
         ratio = np.abs((unit * unit).sum(axis=0)) / (np.abs(unit) ** 2).sum(axis=0)
         stated = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
     stated = [1.0] * n_modes if stated is None else stated
     mpc = checks.real_array("phase_collinearity", stated)
     if mpc.shape != (n_modes,) or mpc.min() < 0 or mpc.max() > 1:
-        raise ValueError(
-            f"phase_collinearity: expected {n_modes} numbers from 0 to 1, got {mpc}"
-        )
+        raise ValueError(f"phase_collinearity: expected {n_modes} in [0, 1], got {mpc}")
     return mpc
 
 

@@ -171,9 +171,8 @@ class AssembledModel:
         K, M = ([matrix] for matrix in self.matrices(row))
         for name in by:
             step = STEP * (abs(row[name]) or 1.0)
-            ahead, behind = (
-                self.matrices(row | {name: row[name] + move}) for move in (step, -step)
-            )
+            sides = [row | {name: row[name] + move} for move in (step, -step)]
+            ahead, behind = map(self.matrices, sides)
             for units, high, low in zip((K, M), ahead, behind, strict=True):
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {where(0)}"

@@ -141,9 +141,8 @@ class SparseEigenproblem:
             modes = values[self.skip :], phi[:, self.skip :]
             frequencies[i], shapes[i] = np.sqrt(modes[0]) / (2 * np.pi), modes[1][dofs]
             if slopes:
-                changes[:, i], turns[:, i] = self._differentiate(
-                    K, M, modes, at_row(slopes, i), where
-                )
+                at = at_row(slopes, i)
+                changes[:, i], turns[:, i] = self._differentiate(K, M, modes, at, where)
         changes /= 8 * np.pi**2 * frequencies
         derivatives = {"frequency": dict(zip(slopes, changes, strict=True))}
         if len(dofs):
@@ -193,12 +192,10 @@ class SparseEigenproblem:
         return changes, turns
 
 
-def lowest_modes(
-    K: csc_array, M: csc_array, count: int, skip: int, where: str
-) -> Pairs:
+def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> Pairs:
     """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
 
-    Rigid-body modes are included; ``where`` names the parameters in an error.
+    Rigid-body modes are included; ``at`` names the parameters in an error.
     """
     massive = np.count_nonzero(M.diagonal())
     if count > massive:
@@ -206,13 +203,13 @@ def lowest_modes(
             f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
             f"got {count}"
         )
-    values, vectors = _lanczos(K, M, count, skip, where)
+    values, vectors = _lanczos(K, M, count, skip, at)
     # The strain energy of a rigid motion is a difference of large terms: what is
     # left of it is rounding of their size. (A bound by the largest eigenvalue
     # would refuse models with penalty springs or tiny masses.)
     largest = np.abs(vectors[:, skip])
     rounding = 10 * EPS * np.array([largest @ (abs(K) @ largest)])
-    check_elastic(values[None], rounding, skip, lambda _: where)
+    check_elastic(values[None], rounding, skip, lambda _: at)
     return values, vectors
 
 

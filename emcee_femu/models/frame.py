@@ -245,15 +245,13 @@ def _assemble(
     totals: list[dict[Term, Floats]] = [{(): np.zeros((size, size))} for _ in "KM"]
     for e, (first, second, name) in enumerate(elements):
         section = sections[name]
-        length, axes = local_axes(
-            points[first], points[second], section.orientation, f"elements[{e}]"
-        )
+        start, end = points[[first, second]]
+        length, axes = local_axes(start, end, section.orientation, f"elements[{e}]")
         T = np.kron(np.eye(4), axes)
         dofs = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6]
         where = np.ix_(dofs, dofs)
-        for total, matrices in zip(
-            totals, (stiffness_matrices(length), mass_matrices(length)), strict=True
-        ):
+        parts = stiffness_matrices(length), mass_matrices(length)
+        for total, matrices in zip(totals, parts, strict=True):
             for product, matrix in matrices.items():
                 term: Term = tuple(section.properties[key] for key in product)
                 factor: Floats | float = 1.0

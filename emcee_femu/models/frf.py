@@ -104,10 +104,8 @@ class FRFModel:
         unknown = [dof for pair in self.channels for dof in pair if dof not in dofs]
         if unknown:
             raise ValueError(f"channels: no shapes at {unknown[0]!r}, only at {dofs}")
-        self._rows, self._columns = (
-            [dofs.index(dof) for dof in side]
-            for side in zip(*self.channels, strict=True)
-        )
+        sides = zip(*self.channels, strict=True)
+        self._rows, self._columns = ([*map(dofs.index, side)] for side in sides)
         modal = modal_variables(declared["frequency"].size)
         stored = checks.flag("stored", stored)
         self.variables = {
@@ -157,10 +155,8 @@ class FRFModel:
             static, cases, points = self._static
             response, slopes = static.jacobian(parameters)
             flexibility = response["displacement"][:, cases, points]
-            by_static = {
-                name: slope[:, cases, points]
-                for name, slope in slopes["displacement"].items()
-            }
+            of_u = slopes["displacement"].items()
+            by_static = {name: slope[:, cases, points] for name, slope in of_u}
         damping = self._numbers(parameters, len(f))
         by_damping = {
             name: np.ones_like(damping) * [name == x for x in self._damping]

@@ -1,6 +1,7 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,7 +11,8 @@ from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
 from .inputs import Dofs, check_positive, columns
 from .matrix import MatrixModel
 
-Spring = tuple[int, int, float | str]
+Spring: TypeAlias = tuple[int, int, float | str]
+Springs: TypeAlias = Mapping[str, Spring]
 
 
 class MassSpringModel:
@@ -46,11 +48,7 @@ class MassSpringModel:
     """
 
     def __init__(
-        self,
-        masses: ArrayLike,
-        springs: Mapping[str, Spring],
-        *,
-        shapes: bool | Dofs = False,
+        self, masses: ArrayLike, springs: Springs, *, shapes: bool | Dofs = False
     ) -> None:
         self.masses = checks.positive_array("masses", masses, 1)
         n = len(self.masses)
@@ -98,7 +96,7 @@ class MassSpringModel:
         return complete
 
 
-def _default_stiffnesses(springs: Mapping[str, Spring]) -> dict[str, float]:
+def _default_stiffnesses(springs: Springs) -> dict[str, float]:
     """Return the default stiffness of each spring that follows no other."""
     defaults = {}
     for name, spring in springs.items():

@@ -1,6 +1,7 @@
 """Delayed acceptance: a cheap posterior screens what the full one then decides."""
 
 from collections.abc import Callable, Iterator
+from typing import TypeAlias
 
 import numpy as np
 from emcee.moves import Move
@@ -12,6 +13,8 @@ from ..interfaces import Floats
 from ..table import Parts, Report
 from .independence import IndependenceMove
 from .proposing import Batch, Propose, ProposingMove, only_propose, refresh
+
+Steps: TypeAlias = int | tuple[int, int]
 
 
 class DelayedAcceptanceMove(ProposingMove, Report):
@@ -71,10 +74,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     """
 
     def __init__(
-        self,
-        inner: Move,
-        cheap: Callable[[Floats], ArrayLike],
-        steps: int | tuple[int, int] = 1,
+        self, inner: Move, cheap: Callable[[Floats], ArrayLike], steps: Steps = 1
     ) -> None:
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")

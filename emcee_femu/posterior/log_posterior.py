@@ -22,9 +22,10 @@ from ..interfaces import (
 from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
 from .derivatives import along_tangents, difference, unstack
-from .experiments import Experiment, Solved, Terms, check_joint, name_sets
+from .experiments import Experiment, Solved, Terms, Tests, check_joint, name_sets
 from .priors import prior_centre, tabulate_prior
 
+Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
 DRAWS = 256  # of the prior, for the scales of derivatives
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
@@ -87,21 +88,12 @@ class LogPosterior(Report):
     """
 
     def __init__(
-        self,
-        model: Model,
-        terms: Terms,
-        prior: Prior,
-        units: Mapping[str, str] | None = None,
+        self, model: Model, terms: Terms, prior: Prior, units: Units = None
     ) -> None:
         self._set({"": (model, terms)}, prior, units)
 
     @classmethod
-    def joint(
-        cls,
-        experiments: Mapping[str, tuple[Model, Terms]],
-        prior: Prior,
-        units: Mapping[str, str] | None = None,
-    ) -> Self:
+    def joint(cls, experiments: Tests, prior: Prior, units: Units = None) -> Self:
         r"""Return the posterior of several experiments that share parameters.
 
         .. math:: \ln p(\theta | D) = \ln p(\theta)
@@ -140,12 +132,7 @@ class LogPosterior(Report):
         self._set(experiments, prior, units)
         return self
 
-    def _set(
-        self,
-        pairs: Mapping[str, tuple[Model, Terms]],
-        prior: Prior,
-        units: Mapping[str, str] | None,
-    ) -> None:
+    def _set(self, pairs: Tests, prior: Prior, units: Units) -> None:
         check_prior(prior)
         self.units = checks.units_by_name("units", units, prior.names)
         self.prior, self.names, self.ndim = prior, prior.names, len(prior.names)
@@ -211,11 +198,8 @@ class LogPosterior(Report):
     def with_models(self, wrap: Callable[[Model], Model]) -> Self:
         """Return the same posterior with wrapped models, which may count solves."""
         other = type(self).__new__(type(self))
-        other._set(
-            {e.name: (wrap(e.model), e.terms) for e in self.experiments},
-            self.prior,
-            self.units,
-        )
+        pairs = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
+        other._set(pairs, self.prior, self.units)
         return other
 
     def parameters(self, theta: Floats) -> Parameters:
@@ -299,17 +283,14 @@ class LogPosterior(Report):
     def _stack(self, theta: Floats, log_prior: Floats, kind: Kind) -> Floats:
         """Return what :meth:`stack` does, inside the prior's support."""
         information = kind == "linearization"
-        derivatives = information or kind == "gradient"
-        if derivatives and not self.differentiable:
+        gradient = information or kind == "gradient"
+        if gradient and not self.differentiable:
             around = partial(self.stack, kind="deviations")
             return difference(self, theta, around, information)
         parameters = self.parameters(theta)
-        solved = [
-            experiment.solve(parameters, self.names, derivatives)
-            for experiment in self.experiments
-        ]
+        solved = [e.solve(parameters, self.names, gradient) for e in self.experiments]
         rows = self._gather(theta, log_prior, solved)
-        if derivatives:
+        if gradient:
             rest = along_tangents(self, theta, rows, solved, information)
             return np.hstack([rows, rest])
         if kind == "rows":
@@ -381,10 +362,8 @@ class LogPosterior(Report):
     @property
     def informative(self) -> bool:
         """Whether Fisher's information comes with the gradient."""
-        return all(
-            term.gaussian or (term.scored and self.differentiable)
-            for term in self.terms
-        )
+        solved = self.differentiable
+        return all(t.gaussian or (t.scored and solved) for t in self.terms)
 
     @cached_property
     def scale(self) -> Floats:

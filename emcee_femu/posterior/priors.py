@@ -195,9 +195,7 @@ class _Cut:
         with np.errstate(divide="ignore"):  # is an error below
             self._log_mass = np.log(abs(self._stop - self._start))
         if not np.isfinite(self._log_mass):
-            raise ValueError(
-                f"bounds: the marginal of {name!r} has no probability inside its bounds"
-            )
+            raise ValueError(f"bounds: {name!r} has no probability inside its bounds")
 
     def logpdf(self, x: Floats) -> Floats:
         within = (x >= self.low) & (x <= self.high)
