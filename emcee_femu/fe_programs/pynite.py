@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from .. import checks
-from ..fe_files.matrices import DIRECTIONS, Matrices
+from ..models.exports import DIRECTIONS, Matrices
 from ..models.geometry import Geometry
 
 AXES = ("DX", "DY", "DZ", "RX", "RY", "RZ")  # of supports, in the order of DIRECTIONS

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
-from ..fe_files.matrices import DIRECTIONS, Matrices
+from ..models.exports import DIRECTIONS, Matrices
 from ..models.geometry import Geometry
 from ..models.inputs import Matrix, read_matrix
 
