@@ -77,22 +77,19 @@ class Store:
         self._file: sqlite3.Connection | None = None
         self._time, self._closed = 0.0, False
         try:
-            self._check_tables(read_only)
+            with self._reading() if read_only else self._writing("the file") as file:
+                names = file.execute("SELECT name FROM sqlite_master").fetchall()
+                version = file.execute("PRAGMA user_version").fetchone()[0]
+                for statement in () if names or read_only else TABLES:
+                    file.execute(statement)
+            if (names or read_only) and (("record",) not in names or version != FORMAT):
+                raise ValueError(
+                    f"backend: {self.path} is the file of something else, or of another"
+                    " version of emcee_femu; give a new file name"
+                )
         except (ValueError, OSError):
             self.close()
             raise
-
-    def _check_tables(self, read_only: bool) -> None:
-        with self._reading() if read_only else self._writing("the file") as file:
-            names = file.execute("SELECT name FROM sqlite_master").fetchall()
-            version = file.execute("PRAGMA user_version").fetchone()[0]
-            for statement in () if names or read_only else TABLES:
-                file.execute(statement)
-        if (names or read_only) and (("record",) not in names or version != FORMAT):
-            raise ValueError(
-                f"backend: {self.path} is the file of something else, or of another "
-                "version of emcee_femu; give a new file name"
-            )
 
     def close(self) -> None:
         """Close the file, which can still be read: it is opened again for that."""

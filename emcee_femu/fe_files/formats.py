@@ -108,7 +108,9 @@ def read_npz(path: Path) -> list[Part]:
     """Return the matrix of a file that ``scipy.sparse.save_npz`` wrote."""
     try:
         with path.open("rb") as file:  # load_npz leaves it open when it fails
-            matrix = csc_array(load_npz(file))
+            matrix = load_npz(file)
+        if matrix.format in ("csr", "csc", "bsr"):  # else converting them may crash
+            matrix.check_format(full_check=True)
     except Exception as error:  # what a damaged file raises there is of any kind
         raise ValueError(
             f"{path}: no matrix of scipy.sparse.save_npz ({error}); write it again"

@@ -120,10 +120,9 @@ class FrequencyTerm(Term):
 
     def constants(self, response: Response) -> Floats | float:
         """Return what each mode adds, less the penalty of those without a pair."""
-        mapped = isinstance(response, Mapping)
-        unpaired = (
-            response.get("unpaired") if mapped else getattr(response, "unpaired", None)
-        )
+        unpaired = getattr(response, "unpaired", None)
+        if isinstance(response, Mapping):
+            unpaired = response.get("unpaired")
         if unpaired is None:
             return self.log_constants
         return np.asarray(self.log_constants - UNPAIRED * unpaired[:, : self.n_modes])

@@ -63,9 +63,8 @@ def read_channels(channels: Any) -> tuple[Channel, ...]:
     form = "pairs (response DOF, excitation DOF)"
     if not isinstance(channels, Sequence) or isinstance(channels, str) or not channels:
         raise TypeError(f"channels: expected {form}, got {channels!r}")
-    result = tuple(
-        Channel(*checks.group("channels", pair, form, 2)) for pair in channels
-    )
+    pairs = [checks.group("channels", pair, form, 2) for pair in channels]
+    result = tuple(Channel(*pair) for pair in pairs)
     if len(set(result)) < len(result):
         raise ValueError(f"channels: expected each pair once, got {list(channels)}")
     return result

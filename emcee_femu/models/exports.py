@@ -133,11 +133,10 @@ class Matrices(Report):
         if self.nodes is not None:
             rows += f" at {len(np.unique(self.nodes[:, 0]))} nodes"
         entries = ", ".join(f"{name} ({m.nnz})" for name, m in self.matrices.items())
-        parts = [f"{self.source}: {rows}; entries: {entries}"]
+        yield f"{self.source}: {rows}; entries: {entries}"
         if "M" in self.matrices and self.moving_mass:
             masses = (f"{mass:.6g} along {at}" for at, mass in self.moving_mass.items())
-            parts.append(f"moving mass: {', '.join(masses)}")
-        return tuple(parts)
+            yield f"moving mass: {', '.join(masses)}"
 
     def _get(self, name: str) -> csc_array:
         if name not in self.matrices:

@@ -148,6 +148,14 @@ def test_labels_of_a_file_are_for_formats_that_have_none(tmp_path):
         ef.read_matrices({"K": path, "M": path, "dofs": dofs})
 
 
+def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path):
+    path = tmp_path / "K.npz"
+    sparse.save_npz(path, sparse.csr_array(np.eye(3)))
+    np.savez_compressed(path, **dict(np.load(path)) | {"indices": [0, 1, 2_000_000]})
+    with pytest.raises(ValueError, match=r"K\.npz: .*write it again"):
+        ef.read_matrices({"K": path})
+
+
 def test_rows_that_are_only_announced_are_refused(tmp_path):
     places = np.array([0]), np.array([0])
     wide = sparse.coo_array((np.ones(1), places), shape=(900_000_000, 900_000_000))
