@@ -23,9 +23,7 @@ def real_array(argument: str, value: ArrayLike, ndim: int | None = None) -> Floa
     """Return ``value`` as a new float64 array of finite numbers."""
     array = numeric_array(argument, value)
     if ndim is not None and array.ndim != ndim:
-        raise ValueError(
-            f"{argument}: expected {ndim} dimension(s), got shape {array.shape}"
-        )
+        raise ValueError(f"{argument}: expected {ndim} dimension(s), got {array.shape}")
     _refuse(argument, array, ~np.isfinite(array), "finite numbers")
     return array
 
@@ -38,9 +36,8 @@ def numeric_array(argument: str, value: ArrayLike) -> Floats:
 def complex_array(argument: str, value: ArrayLike) -> Floats | NDArray[np.complex128]:
     """Return ``value`` as a new float64 or complex128 array; NaN is allowed."""
     raw = _numbers(argument, value, "fiuc", "real or complex")
-    array: Floats | NDArray[np.complex128]
-    array = raw.astype(np.complex128 if raw.dtype.kind == "c" else np.float64)
-    return array
+    kind = np.complex128 if raw.dtype.kind == "c" else np.float64
+    return np.asarray(raw.astype(kind))
 
 
 def positive_array(argument: str, value: ArrayLike, ndim: int | None = None) -> Floats:
@@ -57,9 +54,7 @@ def covariance_factor(argument: str, covariance: Floats) -> Floats:
         ValueError: If covariance is not square, symmetric and positive definite.
     """
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
-        raise ValueError(
-            f"{argument}: expected a square matrix, got shape {covariance.shape}"
-        )
+        raise ValueError(f"{argument}: expected (n, n), got shape {covariance.shape}")
     variances = np.diag(covariance)
     scale = np.sqrt(np.where(variances > 0, variances, 1.0))
     correlation = covariance / np.outer(scale, scale)
@@ -72,8 +67,7 @@ def covariance_factor(argument: str, covariance: Floats) -> Floats:
             f"{argument}: expected a symmetric, positive definite matrix, got "
             f"{covariance.tolist()}"
         )
-    result: Floats = scale[:, None] * factor
-    return result
+    return np.asarray(scale[:, None] * factor)
 
 
 def _numbers(argument: str, value: ArrayLike, kinds: str, described: str) -> Any:
@@ -98,11 +92,15 @@ def _refuse(argument: str, array: Any, wrong: Any, expected: str) -> None:
         raise ValueError(f"{argument}: expected {expected}, got {array[where]}{at}")
 
 
-def real_number(argument: str, value: Any, low: float = -math.inf) -> float:
-    """Return ``value`` as a finite float that is at least ``low``."""
+def real_number(
+    argument: str, value: Any, low: float = -math.inf, high: float = math.inf
+) -> float:
+    """Return ``value`` as a finite float from ``low`` to ``high``."""
     number = real_array(argument, value, 0).item()
     if number < low:
         raise ValueError(f"{argument}: expected at least {low:g}, got {number:g}")
+    if number > high:
+        raise ValueError(f"{argument}: expected at most {high:g}, got {number:g}")
     return number
 
 
@@ -125,9 +123,8 @@ def flag(argument: str, value: Any) -> bool:
 def instance(argument: str, value: object, kind: type[T]) -> T:
     """Return an object of a class, refusing others."""
     if not isinstance(value, kind):
-        raise TypeError(
-            f"{argument}: expected a {kind.__name__}, got {type(value).__name__}"
-        )
+        got = type(value).__name__
+        raise TypeError(f"{argument}: expected a {kind.__name__}, got {got}")
     return value
 
 
@@ -210,9 +207,7 @@ def parameter_names(argument: str, names: Iterable[str]) -> tuple[str, ...]:
     """Return ``names`` as a tuple of distinct, non-empty strings."""
     if isinstance(names, str | set | frozenset) or not isinstance(names, Iterable):
         remedy = f"; write [{names!r}]" if type(names) is str else ""
-        raise TypeError(
-            f"{argument}: expected a sequence of names, got {names!r}{remedy}"
-        )
+        raise TypeError(f"{argument}: expected a sequence, got {names!r}{remedy}")
     result = tuple(names)
     for name in result:
         text(argument, name)

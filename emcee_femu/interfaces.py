@@ -1,4 +1,4 @@
-"""The contracts between the stages: model, response, term, prior, move, backend.
+"""The contracts between the stages: model, response, term, prior, move.
 
 Everything between sampler and model carries a leading axis of ``n`` walkers. Outside
 the sampler parameters have names; only the prior owns their order. A plain function
@@ -41,7 +41,7 @@ deviations term          ``deviations(parameters, response)``: r and sd, each
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 
 Floats: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = Mapping[str, Floats]
+Batch: TypeAlias = Mapping[str, Floats]  # arrays (n, ...) by the name of a variable
 # What a model returns: an object with its variables as attributes, or a mapping.
 Response: TypeAlias = Any
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian
@@ -193,30 +194,17 @@ class ModalSolution(NamedTuple):
         return self.frequencies
 
 
-class Pairing(NamedTuple):
-    """Which mode of the model is paired with which measured mode.
-
-    Attributes:
-        mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
-        model_modes: Numbers of the model's modes, 1 = the lowest, ``(n, n_measured)``.
-        unpaired: Where the MAC is too low for the pair to mean much,
-            ``(n, n_measured)``.
-    """
-
-    mac: Floats
-    model_modes: NDArray[np.intp]
-    unpaired: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class PairedSolution:
+class PairedSolution(NamedTuple):
     """A modal solution in the order of the measured modes, at the sensors.
 
     Attributes:
         frequencies: Frequencies of the paired modes in Hz, ``(n, n_measured)``, in the
             order of the measured ones.
         shapes: Their shapes at the sensors, ``(n, n_sensors, n_measured)``.
-        pairing: How they were paired.
+        mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
+        model_mode: Numbers of the model's modes, 1 = the lowest, ``(n, n_measured)``.
+        unpaired: Where the MAC is too low for the pair to mean much,
+            ``(n, n_measured)``.
 
     Examples:
         >>> import numpy as np
@@ -231,27 +219,14 @@ class PairedSolution:
 
     frequencies: Floats
     shapes: Floats
-    pairing: Pairing
+    mac: Floats
+    model_mode: NDArray[np.intp]
+    unpaired: NDArray[np.bool_]
 
     @property
     def frequency(self) -> Floats:
         """The frequencies, under the name by which they are stored."""
         return self.frequencies
-
-    @property
-    def mac(self) -> Floats:
-        """The MAC of every pair."""
-        return self.pairing.mac
-
-    @property
-    def model_mode(self) -> NDArray[np.intp]:
-        """The numbers of the model's modes."""
-        return self.pairing.model_modes
-
-    @property
-    def unpaired(self) -> NDArray[np.bool_]:
-        """Where the MAC is too low."""
-        return self.pairing.unpaired
 
 
 def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variable]:
@@ -367,26 +342,6 @@ class Evaluator(Protocol):
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
 
 
-class Backend(Protocol):
-    """Where emcee stores a chain."""
-
-    initialized: bool
-
-    @property
-    def iteration(self) -> int:
-        """The number of stored steps."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Walkers and parameters."""
-
-    def get_chain(self, *, flat: bool, thin: int, discard: int) -> Floats:
-        """Return the stored positions ``(steps, nwalkers, ndim)``."""
-
-    def save_step(self, state: Any, accepted: NDArray[np.bool_]) -> None:
-        """Store one generation."""
-
-
 class SolveError(ValueError):
     """A solve that returned something other than finite numbers of the right shape.
 
@@ -413,7 +368,11 @@ class RepeatedModes(ValueError):
 
 
 def gather_tangents(
-    label: str, response: Response, derivatives: object, names: Sequence[Hashable]
+    label: str,
+    response: Response,
+    derivatives: object,
+    names: Sequence[Hashable],
+    needed: Iterable[str] = (),
 ) -> dict[str, Floats]:
     """Return the derivatives of each variable, ``(n, *shape, d)``.
 
@@ -422,10 +381,11 @@ def gather_tangents(
         response: The model's.
         derivatives: ``{variable: {name: (n, *shape)}}``; zero where one is left out.
         names: The d names that there are.
+        needed: Variables that must be among them.
 
     Raises:
         TypeError: If derivatives is no mapping.
-        ValueError: If it has another name.
+        ValueError: If it has another name, or lacks a variable.
         SolveError: If a derivative is not as large as its variable.
     """
     if not isinstance(derivatives, Mapping):
@@ -433,15 +393,18 @@ def gather_tangents(
             f"{label}: expected {{variable: {{parameter: array}}}}, got "
             f"{type(derivatives).__name__}"
         )
+    if missing := {*needed} - {*derivatives}:
+        raise ValueError(
+            f"{label} returned no derivatives of {missing}; return {{variable: "
+            "{parameter: array}}, {} for one that does not change"
+        )
     tangents = {}
     for variable, by_name in derivatives.items():
         shape = np.shape(read(response, variable))
         tangents[variable] = tangent = np.zeros((*shape, len(names)))
         unknown = [name for name in by_name if name not in names]
         if unknown:
-            raise ValueError(
-                f"{label}: no parameter {unknown}; there are {list(names)}"
-            )
+            raise ValueError(f"{label}: no parameter {unknown}; there are {[*names]}")
         for name, value in by_name.items():
             if np.shape(value) != shape:
                 raise SolveError(

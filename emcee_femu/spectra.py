@@ -73,9 +73,7 @@ def modes_from_spectra(
     sensors = bands[0][1]
     for label, (_, others) in zip(posteriors, bands, strict=True):
         if others != sensors:
-            raise ValueError(
-                f"posteriors: {label!r} has the sensors {others}, others {sensors}"
-            )
+            raise ValueError(f"posteriors: {label!r} has {others}, others {sensors}")
     frequencies = [draws["frequency"] for draws, _ in bands]
     mean, sd = {}, {}
     order = np.argsort(np.concatenate([f.mean(axis=0) for f in frequencies]))

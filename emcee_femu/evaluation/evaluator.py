@@ -75,12 +75,8 @@ class Evaluation:
             ValueError: If one of them makes no sense.
         """
         if on_failure not in ("raise", "reject"):
-            raise ValueError(
-                f"on_failure: expected 'raise' or 'reject', got {on_failure!r}"
-            )
-        fraction = checks.real_number("max_failures", max_failures, 0.0)
-        if fraction > 1:
-            raise ValueError(f"max_failures: expected at most 1, got {fraction:g}")
+            raise ValueError(f"on_failure: raise or reject, not {on_failure!r}")
+        fraction = checks.real_number("max_failures", max_failures, 0.0, 1.0)
         reject = on_failure == "reject"
         solver = Solver(posterior, reject)
         with open_pool(pool, workers, solver) as opened:

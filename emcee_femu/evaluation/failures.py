@@ -70,10 +70,8 @@ class FailureLog:
         if self.whole is not None:
             self.whole.count(evaluations, failures)
             return
-        for failed in failures:
-            logger.warning(
-                "rejected: %s at %s", failed.message, dict(failed.parameters)
-            )
+        for each in failures:
+            logger.warning("rejected: %s at %s", each.message, dict(each.parameters))
         self.kept += failures[: max(0, KEPT - len(self.kept))]
         self.check(FEWEST)
 

@@ -42,6 +42,7 @@ BY_VALUE = ("distributed", "ray", "loky")
 THREADS = (ThreadPoolExecutor, ThreadPool)  # they share memory: nothing is pickled
 HANGING = ("multiprocessing.pool.Pool", "multiprocess.pool.Pool")
 Function: TypeAlias = Callable[[Any], Any]  # of a point
+Results: TypeAlias = Iterator[tuple[int, Any]]  # numbers of points, as they come
 
 _keys = count()
 
@@ -104,12 +105,9 @@ class EvaluationPool:
         self.n_workers = _count_workers(executor)
         if hasattr(executor, "get_executor"):  # a dask Client
             self._executor = executor.get_executor(pure=False)
+        # Whether several threads may use it at once.
+        self.takes_turns = hasattr(self._executor, "submit")
         self._shipped: list[tuple[Function, str, bytes]] = []
-
-    @property
-    def takes_turns(self) -> bool:
-        """Whether several threads may use it at once."""
-        return hasattr(self._executor, "submit")
 
     def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
         """Return ``[function(point) for point in iterable]``, evaluated by the workers.
@@ -118,16 +116,13 @@ class EvaluationPool:
         point and the traceback of the worker.
         """
         points = list(iterable)
-        size = self.chunksize or max(1, -(-len(points) // max(1, self.n_workers)))
-        if self.chunksize is None and not self.n_workers:
-            size = 1
+        share = -(-len(points) // self.n_workers) if self.n_workers else 1
+        size = self.chunksize or max(1, share)
         parts = [points[i : i + size] for i in range(0, len(points), size)]
         results = dict(self._evaluate(function, parts))
         return [value for i in range(len(parts)) for value in results[i]]
 
-    def each(
-        self, function: Function, points: Sequence[object]
-    ) -> Iterator[tuple[int, Any]]:
+    def each(self, function: Function, points: Sequence[object]) -> Results:
         """Yield number and result of each point as soon as a worker has it.
 
         Where the executor has only a ``map`` they come in order.
@@ -137,7 +132,7 @@ class EvaluationPool:
 
     def _evaluate(
         self, function: Function, parts: Sequence[Sequence[object]]
-    ) -> Iterator[tuple[int, Sequence[Any]]]:
+    ) -> Results:
         """Yield number and results of each part, as they come."""
         function = unwrap(function)
         sent: object = function
@@ -159,16 +154,14 @@ class EvaluationPool:
                     yield waiting[place], outcome.values
             waiting, sent = sorted(missing), payload
 
-    def _completed(
-        self, tasks: list[Task], payload: object
-    ) -> Iterator[tuple[int, Outcome]]:
+    def _completed(self, tasks: list[Task], payload: object) -> Results:
         """Yield number and outcome of each task as it ends.
 
         A task that a worker without the function returns is submitted again with it at
         once, while the other workers are at theirs.
         """
         try:
-            if not hasattr(self._executor, "submit"):
+            if not self.takes_turns:
                 yield from enumerate(self._executor.map(evaluate, tasks))
                 return
             submit = self._executor.submit
@@ -259,8 +252,6 @@ def open_pool(
 class OwnProcesses(ProcessPoolExecutor):
     """The processes of ``run(..., workers=8)``."""
 
-    argument = "workers"  # which asked for them
-
 
 def count_workers(pool: object, workers: int | None) -> int:
     """Return how many evaluations :func:`open_pool` runs at once; 1 if unknown."""
@@ -281,9 +272,7 @@ def _check_executor(executor: object) -> None:
             "run(..., workers=8), or a concurrent.futures.ProcessPoolExecutor"
         )
     if getattr(executor, "asynchronous", False):
-        raise TypeError(
-            "pool, executor: expected a dask Client with asynchronous=False"
-        )
+        raise TypeError("pool, executor: expected a Client with asynchronous=False")
     if isinstance(executor, type) or not hasattr(executor, "map"):
         raise TypeError(
             "pool, executor: expected a concurrent.futures executor, a dask Client or "
@@ -304,44 +293,27 @@ def _count_workers(executor: Any) -> int:
 
 def _dump(executor: object, function: Function) -> bytes:
     """Pickle for the workers of an executor; pickle's message names what it cannot."""
-    if type(executor).__module__.partition(".")[0] in BY_VALUE:
-        why = "its workers do not have this script"
-        return _dump_by_value(executor, function, why)
+    by_value = type(executor).__module__.partition(".")[0] in BY_VALUE
+    by_value |= not hasattr(sys.modules["__main__"], "__file__")  # of a notebook
+    why, remedy = "workers cannot import what a script or a notebook defines", ""
     try:
         payload = pickle.dumps(function)
+        if not by_value or b"__main__" not in payload:
+            return payload
     except Exception as error:  # a pickler raises what it likes
-        return _dump_by_value(executor, function, str(error))
-    if b"__main__" in payload and not hasattr(sys.modules["__main__"], "__file__"):
-        why = "workers cannot import what a notebook defines"
-        return _dump_by_value(executor, function, why)
-    return payload
-
-
-def _dump_by_value(executor: object, function: Function, why: str) -> bytes:
+        why = str(error)
     try:
         return bytes(import_module("cloudpickle").dumps(function))
-    except ImportError as error:
-        install = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
-        raise _refusal(executor, why, install) from error
+    except ImportError:
+        remedy = "pip install 'emcee-femu[notebooks]', for its cloudpickle, or "
     except Exception as error:
-        raise _refusal(executor, str(error)) from error
-
-
-def _refusal(executor: object, why: str, remedy: str = "") -> TypeError:
-    argument = getattr(type(executor), "argument", "pool")
-    other = (
-        "run(..., workers=8), which pickles nothing on Linux unless a start method was "
-        "set, or a ThreadPoolExecutor"
-    )
-    if argument == "workers":  # which were not forked, then
-        other = (
-            "pool=ThreadPoolExecutor(8), which pickles nothing; nor do forked workers, "
-            'on Linux: multiprocessing.set_start_method("fork", force=True)'
-        )
-    return TypeError(
-        f"{argument}: the function cannot be pickled for the workers ({why}); {remedy}"
-        "write functions at the top level of a module, and open files, locks and "
-        f"programs inside the call; or give {other}"
+        why = str(error)
+    raise TypeError(
+        f"{'workers' if isinstance(executor, OwnProcesses) else 'pool'}: the function "
+        f"cannot be pickled for the workers ({why}); {remedy}write functions at the top"
+        " level of a module, and open files, locks and programs inside the call; or "
+        "give pool=ThreadPoolExecutor(8), which pickles nothing, or workers=8, which on"
+        " Linux does not either unless a start method other than fork was set"
     )
 
 

@@ -117,9 +117,8 @@ def open_evaluator(
     """
     path = check_path(backend, checks.flag("resume", resume))
     tolerance = checks.real_number("probe_tolerance", probe_tolerance, 0)
-    with Evaluation.open(
-        posterior, workers, pool, on_failure, max_failures
-    ) as evaluation:
+    opened = Evaluation.open(posterior, workers, pool, on_failure, max_failures)
+    with opened as evaluation:
         if path is None:
             yield evaluation
             return
@@ -209,7 +208,5 @@ def _first_difference(
     solved = now[point, 0] > -np.inf and len(columns) > 1
     column = int(columns[1] if solved and columns[0] == 0 else columns[0])
     values = dict(zip(posterior.names, theta[point].tolist(), strict=True))
-    return (
-        f"{posterior.labels[column]} was {was[point, column]:.12g} and is "
-        f"{now[point, column]:.12g} at {values}"
-    )
+    label, old, new = posterior.labels[column], was[point, column], now[point, column]
+    return f"{label} was {old:.12g} and is {new:.12g} at {values}"

@@ -8,7 +8,7 @@ import emcee
 import numpy as np
 from emcee.ensemble import _FunctionWrapper
 
-from ..interfaces import Backend, Evaluator, Floats, Move
+from ..interfaces import Evaluator, Floats, Move
 
 LONGEST_REPR = 200  # characters of a move that are printed
 
@@ -24,7 +24,7 @@ class Sampler(emcee.EnsembleSampler):
         nwalkers: int,
         evaluator: Evaluator,
         moves: list[tuple[Move, float]] | None = None,
-        backend: Backend | None = None,
+        backend: emcee.backends.Backend | None = None,
     ) -> None:
         ndim = evaluator.posterior.ndim
         super().__init__(

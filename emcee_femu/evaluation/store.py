@@ -77,22 +77,19 @@ class Store:
         self._file: sqlite3.Connection | None = None
         self._time, self._closed = 0.0, False
         try:
-            self._check_tables(read_only)
+            with self._reading() if read_only else self._writing("the file") as file:
+                names = file.execute("SELECT name FROM sqlite_master").fetchall()
+                version = file.execute("PRAGMA user_version").fetchone()[0]
+                for statement in () if names or read_only else TABLES:
+                    file.execute(statement)
+            if (names or read_only) and (("record",) not in names or version != FORMAT):
+                raise ValueError(
+                    f"backend: {self.path} is the file of something else, or of another"
+                    " version of emcee_femu; give a new file name"
+                )
         except (ValueError, OSError):
             self.close()
             raise
-
-    def _check_tables(self, read_only: bool) -> None:
-        with self._reading() if read_only else self._writing("the file") as file:
-            names = file.execute("SELECT name FROM sqlite_master").fetchall()
-            version = file.execute("PRAGMA user_version").fetchone()[0]
-            for statement in () if names or read_only else TABLES:
-                file.execute(statement)
-        if (names or read_only) and (("record",) not in names or version != FORMAT):
-            raise ValueError(
-                f"backend: {self.path} is the file of something else, or of another "
-                "version of emcee_femu; give a new file name"
-            )
 
     def close(self) -> None:
         """Close the file, which can still be read: it is opened again for that."""
@@ -153,10 +150,8 @@ class Store:
             "AND (number - ?) % ? = 0 ORDER BY number"
         )
         ends = numbers.start, numbers.stop, numbers.start, numbers.step
-        for _, _, kind, points, ndim, counts, content in self._rows(
-            query, stream, *ends
-        ):
-            table = np.frombuffer(content, "<f8").reshape(points, -1).copy()
+        for _, _, kind, n, ndim, counts, content in self._rows(query, stream, *ends):
+            table = np.frombuffer(content, "<f8").reshape(n, -1).copy()
             yield Record(kind, table[:, :ndim], table[:, ndim:], json.loads(counts))
 
     def verify(self) -> None:
@@ -299,8 +294,7 @@ class StoredChain(emcee.backends.Backend):
             record.theta if name == "chain" else record.values[:, part[name]]
             for record in self._store.read(self._stream, numbers)
         ]
-        values: Floats = np.concatenate(steps) if flat else np.stack(steps)
-        return values
+        return np.asarray(np.concatenate(steps) if flat else np.stack(steps))
 
     def reset(self, nwalkers: int, ndim: int) -> None:
         """Refuse to clear the chain: a file is for one run."""

@@ -58,9 +58,8 @@ def build_matrix(
         raise ValueError(f"{path}: expected rows and columns from 1 on; {AGAIN}")
     if size is None:
         size = int(max(rows.max(), columns.max())) + 1
-    _, first, count = np.unique(
-        rows * size + columns, return_index=True, return_counts=True
-    )
+    places = rows * size + columns
+    _, first, count = np.unique(places, return_index=True, return_counts=True)
     if (count > 1).any():
         at = first[count > 1].min()
         raise ValueError(
@@ -119,14 +118,12 @@ def read_lines(path: Path) -> list[str]:
         raise ValueError(f"{path}, line {line}: binary bytes in a text file; {AGAIN}")
     lines = text.replace("\r\n", "\n").split("\n")
     if lines.pop():
-        raise ValueError(
-            f"{path}, line {len(lines) + 1}: the file ends within a line; {AGAIN}"
-        )
+        raise ValueError(f"{path}, line {len(lines) + 1}: it is cut off; {AGAIN}")
     return lines
 
 
 def read_columns(
-    path: Path, form: str, whole: int, delimiter: str | None = None, skip: int = 0
+    path: Path, form: str, whole: int, delimiter: str | None = None
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return the numbers of a file in which each line has the same columns.
 
@@ -135,7 +132,6 @@ def read_columns(
         form: The columns as a person would say them, such as ``"row column value"``.
         whole: How many columns, the first ones, are whole numbers.
         delimiter: What separates the columns; None for blanks.
-        skip: How many lines at the beginning say something else.
 
     Returns:
         The whole numbers ``(n, whole)`` and the others ``(n, rest)``.
@@ -145,7 +141,7 @@ def read_columns(
             last line has no end.
     """
     every = read_lines(path)
-    lines = [x for x in every[skip:] if x.strip() and not x.startswith("*")]
+    lines = [x for x in every if x.strip() and not x.startswith("*")]
     width = len(form.split(delimiter))
 
     def parse(some: list[str]) -> Floats | None:
@@ -163,7 +159,7 @@ def read_columns(
     for line in lines:
         if parse([line]) is None:
             raise ValueError(
-                f"{path}, line {every.index(line, skip) + 1}: expected {form!r}, got "
+                f"{path}, line {every.index(line) + 1}: expected {form!r}, got "
                 f"{line[:60]!r}; {AGAIN}"
             )
     raise ValueError(f"{path}: expected lines {form!r}, got none; {AGAIN}")

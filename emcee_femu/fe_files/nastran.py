@@ -57,9 +57,8 @@ def _read_strings(
             while at + 1 < end and "." in lines[at + 1]:
                 at += 1
                 line = lines[at].rstrip().upper().replace("D", "E")
-                values += [
-                    float(line[i : i + width]) for i in range(0, len(line), width)
-                ]
+                starts = range(0, len(line), width)
+                values += [float(line[i : i + width]) for i in starts]
             at += 1
             if left:  # a string
                 count, row = numbers if len(numbers) == 2 else divmod(numbers[0], ROWS)

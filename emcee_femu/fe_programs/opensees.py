@@ -7,8 +7,8 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from .. import checks
-from ..fe_files.matrices import Matrices
 from ..interfaces import Floats
+from ..models.exports import Matrices
 from ..models.geometry import Geometry
 
 DRAWN = 4  # nodes of an element at most, whose outline is known

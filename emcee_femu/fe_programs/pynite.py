@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from .. import checks
-from ..fe_files.matrices import DIRECTIONS, Matrices
+from ..models.exports import DIRECTIONS, Matrices
 from ..models.geometry import Geometry
 
 AXES = ("DX", "DY", "DZ", "RX", "RY", "RZ")  # of supports, in the order of DIRECTIONS
@@ -58,9 +58,7 @@ def from_pynite(
         ('tip:ux', 'tip:uy')
     """
     if not hasattr(model, "load_combos"):
-        raise TypeError(
-            f"model: expected an FEModel3D of PyNite, got {type(model).__name__}"
-        )
+        raise TypeError(f"model: expected an FEModel3D, got {type(model).__name__}")
     checks.text("mass_combo_name", mass_combo_name)
     if mass_combo_name not in model.load_combos:
         raise ValueError(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
-from ..fe_files.matrices import DIRECTIONS, Matrices
+from ..models.exports import DIRECTIONS, Matrices
 from ..models.geometry import Geometry
 from ..models.inputs import Matrix, read_matrix
 
@@ -55,9 +55,7 @@ def from_skfem(basis: Any, K: Matrix, M: Matrix, held: ArrayLike = ()) -> Matric
         ('1:u', '2:u')
     """
     if not hasattr(basis, "nodal_dofs"):
-        raise TypeError(
-            f"basis: expected a Basis of scikit-fem, got {type(basis).__name__}"
-        )
+        raise TypeError(f"basis: expected a Basis, got {type(basis).__name__}")
     every, numbers = np.arange(basis.N), np.asarray(held)
     listed = numbers.ndim == 1 and (numbers.dtype.kind in "iu" or not numbers.size)
     if not listed or not np.isin(numbers, every).all():

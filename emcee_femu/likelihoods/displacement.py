@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
-from .term import Term, add_discrepancy, choose_error, error_array
+from .term import Deviations, Term, add_discrepancy, choose_error, error_array
 
 
 class DisplacementTerm(Term):
@@ -72,9 +72,7 @@ class DisplacementTerm(Term):
             numbers = error_array(error, value, u.shape[1:], u.shape)
             self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
         if not (self.sd > 0).all() and (error or not u.all()):
-            raise ValueError(
-                "measured: a displacement of zero has no relative error; give sd"
-            )
+            raise ValueError("measured: zero has no relative error; give sd")
         labels = {
             "load_case": _read_labels("cases", cases, u.shape[0]),
             "point": _read_labels("points", points, u.shape[1]),
@@ -82,9 +80,7 @@ class DisplacementTerm(Term):
         self.reads = {"displacement": Variable(labels)}
         self.observed, self.error_sd = {"displacement": u}, {"displacement": self.sd}
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each."""
         cases, points = self.measured.shape
         u = read(response, "displacement")[:, :cases, :points]
@@ -108,7 +104,5 @@ def _read_labels(
         return [None] * size
     array = np.asarray(labels, dtype=object)
     if array.shape != (size,) or len(set(array)) != size:
-        raise ValueError(
-            f"{argument}: expected {size} labels, each another, got {labels!r}"
-        )
+        raise ValueError(f"{argument}: expected {size} different labels, got {labels}")
     return list(array)

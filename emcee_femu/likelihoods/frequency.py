@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, modal_variables, read
-from ..measurements import Measurements
-from .term import Term, add_discrepancy, choose_error, error_array
+from ..measurements import Measurements, modes
+from .term import Deviations, Term, add_discrepancy, choose_error, error_array
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -120,18 +120,14 @@ class FrequencyTerm(Term):
 
     def constants(self, response: Response) -> Floats | float:
         """Return what each mode adds, less the penalty of those without a pair."""
-        mapped = isinstance(response, Mapping)
-        unpaired = (
-            response.get("unpaired") if mapped else getattr(response, "unpaired", None)
-        )
+        unpaired = getattr(response, "unpaired", None)
+        if isinstance(response, Mapping):
+            unpaired = response.get("unpaired")
         if unpaired is None:
             return self.log_constants
-        constants: Floats = self.log_constants - UNPAIRED * unpaired[:, : self.n_modes]
-        return constants
+        return np.asarray(self.log_constants - UNPAIRED * unpaired[:, : self.n_modes])
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return independent relative deviations and their standard deviations."""
         predicted = read(response, "frequency")[:, : self.n_modes]
         if predicted.shape[1] < self.n_modes:
@@ -152,18 +148,11 @@ class FrequencyTerm(Term):
         return self.measured * (1.0 + deviations @ self._axes.T)
 
 
-def _principal_axes(
-    covariance: ArrayLike, frequencies: Floats
-) -> tuple[Floats, Floats]:
+def _principal_axes(covariance: ArrayLike, hertz: Floats) -> tuple[Floats, Floats]:
     """Return precisions of relative errors along axes where they are independent."""
-    n = len(frequencies)
-    C = checks.real_array("covariance", covariance, 2)
-    if C.shape != (n, n) or np.abs(C - C.T).max() > 1e-8 * np.abs(C).max():
-        raise ValueError(
-            f"covariance: expected a symmetric ({n}, {n}) matrix for {n} modes, "
-            f"got {C.tolist()}"
-        )
-    variances, axes = np.linalg.eigh(C / np.outer(frequencies, frequencies))
+    C = modes.covariance(covariance, len(hertz))
+    assert C is not None
+    variances, axes = np.linalg.eigh(C / np.outer(hertz, hertz))
     if not variances[0] > 1e-12 * variances[-1]:
         raise ValueError(
             "covariance: expected a positive definite matrix; that of repeats needs "

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..interfaces import Parameters, Response, Variable, read
 from ..measurements.frf import FRFMeasurements, frf_variable
-from .term import Term, add_discrepancy, error_array
+from .term import Deviations, Term, add_discrepancy, error_array
 
 
 class FRFTerm(Term):
@@ -76,17 +76,13 @@ class FRFTerm(Term):
         if sd is not None:
             spread = error_array("sd", sd, (shape[0], 1), shape)
         elif spread is None and discrepancy is None:
-            raise ValueError(
-                "sd: the measurements have no coherence; give sd, or a discrepancy"
-            )
+            raise ValueError("sd: measured has no coherence; give sd or discrepancy")
         # (n_channels, n_lines); zero if exact
         self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
         kind, unit = measured.kind, measured.unit
         self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each.
 
         Of amplitudes they are those of the logarithms.

@@ -11,7 +11,7 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
 from ..models.paired import at_sensors
-from .term import LEAST_SD, Term, error_array, log_normal
+from .term import LEAST_SD, Deviations, Term, error_array, log_normal
 
 
 class ShapeTerm(Term):
@@ -85,14 +85,9 @@ class ShapeTerm(Term):
             self._dofs, measured = measured.dofs, measured.shapes
         shapes = checks.numeric_array("measured", measured)
         self._there = there = ~np.isnan(shapes)
-        self.measured = shapes = checks.real_array(
-            "measured", np.where(there, shapes, 0.0), 2
-        )
-        if (
-            not shapes.size
-            or there.sum(axis=0).min() < 2
-            or not shapes.any(axis=0).all()
-        ):
+        filled = np.where(there, shapes, 0.0)
+        self.measured = shapes = checks.real_array("measured", filled, 2)
+        if not shapes.size or there.sum(0).min() < 2 or not shapes.any(axis=0).all():
             raise ValueError(
                 "measured: expected shapes (n_sensors, n_modes) of at least two "
                 f"sensors, none of them all zero, got shape {shapes.shape}"
@@ -123,9 +118,7 @@ class ShapeTerm(Term):
         coords = {"dof": dofs, "mode": range(1, self.n_modes + 1)}
         self.reads = {"shapes": Variable(coords, stored=False)}
 
-    def deviations(
-        self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats]:
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return what a unit shape has across the measured one, and its deviations.
 
         Of each mode these are its components along n_s - 1 directions that are
@@ -133,7 +126,15 @@ class ShapeTerm(Term):
         1 - MAC. With ``sd``, shapes are divided by it first, and components multiplied
         by the length of the measured one.
         """
-        shapes = self._at_sensors(response)
+        shapes: Floats = read(response, "shapes")
+        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
+            raise ValueError(
+                f"measured: the shapes of {self.n_modes} modes were measured, but the "
+                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
+            )
+        if not isinstance(response, PairedSolution):  # whose rows are the sensors
+            shapes = at_sensors(shapes, self._dofs, len(self.measured))
+        shapes = shapes[:, :, : self.n_modes]
         weights = self._there / (1.0 if self.sd is None else self.sd)
         measured, weighted = weights * self.measured, weights * shapes
         side = np.where((weighted * measured).sum(axis=1) < 0, -1.0, 1.0)
@@ -163,18 +164,6 @@ class ShapeTerm(Term):
     def _across(self) -> NDArray[np.bool_]:
         """Which deviations there are: one less for each mode than sensors."""
         return self._there & (self._there.cumsum(axis=0) > 1)
-
-    def _at_sensors(self, response: Response) -> Floats:
-        """Return the measured modes at the sensors, ``(n, n_sensors, n_modes)``."""
-        shapes: Floats = read(response, "shapes")
-        if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
-            raise ValueError(
-                f"measured: the shapes of {self.n_modes} modes were measured, but the "
-                f"model returned shapes {shapes.shape}; ask it for more (n_modes=...)"
-            )
-        if not isinstance(response, PairedSolution):  # whose rows are the sensors
-            shapes = at_sensors(shapes, self._dofs, len(self.measured))
-        return shapes[:, :, : self.n_modes]
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]

@@ -1,13 +1,12 @@
 """The likelihood of FFTs near one mode or a close pair."""
 
-from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..interfaces import Batch, Floats, Parameters, Response, Variable, read
 from ..measurements.spectra import KINDS, Spectra
 from .term import Term, derive, move_along
 
@@ -75,8 +74,11 @@ class SpectrumTerm(Term):
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
         log_likelihood = self._density(response)
-        if read(response, "frequency").shape[1] == 2:
-            log_likelihood[~_possible(response)] = -np.inf
+        f, psd = read(response, "frequency"), read(response, "force_psd")
+        if f.shape[1] == 2:  # which ascend, and whose forces can have these spectra
+            cross = (psd[:, 0, 1] ** 2).sum(axis=1)
+            possible = (f[:, 0] < f[:, 1]) & (cross < psd[:, 0, 0, 0] * psd[:, 1, 1, 0])
+            log_likelihood[~possible] = -np.inf
         return log_likelihood
 
     def _density(self, response: Response) -> Floats:
@@ -93,11 +95,7 @@ class SpectrumTerm(Term):
         return log_likelihood
 
     def linearize(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
+        self, parameters: Parameters, response: Response, tangents: Batch, steps: Floats
     ) -> tuple[Floats, Floats]:
         r"""Return the gradient of the log-likelihood, and its scores ``(n, m, d)``.
 
@@ -185,15 +183,6 @@ class SpectrumTerm(Term):
         both = (left[:, :, None] * right[:, None]).reshape(len(left), 1, -1)
         result: Floats = (both @ self._halves[part])[:, 0]  # a row rounds as if alone
         return result
-
-
-def _possible(response: Response) -> NDArray[np.bool_]:
-    """Return where a pair ascends and its forces can have their spectra, ``(n,)``."""
-    f, psd = read(response, "frequency"), read(response, "force_psd")
-    cross = (psd[:, 0, 1] ** 2).sum(axis=1)
-    possible: NDArray[np.bool_] = f[:, 0] < f[:, 1]
-    possible &= cross < psd[:, 0, 0, 0] * psd[:, 1, 1, 0]
-    return possible
 
 
 def _covariances(

@@ -12,21 +12,16 @@ they cost evaluations of the term, and no solve.
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import (
-    Floats,
-    Parameters,
-    Response,
-    Variable,
-    read_declared,
-)
+from ..interfaces import Batch, Floats, Parameters, Response, Variable, read_declared
 from ..interfaces import read as read_variable
 
+Deviations: TypeAlias = tuple[Floats, Floats]  # r and sd, (n, m) each
 Values = TypeVar("Values", Floats, NDArray[np.complex128])
 
 # An inferred error of zero, where a search may stand on the bound of a prior: its
@@ -81,14 +76,11 @@ class Term:
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""
-        log_likelihood: Floats = np.add.reduce(
-            self._parts(parameters, response), axis=1
-        )
-        return log_likelihood
+        return np.asarray(np.add.reduce(self._parts(parameters, response), axis=1))
 
     def deviations(
         self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats] | None:
+    ) -> Deviations | None:
         """Return r and sd, ``(n, m)`` each, None where the term is not Gaussian.
 
         The log-likelihood is, but for a constant, the sum of those of N(r; 0, sd).
@@ -112,11 +104,7 @@ class Term:
         return values
 
     def linearize(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
+        self, parameters: Parameters, response: Response, tangents: Batch, steps: Floats
     ) -> tuple[Floats, Floats | None]:
         """Return the gradient ``(n, d)`` along tangents, and scores ``(n, m, d)``.
 
@@ -139,11 +127,7 @@ class Term:
         return linearize_normal(*here, *slopes)
 
     def _choose_steps(
-        self,
-        parameters: Parameters,
-        response: Response,
-        tangents: Mapping[str, Floats],
-        steps: Floats,
+        self, parameters: Parameters, response: Response, tangents: Batch, steps: Floats
     ) -> Floats:
         """Return steps that change no variable by more than a small part of itself."""
         n, d = steps.shape
@@ -160,9 +144,7 @@ class Term:
             chosen = np.minimum(chosen, ALONG * relative)
         return np.where(np.isfinite(chosen) & (chosen > 0), chosen, steps)
 
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> Mapping[str, Floats]:
+    def pointwise(self, parameters: Parameters, stored: Batch) -> Batch:
         """Return the log-likelihood of each datum, in the shape of what was measured.
 
         Deviations that are no single data, as of a covariance, have none, nor have
@@ -172,14 +154,13 @@ class Term:
             return {}
         ((variable, measured),) = self.observed.items()
         values = self._parts(parameters, stored)
-        return {variable: values.reshape(-1, *measured.shape)}
+        if values[0].size != np.size(measured):
+            return {}
+        return {variable: values.reshape(-1, *np.shape(measured))}
 
     def replicate(
-        self,
-        rng: np.random.Generator,
-        parameters: Parameters,
-        stored: Mapping[str, Floats],
-    ) -> Mapping[str, Floats]:
+        self, rng: np.random.Generator, parameters: Parameters, stored: Batch
+    ) -> Batch:
         """Return a new measurement for each sample, with all its errors.
 
         None where it reads what is not stored, or cannot be drawn.
@@ -192,7 +173,7 @@ class Term:
         measured = self.restore(r + sd * rng.standard_normal(r.shape))
         return {} if measured is None else dict.fromkeys(self.observed, measured)
 
-    def _reads_only(self, stored: Mapping[str, Floats]) -> bool:
+    def _reads_only(self, stored: Batch) -> bool:
         return set(self.reads or ()) <= set(stored)
 
 
@@ -208,6 +189,7 @@ class FunctionTerm(Term):
                 setattr(self, attribute, declared)
         self._deviations = read_declared(function, "deviations")
         self.gaussian = self._deviations is not None
+        self.separate = self.gaussian and len(self.observed) == 1
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return what the callable does."""
@@ -215,24 +197,14 @@ class FunctionTerm(Term):
 
     def deviations(
         self, parameters: Parameters, response: Response
-    ) -> tuple[Floats, Floats] | None:
+    ) -> Deviations | None:
         """Return what the callable says, None where it does not."""
         return self._deviations(parameters, response) if self.gaussian else None
 
-    def pointwise(
-        self, parameters: Parameters, stored: Mapping[str, Floats]
-    ) -> Mapping[str, Floats]:
-        """Return the log-likelihood of each datum, where each has its deviation."""
-        pair = self.deviations(parameters, stored) if self.observed else None
-        if pair is None or len(self.observed) > 1:
-            return {}
-        ((variable, measured),) = self.observed.items()
-        values = log_normal(*pair)
-        if values[0].size != np.size(measured):
-            return {}
-        constant = self(parameters, stored) - values.sum(axis=1)
-        values += constant[:, None] / values.shape[1]
-        return {variable: values.reshape(-1, *np.shape(measured))}
+    def _parts(self, parameters: Parameters, response: Response) -> Floats:
+        values = super()._parts(parameters, response)
+        constant = self(parameters, response) - values.sum(axis=1)
+        return np.asarray(values + constant[:, None] / values.shape[1])
 
 
 def as_term(term: Callable[[Parameters, Response], Floats]) -> Term:
@@ -285,8 +257,7 @@ def log_normal(r: Floats, sd: Floats) -> Floats:
 
 def add_discrepancy(variances: Floats, discrepancy: Floats) -> Floats:
     """Return standard deviations of independent errors, one of them inferred."""
-    total: Floats = np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2))
-    return total
+    return np.asarray(np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2)))
 
 
 def linearize_normal(
@@ -322,10 +293,7 @@ def derive(values: Values, steps: Floats) -> Values:
 
 
 def move_along(
-    parameters: Parameters,
-    response: Response,
-    tangents: Mapping[str, Floats],
-    steps: Floats,
+    parameters: Parameters, response: Response, tangents: Batch, steps: Floats
 ) -> tuple[dict[str, Floats], Response]:
     """Return parameters and response, ``n * 2 d`` of each, moved along the tangents.
 
@@ -338,8 +306,7 @@ def move_along(
         wide = np.moveaxis(np.concatenate([tangent, tangent], axis=-1), -1, 1)
         moved = wide * sides.reshape(*sides.shape, *[1] * (wide.ndim - 2))
         moved += np.asarray(value)[:, None]
-        shifted: Floats = moved.reshape(-1, *wide.shape[2:])
-        return shifted
+        return np.asarray(moved.reshape(-1, *wide.shape[2:]))
 
     variables = {
         name: shift(read_variable(response, name), tangent)
@@ -350,16 +317,12 @@ def move_along(
     return there, _replace(response, variables, n, 2 * d)
 
 
-def _replace(
-    response: Response, shifted: Mapping[str, Floats], n: int, times: int
-) -> Response:
+def _replace(response: Response, shifted: Batch, n: int, times: int) -> Response:
     """Return a response with other variables, and the rest of it repeated."""
 
     def move(name: str, value: Response) -> Response:
         if name in shifted:
             return shifted[name]
-        if isinstance(value, tuple):  # the pairing of modes
-            return _replace(value, shifted, n, times)
         by_row = isinstance(value, np.ndarray) and value.ndim and len(value) == n
         return np.repeat(value, times, axis=0) if by_row else value
 

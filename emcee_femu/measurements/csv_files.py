@@ -51,8 +51,7 @@ def read_csv(path: Path) -> dict[str, Any]:
         with open(path, encoding="utf-8-sig", newline="") as file:  # Excel's BOM
             text = file.read()
             commas = ";" not in text.partition("\n")[0]
-            lines = io.StringIO(text, newline="")
-            reader = csv.reader(lines, delimiter="," if commas else ";")
+            reader = csv.reader(io.StringIO(text), delimiter="," if commas else ";")
             rows = [(f"{path}, line {reader.line_num}", row) for row in reader]
     except (csv.Error, UnicodeError) as error:
         raise ValueError(f"{path}: expected a CSV file in UTF-8 ({error})") from None

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Sequence
-from dataclasses import dataclass
+from copy import copy
 from os import PathLike
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Variable
@@ -60,15 +60,11 @@ def read_kind(kind: object, kinds: Collection[str] = KINDS) -> str:
 
 def read_channels(channels: Any) -> tuple[Channel, ...]:
     """Return pairs of DOFs."""
-    pairs = isinstance(channels, Sequence) and all(
-        isinstance(pair, Sequence) and not isinstance(pair, str) and len(pair) == 2
-        for pair in channels
-    )
-    if not pairs or isinstance(channels, str) or not len(channels):
-        raise TypeError(
-            f"channels: expected pairs (response DOF, excitation DOF), got {channels!r}"
-        )
-    result = tuple(Channel(*pair) for pair in channels)
+    form = "pairs (response DOF, excitation DOF)"
+    if not isinstance(channels, Sequence) or isinstance(channels, str) or not channels:
+        raise TypeError(f"channels: expected {form}, got {channels!r}")
+    pairs = [checks.group("channels", pair, form, 2) for pair in channels]
+    result = tuple(Channel(*pair) for pair in pairs)
     if len(set(result)) < len(result):
         raise ValueError(f"channels: expected each pair once, got {list(channels)}")
     return result
@@ -82,7 +78,6 @@ def read_lines(lines: ArrayLike) -> Floats:
     return numbers
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
 class FRFMeasurements(Report):
     r"""Frequency response functions of several channels at the same lines.
 
@@ -104,6 +99,10 @@ class FRFMeasurements(Report):
         averages: Number of independent averages; needed with coherence.
         unit: Of the values, where it is not that of SI.
 
+    Attributes:
+        sd: Standard deviation of real and imaginary part, ``(n_channels, n_lines)``;
+            None without a coherence.
+
     Raises:
         TypeError: If values are not numbers, or channels no pairs.
         ValueError: If sizes disagree, a number is not finite, lines do not ascend, kind
@@ -122,14 +121,6 @@ class FRFMeasurements(Report):
         >>> frf.between(9.5, 12.0).lines.tolist()
         [10.0]
     """
-
-    lines: Floats
-    values: NDArray[np.complex128]
-    channels: tuple[Channel, ...]
-    kind: str
-    coherence: Floats | None
-    averages: int | None
-    unit: str | None
 
     def __init__(
         self,
@@ -156,6 +147,7 @@ class FRFMeasurements(Report):
                 f"values: expected finite numbers other than 0, got {H[i, j]:g} of "
                 f"channel {pairs[i]} at {numbers[j]:g} Hz; leave such lines out"
             )
+        self.sd: Floats | None = None
         if (coherence is None) != (averages is None):
             raise ValueError("coherence, averages: expected both or none of them")
         if coherence is not None:
@@ -167,18 +159,13 @@ class FRFMeasurements(Report):
                     "is rounded to 1 says nothing of the error"
                 )
             averages = checks.whole_number("averages", averages, 2)
+            relative = np.sqrt((1 / coherence - 1) / (2 * averages))
+            self.sd = np.abs(H) * relative
         if unit is not None:
             checks.text("unit", unit)
-        checks.set_fields(
-            self,
-            lines=numbers,
-            values=H,
-            channels=pairs,
-            kind=read_kind(kind),
-            coherence=coherence,
-            averages=averages,
-            unit=unit,
-        )
+        self.lines, self.values, self.channels = numbers, H, pairs
+        self.kind, self.coherence = read_kind(kind), coherence
+        self.averages, self.unit = averages, unit
 
     @classmethod
     def from_uff(
@@ -226,15 +213,6 @@ class FRFMeasurements(Report):
             columns,
         )
 
-    @property
-    def sd(self) -> Floats | None:
-        """Standard deviation of real and imaginary part, ``(n_channels, n_lines)``."""
-        if self.coherence is None or self.averages is None:
-            return None
-        relative = np.sqrt((1 / self.coherence - 1) / (2 * self.averages))
-        result: Floats = np.abs(self.values) * relative
-        return result
-
     def between(self, low: float, high: float) -> FRFMeasurements:
         """Return the lines from ``low`` to ``high`` Hz, both included."""
         low, high = checks.real_number("low", low), checks.real_number("high", high)
@@ -244,13 +222,8 @@ class FRFMeasurements(Report):
                 f"low, high: no line between {low:g} and {high:g} Hz; they are "
                 f"{self.lines[0]:g} to {self.lines[-1]:g}"
             )
-        coherence: Any = self.coherence
-        return FRFMeasurements(
-            self.lines[kept],
-            self.values[:, kept],
-            self.channels,
-            kind=self.kind,
-            coherence=None if coherence is None else coherence[:, kept],
-            averages=self.averages,
-            unit=self.unit,
-        )
+        part = copy(self)
+        part.lines, part.values = self.lines[kept], self.values[:, kept]
+        if self.coherence is not None and self.sd is not None:
+            part.coherence, part.sd = self.coherence[:, kept], self.sd[:, kept]
+        return part

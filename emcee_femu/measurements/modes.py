@@ -62,8 +62,7 @@ def phases(raw: Shapes) -> Shapes:
     if not np.iscomplexobj(raw):
         return np.ones(raw.shape[-1])
     unit = raw / np.abs(raw).max(axis=0)  # squares neither over- nor underflow
-    factors: Shapes = np.exp(-0.5j * np.angle((unit * unit).sum(axis=0)))
-    return factors
+    return np.asarray(np.exp(-0.5j * np.angle((unit * unit).sum(axis=0))))
 
 
 def phase_collinearity(raw: Shapes, stated: ArrayLike | None = None) -> Floats:
@@ -74,18 +73,14 @@ def phase_collinearity(raw: Shapes, stated: ArrayLike | None = None) -> Floats:
     n_modes = raw.shape[-1]
     if np.iscomplexobj(raw):
         if stated is not None:
-            raise ValueError(
-                "phase_collinearity: it is computed from complex shapes; leave it out"
-            )
+            raise ValueError("phase_collinearity: complex shapes give it; leave it out")
         unit = raw / np.abs(raw).max(axis=0)
         ratio = np.abs((unit * unit).sum(axis=0)) / (np.abs(unit) ** 2).sum(axis=0)
         stated = np.minimum(ratio**2, 1.0)  # above 1 by rounding only
     stated = [1.0] * n_modes if stated is None else stated
     mpc = checks.real_array("phase_collinearity", stated)
     if mpc.shape != (n_modes,) or mpc.min() < 0 or mpc.max() > 1:
-        raise ValueError(
-            f"phase_collinearity: expected {n_modes} numbers from 0 to 1, got {mpc}"
-        )
+        raise ValueError(f"phase_collinearity: expected {n_modes} in [0, 1], got {mpc}")
     return mpc
 
 
@@ -145,10 +140,9 @@ def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
     if value is None:
         return None
     matrix = checks.real_array("covariance", value, 2)
-    if matrix.shape != (n_modes, n_modes):
-        raise ValueError(
-            f"covariance: expected shape {(n_modes, n_modes)}, got {matrix.shape}"
-        )
+    shape = (n_modes, n_modes)
+    if matrix.shape != shape:
+        raise ValueError(f"covariance: expected shape {shape}, got {matrix.shape}")
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)
     return 0.5 * (matrix + matrix.T)  # printed digits are rounded
@@ -160,9 +154,7 @@ def labels(value: Sequence[str] | None, n_sensors: int) -> tuple[str, ...]:
         return tuple(f"s{i + 1}" for i in range(n_sensors))
     names = checks.parameter_names("sensors", value)
     if len(names) != n_sensors:
-        raise ValueError(
-            f"sensors: expected a label for each of {n_sensors} sensors, got {names}"
-        )
+        raise ValueError(f"sensors: expected {n_sensors} labels, got {names}")
     return names
 
 
@@ -178,9 +170,7 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
     if places.shape != (n_sensors,):
-        raise ValueError(
-            f"dofs: expected one for each of {n_sensors} sensors, got {places.shape}"
-        )
+        raise ValueError(f"dofs: expected {n_sensors} DOFs, got {places.shape}")
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
         raise ValueError(
             f"dofs: expected distinct DOFs, numbers from 0, got {places.tolist()}; "
@@ -196,8 +186,7 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
     n_tests, n_modes = tests.shape
     if n_tests < 2 or not n_modes:
         raise ValueError(
-            "frequencies: expected (n_tests, n_modes) with at least two tests, got "
-            f"{tests.shape}"
+            f"frequencies: expected (n_tests >= 2, n_modes), got {tests.shape}"
         )
     if correlated and n_tests <= n_modes:
         raise ValueError(

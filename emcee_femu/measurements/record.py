@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .. import checks
-from ..interfaces import Floats
 from ..table import Parts, Report, Table
 from . import csv_files, modes, uff
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Measurements(Report):
     r"""Measured modes, in ascending order of frequency.
 
@@ -45,6 +41,10 @@ class Measurements(Report):
         damping: Damping ratios, ``(n_modes,)``, or None if unknown.
         damping_sd: Their standard deviations, ``(n_modes,)``.
 
+    Attributes:
+        n_modes: The number of measured modes.
+        n_sensors: The number of sensors, 0 where there are no shapes.
+
     Raises:
         TypeError: If an argument does not hold numbers of the kind described.
         ValueError: If modes are not ascending, 0 Hz, NaN or listed twice; a shape is
@@ -69,17 +69,6 @@ class Measurements(Report):
         ----------------------------
     """
 
-    frequencies: Floats
-    sd: Floats | None
-    covariance: Floats | None
-    shapes: Floats | None
-    shape_sd: Floats | None
-    sensors: tuple[str, ...]
-    dofs: NDArray[Any] | None
-    phase_collinearity: Floats | None
-    damping: Floats | None
-    damping_sd: Floats | None
-
     def __init__(
         self,
         frequencies: ArrayLike,
@@ -101,17 +90,15 @@ class Measurements(Report):
                 "sd, covariance: expected at most one of the two; sd**2 is the "
                 "diagonal of the covariance"
             )
-        for name, value in (
-            ("shape_sd", shape_sd),
-            ("sensors", sensors),
-            ("dofs", dofs),
-            ("phase_collinearity", phase_collinearity),
-        ):
+        of_shapes = dict(shape_sd=shape_sd, sensors=sensors, dofs=dofs)
+        of_shapes |= {"phase_collinearity": phase_collinearity}
+        for name, value in of_shapes.items():
             if shapes is None and value is not None:
                 raise ValueError(f"{name}: expected shapes with it, got none")
-        hertz = modes.frequencies(frequencies)
-        n_modes, n_sensors = len(hertz), 0
-        real = collinearity = there = None
+        self.frequencies = modes.frequencies(frequencies)
+        self.n_modes = n_modes = len(self.frequencies)
+        self.n_sensors = 0
+        self.shapes = self.phase_collinearity = there = None
         if shapes is not None:
             raw = modes.shapes(shapes, n_modes, missing=True)
             if raw.ndim > 2:
@@ -119,29 +106,23 @@ class Measurements(Report):
                     f"shapes: expected (n_sensors, {n_modes}), got {raw.shape}; for "
                     "repeated tests see from_repeats"
                 )
-            n_sensors = len(raw)
-            there = ~np.isnan(raw)
+            self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
             real = (raw * modes.phases(raw)).real
-            collinearity = modes.phase_collinearity(raw, phase_collinearity)
-            modes.warn_about_complex(collinearity)
-        modes.refuse_duplicates(hertz, real)
-        shape_sd = modes.deviations("shape_sd", shape_sd, (n_sensors, n_modes), there)
-        if real is not None and there is not None:
-            real[~there] = np.nan
-        checks.set_fields(
-            self,
-            frequencies=hertz,
-            sd=modes.deviations("sd", sd, (n_modes,)),
-            covariance=modes.covariance(covariance, n_modes),
-            shapes=real,
-            shape_sd=shape_sd,
-            sensors=modes.labels(sensors, n_sensors),
-            dofs=modes.dofs(dofs, n_sensors),
-            phase_collinearity=collinearity,
-            damping=modes.deviations("damping", damping, (n_modes,)),
-            damping_sd=modes.deviations("damping_sd", damping_sd, (n_modes,)),
-        )
+            modes.refuse_duplicates(self.frequencies, real)
+            self.shapes = np.where(there, real, np.nan)
+            self.phase_collinearity = modes.phase_collinearity(raw, phase_collinearity)
+            modes.warn_about_complex(self.phase_collinearity)
+        else:
+            modes.refuse_duplicates(self.frequencies, None)
+        self.sd = modes.deviations("sd", sd, (n_modes,))
+        self.covariance = modes.covariance(covariance, n_modes)
+        shape = self.n_sensors, n_modes
+        self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
+        self.sensors = modes.labels(sensors, self.n_sensors)
+        self.dofs = modes.dofs(dofs, self.n_sensors)
+        self.damping = modes.deviations("damping", damping, (n_modes,))
+        self.damping_sd = modes.deviations("damping_sd", damping_sd, (n_modes,))
 
     @classmethod
     def from_repeats(
@@ -320,18 +301,7 @@ class Measurements(Report):
             >>> Measurements.from_pyoma2(result).frequencies.tolist()
             [3.1, 9.8]
         """
-        fields = uff.read_pyoma2(result, shape_sd)
-        return cls(**fields, sensors=sensors, dofs=dofs)
-
-    @property
-    def n_modes(self) -> int:
-        """The number of measured modes."""
-        return len(self.frequencies)
-
-    @property
-    def n_sensors(self) -> int:
-        """The number of sensors, 0 where there are no shapes."""
-        return len(self.sensors)
+        return cls(**uff.read_pyoma2(result, shape_sd), sensors=sensors, dofs=dofs)
 
     def _parts(self) -> Parts:
         return (self._table(),)

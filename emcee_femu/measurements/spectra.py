@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats
@@ -18,7 +17,6 @@ from .modes import labels
 KINDS = {"acceleration": 0, "velocity": 1, "displacement": 2}  # over i omega, powers
 
 
-@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Spectra(Report):
     r"""Spectral matrices of a record in a band, raw or averaged over segments.
 
@@ -38,6 +36,9 @@ class Spectra(Report):
         sensors: Labels of the channels; None for s1, s2, ...
         kind: What was recorded: "acceleration", "velocity" or "displacement".
 
+    Attributes:
+        psd: The spectral densities of the channels, ``(n_lines, n_channels)``.
+
     Raises:
         TypeError: If an argument does not hold numbers or labels.
         ValueError: If sizes disagree, a number is not finite, a matrix is not Hermitian
@@ -53,12 +54,6 @@ class Spectra(Report):
         >>> spectra.matrices.shape, bool(abs(spectra.psd.mean() - 0.1) < 0.02)
         ((25, 2, 2), True)
     """
-
-    lines: Floats
-    matrices: NDArray[np.complex128]
-    averages: int
-    sensors: tuple[str, ...]
-    kind: str
 
     def __init__(
         self,
@@ -77,21 +72,17 @@ class Spectra(Report):
                 f"matrices: expected ({len(numbers)}, n_channels, n_channels), one "
                 f"matrix of finite numbers for each line, got {D.shape}"
             )
-        diagonal = np.diagonal(D, axis1=1, axis2=2)
+        self.psd: Floats = np.diagonal(D, axis1=1, axis2=2).real
         asymmetry = np.abs(D - D.conj().swapaxes(1, 2)).max()
-        if not (diagonal.real > 0).all() or asymmetry > 1e-8 * diagonal.real.max():
+        if not (self.psd > 0).all() or asymmetry > 1e-8 * self.psd.max():
             raise ValueError(
                 "matrices: expected Hermitian ones with a diagonal above zero, the "
                 "mean of F F^H over segments"
             )
-        checks.set_fields(
-            self,
-            lines=numbers,
-            matrices=D,
-            averages=checks.whole_number("averages", averages, 1),
-            sensors=labels(sensors, D.shape[1]),
-            kind=read_kind(kind, KINDS),
-        )
+        self.lines, self.matrices = numbers, D
+        self.averages = checks.whole_number("averages", averages, 1)
+        self.sensors = labels(sensors, D.shape[1])
+        self.kind = read_kind(kind, KINDS)
 
     @classmethod
     def from_record(
@@ -134,10 +125,8 @@ class Spectra(Report):
             [3.0, 3.02, 5.0]
         """
         x = checks.real_array("record", record, 2)
-        number = checks.real_number("rate", rate)
+        number = checks.positive_array("rate", rate, 0).item()
         averages = checks.whole_number("averages", averages, 1)
-        if number <= 0:
-            raise ValueError(f"rate: expected samples per second, got {number:g}")
         if len(x) <= x.shape[1] or not x.shape[1]:
             raise ValueError(
                 f"record: expected (samples, channels), got {x.shape}; transpose it"
@@ -173,9 +162,3 @@ class Spectra(Report):
                 ("at Hz", ".4g", self.lines[self.psd.argmax(axis=0)]),
             ],
         )
-
-    @property
-    def psd(self) -> Floats:
-        """The spectral densities of the channels, ``(n_lines, n_channels)``."""
-        diagonal: Floats = np.diagonal(self.matrices, axis1=1, axis2=2).real
-        return diagonal

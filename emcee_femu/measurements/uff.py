@@ -21,7 +21,13 @@ AXES = {"r1": "x", "r2": "y", "r3": "z", "r4": "rx", "r5": "ry", "r6": "rz"}
 
 def read_uff(path: Path, sensors: Sequence[str] | None = None) -> dict[str, Any]:
     """Return the arguments of :class:`Measurements` that a universal file holds."""
-    modes = _read_modes(path)
+    sets = read_sets(path, 55)
+    modes = {i: data for i, data in sets.items() if data["analysis_type"] in MODES}
+    if not modes:
+        raise ValueError(
+            f"{path}: expected data sets 55 with normal or complex modes, got "
+            f"{len(sets)} data sets 55 and no mode among them"
+        )
     values = {i: _nodal_values(path, data) for i, data in modes.items()}
     first, *others = values
     for i in others:
@@ -45,9 +51,7 @@ def read_uff(path: Path, sensors: Sequence[str] | None = None) -> dict[str, Any]
         kept = [*checks.parameter_names("sensors", sensors)]
         unknown = set(kept) - set(labels)
         if unknown:
-            raise ValueError(
-                f"sensors: {sorted(unknown)} are not in {path}; there are {labels}"
-            )
+            raise ValueError(f"sensors: {path} has no {sorted(unknown)}, only {labels}")
     fields = {
         "frequencies": np.array([_frequency(data) for data in modes.values()]),
         "shapes": shapes[[labels.index(label) for label in kept]],
@@ -110,18 +114,6 @@ def read_sets(path: Path, number: int) -> dict[int, DataSet]:
         raise ValueError(f"{path}: pyuff cannot read it ({error})") from error
 
 
-def _read_modes(path: Path) -> dict[int, DataSet]:
-    """Return the data sets 55 that are modes, by their place in the file."""
-    sets = read_sets(path, 55)
-    modes = {i: data for i, data in sets.items() if data["analysis_type"] in MODES}
-    if not modes:
-        raise ValueError(
-            f"{path}: expected data sets 55 with normal or complex modes, got "
-            f"{len(sets)} data sets 55 and no mode among them"
-        )
-    return modes
-
-
 def _frequency(data: DataSet) -> float:
     """Return Hz: as stated, or the undamped frequency of an eigenvalue in rad/s."""
     normal = data["analysis_type"] == 2
@@ -138,9 +130,7 @@ def _nodal_values(path: Path, data: DataSet) -> dict[str, complex]:
             f"{data['n_data_per_node']} at {len(nodes)} nodes"
         )
     if len(set(nodes)) < len(nodes):
-        raise ValueError(
-            f"{path}, data set 55: a node appears twice, nodes are {nodes}"
-        )
+        raise ValueError(f"{path}, data set 55: a node appears twice: {nodes}")
     return {
         f"{node}:{AXES[key]}": data[key][i]
         for i, node in enumerate(nodes)
@@ -163,10 +153,15 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
     kinds, values = {}, {}
     for i, data in functions.items():
         if not np.array_equal(data["x"], lines):
+            raise ValueError(f"{path}, data set {i}: other lines than data set {first}")
+        above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
+        if above not in ORDINATES or below != FORCE:
             raise ValueError(
-                f"{path}, data set {i}: its lines are not those of data set {first}"
+                f"{path}, data set {i}: expected displacement, velocity or acceleration"
+                f" (types {list(ORDINATES)}) over force ({FORCE}), got type {above} "
+                f"over {below}"
             )
-        kinds[i] = _find_kind(path, i, data)
+        kinds[i] = ORDINATES[above]
         channel, sign = _find_channel(data)
         if channel in values:
             raise ValueError(f"{path}, data set {i}: {'/'.join(channel)} appears twice")
@@ -188,22 +183,9 @@ def read_uff58(path: Path, averages: int | None) -> dict[str, Any]:
     }
     missing = ["/".join(channel) for channel in values if channel not in coherences]
     if missing:
-        raise ValueError(
-            f"averages: {path} has no coherence of {missing}; leave it out"
-        )
+        raise ValueError(f"averages: {path} has no coherence of {missing}; omit it")
     coherence = np.array([coherences[channel] for channel in values])
     return {**fields, "coherence": coherence, "averages": averages}
-
-
-def _find_kind(path: Path, i: int, data: DataSet) -> str:
-    above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
-    if above not in ORDINATES or below != FORCE:
-        raise ValueError(
-            f"{path}, data set {i}: expected displacement, velocity or acceleration "
-            f"(types {list(ORDINATES)}) over force ({FORCE}), got type {above} over "
-            f"{below}"
-        )
-    return ORDINATES[above]
 
 
 def _find_channel(data: DataSet) -> tuple[tuple[str, str], float]:

@@ -18,8 +18,8 @@ from ..interfaces import (
     modal_variables,
 )
 from .eigen_dense import Eigenproblem
-from .eigen_sparse import SparseEigenproblem, check_mass
-from .inputs import Dofs, Matrix, choose_dofs, describe, read_batch, read_matrix
+from .eigen_sparse import SparseEigenproblem
+from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
 STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
 MOST = 10**9  # DOFs, before it is known how many there are
@@ -166,34 +166,27 @@ class AssembledModel:
         return ModalSolution(frequencies, shapes), derivatives
 
     def _solve_one(
-        self, row: dict[str, float], by: tuple[str, ...], where: Callable[[int], str]
+        self, row: dict[str, float], by: tuple[str, ...], where: Where
     ) -> tuple[ModalSolution, Derivatives]:
         K, M = ([matrix] for matrix in self.matrices(row))
         for name in by:
             step = STEP * (abs(row[name]) or 1.0)
-            ahead, behind = (
-                self.matrices(row | {name: row[name] + move}) for move in (step, -step)
-            )
+            sides = [row | {name: row[name] + move} for move in (step, -step)]
+            ahead, behind = map(self.matrices, sides)
             for units, high, low in zip((K, M), ahead, behind, strict=True):
                 units.append((high - low) / (2 * step))
+        label = f"the mass matrix at {where(0)}"
         problem: SparseEigenproblem | Eigenproblem
         if issparse(K[0]):
-            check_mass(M[0], f"the mass matrix at {where(0)}")
             K, M = ([csc_array(unit) for unit in units] for units in (K, M))
-            problem = SparseEigenproblem(K, M, self.n_modes, self.skip, self.shape_dofs)
+            wanted = self.n_modes, self.skip, self.shape_dofs
+            problem = SparseEigenproblem(K, M, *wanted, label)
         else:
-            wanted = self.skip + np.arange(self.n_modes)
-            output = self._output
+            selected, output = self.skip + np.arange(self.n_modes), self._output
             if output is None:
                 output = np.eye(len(K[0]))[list(self.shape_dofs)]
-            try:
-                problem = Eigenproblem(
-                    np.array(K), np.array(M), wanted, self.skip, output
-                )
-            except np.linalg.LinAlgError:
-                raise ValueError(
-                    f"the mass matrix is not positive definite at {where(0)}"
-                ) from None
+            parts = np.array(K), np.array(M), selected, self.skip, output
+            problem = Eigenproblem(*parts, label)
         still = np.zeros((1, len(by)))
         each = np.eye(len(by))[:, None]
         slopes = {name: (one, one) for name, one in zip(by, each, strict=True)}

@@ -70,10 +70,8 @@ class Coefficients:
     def slopes(self, parameters: Parameters) -> dict[str, tuple[Floats, ...]]:
         """Return how they change with each parameter, ``(n, n_units)`` of each sum."""
         values, n = read_batch(parameters, self.names)
-        slopes = {
-            name: tuple(np.zeros((n, len(part))) for part in self.parts)
-            for name in self.names
-        }
+        shapes = [(n, len(part)) for part in self.parts]
+        slopes = {name: tuple(map(np.zeros, shapes)) for name in self.names}
         for sum_, part in enumerate(self.parts):
             for unit, (label, coefficient) in enumerate(part.items()):
                 for name in coefficient[0]:
@@ -123,10 +121,8 @@ def _differentiate(
     return change / step
 
 
-def _evaluate(
-    label: str, coefficient: Coefficient, values: Parameters, n: int
-) -> Floats:
-    named, function = coefficient
+def _evaluate(label: str, factor: Coefficient, values: Parameters, n: int) -> Floats:
+    named, function = factor
     if function is None:
         return values[label]
     result = function(**{name: values[name] for name in named})

@@ -18,14 +18,14 @@ Source: Fox and Kapoor, AIAA J. 6 (1968) 2426, doi:10.2514/3.5008.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
-from .inputs import Matrix
+from .inputs import Matrix, Where
 
 EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
@@ -53,6 +53,10 @@ class Eigenproblem:
         skip: Number of rigid-body modes, checked at each solve.
         output: Maps mass-normalised shapes to what is returned of them, ``(n_out, N)``;
             without rows for frequencies alone.
+        label: What M0 is called in a message.
+
+    Raises:
+        ValueError: If the mass is constant and not positive definite.
     """
 
     def __init__(
@@ -62,16 +66,21 @@ class Eigenproblem:
         selected: NDArray[np.intp],
         skip: int,
         output: Floats,
+        label: str = "M0",
     ) -> None:
         self.selected, self.skip, self.folded = selected, skip, len(M) == 1
         self.K, self.M, self.output = K, M, output
         if self.folded:  # from here on y stands for the shapes
-            inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
+            try:
+                inverse = np.linalg.inv(np.linalg.cholesky(M[0]))
+            except np.linalg.LinAlgError:
+                raise ValueError(
+                    f"{label} is not positive definite: remove massless DOFs by static "
+                    "condensation, or give scipy.sparse matrices"
+                ) from None
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 
-    def solve(
-        self, k: Floats, m: Floats, describe: Callable[[int], str]
-    ) -> ModalSolution:
+    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``.
 
         ``describe(i)`` names parameter set i in an error message.
@@ -80,7 +89,7 @@ class Eigenproblem:
         return self._select(eigenvalues, shapes)
 
     def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Callable[[int], str]
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
     ) -> tuple[ModalSolution, Derivatives]:
         """Return what :meth:`solve` does, and its derivatives, from one solve.
 
@@ -105,16 +114,14 @@ class Eigenproblem:
         )
         gaps = squares - eigenvalues[:, :, None]
         inverse = np.where(together, 0.0, 1.0 / np.where(together, 1.0, gaps))
+        scale = 8 * np.pi**2 * solution.frequencies
         derivatives: Derivatives = {"frequency": {}}
         if shaped:
             derivatives["shapes"] = {}
         for name, (by_k, by_m) in slopes.items():
             T = _weigh(in_M, by_m)
             H = _weigh(in_K, by_k) - squares * T
-            of_square = H[:, diagonal, count]
-            derivatives["frequency"][name] = of_square / (
-                8 * np.pi**2 * solution.frequencies
-            )
+            derivatives["frequency"][name] = H[:, diagonal, count] / scale
             if shaped:
                 turn = inverse * H - 0.5 * together * T
                 derivatives["shapes"][name] = self.output @ (every @ turn)
@@ -125,12 +132,11 @@ class Eigenproblem:
         frequencies = np.sqrt(eigenvalues.take(self.selected, axis=1)) / (2 * np.pi)
         if not len(self.output):
             return ModalSolution(frequencies)
-        return ModalSolution(
-            frequencies, self.output @ shapes.take(self.selected, axis=2)
-        )
+        wanted = shapes.take(self.selected, axis=2)
+        return ModalSolution(frequencies, self.output @ wanted)
 
     def _decompose(
-        self, k: Floats, m: Floats, describe: Callable[[int], str], vectors: bool
+        self, k: Floats, m: Floats, describe: Where, vectors: bool
     ) -> tuple[Floats, Floats]:
         """Return eigenvalues, and shapes, none unless ``vectors``."""
         A, basis = combine(self.K, k), self.K[:0]  # folded: the shapes are y
@@ -160,19 +166,14 @@ class Eigenproblem:
         return eigenvalues, y if self.folded or not vectors else basis @ y
 
     def _find_clusters(
-        self,
-        eigenvalues: Floats,
-        shapes: Floats,
-        slopes: Slopes,
-        describe: Callable[[int], str],
+        self, eigenvalues: Floats, shapes: Floats, slopes: Slopes, describe: Where
     ) -> NDArray[np.bool_]:
         """Return which modes coincide with each wanted one, ``(n, N, m)``."""
         rounding = EPS * np.sqrt(eigenvalues.shape[1]) * eigenvalues[:, -1:]
         least = np.maximum(REPEATED * eigenvalues[:, 1:], rounding)
         clusters = np.zeros(eigenvalues.shape, dtype=np.intp)
         clusters[:, 1:] = np.cumsum(np.diff(eigenvalues) > least, axis=1)
-        together: NDArray[np.bool_]
-        together = clusters[:, :, None] == clusters[:, None, self.selected]
+        together = np.equal(clusters[:, :, None], clusters[:, None, self.selected])
         for row, column in np.argwhere(together.sum(axis=1) > 1).tolist():
             members = np.flatnonzero(together[row, :, column])
             first = int(members[0])
@@ -184,7 +185,7 @@ class Eigenproblem:
                 at_row(slopes, row),
                 describe(row),
             )
-        return together
+        return np.asarray(together)
 
 
 def _weigh(parts: Floats, weights: Floats) -> Floats:
@@ -205,7 +206,7 @@ def combine(terms: Floats, coefficients: Floats) -> Floats:
 
 
 def check_elastic(
-    eigenvalues: Floats, rounding: Floats, skip: int, describe: Callable[[int], str]
+    eigenvalues: Floats, rounding: Floats, skip: int, describe: Where
 ) -> None:
     """Raise ValueError unless exactly ``skip`` eigenvalues are zero, in each row.
 

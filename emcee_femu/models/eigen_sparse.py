@@ -13,7 +13,7 @@ Source: Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211.
 """
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -22,15 +22,9 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
-from .eigen_dense import (
-    EPS,
-    REPEATED,
-    Slopes,
-    at_row,
-    check_elastic,
-    refuse_parting,
-)
+from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
 from .factorization import Factor, factor_definite, factor_indefinite
+from .inputs import Where
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
@@ -61,9 +55,8 @@ class SparseSum:
         pattern, row = np.unique(np.concatenate(places), return_inverse=True)
         number = np.repeat(np.arange(len(terms)), [len(own) for own in places])
         data = np.concatenate([e.data for e in entries])
-        self.numbers = csc_array(
-            (data, (row, number)), shape=(len(pattern), len(terms))
-        )
+        shape = len(pattern), len(terms)
+        self.numbers = csc_array((data, (row, number)), shape=shape)
         ends = np.searchsorted(pattern, self.size * np.arange(self.size + 1))
         self.pattern = (pattern % self.size).astype(np.int32), ends.astype(np.int32)
 
@@ -94,6 +87,7 @@ class SparseEigenproblem:
         n_modes: How many elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
         dofs: Where mass-normalised shapes are wanted; empty for none.
+        label: What M0 is called in a message.
 
     Attributes:
         stiffness: K as a function of its coefficients ``(n_k,)``.
@@ -110,14 +104,15 @@ class SparseEigenproblem:
         n_modes: int,
         skip: int = 0,
         dofs: Sequence[int] = (),
+        label: str = "M0",
     ) -> None:
         self.K, self.M, self.n_modes, self.skip = tuple(K), tuple(M), n_modes, skip
         self.dofs = np.array(dofs, dtype=np.intp)
         self.stiffness, self.mass = SparseSum(K), SparseSum(M)
+        if len(M) == 1:
+            check_mass(M[0], label)
 
-    def solve(
-        self, k: Floats, m: Floats, describe: Callable[[int], str]
-    ) -> ModalSolution:
+    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``, one by one.
 
         ``describe(i)`` names parameter set i in an error message.
@@ -125,7 +120,7 @@ class SparseEigenproblem:
         return self.jacobian(k, m, {}, describe)[0]
 
     def jacobian(
-        self, k: Floats, m: Floats, slopes: Slopes, describe: Callable[[int], str]
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
     ) -> tuple[ModalSolution, Derivatives]:
         """Return what :meth:`solve` does, and its derivatives, from one solve.
 
@@ -139,14 +134,15 @@ class SparseEigenproblem:
         changes = np.empty((len(slopes), n, count))
         turns = np.empty((len(slopes), *shapes.shape))
         for i in range(n):
-            values, phi = self.lowest(k[i], m[i], self.skip + count, describe(i))
+            K, M, where = self.stiffness(k[i]), self.mass(m[i]), describe(i)
+            if len(self.M) > 1:
+                check_mass(M, f"the mass matrix at {where}")
+            values, phi = lowest_modes(K, M, self.skip + count, self.skip, where)
             modes = values[self.skip :], phi[:, self.skip :]
             frequencies[i], shapes[i] = np.sqrt(modes[0]) / (2 * np.pi), modes[1][dofs]
             if slopes:
-                matrices = self.stiffness(k[i]), self.mass(m[i])
-                changes[:, i], turns[:, i] = self._differentiate(
-                    matrices, modes, at_row(slopes, i), describe(i)
-                )
+                at = at_row(slopes, i)
+                changes[:, i], turns[:, i] = self._differentiate(K, M, modes, at, where)
         changes /= 8 * np.pi**2 * frequencies
         derivatives = {"frequency": dict(zip(slopes, changes, strict=True))}
         if len(dofs):
@@ -154,17 +150,13 @@ class SparseEigenproblem:
         return ModalSolution(frequencies, shapes if len(dofs) else None), derivatives
 
     def _differentiate(
-        self,
-        matrices: tuple[csc_array, csc_array],
-        modes: Pairs,
-        slopes: Slopes,
-        where: str,
+        self, K: csc_array, M: csc_array, modes: Pairs, slopes: Slopes, where: str
     ) -> tuple[Floats, Floats]:
         """Return derivatives of eigenvalues ``(d, m)`` and shapes ``(d, n_dof, m)``.
 
         Of one parameter set, with its K and M; modes that coincide are one cluster.
         """
-        (K, M), (eigenvalues, shapes), dofs = matrices, modes, self.dofs
+        (eigenvalues, shapes), dofs = modes, self.dofs
         units = [*self.K[1:], *self.M[1:]]
         weights = [np.array([*part]) for part in zip(*slopes.values(), strict=True)]
         size = np.abs(shapes)
@@ -199,23 +191,11 @@ class SparseEigenproblem:
                 turns[:, :, cluster] = turn
         return changes, turns
 
-    def lowest(self, k: Floats, m: Floats, count: int, where: str) -> Pairs:
-        """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
 
-        Rigid-body modes are included; ``where`` names the parameters in an error.
-        """
-        K, M = self.stiffness(k), self.mass(m)
-        if len(self.M) > 1:
-            check_mass(M, f"the mass matrix at {where}")
-        return lowest_modes(K, M, count, self.skip, where)
-
-
-def lowest_modes(
-    K: csc_array, M: csc_array, count: int, skip: int, where: str
-) -> Pairs:
+def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> Pairs:
     """Return the lowest eigenvalues ``(count,)`` and mass-normalised vectors.
 
-    Rigid-body modes are included; ``where`` names the parameters in an error.
+    Rigid-body modes are included; ``at`` names the parameters in an error.
     """
     massive = np.count_nonzero(M.diagonal())
     if count > massive:
@@ -223,13 +203,13 @@ def lowest_modes(
             f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
             f"got {count}"
         )
-    values, vectors = _solve_shifted(K, M, count, skip, where)
+    values, vectors = _lanczos(K, M, count, skip, at)
     # The strain energy of a rigid motion is a difference of large terms: what is
     # left of it is rounding of their size. (A bound by the largest eigenvalue
     # would refuse models with penalty springs or tiny masses.)
     largest = np.abs(vectors[:, skip])
     rounding = 10 * EPS * np.array([largest @ (abs(K) @ largest)])
-    check_elastic(values[None], rounding, skip, lambda _: where)
+    check_elastic(values[None], rounding, skip, lambda _: at)
     return values, vectors
 
 
@@ -256,9 +236,7 @@ def check_complete(K: csc_array, M: csc_array, values: Floats, where: str) -> No
         )
 
 
-def _solve_shifted(
-    K: csc_array, M: csc_array, count: int, skip: int, where: str
-) -> Pairs:
+def _lanczos(K: csc_array, M: csc_array, count: int, skip: int, where: str) -> Pairs:
     """Return the pairs nearest to ``-sigma``, ascending.
 
     Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to

@@ -1,37 +1,25 @@
-"""Matrices that a program exports at several values of parameters, as polynomials."""
+"""Matrices of an FE program, what their rows are, and polynomials through several."""
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array, issparse
 
 from .. import checks
+from ..table import Parts, Report
 from .coefficients import Power, Unit
 from .geometry import Geometry
 from .inputs import Matrix, read_matrix
 
-
-@runtime_checkable
-class Matrices(Protocol):
-    """What a file or a program holds, as read_matrices and from_opensees return it."""
-
-    @property
-    def matrices(self) -> Mapping[str, csc_array]:
-        """``"K"``, ``"M"`` and others."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """The names of all DOFs; none if they are not known."""
-
-    @property
-    def geometry(self) -> Geometry | None:
-        """Nodes and lines for pictures."""
-
-
-# K alone, (K, M), or what a file holds.
-Export: TypeAlias = Matrix | tuple[Matrix | None, ...] | Matrices
+DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # 1 to 6 in FE programs
+WORDS = (*DIRECTIONS, "x", "y", "z", "rotx", "roty", "rotz")
+NAMES = {word: number % 6 + 1 for number, word in enumerate(WORDS)}
+FORM = re.compile(r"\s*(?:node)?\s*(-?\d+)\s*[:, ]\s*(\w+)\s*", re.I)
 # Entries of exports are compared with sqrt(d_i d_j), d the diagonal: units and stiff
 # parts of a model do not matter then.
 NOISE = 1e-12  # what is left of entries that did not change, and is dropped
@@ -39,6 +27,128 @@ UNCHANGED = 1e-9  # a matrix that differs by less is the same
 CURVED = 1e-6  # share of a change by which it may be off a polynomial
 POWERS = 1, 2, 3  # of a parameter
 FEW = 200  # DOFs of Matrices up to which dense ones are solved faster, in batches
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Matrices(Report):
+    """Symmetric matrices of one FE model, and what their rows are.
+
+    :func:`read_matrices` makes it, and so do :func:`from_opensees`,
+    :func:`from_pynite` and :func:`from_skfem`. K and M go to a :class:`MatrixModel` as
+    they are.
+
+    Attributes:
+        matrices: ``{name: csc_array (N, N)}``; ``"K"`` and ``"M"``, and others by the
+            names that they have in the files.
+        nodes: Node and direction of each row, ``(N, 2)``: numbers (directions 1 to 6),
+            or text where a program has names for them; None where the format has no
+            labels.
+        source: The file that was given, or the program.
+        geometry: Nodes and lines for pictures, where a program tells; None of files.
+
+    Examples:
+        >>> import numpy as np
+        >>> from scipy.sparse import csc_array
+        >>> from emcee_femu.fe_files.matrices import Matrices
+        >>> K = csc_array([[3.0, -1.0], [-1.0, 1.0]])
+        >>> nodes = np.array([[12, 1], [12, 3]])  # node, direction
+        >>> exported = Matrices({"K": K, "M": csc_array(np.eye(2))}, nodes, "beam.mtx")
+        >>> exported.labels, exported.dofs("12:uz")
+        (('12:ux', '12:uz'), 1)
+    """
+
+    matrices: Mapping[str, csc_array]
+    nodes: NDArray[Any] | None
+    source: str
+    geometry: Geometry | None = None
+
+    @property
+    def K(self) -> csc_array:
+        """The stiffness, ``(N, N)``."""
+        return self._get("K")
+
+    @property
+    def M(self) -> csc_array:
+        """The mass, ``(N, N)``."""
+        return self._get("M")
+
+    @property
+    def size(self) -> int:
+        """The number of DOFs, N."""
+        return int(next(iter(self.matrices.values())).shape[0])
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names of all DOFs, such as ``"12:uz"``; none if they are not known."""
+        rows = [] if self.nodes is None else self.nodes.tolist()
+        return tuple(write_name(*dof) for dof in rows)
+
+    @property
+    def moving_mass(self) -> dict[str, float]:
+        """The mass that moves with all nodes along ux, uy and uz, without the supports.
+
+        ``r^T M r`` with 1 at the DOFs of one direction; compare it with what you know.
+        """
+        axes = [label.rpartition(":")[2] for label in self.labels]
+        there = [axis for axis in DIRECTIONS[:3] if axis in axes]
+        moves = {axis: np.equal(axes, axis).astype(float) for axis in there}
+        return {axis: float(x @ self.M @ x) for axis, x in moves.items()}
+
+    def dofs(self, names: str | Sequence[str] | NDArray[Any]) -> Any:
+        """Return the row of a DOF, or those of several as an array, in the order given.
+
+        Args:
+            names: ``"node 12 z"`` or ``"12:uz"``, with directions x y z, ux uy uz,
+                rx ry rz or a number, 1 to 6; one of the ``labels`` as it stands, such
+                as ``"roof A:ux"``; or a sequence of such names.
+
+        Raises:
+            TypeError: If a name is not a string.
+            ValueError: If there is no such DOF, or the file has no labels.
+        """
+        single = isinstance(names, str)
+        listed: Any = [names] if single else names
+        wanted = checks.parameter_names("names", listed)
+        if self.nodes is None:
+            raise ValueError(
+                f"names: {self.source} does not say what its rows are; number them "
+                'from 0 yourself, or give a file of labels: read_matrices({"K": ..., '
+                '"M": ..., "dofs": path}) with a line such as 12.3 (node.direction) '
+                "for each row"
+            )
+        rows = find_rows(self.labels, wanted)
+        return int(rows[0]) if single else rows
+
+    def sensors(self, names: Sequence[str] | NDArray[Any]) -> dict[str, int]:
+        """Return ``{name: row}``, for ``MatrixModel(..., shapes=...)``.
+
+        The model then names its rows as the test does, and :class:`Measurements` with
+        these names as ``dofs`` are matched in any order.
+        """
+        wanted = checks.parameter_names("names", names)
+        return dict(zip(wanted, self.dofs(wanted).tolist(), strict=True))
+
+    def _parts(self) -> Parts:
+        rows = f"{self.size} DOFs"
+        if self.nodes is not None:
+            rows += f" at {len(np.unique(self.nodes[:, 0]))} nodes"
+        entries = ", ".join(f"{name} ({m.nnz})" for name, m in self.matrices.items())
+        yield f"{self.source}: {rows}; entries: {entries}"
+        if "M" in self.matrices and self.moving_mass:
+            masses = (f"{mass:.6g} along {at}" for at, mass in self.moving_mass.items())
+            yield f"moving mass: {', '.join(masses)}"
+
+    def _get(self, name: str) -> csc_array:
+        if name not in self.matrices:
+            raise AttributeError(
+                f"{self.source} holds {[*self.matrices]}, no {name}; give each file by "
+                'its matrix: read_matrices({"K": ..., "M": ...})'
+            )
+        return self.matrices[name]
+
+
+# K alone, (K, M), or what a file holds.
+Export: TypeAlias = Matrix | tuple[Matrix | None, ...] | Matrices
 
 
 def fit_polynomials(
@@ -135,10 +245,8 @@ def _fit_powers(
                 steps = [[x**p - start**p for p in powers] for x in given]
                 scale = np.abs(steps).max(axis=0)  # powers of 2e11, beside others
                 weights = np.linalg.pinv(steps / scale)
-                shares = [_add(row, changes) for row in weights]
-                terms = [
-                    _drop(A, whole) / s for A, s in zip(shares, scale, strict=True)
-                ]
+                parts = [_add(row, changes) for row in weights]
+                terms = [_drop(A, whole) / s for A, s in zip(parts, scale, strict=True)]
                 off = [
                     _scale(_add([1.0, *-np.array(row)], [change, *terms]), size).max()
                     for row, change, size in zip(steps, changes, sizes, strict=True)
@@ -167,8 +275,7 @@ def _fit_powers(
 
 def _add(weights: Iterable[float], matrices: Iterable[csc_array]) -> csc_array:
     """Return the weighted sum of matrices."""
-    terms = [w * A for w, A in zip(weights, matrices, strict=True)]
-    return csc_array(sum(terms[1:], terms[0]))
+    return csc_array(sum(w * A for w, A in zip(weights, matrices, strict=True)))
 
 
 def _scale(matrix: csc_array, reference: csc_array) -> csc_array:
@@ -181,3 +288,58 @@ def _scale(matrix: csc_array, reference: csc_array) -> csc_array:
 def _drop(matrix: csc_array, reference: csc_array) -> csc_array:
     """Return a matrix without entries that are noise beside a reference's diagonal."""
     return csc_array(matrix.multiply(_scale(matrix, reference) > NOISE))
+
+
+def read_name(name: str) -> str:
+    """Return the label of ``"node 12 z"``, ``"12:uz"`` or ``"12 3"``: ``"12:uz"``."""
+    match = FORM.fullmatch(name)
+    word = match[2].lower() if match else ""
+    if match and (word in NAMES or word.isdecimal()):
+        return write_name(int(match[1]), NAMES.get(word) or int(word))
+    raise ValueError(
+        f"names: expected a node and a direction such as 'node 12 z' or '12:uz' (out "
+        f"of {' '.join(NAMES)}, or a number), or a label as it stands, got {name!r}"
+    )
+
+
+def write_name(node: int | str, direction: int | str) -> str:
+    """Return the name of a DOF, such as ``"12:uz"``; from 7 on the number is kept."""
+    named: dict[int | str, str] = dict(enumerate(DIRECTIONS, 1))
+    return f"{node}:{named.get(direction, direction)}"
+
+
+def find_rows(labels: Sequence[str], names: Sequence[str]) -> NDArray[np.intp]:
+    """Return the row of each name among the labels of all rows.
+
+    Raises:
+        ValueError: If there is no such node, no such direction at it, or several.
+    """
+    rows = []
+    places: dict[str, list[int]] = {}
+    for row, label in enumerate(labels):
+        places.setdefault(label, []).append(row)
+    for name in names:
+        label = name if name in places else read_name(name)
+        at = places.get(label, [])
+        if not at:
+            node = label.rpartition(":")[0]
+            nodes = [other.rpartition(":")[0] for other in places]
+            there = [x for x, y in zip(places, nodes, strict=True) if y == node]
+            raise ValueError(
+                f"names: no DOF {name!r}: "
+                + (
+                    f"node {node} has {there}; the others are held or tied, or the "
+                    "program gives it none"
+                    if there
+                    else f"no node {node} among {len(set(nodes))} nodes, {nodes[0]} to "
+                    f"{nodes[-1]}"
+                )
+            )
+        if len(at) > 1:
+            raise ValueError(
+                f"names: {name!r} is rows {at}: CalculiX makes bricks of "
+                "beams and shells, with several nodes for one; choose one by its row, "
+                f"such as shapes={{{name!r}: {at[0]}}}"
+            )
+        rows.append(at[0])
+    return np.array(rows, dtype=np.intp)

@@ -84,12 +84,8 @@ def _pardiso_pays(A: csc_array) -> bool:
 
 
 def _factor_by_superlu(A: csc_array, threshold: float) -> Factor:
-    factor = splu(
-        A,
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=threshold,
-        options={"SymmetricMode": True},
-    )
+    options = {"SymmetricMode": True}
+    factor = splu(A, "MMD_AT_PLUS_A", threshold, options=options)
     return Factor(factor.solve, int((~(factor.U.diagonal() > 0)).sum()))
 
 

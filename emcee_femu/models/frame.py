@@ -88,9 +88,7 @@ class Section:
                 raise ValueError(f"{name}: expected a parameter name, got ''")
         vector = checks.real_array("orientation", self.orientation, 1)
         if vector.shape != (3,) or not vector.any():
-            raise ValueError(
-                f"orientation: expected a vector (3,) that is not zero, got {vector}"
-            )
+            raise ValueError(f"orientation: expected (3,), not all zero, got {vector}")
 
     @property
     def properties(self) -> dict[str, float | str]:
@@ -158,9 +156,7 @@ class FrameModel:
     ) -> None:
         points = checks.real_array("nodes", nodes, 2)
         if points.shape[1] != 3 or len(points) < 2:
-            raise ValueError(
-                f"nodes: expected two or more, (n_nodes, 3), got {points.shape}"
-            )
+            raise ValueError(f"nodes: expected (n_nodes >= 2, 3), got {points.shape}")
         free = _find_free_dofs(len(points), supports)
         _check_elements(len(points), elements, sections)
         lines = [(first, second) for first, second, _ in elements]
@@ -180,10 +176,8 @@ class FrameModel:
         places = list(chosen.values())
         self._problem: Eigenproblem | SparseEigenproblem
         if len(free) > MOST_DENSE and self.modes[-1] == self.n_modes:
-            sparse_K, sparse_M = ([*map(csc_array, A.values())] for A in (K, M))
-            self._problem = SparseEigenproblem(
-                sparse_K, sparse_M, self.n_modes, skip, places
-            )
+            Ks, Ms = ([*map(csc_array, A.values())] for A in (K, M))
+            self._problem = SparseEigenproblem(Ks, Ms, self.n_modes, skip, places)
         else:
             self._problem = Eigenproblem(
                 np.array([*K.values()]),
@@ -237,8 +231,7 @@ class FrameModel:
 def _multiply(term: Term, values: Parameters) -> Floats | float:
     """Return a product of properties, ``(n,)`` or a number."""
     factors = (values[factor] if isinstance(factor, str) else factor for factor in term)
-    product: Floats | float = math.prod(factors, start=1.0)
-    return product
+    return math.prod(factors, start=1.0)
 
 
 def _assemble(
@@ -252,15 +245,13 @@ def _assemble(
     totals: list[dict[Term, Floats]] = [{(): np.zeros((size, size))} for _ in "KM"]
     for e, (first, second, name) in enumerate(elements):
         section = sections[name]
-        length, axes = local_axes(
-            points[first], points[second], section.orientation, f"elements[{e}]"
-        )
+        start, end = points[[first, second]]
+        length, axes = local_axes(start, end, section.orientation, f"elements[{e}]")
         T = np.kron(np.eye(4), axes)
         dofs = np.r_[6 * first : 6 * first + 6, 6 * second : 6 * second + 6]
         where = np.ix_(dofs, dofs)
-        for total, matrices in zip(
-            totals, (stiffness_matrices(length), mass_matrices(length)), strict=True
-        ):
+        parts = stiffness_matrices(length), mass_matrices(length)
+        for total, matrices in zip(totals, parts, strict=True):
             for product, matrix in matrices.items():
                 term: Term = tuple(section.properties[key] for key in product)
                 factor: Floats | float = 1.0

@@ -16,13 +16,7 @@ from ..interfaces import (
     read,
     read_declared,
 )
-from ..measurements.frf import (
-    KINDS,
-    frf_variable,
-    read_channels,
-    read_kind,
-    read_lines,
-)
+from ..measurements.frf import KINDS, frf_variable, read_channels, read_kind, read_lines
 from .inputs import derive_along
 from .matrix import MatrixModel
 from .static import StaticModel
@@ -109,13 +103,9 @@ class FRFModel:
             )
         unknown = [dof for pair in self.channels for dof in pair if dof not in dofs]
         if unknown:
-            raise ValueError(
-                f"channels: no shapes at the DOF {unknown[0]!r}; there are {dofs}"
-            )
-        self._rows, self._columns = (
-            [dofs.index(dof) for dof in side]
-            for side in zip(*self.channels, strict=True)
-        )
+            raise ValueError(f"channels: no shapes at {unknown[0]!r}, only at {dofs}")
+        sides = zip(*self.channels, strict=True)
+        self._rows, self._columns = ([*map(dofs.index, side)] for side in sides)
         modal = modal_variables(declared["frequency"].size)
         stored = checks.flag("stored", stored)
         self.variables = {
@@ -165,10 +155,8 @@ class FRFModel:
             static, cases, points = self._static
             response, slopes = static.jacobian(parameters)
             flexibility = response["displacement"][:, cases, points]
-            by_static = {
-                name: slope[:, cases, points]
-                for name, slope in slopes["displacement"].items()
-            }
+            of_u = slopes["displacement"].items()
+            by_static = {name: slope[:, cases, points] for name, slope in of_u}
         damping = self._numbers(parameters, len(f))
         by_damping = {
             name: np.ones_like(damping) * [name == x for x in self._damping]
@@ -233,9 +221,7 @@ def _read_damping(damping: Any, n_modes: int) -> tuple[float | str, ...]:
     """Return one for each mode, or a and b: numbers, or names of parameters."""
     if isinstance(damping, Mapping):
         if not damping or {*damping} - {*PROPORTIONAL}:
-            raise ValueError(
-                f"damping: expected {list(PROPORTIONAL)}, got {list(damping)}"
-            )
+            raise ValueError(f"damping: expected {[*PROPORTIONAL]}, got {[*damping]}")
         values = [damping.get(key, 0.0) for key in PROPORTIONAL]
     elif np.ndim(damping) == 0:
         values = [damping] * n_modes
@@ -262,9 +248,8 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
             f"stiffness gives the flexibility, got {type(model).__name__}; take more "
             "modes instead"
         )
-    responses, excitations = (
-        [model.shape_dofs[i] for i in side] for side in (rows, columns)
-    )
+    dofs = model.shape_dofs
+    responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
     loads = {str(dof): {dof: 1.0} for dof in excitations}
     points, functions = [*dict.fromkeys(responses)], model.coefficients.parts[0]
     K = {

@@ -80,14 +80,10 @@ class FunctionModel:
             unknown = Variable({}, stored=False)  # whether there are shapes, and where
             variables = modal_variables(checks.whole_number("n_modes", n_modes, 1))
             variables |= {"shapes": unknown}
-        elif variables is not None and not (
-            isinstance(variables, Mapping)
-            and variables
-            and all(isinstance(value, Variable) for value in variables.values())
-        ):
-            raise TypeError(
-                f"variables: expected {{name: Variable}}, got {variables!r}"
-            )
+        elif variables is not None:
+            checks.mapping("variables", variables, "{name: Variable}")
+            for name in checks.parameter_names("variables", variables):
+                checks.instance(f"variables[{name!r}]", variables[name], Variable)
         self.function, self.n_modes, self.variables = function, n_modes, variables
         self._jacobian = jacobian
 

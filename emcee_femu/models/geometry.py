@@ -52,17 +52,15 @@ class Geometry:
             place = checks.real_array(f"nodes[{node!r}]", given, 1)
             if place.size not in (2, 3):
                 raise ValueError(
-                    f"nodes[{node!r}]: expected two or three coordinates, got {given!r}"
+                    f"nodes[{node!r}]: expected 2 or 3 numbers, got {given!r}"
                 )
             self.nodes[node] = np.append(place, np.zeros(3 - place.size))
         self._by_text = {str(node): node for node in self.nodes}
         if not isinstance(lines, Iterable) or isinstance(lines, str | Mapping):
             raise TypeError(f"lines: expected (node, node) each, got {lines!r}")
-        self.lines = [
-            checks.group(f"lines[{i}]", line, "(node, node)", 2)
-            for i, line in enumerate(lines)
-        ]
-        for i, line in enumerate(self.lines):
+        self.lines: list[tuple[Node, ...]] = []
+        for i, line in enumerate(lines):
+            self.lines.append(checks.group(f"lines[{i}]", line, "(node, node)", 2))
             for node in line:
                 self._check_node(f"lines[{i}]", node)
         self.sensors: dict[Hashable, tuple[Node, Floats]] = {}

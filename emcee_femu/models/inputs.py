@@ -11,8 +11,9 @@ from .. import checks
 from ..interfaces import Derivatives, Floats, Parameters
 
 Matrix: TypeAlias = Floats | csc_array
-# Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set in a message.
-Weights: TypeAlias = tuple[Floats, Floats, Callable[[int], str]]
+Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
+# Of K and of M, (n, n_k) and (n, n_m), and what names a parameter set.
+Weights: TypeAlias = tuple[Floats, Floats, Where]
 Dofs: TypeAlias = Sequence[Hashable] | Mapping[Hashable, Hashable] | NDArray[np.intp]
 
 
@@ -136,9 +137,7 @@ def choose_dofs(
         wanted = [checks.whole_number(argument, dof) for dof in wanted]
     for dof in wanted:
         if dof not in dofs:
-            raise ValueError(
-                f"{argument}: no DOF {dof}; DOFs are {dofs[0]} to {dofs[-1]}"
-            )
+            raise ValueError(f"{argument}: no DOF {dof} among {dofs[0]} to {dofs[-1]}")
     if not wanted or len(set(wanted)) < len(wanted):
         raise ValueError(f"{argument}: expected DOFs, each once, got {wanted}")
     places = [dofs.index(dof) for dof in wanted]
@@ -175,9 +174,7 @@ def read_matrix(
     if matrix.shape != (N, N) or not N:
         raise ValueError(f"{argument}: expected a square matrix, got {matrix.shape}")
     if size not in (None, N):
-        raise ValueError(
-            f"{argument}: expected the shape of K0, {(size, size)}, got {(N, N)}"
-        )
+        raise ValueError(f"{argument}: expected K0's shape {(size,) * 2}, got {(N, N)}")
     gap, largest = abs(matrix - matrix.T).max(), abs(matrix).max()
     if gap > ASYMMETRY * largest:
         raise ValueError(

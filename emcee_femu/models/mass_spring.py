@@ -1,16 +1,18 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
-from .inputs import Dofs, Weights, check_positive
+from .inputs import Dofs, check_positive, columns
 from .matrix import MatrixModel
 
-Spring = tuple[int, int, float | str]
+Spring: TypeAlias = tuple[int, int, float | str]
+Springs: TypeAlias = Mapping[str, Spring]
 
 
 class MassSpringModel:
@@ -46,11 +48,7 @@ class MassSpringModel:
     """
 
     def __init__(
-        self,
-        masses: ArrayLike,
-        springs: Mapping[str, Spring],
-        *,
-        shapes: bool | Dofs = False,
+        self, masses: ArrayLike, springs: Springs, *, shapes: bool | Dofs = False
     ) -> None:
         self.masses = checks.positive_array("masses", masses, 1)
         n = len(self.masses)
@@ -58,9 +56,8 @@ class MassSpringModel:
             raise ValueError("masses: expected at least one, got none")
         checks.mapping("springs", springs, "{name: (node, node, stiffness)}")
         checks.parameter_names("springs", list(springs))
-        self.springs, defaults = dict(springs), _default_stiffnesses(springs)
-        self._defaults = np.array([*defaults.values()])
-        K = {name: np.zeros((n, n)) for name in defaults}
+        self.springs, self._defaults = dict(springs), _default_stiffnesses(springs)
+        K = {name: np.zeros((n, n)) for name in self._defaults}
         for name, (first, second, stiffness) in springs.items():
             b = _incidence(name, first, second, n)
             K[stiffness if isinstance(stiffness, str) else name] += np.outer(b, b)
@@ -72,7 +69,7 @@ class MassSpringModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
-        return self._model.problem.solve(*self._coefficients(parameters))
+        return self._model(self._complete(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by the stiffnesses that are given.
@@ -84,29 +81,22 @@ class MassSpringModel:
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes; see :meth:`MatrixModel.jacobian`.
         """
-        k, m, where = self._coefficients(parameters)
-        stiffnesses = dict(zip(self.bounds, k.T, strict=True))
+        stiffnesses = self._complete(parameters)
         slopes = self._model.coefficients.slopes(stiffnesses)
         read = {name: slopes[name] for name in slopes if name in parameters}
+        k, m, where = self._model.coefficients(stiffnesses)
         return self._model.problem.jacobian(k, m, read, where)
 
-    def _coefficients(self, parameters: Parameters) -> Weights:
-        """Return the coefficients of K and M, and what names a parameter set."""
+    def _complete(self, parameters: Parameters) -> Parameters:
+        """Return the stiffness of every spring that follows no other."""
         values, n = checks.batch(parameters)
-        k = np.empty((n, len(self.bounds)))
-        k[:] = self._defaults
-        for column, name in enumerate(self.bounds):
-            if name in values:
-                k[:, column] = values[name]
-        check_positive(k, [*self.bounds], "stiffness")
-
-        def where(row: int) -> str:
-            return str(dict(zip(self.bounds, k[row].tolist(), strict=True)))
-
-        return k, np.empty((n, 0)), where
+        defaults = {name: np.full(n, k) for name, k in self._defaults.items()}
+        complete = {name: values.get(name, k) for name, k in defaults.items()}
+        check_positive(columns(complete, complete, n), [*complete], "stiffness")
+        return complete
 
 
-def _default_stiffnesses(springs: Mapping[str, Spring]) -> dict[str, float]:
+def _default_stiffnesses(springs: Springs) -> dict[str, float]:
     """Return the default stiffness of each spring that follows no other."""
     defaults = {}
     for name, spring in springs.items():

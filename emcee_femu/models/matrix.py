@@ -12,7 +12,7 @@ from .. import checks
 from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem
-from .eigen_sparse import SparseEigenproblem, check_mass
+from .eigen_sparse import SparseEigenproblem
 from .exports import Export, Matrices, fit_polynomials
 from .geometry import Geometry
 from .inputs import Dofs, Matrix, choose_dofs, read_matrix
@@ -181,20 +181,10 @@ def sparse_problem(model: MatrixModel) -> SparseEigenproblem:
         tuple(csc_array(matrix) for matrix in (constant, *units.values()))
         for constant, units in ((model.K0, model.K), (model.M0, model.M))
     )
-    if not model.M:
-        check_mass(M[0], "M0")
     return SparseEigenproblem(K, M, model.n_modes, model.skip, model.shape_dofs)
 
 
 def _dense_problem(model: MatrixModel) -> Eigenproblem:
-    if not model.M:
-        try:
-            np.linalg.cholesky(model.M0)
-        except np.linalg.LinAlgError:
-            raise ValueError(
-                "M0: expected a positive definite matrix; remove massless DOFs "
-                "by static condensation, or give scipy.sparse matrices"
-            ) from None
     return Eigenproblem(
         np.array([model.K0, *model.K.values()]),
         np.array([model.M0, *model.M.values()]),

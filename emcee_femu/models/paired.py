@@ -19,7 +19,6 @@ from ..interfaces import (
     Floats,
     Model,
     PairedSolution,
-    Pairing,
     Parameters,
     Response,
     SolveError,
@@ -32,6 +31,7 @@ from ..interfaces import (
 from ..measurements import Measurements
 from .inputs import derive_along
 
+Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
 Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
 
@@ -112,9 +112,7 @@ class PairedModel:
         if candidates is None:
             candidates = 2 * n_modes
         self.candidates = checks.whole_number("candidates", candidates, n_modes)
-        self.min_mac = checks.real_number("min_mac", min_mac, 0.0)
-        if self.min_mac > 1:
-            raise ValueError(f"min_mac: expected a number from 0 to 1, got {min_mac}")
+        self.min_mac = checks.real_number("min_mac", min_mac, 0.0, 1.0)
         self.min_gap = checks.real_number("min_gap", min_gap, 0.0)
         size = np.sqrt(np.nansum(measurements.shapes**2, axis=0))
         self._shapes = measurements.shapes / size
@@ -158,27 +156,18 @@ class PairedModel:
     def _pass_on(self, differentiate: Differentiate | None) -> Differentiate | None:
         if differentiate is None:
             return None
-        return partial(self._differentiate_by, differentiate)  # goes to other processes
-
-    def _differentiate_by(
-        self, differentiate: Differentiate, parameters: Parameters
-    ) -> tuple[PairedSolution, Derivatives]:
-        return self._differentiate(*differentiate(parameters))
+        return partial(self._differentiate, differentiate)  # goes to other processes
 
     def _differentiate(
-        self, response: Response, derivatives: Derivatives
+        self, differentiate: Differentiate, parameters: Parameters
     ) -> tuple[PairedSolution, Derivatives]:
-        """Return paired modes and their derivatives, of what the model returned."""
+        """Return paired modes and their derivatives."""
+        response, derivatives = differentiate(parameters)
         modes = self.read_candidates(response)
         chosen, paired = _pair_modes(self._shapes, *modes, self.min_gap)
         names = [*dict.fromkeys(name for by in derivatives.values() for name in by)]
-        gathered = gather_tangents("model: jacobian", response, derivatives, names)
-        missing = [name for name in ("frequency", "shapes") if name not in gathered]
-        if missing:
-            raise ValueError(
-                f"model: its jacobian returned no derivatives of {missing}, by which "
-                "modes are paired; return {variable: {parameter: array}}"
-            )
+        needed = "frequency", "shapes"
+        gathered = gather_tangents("jacobian", response, derivatives, names, needed)
         tangents = (
             np.moveaxis(gathered["frequency"], -1, 0)[..., : self.candidates],
             self._at_sensors(np.moveaxis(gathered["shapes"], -1, 0)),
@@ -194,16 +183,12 @@ class PairedModel:
         slopes = derive_along(pair_again, modes, tangents, steps, names)
         exact = np.take_along_axis(tangents[0], chosen[None], axis=2)
         slopes["frequency"] = dict(zip(names, exact, strict=True))
-        return self._solution(chosen, paired), slopes | {
-            "model_mode": {},
-            "unpaired": {},
-        }
+        slopes |= {"model_mode": {}, "unpaired": {}}
+        return self._solution(chosen, paired), slopes
 
-    def _solution(
-        self, chosen: NDArray[np.intp], paired: dict[str, Floats]
-    ) -> PairedSolution:
-        pairing = Pairing(paired["mac"], chosen + 1, paired["mac"] < self.min_mac)
-        return PairedSolution(paired["frequency"], paired["shapes"], pairing)
+    def _solution(self, chosen: Indices, paired: dict[str, Floats]) -> PairedSolution:
+        f, shapes, mac = paired.values()
+        return PairedSolution(f, shapes, mac, chosen + 1, mac < self.min_mac)
 
     def read_candidates(self, response: Response) -> tuple[Floats, Floats]:
         """Return frequencies and shapes at the sensors of a response's candidates."""
@@ -248,7 +233,7 @@ class PairedModel:
 
 def _match_rows(
     variables: Mapping[str, Variable] | None, measurements: Measurements
-) -> NDArray[np.intp] | None:
+) -> Indices | None:
     """Return where the sensors are among the model's rows, None if unknown."""
     if variables is None:
         return None
@@ -271,7 +256,7 @@ def _match_rows(
     return np.array([places[dof] for dof in sensors])
 
 
-def at_sensors(shapes: Floats, dofs: NDArray[np.intp] | None, n_sensors: int) -> Floats:
+def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
     """Return the rows of a model's shapes that belong to the sensors, in their order.
 
     Args:
@@ -309,8 +294,8 @@ def _pair_modes(
     frequencies: Floats,
     shapes: Floats,
     min_gap: float,
-    chosen: NDArray[np.intp] | None = None,
-) -> tuple[NDArray[np.intp], dict[str, Floats]]:
+    chosen: Indices | None = None,
+) -> tuple[Indices, dict[str, Floats]]:
     """Return one of the candidates for each measured mode, one-to-one by their MAC.
 
     Args:
@@ -347,7 +332,7 @@ def _pair_modes(
         projections = np.empty((len(row), *measured.shape))
         for sensors, modes in alike:
             unit, weights = _scale(shapes[row] * sensors), coupling[at, mode]
-            spanned, projected = _share_shapes(measured[:, modes], unit, weights)
+            spanned, projected = _widen(measured[:, modes], unit, weights)
             mac[row[:, None], modes, mode[:, None]] = spanned
             projections[:, :, modes] = projected
         score = mac + TIE_BREAK * score
@@ -372,9 +357,9 @@ def _scale(shapes: Floats) -> Floats:
     return unit
 
 
-def _choose_one_to_one(score: Floats) -> NDArray[np.intp]:
+def _choose_one_to_one(score: Floats) -> Indices:
     """Return the columns ``(n, p)`` of the best one-to-one choices of ``(n, p, q)``."""
-    best: NDArray[np.intp] = score.argmax(axis=2)
+    best: Indices = score.argmax(axis=2)
     ordered = np.sort(best, axis=1)
     # Where the best ones differ they are the answer, and usually they do.
     repeated = ordered[:, 1:] == ordered[:, :-1]
@@ -401,9 +386,7 @@ def _couple_modes(frequencies: Floats, min_gap: float) -> Floats:
     return coupling
 
 
-def _share_shapes(
-    measured: Floats, unit: Floats, weights: Floats
-) -> tuple[Floats, Floats]:
+def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Floats]:
     r"""Return MAC and shape of coupled modes, widened by those they are coupled to.
 
     .. math:: v = \sum_k c_k q_k q_k^T \phi^m, \qquad

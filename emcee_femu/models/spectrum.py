@@ -1,6 +1,7 @@
 """One mode, or a close pair, that broad-band forces excite."""
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from ..interfaces import Derivatives, Floats, Parameters, Variable
 from ..measurements.spectra import KINDS, Spectra
 from .inputs import derive_along
 
+Reference: TypeAlias = str | Sequence[str] | None  # of all modes, or of each
 WIDEST_DAMPING = (1e-4, 0.2)
 LARGEST_COMPONENT = 2.0  # of a shape, over the reference
 STEP = 1e-5  # of a parameter, relative: no solve adds noise
@@ -56,11 +58,7 @@ class SpectrumModel:
     """
 
     def __init__(
-        self,
-        measured: Spectra,
-        n_modes: int = 1,
-        *,
-        reference: str | Sequence[str] | None = None,
+        self, measured: Spectra, n_modes: int = 1, *, reference: Reference = None
     ) -> None:
         checks.instance("measured", measured, Spectra)
         if checks.whole_number("n_modes", n_modes, 1) > 2:
@@ -102,12 +100,10 @@ class SpectrumModel:
     def _respond(self, *columns: Floats) -> dict[str, Floats]:
         """Return the response to one column of values for each of the names."""
         values = dict(zip(self.names, columns, strict=True))
-        n, f, zeta, ln_S = (
-            len(columns[0]),
-            *(
-                np.stack([values[f"{key}{end}"] for end in self._ends], axis=1)
-                for key in ("f", "zeta", "ln_S")
-            ),
+        n = len(columns[0])
+        f, zeta, ln_S = (
+            np.stack([values[f"{key}{end}"] for end in self._ends], axis=1)
+            for key in ("f", "zeta", "ln_S")
         )
         shapes = np.ones((n, len(self.sensors), self.n_modes))
         for i, end in enumerate(self._ends):
@@ -151,9 +147,7 @@ class SpectrumModel:
         return ranges | {"ln_S_e": noise}
 
 
-def _read_reference(
-    reference: str | Sequence[str] | None, measured: Spectra, n: int
-) -> tuple[str, ...]:
+def _read_reference(reference: Reference, measured: Spectra, n: int) -> tuple[str, ...]:
     """Return a sensor for each mode."""
     if reference is None:
         reference = measured.sensors[int(np.argmax(measured.psd.sum(axis=0)))]

@@ -15,12 +15,7 @@ from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import combine
 from .eigen_sparse import SparseSum
 from .factorization import factor_definite
-from .inputs import (
-    Dofs,
-    Matrix,
-    choose_dofs,
-    read_matrix,
-)
+from .inputs import Dofs, Matrix, choose_dofs, read_matrix
 
 
 class StaticModel:

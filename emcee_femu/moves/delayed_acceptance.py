@@ -1,6 +1,7 @@
 """Delayed acceptance: a cheap posterior screens what the full one then decides."""
 
 from collections.abc import Callable, Iterator
+from typing import TypeAlias
 
 import numpy as np
 from emcee.moves import Move
@@ -12,6 +13,8 @@ from ..interfaces import Floats
 from ..table import Parts, Report
 from .independence import IndependenceMove
 from .proposing import Batch, Propose, ProposingMove, only_propose, refresh
+
+Steps: TypeAlias = int | tuple[int, int]
 
 
 class DelayedAcceptanceMove(ProposingMove, Report):
@@ -71,15 +74,19 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     """
 
     def __init__(
-        self,
-        inner: Move,
-        cheap: Callable[[Floats], ArrayLike],
-        steps: int | tuple[int, int] = 1,
+        self, inner: Move, cheap: Callable[[Floats], ArrayLike], steps: Steps = 1
     ) -> None:
         if not callable(cheap):
             raise TypeError(f"cheap: expected a callable, got {cheap!r}")
         self.inner, self.cheap = only_propose(inner), cheap
-        low, high = self._lengths = _read_steps(steps)
+        ends = steps if isinstance(steps, tuple | list | np.ndarray) else (steps, steps)
+        lengths = [checks.whole_number("steps", end, 1) for end in ends]
+        if len(lengths) != 2 or lengths[0] > lengths[1]:
+            raise ValueError(
+                "steps: expected a whole number, or an interval (low, high) of them "
+                f"with low <= high, got {steps!r}"
+            )
+        low, high = self._lengths = lengths
         self.steps = low if low == high else (low, high)
         self.proposed = self.full_solves = self.accepted = 0
         self._before: tuple[Floats, Floats] | None = None
@@ -179,15 +186,3 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             row = int(np.argmin(log_prob < np.inf))
             raise ValueError(f"cheap: {log_prob[row]} at {theta[row].tolist()}")
         return log_prob
-
-
-def _read_steps(steps: int | tuple[int, int]) -> tuple[int, int]:
-    """Return the least and the largest length that ``steps`` of a move allow."""
-    ends = steps if isinstance(steps, tuple | list | np.ndarray) else (steps, steps)
-    numbers = [checks.whole_number("steps", end, 1) for end in ends]
-    if len(numbers) != 2 or numbers[0] > numbers[1]:
-        raise ValueError(
-            "steps: expected a whole number, or an interval (low, high) of them with "
-            f"low <= high, got {steps!r}"
-        )
-    return numbers[0], numbers[1]

@@ -81,9 +81,7 @@ class DEMCMove(ProposingMove):
         self.gamma0 = (
             None if gamma0 is None else checks.real_number("gamma0", gamma0, 0)
         )
-        self.mode_jump = checks.real_number("mode_jump", mode_jump, 0)
-        if self.mode_jump > 1:
-            raise ValueError(f"mode_jump: expected a probability, got {mode_jump}")
+        self.mode_jump = checks.real_number("mode_jump", mode_jump, 0.0, 1.0)
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that is too small, or that sigma does not fit.
@@ -95,9 +93,7 @@ class DEMCMove(ProposingMove):
                 the dimension and live_dangerously is not set.
         """
         if nwalkers < self.nsplits:
-            raise ValueError(
-                f"nsplits: expected at most nwalkers = {nwalkers}, got {self.nsplits}"
-            )
+            raise ValueError(f"nsplits: expected up to {nwalkers}, got {self.nsplits}")
         at_rest = nwalkers - -(-nwalkers // self.nsplits)
         if at_rest < 2:
             raise ValueError(
@@ -170,5 +166,4 @@ def spread(walkers: Floats) -> Floats:
     mean = weights.dot(walkers)
     variance = weights.dot(walkers * walkers)
     variance -= mean * mean
-    result: Floats = np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance)
-    return result
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0, out=variance), out=variance))

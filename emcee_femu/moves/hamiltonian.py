@@ -229,8 +229,7 @@ class Points(NamedTuple):
     def log_density(self) -> Floats:
         """The joint log density of positions and momenta, ``(k,)``."""
         kinetic = 0.5 * np.einsum("nd,nd->n", self.momenta, self.momenta)
-        density: Floats = self.rows[:, 0] - kinetic
-        return density
+        return np.asarray(self.rows[:, 0] - kinetic)
 
     def take(self, chosen: NDArray[np.bool_]) -> "Points":
         """Return some of them, all if all are chosen."""

@@ -79,10 +79,7 @@ class IndependenceMove(ProposingMove):
 
     @classmethod
     def fit(
-        cls,
-        samples: ArrayLike,
-        components: int | Literal["auto"] = 1,
-        df: float = 8.0,
+        cls, samples: ArrayLike, components: int | Literal["auto"] = 1, df: float = 8.0
     ) -> IndependenceMove:
         """Return the move fitted to draws by expectation-maximisation, then frozen.
 

@@ -92,9 +92,7 @@ class MetropolisMove(ProposingMove):
         draws = checks.real_array("samples", samples, 2)
         n, ndim = draws.shape
         if n <= ndim or not ndim:
-            raise ValueError(
-                f"samples: expected more draws than {ndim} parameters, got {n}"
-            )
+            raise ValueError(f"samples: expected more than {ndim} draws, got {n}")
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
         checks.covariance_factor("samples (their covariance)", covariance)
         return cls(cov=2.38**2 / ndim * covariance)

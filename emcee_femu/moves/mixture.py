@@ -61,10 +61,6 @@ class Mixture:
         heights -= 0.5 * d * np.log(df * np.pi)
         return heights
 
-    @cached_property
-    def _edges(self) -> Floats:
-        return np.cumsum(self.weights)[:-1]
-
     def squared_distances(self, x: Floats) -> Floats:
         """Return the squared Mahalanobis distance ``(n, k)`` of each x ``(n, d)``."""
         standard = (x - self.means[:, None]) @ self.inverses.transpose(0, 2, 1)
@@ -84,14 +80,14 @@ class Mixture:
     def log_density(self, x: Floats) -> Floats:
         """Return the log density ``(n,)`` at ``x (n, d)``."""
         # A hundred times as fast for few points as logsumexp of SciPy.
-        density: Floats = np.logaddexp.reduce(self.log_parts(x), axis=1)
-        return density
+        return np.asarray(np.logaddexp.reduce(self.log_parts(x), axis=1))
 
     def draw(self, random: Generator | RandomState, n: int) -> Floats:
         """Draw ``(n, d)``."""
         several = len(self.weights) > 1
         if several:
-            which = self._edges.searchsorted(random.random(n), side="right")
+            edges = np.cumsum(self.weights)[:-1]
+            which = edges.searchsorted(random.random(n), side="right")
         normal = random.standard_normal((n, self.means.shape[1]))
         normal *= np.sqrt(self.df / random.chisquare(self.df, n))[:, None]
         drawn: Floats
@@ -142,12 +138,8 @@ class Mixture:
             if not alive.any():
                 break
             if not alive.all():
-                belongs, counts, before = (
-                    belongs[:, alive],
-                    counts[alive],
-                    before[alive],
-                )
-                distances = distances[:, alive]
+                belongs, counts = belongs[:, alive], counts[alive]
+                before, distances = before[alive], distances[:, alive]
             pull = belongs * (df + d) / (df + distances)
             means = (pull.T @ x) / pull.sum(axis=0)[:, None]
             apart = x - means[:, None]
@@ -180,9 +172,7 @@ class Mixture:
         n, d = draws.shape
         fewest = PER_PARAMETER * d * (1 if components == "auto" else components)
         if n < fewest or not d:
-            raise ValueError(
-                f"samples: expected at least {fewest} draws, got shape {draws.shape}"
-            )
+            raise ValueError(f"samples: expected {fewest} draws or more, got {n}")
         # Evenly spaced, so that every walker and time of a chain takes part.
         draws = draws[np.linspace(0, n - 1, min(n, MOST_DRAWS)).astype(int)]
         # Whitened by all draws: scales may differ by 1e11, correlations be 0.99999.

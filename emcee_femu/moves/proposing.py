@@ -98,10 +98,8 @@ def only_propose(inner: Move) -> ProposingMove:
     Raises:
         TypeError: If inner is not one of this package, or accepts in its own way.
     """
-    if (
-        isinstance(inner, ProposingMove)
-        and type(inner).propose is ProposingMove.propose
-    ):
+    propose = ProposingMove.propose
+    if isinstance(inner, ProposingMove) and type(inner).propose is propose:
         return inner
     raise TypeError(
         "inner: expected an untempered move of this package that needs no gradient, "
@@ -214,8 +212,7 @@ def temper(log_prob: Floats, log_prior: Floats, beta: float | Floats) -> Floats:
 
     -inf stays -inf for every beta; beta = 1 changes no bit.
     """
-    tempered: Floats = log_prob - (1 - beta) * subtract_log_prior(log_prob, log_prior)
-    return tempered
+    return np.asarray(log_prob - (1 - beta) * subtract_log_prior(log_prob, log_prior))
 
 
 def subtract_log_prior(log_prob: Floats, log_prior: Floats) -> Floats:

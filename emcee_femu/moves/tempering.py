@@ -121,7 +121,7 @@ class TemperedMove(Move):
         block = nwalkers // len(self.betas)
         accepted = self._move(model, state, block)
         for first in model.random.permutation(2):  # both: an exchange needs no solve
-            self._exchange(model.random, state, block, first)
+            self._swap(model.random, state, block, first)
         return state, accepted
 
     def _move(self, model: Model, state: State, block: int) -> NDArray[np.bool_]:
@@ -141,9 +141,7 @@ class TemperedMove(Move):
             accepted[accept_or_reject(model, state, *step)] = True
         return accepted
 
-    def _exchange(
-        self, random: RandomState, state: State, block: int, first: int
-    ) -> None:
+    def _swap(self, random: RandomState, state: State, block: int, first: int) -> None:
         """Offer walkers of every second pair of neighbouring blocks an exchange."""
         colder = np.arange(first, len(self.betas) - 1, 2)
         shape = (len(colder), block)

@@ -21,9 +21,7 @@ def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, floa
         raise ValueError(f"{argument}: expected at least one move, got none")
     pairs = [item for item in listed if isinstance(item, list | tuple)]
     if pairs and (len(pairs) < len(listed) or any(len(pair) != 2 for pair in pairs)):
-        raise TypeError(
-            f"{argument}: expected (move, weight) throughout, got {moves!r}"
-        )
+        raise TypeError(f"{argument}: expected (move, weight) pairs, got {moves!r}")
     weighted = [(item, 1.0) for item in listed]
     if pairs:
         label = f"{argument} (their weights)"

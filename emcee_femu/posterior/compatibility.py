@@ -56,9 +56,7 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
         names = read_declared(reader, "names") or ()
         bounds = read_declared(reader, "bounds") or {}
         if missing := {*names} - {*prior.names}:
-            raise ValueError(
-                f"prior: no parameter {sorted(missing)}, which model or terms need"
-            )
+            raise ValueError(f"prior: no {sorted(missing)}, which model or terms need")
         read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:
             ends = prior.bounds[prior.names.index(name)].tolist()
@@ -66,10 +64,7 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
     unread = [name for name in prior.names if name not in read]
     # A model that declares no names reads what it likes.
     if unread and all(read_declared(model, "names") is not None for model in models):
-        raise ValueError(
-            f"prior: neither a model nor a term reads {unread}; they read "
-            f"{sorted(read)}"
-        )
+        raise ValueError(f"prior: no model or term reads {unread}, only {sorted(read)}")
 
 
 def _check_bounds(

@@ -57,11 +57,7 @@ class Stencil(NamedTuple):
 
 
 def place(
-    prior: Prior,
-    theta: Floats,
-    scale: Floats,
-    step: float = STEP,
-    sides: Sides = SIDES,
+    prior: Prior, theta: Floats, scale: Floats, step: float = STEP, sides: Sides = SIDES
 ) -> Stencil:
     """Return the points about ``theta (n, d)``, none outside the prior's support."""
     (n, d), k = theta.shape, len(sides[0])
@@ -168,9 +164,8 @@ def difference(
         half = (values.shape[2] - width) // 2
         r, sd = slice(width, width + half), slice(width + half, None)
         with np.errstate(all="ignore"):  # of rows that are -inf
-            slope, score = linearize_normal(
-                values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
-            )
+            parts = values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
+            slope, score = linearize_normal(*parts)
         gradient += slope
         scores.append(score)
     # A solve that failed beside a point leaves it without a gradient.

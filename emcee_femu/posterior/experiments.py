@@ -10,6 +10,7 @@ from .. import checks
 from ..interfaces import (
     PLACE,
     WRAP,
+    Batch,
     Floats,
     LikelihoodTerm,
     Model,
@@ -25,6 +26,7 @@ from ..likelihoods.term import Term, as_term, move_along
 from .compatibility import check_terms, declare
 
 Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
+Tests: TypeAlias = Mapping[str, tuple[Model, Terms]]  # by the names of experiments
 Directions: TypeAlias = Mapping[str, Mapping[str, Floats]]  # as spread returns them
 Ask: TypeAlias = Callable[[Parameters], tuple[Response, Directions]]
 
@@ -121,24 +123,16 @@ class Experiment:
         try:
             if derivatives and self.jacobian is not None:
                 response, slopes = self.jacobian(copies())
-                tangents = gather_tangents(
-                    f"{label}: jacobian", response, slopes, names
-                )
                 reads = {name for term in self.terms for name in term.reads or ()}
-                if missing := reads - {*tangents}:
-                    raise ValueError(
-                        f"{label}: jacobian returned no derivatives of {missing}, "
-                        f"which the terms {self.term_names} read; return {{variable: "
-                        "{parameter: array}}, {} for one that does not change"
-                    )
+                tangents = gather_tangents(
+                    f"{label}: jacobian", response, slopes, names, reads
+                )
             if self.spread is not None:  # an emulator: its second call costs nothing
                 response, directions = self.spread(copies())
             elif not derivatives:
                 response = self.model(copies())
-            stored = [
-                self._extract(response, name, shape, n)
-                for name, shape in self.shapes.items()
-            ]
+            shapes = self.shapes.items()
+            stored = [self._extract(response, name, shape, n) for name, shape in shapes]
         except (Exception, SystemExit) as error:
             if not any(PLACE in note for note in getattr(error, "__notes__", ())):
                 add_place(error, name_sets(parameters), [*parameters])
@@ -247,7 +241,7 @@ def expand(
     term: Term,
     parameters: Parameters,
     response: Response,
-    tangents: Mapping[str, Floats],
+    tangents: Batch,
     log_likelihood: Floats,
 ) -> tuple[Floats, Floats]:
     """Return gradient ``(n, q)`` and information ``(n, q, q)`` along the directions."""
@@ -268,14 +262,12 @@ def expand(
     return slope, bend[:, :, None] * np.eye(q)
 
 
-def check_joint(experiments: Mapping[str, tuple[Model, Terms]]) -> None:
+def check_joint(experiments: Tests) -> None:
     """Refuse what is not ``{name: (model, terms)}``."""
     checks.mapping("experiments", experiments, "{name: (model, terms)}")
     for name in checks.parameter_names("experiments", experiments):
         if set(name) & set("./"):
-            raise ValueError(
-                f"experiments: expected names without dots and slashes, got {name!r}"
-            )
+            raise ValueError(f"experiments: no dots or slashes in names, got {name!r}")
         label = f"experiments[{name!r}]"
         checks.group(label, experiments[name], "(model, terms)", 2)
 
@@ -283,9 +275,7 @@ def check_joint(experiments: Mapping[str, tuple[Model, Terms]]) -> None:
 def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
     """Return parameter sets by name, and not all of many."""
     n = len(next(iter(parameters.values())))
-    sets = [
-        {name: float(values[i]) for name, values in parameters.items()}
-        for i in range(min(n, SHOWN))
-    ]
+    shown = range(min(n, SHOWN))
+    sets = [{k: float(v[i]) for k, v in parameters.items()} for i in shown]
     rest = [f"{n - SHOWN} more"] if n > SHOWN else []
     return sets[0] if n == 1 else [*sets, *rest]

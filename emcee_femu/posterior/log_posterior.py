@@ -1,8 +1,8 @@
 """The log-posterior: models, likelihood terms and prior, for a batch of walkers."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from itertools import product
 from typing import Literal, Self, TypeAlias
 
 import numpy as np
@@ -22,9 +22,10 @@ from ..interfaces import (
 from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
 from .derivatives import along_tangents, difference, unstack
-from .experiments import Experiment, Solved, Terms, check_joint, name_sets
+from .experiments import Experiment, Solved, Terms, Tests, check_joint, name_sets
 from .priors import prior_centre, tabulate_prior
 
+Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
 DRAWS = 256  # of the prior, for the scales of derivatives
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
@@ -87,21 +88,12 @@ class LogPosterior(Report):
     """
 
     def __init__(
-        self,
-        model: Model,
-        terms: Terms,
-        prior: Prior,
-        units: Mapping[str, str] | None = None,
+        self, model: Model, terms: Terms, prior: Prior, units: Units = None
     ) -> None:
         self._set({"": (model, terms)}, prior, units)
 
     @classmethod
-    def joint(
-        cls,
-        experiments: Mapping[str, tuple[Model, Terms]],
-        prior: Prior,
-        units: Mapping[str, str] | None = None,
-    ) -> Self:
+    def joint(cls, experiments: Tests, prior: Prior, units: Units = None) -> Self:
         r"""Return the posterior of several experiments that share parameters.
 
         .. math:: \ln p(\theta | D) = \ln p(\theta)
@@ -140,12 +132,7 @@ class LogPosterior(Report):
         self._set(experiments, prior, units)
         return self
 
-    def _set(
-        self,
-        pairs: Mapping[str, tuple[Model, Terms]],
-        prior: Prior,
-        units: Mapping[str, str] | None,
-    ) -> None:
+    def _set(self, pairs: Tests, prior: Prior, units: Units) -> None:
         check_prior(prior)
         self.units = checks.units_by_name("units", units, prior.names)
         self.prior, self.names, self.ndim = prior, prior.names, len(prior.names)
@@ -187,9 +174,7 @@ class LogPosterior(Report):
         """
         if len(self.experiments) > 1:
             names = [experiment.name for experiment in self.experiments]
-            raise ValueError(
-                f"model: there is one for each of {names}; see experiments"
-            )
+            raise ValueError(f"model: one for each of {names}; see experiments")
         return self.experiments[0].model
 
     @property
@@ -206,20 +191,15 @@ class LogPosterior(Report):
         labels = ["log_posterior", "log_prior"]
         labels += [f"log_likelihood[{name}]" for name in self.term_names]
         for name, variable in self.variables.items():
-            for where in product(*variable.coords.values()):
-                labels.append(
-                    f"{name}[{', '.join(map(str, where))}]" if where else name
-                )
+            for at in itertools.product(*variable.coords.values()):
+                labels.append(f"{name}[{', '.join(map(str, at))}]" if at else name)
         return tuple(labels)
 
     def with_models(self, wrap: Callable[[Model], Model]) -> Self:
         """Return the same posterior with wrapped models, which may count solves."""
         other = type(self).__new__(type(self))
-        other._set(
-            {e.name: (wrap(e.model), e.terms) for e in self.experiments},
-            self.prior,
-            self.units,
-        )
+        pairs = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
+        other._set(pairs, self.prior, self.units)
         return other
 
     def parameters(self, theta: Floats) -> Parameters:
@@ -303,28 +283,22 @@ class LogPosterior(Report):
     def _stack(self, theta: Floats, log_prior: Floats, kind: Kind) -> Floats:
         """Return what :meth:`stack` does, inside the prior's support."""
         information = kind == "linearization"
-        derivatives = information or kind == "gradient"
-        if derivatives and not self.differentiable:
+        gradient = information or kind == "gradient"
+        if gradient and not self.differentiable:
             around = partial(self.stack, kind="deviations")
             return difference(self, theta, around, information)
         parameters = self.parameters(theta)
-        solved = [
-            experiment.solve(parameters, self.names, derivatives)
-            for experiment in self.experiments
-        ]
+        solved = [e.solve(parameters, self.names, gradient) for e in self.experiments]
         rows = self._gather(theta, log_prior, solved)
-        if derivatives:
+        if gradient:
             rest = along_tangents(self, theta, rows, solved, information)
             return np.hstack([rows, rest])
         if kind == "rows":
             return rows
-        r, sd = [], []
-        for part in solved:
-            for term in part.terms:
-                if (pair := term.deviations(parameters, part.response)) is not None:
-                    r.append(pair[0])
-                    sd.append(pair[1])
-        return np.hstack([rows, *r, *sd])
+        every = [(t, part.response) for part in solved for t in part.terms]
+        pairs = [term.deviations(parameters, response) for term, response in every]
+        r_and_sd = zip(*filter(None, pairs), strict=True)
+        return np.hstack([rows, *itertools.chain(*r_and_sd)])
 
     def _gather(
         self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
@@ -388,10 +362,8 @@ class LogPosterior(Report):
     @property
     def informative(self) -> bool:
         """Whether Fisher's information comes with the gradient."""
-        return all(
-            term.gaussian or (term.scored and self.differentiable)
-            for term in self.terms
-        )
+        solved = self.differentiable
+        return all(t.gaussian or (t.scored and solved) for t in self.terms)
 
     @cached_property
     def scale(self) -> Floats:
@@ -409,9 +381,7 @@ class LogPosterior(Report):
             return self.rejected()
 
     def start(
-        self,
-        nwalkers: int,
-        seed: int | np.random.SeedSequence | np.random.Generator,
+        self, nwalkers: int, seed: int | np.random.SeedSequence | np.random.Generator
     ) -> Floats:
         """Draw starting positions ``(nwalkers, d)`` from the prior.
 

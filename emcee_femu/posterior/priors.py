@@ -195,9 +195,7 @@ class _Cut:
         with np.errstate(divide="ignore"):  # is an error below
             self._log_mass = np.log(abs(self._stop - self._start))
         if not np.isfinite(self._log_mass):
-            raise ValueError(
-                f"bounds: the marginal of {name!r} has no probability inside its bounds"
-            )
+            raise ValueError(f"bounds: {name!r} has no probability inside its bounds")
 
     def logpdf(self, x: Floats) -> Floats:
         within = (x >= self.low) & (x <= self.high)
@@ -227,17 +225,14 @@ def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
         )
     for name, (low, high) in zip(names, array.tolist(), strict=True):
         if not low < high:
-            raise ValueError(
-                f"bounds: expected low < high for {name!r}, got ({low:g}, {high:g})"
-            )
+            raise ValueError(f"bounds: {name!r} has low >= high, ({low:g}, {high:g})")
     return array
 
 
 def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
     """Return which rows of ``theta (n, d)`` lie inside ``bounds (d, 2)``."""
     within = (theta >= bounds[:, 0]) & (theta <= bounds[:, 1])
-    result: NDArray[np.bool_] = np.logical_and.reduce(within, axis=1)
-    return result
+    return np.asarray(np.logical_and.reduce(within, axis=1))
 
 
 def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:

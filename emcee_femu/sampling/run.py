@@ -10,6 +10,7 @@ from typing import Any, overload
 
 import emcee
 import numpy as np
+from emcee.backends import Backend
 from numpy.typing import ArrayLike
 
 from .. import checks
@@ -20,7 +21,7 @@ from ..evaluation.resume import logger, open_evaluator
 from ..evaluation.samplers import Sampler, describe_moves
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..evaluation.turns import take_turns
-from ..interfaces import Backend, Floats, Move
+from ..interfaces import Floats, Move
 from ..moves.tempering import find_ladder
 from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior

@@ -269,7 +269,7 @@ test = ef.Measurements(
 )
 paired = ef.PairedModel(whole, test, candidates=12, min_gap=0.0)
 inside = np.random.default_rng(1).uniform(*frame.posterior.prior.bounds.T, (500, 6))
-numbers = paired(dict(zip(names, inside.T, strict=True))).pairing.model_modes
+numbers = paired(dict(zip(names, inside.T, strict=True))).model_mode
 switched = (numbers != home).any(axis=1).mean()
 print(f"{100 * switched:.0f} % of the box have another order")
 

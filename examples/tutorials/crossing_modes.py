@@ -107,7 +107,7 @@ print(((measured.T @ nominal) ** 2).round(2))
 paired = ef.PairedModel(model, test, candidates=4)
 draws = prior.sample(np.random.default_rng(0), 2_000)
 sets = {name: draws[:, i] for i, name in enumerate(prior.names)}
-numbers = paired(sets).pairing.model_modes
+numbers = paired(sets).model_mode
 share = (numbers != np.arange(1, 5)).any(axis=1).mean()
 print(f"{100 * share:.0f} % of the draws of the prior have another order")
 
@@ -171,7 +171,7 @@ gaps = {0.0: "mode by mode, min_gap=0", 0.02: "subspace, min_gap=0.02"}
 models = {}
 for gap in gaps:
     models[gap] = ef.PairedModel(square, mixed, candidates=4, min_gap=gap)
-mac = {gap: own(along).pairing.mac[:, 0] for gap, own in models.items()}
+mac = {gap: own(along).mac[:, 0] for gap, own in models.items()}
 for gap, label in gaps.items():
     axes.plot(kx, mac[gap], label=label)
 axes.set(xlabel="kx, with ky = 1", ylabel="MAC of mode 1", ylim=(0, 1.05))

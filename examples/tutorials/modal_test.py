@@ -97,9 +97,9 @@ print(model(nominal).frequencies[0, :6].round(3), "Hz, nominal")
 
 # %%
 paired = ef.PairedModel(model, test)
-pairing = paired(nominal).pairing
+pairing = paired(nominal)
 print("measured modes", np.arange(1, 7))
-print("model's modes ", pairing.model_modes[0])
+print("model's modes ", pairing.model_mode[0])
 print("MAC           ", pairing.mac[0].round(2))
 
 # %% [markdown]
@@ -266,6 +266,6 @@ assert set(predicted.column("inside")) == {"yes"}
 finding = ef.identifiability(idata).findings[0]
 assert finding.startswith("The data inform every parameter")
 assert 0.04 < draws["shape error"].values.mean() < 0.08
-assert pairing.mac.min() > 0.9 and [*pairing.model_modes[0]] == [2, 1, 3, 5, 4, 6]
+assert pairing.mac.min() > 0.9 and [*pairing.model_mode[0]] == [2, 1, 3, 5, 4, 6]
 wrong = ef.pairing_table(idata).column("wrong by index in %")
 assert 0.2 < wrong[-1] < 10

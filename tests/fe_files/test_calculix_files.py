@@ -92,7 +92,7 @@ def test_a_test_names_its_sensors_and_the_model_has_them_by_name(tmp_path):
     )
     model = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=read.sensors(points))
     paired = ef.PairedModel(model, measured)({})
-    np.testing.assert_allclose(paired.pairing.mac, 1.0)
+    np.testing.assert_allclose(paired.mac, 1.0)
     np.testing.assert_allclose(paired.shapes[0], solved.shapes[0, ::-1, :2])
     tip = read.dofs(f"{FIRST + 16}:uz")
     full = ef.MatrixModel(read.K, read.M, {}, n_modes=6, shapes=True)({})

@@ -69,11 +69,9 @@ def test_universal_files_are_refused_by_data_set(pyuff, write, tmp_path):
     fewer = a_mode(pyuff, 2, node_nums=NODES[:2], r1=X[:2, 1], r2=Y[:2, 1], r3=Z[:2, 1])
     with pytest.raises(ValueError, match="data set 2: its nodes .* data set 1"):
         Measurements.from_uff(write(a_mode(pyuff, 1), fewer))
-    with pytest.raises(ValueError, match=r"sensors: \['5:x'\] are not in .*\['4:x'"):
+    with pytest.raises(ValueError, match=r"sensors: .*no \['5:x'\], only \['4:x'"):
         Measurements.from_uff(write(a_mode(pyuff, 1)), sensors=["4:x", "5:x"])
-    with pytest.raises(
-        ValueError, match=r"a node appears twice, nodes are \[4, 4, 7\]"
-    ):
+    with pytest.raises(ValueError, match=r"a node appears twice: \[4, 4, 7\]"):
         Measurements.from_uff(write(a_mode(pyuff, 1, node_nums=[4, 4, 7])))
 
 

@@ -92,7 +92,7 @@ def test_modes_of_low_collinearity_are_named_in_a_warning():
         (F, {"shapes": SHAPES.T}, r"shapes: .*got \(3, 4\); transpose them"),
         (F, {"shapes": SHAPES * [1, 0, 1]}, "mode 2 is zero at all sensors"),
         (F, {"shapes": SHAPES, "dofs": [0, 1, 2, 2]}, "dofs: .*distinct"),
-        (F, {"shapes": 1j * SHAPES, "phase_collinearity": F}, "is computed"),
+        (F, {"shapes": 1j * SHAPES, "phase_collinearity": F}, "complex shapes give it"),
     ],
 )
 def test_what_cannot_be_measured_is_refused_by_mode(frequencies, options, message):

@@ -103,8 +103,12 @@ def test_a_failed_assembly_is_a_failed_solve():
     ("result", "error", "message"),
     [
         (np.eye(3), TypeError, r"assemble: expected \(K, M\)"),
-        ((np.eye(3), np.eye(2)), ValueError, "assemble: M: expected the shape of K0"),
-        ((np.eye(3), -np.eye(3)), ValueError, "mass matrix is not positive definite"),
+        ((np.eye(3), np.eye(2)), ValueError, "assemble: M: expected K0's shape"),
+        (
+            (np.eye(3), -np.eye(3)),
+            ValueError,
+            "mass matrix at .* is not positive definite",
+        ),
         (
             (sparse.eye_array(3), -sparse.eye_array(3)),
             ValueError,

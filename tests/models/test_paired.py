@@ -41,10 +41,10 @@ def test_modes_are_put_in_the_order_of_the_measured_ones():
     test = Measurements([1.0, 2.0, 3.0], shapes=-0.5 * shapes[0][:, order])
     paired = PairedModel(Fixed(np.arange(1.0, 7.0), shapes), test)({})
     np.testing.assert_array_equal(paired.frequencies, [[5.0, 1.0, 3.0]])
-    np.testing.assert_array_equal(paired.pairing.model_modes, [[5, 1, 3]])
-    np.testing.assert_allclose(paired.pairing.mac, 1.0, rtol=1e-12)
+    np.testing.assert_array_equal(paired.model_mode, [[5, 1, 3]])
+    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
     np.testing.assert_array_equal(paired.shapes, shapes[:, :, order])
-    assert not paired.pairing.unpaired.any()
+    assert not paired.unpaired.any()
 
 
 def test_close_modes_share_their_space_at_the_sensors_that_a_mode_has():
@@ -68,17 +68,17 @@ def test_the_pairs_are_the_best_of_all_one_to_one_choices():
     shapes, measured = random_shapes(2, 200, 4, 5), random_shapes(0, 4, 3)
     test = Measurements([1.0, 2.0, 3.0], shapes=measured)
     model = Fixed(np.tile(np.arange(1.0, 6.0), (200, 1)), shapes)
-    pairing = PairedModel(model, test, candidates=5)({}).pairing
+    pairing = PairedModel(model, test, candidates=5)({})
     choices, greedy = np.array(list(permutations(range(5), 3))), 0
     for row in range(200):
         score = mac(measured, shapes[row])
         best = choices[score[range(3), choices].sum(axis=1).argmax()]
-        np.testing.assert_array_equal(pairing.model_modes[row], best + 1)
+        np.testing.assert_array_equal(pairing.model_mode[row], best + 1)
         np.testing.assert_allclose(pairing.mac[row], score[range(3), best], rtol=1e-9)
         greedy += (score.argmax(axis=1) != best).any()
     assert greedy  # some needed more than the maximum
     scaled = Fixed(model.solution.frequencies, -3e-9 * shapes)
-    again = PairedModel(scaled, test, candidates=5)({}).pairing
+    again = PairedModel(scaled, test, candidates=5)({})
     np.testing.assert_allclose(again.mac, pairing.mac, rtol=1e-9)
 
 
@@ -90,14 +90,14 @@ def test_two_equal_frequencies_are_paired_however_they_are_turned(angle):
     test = Measurements([1.0, 2.0, 2.1], shapes=basis[:, :3])
     model = Fixed([1.0, 2.0, 2.0 * 1.001, 3.0], shapes[None])
     paired = PairedModel(model, test, candidates=4)({})
-    np.testing.assert_allclose(paired.pairing.mac, 1.0, rtol=1e-12)
-    assert set(paired.pairing.model_modes[0]) == {1, 2, 3}
+    np.testing.assert_allclose(paired.mac, 1.0, rtol=1e-12)
+    assert set(paired.model_mode[0]) == {1, 2, 3}
     # The paired shapes of the cluster are the measured ones: no turning is left.
     np.testing.assert_allclose(np.diag(mac(basis[:, :3], paired.shapes[0])), 1.0)
     if angle:
         alone = PairedModel(model, test, candidates=4, min_gap=0.0)({})
         expected = max(np.cos(angle), np.sin(angle)) ** 2
-        np.testing.assert_allclose(alone.pairing.mac[0, 1], expected, rtol=1e-9)
+        np.testing.assert_allclose(alone.mac[0, 1], expected, rtol=1e-9)
 
 
 def test_a_cluster_of_three_spans_its_subspace_and_no_more():
@@ -106,7 +106,7 @@ def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     outside = shapes[:, 1:4] @ [1.0, 1.0, 1.0] + 2.0 * random_shapes(7, 9)
     test = Measurements([1, 2, 3], shapes=np.column_stack([measured, outside]))
     model = Fixed([1.0, 2.0, 2.01, 2.02, 3.0], shapes[None])
-    macs = PairedModel(model, test, candidates=5)({}).pairing.mac[0]
+    macs = PairedModel(model, test, candidates=5)({}).mac[0]
     np.testing.assert_allclose(macs[:2], 1.0, rtol=1e-12)
     fit = shapes[:, 1:4] @ np.linalg.lstsq(shapes[:, 1:4], outside)[0]
     cosine = (fit @ outside) ** 2 / (fit @ fit) / (outside @ outside)
@@ -161,8 +161,7 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
     assert paired.unpaired.tolist() == [[False, True]]
     np.testing.assert_allclose(paired.mac, [[1.0, 0.25]])
     term, neither = ef.FrequencyTerm(test), np.array([[True, True]])
-    pairing = paired.pairing._replace(unpaired=neither)
-    both = ef.interfaces.PairedSolution(paired.frequencies, paired.shapes, pairing)
+    both = paired._replace(unpaired=neither)
     none, one, two = (
         term({}, each)[0] for each in (ModalSolution(paired.frequencies), paired, both)
     )
