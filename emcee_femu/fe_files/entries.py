@@ -123,7 +123,7 @@ def read_lines(path: Path) -> list[str]:
 
 
 def read_columns(
-    path: Path, form: str, whole: int, delimiter: str | None = None
+    path: Path, form: str, whole: int, delimiter: str | None = None, skip: int = 0
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return the numbers of a file in which each line has the same columns.
 
@@ -132,6 +132,7 @@ def read_columns(
         form: The columns as a person would say them, such as ``"row column value"``.
         whole: How many columns, the first ones, are whole numbers.
         delimiter: What separates the columns; None for blanks.
+        skip: How many lines at the beginning say something else.
 
     Returns:
         The whole numbers ``(n, whole)`` and the others ``(n, rest)``.
@@ -141,7 +142,7 @@ def read_columns(
             last line has no end.
     """
     every = read_lines(path)
-    lines = [x for x in every if x.strip() and not x.startswith("*")]
+    lines = [x for x in every[skip:] if x.strip() and not x.startswith("*")]
     width = len(form.split(delimiter))
 
     def parse(some: list[str]) -> Floats | None:
@@ -159,7 +160,7 @@ def read_columns(
     for line in lines:
         if parse([line]) is None:
             raise ValueError(
-                f"{path}, line {every.index(line) + 1}: expected {form!r}, got "
+                f"{path}, line {every.index(line, skip) + 1}: expected {form!r}, got "
                 f"{line[:60]!r}; {AGAIN}"
             )
     raise ValueError(f"{path}: expected lines {form!r}, got none; {AGAIN}")

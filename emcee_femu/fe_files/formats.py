@@ -2,11 +2,12 @@
 
 import importlib
 import re
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy.io import mminfo, mmread
 from scipy.sparse import coo_array, csc_array, diags_array, load_npz
 
 from .entries import (
@@ -25,6 +26,13 @@ Read = Callable[[Path], list[Part]]
 # jobname_STIF1.mtx of step 1, and with it jobname_MASS1.mtx
 KINDS = {"STIF": "K", "MASS": "M"}
 NAMED = re.compile(r"(.*_)(STIF|MASS)(\d*\.\w+)", re.I)
+MARKET = re.compile(
+    r"%%\w+\s+matrix\s+(coordinate|array)\s+(?:real|double|integer)\s+"
+    r"(general|symmetric)\s*",
+    re.I,
+)
+DAMAGED = ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, zlib.error
+MOST_UNPACKED = 200  # times as many bytes as the file has; matrices shrink tenfold
 # Of *FREQUENCY, SOLVER=MATRIXSTORAGE: jobname.sti, jobname.mas and jobname.dof.
 CALCULIX = {"K": ".sti", "M": ".mas"}
 
@@ -93,14 +101,47 @@ def read_matrix_market(path: Path) -> list[Part]:
 
     Raises:
         ValueError: If it is complex or a pattern, or has other entries than it says.
+            (``scipy.io.mmread`` of version 1.17 crashes the interpreter on such files.)
     """
-    read_lines(path)  # refuses binary bytes, on which mmread crashes
-    try:
-        field, matrix = mminfo(path)[4], coo_array(mmread(path))
-    except (ValueError, OverflowError, MemoryError) as error:
-        raise ValueError(f"{path}: {error}; {AGAIN}") from None
-    if field not in ("real", "integer"):
-        raise ValueError(f"{path}: expected a matrix of real numbers, got {field} ones")
+    lines = read_lines(path)
+    header = MARKET.fullmatch(lines[0])
+    if header is None:
+        raise ValueError(
+            f"{path}, line 1: expected a matrix of real numbers, general or symmetric, "
+            f"got {lines[0]!r}"
+        )
+    coordinate, symmetric = (header[i].lower()[0] in "cs" for i in (1, 2))
+    skip = next((i for i, x in enumerate(lines) if x[:1] != "%" and x.strip()), 0)
+    sizes = lines[skip].split()
+    if len(sizes) != 2 + coordinate or not all(map(str.isdecimal, sizes)):
+        raise ValueError(
+            f"{path}, line {skip + 1}: expected the numbers of rows, columns"
+            f"{' and entries' if coordinate else ''}, got {lines[skip]!r}; {AGAIN}"
+        )
+    rows, columns = map(int, sizes[:2])
+    if rows != columns:
+        raise ValueError(f"{path}: expected a square matrix, got {rows} by {columns}")
+    if coordinate:
+        count = int(sizes[2])
+        places, values = read_columns(path, "row column value", 2, skip=skip + 1)
+        i, j = places.T - 1
+    else:
+        count = rows * (rows + 1) // 2 if symmetric else rows**2
+        _, values = read_columns(path, "value", 0, skip=skip + 1)
+        filled = rows if len(values) == count else 0  # 1e9 rows are only announced
+        j, i = (
+            np.triu_indices(filled)
+            if symmetric
+            else np.divmod(np.arange(filled**2), max(filled, 1))
+        )
+    if len(values) != count or max(i.max(initial=0), j.max(initial=0)) >= rows:
+        raise ValueError(
+            f"{path}: expected {count} entries of {rows} rows, as line {skip + 1} "
+            f"says, got {len(values)}, up to row {i.max(initial=0) + 1}; {AGAIN}"
+        )
+    if symmetric:
+        return [Part("", path, build_matrix(path, i, j, values[:, 0], rows))]
+    matrix = coo_array((values[:, 0], (i, j)), shape=(rows, rows))
     return [Part("", path, check(path, matrix))]
 
 
@@ -108,10 +149,13 @@ def read_npz(path: Path) -> list[Part]:
     """Return the matrix of a file that ``scipy.sparse.save_npz`` wrote."""
     try:
         with path.open("rb") as file:  # load_npz leaves it open when it fails
+            unpacked = sum(part.file_size for part in zipfile.ZipFile(file).filelist)
+            if unpacked > MOST_UNPACKED * path.stat().st_size + 1e9:
+                raise ValueError(f"its {unpacked:.1e} bytes are a bomb")
             matrix = load_npz(file)
-        if matrix.format in ("csr", "csc", "bsr"):  # else converting them may crash
+        if matrix.format in ("csr", "csc", "bsr"):  # else converting them crashes
             matrix.check_format(full_check=True)
-    except Exception as error:  # what a damaged file raises there is of any kind
+    except DAMAGED as error:
         raise ValueError(
             f"{path}: no matrix of scipy.sparse.save_npz ({error}); write it again"
         ) from None

@@ -148,11 +148,38 @@ def test_labels_of_a_file_are_for_formats_that_have_none(tmp_path):
         ef.read_matrices({"K": path, "M": path, "dofs": dofs})
 
 
-def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path):
-    path = tmp_path / "K.npz"
+def rewrite_npz(path, **changed):
+    """Write a csr matrix of three rows, with some of its arrays replaced."""
     sparse.save_npz(path, sparse.csr_array(np.eye(3)))
-    np.savez_compressed(path, **dict(np.load(path)) | {"indices": [0, 1, 2_000_000]})
-    with pytest.raises(ValueError, match=r"K\.npz: .*write it again"):
+    arrays = dict(np.load(path)) | changed
+    np.savez_compressed(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"indices": np.array([0, 1, 2_000_000])},
+        {"indices": np.array([0, 1, -5])},
+        {"indptr": np.array([0, 1, 2, 2**40])},
+        {"indptr": np.array([0, 2, 1, 3])},
+        {"shape": np.array([900_000_000, 900_000_000])},
+    ],
+    ids=["beyond", "below", "pointer", "order", "announced"],
+)
+def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path, changed):
+    path = rewrite_npz(tmp_path / "K.npz", **changed)
+    with pytest.raises(ValueError, match=r"K\.npz: .*(write|export) it again"):
+        ef.read_matrices({"K": path})
+
+
+def test_a_file_that_fills_the_memory_is_refused(tmp_path):
+    path = rewrite_npz(tmp_path / "K.npz")
+    content = bytearray(path.read_bytes())
+    member = content.find(b"PK\x01\x02")  # its entry in the directory, with its size
+    content[member + 24 : member + 28] = (4 * 10**9).to_bytes(4, "little")
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"K\.npz: .*its 4\.0e\+09 bytes are a bomb"):
         ef.read_matrices({"K": path})
 
 

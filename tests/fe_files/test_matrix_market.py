@@ -21,14 +21,11 @@ def test_matrix_market_may_hold_an_array(tmp_path, symmetry):
 @pytest.mark.parametrize(
     ("head", "message"),
     [
-        ("matrix coordinate complex general\n1 1 1\n1 1 1 0", r"real.*complex"),
-        ("matrix coordinate pattern symmetric\n1 1 1\n1 1", r"real.*pattern"),
-        ("matrix coordinate real general\n3 3", r"it again"),
-        (
-            "matrix coordinate real general\n2 2 1\n3 1 1.0",
-            r"Line 3: Row index out of bounds",
-        ),
-        ("matrix array real general\n2 2\n1\n0\n0\nx", r"Line 6: Invalid"),
+        ("matrix coordinate complex hermitian", r"line 1: expected a matrix of real"),
+        ("vector coordinate real general", r"line 1: expected a matrix of real"),
+        ("matrix coordinate real general\n3 3", r"line 2: .*columns and entries"),
+        ("matrix coordinate real general\n2 2 1\n3 1 1.0", r"as line 2 says.*row 3"),
+        ("matrix array real general\n2 2\n1\n0\n0\nx", r"line 6: expected 'value'"),
     ],
 )
 def test_other_matrix_market_files_are_refused(tmp_path, head, message):
