@@ -356,7 +356,7 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
             )
     unfit = [f"{e.label} ({e.diagnosis.chains.short})" for e in ranked if e not in able]
     if unfit and able:
-        lines.append(f"Not converged, so out of the contest: {', '.join(unfit)}.")
+        lines.append(f"Not converged, so excluded: {', '.join(unfit)}.")
     lines += [
         f"{entry.label}: {entry.run.search.sentence}; {entry.run.evaluations} "
         "evaluations in all before its chains."

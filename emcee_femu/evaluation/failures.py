@@ -91,7 +91,7 @@ class FailureLog:
         raise RuntimeError(
             f"on_failure: {total} of {self.evaluations} solves failed "
             f"({dict(self.causes)}), more than max_failures = {self.max_failures:g}"
-            f"{example}. Mend the model, or narrow the prior to where it can be solved"
+            f"{example}. Fix the model, or narrow the prior to where it can be solved"
         )
 
     @property

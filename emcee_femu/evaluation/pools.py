@@ -83,7 +83,7 @@ class EvaluationPool:
 
     Raises:
         TypeError, ValueError: If executor is none of these (``multiprocessing.Pool``
-            is not: it waits for ever for a worker that died), chunksize is no whole
+            is not: it waits forever if a worker dies), chunksize is no whole
             number >= 1, or (from ``map``) the function cannot be pickled.
         RuntimeError: From ``map``, if a worker died or the executor was closed.
 
@@ -263,7 +263,7 @@ def count_workers(pool: object, workers: int | None) -> int:
 
 
 def _check_executor(executor: object) -> None:
-    """Refuse what can evaluate nothing, or may wait for ever."""
+    """Refuse a pool that cannot evaluate, or that may wait forever."""
     classes = [f"{base.__module__}.{base.__name__}" for base in type(executor).__mro__]
     if any(name in HANGING for name in classes) and not isinstance(executor, THREADS):
         # It forgets the task of the dead; nor does it end if they held a lock.

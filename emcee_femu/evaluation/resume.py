@@ -70,7 +70,7 @@ def check_path(backend: object, resume: bool) -> str | None:
         ValueError: If there is a file and resume is not asked for, or no directory.
     """
     if backend is None and resume:
-        raise TypeError("resume: expected backend, the name of a file to go on with")
+        raise TypeError("resume: expected backend, the name of a file to continue")
     if backend is None:
         return None
     path = os.path.abspath(checks.file_name("backend", backend))
@@ -78,7 +78,7 @@ def check_path(backend: object, resume: bool) -> str | None:
         raise ValueError(f"backend: expected the name of a file, got {backend!r}")
     if os.path.lexists(path) and not resume:
         raise ValueError(
-            f"backend: {path} exists; go on with it by resume=True, or give a new file "
+            f"backend: {path} exists; continue it with resume=True, or give a new file "
             "name"
         )
     if not os.access(os.path.dirname(path), os.W_OK | os.X_OK):
@@ -150,9 +150,9 @@ def compare(
     versions = [changed.pop(name) for name in [*changed] if "version of" in name]
     if changed:
         raise ValueError(
-            f"resume: {path} holds a run of something else:\n  "
+            f"resume: {path} holds a different run:\n  "
             + "\n  ".join(changed.values())
-            + "\nGo on with what it was, or give another file name"
+            + "\nUse the original settings, or give another file name"
         )
     if versions:
         warnings.warn(
@@ -163,7 +163,7 @@ def compare(
 
 
 def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
-    """Refuse to go on if stored points, spread over the file, are solved to others.
+    """Refuse to continue if stored points, solved again, give other values.
 
     Raises:
         ValueError: If so, or if the solver scatters by itself.
@@ -181,7 +181,7 @@ def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
         if scatter:
             raise ValueError(
                 f"resume: the solver is not deterministic: {scatter}. Fix its seeds, "
-                "starts and threads, or set probe_tolerance to what it scatters by"
+                "starts and threads, or set probe_tolerance to its scatter"
             )
         raise ValueError(
             f"resume: {store.path} holds a run of another posterior: {difference}, by "

@@ -84,8 +84,8 @@ class Store:
                     file.execute(statement)
             if (names or read_only) and (("record",) not in names or version != FORMAT):
                 raise ValueError(
-                    f"backend: {self.path} is the file of something else, or of another"
-                    " version of emcee_femu; give a new file name"
+                    f"backend: {self.path} is no run file, or of another version of "
+                    "emcee_femu; give a new file name"
                 )
         except (ValueError, OSError):
             self.close()
@@ -169,7 +169,9 @@ class Store:
         with self._reading() as file:
             for *row, checksum in file.execute(query, values):
                 if checksum != _checksum(row):
-                    raise sqlite3.DatabaseError(f"{row[:2]} is not what was written")
+                    raise sqlite3.DatabaseError(
+                        f"{row[:2]} does not match its checksum"
+                    )
                 yield tuple(row)
 
     def _connect(self, mode: str) -> sqlite3.Connection:
@@ -216,14 +218,14 @@ class Store:
         except sqlite3.IntegrityError as error:
             raise ValueError(
                 f"backend: {written} is in {self.path} already: another run writes to "
-                "it; stop one of the two and go on by resume=True"
+                "it; stop one of the two and continue with resume=True"
             ) from error
         except sqlite3.Error as error:
             if written and isinstance(error, sqlite3.OperationalError):
                 raise OSError(
                     errno.ENOSPC if "full" in str(error) else errno.EIO,
-                    f"{error}; {written} was not stored, all before it are: make room, "
-                    "or wait for who has locked the file, and go on by resume=True",
+                    f"{error}; {written} was not stored, all before it are: free disk "
+                    "space, or wait until nobody locks the file, and resume=True",
                     self.path,
                 ) from error
             raise ValueError(
@@ -408,8 +410,8 @@ class StoredEvaluation:
 
     def _other_way(self) -> ValueError:
         return ValueError(
-            f"resume: the search does not take the way that {self.store.path} holds, "
-            "though it is of the same posterior: another version of a library, or "
-            "another machine, computes other digits. Go on where it began, or give "
+            f"resume: the search differs from the one recorded in {self.store.path}, "
+            "although the posterior is the same: another version of a library, or "
+            "another machine, computes other digits. Continue where it began, or give "
             "another file name"
         )

@@ -19,7 +19,7 @@ LABELS = "dofs"  # what names the file of labels among those of matrices
 
 
 def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
-    """Read stiffness and mass that an FE program exported, and what their rows are.
+    """Read stiffness and mass exported by an FE program, with their row labels.
 
     The format is told by the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
     ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4, ANSYS
@@ -94,8 +94,8 @@ def _label(parts: list[Part], path: Path) -> list[Part]:
     for part in parts:
         if part.dofs is not None and not np.array_equal(part.dofs, dofs):
             raise ValueError(
-                f"path['{LABELS}']: {part.path} says itself what its rows are, and "
-                f"{path} says otherwise; leave it out"
+                f"path['{LABELS}']: {part.path} has its own row labels, and those of "
+                f"{path} differ; leave it out"
             )
     return [part._replace(dofs=dofs) for part in parts]
 

@@ -1,1 +1,1 @@
-"""Stiffness and mass out of the programs where a model stands: one file per program."""
+"""Stiffness and mass of models built in FE programs: one file per program."""

@@ -1,4 +1,4 @@
-"""Stiffness and mass of the model that stands in OpenSees."""
+"""Stiffness and mass of the current OpenSees model."""
 
 from itertools import pairwise
 from types import ModuleType
@@ -18,7 +18,7 @@ ROTATIONS = {(2, 3): [6], (3, 6): [4, 5, 6]}
 
 
 def from_opensees(ops: ModuleType) -> Matrices:
-    r"""Read stiffness and mass of the model that stands in OpenSees.
+    r"""Read stiffness and mass of the current OpenSees model.
 
     The integrator GimmeMCK hands out the tangent K at the present state, and M. The
     handler Transformation takes supports out, and DOFs tied by equalDOF, rigidDiaphragm

@@ -1,4 +1,4 @@
-"""The figure of many tests: each alone, each in the light of all, and the next one."""
+"""The figure of many tests: each alone, each given all tests, and the next one."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ def plot_population(pooled: PooledTests, against: str | None = None) -> Figure:
     """Draw the parameters of every test, their population and the next test.
 
     One panel per parameter. Grey is a test by itself (median and 95 % interval of its
-    own posterior), blue the same test in the light of all; red is the population: the
+    own posterior), blue the same test given all tests; red is the population: the
     95 % intervals of its mean (dark) and of the next test (light). A cross marks a test
     that has to be sampled again.
 

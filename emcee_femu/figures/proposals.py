@@ -46,7 +46,7 @@ def plot_proposals() -> Figure:
 
     left, right = panels
     proposed = current + np.array([0.55, 0.25])
-    left.set_title("Metropolis-Hastings: a step of fixed law")
+    left.set_title("Metropolis-Hastings: a step of fixed distribution")
     left.add_patch(Circle(tuple(current), 1.0, color=BLUE, alpha=0.12))
     arrow(left, current, proposed, RED)
     point(left, current, r"$\theta_{t-1}$", "black", -20)

@@ -155,8 +155,8 @@ class FRFMeasurements(Report):
             if coherence.shape != shape or (coherence >= 1).any():
                 raise ValueError(
                     f"coherence: expected numbers below 1 of shape {shape}, got shape "
-                    f"{coherence.shape}, up to {coherence.max(initial=0):g}; one that "
-                    "is rounded to 1 says nothing of the error"
+                    f"{coherence.shape}, up to {coherence.max(initial=0):g}; a "
+                    "coherence rounded to 1 gives no error"
                 )
             averages = checks.whole_number("averages", averages, 2)
             relative = np.sqrt((1 / coherence - 1) / (2 * averages))

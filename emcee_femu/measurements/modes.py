@@ -190,9 +190,9 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
         )
     if correlated and n_tests <= n_modes:
         raise ValueError(
-            f"frequencies: {n_tests} tests cannot tell the covariance of {n_modes} "
-            "modes; use more tests than modes, or correlated=False for one standard "
-            "deviation per mode"
+            f"frequencies: {n_tests} tests do not determine the covariance of "
+            f"{n_modes} modes; use more tests than modes, or correlated=False for one "
+            "standard deviation per mode"
         )
     for i in np.flatnonzero(np.ptp(tests, axis=0) == 0):
         raise ValueError(

@@ -259,7 +259,7 @@ def _fit_powers(
             nearest = " + ".join(f"c{p} x^{p}" for p in powers)
             raise ValueError(
                 f"{argument}: {part} is no polynomial of this parameter, up to its "
-                f"cube, as far as {len(given)} exports beside the base tell: the "
+                f"cube, judging by {len(given)} exports besides the base: the "
                 f"nearest, c0 + {nearest}, is off by {worst:.1%} of a change; give "
                 "more exports, or take another parameter, such as E or I"
             )

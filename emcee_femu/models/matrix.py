@@ -19,7 +19,7 @@ from .inputs import Dofs, Matrix, choose_dofs, read_matrix
 
 
 class MatrixModel:
-    r"""Matrices of any FE program, dense or sparse, times parameters or functions.
+    r"""K and M of any FE program, dense or sparse, scaled by parameters or functions.
 
     .. math:: K(\theta) = K_0 + \sum_i a_i(\theta) K_i, \qquad
         M(\theta) = M_0 + \sum_j b_j(\theta) M_j, \qquad

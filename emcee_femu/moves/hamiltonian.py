@@ -202,8 +202,8 @@ class HamiltonianMove(Move):
         scale: Floats | None = getattr(function, "scale", None)
         if scale is None:
             raise ValueError(
-                "metric: expected a covariance, for the log-probability function has "
-                "no scale to take in its place"
+                "metric: expected a covariance, since the log-probability function "
+                "defines no scale"
             )
         return Leapfrog(gradient, np.diag(scale))
 

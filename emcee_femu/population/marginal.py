@@ -80,7 +80,7 @@ def read_tests(
             raise ValueError(
                 f"tests[{test!r}]: its parameters {list(names)} have the bounds "
                 f"{draws[test].bounds.tolist()}, but others have {bounds.tolist()}; "
-                "sample all tests within the same, for there is one population"
+                "sample all within the same bounds, since they share one population"
             )
     return draws
 

@@ -110,7 +110,7 @@ class PooledTests(Report):
         return dict(zip(self.population.names, theta.T, strict=True))
 
     def under_population(self, test: str, posterior: LogPosterior) -> LogPosterior:
-        """Return a test's posterior with the population as it is known for its prior.
+        """Return a test's posterior with the inferred population as its prior.
 
         A normal distribution with the mean and 1.2 times the standard deviation of the
         prediction there, cut at the same bounds; parameters that are not pooled keep

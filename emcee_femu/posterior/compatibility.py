@@ -140,7 +140,7 @@ def _compare(needed: Variable, returned: Variable) -> str:
     if returned.unit and needed.unit and returned.unit != needed.unit:
         return (
             f"measured in {needed.unit}, but the model returns it in {returned.unit}; "
-            "convert what was measured, or say unit= where both are the same"
+            "convert the measurement, or set unit= if both are the same"
         )
     for dim, labels in needed.coords.items():
         there = list(returned.coords[dim])
@@ -183,6 +183,6 @@ def check_names(
             same = list(labels_of.setdefault(dim, labels)) == list(labels)
             if dim in taken or "/" in dim or not same:
                 raise ValueError(
-                    f"model: the name of the dimension {dim!r} of {name!r} stands for "
-                    "something else too, such as other labels; rename it"
+                    f"model: the name of the dimension {dim!r} of {name!r} is "
+                    "already used, for example with other labels; rename it"
                 )

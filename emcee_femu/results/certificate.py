@@ -123,7 +123,7 @@ class Certificate(Report):
         equal = self.efficiency >= EQUAL
         cure = "run the chain longer" if equal else "emulate with more solves"
         return (
-            f"Corrected: {differences}, which the weights repair; use the idata, mean "
+            f"Corrected: {differences}, which the weights correct; use the idata, mean "
             f"and sd of the certificate, or {cure} ({facts})."
         )
 
@@ -150,14 +150,14 @@ class Certificate(Report):
         n, heavy = len(self.weights), self.efficiency < EQUAL
         better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
         if n < FEWEST:
-            return f"too few solves, {FEWEST} draws are the least; certify with more"
+            return f"too few solves: {FEWEST} draws are needed; certify with more"
         if not self.largest < np.inf:
             return f"the true posterior is zero at all draws; {better}"
         k, most = max(self.pareto_k, self.curvature_k), min(GOOD_K, 1 - 1 / np.log10(n))
         if heavy and k > most:
             return (
-                f"the weights have so heavy a tail that no mean over {n} of them can "
-                f"be believed; {better}"
+                f"the weights have such a heavy tail that no mean over {n} of them "
+                f"can be trusted; {better}"
             )
         needed = FEWEST_EFFECTIVE if heavy else FEWEST
         if self.effective < needed:
@@ -323,7 +323,7 @@ def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     if left_out > LEFT_OUT:
         faults.append(
             f"the emulated posterior's bounds leave out {100 * left_out:.2g} % of the "
-            "prior, and of what is there nothing is known; emulate within the bounds "
+            "prior, where the emulator knows nothing; emulate within the bounds "
             "of the prior, or certify against a posterior whose prior is cut at those "
             "of the emulator"
         )
@@ -382,9 +382,9 @@ def find_missed(
         place = chain.coordinates.parameters(top.theta[None])
         if top.log_posterior > middle and chain.distance(place)[0] > 1:
             return (
-                "far from all draws of the emulated posterior the true one is as high "
-                f"as at half of them, at {_name(chain, top.theta)}; emulate with a "
-                "start there",
+                "far from all draws of the emulated posterior, at "
+                f"{_name(chain, top.theta)}, the true one is as high as at half of "
+                "them; emulate with a start there",
             )
     return ()
 

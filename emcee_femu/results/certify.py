@@ -396,8 +396,8 @@ def _note(
     sentences = []
     if failed:
         sentences.append(
-            f"{failed} solves failed; the posterior is taken for zero there, of which "
-            "the emulator knows nothing: cut the prior to where the model can be "
+            f"{failed} solves failed; the posterior counts as zero there, which "
+            "the emulator does not know: cut the prior to where the model can be "
             "solved, and emulate again."
         )
     if chain.size < 2 * n:
@@ -411,11 +411,10 @@ def _note(
         for reason, count in Counter(lost).items()
     ]
     sentences.append(
-        f"{climbs} climbs were made from elsewhere, of which {ends} came to an end; "
-        "what neither they nor the draws came upon stays unseen."
+        f"{climbs} climbs started elsewhere, {ends} of them converged; regions that "
+        "neither they nor the draws reached stay unseen."
         if climbs
-        else "No climb from elsewhere was made, for which the solves were too few: a "
-        "part of the posterior far from all draws would not be seen; find_map looks "
-        "for one."
+        else "No climb was made from elsewhere, as there were too few solves: a part "
+        "of the posterior far from all draws would be missed; find_map looks for one."
     )
     return sentences

@@ -125,7 +125,7 @@ class Diagnosis(Report):
                 f"{len(self.stuck)} stuck walkers."
             )
         if self.failures:
-            yield f"Failed solves, taken for impossible: {dict(self.failures)}."
+            yield f"Failed solves, counted as zero probability: {dict(self.failures)}."
         yield self.verdict
 
 

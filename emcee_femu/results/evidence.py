@@ -46,8 +46,8 @@ class Evidence(Report):
             yield f"{problem[:1].upper()}{problem[1:]}."
         if self.failed_solves:
             meaning = (
-                "it holds for the prior where it can be solved; for all of it add "
-                "ln(share of its draws that can)"
+                "it is for the solvable part of the prior; for the whole prior add "
+                "ln(share of its draws that can be solved)"
                 if len(self.overlaps)
                 else "the part of the prior that cannot be solved counts as impossible"
             )

@@ -199,8 +199,8 @@ class Identifiability(Report):
         return [
             f"{self.names[i]} is pressed against its {('lower', 'upper')[side]} bound "
             f"{self.bounds[i, side]:.5g}: {100 * self.at_bound[i, side]:.0f} % of "
-            f"{what} lie within 1 % of the range from it. Widen the bounds, or doubt "
-            "the model."
+            f"{what} lie within 1 % of the range from it. Widen the bounds, or "
+            "question the model."
             for i, side in np.argwhere(crowded)
         ]
 

@@ -390,8 +390,8 @@ class _Space:
                     "posterior: its density seems to grow without bound towards "
                     f"{dict(zip(self.posterior.names, values, strict=True))}: does an "
                     "inferred error go to zero where the parameters fit the data "
-                    "exactly? Give its prior a lower bound above zero, or the term the "
-                    "errors that are known"
+                    "exactly? Give its prior a lower bound above zero, or give the "
+                    "term its known errors"
                 )
             curvature = make_positive(local.curvature)
             # A density that falls from a bound with slope g is an exponential of sd

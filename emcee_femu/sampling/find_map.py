@@ -147,8 +147,8 @@ class FoundMap(Report):
         if np.isnan(self.pareto_k):
             return (
                 "Whether the posterior is Gaussian about them was not checked: "
-                "check=100 does, by as many solves. Standard deviations and weights "
-                "are those of gaussians; sample the posterior before you report any."
+                "check=100 tests it with 100 solves. Standard deviations and weights "
+                "assume Gaussians; sample the posterior before you report them."
             )
         statistics = (
             f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "

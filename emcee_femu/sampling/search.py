@@ -87,8 +87,8 @@ class Search:
         self._climb([int(some[np.argmax(self.rows[some, 0])]) for some in members])
         if not self.maxima:
             raise ValueError(
-                "moves: 'auto' could not climb to any maximum: solves fail, or their "
-                "derivatives do, wherever it began; mend them, or use DEMCMove()"
+                "moves: 'auto' could not climb to any maximum: solves or "
+                "their derivatives fail at every start; fix them, or use DEMCMove()"
             )
         self._follow(size)
         scans = self._wider_mixtures()

@@ -253,7 +253,7 @@ class _Emulation:
         if (number := int(self._solved.sum())) < FEWEST:
             raise RuntimeError(
                 f"on_failure: only {number} of {len(self.theta)} solves of the first "
-                f"design came through, and {FEWEST} are the least for a fit. Mend the "
+                f"design succeeded, and a fit needs at least {FEWEST}. Fix the "
                 "model, or narrow the prior to where it can be solved"
             )
         explorer = Explorer(self.problem)

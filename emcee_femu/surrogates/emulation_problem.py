@@ -270,8 +270,8 @@ class EmulationProblem:
             units[name] = np.broadcast_to(unit, shape).copy() if by_mode else unit
         if not units:
             raise ValueError(
-                "terms: they tell nothing about what the model returns, so that it is "
-                "not known which errors of an emulator matter"
+                "terms: none of them uses what the model returns, so it is unknown "
+                "which emulator errors matter"
             )
         if self.paired is not None and "shapes" not in units:
             sizes = np.sqrt((response["shapes"] ** 2).mean(axis=(0, 1)))

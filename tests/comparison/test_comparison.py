@@ -185,7 +185,7 @@ def test_equal_moves_have_no_winner_and_a_crawling_one_is_not_converged():
     assert found.winner is None
     first, second = found.conclusion.splitlines()
     assert first.startswith("No winner: ") and "within the spread of the ens" in first
-    assert second.startswith("Not converged, so out of the contest: crawling (too sho")
+    assert second.startswith("Not converged, so excluded: crawling (too short")
 
 
 @pytest.mark.parametrize(

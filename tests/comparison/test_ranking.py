@@ -43,7 +43,7 @@ def test_a_move_that_has_not_converged_cannot_win():
     winner, words = conclude([fast, entry("A", 60), entry("B", 50)])
     assert winner == "A"
     assert words.splitlines()[1] == (
-        "Not converged, so out of the contest: fast (too short: 30 tau)."
+        "Not converged, so excluded: fast (too short: 30 tau)."
     )
     winner, words = conclude([fast, entry("A", 60)])
     assert winner == "A" and "; no other has converged." in words

@@ -109,7 +109,7 @@ def test_the_curvature_of_the_weights_tells_k(share):
 
 def test_a_shifted_one_is_corrected_by_its_weights():
     found = certify(SHIFTED, solves=200)
-    assert found.short == "corrected" and "weights repair" in found.verdict
+    assert found.short == "corrected" and "weights correct" in found.verdict
     z = (found.mean - TRUE.mean) / found.mean_error
     assert np.abs(z).max() < 4
     weighted = found.weights @ found.theta / len(found.weights)
@@ -413,7 +413,7 @@ def test_weights_that_are_nearly_equal_are_trusted_whatever_their_k():
     bent = dataclasses.replace(unequal, pareto_k=0.1, curvature_k=0.9)
     assert bent.short == "refused"
     weak = dataclasses.replace(unequal, pareto_k=0.6)  # of 75 weights
-    assert "so heavy a tail that no mean over" in weak.verdict
+    assert "such a heavy tail that no mean over" in weak.verdict
 
 
 def test_a_run_is_certified_as_its_arviz_object_is():
