@@ -73,7 +73,12 @@ SWAPPED[3] = SWAPPED[3][:, [0, 2, 1]]
 @pytest.mark.parametrize(
     ("frequencies", "shapes", "options", "message"),
     [
-        (GOOD[:3], None, {}, "3 tests do not determine the covariance of 3.*correlated=F"),
+        (
+            GOOD[:3],
+            None,
+            {},
+            "3 tests do not determine the covariance of 3.*correlated=F",
+        ),
         (GOOD * [1, 0, 1] + [0, 9.8, 0], None, {}, "mode 2 is 9.8 Hz in all tests"),
         (GOOD, REPEATS[:4], {}, r"shapes: expected \(5 tests"),
         (GOOD, SWAPPED, {}, r"mode 2 of test 4 has a MAC of 0.\d+ with.*out of order"),
