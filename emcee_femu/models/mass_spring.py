@@ -1,6 +1,7 @@
 """Lumped masses joined by springs."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
-from .inputs import Dofs, check_positive, columns
+from .inputs import Dofs, Weights, check_positive, describe
 from .matrix import MatrixModel
 
 Spring: TypeAlias = tuple[int, int, float | str]
@@ -69,7 +70,7 @@ class MassSpringModel:
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
-        return self._model(self._complete(parameters))
+        return self._model.problem.solve(*self._coefficients(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by the stiffnesses that are given.
@@ -81,19 +82,21 @@ class MassSpringModel:
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes; see :meth:`MatrixModel.jacobian`.
         """
-        stiffnesses = self._complete(parameters)
+        k, m, where = self._coefficients(parameters)
+        stiffnesses = dict(zip(self._defaults, k.T, strict=True))
         slopes = self._model.coefficients.slopes(stiffnesses)
         read = {name: slopes[name] for name in slopes if name in parameters}
-        k, m, where = self._model.coefficients(stiffnesses)
         return self._model.problem.jacobian(k, m, read, where)
 
-    def _complete(self, parameters: Parameters) -> Parameters:
-        """Return the stiffness of every spring that follows no other."""
+    def _coefficients(self, parameters: Parameters) -> Weights:
+        """Return the coefficients of K and M, and what names a parameter set."""
         values, n = checks.batch(parameters)
-        defaults = {name: np.full(n, k) for name, k in self._defaults.items()}
-        complete = {name: values.get(name, k) for name, k in defaults.items()}
-        check_positive(columns(complete, complete, n), [*complete], "stiffness")
-        return complete
+        k = np.empty((n, len(self._defaults)))
+        for column, (name, default) in enumerate(self._defaults.items()):
+            k[:, column] = values.get(name, default)
+        check_positive(k, [*self._defaults], "stiffness")
+        by_name = dict(zip(self._defaults, k.T, strict=True))
+        return k, k[:, :0], partial(describe, by_name, self._defaults)
 
 
 def _default_stiffnesses(springs: Springs) -> dict[str, float]:
