@@ -21,7 +21,7 @@ from .proposals import Draws
 UNEXPLAINED = 2.0  # log-density beyond what Gaussians at the modes say
 ALONG = np.array([0.2, 0.4, 0.6, 0.8])  # of the way from a mode to a point
 VALLEY = 0.5  # log-density below that of the point
-TESTED = 8  # points per ensemble in a round, by weight and by what is unexplained
+TESTED = 8  # points per ensemble in a round, by height and by what is unexplained
 SHARE_TESTED = 0.2  # of the points of a search are spent on the ways
 UNTESTED = 2  # climbs to known modes after which valleys are asked for
 FRUITLESS = 4  # climbs in a row to known modes that end the search
@@ -42,7 +42,7 @@ class Search:
     Attributes:
         draws: All points, weighted.
         theta: All points ``(n, d)``.
-        rows: Their log-posteriors and log-priors, ``(n, 2)``.
+        heights: Their log-posteriors, ``(n,)``.
         owner: The ensemble of each point, ``(n,)``.
         maxima: Of all climbs, distinct.
         found_by: The climbs of each ensemble that ended there, by maximum.
@@ -55,7 +55,7 @@ class Search:
     ) -> None:
         self.evaluator, self.streams = evaluator, streams
         self.theta = np.empty((0, evaluator.posterior.ndim))
-        self.rows, self.owner = np.empty((0, 2)), np.empty(0, dtype=np.intp)
+        self.heights, self.owner = np.empty(0), np.empty(0, dtype=np.intp)
         self.maxima: list[Maximum] = []
         self.found_by: list[list[int]] = []
         self.climbs = 0
@@ -77,14 +77,14 @@ class Search:
         self.draws = Draws(theta, rows)
         if starts is not None:
             self._evaluate(list(starts))
-        if not np.isfinite(self.rows[:, 0]).any():
+        if not np.isfinite(self.heights).any():
             raise ValueError(
                 f"posterior: it is zero at all of {len(theta)} draws of the prior; "
                 "widen the errors, or narrow the prior to where it can be solved (for "
                 "solves that fail, on_failure='raise' tells why)"
             )
         members = [np.flatnonzero(self.owner == i) for i in range(len(self.streams))]
-        self._climb([int(some[np.argmax(self.rows[some, 0])]) for some in members])
+        self._climb([int(some[np.argmax(self.heights[some])]) for some in members])
         if not self.maxima:
             raise ValueError(
                 "moves: 'auto' could not climb to any maximum: solves fail, or their "
@@ -115,7 +115,7 @@ class Search:
         rows = self.evaluator.rows(theta)
         owner = np.repeat(np.arange(len(points)), [len(part) for part in points])
         self.theta = np.vstack([self.theta, theta])
-        self.rows = np.vstack([self.rows, rows[:, :2]])
+        self.heights = np.append(self.heights, rows[:, 0])
         self.owner = np.append(self.owner, owner)
         return theta, rows
 
@@ -160,27 +160,24 @@ class Search:
             else:
                 left -= len(waiting)
                 waiting = self._find_valleys(waiting)
-            waiting.sort(key=lambda i: self.rows[i, 0])
+            waiting.sort(key=lambda i: self.heights[i])
 
     def _find_excess(self) -> Floats:
         """Return the log-densities beyond those of Gaussians at the modes."""
         total = logsumexp([maximum.log_evidence for maximum in self.maxima])
         gaussians = replace(self.mixture(), df=GAUSSIAN)
-        excess: Floats = self.rows[:, 0] - total - gaussians.log_density(self.theta)
+        excess: Floats = self.heights - total - gaussians.log_density(self.theta)
         return excess
 
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
         """Return untested points of each ensemble that the modes explain least."""
-        heights, log_prior = self.rows.T
-        possible = np.isfinite(heights) & (excess > UNEXPLAINED) & ~tested
-        # Out of bounds both densities are zero.
-        gains = heights - np.nan_to_num(log_prior)
+        possible = np.isfinite(self.heights) & (excess > UNEXPLAINED) & ~tested
         chosen: list[int] = []
         for ensemble in range(len(self.streams)):
             eligible = possible & (self.owner == ensemble)
             ranks = [
                 np.where(eligible, values, -np.inf).argsort()[: -TESTED // 2 - 1 : -1]
-                for values in (excess, gains)
+                for values in (excess, self.heights)
             ]
             both = np.column_stack(ranks).ravel()  # in turn
             chosen += [i for i in dict.fromkeys(both.tolist()) if eligible[i]]
@@ -197,7 +194,7 @@ class Search:
         rows = self.evaluator.rows(ways.reshape(-1, theta.shape[1]))
         lowest = rows[:, 0].reshape(len(numbers), -1).min(axis=1)
         pairs = zip(numbers, lowest, strict=True)
-        return [i for i, low in pairs if low < self.rows[i, 0] - VALLEY]
+        return [i for i, low in pairs if low < self.heights[i] - VALLEY]
 
     def _add(self, maximum: Maximum, ensemble: int) -> bool:
         """Take in the end of a climb; return whether it is a new mode."""
