@@ -10,6 +10,8 @@ from support.free_posterior import FreeModel, box, free_posterior
 from support.runs import failures
 
 import emcee_femu as ef
+from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.sampling.search import Search
 
 LIMIT = 5.0  # |z|
 SHARE = 0.3  # of the posterior in the narrow mode
@@ -64,6 +66,58 @@ def test_weights_of_modes_are_exact_and_so_are_their_errors():
     assert errors.max() < 0.03
     assert abs(inside.mean() - SHARE) < LIMIT * inside.std() / np.sqrt(8)
     assert inside.std() < 0.05
+
+
+def search_of(posterior, seed, starts=None):
+    streams = np.random.default_rng(seed).spawn(2)
+    with Evaluation.open(posterior) as evaluator:
+        search = Search(evaluator, streams)
+        search.run(1_000, starts, 20_000)
+    return search
+
+
+def test_the_first_proposal_is_the_gaussians_of_the_modes_by_their_evidence():
+    mixture = search_of(two_modes(0.15, 2), 1).mixture()
+    order = np.argsort(mixture.means[:, 0])
+    assert_allclose(mixture.weights[order], [1 - SHARE, SHARE], atol=0.01)
+    variances = np.array([1.0, 0.15**2])[:, None, None] * np.eye(2)
+    assert_allclose(mixture.matrices[order], variances, rtol=0.05, atol=1e-3)
+
+
+def test_every_ensemble_climbs_from_more_than_its_highest_point():
+    """Two needles that no scan can hit, of which one ensemble was given points."""
+
+    def log_density(x):
+        needles = [((x - [at, 0.0]) ** 2).sum(axis=1) / 2e-6 for at in (5.0, -5.0)]
+        wide = -0.5 * (x**2).sum(axis=1)
+        return np.logaddexp.reduce([wide, 13.0 - needles[0], 12.0 - needles[1]])
+
+    starts = np.random.default_rng(1).normal(size=(2, 8, 2))
+    starts[1, :2] = [[5.0 + 1e-4, 1e-4], [-5.0 + 1e-4, 1e-4]]
+    search = search_of(free_posterior(log_density, box(-10, 10, 2)), 1, starts)
+    places = [round(m.theta[0]) for m in search.maxima]
+    found = dict(zip(places, search.found_by, strict=True))
+    assert sorted(found) == [-5, 0, 5]
+    assert all(found[at][0] == 0 < found[at][1] for at in (5, -5))
+
+
+def ridges(x):
+    """Return two bent ridges, one of some percent, and a ball beside them."""
+    along = -50 * (x[:, 0] * x[:, 1] - 1) ** 2
+    across = -0.5 * ((x[:, 0] - 2) ** 2 + x[:, 2] ** 2 + x[:, 3] ** 2)
+    ball = -0.5 * ((x + 3) ** 2).sum(axis=1) / 0.3**2 - 4 * np.log(0.3)
+    return np.logaddexp(np.log(0.6) + along + across, np.log(0.4) + ball)
+
+
+@pytest.mark.slow
+def test_what_the_modes_explain_least_is_climbed_from_though_it_is_low():
+    """The highest points alone are those of the tails of the first ridge."""
+    prior = ef.GaussianPrior(
+        ["x1", "x2", "x3", "x4"], np.zeros(4), 3.0, [(-40, 40)] * 4
+    )
+    posterior = free_posterior(ridges, prior)
+    found = [len(search_of(posterior, seed).maxima) for seed in range(6)]
+    assert np.mean(found) >= 2.8
 
 
 def test_scans_about_the_wide_mode_hit_a_needle():
