@@ -177,10 +177,11 @@ def test_moments_that_differ_bar_a_certificate():
     found = certify(TRUE)
     assert found.short == "certified"
     wide = dataclasses.replace(found, emulated_sd=1.15 * found.sd)
+    narrow = dataclasses.replace(found, emulated_sd=0.85 * found.sd)
     moved = dataclasses.replace(found, emulated_mean=found.mean + 0.15 * found.sd)
     unknown = dataclasses.replace(found, sd_error=0.06 * found.sd)
     apart = dataclasses.replace(found, settled=False)
-    for other in (wide, moved, unknown, apart):
+    for other in (wide, narrow, moved, unknown, apart):
         assert other.short == "corrected"
 
 
