@@ -7,6 +7,7 @@ posterior from draws of the prior.
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -39,7 +40,8 @@ from .certificate import (
     curvature_k,
     find_missed,
 )
-from .diagnose import FEWEST_STEPS, diagnose
+from .chains import read_chains
+from .diagnose import FEWEST_STEPS, diagnose, size_by_means
 from .to_arviz import check_sampled, read_samples
 from .verdict import NOT_CONVERGED
 
@@ -270,13 +272,15 @@ class EmulatedChain:
         draws = chains[order, steps].reshape(-1, d)
         lp = dataset(idata, "sample_stats")["lp"].transpose("chain", "draw").values
         constant = dataset(idata, "constant_data").reindex(parameter=names)
-        bulk = effective_sizes(chains)[0]
+        bulk, by_walker = effective_sizes(chains)[0], chains
+        mean_size: Callable[[Floats], Floats] = mean_sizes
         if len(json.loads(dataset(idata, "posterior").attrs.get("betas", "[1.0]"))) > 1:
             # Exchanges hand states over, which walker by walker look independent.
-            bulk = diagnose(idata).ess_bulk
-        both = chains, (chains - draws.mean(axis=0)) ** 2
+            bulk, mean_size = diagnose(idata).ess_bulk, size_by_means
+            by_walker = read_chains(idata).draws
+        both = by_walker, (by_walker - draws.mean(axis=0)) ** 2
         # At least one; NaN is that of a chain too short.
-        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_sizes, both)], nan=1.0), 1.0)
+        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
         return cls(
             names=tuple(names),
             draws=draws,

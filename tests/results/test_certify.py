@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from scipy import stats
+from support.chains import ar1
 from support.emulated_gaussians import (
     COVARIANCE,
     NEAR,
@@ -236,6 +237,40 @@ def test_a_chain_in_several_parts_is_refused():
         found = ef.certify(sampled(true, moved, walkers=2), true, seed=1)
         assert found.short == short
     assert "in several parts" in found.verdict
+
+
+@pytest.mark.parametrize("kind", ["a walker that never moved", "ensembles apart"])
+def test_parts_that_walkers_among_one_another_do_not_show_are_refused(kind):
+    true, theta = posterior(TRUE), draws(TRUE, 8_000, 1).reshape(2, 200, 20, 3)
+    if kind == "ensembles apart":
+        theta[1] += 1.5
+    else:
+        theta[0, :, 3] = theta[0, 0, 3]
+    idata = sampled(true, theta.reshape(-1, 3), walkers=20, ensembles=2)
+    assert ef.diagnose(idata).rhat_within.max() < 1.1
+    found = ef.certify(idata, true, seed=1)
+    assert found.short == "refused" and "in several parts" in found.verdict
+
+
+def test_walkers_that_exchange_places_know_no_more():
+    """As of a tempered run: each forgets at once, but not their ensemble."""
+    steps, walkers, phi = 1_500, 6, 0.9
+    rng, true, found = np.random.default_rng(1), posterior(TRUE), []
+    for seed in range(4):
+        theta = ar1([phi] * 3, steps, walkers, seed) @ np.linalg.cholesky(COVARIANCE).T
+        order = rng.permuted(np.tile(np.arange(walkers), (steps, 1)), axis=1)
+        theta = np.take_along_axis(theta, order[:, :, None], axis=1)
+        idata = sampled(true, theta.reshape(-1, 3), walkers)
+        idata["posterior"].attrs["betas"] = "[1.0, 0.5]"
+        found.append(ef.certify(idata, true, 400, seed=seed))
+    size = steps * walkers * (1 - phi) / (1 + phi)
+    of_squares = steps * walkers * (1 - phi**2) / (1 + phi**2)
+    n = len(found[0].theta)
+    worth = [c.effective / n for c in found]
+    assert np.mean(worth) == pytest.approx(np.tanh(size / n), abs=0.14)  # the worst's
+    errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
+    exact = size**-0.5, (2 * of_squares) ** -0.5
+    np.testing.assert_allclose(errors, exact, rtol=0.25)
 
 
 def test_no_weight_at_all():
