@@ -43,6 +43,28 @@ def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, phi):
     assert 0.6 < (z**2).mean() < 1.45
 
 
+@pytest.mark.slow
+def test_the_error_of_a_standard_deviation_is_that_about_the_true_mean():
+    """Far from the emulated one, about which squares would scatter more."""
+    moved, true = (LogGaussian(np.full(1, at), np.eye(1)) for at in (0.8, 0.0))
+    found = [certify(moved, true, seed=seed, solves=300) for seed in range(60)]
+    z = [(c.sd[0] - 1) / c.sd_error[0] for c in found]
+    assert 0.65 < np.mean(np.square(z)) < 1.5
+
+
+def test_a_variance_is_never_below_zero():
+    """Of a wide chain, corrected by what the weights of some draws leave of theirs."""
+    wide, true = (LogGaussian(np.zeros(1), v * np.eye(1)) for v in (1.0, 0.01))
+    theta, below = draws(wide, 3_000, 1), 0
+    idata = sampled(posterior(wide), theta)
+    for seed in range(6):
+        found = ef.certify(idata, posterior(true), 800, seed=seed)
+        square = (found.theta[:, 0] - theta.mean()) ** 2
+        below += theta.var() + (found.weights - 1) @ square / len(square) < 0
+        assert found.short == "corrected" and found.sd[0] > 0
+    assert 0 < below < 6
+
+
 def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():
     theta = draws(TRUE, 8_000, 1)
     found = ef.certify(sampled(posterior(TRUE), theta), posterior(TRUE), 75, seed=1)
@@ -151,6 +173,9 @@ def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
     missed = [c for c in found if c.short == "refused"]
     assert len(missed) >= 4
     assert all("x1 = 6" in c.verdict or "x1 = 5.9" in c.verdict for c in missed)
+    small = free_posterior(two_modes(0.05, variance), box(-12.0, 12.0, 3))
+    found = [ef.certify(idata, small, 120, seed=seed) for seed in range(6)]
+    assert sum(c.short == "refused" for c in found) >= 3
     # A mode of less than a hundredth may be missed, and one that none came upon.
     for share in (3e-3, 1e-4):
         alone = free_posterior(two_modes(share), box(-12.0, 12.0, 3))
@@ -228,6 +253,19 @@ def test_a_short_chain_is_said_and_widens_the_errors():
     assert "independent draws only" not in str(long)
     assert (short.mean_error > 2 * long.mean_error).all()
     assert short.effective < 60 * short.efficiency < 1.2 * long.effective
+
+
+def test_the_slowest_parameter_tells_what_a_chain_is_worth():
+    law = posterior(LogGaussian(np.zeros(3), np.eye(3)))
+    theta = ar1([0.98, 0.0, 0.0], 3_000, 1, 1)[:, 0]
+    assert "independent draws only" in str(ef.certify(sampled(law, theta), law, seed=1))
+
+
+def test_no_climb_begins_amid_the_draws():
+    flat = free_posterior(lambda theta: np.zeros(len(theta)), box(-9.0, 9.0, 2))
+    theta = np.random.default_rng(1).uniform(-9.0, 9.0, (4_000, 2))
+    found = ef.certify(sampled(flat, theta), flat, 60, seed=1)
+    assert len(found.theta) == found.solves == 60  # no place is away from all
 
 
 def test_a_chain_in_several_parts_is_refused():
@@ -448,6 +486,10 @@ def test_weights_that_are_nearly_equal_are_trusted_whatever_their_k():
     assert unequal.short == "refused"
     bent = dataclasses.replace(unequal, pareto_k=0.1, curvature_k=0.9)
     assert bent.short == "refused"
+    light = {"pareto_k": 0.1, "curvature_k": 0.1, "effective": 40.0}
+    assert dataclasses.replace(found, **light).short == "certified"
+    few = dataclasses.replace(unequal, **light)
+    assert few.short == "refused" and "50 are needed" in few.verdict
     weak = dataclasses.replace(unequal, pareto_k=0.6)  # of 75 weights
     assert "so heavy a tail that no mean over" in weak.verdict
 
