@@ -73,6 +73,15 @@ def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():
     np.testing.assert_allclose(found.mean_error, 8_000**-0.5, rtol=0.1)
 
 
+def test_errors_are_those_of_the_chain_whose_squares_forget_sooner():
+    n, phi = 20_000, 0.9
+    found = [certify(TRUE, n=n, seed=seed, phi=phi) for seed in range(3)]
+    of_mean = np.sqrt((1 + phi) / (1 - phi) / n)
+    of_sd = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * n))
+    errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
+    np.testing.assert_allclose(errors, [of_mean, of_sd], rtol=0.15)
+
+
 def test_the_variance_is_that_about_a_mean_which_few_draws_know():
     """Where all weights are equal a sample variance, which divides by n - 1."""
     ratios = []
