@@ -225,6 +225,33 @@ def test_a_parameter_at_its_bound_is_named():
     assert "k2 is pressed against its upper bound 6.9" in found.sentence
 
 
+@pytest.mark.parametrize(
+    ("off", "fit"),
+    [([2.5], "fits"), ([6.0], "does not fit"), ([2.5, -2.5, 2.5], "does not fit")],
+    ids=["one outside", "one far outside", "three outside"],
+)
+def test_of_ten_values_one_may_be_outside_but_not_far(off, fit):
+    exact, z = np.arange(1.0, 11.0), np.zeros(10)
+    z[2 : 2 + len(off)] = off
+    prior = ef.IndependentPrior({"k1": stats.norm(1, 1e-4), "k2": stats.norm(1, 1e-4)})
+    model = ef.FunctionModel(lambda p: p["k1"] * p["k2"] * exact, n_modes=10)
+    term = ef.FrequencyTerm(exact + 0.01 * z, sd=0.01)
+    run = doubts(ef.LogPosterior(model, term, prior), moves=ef.DEMCMove())[0]
+    found = ef.diagnose(run).fit
+    assert found.status == fit
+    assert f"{10 - len(off)} of 10 measured values" in found.sentence
+
+
+def test_steps_that_are_dropped_say_nothing_of_the_fit(good):
+    idata = ef.to_inference_data(good)
+    assert ef.diagnose(idata).fit.status == "fits"
+    for group in ("response", "new_measurement"):
+        if group in idata:
+            idata[group]["frequency"][:, :108] *= 2.0
+    assert ef.diagnose(idata).fit.status == "does not fit"
+    assert ef.diagnose(idata, 108).fit.status == "fits"
+
+
 def test_an_error_that_surprises_does_not_fit_though_it_covers_all():
     laws = {"k1": stats.norm(50, 0.1), "k2": stats.norm(10, 0.02)}
     prior = ef.IndependentPrior(laws | {"error": stats.halfnorm(scale=0.02)})

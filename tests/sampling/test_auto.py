@@ -11,6 +11,7 @@ from support.runs import failures
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.sampling.auto import _choose_draws
 from emcee_femu.sampling.search import Search
 
 LIMIT = 5.0  # |z|
@@ -222,6 +223,27 @@ def test_ensembles_start_from_draws_of_the_posterior_of_their_own():
     assert np.abs(z).max() < LIMIT and z.std() > 0.2
 
 
+def test_walkers_start_by_importance_weights_in_modes_of_their_ensemble():
+    log_weights = np.log([1.0, 2.0, 3.0, 4.0, 5.0, 0.0 + 1e-300])
+    own, part = np.array([True, True, True, True, False, True]), np.arange(6)
+    rng = np.random.default_rng(1)
+    chosen = _choose_draws(rng, log_weights, part, own, 1_000)
+    counts = np.bincount(chosen, minlength=6)
+    assert_allclose(counts, [100, 200, 300, 400, 0, 0], atol=1)  # stratified
+
+
+def test_all_climbs_to_the_parts_of_a_mode_are_counted():
+    def log_density(x):
+        apart = [((x - [at, 0.0]) ** 2).sum(axis=1) for at in (-1.75, 1.75)]
+        return np.logaddexp(*(-0.5 * np.array(apart)))
+
+    posterior = free_posterior(log_density, box(-10, 10, 2))
+    for seed in range(4):
+        search = ef.run(posterior, "auto", 16, 2, ensembles=4, seed=seed).search
+        assert len(search.weights) == 1
+        assert search.found_by.sum() == search.climbs
+
+
 def test_a_failing_part_of_the_prior_is_rejected(caplog):
     caplog.set_level("ERROR", "emcee_femu")  # thousands of solves fail
 
@@ -318,6 +340,33 @@ def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
     assert largest_z(samplers, MEAN, SPREAD, discard=20) < LIMIT
     x = np.concatenate([s.get_chain(flat=True, discard=20) for s in samplers])
     assert_allclose(x.std(axis=0) / SPREAD, 1.0, atol=0.15)
+
+
+class Square:
+    """A response of which the sign of a parameter is not known."""
+
+    names, variables = ("a", "b"), {"y": ef.Variable({"i": range(2)})}
+
+    def __call__(self, p):
+        return {"y": np.column_stack([p["a"] ** 2, p["b"]])}
+
+    def jacobian(self, p):
+        slopes = {"a": 2 * p["a"][:, None] * [1, 0], "b": np.ones_like(p["b"])[:, None]}
+        return self(p), {"y": slopes | {"b": slopes["b"] * [0, 1]}}
+
+
+def test_beside_gradients_there_are_jumps_between_modes(monkeypatch):
+    monkeypatch.setattr("emcee_femu.sampling.auto.POOR", 2.0)  # gradients do better
+
+    def term(parameters, response):
+        return -50 * ((response["y"] - 1) ** 2).sum(axis=1)
+
+    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0)
+    posterior = ef.LogPosterior(Square(), term, prior)
+    run = ef.run(posterior, "auto", 16, 10, ensembles=2, seed=1)
+    assert len(run.search.weights) == 2
+    shares = {type(move).__name__: share for move, share in run.moves}
+    assert shares["HamiltonianMove"] > shares["IndependenceMove"] > 0
 
 
 # --- what it says and gains -------------------------------------------------------
