@@ -9,6 +9,7 @@ from scipy import stats
 from support.chains import ar1, backend
 
 import emcee_femu as ef
+from emcee_femu.sampling.first_solve import doubt_units
 
 HERTZ = np.array([3.13, 9.83])
 MASSES = np.array([16.5e3, 16.1e3])
@@ -146,6 +147,24 @@ def test_another_order_of_the_modes_is_doubted():
     posterior = posterior_of(HERTZ, lambda p: frequencies(p)[::-1])
     (doubt,) = doubts(posterior, moves=ef.DEMCMove())[1]
     assert "in another order than the measured" in doubt and "PairedModel" in doubt
+
+
+def test_modes_that_are_paired_may_cross():
+    """Two oscillators, of which the prior mean takes the other for the lower one."""
+    springs = {"a": (0, 1, 100.0), "b": (0, 2, 120.0)}
+    model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+    measured = np.sqrt([100.0, 120.0]) / (2 * np.pi)
+    test = ef.Measurements(measured, shapes=np.eye(2))
+    prior = ef.GaussianPrior(["a", "b"], [120.0, 100.0], 20.0, [(1.0, 300.0)] * 2)
+    terms = ef.FrequencyTerm(test, relative_sd=0.02)
+    paired = ef.PairedModel(model, test, candidates=2)
+    posterior = ef.LogPosterior(paired, terms, prior)
+    assert doubts(posterior, moves=ef.DEMCMove())[1] == []
+
+
+def test_draws_that_cannot_be_solved_say_nothing_of_units():
+    predicted = np.array([[30.0, 50.0], [np.nan, np.nan], [40.0, 45.0]])
+    assert doubt_units(predicted, np.array([1.0, 2.0]), "Hz").endswith("units?")
 
 
 def test_a_prior_mean_out_of_its_bounds_is_doubted():

@@ -32,6 +32,18 @@ def test_the_moments_of_a_gaussian_inside_bounds_are_those_of_its_cut_marginals(
     assert abs(covariance[0, 1]) < 0.1 * sds[0] * sds[1]
 
 
+def test_the_moments_of_a_correlated_gaussian_inside_bounds_are_those_of_its_draws():
+    mean, covariance = np.array([-0.5, 0.0]), np.array([[1.0, -0.7], [-0.7, 1.0]])
+    rng = np.random.default_rng(1)
+    draws = rng.multivariate_normal(mean, covariance, 400_000)
+    draws = draws[(draws > 0.5).all(axis=1)]
+    low, high = np.full(2, 0.5), np.full(2, np.inf)
+    centre, found = moments_inside(mean, covariance, low, high)
+    sds = draws.std(axis=0)
+    np.testing.assert_allclose((centre - draws.mean(axis=0)) / sds, 0.0, atol=0.15)
+    np.testing.assert_allclose(np.sqrt(np.diag(found)), sds, rtol=0.15)
+
+
 def test_a_saddle_keeps_its_scales():
     turned = np.array([[0.8, -0.6], [0.6, 0.8]])
     saddle = turned @ np.diag([-4.0, 9.0]) @ turned.T
