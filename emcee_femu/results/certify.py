@@ -6,6 +6,7 @@ posterior from draws of the prior.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
@@ -39,7 +40,7 @@ from .certificate import (
     find_missed,
 )
 from .chains import FEWEST_STEPS, read_chains
-from .diagnose import diagnose
+from .diagnose import diagnose, size_by_means
 from .to_arviz import check_sampled, read_samples
 from .verdict import NOT_CONVERGED
 
@@ -269,14 +270,16 @@ class EmulatedChain:
         order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
         draws = by_step[steps, order].reshape(-1, d)
         constant = dataset(idata, "constant_data").reindex(parameter=list(names))
-        by_chain = by_step.swapaxes(0, 1)
-        bulk = effective_sizes(by_chain)[0]
+        by_walker = by_step.swapaxes(0, 1)
+        bulk = effective_sizes(by_walker)[0]
+        mean_size: Callable[[Floats], Floats] = mean_sizes
         if len(chains.betas) > 1:
             # Exchanges hand states over, which walker by walker look independent.
-            bulk = diagnose(idata).ess_bulk
-        both = by_chain, (by_chain - draws.mean(axis=0)) ** 2
+            bulk, mean_size = diagnose(idata).ess_bulk, size_by_means
+            by_walker = chains.draws
+        both = by_walker, (by_walker - draws.mean(axis=0)) ** 2
         # At least one; NaN is that of a chain too short.
-        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_sizes, both)], nan=1.0), 1.0)
+        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
         return cls(
             names=names,
             draws=draws,

@@ -200,7 +200,7 @@ def _measure(chains: Chains) -> Diagnosis:
             draws.mean(axis=2, keepdims=True), moved.any(axis=1, keepdims=True)
         )
         bulk, tail = _sizes_by_means(draws)
-        of_squares = _size_by_means(squares)
+        of_squares = size_by_means(squares)
     else:
         tau = tau_by_ensemble(draws, moved)
         bulk, tail = effective_sizes(_as_chains(draws))
@@ -243,14 +243,17 @@ def _sizes_by_means(draws: Floats) -> tuple[Floats, Floats]:
     scores = stats.rankdata(draws.reshape(-1, draws.shape[-1]), axis=0)
     scores = stats.norm.ppf((scores - 0.375) / (len(scores) + 0.25))
     # Ranks make little of the gap between modes, over which the draws mix slowest.
-    bulk = [_size_by_means(values) for values in (draws, scores.reshape(draws.shape))]
+    bulk = [size_by_means(values) for values in (draws, scores.reshape(draws.shape))]
     ends = np.quantile(draws, TAILS, axis=(0, 1, 2))
-    tails = [_size_by_means(1.0 * (draws <= end)) for end in ends]
+    tails = [size_by_means(1.0 * (draws <= end)) for end in ends]
     return np.min(bulk, axis=0), np.min(tails, axis=0)
 
 
-def _size_by_means(values: Floats) -> Floats:
-    """Return the ESS of ``values (steps, ensembles, walkers, d)``: var / var(mean)."""
+def size_by_means(values: Floats) -> Floats:
+    """Return the ESS of the mean of ``values (steps, ensembles, walkers, d)``.
+
+    By the means over walkers that exchange places: var / var(mean).
+    """
     series = values.mean(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = values.var(axis=(0, 1, 2)) / series.var(axis=(0, 1))

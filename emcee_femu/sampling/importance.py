@@ -102,12 +102,11 @@ def find_acceptance(log_p: Floats, log_c: Floats, log_q: Floats) -> float:
     """
     some = slice(None, None, -(-len(log_p) // PAIRED))
     log_p, log_c, log_q = log_p[some], log_c[some], log_q[some]
-    possible = np.isfinite(log_c)  # draws of others do not come
-    log_weights = log_p[possible] - log_c[possible]
-    if not np.isfinite(log_weights).any():
+    if not np.isfinite(log_p + log_c).any():
         return 0.0
-    at_p, at_c = (normalise((x - log_q)[possible]) for x in (log_p, log_c))
-    with np.errstate(invalid="ignore"):  # of draws where p is zero
+    at_p, at_c = (normalise(x - log_q) for x in (log_p, log_c))
+    with np.errstate(invalid="ignore"):  # of draws where p or c is zero
+        log_weights = log_p - log_c
         ratios = np.exp(np.minimum(log_weights - log_weights[:, None], 0.0))
     return float(at_p @ np.nan_to_num(ratios) @ at_c)
 
@@ -134,12 +133,6 @@ def resample(weights: Floats, size: int, offset: float | Floats) -> NDArray[np.i
     places = (np.arange(size) + offset) / size * edges[-1]
     members: NDArray[np.intp] = np.searchsorted(edges, places, side="right")
     return np.minimum(members, len(weights) - 1)
-
-
-def resampled_count(which: NDArray[np.intp], weights: Floats) -> float:
-    """Return the effective number of draws that members with weights stand for."""
-    shares = np.bincount(which, weights)
-    return float(shares.sum() ** 2 / (shares**2).sum())
 
 
 class Bridge(NamedTuple):

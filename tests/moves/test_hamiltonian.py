@@ -279,3 +279,14 @@ def test_tuning_finds_80_percent_acceptance_and_long_enough_trajectories():
         SmoothGaussian(), np.tile([3.0, 2.0, 4.0], (24, 1)), [1e20] * 3, seed=1
     )
     assert wide.steps == 1
+
+
+def test_the_slowest_parameters_tell_how_long_trajectories_are():
+    """Two of eight, of which the metric takes .3 for the standard deviation."""
+    target = SmoothGaussian((1.0,), 8)
+    stated = np.array([0.3, 0.3, *[1.0] * 6])
+    spread = target.factor @ target.factor.T * np.outer(stated, stated)
+    for seed in (1, 2):
+        samples = target.sample(np.random.default_rng(seed), (24,))
+        move = ef.moves.HamiltonianMove.tuned(target, samples, spread, seed=seed)
+        assert move.steps * move.step_size > 3.0  # else half a period of the others

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from scipy import stats
+from support.chains import ar1
 from support.emulated_gaussians import (
     COVARIANCE,
     NEAR,
@@ -42,12 +43,43 @@ def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, phi):
     assert 0.6 < (z**2).mean() < 1.45
 
 
+@pytest.mark.slow
+def test_the_error_of_a_standard_deviation_is_that_about_the_true_mean():
+    """Far from the emulated one, about which squares would scatter more."""
+    moved, true = (LogGaussian(np.full(1, at), np.eye(1)) for at in (0.8, 0.0))
+    found = [certify(moved, true, seed=seed, solves=300) for seed in range(60)]
+    z = [(c.sd[0] - 1) / c.sd_error[0] for c in found]
+    assert 0.65 < np.mean(np.square(z)) < 1.5
+
+
+def test_a_variance_is_never_below_zero():
+    """Of a wide chain, corrected by what the weights of some draws leave of theirs."""
+    wide, true = (LogGaussian(np.zeros(1), v * np.eye(1)) for v in (1.0, 0.01))
+    theta, below = draws(wide, 3_000, 1), 0
+    idata = sampled(posterior(wide), theta)
+    for seed in range(6):
+        found = ef.certify(idata, posterior(true), 800, seed=seed)
+        square = (found.theta[:, 0] - theta.mean()) ** 2
+        below += theta.var() + (found.weights - 1) @ square / len(square) < 0
+        assert found.short == "corrected" and found.sd[0] > 0
+    assert 0 < below < 6
+
+
 def test_where_all_weights_are_equal_moments_are_those_of_the_whole_chain():
     theta = draws(TRUE, 8_000, 1)
     found = ef.certify(sampled(posterior(TRUE), theta), posterior(TRUE), 75, seed=1)
     np.testing.assert_allclose(found.mean, theta.mean(axis=0), atol=1e-12)
     np.testing.assert_allclose(found.sd, theta.std(axis=0), rtol=1e-3)
     np.testing.assert_allclose(found.mean_error, 8_000**-0.5, rtol=0.1)
+
+
+def test_errors_are_those_of_the_chain_whose_squares_forget_sooner():
+    n, phi = 20_000, 0.9
+    found = [certify(TRUE, n=n, seed=seed, phi=phi) for seed in range(3)]
+    of_mean = np.sqrt((1 + phi) / (1 - phi) / n)
+    of_sd = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * n))
+    errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
+    np.testing.assert_allclose(errors, [of_mean, of_sd], rtol=0.15)
 
 
 def test_the_variance_is_that_about_a_mean_which_few_draws_know():
@@ -150,6 +182,9 @@ def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
     missed = [c for c in found if c.short == "refused"]
     assert len(missed) >= 4
     assert all("x1 = 6" in c.verdict or "x1 = 5.9" in c.verdict for c in missed)
+    small = free_posterior(two_modes(0.05, variance), box(-12.0, 12.0, 3))
+    found = [ef.certify(idata, small, 120, seed=seed) for seed in range(6)]
+    assert sum(c.short == "refused" for c in found) >= 3
     # A mode of less than a hundredth may be missed, and one that none came upon.
     for share in (3e-3, 1e-4):
         alone = free_posterior(two_modes(share), box(-12.0, 12.0, 3))
@@ -177,10 +212,11 @@ def test_moments_that_differ_bar_a_certificate():
     found = certify(TRUE)
     assert found.short == "certified"
     wide = dataclasses.replace(found, emulated_sd=1.15 * found.sd)
+    narrow = dataclasses.replace(found, emulated_sd=0.85 * found.sd)
     moved = dataclasses.replace(found, emulated_mean=found.mean + 0.15 * found.sd)
     unknown = dataclasses.replace(found, sd_error=0.06 * found.sd)
     apart = dataclasses.replace(found, settled=False)
-    for other in (wide, moved, unknown, apart):
+    for other in (wide, narrow, moved, unknown, apart):
         assert other.short == "corrected"
 
 
@@ -228,6 +264,19 @@ def test_a_short_chain_is_said_and_widens_the_errors():
     assert short.effective < 60 * short.efficiency < 1.2 * long.effective
 
 
+def test_the_slowest_parameter_tells_what_a_chain_is_worth():
+    law = posterior(LogGaussian(np.zeros(3), np.eye(3)))
+    theta = ar1([0.98, 0.0, 0.0], 3_000, 1, 1)[:, 0]
+    assert "independent draws only" in str(ef.certify(sampled(law, theta), law, seed=1))
+
+
+def test_no_climb_begins_amid_the_draws():
+    flat = free_posterior(lambda theta: np.zeros(len(theta)), box(-9.0, 9.0, 2))
+    theta = np.random.default_rng(1).uniform(-9.0, 9.0, (4_000, 2))
+    found = ef.certify(sampled(flat, theta), flat, 60, seed=1)
+    assert len(found.theta) == found.solves == 60  # no place is away from all
+
+
 def test_a_chain_in_several_parts_is_refused():
     true, theta = posterior(TRUE), draws(TRUE, 2_000, 1)
     for apart, short in ((0.0, "certified"), (1.5, "refused")):
@@ -235,6 +284,40 @@ def test_a_chain_in_several_parts_is_refused():
         found = ef.certify(sampled(true, moved, walkers=2), true, seed=1)
         assert found.short == short
     assert "in several parts" in found.verdict
+
+
+@pytest.mark.parametrize("kind", ["a walker that never moved", "ensembles apart"])
+def test_parts_that_walkers_among_one_another_do_not_show_are_refused(kind):
+    true, theta = posterior(TRUE), draws(TRUE, 8_000, 1).reshape(2, 200, 20, 3)
+    if kind == "ensembles apart":
+        theta[1] += 1.5
+    else:
+        theta[0, :, 3] = theta[0, 0, 3]
+    idata = sampled(true, theta.reshape(-1, 3), walkers=20, ensembles=2)
+    assert ef.diagnose(idata).rhat_within.max() < 1.1
+    found = ef.certify(idata, true, seed=1)
+    assert found.short == "refused" and "in several parts" in found.verdict
+
+
+def test_walkers_that_exchange_places_know_no_more():
+    """As of a tempered run: each forgets at once, but not their ensemble."""
+    steps, walkers, phi = 1_500, 6, 0.9
+    rng, true, found = np.random.default_rng(1), posterior(TRUE), []
+    for seed in range(4):
+        theta = ar1([phi] * 3, steps, walkers, seed) @ np.linalg.cholesky(COVARIANCE).T
+        order = rng.permuted(np.tile(np.arange(walkers), (steps, 1)), axis=1)
+        theta = np.take_along_axis(theta, order[:, :, None], axis=1)
+        idata = sampled(true, theta.reshape(-1, 3), walkers)
+        idata["posterior"].attrs["betas"] = "[1.0, 0.5]"
+        found.append(ef.certify(idata, true, 400, seed=seed))
+    size = steps * walkers * (1 - phi) / (1 + phi)
+    of_squares = steps * walkers * (1 - phi**2) / (1 + phi**2)
+    n = len(found[0].theta)
+    worth = [c.effective / n for c in found]
+    assert np.mean(worth) == pytest.approx(np.tanh(size / n), abs=0.14)  # the worst's
+    errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
+    exact = size**-0.5, (2 * of_squares) ** -0.5
+    np.testing.assert_allclose(errors, exact, rtol=0.25)
 
 
 def test_no_weight_at_all():
@@ -412,6 +495,10 @@ def test_weights_that_are_nearly_equal_are_trusted_whatever_their_k():
     assert unequal.short == "refused"
     bent = dataclasses.replace(unequal, pareto_k=0.1, curvature_k=0.9)
     assert bent.short == "refused"
+    light = {"pareto_k": 0.1, "curvature_k": 0.1, "effective": 40.0}
+    assert dataclasses.replace(found, **light).short == "certified"
+    few = dataclasses.replace(unequal, **light)
+    assert few.short == "refused" and "50 are needed" in few.verdict
     weak = dataclasses.replace(unequal, pareto_k=0.6)  # of 75 weights
     assert "such a heavy tail that no mean over" in weak.verdict
 

@@ -181,6 +181,13 @@ def test_the_bounds_of_the_verdict(
     assert found.chains.sentence.startswith(found.chains.status)
 
 
+def test_length_does_not_bring_ensembles_in_different_modes_together():
+    chains = [ar1([0.5], 2000, 8, seed) + 6.0 * seed for seed in (1, 2)]
+    said = ef.diagnose([backend(chain) for chain in chains]).chains
+    assert said.short == "ensembles disagree" and "steps=" not in said.sentence
+    assert said.sentence.endswith('as between modes; run moves="auto".')
+
+
 def test_agreement_of_given_starts_is_not_called_converged():
     start = POSTERIOR.prior.sample(np.random.default_rng(1), 16).reshape(2, 8, 2)
     move = ef.MetropolisMove(sd=0.1)
@@ -207,23 +214,37 @@ def test_an_arviz_object_is_judged_as_its_samplers(discard):
     assert np.isnan(unknown.acceptance).all() and "Acceptance" not in str(unknown)
 
 
+LOW = stats.norm.ppf(0.05)
+
+
 def test_walkers_that_exchange_places_are_judged_by_their_mean():
     """Shuffled walkers forget at once, but their ensemble has the tau of before."""
     steps, walkers, phi = 4000, 6, 0.9
     rng, plain = np.random.default_rng(3), []
     for seed in range(4):
-        chain = np.repeat(ar1([phi], steps, walkers, seed), 2, axis=2)
-        chain[..., 1] = 5 * np.sign(chain[..., 0]) + rng.normal(size=(steps, walkers))
+        chain = np.repeat(ar1([phi], steps, walkers, seed), 3, axis=2)
+        noise = rng.normal(size=(2, steps, walkers))
+        chain[..., 1] = 5 * np.sign(chain[..., 0]) + noise[0]
+        chain[..., 2] = noise[1] - 20 * (chain[..., 0] < LOW)  # a slow tail
         chain = rng.permuted(chain, axis=1)
         plain.append(backend(chain))
     # Of signs the autocorrelation is 2 / pi arcsin(phi^k): two modes, mixed slowly.
     signs = 2 / np.pi * np.arcsin(phi ** np.arange(1, 200))
-    tau = np.array([(1 + phi) / (1 - phi), 1 + 2 * signs.sum()])
+    joint = [
+        stats.multivariate_normal([0, 0], [[1, r], [r, 1]]).cdf([LOW, LOW])
+        for r in phi ** np.arange(1, 60)
+    ]
+    tails = (np.array(joint) - 0.05**2) / (0.05 - 0.05**2)
+    sums = signs.sum(), tails.sum()
+    tau = np.array([(1 + phi) / (1 - phi), *(1 + 2 * np.array(sums))])
     found = ef.diagnose(as_arviz(plain, betas=[1.0, 0.5]))
     assert_allclose(found.tau[:, 0].mean(), tau[0], rtol=0.15)
     assert_allclose(found.steps_per_tau, steps / found.tau.max(axis=0), rtol=1e-12)
     assert_allclose(found.ess_bulk, 4 * walkers * steps / tau, rtol=0.2)
     assert (found.ess_tail > 0.8 * found.ess_bulk).all()
+    assert_allclose(found.ess_tail[2], 4 * walkers * steps / tau[2], rtol=0.2)
+    of_sd = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * 4 * walkers * steps))
+    assert_allclose(found.sd_error[0], of_sd, rtol=0.2)  # squares forget by phi^2
     by_walkers = ef.diagnose(plain)
     assert (by_walkers.ess_bulk > 3 * found.ess_bulk).all()
     assert found.acceptance.shape == (4, walkers)

@@ -9,6 +9,7 @@ from scipy import stats
 from support.chains import ar1, backend
 
 import emcee_femu as ef
+from emcee_femu.sampling.first_solve import doubt_units
 
 HERTZ = np.array([3.13, 9.83])
 MASSES = np.array([16.5e3, 16.1e3])
@@ -148,6 +149,24 @@ def test_another_order_of_the_modes_is_doubted():
     assert "in another order than the measured" in doubt and "PairedModel" in doubt
 
 
+def test_modes_that_are_paired_may_cross():
+    """Two oscillators, of which the prior mean takes the other for the lower one."""
+    springs = {"a": (0, 1, 100.0), "b": (0, 2, 120.0)}
+    model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+    measured = np.sqrt([100.0, 120.0]) / (2 * np.pi)
+    test = ef.Measurements(measured, shapes=np.eye(2))
+    prior = ef.GaussianPrior(["a", "b"], [120.0, 100.0], 20.0, [(1.0, 300.0)] * 2)
+    terms = ef.FrequencyTerm(test, relative_sd=0.02)
+    paired = ef.PairedModel(model, test, candidates=2)
+    posterior = ef.LogPosterior(paired, terms, prior)
+    assert doubts(posterior, moves=ef.DEMCMove())[1] == []
+
+
+def test_draws_that_cannot_be_solved_say_nothing_of_units():
+    predicted = np.array([[30.0, 50.0], [np.nan, np.nan], [40.0, 45.0]])
+    assert doubt_units(predicted, np.array([1.0, 2.0]), "Hz").endswith("units?")
+
+
 def test_a_prior_mean_out_of_its_bounds_is_doubted():
     prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 9)])
     (doubt,) = doubts(posterior_of(prior=prior), moves=ef.DEMCMove())[1]
@@ -223,6 +242,33 @@ def test_a_parameter_at_its_bound_is_named():
     found = ef.diagnose(doubts(posterior_of(prior=prior))[0]).fit
     assert found.status == found.short == "at a bound"
     assert "k2 is pressed against its upper bound 6.9" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("off", "fit"),
+    [([2.5], "fits"), ([6.0], "does not fit"), ([2.5, -2.5, 2.5], "does not fit")],
+    ids=["one outside", "one far outside", "three outside"],
+)
+def test_of_ten_values_one_may_be_outside_but_not_far(off, fit):
+    exact, z = np.arange(1.0, 11.0), np.zeros(10)
+    z[2 : 2 + len(off)] = off
+    prior = ef.IndependentPrior({"k1": stats.norm(1, 1e-4), "k2": stats.norm(1, 1e-4)})
+    model = ef.FunctionModel(lambda p: p["k1"] * p["k2"] * exact, n_modes=10)
+    term = ef.FrequencyTerm(exact + 0.01 * z, sd=0.01)
+    run = doubts(ef.LogPosterior(model, term, prior), moves=ef.DEMCMove())[0]
+    found = ef.diagnose(run).fit
+    assert found.status == fit
+    assert f"{10 - len(off)} of 10 measured values" in found.sentence
+
+
+def test_steps_that_are_dropped_say_nothing_of_the_fit(good):
+    idata = ef.to_inference_data(good)
+    assert ef.diagnose(idata).fit.status == "fits"
+    for group in ("response", "new_measurement"):
+        if group in idata:
+            idata[group]["frequency"][:, :108] *= 2.0
+    assert ef.diagnose(idata).fit.status == "does not fit"
+    assert ef.diagnose(idata, 108).fit.status == "fits"
 
 
 def test_an_error_that_surprises_does_not_fit_though_it_covers_all():

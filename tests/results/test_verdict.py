@@ -67,6 +67,8 @@ def judged(record, **options):
 
 ONE = {"weights": [1.0], "errors": [0.0], "found_by": [[3]] * 4, "starts": [[1.0]] * 4}
 ONE["mode_of"] = [0, 0, -1, -1]
+# A proposal that meets the first mode well, and hardly ever the second.
+THIN = [[0.89, 0.01, 0.05, 0.05], *record()["mixture"][1:]]
 
 
 def test_a_healthy_run_is_converged_and_shows_its_modes():
@@ -86,6 +88,7 @@ def test_a_healthy_run_is_converged_and_shows_its_modes():
     assert found.search.status == "searched" and "one point in 166" in found.verdict
     alone = judged(record(**ONE))
     assert alone.converged and "Weights of" not in str(alone)
+    assert judged(record(**ONE, share=0.0, pareto_k=0.9)).converged  # no use of it
     assert ef.diagnose(runs()).modes is None
 
 
@@ -102,6 +105,8 @@ def test_a_healthy_run_is_converged_and_shows_its_modes():
         ("proposal too narrow", {"share": 0.02}, "in 600 steps"),
         ("converged", {"share": 0.0}, "agree"),  # only local moves, which are judged
         ("proposal too narrow", {"share": 0.0, "pareto_k": 0.9}, "Pareto k is 0.90"),
+        ("converged", {"pareto_k": 0.9, "efficiency": 0.51}, "agree"),
+        ("proposal too narrow", {"share": 0.05, "mixture": THIN}, "in 600 steps"),
     ],
 )
 def test_the_bounds_of_what_a_record_says(short, changes, words):
@@ -132,7 +137,7 @@ ONCE = {"starts": [[0.7, 0.25, 0.05]] + [[0.7, 0.3, 0]] * 3}
 @pytest.mark.parametrize(
     ("short", "found_so", "words"),
     [
-        ("converged", third([0.7, 0.296, 0.004], [0.01, 0.01, 0.001]), "agree"),
+        ("converged", third([0.7, 0.296, 0.004], [0.01, 0.01, 5e-4]), "agree"),
         ("a mode is lost", third([0.7, 0.29, 0.01], [0.01, 0.01, 0.002]), "0.010 (+-"),
         ("a mode is lost", third(*LOST), "not known"),
         ("a mode is lost", third(*LOST, **NEVER, **ONCE), "or a walker started"),
@@ -143,6 +148,8 @@ def test_a_mode_that_no_walker_is_in_any_more(short, found_so, words):
     found = judged(found_so)
     assert found.chains.short == short and words in found.chains.sentence
     assert np.isnan(found.modes.acceptance[2])
+    # As if there were one other draw.
+    assert_allclose(found.modes.errors[2], 1 / (4 * WALKERS * STEPS), rtol=1e-3)
 
 
 def test_weights_that_differ_between_ensembles_are_not_converged():
@@ -159,9 +166,11 @@ def test_weights_that_nobody_knows_well_are_not_converged():
     assert found.converged and 0.008 < found.modes.errors[0] < 0.0125
     found = judged(unsure, stay=0.94, steps=2_000, ensembles=2)
     assert 0.0125 < found.modes.errors[0] < 0.02
-    assert (
-        found.chains.short == "weights unknown" and "+- 0.01" in found.chains.sentence
-    )
+    said = found.chains.sentence
+    assert found.chains.short == "weights unknown" and "+- 0.01" in said
+    needed = 1.25 * 2_000 * (found.modes.errors[0] / 0.0125) ** 2
+    steps = int(said.rpartition("steps=")[2].rstrip(".").replace(",", ""))
+    assert needed <= steps <= 1.1 * needed
 
 
 def gaussian(variance, df):
@@ -264,6 +273,9 @@ def test_scatter_is_a_chi_square_over_its_quantile():
     few[:, 2] += 9 * np.sqrt((1 + phi) / (1 - phi) / (steps * walkers))
     assert (diagnosed(few).scatter > 1).all()
     assert np.isnan(diagnosed(few[:, :2]).scatter).all()
+    wide = draws[..., :2].copy()
+    wide[:, 2] *= 1.25  # about the same mean
+    assert (diagnosed(wide).scatter > 1).all()
     # An ensemble that never leaves a place has no tau of its own.
     few[:, 1, :, 0] = 0.5
     held = diagnosed(few)

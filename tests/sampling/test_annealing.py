@@ -69,6 +69,20 @@ def test_a_likelihood_that_says_nothing_takes_one_step():
     assert annealed.log_evidence_error == pytest.approx(0.0, abs=1e-6)
 
 
+def test_what_is_impossible_of_the_prior_is_part_of_the_evidence_and_of_its_error():
+    """A quarter is left: its share is that of some 400 draws."""
+
+    def cut(theta):
+        return np.where(theta[:, 0] > 0.5, -3.5, -np.inf)
+
+    posterior = in_a_box(cut, 2, 1.0)
+    annealed = [ef.anneal(posterior, 100, seed=seed) for seed in range(16)]
+    off = np.array([p.log_evidence for p in annealed]) + 3.5 - np.log(0.25)
+    claimed = np.array([p.log_evidence_error for p in annealed])
+    assert abs(off.mean()) < LIMIT * off.std(ddof=1) / np.sqrt(16) < 0.2
+    assert_allclose(np.median(claimed), np.sqrt(0.75 / (0.25 * 400)), rtol=0.2)
+
+
 def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
     sd, centre = 1e-4, np.array([0.3, -0.2, 0.7])
 

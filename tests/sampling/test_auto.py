@@ -10,6 +10,9 @@ from support.free_posterior import FreeModel, box, free_posterior
 from support.runs import failures
 
 import emcee_femu as ef
+from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.sampling.auto import _choose_draws
+from emcee_femu.sampling.search import Search
 
 LIMIT = 5.0  # |z|
 SHARE = 0.3  # of the posterior in the narrow mode
@@ -64,6 +67,58 @@ def test_weights_of_modes_are_exact_and_so_are_their_errors():
     assert errors.max() < 0.03
     assert abs(inside.mean() - SHARE) < LIMIT * inside.std() / np.sqrt(8)
     assert inside.std() < 0.05
+
+
+def search_of(posterior, seed, starts=None):
+    streams = np.random.default_rng(seed).spawn(2)
+    with Evaluation.open(posterior) as evaluator:
+        search = Search(evaluator, streams)
+        search.run(1_000, starts, 20_000)
+    return search
+
+
+def test_the_first_proposal_is_the_gaussians_of_the_modes_by_their_evidence():
+    mixture = search_of(two_modes(0.15, 2), 1).mixture()
+    order = np.argsort(mixture.means[:, 0])
+    assert_allclose(mixture.weights[order], [1 - SHARE, SHARE], atol=0.01)
+    variances = np.array([1.0, 0.15**2])[:, None, None] * np.eye(2)
+    assert_allclose(mixture.matrices[order], variances, rtol=0.05, atol=1e-3)
+
+
+def test_every_ensemble_climbs_from_more_than_its_highest_point():
+    """Two needles that no scan can hit, of which one ensemble was given points."""
+
+    def log_density(x):
+        needles = [((x - [at, 0.0]) ** 2).sum(axis=1) / 2e-6 for at in (5.0, -5.0)]
+        wide = -0.5 * (x**2).sum(axis=1)
+        return np.logaddexp.reduce([wide, 13.0 - needles[0], 12.0 - needles[1]])
+
+    starts = np.random.default_rng(1).normal(size=(2, 8, 2))
+    starts[1, :2] = [[5.0 + 1e-4, 1e-4], [-5.0 + 1e-4, 1e-4]]
+    search = search_of(free_posterior(log_density, box(-10, 10, 2)), 1, starts)
+    places = [round(m.theta[0]) for m in search.maxima]
+    found = dict(zip(places, search.found_by, strict=True))
+    assert sorted(found) == [-5, 0, 5]
+    assert all(found[at][0] == 0 < found[at][1] for at in (5, -5))
+
+
+def ridges(x):
+    """Return two bent ridges, one of some percent, and a ball beside them."""
+    along = -50 * (x[:, 0] * x[:, 1] - 1) ** 2
+    across = -0.5 * ((x[:, 0] - 2) ** 2 + x[:, 2] ** 2 + x[:, 3] ** 2)
+    ball = -0.5 * ((x + 3) ** 2).sum(axis=1) / 0.3**2 - 4 * np.log(0.3)
+    return np.logaddexp(np.log(0.6) + along + across, np.log(0.4) + ball)
+
+
+@pytest.mark.slow
+def test_what_the_modes_explain_least_is_climbed_from_though_it_is_low():
+    """The highest points alone are those of the tails of the first ridge."""
+    prior = ef.GaussianPrior(
+        ["x1", "x2", "x3", "x4"], np.zeros(4), 3.0, [(-40, 40)] * 4
+    )
+    posterior = free_posterior(ridges, prior)
+    found = [len(search_of(posterior, seed).maxima) for seed in range(6)]
+    assert np.mean(found) >= 2.8
 
 
 def test_scans_about_the_wide_mode_hit_a_needle():
@@ -168,6 +223,27 @@ def test_ensembles_start_from_draws_of_the_posterior_of_their_own():
     assert np.abs(z).max() < LIMIT and z.std() > 0.2
 
 
+def test_walkers_start_by_importance_weights_in_modes_of_their_ensemble():
+    log_weights = np.log([1.0, 2.0, 3.0, 4.0, 5.0, 0.0 + 1e-300])
+    own, part = np.array([True, True, True, True, False, True]), np.arange(6)
+    rng = np.random.default_rng(1)
+    chosen = _choose_draws(rng, log_weights, part, own, 1_000)
+    counts = np.bincount(chosen, minlength=6)
+    assert_allclose(counts, [100, 200, 300, 400, 0, 0], atol=1)  # stratified
+
+
+def test_all_climbs_to_the_parts_of_a_mode_are_counted():
+    def log_density(x):
+        apart = [((x - [at, 0.0]) ** 2).sum(axis=1) for at in (-1.75, 1.75)]
+        return np.logaddexp(*(-0.5 * np.array(apart)))
+
+    posterior = free_posterior(log_density, box(-10, 10, 2))
+    for seed in range(4):
+        search = ef.run(posterior, "auto", 16, 2, ensembles=4, seed=seed).search
+        assert len(search.weights) == 1
+        assert search.found_by.sum() == search.climbs
+
+
 def test_a_failing_part_of_the_prior_is_rejected(caplog):
     caplog.set_level("ERROR", "emcee_femu")  # thousands of solves fail
 
@@ -264,6 +340,33 @@ def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
     assert largest_z(samplers, MEAN, SPREAD, discard=20) < LIMIT
     x = np.concatenate([s.get_chain(flat=True, discard=20) for s in samplers])
     assert_allclose(x.std(axis=0) / SPREAD, 1.0, atol=0.15)
+
+
+class Square:
+    """A response of which the sign of a parameter is not known."""
+
+    names, variables = ("a", "b"), {"y": ef.Variable({"i": range(2)})}
+
+    def __call__(self, p):
+        return {"y": np.column_stack([p["a"] ** 2, p["b"]])}
+
+    def jacobian(self, p):
+        slopes = {"a": 2 * p["a"][:, None] * [1, 0], "b": np.ones_like(p["b"])[:, None]}
+        return self(p), {"y": slopes | {"b": slopes["b"] * [0, 1]}}
+
+
+def test_beside_gradients_there_are_jumps_between_modes(monkeypatch):
+    monkeypatch.setattr("emcee_femu.sampling.auto.POOR", 2.0)  # gradients do better
+
+    def term(parameters, response):
+        return -50 * ((response["y"] - 1) ** 2).sum(axis=1)
+
+    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0)
+    posterior = ef.LogPosterior(Square(), term, prior)
+    run = ef.run(posterior, "auto", 16, 10, ensembles=2, seed=1)
+    assert len(run.search.weights) == 2
+    shares = {type(move).__name__: share for move, share in run.moves}
+    assert shares["HamiltonianMove"] > shares["IndependenceMove"] > 0
 
 
 # --- what it says and gains -------------------------------------------------------

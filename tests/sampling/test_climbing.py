@@ -8,7 +8,7 @@ from support.free_posterior import FreeModel, density_term
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation
-from emcee_femu.sampling.climbing import climb
+from emcee_femu.sampling.climbing import Maximum, climb, distinct
 from emcee_femu.sampling.coordinates import Coordinates
 
 # Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
@@ -96,3 +96,19 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
             assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
             row = positive.rows(evaluator, end.theta[None])[0]
             assert_allclose(end.row, row, rtol=1e-9)
+
+
+def test_a_needle_is_another_maximum_than_what_is_as_high_beside_it():
+    at_bound = np.zeros(2, dtype=bool)
+    maxima = [
+        Maximum(
+            np.array([x, 0.0]), np.full(1, top), v * np.eye(2), 0.0, at_bound, True, ""
+        )
+        for x, v, top in (
+            (0.0, 1.0, 0.0),
+            (0.5, 1e-4, 0.0),
+            (0.1, 1.0, 0.0),
+            (0.2, 1.0, -1.0),
+        )
+    ]  # the last is lower than the Gaussian about the first would have it
+    assert sorted(map(sorted, distinct(maxima))) == [[0, 2], [1], [3]]

@@ -261,3 +261,21 @@ def test_amplitudes_allow_for_errors_that_leaving_one_out_shows():
         sd = fitted.amplitudes * fitted.left_out_sd[:, None]
         z = fitted.leave_out(kinks(POINTS)) / sd
         assert (np.sqrt((z**2).mean(axis=0)) < 1.001).all()
+
+
+def test_amplitudes_are_those_of_students_t_or_of_what_is_left_out():
+    """Of 40 draws of the process: the variance of a t, unless errors are larger."""
+    number, p = TREND.shape
+    kernel = correlate(POINTS, POINTS, LENGTHS, False) + gp.NUGGET * np.eye(number)
+    factor = np.linalg.cholesky(kernel)
+    values = 10.0 * factor @ np.random.default_rng(1).standard_normal((number, 40))
+    trend, white = np.linalg.solve(factor, TREND), np.linalg.solve(factor, values)
+    residual = white - trend @ np.linalg.lstsq(trend, white)[0]
+    of_t = (residual**2).sum(axis=0) / (number - p - 2)
+    fitted = gp.Processes.condition(POINTS, values, LENGTHS, False)
+    z = fitted.leave_out(values) / fitted.left_out_sd[:, None]
+    left_out = (z**2).mean(axis=0)
+    assert 0.1 < (left_out > of_t).mean() < 0.9  # both occur
+    np.testing.assert_allclose(
+        fitted.amplitudes**2, np.maximum(of_t, left_out), rtol=1e-3
+    )
