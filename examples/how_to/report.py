@@ -60,11 +60,14 @@ ef.report(run, path, title="Mast: stiffness of its two halves").name
 # %%
 import html
 
-from IPython.display import HTML
+
+class Page(str):
+    _repr_html_ = str.__str__  # a notebook shows it as HTML
+
 
 page = html.escape(path.read_text(encoding="utf-8"))
 style = "width: 100%; height: 40rem; border: 1px solid #888"
-HTML(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
+Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
 
 # %% [markdown]
 # The file ends with the call that writes it again. For saved samples, as by
