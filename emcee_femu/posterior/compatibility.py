@@ -55,9 +55,14 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
     for reader in models + [term for e in experiments for term in e.terms]:
         names = read_declared(reader, "names") or ()
         bounds = read_declared(reader, "bounds") or {}
-        if missing := {*names} - {*prior.names}:
+        if missing := sorted({*names} - {*prior.names}):
+            remedy = ""
+            if isinstance(reader, Term):
+                remedy = f"; give the error a prior too, such as {missing[0]!r}: "
+                remedy += "scipy.stats.halfnorm(scale=0.02) in IndependentPrior"
             raise ValueError(
-                f"prior: no parameter {sorted(missing)}, which model or terms need"
+                f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
+                f"there are {[*prior.names]}{remedy}"
             )
         read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:

@@ -28,7 +28,7 @@ Terms: TypeAlias = LikelihoodTerm | Sequence[LikelihoodTerm]
 Directions: TypeAlias = Mapping[str, Mapping[str, Floats]]  # as spread returns them
 Ask: TypeAlias = Callable[[Parameters], tuple[Response, Directions]]
 
-SHOWN = 8  # parameter sets of a batch in a message
+SHOWN = 2  # parameter sets of a batch in a message
 
 
 class Solved(NamedTuple):
@@ -283,8 +283,9 @@ def check_joint(experiments: Mapping[str, tuple[Model, Terms]]) -> None:
 def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
     """Return parameter sets by name, and not all of many."""
     n = len(next(iter(parameters.values())))
+    digits = 17 if n == 1 else 6  # which of several was wrong is not known anyway
     sets = [
-        {name: float(values[i]) for name, values in parameters.items()}
+        {name: float(f"{values[i]:.{digits}g}") for name, values in parameters.items()}
         for i in range(min(n, SHOWN))
     ]
     rest = [f"{n - SHOWN} more"] if n > SHOWN else []
