@@ -90,6 +90,19 @@ def test_other_units_are_doubted_before_sampling_and_by_the_fit(
     assert words in fit.sentence and fit.sentence.endswith(cause)
 
 
+def test_units_are_doubted_where_one_frequency_is_near():
+    """A constant part of K, whose mode other units of the parameters leave alone."""
+    (doubt,) = doubts(posterior_of(HERTZ / [2.0, 60.0]), moves=ef.DEMCMove())[1]
+    assert "11.6 times less" in doubt and doubt.endswith("units?")
+
+
+def test_predictions_off_by_more_than_a_factor_of_two_are_no_discrepancy():
+    prior = ef.IndependentPrior({"k1": stats.norm(50, 1), "k2": stats.norm(10, 0.2)})
+    run = doubts(posterior_of(AT_MEAN * [1.0, 3.0], prior=prior))[0]
+    sentence = ef.diagnose(run).fit.sentence
+    assert "Units or the model are wrong" in sentence and "discrepancy" not in sentence
+
+
 @pytest.mark.parametrize(
     ("measured", "prior"),
     [
@@ -151,7 +164,7 @@ def test_another_order_of_the_modes_is_doubted():
 def test_a_prior_mean_out_of_its_bounds_is_doubted():
     prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 9)])
     (doubt,) = doubts(posterior_of(prior=prior), moves=ef.DEMCMove())[1]
-    assert doubt.startswith("prior (its mean): k2 = 10 of point 0 is outside its bound")
+    assert doubt.startswith("prior (its mean): k2 = 10 is outside its bounds (1, 9)")
 
 
 def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):
