@@ -194,7 +194,8 @@ def _dense_problem(model: MatrixModel) -> Eigenproblem:
         except np.linalg.LinAlgError:
             raise ValueError(
                 "M0: expected a positive definite matrix; remove massless DOFs "
-                "by static condensation, or give scipy.sparse matrices"
+                "by static condensation, or give scipy.sparse matrices; or are K0 and "
+                "M0 swapped?"
             ) from None
     return Eigenproblem(
         np.array([model.K0, *model.K.values()]),
