@@ -193,7 +193,8 @@ class SparseEigenproblem:
                     raise RepeatedModes(
                         f"mode {last} coincides with one above it, or nearly with one "
                         f"below, at {where}: its shape has no derivative by itself"
-                        + f"; ask for n_modes={last + 1}" * (last == len(eigenvalues))
+                        + f"; ask for n_modes={last + 1}"
+                        * (last == len(eigenvalues))
                     )
                 turn = x[:, dofs] - 0.5 * phi[dofs] @ (phi.T @ inertia)
                 turns[:, :, cluster] = turn
