@@ -278,7 +278,7 @@ def test_a_prior_mean_that_cannot_be_solved_is_left_out():
     paired = ef.PairedModel(
         function, ef.Measurements(HERTZ, shapes=MEASURED), candidates=2
     )
-    posterior = ef.LogPosterior(paired, ef.FrequencyTerm(HERTZ, sd=0.1), PRIOR)
+    posterior = ef.LogPosterior(paired, ef.FrequencyTerm(HERTZ, sd=0.03), PRIOR)
     draws = posterior.start(8, 1)
     run = ef.run(
         posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1, starts=draws[None]
@@ -290,7 +290,10 @@ def test_a_prior_mean_that_cannot_be_solved_is_left_out():
 def test_experiments_are_named():
     paired = ef.PairedModel(MODEL, TEST, candidates=2)
     term = ef.FrequencyTerm(TEST, relative_sd=0.01)
-    tests = {"empty": (paired, term), "plain": (MODEL, ef.FrequencyTerm(HERTZ, sd=1.0))}
+    tests = {
+        "empty": (paired, term),
+        "plain": (MODEL, ef.FrequencyTerm(HERTZ, sd=0.03)),
+    }
     joint = ef.LogPosterior.joint(tests, PRIOR)
     run = ef.run(joint, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
     assert len(ef.figures.plot_mac(run, experiment="empty").axes) == 3
@@ -318,3 +321,12 @@ def test_what_close_modes_span_is_drawn_at_the_sensors_only():
     assert_allclose(predicted, points(axes, "measured"), atol=1e-9)
     assert not [c for c in axes.collections if c.get_label() == "updated model"]
     assert "MAC 1.000" in axes.get_title()
+
+
+def test_intervals_are_inside_their_frames(solved):
+    figure = ef.figures.plot_mac(beam_run(solved, True))
+    figure.canvas.draw()
+    after = figure.axes[1]
+    (frame,) = (patch.get_window_extent() for patch in after.patches)
+    (box,) = (t.get_window_extent() for t in after.texts if "–" in t.get_text())
+    assert frame.x0 < box.x0 and box.x1 < frame.x1
