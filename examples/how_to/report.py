@@ -73,7 +73,8 @@ Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe>
 # The file ends with the call that writes it again. For saved samples, as by
 # `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`. Without
 # `posterior=` the report lacks the likelihood in words and the figures of mode shapes,
-# which need model and terms. A chain with burn-in needs `discard=`, as in
+# which need model and terms. Mode shapes are drawn if the model has a geometry, as a
+# frame does; to others give one, `model.geometry = ef.Geometry(...)`, before pairing. A chain with burn-in needs `discard=`, as in
 # {py:func}`~emcee_femu.to_inference_data`. Results of {py:func}`~emcee_femu.certify`
 # and {py:func}`~emcee_femu.pool_tests` have reports, too.
 #

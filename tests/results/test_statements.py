@@ -54,11 +54,11 @@ def statuses(found):
 def test_a_good_run_has_three_good_statements(good):
     found = ef.diagnose(good)
     assert statuses(found) == ("converged", "searched", "fits") and found.converged
-    assert found.short == "Chains: converged. Search: one mode. Fit: inside."
+    assert found.short == "Chains: converged. Search: one maximum. Fit: inside."
     *_, chains, search, fit = str(found).splitlines()
     assert chains == f"Chains: {found.chains.sentence}" and "R-hat at most" in chains
     points = good.search.points
-    assert search.startswith(f"Search: one mode, by {points:,} points.")
+    assert search.startswith(f"Search: one maximum, by {points:,} points.")
     assert f"one point in {points // 3:,} falls near it" in search
     assert fit.startswith("Fit: inside: 2 of 2 measured values (frequency)")
     assert "every check" not in str(found)
