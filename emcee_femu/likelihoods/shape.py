@@ -11,9 +11,7 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
 from ..models.paired import at_sensors
-from .term import LEAST_SD, Term, doubt_percent, error_array, log_normal
-
-LARGE_DELTA = 0.5  # of a shape of unit length; more may be given in percent
+from .term import LEAST_SD, MOST_RELATIVE, Term, doubt_percent, error_array, log_normal
 
 
 class ShapeTerm(Term):
@@ -112,7 +110,7 @@ class ShapeTerm(Term):
         if delta is not None:
             self.delta = np.ones(self.n_modes)
             self.delta *= error_array("delta", delta, (self.n_modes,))
-            doubt_percent("delta", self.delta, LARGE_DELTA)
+            doubt_percent("delta", self.delta, MOST_RELATIVE)
         if sd is not None:
             partial = (self.n_modes,), (n_sensors, 1), shapes.shape
             self.sd = np.ones(shapes.shape) * error_array("sd", sd, *partial)

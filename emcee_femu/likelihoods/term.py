@@ -34,7 +34,7 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
-LARGE_RELATIVE = 0.1  # the same, where it may be
+LARGE = 0.1  # the same, where it may be
 ALONG = 6e-6  # relative change of a response, where no solve adds noise
 
 
@@ -275,16 +275,13 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
     return numbers
 
 
-def doubt_percent(
-    argument: str, relative: Floats, large: float = LARGE_RELATIVE
-) -> None:
+def doubt_percent(argument: str, relative: Floats, large: float = LARGE) -> None:
     """Warn of relative standard deviations that may have been given in percent."""
     if (largest := relative.max()) > large:
         instead = "relative_sd" if argument == "sd" else argument
         warnings.warn(
             f"{argument}: expected at most {large:g} of what was measured, got "
-            f"{largest:.3g}, which is {100 * largest:.3g} %; if percent were meant, "
-            f"1 % is {instead}=0.01",
+            f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is {instead}=0.01",
             stacklevel=3,
         )
 

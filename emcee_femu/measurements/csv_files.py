@@ -53,8 +53,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:  # Excel's BOM
             text = file.read()
-            title = text.partition("\n")[0]
-            delimiter = next((mark for mark in ";\t" if mark in title), ",")
+            delimiter = next((c for c in ";\t" if c in text.partition("\n")[0]), ",")
             lines = io.StringIO(text, newline="")
             reader = csv.reader(lines, delimiter=delimiter)
             rows = [(f"{path}, line {reader.line_num}", row) for row in reader]

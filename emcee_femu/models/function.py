@@ -120,8 +120,7 @@ class FunctionModel:
             except (Exception, SystemExit) as error:
                 add_place(error, row, [*row])
                 if isinstance(error, TypeError):
-                    name = next(iter(row), "k1")
-                    error.add_note(f"it is given one dict; read p[{name!r}], and so on")
+                    error.add_note(f"the function is given one dict, of {[*row]}")
                 if self._is_modal and str(error).startswith("function ("):
                     error.add_note("return frequencies, or ef.ModalSolution(f, shapes)")
                 raise

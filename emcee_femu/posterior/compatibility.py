@@ -58,8 +58,7 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
         if missing := sorted({*names} - {*prior.names}):
             remedy = ""
             if isinstance(reader, Term):
-                remedy = f"; give the error a prior too, such as {missing[0]!r}: "
-                remedy += "scipy.stats.halfnorm(scale=0.02) in IndependentPrior"
+                remedy = f"; add {missing[0]!r}: scipy.stats.halfnorm(scale=0.02)"
             raise ValueError(
                 f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
                 f"there are {[*prior.names]}{remedy}"

@@ -141,9 +141,8 @@ class IndependentPrior(Report):
                 low, high = checks.real_array(f"marginals[{name!r}]", marginal)
                 if not low < high:
                     raise ValueError(
-                        f"marginals[{name!r}]: expected low < high, got ({low:g}, "
-                        f"{high:g}); for a mean and a standard deviation write "
-                        "scipy.stats.norm(mean, sd)"
+                        f"marginals[{name!r}]: expected low < high, got {marginal}; "
+                        "a mean and a standard deviation are scipy.stats.norm(mean, sd)"
                     )
                 marginal = stats.uniform(low, high - low)
             methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}

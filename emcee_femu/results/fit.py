@@ -51,8 +51,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         outside, worst = int((z > WIDTH).sum()), int(np.argmax(z))
         inside, total = inside + len(z) - outside, total + len(z)
         if ratios.max(initial=0) > np.log(WRONG):
-            remedy = "Units or the model are wrong: predictions are off by more than a "
-            remedy += f"factor of {WRONG:g}."
+            remedy = f"Units or the model are wrong: off by a factor above {WRONG:g}."
         if z[worst] > FAR or stats.binom.sf(outside - 1, len(z), 0.05) < CHANCE:
             missed.append(part.name)
             far += (

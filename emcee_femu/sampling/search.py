@@ -76,8 +76,7 @@ class Search:
         drawn = [prior.sample(rng, each) for rng in self.streams]
         if not np.isfinite(drawn).all():
             raise ValueError(
-                "prior: some of its draws are infinite; give it bounds, or other "
-                "arguments: scipy.stats.lognorm takes (s, scale=median)"
+                "prior: some draws are infinite; scipy.stats.lognorm takes (s, scale=)"
             )
         theta, rows = self._evaluate(drawn)
         self.draws = Draws(theta, rows)

@@ -91,7 +91,7 @@ def square(p):
 @pytest.mark.parametrize(
     ("function", "remedy"),
     [
-        (lambda k, m: [k / m], r"given one dict; read p\['k'\]"),
+        (lambda k, m: [k / m], r"given one dict, of \['k', 'm'\]"),
         (lambda p: (np.ones(2), np.eye(2)), r"return .*ModalSolution\(f, shapes\)"),
     ],
 )
