@@ -28,6 +28,7 @@ spread     model         ``spread(parameters)``: the response, and how far it mo
 one_by_one model         True: it solves one parameter set after another, so that a
                          failure is known by itself
 geometry   model         its ``Geometry``, for pictures of mode shapes
+dofs       model         all its DOFs; nodes without any are supports in such pictures
 name       term          the label under which its log-likelihood is stored
 reads      term          ``{name: Variable}``, what it needs of the response
 observed   term          ``{name: array}``, what was measured, by the name of a variable

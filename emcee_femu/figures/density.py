@@ -90,5 +90,8 @@ def estimate_density(
     shared = (region & (squares <= RADIUS**2)).sum() * cell
     ellipse = math.pi * RADIUS**2 * math.sqrt(np.linalg.det(covariance))
     overlap = shared / (ellipse + region.sum() * cell - shared)
-    gaussian = bool(overlap > ALIKE - NOISE / math.sqrt(size))
+    reach = RADIUS * np.sqrt(np.diag(covariance))
+    ends = points.mean(axis=0) + np.outer([-1, 1], reach)
+    fits = ((ends >= limits[:, 0]) & (ends <= limits[:, 1])).all()
+    gaussian = bool(fits and overlap > ALIKE - NOISE / math.sqrt(size))
     return (x[..., 0], x[..., 1], values), levels, gaussian

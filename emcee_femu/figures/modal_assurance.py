@@ -15,8 +15,8 @@ from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import RED, Style, finish, subplots
 
-FEW = 4  # modes of the model up to which the two panels are beside each other
-ROW, COLUMN = 0.42, 0.56  # inches of a measured mode, and at least of the model's
+FEW = 3  # modes of the model up to which the two panels are beside each other
+ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
 
 
 def plot_mac(

@@ -40,13 +40,14 @@ def plot_shapes(
     """Draw the structure with its measured mode shapes and those of the updated model.
 
     One panel per mode. Grey is the structure at rest, blue the model at the posterior
-    mean (one solve), red arrows are what the sensors measured, in the model's scale; a
-    blue circle is the model at a sensor, along what it measures. Where the model
-    returns shapes at more DOFs than the sensors', lines move with their nodes; a node
-    of which nothing is known stands still if most others are known, as supports do,
-    and its lines are not drawn else. Of close modes, which turn with the least change,
-    the shape is that which they span next to the measured one, at the sensors only.
-    Without measured shapes the model's are drawn alone.
+    mean (one solve), red lines that end in dots are what the sensors measured, in the
+    model's scale; a blue circle is the model at a sensor, along what it measures. Blue
+    lines move with their nodes. A node of which nothing is known stands still if it is
+    one of the geometry's supports, or if the model returns shapes at all its DOFs
+    (``shapes=True``), which a support has none of; else its blue lines are left out. Of
+    close modes, which turn with the least change, the shape is that which they span
+    next to the measured one, at the sensors only. Without measured shapes the model's
+    are drawn alone.
 
     A structure in a plane that its modes do not leave is drawn in that plane, any other
     in space, z upwards.
@@ -92,9 +93,9 @@ def plot_shapes(
         geometry = read_declared(test.model, "geometry")
     if geometry is None:
         raise ValueError(
-            "geometry: the model tells none; give geometry=Geometry(nodes, lines, "
+            "geometry: the model has none; give geometry=Geometry(nodes, lines, "
             "sensors), {node: coordinates}, (node, node) each and {DOF: (node, "
-            "direction)}"
+            "direction)}, or set model.geometry to one before PairedModel(model, ...)"
         )
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
@@ -148,17 +149,20 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
         values |= dict(zip(sensors, paired, strict=True))
     unknown = [
         dof
-        for dof in sensors or values
+        for dof in values
         if geometry.locate(dof) is None and not str(dof).endswith(ROTATIONS)
     ]
     moves = _move_nodes(geometry, values)
-    if not moves or (sensors and unknown):
+    if not moves or {*unknown} & {*sensors}:
+        missing = [dof for dof in unknown if dof in sensors] or unknown
         raise ValueError(
-            f"geometry: it does not know the DOFs {unknown}; give Geometry(nodes, "
+            f"geometry: it does not know the DOFs {missing}; give Geometry(nodes, "
             "lines, sensors={DOF: (node, direction)}), or name them 'node:ux'"
         )
-    if len(moves) > len(geometry.nodes) / 2:  # the others are supports
-        moves = dict.fromkeys(geometry.nodes, np.zeros(3)) | moves
+    # What has no DOF where all are known is held; close modes have sensors only.
+    known = modes.complete and not unknown and values.keys() >= {*modes.dofs}
+    still = geometry.nodes if known else geometry.supports
+    moves = dict.fromkeys(still, np.zeros(3)) | moves
     predicted, tested = (
         _move_nodes(geometry, dict(zip(sensors, shape, strict=True)))
         for shape in (paired, measured)

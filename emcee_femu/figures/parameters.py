@@ -37,9 +37,9 @@ def plot_scatter(
     the samples are none, the smallest regions that hold 95 % and 50 % of them.
     Samples of a pair count as Gaussian if the region of 95 % and the ellipse share
     four fifths of the area of both, and somewhat less of chains with few effective
-    samples, whose regions are ragged. Axes show the central 99 % of the samples and a
-    tenth more to either side, and all truths; they end at the prior's bounds, and at
-    zero where all samples are positive.
+    samples, whose regions are ragged; and if the ellipse stays inside the axes. Axes
+    show the central 99 % of the samples and a tenth more to either side, and all
+    truths; they end at the prior's bounds, and at zero where all samples are positive.
 
     Args:
         idata: What :func:`to_inference_data` returns or takes, such as a run.

@@ -9,7 +9,14 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
-from .term import Deviations, Term, add_discrepancy, choose_error, error_array
+from .term import (
+    Deviations,
+    Term,
+    add_discrepancy,
+    choose_error,
+    doubt_percent,
+    error_array,
+)
 
 
 class DisplacementTerm(Term):
@@ -70,6 +77,8 @@ class DisplacementTerm(Term):
         self.sd = np.zeros(u.shape)
         if error:
             numbers = error_array(error, value, u.shape[1:], u.shape)
+            if error == "relative_sd":
+                doubt_percent(error, numbers)
             self.sd += numbers * (np.abs(u) if error == "relative_sd" else 1.0)
         if not (self.sd > 0).all() and (error or not u.all()):
             raise ValueError("measured: zero has no relative error; give sd")

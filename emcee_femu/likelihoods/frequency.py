@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, modal_variables, read
 from ..measurements import Measurements, modes
-from .term import Deviations, Term, add_discrepancy, choose_error, error_array
+from .term import (
+    Deviations,
+    Term,
+    add_discrepancy,
+    choose_error,
+    doubt_percent,
+    error_array,
+)
 
 # Log-likelihood that an unpaired mode costs: as much as four standard deviations.
 UNPAIRED = 8.0
@@ -52,8 +59,10 @@ class FrequencyTerm(Term):
             :class:`Measurements`, whose standard deviations or covariance are then
             the default.
         beta: :math:`\beta_c` of Eq. 2.2, one number or one per mode.
-        relative_sd: Instead: relative standard deviation, ``beta ** -0.5``.
-        sd: Instead: standard deviations in Hz, one number or one per mode.
+        relative_sd: Instead: relative standard deviation, ``beta ** -0.5``. Above 0.1,
+            10 %, a warning asks whether percent were meant.
+        sd: Instead: standard deviations in Hz, one number or one per mode; the same
+            warning above 10 % of a frequency.
         covariance: Instead: covariance in Hz^2, ``(n_modes, n_modes)``. For repeated
             tests give that of one test, not of the mean: what they share in error
             (mounting, temperature) does not average out.
@@ -111,6 +120,8 @@ class FrequencyTerm(Term):
             numbers = error_array(error, value, self.measured.shape)
             if error == "sd":
                 numbers = numbers / self.measured
+            if error != "beta":
+                doubt_percent(error, numbers)
             self.beta[:] = numbers if error == "beta" else numbers**-2
         self._sd = self.beta**-0.5
         self.reads = modal_variables(self.n_modes)

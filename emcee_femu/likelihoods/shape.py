@@ -11,7 +11,15 @@ from .. import checks
 from ..interfaces import Floats, PairedSolution, Parameters, Response, Variable, read
 from ..measurements import Measurements
 from ..models.paired import at_sensors
-from .term import LEAST_SD, Deviations, Term, error_array, log_normal
+from .term import (
+    LEAST_SD,
+    MOST_RELATIVE,
+    Deviations,
+    Term,
+    doubt_percent,
+    error_array,
+    log_normal,
+)
 
 
 class ShapeTerm(Term):
@@ -105,6 +113,7 @@ class ShapeTerm(Term):
         if delta is not None:
             self.delta = np.ones(self.n_modes)
             self.delta *= error_array("delta", delta, (self.n_modes,))
+            doubt_percent("delta", self.delta, MOST_RELATIVE)
         if sd is not None:
             partial = (self.n_modes,), (n_sensors, 1), shapes.shape
             self.sd = np.ones(shapes.shape) * error_array("sd", sd, *partial)

@@ -10,6 +10,7 @@ of the response ``(n, *shape, d)`` and of each parameter ``(n, d)`` by d directi
 they cost evaluations of the term, and no solve.
 """
 
+import warnings
 from collections.abc import Callable, Mapping
 from copy import copy
 from typing import TypeAlias, TypeVar
@@ -28,6 +29,7 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
+LARGE = 0.1  # the same, where it may be
 ALONG = 6e-6  # relative change of a response, where no solve adds noise
 
 
@@ -243,6 +245,17 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
             "0.02 is 2 %"
         )
     return numbers
+
+
+def doubt_percent(argument: str, relative: Floats, large: float = LARGE) -> None:
+    """Warn of relative standard deviations that may have been given in percent."""
+    if (largest := relative.max()) > large:
+        instead = "relative_sd" if argument == "sd" else argument
+        warnings.warn(
+            f"{argument}: expected at most {large:g} of what was measured, got "
+            f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is {instead}=0.01",
+            stacklevel=3,
+        )
 
 
 def log_normal(r: Floats, sd: Floats) -> Floats:

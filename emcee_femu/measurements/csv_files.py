@@ -23,6 +23,9 @@ QUANTITIES = {
     "shape": "shapes",
     "shape sd": "shape_sd",
 }
+# As a person may write them: in any case, without the unit.
+WRITTEN = {name.lower(): field for name, field in QUANTITIES.items()}
+WRITTEN |= {name.partition(" [")[0]: field for name, field in WRITTEN.items()}
 PER_SENSOR = ("shapes", "shape_sd")
 
 
@@ -50,16 +53,19 @@ def read_csv(path: Path) -> dict[str, Any]:
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:  # Excel's BOM
             text = file.read()
-            commas = ";" not in text.partition("\n")[0]
-            reader = csv.reader(io.StringIO(text), delimiter="," if commas else ";")
+            delimiter = next((c for c in ";\t" if c in text.partition("\n")[0]), ",")
+            lines = io.StringIO(text, newline="")
+            reader = csv.reader(lines, delimiter=delimiter)
             rows = [(f"{path}, line {reader.line_num}", row) for row in reader]
     except (csv.Error, UnicodeError) as error:
-        raise ValueError(f"{path}: expected a CSV file in UTF-8 ({error})") from None
+        raise ValueError(
+            f"{path}: expected a CSV file in UTF-8; save it as 'CSV UTF-8' ({error})"
+        ) from None
     titles = _trim(rows[0][1]) if rows else []
     if titles[:3] != HEADER or len(titles) < 4 or not all(titles):
         raise ValueError(
             f"{path}, line 1: expected the titles {','.join(HEADER)},mode 1,.. "
-            f"separated by commas or semicolons, got {','.join(titles)!r}"
+            f"separated by commas, semicolons or tabs, got {','.join(titles)!r}"
         )
     fields: dict[str, Any] = {}
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
@@ -67,7 +73,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     for place, row in rows[1:]:
         if not (cells := _trim(row)):
             continue
-        field = QUANTITIES.get(cells[0])
+        field = WRITTEN.get(cells[0].lower())
         if field is None:
             raise ValueError(
                 f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
@@ -81,7 +87,7 @@ def read_csv(path: Path) -> dict[str, Any]:
                 f"{place}, columns 'sensor' and 'dof': expected a sensor only in rows "
                 f"of shapes, a DOF only in rows 'shape', got {sensor!r} and {dof!r}"
             )
-        if not commas:  # with decimal commas, perhaps
+        if delimiter != ",":  # with decimal commas, perhaps
             cells[3:] = [cell.replace(",", ".") for cell in cells[3:]]
         # A blank is a missing sensor, unless the file was cut there.
         cut = len(row) < len(titles) or (row is rows[-1][1] and text[-1] not in "\r\n")
@@ -127,7 +133,8 @@ def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float
             numbers.append(float(cell))
         except ValueError:
             raise ValueError(
-                f"{place}, column {title!r}: expected a number, got {cell!r}"
+                f"{place}, column {title!r}: expected a number, got {cell!r}; "
+                "leave the cell of a missing sensor blank"
             ) from None
     return numbers
 

@@ -76,7 +76,8 @@ class Eigenproblem:
             except np.linalg.LinAlgError:
                 raise ValueError(
                     f"{label} is not positive definite: remove massless DOFs by static "
-                    "condensation, or give scipy.sparse matrices"
+                    "condensation, or give scipy.sparse matrices; or are K0 and M0 "
+                    "swapped?"
                 ) from None
             self.K, self.output = inverse @ K @ inverse.T, output @ inverse.T
 

@@ -115,6 +115,10 @@ class FunctionModel:
                 _check_shapes("function", results[-1][0], first)
             except (Exception, SystemExit) as error:
                 add_place(error, row, [*row])
+                if isinstance(error, TypeError):
+                    error.add_note(f"the function is given one dict, of {[*row]}")
+                if self._is_modal and str(error).startswith("function ("):
+                    error.add_note("return frequencies, or ef.ModalSolution(f, shapes)")
                 raise
         names = results[0][0]
         response = {name: np.array([row[name] for row, _ in results]) for name in names}

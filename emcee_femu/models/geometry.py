@@ -17,19 +17,26 @@ class Geometry:
     r"""Nodes, the lines between them, and where and along what each DOF is measured.
 
     Args:
-        nodes: ``{node: coordinates}``, two or three each, in one unit of length.
+        nodes: ``{node: coordinates}``, two (x and y) or three each, in one unit of
+            length.
         lines: ``(node, node)`` each: what is drawn of the structure.
         sensors: ``{DOF: (node, direction)}``, a DOF as models and
             :class:`Measurements` name it, a direction out of ux uy uz or a vector.
             DOFs named ``"node:ux"`` need not be given.
+        supports: Nodes that stand still. Not needed where the model returns shapes at
+            all its DOFs (``shapes=True``): the other nodes are its supports.
 
     Attributes:
         nodes: ``{node: coordinates (3,)}``; a third that was not given is 0.
         lines: As given.
+        supports: As given.
+
+    A model whose ``geometry`` is not known can be given one before it is paired,
+    ``model.geometry = Geometry(...)``: :func:`plot_shapes` and :func:`report` draw it.
 
     Raises:
         TypeError: If an argument is not of the form described.
-        ValueError: If a line or sensor has an unknown node or direction.
+        ValueError: If a line, sensor or support has an unknown node or direction.
 
     Examples:
         >>> from emcee_femu.models.geometry import Geometry
@@ -44,6 +51,7 @@ class Geometry:
         nodes: Mapping[Node, ArrayLike],
         lines: Iterable[tuple[Node, Node]] = (),
         sensors: Mapping[Hashable, tuple[Node, str | Sequence[float]]] | None = None,
+        supports: Iterable[Node] = (),
     ) -> None:
         if not isinstance(nodes, Mapping) or not nodes:
             raise TypeError(f"nodes: expected {{node: coordinates}}, got {nodes!r}")
@@ -63,6 +71,11 @@ class Geometry:
             self.lines.append(checks.group(f"lines[{i}]", line, "(node, node)", 2))
             for node in line:
                 self._check_node(f"lines[{i}]", node)
+        if not isinstance(supports, Iterable) or isinstance(supports, str | Mapping):
+            raise TypeError(f"supports: expected a sequence of nodes, got {supports!r}")
+        self.supports = [*supports]
+        for node in self.supports:
+            self._check_node("supports", node)
         self.sensors: dict[Hashable, tuple[Node, Floats]] = {}
         form = "{DOF: (node, direction)}"
         by_dof = checks.mapping("sensors", {} if sensors is None else sensors, form)

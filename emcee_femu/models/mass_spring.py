@@ -65,6 +65,7 @@ class MassSpringModel:
         mass = np.diag(self.masses)
         self._model = MatrixModel(np.zeros((n, n)), mass, K, n_modes=n, shapes=shapes)
         self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
+        self.dofs = self._model.dofs
         self.names: tuple[str, ...] = ()  # every spring has a default
         self.bounds = dict.fromkeys(K, (0.0, np.inf))
 

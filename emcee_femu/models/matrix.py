@@ -93,7 +93,8 @@ class MatrixModel:
                 f"n_modes: expected skip + n_modes <= {size} (the DOFs of K0), "
                 f"got {skip} + {n_modes}"
             )
-        dofs = choose_dofs("shapes", shapes, range(size))
+        self.dofs = range(size)
+        dofs = choose_dofs("shapes", shapes, self.dofs)
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
         self.problem = sparse_problem(self) if sparse else _dense_problem(self)

@@ -103,7 +103,7 @@ class PairedModel:
         min_gap: float = 0.02,
     ) -> None:
         if not callable(model):
-            raise TypeError(f"model: expected a callable, got {model!r}")
+            raise TypeError(f"model: expected a callable, got {type(model).__name__}")
         checks.instance("measurements", measurements, Measurements)
         if measurements.shapes is None:
             raise ValueError("measurements: no shapes, by which modes are paired")

@@ -55,8 +55,14 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
     for reader in models + [term for e in experiments for term in e.terms]:
         names = read_declared(reader, "names") or ()
         bounds = read_declared(reader, "bounds") or {}
-        if missing := {*names} - {*prior.names}:
-            raise ValueError(f"prior: no {sorted(missing)}, which model or terms need")
+        if missing := sorted({*names} - {*prior.names}):
+            remedy = ""
+            if isinstance(reader, Term):
+                remedy = f"; add {missing[0]!r}: scipy.stats.halfnorm(scale=0.02)"
+            raise ValueError(
+                f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
+                f"there are {[*prior.names]}{remedy}"
+            )
         read |= {*names, *bounds}
         for name in bounds.keys() & {*prior.names}:
             ends = prior.bounds[prior.names.index(name)].tolist()

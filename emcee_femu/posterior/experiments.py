@@ -30,7 +30,7 @@ Tests: TypeAlias = Mapping[str, tuple[Model, Terms]]  # by the names of experime
 Directions: TypeAlias = Mapping[str, Mapping[str, Floats]]  # as spread returns them
 Ask: TypeAlias = Callable[[Parameters], tuple[Response, Directions]]
 
-SHOWN = 8  # parameter sets of a batch in a message
+SHOWN = 2  # parameter sets of a batch in a message
 
 
 class Solved(NamedTuple):
@@ -275,7 +275,10 @@ def check_joint(experiments: Tests) -> None:
 def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
     """Return parameter sets by name, and not all of many."""
     n = len(next(iter(parameters.values())))
-    shown = range(min(n, SHOWN))
-    sets = [{k: float(v[i]) for k, v in parameters.items()} for i in shown]
+    digits = 17 if n == 1 else 6  # which of several was wrong is not known anyway
+    sets = [
+        {name: float(f"{values[i]:.{digits}g}") for name, values in parameters.items()}
+        for i in range(min(n, SHOWN))
+    ]
     rest = [f"{n - SHOWN} more"] if n > SHOWN else []
     return sets[0] if n == 1 else [*sets, *rest]

@@ -422,7 +422,8 @@ class LogPosterior(Report):
         low, high = self.prior.bounds.T
         outside = np.argwhere(~((theta >= low) & (theta <= high)))
         for row, column in outside[:1]:
+            place = f" of point {row}" if len(theta) > 1 else ""
             raise ValueError(
-                f"{argument}: {self.names[column]} = {theta[row, column]:g} of point "
-                f"{row} is outside its bounds ({low[column]:g}, {high[column]:g})"
+                f"{argument}: {self.names[column]} = {theta[row, column]:g}{place} is "
+                f"outside its bounds ({low[column]:g}, {high[column]:g})"
             )

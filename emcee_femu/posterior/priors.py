@@ -139,7 +139,11 @@ class IndependentPrior(Report):
         for name, marginal in marginals.items():
             if np.shape(marginal) == (2,):
                 low, high = checks.real_array(f"marginals[{name!r}]", marginal)
-                check_bounds([marginal], (name,))
+                if not low < high:
+                    raise ValueError(
+                        f"marginals[{name!r}]: expected low < high, got {marginal}; "
+                        "a mean and a standard deviation are scipy.stats.norm(mean, sd)"
+                    )
                 marginal = stats.uniform(low, high - low)
             methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}
             if methods != {"logpdf", "rvs", "support"}:  # what can be frozen is not

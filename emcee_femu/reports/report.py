@@ -70,11 +70,12 @@ def report(
     It says what was measured, with a digest of the data; the model, its parameters and
     priors; the likelihood in words and formulas; the solves spent; what
     :func:`diagnose` states; parameters and fit before and after; the MAC of paired
-    modes and their shapes, where the model knows its geometry; the prior beside the
-    posterior, correlations, :func:`identifiability`; and seeds, versions and the call
-    that writes the file again. Its pictures are inside, and it prints on A4. What the
-    source does not tell is left out. Only paired modes cost solves, three for each
-    experiment. A file that is there is overwritten.
+    modes and their shapes, where the model has a ``geometry`` (:class:`Geometry`); the
+    prior beside the posterior, correlations, :func:`identifiability`; and seeds,
+    versions and the call that writes the file again. Its pictures are inside, and it
+    prints on A4. What the source does not tell is left out. It costs a solve for each
+    experiment with frequencies and three more where modes are paired. A file that is
+    there is overwritten.
 
     Args:
         source: What :func:`run` or :func:`to_inference_data` returned, or whatever else
@@ -149,7 +150,9 @@ def report(
         diagnosis=diagnose(run or idata, discard if run else 0),
         certificate=held["certificate"].attrs if "certificate" in held else None,
         parameters=parameter_table(idata),
-        frequencies=[frequency_table(idata, experiment=e) for e in with_frequencies],
+        frequencies=[
+            frequency_table(idata, sampled, None, e) for e in with_frequencies
+        ],
         pictures=dict(_draw_all(idata, sampled, measured, pooled)),
         predicted=_tabulate_predictions(idata, sampled, measured),
         pairings=[pairing_table(idata, e) for e in with_pairs],

@@ -20,6 +20,7 @@ WIDTH = 1.96  # standard deviations of a new measurement to either side: 95 %
 CHANCE = 0.1  # of so many values outside, if the posterior had not seen them
 FAR = 4.0  # standard deviations, for a single value
 OUTVOTED = 5  # times as many values in another term
+WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
 
@@ -41,12 +42,16 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         return Statement("not checked", "not checked", f"not checked: {reason}.")
     about = describe_samples(idata, fitted=False)
     missed, far, units, inside, total = [*about.surprising], "", [], 0, 0
+    remedy = "Infer the model's error (discrepancy=), or mend it."
     for part, new in drawn:
         mean = new.mean(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.abs(part.values - mean) / new.std(axis=0)
+            ratios = np.abs(np.log(np.abs(mean / part.values)))[z > WIDTH]
         outside, worst = int((z > WIDTH).sum()), int(np.argmax(z))
         inside, total = inside + len(z) - outside, total + len(z)
+        if ratios.max(initial=0) > np.log(WRONG):
+            remedy = f"Units or the model are wrong: off by a factor above {WRONG:g}."
         if z[worst] > FAR or stats.binom.sf(outside - 1, len(z), 0.05) < CHANCE:
             missed.append(part.name)
             far += (
@@ -66,9 +71,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         status, short = ("at a bound",) * 2 if pressed else ("fits", "inside")
         return Statement(status, short, " ".join([f"{short}: {sentence}", *pressed]))
     actions = units or [*_outvoted(chains.posterior, missed)] or about.find_doubts()
-    actions = (
-        actions or pressed or ["Infer the model's error (discrepancy=), or mend it."]
-    )
+    actions = actions or pressed or [remedy]
     short = f"{total - inside} of {total} outside" if far else "a surprising error"
     sentence = " ".join([f"does not fit: {sentence}", *actions])
     return Statement("does not fit", short, sentence)

@@ -22,11 +22,13 @@ class ModeShapes:
         frequencies: In Hz, ``(q,)``.
         shapes: At all DOFs that the model returns, ``(n_dof, q)``.
         dofs: The labels of these DOFs; their numbers where the model does not tell.
+        complete: Whether these are all the DOFs that the model has.
     """
 
     frequencies: Floats
     shapes: Floats
     dofs: Sequence[Hashable]
+    complete: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +83,9 @@ def solve_shapes(
     variables = read_declared(model, "variables") or {}
     declared = variables.get("shapes", Variable({})).coords.get("dof", ())
     dofs: Sequence[Hashable] = [*declared] or range(len(shapes))
+    complete = len(shapes) == len(read_declared(model, "dofs") or ())
     if paired is None:
-        return ModeShapes(hertz, shapes, dofs)
+        return ModeShapes(hertz, shapes, dofs, complete)
     measured, solution = paired.measurements, paired.pair(response)
     assert measured.shapes is not None
     at_sensors = paired.read_candidates(response)[1][0]
@@ -99,6 +102,7 @@ def solve_shapes(
         hertz,
         shapes,
         dofs,
+        complete,
         measured.shapes,
         measured.frequencies,
         sensors,

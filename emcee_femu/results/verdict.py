@@ -79,16 +79,16 @@ def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> St
 
 
 def judge_search(modes: ModeWeights | None) -> Statement:
-    """Say what a search found, and how small a mode it may have missed."""
+    """Say what a search found, and how small a maximum it may have missed."""
     if modes is None:
-        sentence = "none: a mode that no walker started near is not seen; "
+        sentence = "none: a maximum that no walker started near is not seen; "
         sentence += 'run(posterior, "auto") searches.'
         return Statement("not searched", "none", sentence)
     count = len(modes.importance)
-    short = "one mode" if count == 1 else f"{count} modes"
+    short = "one maximum" if count == 1 else f"{count} maxima"
     sentence = (
-        f"{short}, by {modes.searched:,} points. A mode so small that fewer than one "
-        f"point in {modes.searched // HITS:,} falls near it may be missing."
+        f"{short}, by {modes.searched:,} points. A maximum so small that fewer than "
+        f"one point in {modes.searched // HITS:,} falls near it may be missing."
     )
     return Statement("searched", short, sentence)
 
@@ -98,8 +98,8 @@ def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statem
     if chains.kind == "population":
         words = "an annealed population; anneal with other seeds and compare"
         found = (
-            f"{chains.origin}. A mode so small that fewer than one draw of the prior "
-            f"in {len(chains.draws) // HITS:,} falls near it may be missing."
+            f"{chains.origin}. A maximum so small that fewer than one draw of the "
+            f"prior in {len(chains.draws) // HITS:,} falls near it may be missing."
         )
     else:
         certificate = dataset(source, "certificate").attrs

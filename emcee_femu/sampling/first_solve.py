@@ -12,7 +12,7 @@ from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 
-FAR = 3.0  # ratio to what was measured, or its inverse, which is suspected
+FAR = 3.0  # median ratio to what was measured, or its inverse, which is suspected
 LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
 DRAWS = 16  # of the prior, which may reach the data though its mean does not
 
@@ -106,7 +106,7 @@ def doubt(
 
 
 def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
-    """Say how far off predictions are, if all are, and all to the same side.
+    """Say how far off predictions are, if most are, and all to the same side.
 
     Args:
         predicted: What the model gives, ``(n, m)``; rows of NaN say nothing.
@@ -114,18 +114,19 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
         unit: That of both.
 
     Returns:
-        Both numbers, of the first value, and their ratio; an empty text if any
-        prediction is near.
+        Both numbers, of the first value, and the median ratio; an empty text if that
+        is near at any of the points, or any prediction to the other side.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = np.abs(predicted / measured)
-    solved = ratios[np.isfinite(ratios).all(axis=1)]
-    less = solved.max(initial=0) < 1 / FAR
-    if not (np.isfinite(ratios[0]) & (ratios[0] > 0)).all():
+        ratios = np.log(np.abs(predicted / measured))
+    if not np.isfinite(ratios[0]).all():
         return ""
-    if not (less or solved.min() > FAR):
+    solved = ratios[~np.isnan(ratios).any(axis=1)]
+    medians = np.median(solved, axis=1)
+    less = medians[0] < 0
+    if np.abs(medians).min() <= np.log(FAR) or ((solved < 0) != less).any():
         return ""
-    times = np.exp(np.abs(np.log(ratios[0]).mean()))
+    times = np.exp(np.abs(medians[0]))
     turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"
     unit = f" {unit}".rstrip()
     return (

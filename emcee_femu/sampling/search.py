@@ -69,11 +69,16 @@ class Search:
             most: Solves at which climbs end where they are.
 
         Raises:
-            ValueError: If the posterior is zero at all of them.
+            ValueError: If the posterior is zero at all of them, or one is infinite.
         """
         prior, self.most = self.evaluator.posterior.prior, most
         each = -(-size // (2 * len(self.streams)))
-        theta, rows = self._evaluate([prior.sample(rng, each) for rng in self.streams])
+        drawn = [prior.sample(rng, each) for rng in self.streams]
+        if not np.isfinite(drawn).all():
+            raise ValueError(
+                "prior: some draws are infinite; scipy.stats.lognorm takes (s, scale=)"
+            )
+        theta, rows = self._evaluate(drawn)
         self.draws = Draws(theta, rows)
         if starts is not None:
             self._evaluate(list(starts))

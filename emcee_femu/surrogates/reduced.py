@@ -10,7 +10,7 @@ the basis.
 import time
 import timeit
 import warnings
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,6 +71,7 @@ class ReducedModel(Report):
         speed_up: Time of the full model over that of this one, per parameter set, in
             a batch of 16; measured when the model was made.
         geometry: That of the full model, for pictures, or None.
+        dofs: All DOFs of the full model, or None where it does not say.
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -85,6 +86,7 @@ class ReducedModel(Report):
     full_solves: int
     speed_up: float
     geometry: Geometry | None
+    dofs: Sequence[Hashable] | None
     _small: AssembledModel | ProjectedSum
 
     @property
@@ -240,6 +242,7 @@ def reduce_model(
         full_solves=len(basis.points),
         speed_up=np.nan,
         geometry=read_declared(model, "geometry"),
+        dofs=read_declared(model, "dofs"),
         _small=small,
     )
     speed_up = _measure_speed_up(model, reduced)

@@ -181,12 +181,13 @@ print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n
 
 # %% [markdown]
 # The warning comes before any sampling: `run` solves the model at the prior mean. If
-# all values of a variable are off by more than a factor of 3, to the same side, there
-# and at 16 draws of the prior, the warning names both numbers.
+# all values of a variable are off to the same side, in the median by more than a factor
+# of 3, there and at 16 draws of the prior, the warning names both numbers.
 #
 # Fit names one remedy. It may be units. If a term with five times as many values infers
 # its own error and outvotes the term that does not fit, it is known standard
-# deviations. Otherwise it is an error of the model, if there is none yet.
+# deviations. If predictions are off by more than a factor of 2, units or the model are
+# wrong. Otherwise it is an error of the model, if there is none yet.
 # {py:func}`~emcee_femu.identifiability` says for each parameter whether the data
 # informed it. How often "converged" was right on targets with known answers is on the
 # page [How often is a converged run right?](calibration.md).

@@ -60,17 +60,21 @@ ef.report(run, path, title="Mast: stiffness of its two halves").name
 # %%
 import html
 
-from IPython.display import HTML
+
+class Page(str):
+    _repr_html_ = str.__str__  # a notebook shows it as HTML
+
 
 page = html.escape(path.read_text(encoding="utf-8"))
 style = "width: 100%; height: 40rem; border: 1px solid #888"
-HTML(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
+Page(f'<div><iframe title="The report" srcdoc="{page}" style="{style}"></iframe></div>')
 
 # %% [markdown]
 # The file ends with the call that writes it again. For saved samples, as by
 # `idata.to_netcdf`, write `ef.report(idata, "mast.html", posterior=posterior)`. Without
 # `posterior=` the report lacks the likelihood in words and the figures of mode shapes,
-# which need model and terms. A chain with burn-in needs `discard=`, as in
+# which need model and terms. Mode shapes are drawn if the model has a geometry, as a
+# frame does; to others give one, `model.geometry = ef.Geometry(...)`, before pairing. A chain with burn-in needs `discard=`, as in
 # {py:func}`~emcee_femu.to_inference_data`. Results of {py:func}`~emcee_femu.certify`
 # and {py:func}`~emcee_femu.pool_tests` have reports, too.
 #

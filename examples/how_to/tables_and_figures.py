@@ -126,7 +126,8 @@ frame_run = ef.run(of_frame, steps=150, ensembles=2, seed=1)
 # others give `geometry=ef.Geometry(nodes, lines, sensors)`, which also places sensors
 # whose DOF is not named by its node. With `shapes=True` the model returns its shapes at
 # all nodes, so the whole structure moves; with shapes at the sensors only, it moves
-# only there.
+# only there, and `Geometry(..., supports)` names the nodes at rest. A geometry that you
+# set before pairing, `model.geometry = ef.Geometry(...)`, is drawn in a report too.
 
 # %% mystnb={"image": {"alt": "Four mode shapes of a frame of two storeys: grey at rest, blue the updated model, red dots what six sensors measured, next to the circles of the model"}}
 shapes_figure = ef.figures.plot_shapes(frame_run)

@@ -196,7 +196,7 @@ figure
 # The measured shapes (red) and the updated model (blue) on the structure: sway along y,
 # sway along x and torsion.
 
-# %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red arrows what eight sensors measured; the arrows end near the model"}}
+# %% mystnb={"image": {"alt": "Three mode shapes of the frame: grey at rest, blue the updated model, red lines with dots what eight sensors measured; the dots are near the model"}}
 shapes = ef.figures.plot_shapes(run, modes=[1, 2, 3])
 shapes
 

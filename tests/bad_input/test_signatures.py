@@ -314,7 +314,7 @@ CALLS = {
     "DisplacementTerm, relative_sd": only(
         "DisplacementTerm",
         measured=(SHAPES.T, many),
-        relative_sd=(SQUARES.T / 9, scattered.but(percent=9 + SQUARES.T)),
+        relative_sd=(SQUARES.T / 30, scattered.but(percent=9 + SQUARES.T)),
     ),
     "FRFMeasurements": dict(
         values=(FRF, array().but("complex", "0")),
@@ -376,7 +376,7 @@ CALLS = {
         bounds=({"k2": np.array([3.0, 5.0])}, by_name(ordered, every=True)),
     ),
     "FrequencyTerm": dict(relative_sd=OFF, beta=OFF, covariance=OFF),
-    "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD, small)),
+    "FrequencyTerm, relative_sd": only("FrequencyTerm", relative_sd=(SD / 4, small)),
     "FrequencyTerm, beta": only("FrequencyTerm", beta=(SD, per_mode)),
     "FrequencyTerm, covariance": only("FrequencyTerm", covariance=(COV, covariance)),
     "ShapeTerm": only(
@@ -459,6 +459,7 @@ CALLS = {
         nodes=({0: (0.0, 0.0), 1: (0.0, 3.0)}, anything),
         lines=([(0, 1)], anything.but("[]")),
         sensors=({0: (1, "ux"), 1: (1, "uy")}, anything),
+        supports=([0], anything.but("[]")),
     ),
     "report": dict(
         path=(Path(tempfile.mkdtemp(), "report.html"), file), title=("Tower", text)

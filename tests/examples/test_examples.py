@@ -68,7 +68,7 @@ def test_mass_spring(tmp_path):
     assert " N/m " in parameters and "measured Hz" in frequencies
     before, after = re.findall(r"([\d.]+) % (?:before|after)", frequencies)
     assert float(before) == pytest.approx(2.04) and float(after) < 0.03
-    assert re.search(r"Chains: converged.*Search: one mode.*Fit: inside", text, re.S)
+    assert re.search(r"Chains: converged.*Search: one maximum.*Fit: inside", text, re.S)
     assert "scatter.png" in text and "parameters.csv" in text
     page = re.search(r"python (examples/\S+)", text)[1]
     assert (EXAMPLES.parent / page).exists()

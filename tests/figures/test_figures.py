@@ -116,7 +116,7 @@ def test_axes_carry_names_units_and_powers_of_ten_and_nothing_is_clipped(run):
     ]
     assert [panel.get_xlabel() for panel in panels[-1]] == labels
     assert [panel.get_ylabel() for panel in panels[1:, 0]] == labels[1:]
-    assert_nothing_is_clipped(figure, "95 % ellipse", "samples")
+    assert_nothing_is_clipped(figure, "samples")
     assert_nothing_is_clipped(ef.figures.plot_correlation(idata), "1.00", *names)
     assert_array_equal(samples(idata)[1], draws)
     plain = ef.figures.plot_scatter(gaussian(3), units={"stiff": "N/m"})

@@ -160,6 +160,29 @@ def test_lines_move_only_where_the_model_knows_its_nodes(solved):
     assert_allclose(only, points(axes, "updated model at the sensors"))
 
 
+@pytest.mark.parametrize(
+    ("shapes", "supports", "count"), [(True, [], 4), ([0, 1, 3], ["0"], 2)]
+)
+def test_a_floor_without_a_sensor_is_not_drawn_at_rest(shapes, supports, count):
+    """Four storeys, sensors at the first, the second and the roof."""
+    storey = np.eye(4) - np.eye(4, k=-1)
+    k = {"k1": storey[:2].T @ storey[:2], "k2": storey[2:].T @ storey[2:]}
+    model = ef.MatrixModel(np.zeros((4, 4)), np.eye(4), k, n_modes=1, shapes=shapes)
+    shape = np.array([[0.35], [0.65], [1.0]])
+    run = run_of(
+        model, ef.Measurements([0.18], shapes=shape, dofs=[0, 1, 3]), candidates=1
+    )
+    storeys = [(str(i), str(i + 1)) for i in range(4)]
+    sensors = {i: (str(i + 1), "ux") for i in range(4)}
+    nodes = {str(i): (0, 3 * i) for i in range(5)}
+    geometry = ef.Geometry(nodes, storeys, sensors, supports)
+    (axes,) = ef.figures.plot_shapes(run, geometry=geometry).axes
+    moved = lines(axes, "updated model")
+    assert len(moved) == count
+    assert moved[0, 0].tolist() == [0, 0]
+    assert (np.diff(moved[:, :, 0]) > 0).all()  # the first mode has no kink to rest
+
+
 def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     """Three sensors at one node, one at 45 degrees: the node moves as it does."""
     nodes, half = {0: (0, 0), 1: (0, 1)}, 0.5**0.5
@@ -190,7 +213,7 @@ def test_a_model_without_measured_shapes_is_drawn_alone_in_space():
     rest = lines(figure.axes[0], "at rest")
     # A parallel projection: x to the right, y to the right and up, z straight up.
     x, y = rest[0, 1] - rest[0, 0], rest[1, 1] - rest[1, 0]
-    up = (points(figure.axes[0], "updated model") - rest[2, 1])[0]
+    up = lines(figure.axes[0], "updated model")[2, 1] - rest[2, 1]
     assert x[0] > 0 > x[1] and y[0] > 0 and y[1] > 0 and up.any()
     assert figure.axes[1].get_title().endswith("Hz updated")
     assert {text.get_text() for text in figure.axes[0].texts} == {"x", "y", "z"}
@@ -255,7 +278,7 @@ def test_a_prior_mean_that_cannot_be_solved_is_left_out():
     paired = ef.PairedModel(
         function, ef.Measurements(HERTZ, shapes=MEASURED), candidates=2
     )
-    posterior = ef.LogPosterior(paired, ef.FrequencyTerm(HERTZ, sd=0.1), PRIOR)
+    posterior = ef.LogPosterior(paired, ef.FrequencyTerm(HERTZ, sd=0.03), PRIOR)
     draws = posterior.start(8, 1)
     run = ef.run(
         posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1, starts=draws[None]
@@ -267,7 +290,10 @@ def test_a_prior_mean_that_cannot_be_solved_is_left_out():
 def test_experiments_are_named():
     paired = ef.PairedModel(MODEL, TEST, candidates=2)
     term = ef.FrequencyTerm(TEST, relative_sd=0.01)
-    tests = {"empty": (paired, term), "plain": (MODEL, ef.FrequencyTerm(HERTZ, sd=1.0))}
+    tests = {
+        "empty": (paired, term),
+        "plain": (MODEL, ef.FrequencyTerm(HERTZ, sd=0.03)),
+    }
     joint = ef.LogPosterior.joint(tests, PRIOR)
     run = ef.run(joint, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
     assert len(ef.figures.plot_mac(run, experiment="empty").axes) == 3
@@ -295,3 +321,12 @@ def test_what_close_modes_span_is_drawn_at_the_sensors_only():
     assert_allclose(predicted, points(axes, "measured"), atol=1e-9)
     assert not [c for c in axes.collections if c.get_label() == "updated model"]
     assert "MAC 1.000" in axes.get_title()
+
+
+def test_intervals_are_inside_their_frames(solved):
+    figure = ef.figures.plot_mac(beam_run(solved, True))
+    figure.canvas.draw()
+    after = figure.axes[1]
+    (frame,) = (patch.get_window_extent() for patch in after.patches)
+    (box,) = (t.get_window_extent() for t in after.texts if "–" in t.get_text())
+    assert frame.x0 < box.x0 and box.x1 < frame.x1

@@ -22,6 +22,10 @@ LAWS = {
     "two clouds": (0.1 * NORMAL + SIDE, False),
     "banana": (NORMAL * [1.0, 0.3] + [0, 1] * NORMAL[..., :1] ** 2, False),
     "heavy tails": (rng.standard_t(2, (CHAINS, STEPS, 2)), False),
+    "the ellipse reaches below zero": (
+        np.exp(NORMAL * [0.6, 0.0]) + NORMAL * [0.0, 1.0],
+        False,
+    ),
     "flat": (rng.random((CHAINS, STEPS, 2)), False),
 }
 

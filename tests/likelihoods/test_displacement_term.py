@@ -66,3 +66,8 @@ def test_the_posterior_of_a_spring_is_its_formula():
     rows, gradient = posterior.gradient(k[:, None])
     assert_allclose(rows[:, 0], exact, rtol=1e-12)
     assert_allclose(gradient[:, 0], (2 / k - 1.0) / 0.05**2 * 2 / k**2, rtol=1e-9)
+
+
+def test_a_relative_error_that_may_be_in_percent_is_doubted():
+    with pytest.warns(UserWarning, match="relative_sd: .*got 0.3, which is 30 %"):
+        ef.DisplacementTerm([[1.0, 2.0]], relative_sd=0.3)

@@ -127,3 +127,16 @@ def test_unknown_noise_is_a_discrepancy_alone_and_the_message_says_so():
     assert_allclose(same, known({}, modes), rtol=1e-12)
     with pytest.raises(TypeError, match='for unknown noise, discrepancy="noise" alone'):
         ef.FrequencyTerm(MEASURED)
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [
+        ({"relative_sd": 0.2}, "relative_sd: .*got 0.2, which is 20 %; .*relative_sd="),
+        ({"sd": [0.1, 0.5, 3.0]}, "sd: .*which is 31.6 %; .*1 % is relative_sd=0.01"),
+    ],
+)
+def test_errors_that_may_be_in_percent_are_doubted(errors, words):
+    with pytest.warns(UserWarning, match=words) as caught:
+        ef.FrequencyTerm([2.0, 5.0, 9.5], **errors)
+    assert [warning.filename for warning in caught] == [__file__]

@@ -147,3 +147,10 @@ def test_a_mode_at_one_sensor_alone_is_no_shape():
     shapes[1:, 2] = np.nan
     with pytest.raises(ValueError, match="at least two sensors"):
         ef.ShapeTerm(shapes, delta=0.1)
+
+
+def test_a_delta_that_may_be_in_percent_is_doubted():
+    with pytest.warns(
+        UserWarning, match="delta: .*which is 200 %; .*1 % is delta=0.01"
+    ):
+        ef.ShapeTerm(MEASURED, delta=2.0)

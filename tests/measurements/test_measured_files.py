@@ -118,13 +118,15 @@ def test_a_blank_cell_is_a_missing_sensor(tmp_path):
         lambda text: text.replace("\n", "\n\n,,,,\n"),
         lambda text: text.replace(",", ";").replace(".", ","),  # of other countries
         lambda text: text.replace(",", ";"),
+        lambda text: text.replace(",", "\t"),
+        lambda text: text.replace("frequency [Hz]", "Frequency").replace("sd", "SD"),
         lambda text: text.replace(",0", ", 0").replace("],,", "] , ,"),
         lambda text: "".join(  # rows in another order
             text.splitlines(keepends=True)[i] for i in (0, 3, 5, 1, 4, 6, 2)
         ),
     ],
     ids=["byte order mark", "Windows", "empty lines", "decimal commas", "semicolons"]
-    + ["blanks", "order"],
+    + ["tabs", "titles", "blanks", "order"],
 )
 def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
     plain = Measurements.from_csv(written(tmp_path, FILLED_IN))
@@ -135,7 +137,8 @@ def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (",", "\t", "line 1: .*separated by commas or semicolons"),
+        (",", "|", "line 1: .*separated by commas, semicolons or tabs"),
+        ("1.0,0.62", "n/a,0.62", "got 'n/a'; leave the cell of a missing sensor blank"),
         ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sd .Hz.'.* got 'sigma'"),
         ("0.01,0.02", "0.01,abc", "line 3, column 'mode 2': .*number, got 'abc'"),
         ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),
@@ -151,3 +154,11 @@ def test_errors_name_line_and_column(old, new, message, tmp_path):
         Measurements.from_csv(path)
     if "line" in message or "column" in message:
         assert str(path) in str(caught.value)
+
+
+def test_a_file_in_another_encoding_says_how_to_save_it(tmp_path):
+    (tmp_path / "test.csv").write_bytes(
+        "quantity,sensor,dof,Mode \xe4".encode("latin-1")
+    )
+    with pytest.raises(ValueError, match="test.csv: .*UTF-8; save it as 'CSV UTF-8'"):
+        Measurements.from_csv(tmp_path / "test.csv")

@@ -86,3 +86,15 @@ def test_derivatives_are_stacked_as_the_response_is():
 
 def square(p):
     return [p["k"] ** 2], {"frequency": {"k": [2 * p["k"]]}}
+
+
+@pytest.mark.parametrize(
+    ("function", "remedy"),
+    [
+        (lambda k, m: [k / m], r"given one dict, of \['k', 'm'\]"),
+        (lambda p: (np.ones(2), np.eye(2)), r"return .*ModalSolution\(f, shapes\)"),
+    ],
+)
+def test_a_function_of_another_form_is_told_the_right_one(function, remedy):
+    with pytest.raises((TypeError, ValueError), match=remedy):
+        FunctionModel(function)(PARAMETERS)

@@ -126,3 +126,9 @@ def test_an_asymmetry_of_printed_digits_is_averaged_out(kind):
     nearly[1, 2] = 2e-8
     with pytest.raises(ValueError, match="K0: expected a symmetric .* up to 2e-08 "):
         MatrixModel(kind(nearly), kind(np.eye(30)), {}, n_modes=1)
+
+
+def test_swapped_matrices_are_suspected():
+    free = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    with pytest.raises(ValueError, match="or are K0 and M0 swapped?"):
+        MatrixModel(np.eye(2), free, {}, n_modes=1)

@@ -261,3 +261,11 @@ def test_rows_of_a_model_that_does_not_name_them():
     test = Measurements([1.0, 2.0], shapes=shapes[order][:, :2], dofs=order)
     named = PairedModel(model, test, candidates=3)({"k": np.array([1.0])})
     np.testing.assert_allclose(named.mac, 1.0, rtol=1e-12)
+
+
+def test_swapped_arguments_are_named_by_their_types():
+    test = Measurements([1.0], shapes=[[1.0], [2.0]])
+    with pytest.raises(
+        TypeError, match="model: expected a callable, got Measurements$"
+    ):
+        PairedModel(test, lambda p: p)

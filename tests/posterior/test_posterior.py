@@ -134,7 +134,7 @@ class Within:
         (SPRINGS, ONE, {"k3": (1, 9)}, "k3"),  # which no spring has
         (MATRICES, ONE, {"s": (1, 9)}, "t"),  # which the prior lacks
         (SPRINGS, ONE, {"k2": stats.norm(5, 1)}, "k2.*above zero"),
-        (ef.FunctionModel(abs, 2), ef.FrequencyTerm([1, 2, 3.0], sd=1.0),
+        (ef.FunctionModel(abs, 2), ef.FrequencyTerm([1, 2, 3.0], sd=0.1),
          {"k1": (1, 9)}, "3 .*2"),
         (Linear(), [TERM, TERM], {"a": (0, 0.1), "b": (0, 0.1)}, "frequency"),
         (Within(), ONE, {"k": (0.9, 2.0)}, "k.*1, 2"),

@@ -146,3 +146,17 @@ def test_gradients_are_those_of_the_densities(marginal, slope):
     posterior = ef.LogPosterior(model, lambda p, y: np.zeros(len(p["x"])), prior)
     x = np.linspace(low, high, 7)[:, None]  # on the bounds too
     assert_allclose(posterior.gradient(x)[1], slope(x), 1e-6, 1e-7 / (high - low))
+
+
+def test_a_mean_and_a_standard_deviation_are_no_pair_of_bounds():
+    with pytest.raises(
+        ValueError, match=r"marginals\['k1'\]: .*stats.norm\(mean, sd\)"
+    ):
+        ef.IndependentPrior({"k1": (40e3, 8e3)})
+
+
+def test_an_error_without_a_prior_is_told_one():
+    model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
+    term = ef.FrequencyTerm([1.0], discrepancy="noise")
+    with pytest.raises(ValueError, match=r"there are \['k'\]; .*'noise': .*halfnorm"):
+        ef.LogPosterior(model, term, ef.IndependentPrior({"k": (0.5, 2.0)}))

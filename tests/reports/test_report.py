@@ -97,7 +97,7 @@ def test_the_tables_and_statements_of_a_run_are_in_its_report(drawn):
     idata = ef.to_inference_data(run, discard=10)
     for table in (
         ef.parameter_table(idata),
-        ef.frequency_table(idata),
+        ef.frequency_table(idata, run.posterior),
         ef.predictive_table(idata, run.posterior),
         ef.pairing_table(idata),
         ef.identifiability(idata),
@@ -106,11 +106,12 @@ def test_the_tables_and_statements_of_a_run_are_in_its_report(drawn):
         assert table._repr_html_() in page
     draws = dataset(idata, "posterior")["k1"].values
     assert f"<td>{draws.mean():.5g}</td>" in page
-    error = ef.frequency_table(idata).column("error % ")[-1]
+    error = ef.frequency_table(idata, run.posterior).column("error % ")[-1]
     assert f"The mean error of the frequencies is {error:.2f} %" in page
     text = said(page)
     assert f"solved {run.solves:,} times" in text
     assert "norm(12, 3)" in text and "N/m" in text and "Here δ is 0.05." in text
+    assert "[(1 − MACi) / (2 δ2) + ½ (ns − 1) ln 2π δ2]" in text
     assert "Model: MassSpringModel. Its modes are paired with the measured" in text
     assert "half way 1.000 -1.100" in text
     assert "Seed 1 " in text and "50 steps after 10 of burn-in" in text

@@ -88,7 +88,7 @@ def test_the_effect_in_errors_is_the_design_by_the_errors_locally_and_by_samples
 def test_lognormal_priors_are_compared_by_logarithms(sampled):
     """Fault 7: else a c.o.v. that has fallen may be "as uncertain as before"."""
     sd, error = 0.8, 0.4
-    term = ef.FrequencyTerm([3.0], sd=error)
+    term = ef.FrequencyTerm([3.0], beta=(3.0 / error) ** 2)
     laws = {"k": stats.lognorm(sd), "u": (0.5, 1.5)}
     model = ef.FunctionModel(lambda p: [3 + np.log(p["k"])], n_modes=1)
     prior = ef.IndependentPrior(laws, bounds={"k": (np.exp(-2.99), np.inf)})

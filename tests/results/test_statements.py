@@ -55,11 +55,11 @@ def statuses(found):
 def test_a_good_run_has_three_good_statements(good):
     found = ef.diagnose(good)
     assert statuses(found) == ("converged", "searched", "fits") and found.converged
-    assert found.short == "Chains: converged. Search: one mode. Fit: inside."
+    assert found.short == "Chains: converged. Search: one maximum. Fit: inside."
     *_, chains, search, fit = str(found).splitlines()
     assert chains == f"Chains: {found.chains.sentence}" and "R-hat at most" in chains
     points = good.search.points
-    assert search.startswith(f"Search: one mode, by {points:,} points.")
+    assert search.startswith(f"Search: one maximum, by {points:,} points.")
     assert f"one point in {points // 3:,} falls near it" in search
     assert fit.startswith("Fit: inside: 2 of 2 measured values (frequency)")
     assert "every check" not in str(found)
@@ -89,6 +89,19 @@ def test_other_units_are_doubted_before_sampling_and_by_the_fit(
     fit = ef.diagnose(run).fit
     assert fit.status == "does not fit" and fit.short == "2 of 2 outside"
     assert words in fit.sentence and fit.sentence.endswith(cause)
+
+
+def test_units_are_doubted_where_one_frequency_is_near():
+    """A constant part of K, whose mode other units of the parameters leave alone."""
+    (doubt,) = doubts(posterior_of(HERTZ / [2.0, 60.0]), moves=ef.DEMCMove())[1]
+    assert "11.6 times less" in doubt and doubt.endswith("units?")
+
+
+def test_predictions_off_by_more_than_a_factor_of_two_are_no_discrepancy():
+    prior = ef.IndependentPrior({"k1": stats.norm(50, 1), "k2": stats.norm(10, 0.2)})
+    run = doubts(posterior_of(AT_MEAN * [1.0, 3.0], prior=prior))[0]
+    sentence = ef.diagnose(run).fit.sentence
+    assert "Units or the model are wrong" in sentence and "discrepancy" not in sentence
 
 
 @pytest.mark.parametrize(
@@ -170,7 +183,7 @@ def test_draws_that_cannot_be_solved_say_nothing_of_units():
 def test_a_prior_mean_out_of_its_bounds_is_doubted():
     prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 9)])
     (doubt,) = doubts(posterior_of(prior=prior), moves=ef.DEMCMove())[1]
-    assert doubt.startswith("prior (its mean): k2 = 10 of point 0 is outside its bound")
+    assert doubt.startswith("prior (its mean): k2 = 10 is outside its bounds (1, 9)")
 
 
 def test_the_first_solve_is_counted_once_and_changes_no_chain(tmp_path):

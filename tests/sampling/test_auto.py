@@ -386,3 +386,14 @@ def test_auto_says_what_it_did_and_beats_plain_demc():
         "IndependenceMove",
         "DEMCMove",
     ]
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # scipy's, of the overflow
+def test_a_prior_whose_draws_overflow_is_named_as_the_cause():
+    model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+    term = ef.FrequencyTerm([200.0], relative_sd=0.02)
+    prior = ef.IndependentPrior({"k": stats.lognorm(40e3, 0.2)})
+    with pytest.raises(
+        ValueError, match=r"are infinite; .* scipy.stats.lognorm takes \(s"
+    ):
+        ef.run(ef.LogPosterior(model, term, prior), steps=10, seed=1)

@@ -135,7 +135,7 @@ def in_step(solver):
         solver, n_modes=2, jacobian=lambda p: (solver(p), {"frequency": SLOPES})
     )
     prior = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2])
-    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.2)
+    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1)
     return ef.LogPosterior(model, term, prior)
 
 

@@ -11,7 +11,7 @@ PRIOR = ef.GaussianPrior(["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds=[(0.1, 2.0)]
 UP_TO_LIMIT = ef.GaussianPrior(
     ["k", "m"], [1.0, 1.0], [0.2, 0.2], bounds=[(0.1, LIMIT), (0.1, 2.0)]
 )
-TERM = ef.FrequencyTerm([1.0, 2.0], sd=[0.2, 0.4])
+TERM = ef.FrequencyTerm([1.0, 2.0], sd=[0.1, 0.2])
 START = np.random.default_rng(0).uniform(0.95, 1.05, (12, 2))
 
 

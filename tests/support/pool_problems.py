@@ -82,7 +82,7 @@ class Beyond:
 
 
 def posterior_of(function):
-    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.2)
+    term = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1)
     return ef.LogPosterior(ef.FunctionModel(function, n_modes=2), term, PRIOR)
 
 
