@@ -30,6 +30,7 @@ def pyoma2(example):
     logger.setLevel(level)
 
 
+@pytest.mark.slow
 def test_ambient_vibration(pyoma2, capsys):
     path = EXAMPLES / "how_to" / "ambient_vibration.py"
     page = runpy.run_path(str(path), run_name="__main__")

@@ -150,6 +150,7 @@ def test_few_solves(monkeypatch, capsys):
 # --- clusters ---------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_cluster_scaling(capsys):
     """A simulated cluster has the closed forms."""
     scaling = load("cluster_scaling")

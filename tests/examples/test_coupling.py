@@ -56,6 +56,7 @@ def test_pynite_frame():
     check_update("pynite")
 
 
+@pytest.mark.slow
 def test_skfem_plate(plate):
     check_update("scikit_fem")
 

@@ -73,6 +73,7 @@ def test_sparse_equals_dense(skip, mass_varies, n_modes):
     np.testing.assert_allclose(mixed.frequencies, ours.frequencies, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("free", [False, True])
 def test_a_chain_of_30_000_masses_has_its_analytic_frequencies(free):
     n, diagonal, side = 30_000, np.full(30_000, 2.0), np.full(29_999, -1.0)

@@ -135,6 +135,7 @@ MUTANTS = {  # move, walkers, ensembles, steps
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_the_check_catches_a_broken_move(mutant):
     move, *effort = MUTANTS[mutant]

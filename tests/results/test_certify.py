@@ -52,6 +52,7 @@ def test_the_error_of_a_standard_deviation_is_that_about_the_true_mean():
     assert 0.65 < np.mean(np.square(z)) < 1.5
 
 
+@pytest.mark.slow
 def test_a_variance_is_never_below_zero():
     """Of a wide chain, corrected by what the weights of some draws leave of theirs."""
     wide, true = (LogGaussian(np.zeros(1), v * np.eye(1)) for v in (1.0, 0.01))
@@ -172,6 +173,7 @@ def two_modes(share, variance=0.25):
     return log_density
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variance", [0.25, 2.25])  # the second by its volume alone
 def test_a_mode_that_the_emulator_lacks_is_found_by_climbing(variance):
     one = LogGaussian(np.full(3, -6.0), 0.25 * np.eye(3))
@@ -299,6 +301,7 @@ def test_parts_that_walkers_among_one_another_do_not_show_are_refused(kind):
     assert found.short == "refused" and "in several parts" in found.verdict
 
 
+@pytest.mark.slow
 def test_walkers_that_exchange_places_know_no_more():
     """As of a tempered run: each forgets at once, but not their ensemble."""
     steps, walkers, phi = 1_500, 6, 0.9

@@ -23,6 +23,7 @@ def tempered(law, block, steps, seed=1, betas=BETAS, **options):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_the_evidence_is_the_exact_one(law):
     found = ef.log_evidence(tempered(LAWS[law], block=100, steps=800), discard=100)
@@ -140,6 +141,7 @@ def half_solvable(parameters):
     return [1.0 if parameters["a"] < 0.5 else np.nan]
 
 
+@pytest.mark.slow
 def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
     law = LAWS["bounded"]
     posterior = ef.LogPosterior(

@@ -28,6 +28,7 @@ def peak_of(function, *arguments, **options):
     return peak, result
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_while_a_file_grows(tmp_path):
     options = {"moves": ef.DEMCMove(), "nwalkers": NWALKERS, "seed": 1}
     peaks = []

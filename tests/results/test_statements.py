@@ -130,6 +130,7 @@ def test_annealing_doubts_the_units_too_also_when_it_goes_on(tmp_path):
     np.testing.assert_array_equal(first.theta, again.theta)
 
 
+@pytest.mark.slow
 def test_emulating_doubts_the_units_too_by_the_solves_of_its_first_design():
     far = posterior_of(HERTZ, lambda p: frequencies(p, 1.0))
     with pytest.warns(UserWarning, match="first design: model 0.0035.*units") as caught:
@@ -316,6 +317,7 @@ def contradicted(**shape_error):
     return ef.LogPosterior(model, terms, ef.IndependentPrior(laws))
 
 
+@pytest.mark.slow
 def test_a_term_that_is_outvoted_is_named_with_the_cure():
     """Fault 26: many ordinates, whose error is inferred, against few frequencies."""
     run = doubts(contradicted(discrepancy="shape error"), steps=100)[0]

@@ -97,6 +97,7 @@ def test_a_posterior_of_a_ten_thousandth_of_the_prior_is_found():
     assert (np.diff(annealed.powers) > 0).all()
 
 
+@pytest.mark.slow
 def test_the_effective_size_counts_descendants_of_one_draw_as_one():
     """Of 81 needles each stays where the ancestors of its members were."""
     centres = np.linspace(-8.0, 8.0, 9)
@@ -133,6 +134,7 @@ def corner(theta, scale=0.03):
     return -theta.sum(axis=1) / scale - theta.shape[1] * np.log(scale)
 
 
+@pytest.mark.slow
 def test_exponentials_in_a_corner_of_the_prior_have_an_honest_error():
     """What members there did not forget made the evidence 1 too small, claimed .1."""
     posterior = free_posterior(corner, box(0.0, 1.0, 4))

@@ -121,6 +121,7 @@ def test_what_the_modes_explain_least_is_climbed_from_though_it_is_low():
     assert np.mean(found) >= 2.8
 
 
+@pytest.mark.slow
 def test_scans_about_the_wide_mode_hit_a_needle():
     """Which draws of the prior hardly ever do."""
     samplers = ef.run(two_modes(0.05, 2), "auto", 20, 1_000, ensembles=2, seed=0)
@@ -329,6 +330,7 @@ class Exponential:
         return response, {"y": {name: response["y"] * unit for name, unit in slopes}}
 
 
+@pytest.mark.slow
 def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
     def term(parameters, response):
         return -0.5 * (((response["y"] - 1) / 0.5) ** 2).sum(axis=1)
@@ -394,6 +396,6 @@ def test_a_prior_whose_draws_overflow_is_named_as_the_cause():
     term = ef.FrequencyTerm([200.0], relative_sd=0.02)
     prior = ef.IndependentPrior({"k": stats.lognorm(40e3, 0.2)})
     with pytest.raises(
-        ValueError, match=r"are infinite; .* scipy.stats.lognorm takes \(s"
+        ValueError, match=r"are infinite; scipy.stats.lognorm takes \(s"
     ):
         ef.run(ef.LogPosterior(model, term, prior), steps=10, seed=1)

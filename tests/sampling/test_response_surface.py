@@ -88,6 +88,7 @@ def hasty(monkeypatch):
         monkeypatch.setattr(f"emcee_femu.sampling.response_surface.{name}", value)
 
 
+@pytest.mark.slow
 def test_a_bent_ridge_is_sampled_by_a_surface_and_resumed_to_the_bit(hasty, tmp_path):
     posterior, path = storeys(), str(tmp_path / "run.chain")
     options = {"nwalkers": 24, "ensembles": 2, "seed": 1}

@@ -123,6 +123,7 @@ def test_inferred_errors_are_no_inputs_of_the_emulator():
     assert_allclose(close[near], full[near], atol=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_terms", [pytest.param(1, marks=SLOW), 2])
 def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
     """Candidates, each with the error of its measured one; shapes tell the pairs."""
@@ -339,6 +340,7 @@ def hopeless(x):
     raise ArithmeticError("no equilibrium")
 
 
+@pytest.mark.slow
 def test_failed_solves_are_left_out_and_not_asked_again(caplog):
     caplog.set_level(logging.CRITICAL, "emcee_femu")
     reject = {"seed": 3, "on_failure": "reject"}
@@ -359,6 +361,7 @@ def test_failed_solves_are_left_out_and_not_asked_again(caplog):
         ef.emulate(posed(broken), 24, **reject, max_failures=0.0)
 
 
+@pytest.mark.slow
 def test_a_region_that_fails_is_not_asked_again():
     """Half of the posterior, about: there the emulator knows least."""
 
@@ -374,6 +377,7 @@ def test_a_region_that_fails_is_not_asked_again():
     assert failed[-12:].sum() <= 3
 
 
+@pytest.mark.slow
 def test_a_round_is_as_wide_as_the_pool(tmp_path):
     options = {"seed": 1, "tolerance": 0.0, "backend": str(tmp_path / "run.solves")}
     with ThreadPoolExecutor(5) as executor:
@@ -450,6 +454,7 @@ def test_with_derivatives_a_conjugate_posterior_takes_five_solves():
     assert_allclose(covariance, np.linalg.inv(precision), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_derivatives_save_solves_and_can_be_switched_off():
     def waves(x):
         return DESIGN @ x + 0.3 * np.sin(4.0 * x[0]) * np.array([1.0, 0.5, -1.0])
@@ -472,6 +477,7 @@ def test_derivatives_save_solves_and_can_be_switched_off():
     assert_array_equal(off.posterior(theta), plain.posterior(theta))
 
 
+@pytest.mark.slow
 def test_points_without_derivatives_are_learned_by_their_values():
     def refuse(x):
         if x[0] > 0.5:
@@ -499,6 +505,7 @@ def test_wrong_derivatives_are_left_aside():
     assert total_variation(emulated.posterior(GRID)[:, 0], full) < 0.05
 
 
+@pytest.mark.slow
 def test_with_derivatives_a_file_is_gone_on_with_to_the_bit(tmp_path):
     options = {"seed": 1, "tolerance": 0.0}
     whole = ef.emulate(sloped(bent, bent_slopes)[0], 7, **options)

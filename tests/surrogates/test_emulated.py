@@ -70,6 +70,7 @@ RNG = np.random.default_rng(7)
 X, FRESH = RNG.standard_normal((6, 2)), 0.7 * RNG.standard_normal((300, 2))
 
 
+@pytest.mark.slow
 def test_it_is_a_modal_model_that_a_posterior_takes():
     model = emulate("frequency", "shapes")
     assert_model(model, at(X))
@@ -213,6 +214,7 @@ def test_modes_that_cross_are_emulated_together_to_advantage(beside):
     )
 
 
+@pytest.mark.slow
 def test_shapes_come_back_where_they_are_wanted():
     model = emulate("frequency", "shapes", n=40)
     shapes, truth = model(at(FRESH)).shapes, respond(FRESH)["shapes"]

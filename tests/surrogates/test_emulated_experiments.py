@@ -73,6 +73,7 @@ def moments(posterior):
     return mean, np.sqrt(weights @ (GRID - mean) ** 2)
 
 
+@pytest.mark.slow
 def test_each_is_learned_from_its_own_solves_and_the_joint_posterior_is_right():
     joint = joint_of()
     found = ef.emulate(joint, 25, seed=1, cheap=["static"])
@@ -95,6 +96,7 @@ def test_each_is_learned_from_its_own_solves_and_the_joint_posterior_is_right():
     assert "loaded: " in str(found) and "full solves" in str(found)
 
 
+@pytest.mark.slow
 def test_files_and_arguments(tmp_path):
     joint, file = joint_of(), {"backend": tmp_path / "run.solves", "resume": True}
     first = ef.emulate(joint, 9, seed=1, cheap=["static"], **file)
@@ -117,6 +119,7 @@ def test_files_and_arguments(tmp_path):
         ef.emulate(alone, 12, seed=1, cheap=["empty"])
 
 
+@pytest.mark.slow
 def test_an_emulator_learns_the_parameters_that_its_model_reads():
     """One that does not declare them: all but those that only terms read."""
     empty, loaded, _ = joint_of().experiments
