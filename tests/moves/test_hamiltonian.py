@@ -182,6 +182,7 @@ def test_the_chain_is_the_same_however_it_is_evaluated(moves):
     np.testing.assert_allclose(rows[:, 5:], POSTERIOR(rows[:, :5]), rtol=1e-9)
 
 
+@pytest.mark.slow
 @forks
 @pytest.mark.parametrize("on_failure", ["raise", "reject"])
 def test_gradients_are_solved_by_the_workers(on_failure):

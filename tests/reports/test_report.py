@@ -152,6 +152,7 @@ def test_each_experiment_of_a_joint_posterior_has_its_tables_and_terms(tmp_path)
         assert f"{name}.frequency. The relative deviations" in text
 
 
+@pytest.mark.slow
 def test_a_file_of_samples_says_what_it_does_not_know(tmp_path):
     model = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
     prior = ef.GaussianPrior(["k1"], [12.0], [3.0], [(1, 30)])

@@ -65,6 +65,7 @@ def test_a_good_run_has_three_good_statements(good):
     assert "every check" not in str(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("measured", "scale", "times", "cause"),
     [

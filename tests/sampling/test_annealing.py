@@ -114,6 +114,7 @@ def test_the_effective_size_counts_descendants_of_one_draw_as_one():
     assert 1 / 3 < np.mean([p.effective_size for p in annealed]) / size < 3
 
 
+@pytest.mark.slow
 def test_the_neck_of_a_funnel_is_missed_and_no_error_is_claimed():
     problem = load("evidence").funnel()
     annealed = ef.anneal(problem.posterior, seed=1)
@@ -151,6 +152,7 @@ def test_exponentials_in_a_corner_of_the_prior_have_an_honest_error():
     assert_allclose(posterior(annealed[0].theta), annealed[0].rows, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_two_evidences_that_disagree_claim_no_error():
     """Of a t in a box 100 times as wide many members come to the centre too late."""
     law = stats.multivariate_t(np.zeros(3), np.eye(3), df=3)

@@ -170,12 +170,14 @@ def test_kills_at_random_times_leave_the_bits_of_a_whole_run(path, kind):
     assert kill("random_kills", kind, str(path), 8) >= 3
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("kind", some("chain"))
 def test_a_death_in_the_middle_of_any_write_is_harmless(path, kind):
     assert kill("deaths_in_writes", kind, str(path), 6) >= 5
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("kind", some("chain"))
 def test_a_full_disk_is_named_and_loses_nothing(path, kind):
@@ -501,6 +503,7 @@ def test_a_changed_model_is_found_in_any_file(whole, path, count, kind):
     assert bits(KINDS[kind](path, probe_tolerance=10.0)) == whole(kind)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("solves", "changed"), [(6, 2), (12, 7), (16, 11)])
 def test_a_model_that_changed_at_one_of_few_stored_points_is_found(
     path, count, solves, changed
