@@ -145,7 +145,7 @@ def _draw_tests(
     size = 2.5 if many else 4.0
     for place, (low, middle, high), colour, what in (
         (at - shift, alone, GREY, "by itself"),
-        (at + shift, together, BLUE, "in the light of all"),
+        (at + shift, together, BLUE, "given all tests"),
     ):
         lines = axes.hlines if sideways else axes.vlines
         lines(place, low, high, color=colour, lw=1.0 if many else 1.6)

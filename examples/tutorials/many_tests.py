@@ -98,7 +98,7 @@ pooled
 # the others put it. Since `posteriors` are given, such tests were sampled again under
 # the population, by new solves.
 
-# %% mystnb={"image": {"alt": "Two panels, frame and soil, one row for each of 16 days: grey intervals of single tests, blue ones in the light of all beside them, a little shorter and nearer to the population's mean"}}
+# %% mystnb={"image": {"alt": "Two panels, frame and soil, one row for each of 16 days: grey intervals of single tests, blue ones given all tests beside them, a little shorter and nearer to the population's mean"}}
 ef.figures.plot_population(pooled)
 
 # %% [markdown]
