@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any, TypeAlias
 
 import matplotlib
@@ -139,17 +140,19 @@ def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
     the value of the last line: what a function draws and returns would come twice. Our
     figures leave pyplot when they are shown as a value. Scripts are left alone.
     """
-
-    def leave_pyplot() -> None:
-        """Close the figure, and leave it to IPython to show it as ever."""
-        plt.close(figure)
-        raise NotImplementedError  # how IPython is told so
-
     if idata is not None and (text := describe_certificate(idata).strip(" ()")):
         figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
     if "inline" in matplotlib.get_backend():
-        figure._ipython_display_ = leave_pyplot  # type: ignore[attr-defined]
+        # No function of this one: figures can be pickled.
+        show = partial(_leave_pyplot, figure)
+        figure._ipython_display_ = show  # type: ignore[attr-defined]
     return figure
+
+
+def _leave_pyplot(figure: Figure) -> None:
+    """Close the figure, and leave it to IPython to show it as ever."""
+    plt.close(figure)
+    raise NotImplementedError  # how IPython is told so
 
 
 def draw_png(figure: Figure) -> bytes:

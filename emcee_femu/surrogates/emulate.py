@@ -37,6 +37,7 @@ UNITS = 8  # points by which the errors of the measurement are read off the term
 MORE = 4  # points of a first design than parameters: some more than a linear trend
 FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
+SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
 FAR = 3.0  # squared distance per dimension beyond which a point counts less
 ALIKE = 0.01  # error of leaving one out, in measurement errors, that is small enough
 TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
@@ -92,7 +93,8 @@ def emulate(
     square of e that was predicted at draws of the emulated posterior, times the factor
     by which the full solves of the round exceeded what was predicted for them (the
     root mean square of the ratios): a prediction alone understates. It stops
-    once the error stays below ``tolerance`` in two rounds running.
+    once the error stays below ``tolerance`` in two rounds running, and no more than
+    five times that is predicted at the last draws.
 
     Regions that the emulator wrongly rules out are never visited; use :func:`certify`
     to check.
@@ -265,7 +267,9 @@ class _Emulation:
             number = int(self._solved.sum())
             draws = explorer.draw(emulator, self.coordinates, number, rng)
             spent = len(self.theta)
-            if spent == solves or settled == SETTLED:
+            # Fresh draws of the whole prior may have come upon something new.
+            known = draws.predicted <= SURPRISE * tolerance
+            if spent == solves or (settled >= SETTLED and known):
                 break
             number = min(batch, solves - spent)
             self.solve(self._choose(number, emulator, draws))
