@@ -342,10 +342,7 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
 
 
 def _draw(
-    evaluate: Evaluate,
-    coordinates: Coordinates,
-    rng: np.random.Generator,
-    size: int,
+    evaluate: Evaluate, coordinates: Coordinates, rng: np.random.Generator, size: int
 ) -> tuple[Floats, Floats, float, int]:
     """Return members of finite likelihood, their rows, their share of the prior."""
     theta = coordinates.sample(rng, size)

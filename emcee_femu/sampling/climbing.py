@@ -15,12 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..interfaces import Evaluator, Floats
 from .coordinates import Coordinates
-from .quadratic import (
-    find_damping,
-    log_integral,
-    make_positive,
-    step_within,
-)
+from .quadratic import find_damping, log_integral, make_positive, step_within
 
 GAIN = 1e-3  # of log-posterior still to be had: 0.045 standard deviations from the top
 NOISE = 0.1  # the same where no step gains: noise of a solver, a kink, a sharp bend

@@ -10,12 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..interfaces import Floats, Move, Prior
-from ..moves import (
-    DelayedAcceptanceMove,
-    DEMCMove,
-    HamiltonianMove,
-    IndependenceMove,
-)
+from ..moves import DelayedAcceptanceMove, DEMCMove, HamiltonianMove, IndependenceMove
 from ..moves.mixture import Mixture
 from ..table import Parts, Report
 from .importance import normalise
