@@ -17,6 +17,12 @@ from .pools import EvaluationPool, open_pool
 
 Request: TypeAlias = tuple[Kind, Floats]  # what is asked for, and a point (d,)
 Result: TypeAlias = Floats | Failure
+DERIVED = "gradient", "linearization"  # what asks a model for derivatives
+
+
+def _lacks_derivatives(error: Exception, kind: Kind) -> bool:
+    """Return whether modes coincide, so that the model itself can still be solved."""
+    return kind in DERIVED and isinstance(error, RepeatedModes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +38,7 @@ class Solver:
         try:
             return self.posterior.stack(theta, kind)
         except Exception as error:  # of any kind: it is the user's model that raised
-            # Where modes coincide the model itself can be solved.
-            if not (self.reject or isinstance(error, RepeatedModes)):
+            if not (self.reject or _lacks_derivatives(error, kind)):
                 raise
             values = zip(self.posterior.names, theta.tolist(), strict=True)
             return describe_failure(error, dict(values))
@@ -99,7 +104,7 @@ class Evaluation:
 
     def stack(self, kind: Kind, theta: Floats) -> Floats:
         """Return what is asked for of ``theta (n, d)``, side by side in one array."""
-        if kind in ("gradient", "linearization"):
+        if kind in DERIVED:
             return self._linearize(theta, kind)
         return self._count(self._results(kind, theta))
 
@@ -172,7 +177,7 @@ class Evaluation:
             try:
                 return self.posterior.stack(theta, kind)  # type: ignore[return-value]
             except Exception as error:
-                if not (rejecting or isinstance(error, RepeatedModes)):
+                if not (rejecting or _lacks_derivatives(error, kind)):
                     raise
         return [self.solver((kind, point)) for point in theta]
 

@@ -42,7 +42,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         return Statement("not checked", "not checked", f"not checked: {reason}.")
     about = describe_samples(idata, fitted=False)
     missed, far, units, inside, total = [*about.surprising], "", [], 0, 0
-    remedy = "Infer the model's error (discrepancy=), or mend it."
+    remedy = "Infer the model's error (discrepancy=), or improve the model."
     for part, new in drawn:
         mean = new.mean(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):

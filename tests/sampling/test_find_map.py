@@ -506,3 +506,14 @@ def test_modes_that_coincide_at_a_start_do_not_end_a_climb(workers):
     maxima = ef.find_map(posterior, starts, seed=1, workers=workers)
     assert not maxima.lost
     assert_allclose(np.sort(maxima.maxima[0].theta), [8.0, 12.0], rtol=0.01)
+
+
+def test_a_solve_that_raises_it_without_derivatives_is_an_error():
+    def solve(p):
+        raise ef.interfaces.RepeatedModes("modes 1 and 2 coincide")
+
+    model = ef.FunctionModel(solve, n_modes=1)
+    term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+    prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])
+    with pytest.raises(ValueError, match="coincide"):
+        ef.find_map(ef.LogPosterior(model, term, prior), 2, seed=1)
