@@ -64,6 +64,7 @@ class LogPosterior(Report):
         terms: The likelihood terms of all experiments.
         variables: All stored variables, ``{name: Variable}``.
         columns: Where they are in a row, ``{name: slice}``, after "densities".
+        draws: Points ``(n, d)`` that "auto" searches too, those of :func:`emulate`.
 
     Raises:
         TypeError: If model or a term is not callable, prior is not a prior, or a unit
@@ -86,6 +87,8 @@ class LogPosterior(Report):
         >>> posterior([9.0]).round(4).tolist()
         [0.8508, -1.7369, 2.5876, 3.0]
     """
+
+    draws: Floats | None = None
 
     def __init__(
         self, model: Model, terms: Terms, prior: Prior, units: Units = None

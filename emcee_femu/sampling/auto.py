@@ -1,5 +1,7 @@
 """``run(..., moves="auto")``: search, refine a proposal, freeze it, start from it."""
 
+from collections.abc import Sequence
+
 import emcee
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +51,7 @@ def search_and_start(
     ensembles: int,
     seed: int,
     evaluations: int,
-    starts: Floats | None,
+    starts: Sequence[Floats] | None,
 ) -> tuple[SearchRecord, list[emcee.State]]:
     """Search for the modes, refine a proposal, and draw the starts from it.
 
@@ -65,7 +67,7 @@ def search_and_start(
         ensembles: How many there are.
         seed: Of the run.
         evaluations: Those of the chain, by which the search may spend.
-        starts: Points that are searched too, ``(ensembles, n, d)``.
+        starts: Points ``(n, d)`` of each ensemble that are searched too.
 
     Returns:
         What was found, and the evaluated start of each ensemble with its random

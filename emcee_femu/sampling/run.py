@@ -258,10 +258,13 @@ def run(
                 most = budget_of(evaluations)
                 text = f"search, at most {most:,} evaluations, {most * seconds:,.0f} s"
                 logger.info(text)
+                places = points if points is None else [*points]
+                if places is None and posterior.draws is not None:
+                    places = [posterior.draws[i::ensembles] for i in range(ensembles)]
                 bar = progress_bar(progress, most, text)
                 with bar as solver.bar:
                     search, states = search_and_start(
-                        evaluator, nwalkers, ensembles, seed, evaluations, points
+                        evaluator, nwalkers, ensembles, seed, evaluations, places
                     )
                 solver.bar = Evaluation.bar
             weighted = search.moves(posterior.prior)

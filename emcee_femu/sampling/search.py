@@ -60,12 +60,12 @@ class Search:
         self.found_by: list[list[int]] = []
         self.climbs = 0
 
-    def run(self, size: int, starts: Floats | None, most: float) -> None:
+    def run(self, size: int, starts: Sequence[Floats] | None, most: float) -> None:
         """Climb, and scan the prior and the surroundings of the modes for others.
 
         Args:
             size: How many points.
-            starts: Points of each ensemble ``(ensembles, n, d)`` that are searched too.
+            starts: Points ``(n, d)`` of each ensemble that are searched too.
             most: Solves at which climbs end where they are.
 
         Raises:
@@ -81,7 +81,7 @@ class Search:
         theta, rows = self._evaluate(drawn)
         self.draws = Draws(theta, rows)
         if starts is not None:
-            self._evaluate(list(starts))
+            self._evaluate(starts)
         if not np.isfinite(self.rows[:, 0]).any():
             raise ValueError(
                 f"posterior: it is zero at all of {len(theta)} draws of the prior; "

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..evaluation.evaluator import Evaluation, Solver
 from ..interfaces import Evaluator, Floats
+from ..moves.proposing import temper
 from ..sampling.anneal import Annealed, anneal_population, fewest_members
 from ..sampling.coordinates import Coordinates
 from .emulated import EmulatedModel
@@ -43,15 +44,28 @@ class EmulatedDraws:
         return float(np.sqrt(self.errors[: len(self.members)].mean()))
 
 
+@dataclass(eq=False)
+class TemperedEvaluation(Evaluation):
+    """What evaluates a posterior with a power of the likelihood."""
+
+    power: float = 1.0
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return rows of the tempered posterior at ``theta (n, d)``."""
+        rows = super().rows(theta)
+        rows[:, 0] = temper(rows[:, 0], rows[:, 1], self.power)
+        return rows
+
+
 class Explorer:
     """Draws from one emulated posterior after another.
 
     Two populations are carried from each to the next, power by power of their ratio:
     one of the emulated posterior, and one of the wider. When the solves have grown by
-    half the wider one is annealed from the prior anew, which knows nothing of what was
-    seen before, and half of the other is carried from there, so that a mode that one
-    emulator excluded comes back with a later one. Either half is then moved by
-    proposals fitted to the other.
+    half, or when asked, the wider one is annealed from the prior anew, which knows
+    nothing of what was seen before, and half of the other is carried from there, so
+    that a mode that one emulator excluded comes back with a later one. Either half is
+    then moved by proposals fitted to the other.
 
     Args:
         problem: What is emulated.
@@ -67,12 +81,21 @@ class Explorer:
         coordinates: Coordinates,
         size: int,
         rng: np.random.Generator,
+        *,
+        power: float = 1.0,
+        look: bool = False,
     ) -> EmulatedDraws:
-        """Return draws of the posterior of an emulator made from ``size`` points."""
+        """Return draws of the posterior of an emulator made from ``size`` points.
+
+        Of a ``power`` of its likelihood; ``look`` asks for a look at the whole prior.
+        """
         problem = self.problem
         posterior = problem.replace_model(emulator)
         wider = problem.replace_model(replace(emulator, factor=WIDER))
-        narrow, broad = (Evaluation(Solver(p, False)) for p in (posterior, wider))
+        narrow, broad = (
+            TemperedEvaluation(Solver(each, False), power=power)
+            for each in (posterior, wider)
+        )
         number = max(MEMBERS, fewest_members(posterior.ndim))
 
         def carry(
@@ -83,7 +106,7 @@ class Explorer:
             found = anneal_population(evaluator, coordinates, rng, number, begin=begin)
             return replace(found, theta=coordinates.parameters(found.theta))
 
-        last, look = self._last, size >= GROWN * self._looked
+        last, look = self._last, look or size >= GROWN * self._looked
         wide = carry(broad, None if last is None or look else last[1]).theta
         begin = (broad, wide) if last is None else last[0]
         found = carry(narrow, begin)

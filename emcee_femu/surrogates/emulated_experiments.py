@@ -115,6 +115,7 @@ def emulate_each(
         models[place] = emulated = emulate(alone, **options | {"backend": files[place]})
         known[place] = Experiment(place, emulated.posterior.model, experiment.terms)
     pairs = {name: (known[name].model, known[name].terms) for name in names}
-    joint = LogPosterior.joint(pairs, posterior.prior)
+    joint = LogPosterior.joint(pairs, posterior.prior, posterior.units)
+    joint.draws = emulated.posterior.draws  # by all experiments: it was the last one
     models = {name: replace(each, posterior=joint) for name, each in models.items()}
     return EmulatedExperiments(models, joint)

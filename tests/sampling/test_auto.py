@@ -165,6 +165,13 @@ def test_what_one_ensemble_was_given_it_alone_starts_from():
     assert_allclose(inside, SHARE, atol=0.1)  # jumps reach all ensembles
 
 
+def test_draws_that_a_posterior_brings_are_searched_too():
+    posterior = two_modes(1e-3, 2)
+    posterior.draws = np.array([[0.0, 0.0]] * 5 + [[5.0 + 1e-4, 1e-4]])
+    found = ef.run(posterior, "auto", 20, 2, ensembles=2, seed=1).search
+    assert found.found_by.sum(axis=1).all() and len(found.weights) == 2
+
+
 # --- one mode ---------------------------------------------------------------------
 
 CORRELATED = np.array([[1.0, 0.9, 0], [0.9, 1, 0], [0, 0, 0.1]])

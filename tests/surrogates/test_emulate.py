@@ -248,9 +248,11 @@ def test_a_sharp_posterior_is_reached_in_stages(derivatives):
 # --- walkers that are kept ----------------------------------------------------
 
 
-@pytest.mark.parametrize("d", [3, pytest.param(18, marks=SLOW)])
-def test_draws_are_carried_from_one_emulated_posterior_to_the_next(d):
-    """Conjugate ones; the second is narrower, and beside the first."""
+@pytest.mark.parametrize(
+    ("d", "power"), [(3, 1.0), (3, 0.05), pytest.param(18, 1.0, marks=SLOW)]
+)
+def test_draws_are_carried_from_one_emulated_posterior_to_the_next(d, power):
+    """Conjugate ones, tempered or not; the second is narrower, beside the first."""
     rng = np.random.default_rng(3)
     mixing = rng.standard_normal((d + 2, d)) / 3.0
     prior = ef.GaussianPrior([f"x{i}" for i in range(d)], np.zeros(d), 1.0)
@@ -263,14 +265,33 @@ def test_draws_are_carried_from_one_emulated_posterior_to_the_next(d):
         if explorer is None:
             explorer = Explorer(EmulationProblem.of(posterior, derivatives=False))
         coordinates = Coordinates.plain(prior)
-        draws = explorer.draw(emulator, coordinates, 32, np.random.default_rng(4))
-        covariance = np.linalg.inv(design.T @ design / 0.3**2 + np.eye(d))
+        rng = np.random.default_rng(4)
+        draws = explorer.draw(emulator, coordinates, 32, rng, power=power)
+        precision = power / 0.3**2
+        covariance = np.linalg.inv(precision * design.T @ design + np.eye(d))
         white = np.linalg.inv(np.linalg.cholesky(covariance))
-        mean = covariance @ design.T @ data / 0.3**2
+        mean = precision * covariance @ design.T @ data
         z = (draws.members - mean) @ white.T
         assert draws.size > 200
         assert np.abs(z.mean(axis=0)).max() * np.sqrt(draws.size) < 5.0
         assert abs((z**2).mean() - 1.0) < 0.15
+
+
+def test_errors_temper_the_draws_and_end_in_looks_at_the_whole_prior(monkeypatch):
+    asked, draw = [], Explorer.draw
+
+    def listen(*arguments, power, look):
+        asked.append((power, look))
+        return draw(*arguments, power=power, look=look)
+
+    monkeypatch.setattr(Explorer, "draw", listen)
+    history = ef.emulate(posed_slab(1e-3), 15, seed=1, tolerance=0).history
+    errors = np.array(history.column("true error")[:-1])
+    assert errors.max() > 3 and errors.min() < 0.1
+    for i, (power, look) in enumerate(asked):
+        worst = errors[max(i - 2, 0) : i].max(initial=0.0)
+        assert power == pytest.approx(min(1.0, 9.0 / max(worst, 1e-9) ** 2))
+        assert look == (i > 0 and errors[i - 1] <= 0.1)
 
 
 # --- where and how long it solves -------------------------------------------------
