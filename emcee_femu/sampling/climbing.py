@@ -31,6 +31,7 @@ SAME = 2.0  # standard deviations; two equal Gaussians so near have one top
 FIRST_OFFSET = 1e-3  # of differences, in prior sds, where no scale is known
 OFFSET = 0.05  # of differences, in conditional sds of the posterior
 MOST_OFFSET = 0.1  # in prior sds
+CONVERGED = "converged"  # in words why a climb ended
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +134,7 @@ class Climb:
             return  # to the curvature of this point
         uphill = local.gradient if gain >= GAIN else _leave_saddle(local, box)
         if uphill is None:
-            self.ended, self.converged = "converged", True
+            self.ended, self.converged = CONVERGED, True
             return
         damping = find_damping(uphill, curvature, self.radius)
         damped = curvature + damping * np.eye(len(step))
@@ -396,7 +397,10 @@ class _Space:
             covariance = (covariance + covariance.T) / 2
             covariance *= np.outer(self.scale, self.scale)
             room = self.box.T - local.point
-            log_evidence = log_integral(local.gradient, curvature, *room)
+            # A climb that ended below a step of the density, or too early, may have a
+            # steep gradient there; what the quadratic promises beyond was not seen.
+            seen = local.gradient if ascent.ended == CONVERGED else slopes
+            log_evidence = log_integral(seen, curvature, *room)
             log_evidence += local.value + np.log(self.scale).sum()
         return Maximum(
             theta=np.clip(local.point * self.scale, *self.coordinates.bounds.T),

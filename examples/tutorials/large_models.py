@@ -149,10 +149,9 @@ print(f"{evaluations / small.full_solves:.0f} times fewer")
 # `OMP_NUM_THREADS`; their number does not change a result.
 #
 # The table is for a block of 8-node bricks with four unknown moduli and six modes,
-# reduced to 1e-4. It was measured on two cores that were busy with other work, too (3
-# to 5 processes; not so the fourth row), by `OMP_NUM_THREADS=1 python
-# examples/benchmarks/large_model.py --threads 2` (the last row with
-# `--dofs 200000 --solvers PARDISO`, without its reduction):
+# reduced to 1e-4. It was measured on two cores that were busy with other work, too, by
+# `OMP_NUM_THREADS=1 python examples/benchmarks/large_model.py --threads 2` (the last row
+# with `--dofs 200000 --solvers PARDISO`):
 #
 # | DOFs | solver | factor | six modes | memory | reduced | error | memory then |
 # |---|---|---|---|---|---|---|---|
@@ -160,16 +159,17 @@ print(f"{evaluations / small.full_solves:.0f} times fewer")
 # | 20,250 | PARDISO | 0.7 s | 1.2 s | 0.4 GB | 1.7 min | 6.5e-5 | 0.5 GB |
 # | 73,002 | SuperLU | 214 s | 340 s | 8.3 GB | not waited for | | |
 # | 73,002 | PARDISO | 3.4 s | 7.9 s | 1.2 GB | 7.3 min | 6.8e-5 | 1.7 GB |
-# | 196,608 | PARDISO | 64 s | 59 s | 3.6 GB | not run | | |
+# | 196,608 | PARDISO | 30 s | 56 s | 3.6 GB | 36.9 min | 7.3e-5 | 5.0 GB |
 #
-# Each reduction took 52 full solves, to 59 basis vectors; a solve of the small model takes
-# 0.1 to 0.3 ms.
+# Each reduction took 52 full solves, to 58 or 59 basis vectors; a solve of the small
+# model takes 0.1 to 0.3 ms.
 #
 # ## A million degrees of freedom
 #
-# From the smallest to the largest block, ten times as many DOFs, the time to factor
-# grew with the power 2.0 of their number, and the memory with 1.25. Extrapolated, a
-# million DOFs take half an hour and 30 GB to factor, and fifty such solves take a day.
+# The time to factor grew with the power 1.7 of the DOFs from the smallest to the largest
+# block, and 2.2 between the last two; for solids the theory says 2, and 4/3 for the
+# memory. By these a million DOFs take a quarter of an hour and 30 GB to factor, and
+# fifty such solves most of a day.
 #
 # So leave the large eigenproblem to your FE program, which solves it out of core or on
 # a cluster. Then use one of two ways:

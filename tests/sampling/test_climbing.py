@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, density_term
+from support.free_posterior import FreeModel, box, density_term, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.evaluation.evaluator import Evaluation, Solver
 from emcee_femu.sampling.climbing import Maximum, climb, distinct
 from emcee_femu.sampling.coordinates import Coordinates
 
@@ -96,6 +96,18 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
             assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
             row = positive.rows(evaluator, end.theta[None])[0]
             assert_allclose(end.row, row, rtol=1e-9)
+
+
+def test_below_a_step_a_steep_gradient_promises_no_evidence():
+    """Such as where modes are paired otherwise: no box holds more than its top."""
+
+    def log_density(x):
+        return np.where(x[:, 0] < 0.3, 50.0 * x[:, 0], -500.0) - 50.0 * x[:, 1] ** 2
+
+    posterior = free_posterior(log_density, box(-3.0, 3.0, 2))
+    (end,) = climb(Evaluation(Solver(posterior, False)), np.array([[-1.0, 0.1]]))
+    assert end.message == "no step gains"
+    assert end.log_evidence < end.log_posterior + np.log(36.0)
 
 
 def test_a_needle_is_another_maximum_than_what_is_as_high_beside_it():
