@@ -392,7 +392,9 @@ class _Space:
             curvature = make_positive(local.curvature)
             # A density that falls from a bound with slope g is an exponential of sd
             # 1 / |g|: g^2 counts as curvature there.
-            slopes = np.where(at_bound, local.gradient, 0.0)
+            at_low, at_high = (local.point == end for end in self.box.T)
+            slopes = np.minimum(local.gradient, 0.0) * at_low
+            slopes += np.maximum(local.gradient, 0.0) * at_high
             covariance = np.linalg.inv(curvature + np.diag(slopes**2))
             covariance = (covariance + covariance.T) / 2
             covariance *= np.outer(self.scale, self.scale)

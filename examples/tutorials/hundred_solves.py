@@ -106,10 +106,11 @@ emulated
 #   are usual.
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
-# is broad, not wrong. Each batch also looks beyond the posterior, and whenever the
-# solves have grown by half, the draws begin again at the whole prior: a later emulator
-# can find a mode that an early one excluded. A mode that no emulator suspects stays
-# unseen. If in doubt, run it again with another seed.
+# is broad, not wrong. Each batch also looks beyond the posterior. Whenever the solves
+# have grown by half, and after each round with a small true error, the draws begin
+# again at the whole prior: a later emulator can find a mode that an early one excluded.
+# A mode that no emulator suspects stays unseen. If in doubt, run it again with another
+# seed.
 #
 # ## Run
 #

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, box, density_term, free_posterior
+from support.free_posterior import FreeModel, box, density_term
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
@@ -98,16 +98,32 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
             assert_allclose(end.row, row, rtol=1e-9)
 
 
-def test_below_a_step_a_steep_gradient_promises_no_evidence():
-    """Such as where modes are paired otherwise: no box holds more than its top."""
+class Jumping:
+    """A frequency that is x up to a jump, and says that its slope is one everywhere."""
 
-    def log_density(x):
-        return np.where(x[:, 0] < 0.3, 50.0 * x[:, 0], -500.0) - 50.0 * x[:, 1] ** 2
+    names, variables = ("x1",), ef.modal_variables(1)
 
-    posterior = free_posterior(log_density, box(-3.0, 3.0, 2))
-    (end,) = climb(Evaluation(Solver(posterior, False)), np.array([[-1.0, 0.1]]))
-    assert end.message == "no step gains"
-    assert end.log_evidence < end.log_posterior + np.log(36.0)
+    def __init__(self, edge):
+        self.edge = edge
+
+    def __call__(self, p):
+        """Return it."""
+        return ef.ModalSolution((p["x1"] + 100.0 * (p["x1"] > self.edge))[:, None])
+
+    def jacobian(self, p):
+        """Return it and its derivative."""
+        return self(p), {"frequency": {"x1": np.ones((len(p["x1"]), 1))}}
+
+
+@pytest.mark.parametrize("edge", [0.5, 0.7])
+def test_below_a_jump_a_steep_gradient_promises_no_evidence(edge):
+    """Such as where modes are paired otherwise, at a bound or not."""
+    term = ef.FrequencyTerm([1.0], relative_sd=0.01)
+    posterior = ef.LogPosterior(Jumping(edge), term, box(0.5, 3.0, 1))
+    (end,) = climb(Evaluation(Solver(posterior, False)), np.array([[0.5]]))
+    assert end.message == "no step gains" and end.at_bound == (edge == 0.5)
+    assert abs(end.theta - edge) < 1e-3
+    assert end.log_evidence < end.log_posterior + np.log(2.5)
 
 
 def test_a_needle_is_another_maximum_than_what_is_as_high_beside_it():
