@@ -38,6 +38,7 @@ MORE = 4  # points of a first design than parameters: some more than a linear tr
 FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
 LARGE = 3.0  # true error above which draws are of a posterior that is as much wider
+STAGE = 4.0  # times the power of the round before, at least: its width halves
 SMALL = 0.1  # the same below which each round looks at the whole prior
 SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
 FAR = 3.0  # squared distance per dimension beyond which a point counts less
@@ -73,13 +74,14 @@ def emulate(
     solves lower its expected error most, averaged over all draws, the first of each
     batch among draws of a wider one, whose emulator errs twice as much as it says. The
     draws are walkers kept from round to round. While the true error (below) is above 3
-    they are draws of a tempered posterior, as if the measurement erred as much as the
-    emulator, so that solves reach a sharp posterior in stages. Whenever the solves have
-    grown by half, and after each round with a true error below 0.1, half of the draws
-    come anew from the whole prior, so that modes that one emulator excludes come back
-    with a later one, and modes that are not there are found out. A parameter whose
-    prior spans decades is seen by its logarithm; so are all positive ones as long as
-    the solves are predicted better so, each from the others.
+    they are draws of a tempered posterior, at most as wide as if the measurement erred
+    as much as the emulator, and half as wide in each round, so that solves reach a
+    sharp posterior in stages. Whenever the solves have grown by half, and after each
+    round with a true error below 0.1, half of the draws come anew from the whole prior,
+    so that modes that one emulator excludes come back with a later one, and modes that
+    are not there are found out. A parameter whose prior spans decades is seen by its
+    logarithm; so are all positive ones as long as the solves are predicted better so,
+    each from the others.
 
     **Derivatives** of the model, its ``jacobian``, are learned beside the response: a
     first design of ``d / 2 + 1`` points, three at least, and batches of ``d / 4 + 1``
@@ -264,17 +266,19 @@ class _Emulation:
                 "model, or narrow the prior to where it can be solved"
             )
         explorer = Explorer(self.problem)
-        emulator, draws, settled = None, None, 0
+        emulator, draws, settled, power = None, None, 0, 0.0
         history: list[tuple[int, float, float, float]] = []
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
             number = int(self._solved.sum())
             true = np.array([error for _, _, error, _ in history[-SETTLED:]])
-            power = (LARGE / true[np.isfinite(true)].max(initial=LARGE)) ** 2
+            if history:
+                wanted = (LARGE / true[np.isfinite(true)].max(initial=LARGE)) ** 2
+                power = min(max(wanted, STAGE * power), 1.0)
             look = bool((true[-1:] <= SMALL).any())
             draws = explorer.draw(
-                emulator, self.coordinates, number, rng, power=power, look=look
+                emulator, self.coordinates, number, rng, power=power or 1.0, look=look
             )
             spent = len(self.theta)
             # Fresh draws of the whole prior may have come upon something new.

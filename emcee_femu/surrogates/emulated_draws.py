@@ -102,7 +102,12 @@ class Explorer:
             evaluator: Evaluator, begin: tuple[Evaluator, Floats] | None
         ) -> Annealed:
             if begin is not None:
-                begin = begin[0], coordinates.coordinates(begin[1])
+                before, theta = begin
+                halves = np.array_split(theta, 2)
+                distinct = min(len(np.unique(half, axis=0)) for half in halves)
+                begin = before, coordinates.coordinates(theta)
+                if distinct <= 2 * posterior.ndim:  # copies have no covariance
+                    begin = None  # it begins with the prior
             found = anneal_population(evaluator, coordinates, rng, number, begin=begin)
             return replace(found, theta=coordinates.parameters(found.theta))
 

@@ -277,6 +277,25 @@ def test_draws_are_carried_from_one_emulated_posterior_to_the_next(d, power):
         assert abs((z**2).mean() - 1.0) < 0.15
 
 
+def test_copies_are_not_carried_to_the_next_posterior():
+    """A few members of a population are left, to which no mixture can be fitted."""
+    posterior = posed()
+    emulator = ef.emulate(posterior, 12, seed=1)
+    explorer = Explorer(EmulationProblem.of(posterior, derivatives=False))
+    coordinates, rng = Coordinates.plain(PRIOR), np.random.default_rng(1)
+    draws = explorer.draw(emulator, coordinates, 12, rng)
+    explorer._last = tuple(
+        (evaluator, np.repeat(theta[:3], 100, axis=0))
+        for evaluator, theta in explorer._last
+    )
+    again = explorer.draw(emulator, coordinates, 12, rng)
+    apart = again.members.mean(axis=0) - draws.members.mean(axis=0)
+    size = min(again.size, draws.size)
+    assert size > 100
+    z = apart / draws.members.std(axis=0) / np.sqrt(2 / size)
+    assert np.abs(z).max() < 5.0
+
+
 def test_errors_temper_the_draws_and_end_in_looks_at_the_whole_prior(monkeypatch):
     asked, draw = [], Explorer.draw
 
@@ -288,10 +307,13 @@ def test_errors_temper_the_draws_and_end_in_looks_at_the_whole_prior(monkeypatch
     history = ef.emulate(posed_slab(1e-3), 15, seed=1, tolerance=0).history
     errors = np.array(history.column("true error")[:-1])
     assert errors.max() > 3 and errors.min() < 0.1
-    for i, (power, look) in enumerate(asked):
-        worst = errors[max(i - 2, 0) : i].max(initial=0.0)
-        assert power == pytest.approx(min(1.0, 9.0 / max(worst, 1e-9) ** 2))
-        assert look == (i > 0 and errors[i - 1] <= 0.1)
+    assert asked.pop(0) == (1.0, False)  # nothing is known of errors
+    reached = 0.0
+    for i, (power, look) in enumerate(asked, 1):
+        worst = errors[max(i - 2, 0) : i].max()
+        reached = min(max(9.0 / worst**2, 4.0 * reached), 1.0)
+        assert power == pytest.approx(reached)
+        assert look == (errors[i - 1] <= 0.1)
 
 
 # --- where and how long it solves -------------------------------------------------
