@@ -37,7 +37,7 @@ UNITS = 8  # points by which the errors of the measurement are read off the term
 MORE = 4  # points of a first design than parameters: some more than a linear trend
 FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
-LARGE = 3.0  # true error above which draws are of a posterior that is as much wider
+LARGE = 3.0  # true error above which draws are of a wider, tempered posterior
 STAGE = 4.0  # times the power of the round before, at least: its width halves
 SMALL = 0.1  # the same below which each round looks at the whole prior
 SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
@@ -271,13 +271,12 @@ class _Emulation:
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
-            number = int(self._solved.sum())
-            true = np.array([error for _, _, error, _ in history[-SETTLED:]])
+            number, look = int(self._solved.sum()), False
             if history:
+                true = np.array([error for _, _, error, _ in history[-SETTLED:]])
                 wanted = (LARGE / true[np.isfinite(true)].max(initial=LARGE)) ** 2
-                power = min(max(wanted, STAGE * power), 1.0)
-            look = bool((true[-1:] <= SMALL).any())
-            draws = explorer.draw(
+                power, look = min(max(wanted, STAGE * power), 1.0), true[-1] <= SMALL
+            draws = explorer.draw(  # at first no error is known
                 emulator, self.coordinates, number, rng, power=power or 1.0, look=look
             )
             spent = len(self.theta)

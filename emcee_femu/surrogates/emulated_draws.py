@@ -102,12 +102,11 @@ class Explorer:
             evaluator: Evaluator, begin: tuple[Evaluator, Floats] | None
         ) -> Annealed:
             if begin is not None:
-                before, theta = begin
-                halves = np.array_split(theta, 2)
+                halves = np.array_split(begin[1], 2)
                 distinct = min(len(np.unique(half, axis=0)) for half in halves)
-                begin = before, coordinates.coordinates(theta)
-                if distinct <= 2 * posterior.ndim:  # copies have no covariance
-                    begin = None  # it begins with the prior
+                theta = coordinates.coordinates(begin[1])
+                # Copies have no covariance: it begins with the prior instead.
+                begin = (begin[0], theta) if distinct > 2 * posterior.ndim else None
             found = anneal_population(evaluator, coordinates, rng, number, begin=begin)
             return replace(found, theta=coordinates.parameters(found.theta))
 
