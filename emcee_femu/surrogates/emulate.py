@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
-from scipy.stats import qmc
 
 from .. import checks
 from ..evaluation.evaluator import Evaluation
@@ -27,15 +26,12 @@ from .emulated import EmulatedModel
 from .emulated_draws import GROWN, EmulatedDraws, Explorer
 from .emulated_experiments import EmulatedExperiments, emulate_each
 from .emulation_problem import EmulationProblem
+from .first_design import FEWEST, check_starts, first_points
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
 
-DRAWS = 20_000  # of the prior, for its quantiles
-SPREAD = 0.8  # share of the prior's spread that the first points have
-NEAR = 0.25  # the same of first points about a given one
 UNITS = 8  # points by which the errors of the measurement are read off the terms
 MORE = 4  # points of a first design than parameters: some more than a linear trend
-FEWEST = 3  # points to which a process can be fitted
 SETTLED = 2  # rounds in a row whose true error is to be small
 LARGE = 3.0  # true error above which draws are of a wider, tempered posterior
 STAGE = 4.0  # times the power of the round before, at least: its width halves
@@ -181,8 +177,8 @@ def emulate(
     coordinates = Coordinates.of(posterior.prior)
     d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
     number = max(d // 2 + 1, FEWEST) if fewer else d + MORE
-    places = _check_starts(starts, problem)
-    first = _first_points(coordinates, max(number, width), seed, places)
+    places = check_starts(starts, problem)
+    first = first_points(coordinates, max(number, width), seed, places)
     batch = d // (4 if fewer else 2) + 1
     if checks.whole_number("solves", solves, 1) < len(first) + batch:
         raise ValueError(
@@ -438,47 +434,3 @@ class _Emulation:
         square = self.problem.predict_error(emulated, theta)
         factor = np.sqrt((true**2 / np.maximum(square, TINY**2)).mean())
         return float(factor * np.maximum(predicted, TINY))
-
-
-def _first_points(
-    coordinates: Coordinates, number: int, seed: int, starts: Floats | None
-) -> Floats:
-    """Return a first design ``(n, d)`` inside the prior's support.
-
-    Sobol points, mapped through the quantiles of the prior and drawn together towards
-    its mean, which is among them; or towards a given point, nearer to it.
-    """
-    if starts is not None and starts.ndim == 2:
-        return starts
-    prior = coordinates.prior
-    rng = np.random.default_rng(*np.random.SeedSequence(seed).spawn(1))
-    draws = coordinates.sample(np.random.default_rng(0), DRAWS)
-    mean = draws.mean(axis=0)
-    power = int(np.ceil(np.log2(number - 1)))
-    places = qmc.Sobol(len(mean), seed=rng).random_base2(power)[: number - 1]
-    columns = zip(draws.T, places.T, strict=True)
-    far = np.column_stack([np.quantile(*pair) for pair in columns])
-    if starts is None:
-        theta = coordinates.parameters(np.vstack([mean, mean + SPREAD * (far - mean)]))
-    else:
-        near = coordinates.coordinates(starts[None]) + NEAR * (far - mean)
-        theta = np.clip(coordinates.parameters(near), *prior.bounds.T)
-        theta = np.vstack([starts, theta])
-    outside = ~(prior.logpdf(theta) > -np.inf)  # of a prior that is not independent
-    theta[outside] = prior.sample(rng, int(outside.sum()))
-    return theta
-
-
-def _check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats | None:
-    """Return a point ``(d,)`` or points ``(n, d)`` inside the bounds, or None."""
-    if starts is None:
-        return None
-    points, posterior = checks.real_array("starts", starts), problem.posterior
-    posterior.check_inside("starts", np.atleast_2d(points))
-    alike = len(points) < FEWEST or not np.ptp(points[..., problem.inputs], 0).all()
-    if points.ndim == 2 and alike:
-        raise ValueError(
-            f"starts: expected a point (d,), or at least {FEWEST} points (n, d) that "
-            f"differ in every parameter of the model, got {points.tolist()}"
-        )
-    return points
