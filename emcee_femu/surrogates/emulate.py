@@ -35,7 +35,6 @@ MORE = 4  # points of a first design than parameters: some more than a linear tr
 SETTLED = 2  # rounds in a row whose true error is to be small
 LARGE = 3.0  # true error above which draws are of a wider, tempered posterior
 STAGE = 4.0  # times the power of the round before, at least: its width halves
-SMALL = 0.1  # the same below which each round looks at the whole prior
 SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
 FAR = 3.0  # squared distance per dimension beyond which a point counts less
 ALIKE = 0.01  # error of leaving one out, in measurement errors, that is small enough
@@ -72,12 +71,12 @@ def emulate(
     draws are walkers kept from round to round. While the true error (below) is above 3
     they are draws of a tempered posterior, at most as wide as if the measurement erred
     as much as the emulator, and half as wide in each round, so that solves reach a
-    sharp posterior in stages. Whenever the solves have grown by half, and after each
-    round with a true error below 0.1, half of the draws come anew from the whole prior,
-    so that modes that one emulator excludes come back with a later one, and modes that
-    are not there are found out. A parameter whose prior spans decades is seen by its
-    logarithm; so are all positive ones as long as the solves are predicted better so,
-    each from the others.
+    sharp posterior in stages. Whenever the solves have grown by half, and in each
+    round that predicts an error below 0.1, half of the draws come anew from the whole
+    prior, so that modes that one emulator excludes come back with a later one, and
+    modes that are not there are found out. A parameter whose prior spans decades is
+    seen by its logarithm; so are all positive ones, and eigenvalues with them, as long
+    as the solves are predicted better so, each from the others.
 
     **Derivatives** of the model, its ``jacobian``, are learned beside the response: a
     first design of ``d / 2 + 1`` points, three at least, and batches of ``d / 4 + 1``
@@ -267,13 +266,13 @@ class _Emulation:
         while True:
             emulator = self._fit(emulator, draws)
             rng = np.random.default_rng([seed, len(history)])
-            number, look = int(self._solved.sum()), False
+            number = int(self._solved.sum())
             if history:
                 true = np.array([error for _, _, error, _ in history[-SETTLED:]])
                 wanted = (LARGE / true[np.isfinite(true)].max(initial=LARGE)) ** 2
-                power, look = min(max(wanted, STAGE * power), 1.0), true[-1] <= SMALL
+                power = min(max(wanted, STAGE * power), 1.0)
             draws = explorer.draw(  # at first no error is known
-                emulator, self.coordinates, number, rng, power=power or 1.0, look=look
+                emulator, self.coordinates, number, rng, power=power or 1.0
             )
             spent = len(self.theta)
             # Fresh draws of the whole prior may have come upon something new.
@@ -318,7 +317,7 @@ class _Emulation:
     def _fit(
         self, last: EmulatedModel | None, draws: EmulatedDraws | None
     ) -> EmulatedModel:
-        """Fit an emulator to all that was solved, whitened by the last draws.
+        """Return an emulator fitted to all that was solved.
 
         In the explored coordinates or in the logarithms of all positive parameters,
         with the derivatives or without them, as leaving one point out tells. That is
@@ -336,25 +335,32 @@ class _Emulation:
         same = last is not None and len(theta) < GROWN * self._compared
         if not same:
             self._compared = len(theta)
-        weights, fits = np.empty(0), list[tuple[float, EmulatedModel, Coordinates]]()
+        weights = self._weigh(theta, draws)
+        fits = list[tuple[float, EmulatedModel, Coordinates]]()
         for coordinates in [self.coordinates] if same else self._maps:
-            mean, factor = self._whiten(coordinates, draws)
-            turn, logs = np.linalg.inv(factor), coordinates.logs[inputs]
-            x = coordinates.coordinates(theta)[:, inputs]
-            points = (x - mean) @ turn.T
-            if not fits:
-                weights = 1.0 / (1.0 + ((points**2).mean(axis=1) / FAR) ** 2)
-                weights /= weights.sum()
-            steps = np.where(logs, theta[:, inputs], 1.0)[:, :, None] * factor
+            x, logs = (
+                coordinates.coordinates(theta)[:, inputs],
+                coordinates.logs[inputs],
+            )
+            mean, sd = x.mean(axis=0), x.std(axis=0)
+            points = (x - mean) / sd
+            steps = np.where(logs, theta[:, inputs], 1.0) * sd
             slopes = {
-                name: np.einsum("n...j,njk->n...k", tangent, steps)
+                name: np.einsum("n...j,nj->n...j", tangent, steps)
                 for name, tangent in tangents.items()
             }
             for known in (slopes, {}) if slopes else ({},):
                 if last is not None and same and bool(known) != last.processes.sloped:
                     continue
                 outputs, processes, cost = fit_outputs(
-                    points, response, known, units, weights, start, same
+                    points,
+                    response,
+                    known,
+                    units,
+                    weights,
+                    bool(logs.any()),
+                    start,
+                    same,
                 )
                 emulator = EmulatedModel(
                     bounds=bounds,
@@ -362,30 +368,24 @@ class _Emulation:
                     outputs=outputs,
                     processes=processes,
                     solves=self.evaluator.solves,
-                    _whiten=(mean, np.asarray(turn, float)),
+                    _scale=(mean, np.asarray(sd)),
                     _logs=logs,
                 )
                 fits.append((max(cost, ALIKE**2), emulator, coordinates))
         _, emulator, self.coordinates = min(fits, key=lambda fit: fit[0])
         return emulator
 
-    def _whiten(
-        self, coordinates: Coordinates, draws: EmulatedDraws | None
-    ) -> tuple[Floats, Floats]:
-        """Return mean ``(d,)`` and a factor of the covariance of the last draws.
-
-        Of the solved points where there are none. The directions are those of a
-        covariance in units of its own spreads, so that a parameter of 1e10 and one of 1
-        are alike.
-        """
-        inputs = self.problem.inputs
-        theta = self.theta[self._solved] if draws is None else draws.members
-        x = coordinates.coordinates(theta)[:, inputs]
-        if draws is None:
-            return x.mean(axis=0), np.diag(np.asarray(x.std(axis=0)))
-        mean, sd = x.mean(axis=0), x.std(axis=0)
-        factor: Floats = np.linalg.cholesky(np.atleast_2d(np.corrcoef(x.T)))
-        return mean, sd[:, None] * factor
+    def _weigh(self, theta: Floats, draws: EmulatedDraws | None) -> Floats:
+        """Return how much each point matters, ``(N,)``; less if far from the draws."""
+        weights, coordinates = np.ones(len(theta)), self.coordinates
+        if draws is not None:
+            x, members = map(coordinates.coordinates, (theta, draws.members))
+            mean, sd = members.mean(axis=0), members.std(axis=0)
+            # In units of spreads, so that a parameter of 1e10 and one of 1 are alike
+            inverse = np.linalg.pinv(np.atleast_2d(np.corrcoef(members.T)))
+            far = cdist((x - mean) / sd, 0.0 * mean[None], "mahalanobis", VI=inverse)
+            weights /= 1.0 + (far[:, 0] ** 2 / len(mean) / FAR) ** 2
+        return np.asarray(weights / weights.sum())
 
     def _choose(
         self, number: int, emulator: EmulatedModel, draws: EmulatedDraws

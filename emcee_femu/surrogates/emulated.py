@@ -44,7 +44,7 @@ class EmulatedModel(Report):
         bounds: ``{parameter: (low, high)}``; the model refuses values outside.
         variables: What it returns.
         outputs: What is emulated.
-        processes: The Gaussian processes, in whitened coordinates.
+        processes: The Gaussian processes, in scaled coordinates.
         solves: Solves of the full model spent, all of them.
         factor: By which the model may err more than the processes say.
         history: One row per round: solves, predicted and true error in units of
@@ -68,7 +68,7 @@ class EmulatedModel(Report):
     outputs: Outputs
     processes: Processes
     solves: int
-    _whiten: tuple[Floats, Floats]  # mean, and to coordinates
+    _scale: tuple[Floats, Floats]  # mean and standard deviation of coordinates
     _logs: NDArray[np.bool_]  # parameters seen by logarithms, (d,)
     factor: float = 1.0
     history: Table | None = None
@@ -135,16 +135,16 @@ class EmulatedModel(Report):
         """
         theta = self._theta(parameters)
         points = self.coordinates(theta)
-        slopes = self.processes.slopes(points) @ self._whiten[1]
-        slopes /= np.where(self._logs, theta, 1.0)[:, None]
+        steps = np.where(self._logs, theta, 1.0) * self._scale[1]
+        slopes = self.processes.slopes(points) / steps[:, None]
         return self._decode(points, slopes, self.names)
 
     def coordinates(self, theta: Floats) -> Floats:
-        """Return whitened coordinates ``(n, d)`` of parameters in their order."""
-        mean, turn = self._whiten
+        """Return scaled coordinates ``(n, d)`` of parameters in their order."""
+        mean, sd = self._scale
         x = theta.copy()
         x[:, self._logs] = np.log(np.maximum(theta[:, self._logs], LEAST))
-        return np.asarray((x - mean) @ turn.T)
+        return np.asarray((x - mean) / sd)
 
     @cached_property
     def _directions(self) -> Floats:

@@ -14,6 +14,7 @@ from .emulation_problem import EmulationProblem
 
 MEMBERS = 300  # draws that stand for a posterior
 GROWN = 1.5  # times as many points for another look at the whole prior
+SMALL = 0.1  # error predicted at carried draws below which each round has a look
 WIDER = 2.0  # standard deviations of the emulator that may be one in truth
 
 
@@ -62,10 +63,10 @@ class Explorer:
 
     Two populations are carried from each to the next, power by power of their ratio:
     one of the emulated posterior, and one of the wider. When the solves have grown by
-    half, or when asked, the wider one is annealed from the prior anew, which knows
-    nothing of what was seen before, and half of the other is carried from there, so
-    that a mode that one emulator excluded comes back with a later one. Either half is
-    then moved by proposals fitted to the other.
+    half, or where the carried draws are emulated well, the wider one is annealed from
+    the prior anew, which knows nothing of what was seen before, and half of the other
+    is carried from there, so that a mode that one emulator excluded comes back with a
+    later one. Either half is then moved by proposals fitted to the other.
 
     Args:
         problem: What is emulated.
@@ -83,11 +84,10 @@ class Explorer:
         rng: np.random.Generator,
         *,
         power: float = 1.0,
-        look: bool = False,
     ) -> EmulatedDraws:
         """Return draws of the posterior of an emulator made from ``size`` points.
 
-        Of a ``power`` of its likelihood; ``look`` asks for a look at the whole prior.
+        Of a ``power`` of its likelihood.
         """
         problem = self.problem
         posterior = problem.replace_model(emulator)
@@ -110,18 +110,20 @@ class Explorer:
             found = anneal_population(evaluator, coordinates, rng, number, begin=begin)
             return replace(found, theta=coordinates.parameters(found.theta))
 
-        last, look = self._last, look or size >= GROWN * self._looked
+        last, kept, look = self._last, None, size >= GROWN * self._looked
+        if last is not None:
+            kept = carry(narrow, last[0])
+            square = problem.predict_error(posterior, kept.theta).mean()
+            look = look or square <= SMALL**2
         wide = carry(broad, None if last is None or look else last[1]).theta
-        begin = (broad, wide) if last is None else last[0]
-        found = carry(narrow, begin)
-        members, worth = found.theta, found.effective_size.min()
-        if last is not None and look:
-            fresh = carry(narrow, (broad, wide))
-            halves = np.vstack([members[::2], fresh.theta[1::2]])
-            members = carry(narrow, (narrow, halves)).theta
-            worth = min(worth, fresh.effective_size.min())
         if look:
             self._looked = size
+        population = carry(narrow, (broad, wide)) if look or kept is None else kept
+        members, worth = population.theta, population.effective_size.min()
+        if look and kept is not None:
+            halves = np.vstack([kept.theta[::2], members[1::2]])
+            members = carry(narrow, (narrow, halves)).theta
+            worth = min(worth, kept.effective_size.min())
         self._last = (narrow, members), (broad, wide)
         errors = problem.predict_error(posterior, np.vstack([members, wide]))
         return EmulatedDraws(members, wide, errors, float(worth))

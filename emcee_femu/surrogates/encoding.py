@@ -28,19 +28,22 @@ Named: TypeAlias = dict[str, Floats]
 
 @dataclass(frozen=True, eq=False)
 class Aligned:
-    """Modes turned onto reference shapes; a single mode needs none.
+    r"""Modes turned onto reference shapes; a single mode needs none.
 
     Attributes:
         first: The first of the modes.
         unit: Of the eigenvalues, ``(r,)``.
         shape_unit: ``(n_dof, r)``, None if shapes are not wanted.
         inverse: Of the reference shapes, ``(r, n_dof)``, None if there are none.
+        usual: Eigenvalues ``(r,)`` near which :math:`\ln \Lambda` takes the place of
+            :math:`\Lambda`, as suits powers of parameters; None for these themselves.
     """
 
     first: int
     unit: Floats
     shape_unit: Floats | None
     inverse: Floats | None
+    usual: Floats | None = None
 
     @property
     def size(self) -> int:
@@ -52,14 +55,17 @@ class Aligned:
     @property
     def _scale(self) -> Floats:
         """The units of the entries of A, ``(r, r)``."""
-        return np.asarray(np.sqrt(np.outer(self.unit, self.unit)))
+        unit = self.unit if self.usual is None else self.unit / self.usual
+        return np.asarray(np.sqrt(np.outer(unit, unit)))
 
     def encode(self, response: Named) -> Floats:
         """Return the entries of A and the aligned shapes, ``(n, size)``."""
         members = slice(self.first, self.first + len(self.unit))
         eigenvalues = eigenvalues_of(response)[:, members]
+        if self.usual is not None:
+            eigenvalues = np.log(eigenvalues)
         if self.inverse is None:
-            scaled: Floats = eigenvalues / self.unit
+            scaled: Floats = eigenvalues / self._scale.diagonal()
             return scaled
         shapes = response["shapes"][:, :, members]
         left, _, right = np.linalg.svd(self.inverse @ shapes)
@@ -87,9 +93,12 @@ class Aligned:
         beside = right.reshape(n, k, r, r).transpose(0, 2, 1, 3).reshape(n, r, k * r)
         turned = (vectors.swapaxes(1, 2) @ beside).reshape(n, r, k, r)
         moved = np.diagonal(turned, axis1=1, axis2=3).swapaxes(1, 2)
+        gaps = (eigenvalues[:, None] - eigenvalues[:, :, None])[:, :, None]
+        if self.usual is not None:
+            eigenvalues = np.exp(eigenvalues)
+            moved = moved * eigenvalues[:, :, None]
         if aligned is None or rest is None:
             return {"eigenvalues": eigenvalues}, {"eigenvalues": moved}
-        gaps = (eigenvalues[:, None] - eigenvalues[:, :, None])[:, :, None]
         if finite:
             # The angle by which two modes turn, at most an eighth of a turn.
             side = np.where(gaps < 0, -1.0, 1.0)

@@ -48,7 +48,7 @@ STRAIGHT = 0.01  # an output that leaves its trend by less has no say in the len
 TINY = 1e-20  # variance of an output that is straight
 SCALES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # first lengths, in spreads of the points
 WIDEST = 200.0  # length, in spreads, beyond which the trend says as much
-ROWS = 300  # values and slopes by which lengths are found, of the innermost points
+ROWS = 300  # values and slopes by which lengths are found, of points early and late
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,12 +260,13 @@ def fit_processes(
     square = (stacked**2).mean(axis=0)
     counts = square / (square + STRAIGHT**2)  # of outputs that are not straight
     bent = np.where(np.isnan(every), np.nan, stacked.reshape(every.shape))
-    near = np.argsort((points**2).sum(axis=1), kind="stable")
+    some = np.arange(len(points))
     if every.shape[1] > 1:
-        near = near[: max(ROWS // every.shape[1], 3)]
+        most = max(ROWS // every.shape[1], 3)
+        some = np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
-        return _restricted(points[near], bent[near], np.exp(logs), rough, counts)
+        return _restricted(points[some], bent[some], np.exp(logs), rough, counts)
 
     bounds = np.log(np.outer(spread, [0.1, WIDEST]))
     common = [np.log(scale * spread) for scale in SCALES]

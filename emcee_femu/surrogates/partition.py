@@ -27,6 +27,7 @@ def fit_outputs(
     tangents: Named,
     units: Named,
     weights: Floats,
+    logs: bool = False,
     start: Processes | None = None,
     again: bool = False,
 ) -> tuple[Outputs, Processes, float]:
@@ -44,6 +45,7 @@ def fit_outputs(
             of every variable that is wanted; of frequencies in Hz. Shapes that are not
             wanted still tell which mode is which.
         weights: How much each point matters, ``(N,)``, which sum to one.
+        logs: Whether eigenvalues are seen by their logarithms, if they are above zero.
         start: Processes whose lengths to begin with.
         again: Whether the kernel of these is kept.
     """
@@ -52,7 +54,7 @@ def fit_outputs(
     if "frequency" in units and units["frequency"].ndim == 1:
         pair = numbers.pop("frequency"), numbers.pop("shapes", None)
         modal, processes, cost = _choose_modes(
-            points, response, tangents, *pair, weights, start, again
+            points, response, tangents, *pair, weights, logs, start, again
         )
     blocks = [*modal.blocks]
     for name, unit in numbers.items():
@@ -115,6 +117,7 @@ def _choose_modes(
     frequency_unit: Floats,
     shape_unit: Floats | None,
     weights: Floats,
+    logs: bool,
     start: Processes | None,
     again: bool,
 ) -> tuple[Outputs, Processes, float]:
@@ -130,7 +133,11 @@ def _choose_modes(
     eigenvalues = eigenvalues_of(response)
     usual = np.maximum(np.median(frequencies, axis=0), frequency_unit)
     unit, m = 8 * np.pi**2 * usual * frequency_unit, len(usual)
-    centre = int(np.argmin((points**2).sum(axis=1)))
+    least = LEAST * (2 * np.pi * usual) ** 2
+    scale = None
+    if logs and (eigenvalues > least).all():
+        scale = (2 * np.pi * usual) ** 2
+    centre = int(np.argmax(weights))
 
     def make(first: int, last: int) -> Aligned | Symmetric:
         members = slice(first, last)
@@ -138,9 +145,9 @@ def _choose_modes(
             return Symmetric.of(first, unit[members], eigenvalues[:, members])
         wanted = None if shape_unit is None else shape_unit[:, members]
         inverse = None if shapes is None else np.linalg.pinv(shapes[centre][:, members])
-        return Aligned(first, unit[members], wanted, inverse)
+        scaled = None if scale is None else scale[members]
+        return Aligned(first, unit[members], wanted, inverse, scaled)
 
-    least = LEAST * (2 * np.pi * usual) ** 2
     largest = 3 if shapes is None else min(m, shapes.shape[1])
     keys = [(i, j) for i in range(m) for j in range(i + 1, min(i + largest, m) + 1)]
     blocks = {key: make(*key) for key in keys}

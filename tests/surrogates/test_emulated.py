@@ -78,8 +78,8 @@ def test_it_is_a_modal_model_that_a_posterior_takes():
     assert isinstance(model(at(X)), ef.ModalSolution)
     assert np.isfinite(model.posterior(X * SCALE)[:, 0]).all()
     assert "20 full solves" in str(model)
-    points = model.processes.points @ np.linalg.inv(model._whiten[1]).T
-    points += model._whiten[0]
+    mean, sd = model._scale
+    points = mean + sd * model.processes.points
     truth = respond(points / SCALE)["frequency"]  # at the solved points
     solved = model(at(points / SCALE)).frequencies
     assert_allclose(solved, truth, atol=0.2 * SD["frequency"])
