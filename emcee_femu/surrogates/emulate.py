@@ -38,6 +38,7 @@ STAGE = 4.0  # times the power of the round before, at least: its width halves
 SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
 FAR = 3.0  # squared distance per dimension beyond which a point counts less
 ALIKE = 0.01  # error of leaving one out, in measurement errors, that is small enough
+LEAST = 1e-300  # variance of processes that are exact
 TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
 
 
@@ -331,17 +332,15 @@ class _Emulation:
         units = problem.units(theta[-UNITS:], newest)
         limits = zip(np.take(prior.names, inputs), prior.bounds[inputs], strict=True)
         bounds = {str(name): (float(low), float(high)) for name, (low, high) in limits}
-        start = None if last is None else last.processes
+        start = () if last is None else last.processes
         same = last is not None and len(theta) < GROWN * self._compared
         if not same:
             self._compared = len(theta)
         weights = self._weigh(theta, draws)
         fits = list[tuple[float, EmulatedModel, Coordinates]]()
         for coordinates in [self.coordinates] if same else self._maps:
-            x, logs = (
-                coordinates.coordinates(theta)[:, inputs],
-                coordinates.logs[inputs],
-            )
+            logs = coordinates.logs[inputs]
+            x = coordinates.coordinates(theta)[:, inputs]
             mean, sd = x.mean(axis=0), x.std(axis=0)
             points = (x - mean) / sd
             steps = np.where(logs, theta[:, inputs], 1.0) * sd
@@ -350,7 +349,7 @@ class _Emulation:
                 for name, tangent in tangents.items()
             }
             for known in (slopes, {}) if slopes else ({},):
-                if last is not None and same and bool(known) != last.processes.sloped:
+                if last is not None and same and bool(known) != start[0].sloped:
                     continue
                 outputs, processes, cost = fit_outputs(
                     points,
@@ -402,15 +401,23 @@ class _Emulation:
         known = emulator.coordinates(self.theta[:, inputs])
         at = emulator.coordinates(theta[:, inputs])
         fails = ~self._solved[cdist(at, known).argmin(axis=1)]
-        weights = draws.errors / np.maximum(processes.unit_sd(at) ** 2, NUGGET)
+        traces = np.array([each.covariance.trace() for each in processes]) + LEAST
+        shares = traces / traces.sum()  # of the error, by processes
+        variance = sum(
+            share * each.unit_sd(at) ** 2
+            for share, each in zip(shares, processes, strict=True)
+        )
+        weights = draws.errors / np.maximum(variance, NUGGET)
         chosen = self.theta[~self._solved]
         for place in range(number):
             extra = emulator.coordinates(chosen[:, inputs])
-            left = processes.unit_covariance(at, extra)
             among = slice(count) if place % self.few else slice(count, None)
-            # Solving at a draw takes cov^2 / var from the variance at another.
-            gain = weights[among] @ left[among] ** 2
-            gain /= np.maximum(left.diagonal(), NUGGET)
+            gain = np.zeros(len(at))
+            for share, each in zip(shares, processes, strict=True):
+                left = each.unit_covariance(at, extra)
+                # Solving at a draw takes cov^2 / var from the variance at another.
+                lowered = weights[among] @ left[among] ** 2
+                gain += share * lowered / np.maximum(left.diagonal(), NUGGET)
             gain[fails] -= 1.0 + gain.max()
             taken = np.vstack([self.theta, chosen])
             gain[(theta[:, None] == taken).all(axis=2).any(axis=1)] = -np.inf

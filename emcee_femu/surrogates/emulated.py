@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from ..interfaces import (
     Derivatives,
@@ -44,7 +45,8 @@ class EmulatedModel(Report):
         bounds: ``{parameter: (low, high)}``; the model refuses values outside.
         variables: What it returns.
         outputs: What is emulated.
-        processes: The Gaussian processes, in scaled coordinates.
+        processes: The Gaussian processes, in scaled coordinates: some of all outputs,
+            or some of each block with lengths of their own.
         solves: Solves of the full model spent, all of them.
         factor: By which the model may err more than the processes say.
         history: One row per round: solves, predicted and true error in units of
@@ -66,7 +68,7 @@ class EmulatedModel(Report):
     bounds: Mapping[str, tuple[float, float]]
     variables: Mapping[str, Variable]
     outputs: Outputs
-    processes: Processes
+    processes: tuple[Processes, ...]
     solves: int
     _scale: tuple[Floats, Floats]  # mean and standard deviation of coordinates
     _logs: NDArray[np.bool_]  # parameters seen by logarithms, (d,)
@@ -80,8 +82,9 @@ class EmulatedModel(Report):
         return tuple(self.bounds)
 
     def _parts(self) -> Parts:
-        values = self.processes.values
-        error = np.sqrt((self.processes.leave_out(values) ** 2).mean(axis=0))
+        left_out = [each.leave_out(each.values) for each in self.processes]
+        error = np.sqrt((np.hstack(left_out) ** 2).mean(axis=0))
+        values = self.processes[0].values
         known = int((~np.isnan(values[:, 1:, 0])).any(axis=1).sum())
         logs = np.array(self.names)[self._logs].tolist()
         yield (
@@ -93,6 +96,7 @@ class EmulatedModel(Report):
                 else "without derivatives"
             )
             + (f"; logarithms of {', '.join(logs)}" if logs else "")
+            + ("; each block by lengths of its own" if len(self.processes) > 1 else "")
             + (f"; {len(self.history.rows)} rounds" if self.history else "")
         )
         yield (
@@ -122,9 +126,10 @@ class EmulatedModel(Report):
             ValueError: As a call does.
         """
         points = self.coordinates(self._theta(parameters))
-        sd = self.factor * self.processes.unit_sd(points)
-        moves = sd[:, None, None] * self._directions
-        labels = [str(k) for k in range(self._directions.shape[1])]
+        directions, owners = self._directions
+        sds = np.stack([each.unit_sd(points) for each in self.processes], axis=1)
+        moves = self.factor * sds[:, None, owners] * directions
+        labels = [str(k) for k in range(len(owners))]
         return self._decode(points, moves, labels, finite=True)
 
     def jacobian(self, parameters: Parameters) -> tuple[Response, Derivatives]:
@@ -136,7 +141,8 @@ class EmulatedModel(Report):
         theta = self._theta(parameters)
         points = self.coordinates(theta)
         steps = np.where(self._logs, theta, 1.0) * self._scale[1]
-        slopes = self.processes.slopes(points) / steps[:, None]
+        slopes = np.hstack([each.slopes(points) for each in self.processes])
+        slopes /= steps[:, None]
         return self._decode(points, slopes, self.names)
 
     def coordinates(self, theta: Floats) -> Floats:
@@ -147,19 +153,26 @@ class EmulatedModel(Report):
         return np.asarray((x - mean) / sd)
 
     @cached_property
-    def _directions(self) -> Floats:
+    def _directions(self) -> tuple[Floats, NDArray[np.intp]]:
         """The independent directions ``(size, r)`` in which the processes err.
 
         They are those of a standard deviation of one; outputs that err together share
-        them.
+        them. Beside them stands which processes each is of, ``(r,)``.
         """
-        squares, axes = np.linalg.eigh(self.processes.covariance)
-        sizes = np.sqrt(np.maximum(squares, 0.0))
-        kept = sizes * self.processes.left_out_sd.max() > SMALL
+        squares, axes = zip(
+            *(np.linalg.eigh(each.covariance) for each in self.processes), strict=True
+        )
+        owners = np.repeat(np.arange(len(squares)), [len(part) for part in squares])
+        sizes = np.sqrt(np.maximum(np.concatenate(squares), 0.0))
+        order = np.argsort(sizes, kind="stable")
+        sizes, owners = sizes[order], owners[order]
+        worst = np.array([each.left_out_sd.max() for each in self.processes])
+        kept = sizes * worst[owners] > SMALL
         kept &= np.cumsum(sizes**2) > REST * (sizes**2).sum()
         kept[:-MOST] = False
         kept[-1] = True
-        return np.asarray(axes[:, kept] * sizes[kept])[:, ::-1]
+        directions = block_diag(*axes)[:, order[kept]] * sizes[kept]
+        return np.asarray(directions)[:, ::-1], owners[kept][::-1]
 
     def _theta(self, parameters: Parameters) -> Floats:
         values, n = read_inside(parameters, self.bounds, "emulate")
@@ -173,7 +186,7 @@ class EmulatedModel(Report):
         finite: bool = False,
     ) -> tuple[Response, Derivatives]:
         """Return the response, and how it moves along labelled directions."""
-        mean = self.processes.predict(points)
+        mean = np.hstack([each.predict(points) for each in self.processes])
         response, moves = self.outputs.decode(mean, directions, finite)
         labelled = {
             name: {label: move[..., k] for k, label in enumerate(labels)}

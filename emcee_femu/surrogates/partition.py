@@ -3,6 +3,7 @@
 The fit decides, each point left out in turn.
 """
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -14,7 +15,8 @@ from .gaussian_process import Processes, fit_processes
 
 LEAST = 1e-8  # an eigenvalue predicted below this share of the usual one is cut there
 WORST = 100.0  # squared error beyond which it is only known to be large
-GAIN = 0.95  # several modes together must lower the squared error to this share
+GAIN = 0.95  # share of the squared error that modes together, or own lengths, leave
+TINY = 1e-300  # squared error of processes that are exact
 ROUNDS = 3  # of lengths, then of blocks with them
 STEP = 1e-4  # share of a variable's size by which it is moved along its derivatives
 
@@ -28,13 +30,14 @@ def fit_outputs(
     units: Named,
     weights: Floats,
     logs: bool = False,
-    start: Processes | None = None,
+    start: Sequence[Processes] = (),
     again: bool = False,
-) -> tuple[Outputs, Processes, float]:
+) -> tuple[Outputs, tuple[Processes, ...], float]:
     """Return what to emulate of a response that was solved for, and its processes.
 
     Frequencies become eigenvalues, those of modes that cross one block of numbers that
-    stay smooth; all else stays as it is. Beside them stands the mean square error that
+    stay smooth; all else stays as it is. The processes are of all numbers, or some of
+    each block with lengths of their own. Beside them stands the mean square error that
     leaving out one point after another shows, by which fits are compared.
 
     Args:
@@ -47,7 +50,7 @@ def fit_outputs(
         weights: How much each point matters, ``(N,)``, which sum to one.
         logs: Whether eigenvalues are seen by their logarithms, if they are above zero.
         start: Processes whose lengths to begin with.
-        again: Whether the kernel of these is kept.
+        again: Whether the kernels of these are kept, and lengths of all if they are.
     """
     numbers = dict(units)
     modal, processes, cost = Outputs((), np.empty(0), False), None, 0.0
@@ -65,12 +68,25 @@ def fit_outputs(
             reference = np.linalg.svd(by_mode, full_matrices=False)[2][:, 0].T
         blocks.append(Numbers(name, unit, reference))
     outputs = Outputs(tuple(blocks), modal.least, modal.ascending)
+    values = observe(outputs, response, tangents)
     if numbers or processes is None:
-        values = observe(outputs, response, tangents)
         processes = _fit(points, values, start, again)
         wrong = processes.leave_out(values)[:, modal.size :]
         cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
-    return outputs, processes, cost
+    if len(blocks) == 1 or (again and len(start) == 1):
+        return outputs, (processes,), cost
+
+    def error(fits: Sequence[Processes]) -> float:
+        wrong = np.hstack([fit.leave_out(fit.values) for fit in fits])
+        return float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
+
+    ends = np.cumsum([block.size for block in blocks])[:-1]
+    parts = np.split(values, ends, axis=2)
+    apart = tuple(_fit(points, part, [processes], again) for part in parts)
+    share = error(apart) / max(error([processes]), TINY)
+    if share > GAIN:
+        return outputs, (processes,), cost
+    return outputs, apart, share * cost
 
 
 def observe(
@@ -118,7 +134,7 @@ def _choose_modes(
     shape_unit: Floats | None,
     weights: Floats,
     logs: bool,
-    start: Processes | None,
+    start: Sequence[Processes],
     again: bool,
 ) -> tuple[Outputs, Processes, float]:
     """Return the blocks of neighbours in which modes are emulated best, fitted.
@@ -174,7 +190,8 @@ def _choose_modes(
             if chosen in partings:
                 break
             together = np.concatenate([codes[key] for key in chosen], axis=2)
-            processes = near = _fit(points, together, near, again)
+            processes = _fit(points, together, near, again)
+            near = [processes]
             costs = {key: cost(key, processes.leave_out(codes[key])) for key in keys}
             partings[chosen] = sum(costs[key] for key in chosen), processes
             chosen = _cheapest(costs, m)
@@ -185,13 +202,14 @@ def _choose_modes(
 
 
 def _fit(
-    points: Floats, values: Floats, start: Processes | None, again: bool
+    points: Floats, values: Floats, start: Sequence[Processes], again: bool
 ) -> Processes:
-    """Return processes fitted from the lengths of others, ``again`` by their kernel."""
-    if start is None:
+    """Return processes fitted from lengths of others, ``again`` by their kernels."""
+    if not start:
         return fit_processes(points, values)
-    kinds = (start.rough,) if again else (False, True)
-    return fit_processes(points, values, start.lengths, kinds)
+    rough = {processes.rough for processes in start}
+    kinds = tuple(sorted(rough)) if again else (False, True)
+    return fit_processes(points, values, start[0].lengths, kinds)
 
 
 def _cheapest(costs: dict[Key, float], m: int) -> tuple[Key, ...]:

@@ -26,6 +26,7 @@ from support.pool_problems import forks
 
 import emcee_femu as ef
 from emcee_femu.sampling.coordinates import Coordinates
+from emcee_femu.surrogates import emulated_draws
 from emcee_femu.surrogates.emulated_draws import Explorer
 from emcee_femu.surrogates.emulation_problem import EmulationProblem
 
@@ -297,23 +298,71 @@ def test_copies_are_not_carried_to_the_next_posterior():
 
 
 def test_errors_temper_the_draws_and_end_in_looks_at_the_whole_prior(monkeypatch):
-    asked, draw = [], Explorer.draw
+    rounds, draw = [], Explorer.draw
+    anneal, predict = emulated_draws.anneal_population, EmulationProblem.predict_error
 
-    def listen(*arguments, power, look):
-        asked.append((power, look))
-        return draw(*arguments, power=power, look=look)
+    def follow(explorer, emulator, coordinates, size, rng, *, power):
+        rounds.append({"size": size, "power": power, "errors": [], "looked": False})
+        return draw(explorer, emulator, coordinates, size, rng, power=power)
 
-    monkeypatch.setattr(Explorer, "draw", listen)
-    history = ef.emulate(posed_slab(1e-3), 15, seed=1, tolerance=0).history
+    def listen(*arguments, begin=None):
+        rounds[-1]["looked"] |= begin is None
+        return anneal(*arguments, begin=begin)
+
+    def note(*arguments):
+        square = predict(*arguments)
+        rounds[-1]["errors"].append(np.sqrt(square.mean()))
+        return square
+
+    monkeypatch.setattr(Explorer, "draw", follow)
+    monkeypatch.setattr(EmulationProblem, "predict_error", note)
+    monkeypatch.setattr(emulated_draws, "anneal_population", listen)
+    history = ef.emulate(posed_slab(1e-3), 22, seed=1, tolerance=0).history
     errors = np.array(history.column("true error")[:-1])
     assert errors.max() > 3 and errors.min() < 0.1
-    assert asked.pop(0) == (1.0, False)  # nothing is known of errors
-    reached = 0.0
-    for i, (power, look) in enumerate(asked, 1):
+    first = rounds.pop(0)
+    assert first["power"] == 1.0 and first["looked"]  # nothing is known of errors
+    reached, last, small = 0.0, first["size"], 0
+    for i, each in enumerate(rounds, 1):
         worst = errors[max(i - 2, 0) : i].max()
         reached = min(max(9.0 / worst**2, 4.0 * reached), 1.0)
-        assert power == pytest.approx(reached)
-        assert look == (errors[i - 1] <= 0.1)
+        assert each["power"] == pytest.approx(reached)
+        grown, well = each["size"] >= 1.5 * last, each["errors"][0] <= 0.1  # carried
+        assert each["looked"] == (grown or well)
+        last, small = (
+            each["size"] if grown or well else last,
+            small + (not grown and well),
+        )
+    assert small > 1 and not all(each["looked"] for each in rounds)
+
+
+def test_frequencies_that_are_powers_of_parameters_are_exact_after_a_design():
+    """Their logarithms are straight lines, those of a bar, say."""
+
+    def bar(p):
+        return [30.0 * p["E"] ** 0.5 / p["L"], 70.0 * p["E"] ** 0.4 * p["L"] ** -2.0]
+
+    prior = ef.IndependentPrior({"E": (1.0, 4.0), "L": (0.5, 2.0)})
+    term = ef.FrequencyTerm([40.0, 120.0], relative_sd=0.01)
+    posterior = ef.LogPosterior(ef.FunctionModel(bar, n_modes=2), term, prior)
+    emulated = ef.emulate(posterior, 10, seed=1)
+    theta = dict(zip("EL", prior.sample(np.random.default_rng(1), 200).T, strict=True))
+    assert_allclose(emulated(theta).frequencies, np.transpose(bar(theta)), rtol=1e-4)
+    assert "logarithms of E, L" in str(emulated)
+
+
+def test_a_parameter_is_seen_by_itself_however_the_draws_lie():
+    """They lie along a + b = 0, and part of the response waves along b alone."""
+
+    def waving(x):
+        return np.array([x[0] + x[1], 0.3 * np.sin(4.0 * x[1]), 0.1 * x[0]])
+
+    term = Gaussian(np.array([0.0, 0.1, 0.0]), 0.01)
+    emulated = ef.emulate(posed(waving, term=term), 24, seed=1, tolerance=0)
+    theta = PRIOR.sample(np.random.default_rng(1), 300)
+    wrong = emulated(dict(zip("ab", theta.T, strict=True)))["y"][:, 1]
+    wrong = wrong - [waving(x)[1] for x in theta]
+    assert np.sqrt((wrong**2).mean()) < 0.1
 
 
 # --- where and how long it solves -------------------------------------------------
@@ -347,9 +396,9 @@ def test_no_tolerance_spends_all_solves_and_history_tells():
 
 def test_hardly_any_of_the_error_is_left_out_of_the_likelihood():
     emulated = ef.emulate(posed(rippled), 12, seed=1, tolerance=0.0)
-    apart = replace(emulated.processes, covariance=np.diag([0.01, 0.5, 1.0]))
-    emulated = replace(emulated, processes=apart)
-    theta, processes = PRIOR.sample(np.random.default_rng(1), 20), emulated.processes
+    processes = replace(emulated.processes[0], covariance=np.diag([0.01, 0.5, 1.0]))
+    emulated = replace(emulated, processes=(processes,))
+    theta = PRIOR.sample(np.random.default_rng(1), 20)
     moves = emulated.spread(dict(zip("ab", theta.T, strict=True)))[1]["y"]
     square = sum(((move / SD) ** 2).sum(axis=1) for move in moves.values())
     variance = processes.unit_sd(emulated.coordinates(theta)) ** 2

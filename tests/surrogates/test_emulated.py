@@ -1,15 +1,18 @@
 """EmulatedModel: its mean, its slopes, its spread against draws, where modes cross."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import logm
 from support.contracts import assert_model
 from support.crossing import respond
 
 import emcee_femu as ef
 from emcee_femu.surrogates import partition
+from emcee_femu.surrogates.gaussian_process import fit_processes
 
 SCALE = np.array([1e-3, 1e10])  # of the parameters, far apart
 NAMES = ["E", "t"]
@@ -79,7 +82,7 @@ def test_it_is_a_modal_model_that_a_posterior_takes():
     assert np.isfinite(model.posterior(X * SCALE)[:, 0]).all()
     assert "20 full solves" in str(model)
     mean, sd = model._scale
-    points = mean + sd * model.processes.points
+    points = mean + sd * model.processes[0].points
     truth = respond(points / SCALE)["frequency"]  # at the solved points
     solved = model(at(points / SCALE)).frequencies
     assert_allclose(solved, truth, atol=0.2 * SD["frequency"])
@@ -89,6 +92,26 @@ def test_it_is_a_modal_model_that_a_posterior_takes():
             call(outside)
 
 
+def by_logarithms(model):
+    """Return a model that takes its numbers for entries of ln(Lambda)."""
+    blocks = [
+        replace(block, usual=np.linspace(95.0, 105.0, len(block.unit)))
+        for block in model.outputs.blocks
+    ]
+    return replace(model, outputs=replace(model.outputs, blocks=tuple(blocks)))
+
+
+def by_own_lengths(model):
+    """Return a model whose first number has processes of its own."""
+    (fitted,) = model.processes
+    parts = fitted.values[:, :, :1], fitted.values[:, :, 1:]
+    apart = (
+        type(fitted).condition(fitted.points, part, scale * fitted.lengths, False)
+        for part, scale in zip(parts, (0.5, 1.0), strict=True)
+    )
+    return replace(model, processes=tuple(apart))
+
+
 CASES = {
     "shapes": lambda: emulate("frequency", "shapes"),
     "by shapes": lambda: emulate("frequency", beside=("shapes",)),
@@ -96,6 +119,8 @@ CASES = {
     "two moments": lambda: emulate("frequency", modes=2),
     "shapes alone": lambda: emulate("shapes"),
     "numbers": lambda: emulate("sorted"),
+    "logarithms": lambda: by_logarithms(emulate("frequency", "shapes")),
+    "own lengths": lambda: by_own_lengths(emulate("sorted")),
 }
 SLOWEST = pytest.param("shapes alone", marks=pytest.mark.slow)
 every_case = pytest.mark.parametrize(
@@ -139,7 +164,7 @@ def test_blocks_know_how_they_move_where_modes_nearly_meet():
         for name, values in modes.items()
     }
     tangents["frequency"][1] = tangents["shapes"][1] = np.nan  # not known
-    for case in ("shapes", "by shapes", "three moments", "two moments"):
+    for case in ("shapes", "by shapes", "three moments", "two moments", "logarithms"):
         outputs = CASES[case]().outputs
         observed = partition.observe(outputs, response, tangents)
         assert_array_equal(observed[:, 0], outputs.encode(response))
@@ -167,17 +192,40 @@ def test_finite_moves_stay_finite_wherever_modes_may_be(case):
         assert np.abs(moved["frequency"]).max() < 30.0
 
 
+def test_logarithms_of_eigenvalues_are_those_of_the_aligned_matrix():
+    response = respond(X)
+    (block,) = by_logarithms(emulate("frequency", "shapes")).outputs.blocks
+    entries, upper = block.encode(response), np.triu_indices(3)
+    plain = replace(block, usual=None)
+    for row, logs in zip(plain.encode(response), entries, strict=True):
+        A = np.empty((3, 3))
+        A[upper] = A.T[upper] = row[:6]
+        expected = logm(A * np.sqrt(np.outer(block.unit, block.unit)))
+        relative = block.unit / block.usual  # errors of logarithms
+        expected = expected / np.sqrt(np.outer(relative, relative))
+        assert_allclose(logs[:6], expected[upper], rtol=1e-9, atol=1e-9)
+        assert_array_equal(logs[6:], row[6:])
+    still = np.empty((*entries.shape, 0))
+    decoded = block.decode(entries, still, False)[0]["eigenvalues"]
+    assert_allclose(np.sqrt(decoded) / (2 * np.pi), response["frequency"])
+
+
 @pytest.mark.slow
-def test_spread_is_the_scatter_of_sampled_outputs():
+@pytest.mark.parametrize("own_lengths", [False, True])
+def test_spread_is_the_scatter_of_sampled_outputs(own_lengths):
     # Second route: draw the outputs, decode each draw. Few points: much uncertainty.
     model, far = emulate("frequency", "shapes", n=9), 2.0 * X
-    points, processes = model.coordinates(far * SCALE), model.processes
-    q, draws = len(processes.covariance), 4_000
-    squares, axes = np.linalg.eigh(processes.covariance)  # of more outputs than points
-    factor = axes * np.sqrt(np.maximum(squares, 0.0))
-    z = np.random.default_rng(0).standard_normal((len(far), draws, q))
-    values = processes.predict(points)[:, None]
-    values = values + processes.unit_sd(points)[:, None, None] * (z @ factor.T)
+    model = by_own_lengths(model) if own_lengths else model
+    points, draws, values = model.coordinates(far * SCALE), 4_000, []
+    rng = np.random.default_rng(0)
+    for processes in model.processes:
+        q = len(processes.covariance)
+        squares, axes = np.linalg.eigh(processes.covariance)
+        factor = axes * np.sqrt(np.maximum(squares, 0.0))  # of more than points
+        z = rng.standard_normal((len(far), draws, q))
+        sd, mean = processes.unit_sd(points), processes.predict(points)
+        values.append(mean[:, None] + sd[:, None, None] * (z @ factor.T))
+    values, q = np.concatenate(values, axis=2), model.outputs.size
     still = np.empty((len(far) * draws, q, 0))
     decoded = model.outputs.decode(values.reshape(-1, q), still)[0]["frequency"]
     expected = decoded.reshape(len(far), draws, 3).std(axis=1)
@@ -221,6 +269,30 @@ def test_shapes_come_back_where_they_are_wanted():
     products = (shapes * truth).sum(axis=1) ** 2
     squares = (shapes**2).sum(axis=1) * (truth**2).sum(axis=1)
     assert np.quantile(1 - products / squares, 0.95) < 1e-3
+
+
+def test_blocks_have_lengths_of_their_own_where_that_is_better():
+    """One of them waves along the first coordinate, the other along the second."""
+    x, fresh = RNG.standard_normal((2, 30, 2))
+    units, even = {"y": np.ones(1), "z": np.ones(1)}, np.full(30, 1 / 30)
+
+    def wave(x, column):
+        return 9.0 * np.sin(4.0 * x[:, [column]])
+
+    def answer(x, second):
+        return {"y": wave(x, 0), "z": wave(x, second)}
+
+    def error(processes, second):
+        truth = np.hstack([*answer(fresh, second).values()])
+        return np.abs(np.hstack([p.predict(fresh) for p in processes]) - truth).mean()
+
+    apart = partition.fit_outputs(x, answer(x, 1), {}, units, even)[1]
+    together = fit_processes(x, np.hstack([wave(x, 0), wave(x, 1)]))
+    assert len(apart) == 2 and error(apart, 1) < 0.5 * error([together], 1)
+    alike = partition.fit_outputs(x, answer(x, 0), {}, units, even)[1]
+    assert len(alike) == 1 and error(alike, 0) < 0.5 * error([together], 1)
+    again = partition.fit_outputs(x, answer(x, 1), {}, units, even, start=apart)[1]
+    assert len(again) == 2
 
 
 def test_modes_in_no_order_are_left_in_theirs():
