@@ -141,7 +141,7 @@ def test_few_solves(monkeypatch, capsys):
     options = ["--seeds", "1", "--first", "7", "--problem", "beck_au"]
     monkeypatch.setattr("sys.argv", ["few_solves.py", *options])
     for (_, derivatives), (one,) in FEW.main().items():
-        assert one.good("beck_au", derivatives)
+        assert one.good("beck_au")
         assert one.solves == (12 if derivatives else 30)
         assert one.efficiency > 0.9 and one.verdict == "certified"
     assert capsys.readouterr().out.count("1 of 1") == 2
