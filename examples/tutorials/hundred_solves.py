@@ -107,10 +107,10 @@ emulated
 #
 # The likelihood includes the emulator's own variance, so with few solves the posterior
 # is broad, not wrong. Each batch also looks beyond the posterior. Whenever the solves
-# have grown by half, and after each round with a small true error, the draws begin
-# again at the whole prior: a later emulator can find a mode that an early one excluded.
-# A mode that no emulator suspects stays unseen. If in doubt, run it again with another
-# seed.
+# have grown by half, and in each round that predicts a small error, half of the draws
+# come from the whole prior again: a later emulator can find a mode that an early one
+# excluded. A mode that no emulator suspects stays unseen. If in doubt, run it again
+# with another seed.
 #
 # ## Run
 #

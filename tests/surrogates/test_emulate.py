@@ -234,8 +234,8 @@ def test_a_sharp_posterior_is_reached_in_stages(derivatives):
     truth = np.array([0.7, -0.5, 1.0, 0.2, -0.9, 0.4])
     term = Gaussian(swaying(truth), 1e-3)
     posterior, _ = sloped(swaying, swaying_slopes, SIX_PRIOR, term)
-    emulated = ef.emulate(posterior, 80, seed=1, derivatives=derivatives)
-    assert emulated.solves < (30 if derivatives else 60)
+    emulated = ef.emulate(posterior, 90, seed=1, derivatives=derivatives)
+    assert emulated.solves < (30 if derivatives else 90)
     predicted = emulated.history.column("predicted error")
     assert predicted[0] > 100 and predicted[-1] < 0.5
     assert emulated.history.column("effective draws")[-1] > 200
@@ -517,7 +517,7 @@ def test_a_region_that_fails_is_not_asked_again():
     ef.emulate(posterior, 30, seed=1, tolerance=0.0, **options)
     failed = np.array(posterior.model.solved)[6:, 0] > 0.6
     assert 0 < failed.sum() <= 7  # of 24; 9 where only failed points are kept away from
-    assert failed[-12:].sum() <= 3
+    assert failed[-12:].sum() <= 4
 
 
 @pytest.mark.slow
@@ -614,7 +614,7 @@ def test_derivatives_save_solves_and_can_be_switched_off():
         apart[derivatives] = total_variation(emulated.posterior(GRID)[:, 0], full)
         assert emulated.solves == 8
         assert ("without derivatives" in str(emulated)) is not derivatives
-    assert 3 * apart[True] < 0.006 < apart[False]
+    assert 3 * apart[True] < 0.001 < apart[False]
     off, plain = emulated, ef.emulate(posed(waves), 8, seed=1, tolerance=0.0)
     theta = PRIOR.sample(np.random.default_rng(1), 5)
     assert_array_equal(off.posterior(theta), plain.posterior(theta))

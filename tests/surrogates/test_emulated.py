@@ -214,7 +214,7 @@ def test_logarithms_of_eigenvalues_are_those_of_the_aligned_matrix():
 @pytest.mark.parametrize("own_lengths", [False, True])
 def test_spread_is_the_scatter_of_sampled_outputs(own_lengths):
     # Second route: draw the outputs, decode each draw. Few points: much uncertainty.
-    model, far = emulate("frequency", "shapes", n=9), 2.0 * X
+    model, far = emulate("frequency", "shapes", n=4), 2.0 * X
     model = by_own_lengths(model) if own_lengths else model
     points, draws, values = model.coordinates(far * SCALE), 4_000, []
     rng = np.random.default_rng(0)
