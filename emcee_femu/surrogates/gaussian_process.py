@@ -37,6 +37,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
 
@@ -211,7 +212,8 @@ class Processes:
     def _parts(self, points: Floats, width: int) -> tuple[Floats, Floats]:
         """Return what the values tell ``(n, M)`` and the trend hides ``(n, p)``."""
         kernel, trend = self._basis(points, width)
-        explained = kernel @ self._whitener.T
+        # The whitener is a triangle, of which this takes half the time.
+        explained = dtrmm(1.0, self._whitener, kernel.T, lower=True).T
         known_trend = _scale(self.points, self.values, self.lengths)[2]
         hidden = trend - explained @ (self._whitener @ known_trend)
         return explained, hidden @ self._trend.T
