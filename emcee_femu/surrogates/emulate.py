@@ -376,9 +376,10 @@ class _Emulation:
 
     def _weigh(self, theta: Floats, draws: EmulatedDraws | None) -> Floats:
         """Return how much each point matters, ``(N,)``; less if far from the draws."""
-        weights, coordinates = np.ones(len(theta)), self.coordinates
+        weights, inputs = np.ones(len(theta)), self.problem.inputs
         if draws is not None:
-            x, members = map(coordinates.coordinates, (theta, draws.members))
+            x = self.coordinates.coordinates(theta)[:, inputs]
+            members = self.coordinates.coordinates(draws.members)[:, inputs]
             mean, sd = members.mean(axis=0), members.std(axis=0)
             # In units of spreads, so that a parameter of 1e10 and one of 1 are alike
             inverse = np.linalg.pinv(np.atleast_2d(np.corrcoef(members.T)))

@@ -6,7 +6,8 @@ block are turned onto reference shapes, :math:`\Phi Q \approx \Phi_0`, and
 .. math:: A = Q^T \Lambda Q, \qquad \Psi = \Phi Q
 
 are smooth as long as the block spans what the reference spans; the eigenvectors of A
-turn :math:`\Psi` back. Without shapes two or three neighbours are told by their mean
+turn :math:`\Psi` back. Where parameters are seen by their logarithms so are the
+eigenvalues, :math:`Q^T \ln \Lambda \, Q`. Without shapes two or three neighbours are told by their mean
 and their central moments, which do not mind the order. Any other variable is emulated
 as it is.
 
