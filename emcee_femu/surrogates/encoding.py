@@ -7,9 +7,9 @@ block are turned onto reference shapes, :math:`\Phi Q \approx \Phi_0`, and
 
 are smooth as long as the block spans what the reference spans; the eigenvectors of A
 turn :math:`\Psi` back. Where parameters are seen by their logarithms so are the
-eigenvalues, :math:`Q^T \ln \Lambda \, Q`. Without shapes two or three neighbours are told by their mean
-and their central moments, which do not mind the order. Any other variable is emulated
-as it is.
+eigenvalues, :math:`Q^T \ln \Lambda \, Q`. Without shapes two or three neighbours are
+told by their mean and their central moments, which do not mind the order. Any other
+variable is emulated as it is.
 
 To decode is to return both a response and how it moves along ``directions (n, size,
 k)`` of the numbers: as far as they are long if they are ``finite``, so that what has a
