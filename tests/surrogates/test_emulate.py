@@ -387,6 +387,7 @@ class Crossed:
         return -0.5 * ((self.deviations(parameters, response)[0] / 0.1) ** 2).sum(1)
 
 
+@SLOW
 def test_a_solve_goes_where_it_lowers_the_expected_error_most(monkeypatch):
     """Second route: processes conditioned on a point more, for each that it may be."""
     chosen, choose = [], _Emulation._choose
