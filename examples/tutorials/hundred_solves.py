@@ -4,7 +4,7 @@
 # Your model is a program that takes minutes for a solve and gives no matrices and no
 # derivatives. This page learns its response from some twenty solves, samples what was
 # learned, and spends sixty more solves to check the result. It also shows what to do if
-# the check fails. `python examples/tutorials/hundred_solves.py` runs this page (14 s of
+# the check fails. `python examples/tutorials/hundred_solves.py` runs this page (28 s of
 # processor time).
 #
 # | a solve takes | and you have | use | true solves |
