@@ -383,8 +383,9 @@ class _Emulation:
             mean, sd = members.mean(axis=0), members.std(axis=0)
             # In units of spreads, so that a parameter of 1e10 and one of 1 are alike
             inverse = np.linalg.pinv(np.atleast_2d(np.corrcoef(members.T)))
-            far = cdist((x - mean) / sd, 0.0 * mean[None], "mahalanobis", VI=inverse)
-            weights /= 1.0 + (far[:, 0] ** 2 / len(mean) / FAR) ** 2
+            z = (x - mean) / sd
+            squares = ((z @ inverse) * z).sum(axis=1) / len(mean)
+            weights /= 1.0 + (squares / FAR) ** 2
         return np.asarray(weights / weights.sum())
 
     def _choose(

@@ -50,7 +50,8 @@ def fit_outputs(
         weights: How much each point matters, ``(N,)``, which sum to one.
         logs: Whether eigenvalues are seen by their logarithms, if they are above zero.
         start: Processes whose lengths to begin with.
-        again: Whether the kernels of these are kept, and lengths of all if they are.
+        again: Whether their kinds of kernel are kept, and one set of lengths if they
+            have one.
     """
     numbers = dict(units)
     modal, processes, cost = Outputs((), np.empty(0), False), None, 0.0
@@ -68,8 +69,8 @@ def fit_outputs(
             reference = np.linalg.svd(by_mode, full_matrices=False)[2][:, 0].T
         blocks.append(Numbers(name, unit, reference))
     outputs = Outputs(tuple(blocks), modal.least, modal.ascending)
-    values = observe(outputs, response, tangents)
     if numbers or processes is None:
+        values = observe(outputs, response, tangents)
         processes = _fit(points, values, start, again)
         wrong = processes.leave_out(values)[:, modal.size :]
         cost += float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
@@ -81,7 +82,7 @@ def fit_outputs(
         return float(weights @ np.minimum(wrong**2, WORST).sum(axis=1))
 
     ends = np.cumsum([block.size for block in blocks])[:-1]
-    parts = np.split(values, ends, axis=2)
+    parts = np.split(processes.values, ends, axis=2)
     apart = tuple(_fit(points, part, [processes], again) for part in parts)
     share = error(apart) / max(error([processes]), TINY)
     if share > GAIN:

@@ -433,7 +433,7 @@ def main() -> dict[tuple[str, bool], list[Seed]]:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=FIRST_SEED)
     parser.add_argument("--problem", action="append", choices=list(PROBLEMS))
-    parser.add_argument("--solves", type=int, help="others than the bar allows")
+    parser.add_argument("--solves", type=int, help="others than the bar's")
     parser.add_argument("--workers", type=int, default=1, help="points of a round")
     parser.add_argument("--learned", choices=list(KINDS.values()), help="one of them")
     given = parser.parse_args()

@@ -330,10 +330,8 @@ def test_errors_temper_the_draws_and_end_in_looks_at_the_whole_prior(monkeypatch
         assert each["power"] == pytest.approx(reached)
         grown, well = each["size"] >= 1.5 * last, each["errors"][0] <= 0.1  # carried
         assert each["looked"] == (grown or well)
-        last, small = (
-            each["size"] if grown or well else last,
-            small + (not grown and well),
-        )
+        last = each["size"] if grown or well else last
+        small += not grown and well
     assert small > 1 and not all(each["looked"] for each in rounds)
 
 
