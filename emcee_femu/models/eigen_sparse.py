@@ -1,4 +1,10 @@
-r"""The sparse eigenproblem K phi = omega^2 M phi, by shift-invert Lanczos.
+r"""The sparse eigenproblem K phi = omega^2 M phi, by shift-invert block Lanczos.
+
+A Krylov space of one vector holds one copy of a multiple eigenvalue; that others turn
+up is left to rounding. One of b random vectors holds b copies of each. Where as many
+equal ones are found, b more vectors join, until there are more vectors than copies:
+no mode below the highest one can be missing, but for start vectors that are orthogonal
+to it by accident, which has probability zero.
 
 Derivatives of frequencies are those of a dense one. Those of shapes, of which a sparse
 solver returns few, are by Nelson's method:
@@ -12,14 +18,12 @@ it is not.
 Source: Nelson, AIAA J. 14 (1976) 1201, doi:10.2514/3.7211.
 """
 
-import inspect
 from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
 from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
@@ -27,9 +31,14 @@ from .factorization import Factor, factor_definite, factor_indefinite
 from .inputs import Where
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
-TOLERANCE = 1e-10  # for mode shapes; an eigenvalue errs by the square
-# Newer versions of scipy draw from the system when Lanczos restarts, unless seeded.
-SEEDED = "rng" in inspect.signature(eigsh).parameters
+TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
+BLOCK = 4  # start vectors: three equal modes, as of a free cube, need no more
+EQUAL = (
+    1e-6  # relative distance of eigenvalues that count as equal, far above TOLERANCE
+)
+DEPENDENT = (
+    1e-14  # squared length, of one, that rounding leaves of what is in the space
+)
 
 Pairs: TypeAlias = tuple[Floats, Floats]  # eigenvalues (m,), vectors (N, m)
 
@@ -76,10 +85,8 @@ class SparseEigenproblem:
     K is factored without pivoting in a symmetric ordering; sigma is zero, or a small
     positive number where there are rigid-body modes. The signs of the pivots are the
     inertia of the factored matrix (Sylvester), so that an indefinite K is refused at
-    no cost. Modes below the last one are not counted: that would take a second
-    factorisation, a third of the solve, and found none missing in 1,200 solves of a
-    square building with double frequencies. (:func:`check_complete` counts them once
-    where a model is reduced.) Massless DOFs may stay.
+    no cost. The modes returned are the lowest, however many of them coincide, with
+    rigid-body modes and massless DOFs, too.
 
     Args:
         K: Stiffness matrices: K0, then those of unit coefficients, each ``(N, N)``.
@@ -93,8 +100,8 @@ class SparseEigenproblem:
         stiffness: K as a function of its coefficients ``(n_k,)``.
         mass: M as a function of its coefficients ``(n_m,)``.
 
-    Source: Ericsson and Ruhe, Math. Comp. 35 (1980) 1251,
-        doi:10.1090/S0025-5718-1980-0583502-2.
+    Source: Grimes, Lewis and Simon, SIAM J. Matrix Anal. Appl. 15 (1994) 228,
+        doi:10.1137/S0895479888151111.
     """
 
     def __init__(
@@ -198,46 +205,24 @@ def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> 
 
     Rigid-body modes are included; ``at`` names the parameters in an error.
     """
-    massive = np.count_nonzero(M.diagonal())
-    if count > massive:
-        raise ValueError(
-            f"n_modes: expected skip + n_modes <= {massive} (the DOFs with mass), "
-            f"got {count}"
-        )
-    values, vectors = _lanczos(K, M, count, skip, at)
+    values, vectors = _solve_inverse(K, M, count, skip, at)
     # The strain energy of a rigid motion is a difference of large terms: what is
     # left of it is rounding of their size. (A bound by the largest eigenvalue
     # would refuse models with penalty springs or tiny masses.)
     largest = np.abs(vectors[:, skip])
     rounding = 10 * EPS * np.array([largest @ (abs(K) @ largest)])
     check_elastic(values[None], rounding, skip, lambda _: at)
+    if len(values) < count:
+        raise ValueError(
+            f"n_modes: expected skip + n_modes <= {len(values)} (the DOFs with mass), "
+            f"got {count}"
+        )
     return values, vectors
 
 
-def check_complete(K: csc_array, M: csc_array, values: Floats, where: str) -> None:
-    """Raise ValueError if a mode below the last of the eigenvalues ``(m,)`` is missing.
-
-    Below a number between the last two that differ, K - sigma M says how many there
-    are: a second factorisation.
-    """
-    apart = np.flatnonzero(np.diff(values) > 1e-6 * np.abs(values[1:]))
-    if not len(apart):
-        return
-    below = int(apart[-1]) + 1
-    shift = float(values[below - 1 : below + 1].mean())
-    try:
-        counted = factor_indefinite(csc_array(K - shift * M)).negative
-    except RuntimeError:  # a pivot is zero before the last
-        return
-    if counted != below:
-        raise ValueError(
-            f"the full model missed a mode at {where}: {counted} are below "
-            f"{np.sqrt(shift) / (2 * np.pi):g} Hz, {below} were found; ask for other "
-            "n_modes"
-        )
-
-
-def _lanczos(K: csc_array, M: csc_array, count: int, skip: int, where: str) -> Pairs:
+def _solve_inverse(
+    K: csc_array, M: csc_array, count: int, skip: int, where: str
+) -> Pairs:
     """Return the pairs nearest to ``-sigma``, ascending.
 
     Sigma is small, but enough to factor a K with rigid-body modes. From 1e-6 to
@@ -256,37 +241,91 @@ def _lanczos(K: csc_array, M: csc_array, count: int, skip: int, where: str) -> P
             "(give the prior bounds that keep stiffnesses and masses above zero), "
             f"or a rigid-body mode beyond skip={skip}"
         )
-    if np.count_nonzero(mass) <= max(2 * count + 1, 20):
-        values, vectors = _solve_condensed(factor, M, count)
-        return values - shift, vectors
-    # Seeded: equal parameters give equal bits. Random: it holds every mode.
-    start = np.random.default_rng(0).normal(size=K.shape[0])
-    options: dict[str, object] = {"v0": start, "tol": TOLERANCE}
-    if SEEDED:
-        options["rng"] = np.random.default_rng(0)
-    inverse = LinearOperator(K.shape, matvec=factor.solve, dtype=float)
-    try:
-        values, vectors = eigsh(K, count, M, -shift, OPinv=inverse, **options)
-    except ArpackNoConvergence as error:
-        raise ValueError(f"{error} at {where}; ask for other n_modes") from None
-    order = np.argsort(values)
-    return values[order], vectors[:, order]
+    inverse, vectors = _krylov(factor, M, count, skip)
+    return 1 / inverse - shift, vectors
 
 
-def _solve_condensed(factor: Factor, M: csc_array, count: int) -> Pairs:
-    """Return pairs from the flexibility at DOFs with mass: dense, and exact.
+def _krylov(factor: Factor, M: csc_array, count: int, skip: int) -> Pairs:
+    """Return the largest eigenvalues of the factored inverse times M, and vectors.
 
-    Where these are few there is no room for a Krylov space.
+    The block Krylov space is kept whole: it grows until it holds the wanted ones, at
+    last to all of the DOFs with mass. Rigid motions are in it first, since an inverse
+    iteration or two brings them out.
     """
-    massive = np.flatnonzero(M.diagonal())
-    load = np.zeros((M.shape[0], len(massive)))
-    load[massive, np.arange(len(massive))] = 1.0
-    squares, axes = np.linalg.eigh(M[massive][:, massive].toarray())
-    root = axes * np.sqrt(np.maximum(squares, 0.0))  # M may be semidefinite
-    X = factor.solve(load) @ root
-    inverse, y = np.linalg.eigh(root.T @ X[massive])
-    inverse, y = inverse[: -count - 1 : -1], y[:, : -count - 1 : -1]
-    return 1 / inverse, X @ y / inverse
+    rng = np.random.default_rng(0)  # equal parameters give equal bits
+
+    def draw(size: int = BLOCK) -> Floats:
+        return factor.solve(M @ rng.normal(size=(M.shape[0], size)))
+
+    space, X, width = _KrylovSpace(factor, M), draw(), BLOCK
+    if skip:
+        rigid = draw(skip)
+        for _ in range(3):
+            rigid = factor.solve(space.complement(rigid)[1])
+        X = np.hstack([space.grow(rigid), X])
+    while True:
+        size = len(space.H)
+        X = space.grow(X)
+        if len(space.H) == size:  # it maps into itself
+            X, width = space.grow(draw()), width + BLOCK
+        full = len(space.H) == size
+        if not full and len(space.H) < 2 * count:
+            continue
+        values, axes = np.linalg.eigh(space.H)
+        order = np.argsort(-np.abs(values))[:count]  # infinity may round to either sign
+        values, axes = values[order], axes[:, order]
+        rest = X @ axes[size:]  # what the space lacks of the image of each vector
+        lacking = np.sqrt(np.einsum("ij,ij->j", rest, M @ rest))
+        if full or (lacking <= TOLERANCE * values + space.rounding).all():
+            apart = np.diff(values[skip:]) < -EQUAL * values[skip + 1 :]
+            ends = np.flatnonzero([True, *apart, True])
+            if full or np.diff(ends).max() < width:
+                return values, space.Q @ axes
+            X, width = np.hstack([X, draw()]), width + BLOCK
+
+
+class _KrylovSpace:
+    """M-orthonormal vectors Q, and the factored inverse times M among them, H."""
+
+    def __init__(self, factor: Factor, M: csc_array) -> None:
+        self.factor, self.M = factor, M
+        self.Q = self.MQ = np.zeros((M.shape[0], 0))
+        self.H = np.zeros((0, 0))
+
+    @property
+    def rounding(self) -> float:
+        """The length that rounding gives to an image."""
+        return 10 * EPS * float(abs(self.H).max(initial=0.0))
+
+    def grow(self, X: Floats) -> Floats:
+        """Take in vectors, and return what their images have beyond the space."""
+        X, MX = self.complement(X)
+        if not X.shape[1]:
+            return X
+        self.Q, self.MQ = np.hstack([self.Q, X]), np.hstack([self.MQ, MX])
+        X = self.factor.solve(MX)
+        projected = self.MQ.T @ X
+        self.H = np.block([[self.H, projected[: len(self.H)]], [projected.T]])
+        return X - self.Q @ projected
+
+    def complement(self, X: Floats) -> tuple[Floats, Floats]:
+        """Return M-orthonormal vectors with those of X beyond Q, and M times these.
+
+        None for a column that rounding made, or near a combination of others.
+        """
+        for least in (self.rounding, 0.5):  # lengths are one in the second pass
+            X = X - self.Q @ (self.MQ.T @ X)
+            MX = self.M @ X
+            gram = X.T @ MX
+            size = np.sqrt(gram.diagonal())
+            long = size > least
+            size = size[long]
+            scaled = gram[np.ix_(long, long)] / np.outer(size, size)
+            squares, axes = np.linalg.eigh(scaled)
+            kept = squares > DEPENDENT
+            root = axes[:, kept] / size[:, None] / np.sqrt(squares[kept])
+            X, MX = X[:, long] @ root, MX[:, long] @ root
+        return X, MX
 
 
 def check_mass(M: csc_array, label: str) -> None:
