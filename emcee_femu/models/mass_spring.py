@@ -22,14 +22,16 @@ class MassSpringModel:
     .. math:: K = \sum_s k_s b_s b_s^T, \qquad M = \mathrm{diag}(m_1 .. m_n)
 
     with ``b_s`` = +1 at one end of spring s, -1 at the other, nothing at the ground. A
-    parameter with the name of a spring overrides its default stiffness; a spring with
+    parameter with the name of a spring or a mass overrides its default; a spring with
     another spring's name in place of a number always has that spring's stiffness.
 
     Args:
-        masses: Masses of nodes 1 .. n in kg, ``(n,)``.
+        masses: Masses of nodes 1 .. n in kg, ``(n,)``, which are constant; or
+            ``{name: default mass in kg}``, in this order.
         springs: ``{name: (node, node, default stiffness in N/m)}``, or
             ``{name: (node, node, "name of the spring that it follows")}``; node 0 is
             the ground.
+        skip: Number of rigid-body modes: 1 for a chain that no spring holds.
         shapes: Whether to return mass-normalised mode shapes too (about twice the
             time), or the DOFs at which to return them, in the order given. DOFs count
             from 0: DOF 0 is node 1.
@@ -38,7 +40,8 @@ class MassSpringModel:
         TypeError: If springs is not such a mapping, or a node is not a whole number.
         ValueError: If a mass or stiffness is not above zero, or a node or followed
             spring does not exist.
-            When called: if a stiffness is not above zero.
+            When called: if a stiffness or mass is not above zero, or the number of
+            rigid-body modes is not skip.
 
     Examples:
         >>> import numpy as np
@@ -49,55 +52,74 @@ class MassSpringModel:
     """
 
     def __init__(
-        self, masses: ArrayLike, springs: Springs, *, shapes: bool | Dofs = False
+        self,
+        masses: ArrayLike | Mapping[str, float],
+        springs: Springs,
+        *,
+        skip: int = 0,
+        shapes: bool | Dofs = False,
     ) -> None:
-        self.masses = checks.positive_array("masses", masses, 1)
+        named = isinstance(masses, Mapping)
+        numbers = [*masses.values()] if isinstance(masses, Mapping) else masses
+        self.masses = checks.positive_array("masses", numbers, 1)
         n = len(self.masses)
-        if not n:
-            raise ValueError("masses: expected at least one, got none")
+        skip = checks.whole_number("skip", skip)
+        if n <= skip:
+            raise ValueError(f"masses: expected more than skip={skip}, got {n}")
         checks.mapping("springs", springs, "{name: (node, node, stiffness)}")
         checks.parameter_names("springs", list(springs))
-        self.springs, self._defaults = dict(springs), _default_stiffnesses(springs)
-        K = {name: np.zeros((n, n)) for name in self._defaults}
+        self.springs, self._stiffnesses = dict(springs), _default_stiffnesses(springs)
+        self._masses: dict[str, float] = {}
+        if isinstance(masses, Mapping):
+            checks.parameter_names("masses", [*masses, *springs])
+            self._masses = dict(zip(masses, self.masses.tolist(), strict=True))
+        K = {name: np.zeros((n, n)) for name in self._stiffnesses}
         for name, (first, second, stiffness) in springs.items():
             b = _incidence(name, first, second, n)
             K[stiffness if isinstance(stiffness, str) else name] += np.outer(b, b)
-        mass = np.diag(self.masses)
-        self._model = MatrixModel(np.zeros((n, n)), mass, K, n_modes=n, shapes=shapes)
+        M = {name: np.diag(np.eye(n)[i]) for i, name in enumerate(self._masses)}
+        M0 = np.diag(np.zeros(n) if named else self.masses)
+        self._model = MatrixModel(
+            np.zeros((n, n)), M0, K, M, n_modes=n - skip, skip=skip, shapes=shapes
+        )
         self.shape_dofs, self.variables = self._model.shape_dofs, self._model.variables
         self.dofs = self._model.dofs
-        self.names: tuple[str, ...] = ()  # every spring has a default
-        self.bounds = dict.fromkeys(K, (0.0, np.inf))
+        self.names: tuple[str, ...] = ()  # every spring and mass has a default
+        self.bounds = dict.fromkeys([*K, *M], (0.0, np.inf))
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
-        """Return frequencies ``(n, n_masses)`` in Hz; each value is ``(n,)`` in N/m."""
+        """Return frequencies ``(n, n_modes)`` in Hz; values are ``(n,)``, N/m or kg."""
         return self._model.problem.solve(*self._coefficients(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
-        """Return the response and its derivatives by the stiffnesses that are given.
+        """Return the response and its derivatives by all that is given, from one solve.
 
-        ``{"frequency": {name: (n, n_masses)}, "shapes": {name: (n, n_dof, n_masses)}}``
-        in Hz per N/m and so on, from one solve.
+        ``{"frequency": {name: (n, n_modes)}, "shapes": {name: (n, n_dof, n_modes)}}``
+        in Hz per N/m or kg, and so on.
 
         Raises:
             ValueError: As a call does, or if modes coincide that part as a parameter
                 changes; see :meth:`MatrixModel.jacobian`.
         """
         k, m, where = self._coefficients(parameters)
-        stiffnesses = dict(zip(self._defaults, k.T, strict=True))
-        slopes = self._model.coefficients.slopes(stiffnesses)
+        names = [*self._stiffnesses, *self._masses]
+        values = dict(zip(names, [*k.T, *m.T], strict=True))
+        slopes = self._model.coefficients.slopes(values)
         read = {name: slopes[name] for name in slopes if name in parameters}
         return self._model.problem.jacobian(k, m, read, where)
 
     def _coefficients(self, parameters: Parameters) -> Weights:
         """Return the coefficients of K and M, and what names a parameter set."""
         values, n = checks.batch(parameters)
-        k = np.empty((n, len(self._defaults)))
-        for column, (name, default) in enumerate(self._defaults.items()):
-            k[:, column] = values.get(name, default)
-        check_positive(k, [*self._defaults], "stiffness")
-        by_name = dict(zip(self._defaults, k.T, strict=True))
-        return k, k[:, :0], partial(describe, by_name, self._defaults)
+        named, parts = dict[str, Floats](), []
+        for defaults, what in (self._stiffnesses, "stiffness"), (self._masses, "mass"):
+            part = np.empty((n, len(defaults)))
+            for column, (name, default) in enumerate(defaults.items()):
+                part[:, column] = values.get(name, default)
+            check_positive(part, [*defaults], what)
+            named |= dict(zip(defaults, part.T, strict=True))
+            parts.append(part)
+        return parts[0], parts[1], partial(describe, named, [*named])
 
 
 def _default_stiffnesses(springs: Springs) -> dict[str, float]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 from support.contracts import assert_model
+from support.derivatives import assert_jacobian
 
 import emcee_femu as ef
 from emcee_femu import MassSpringModel
@@ -79,3 +80,38 @@ def test_a_prior_names_the_springs_that_it_likes():
         ef.LogPosterior(model, term, ef.IndependentPrior({"k7": (1.0, 9e3)}))
     with pytest.raises(ValueError, match=r"'k3' must stay above zero .*low >= 0"):
         ef.LogPosterior(model, term, ef.IndependentPrior({"k3": (-1.0, 9e3)}))
+
+
+@pytest.mark.parametrize("shapes", [False, True])
+def test_a_free_chain_has_the_textbook_frequencies_and_masses_as_parameters(shapes):
+    n, k, m = 4, 3.7e3, np.array([1.0, 2.5])
+    masses = {f"m{i}": 1.0 for i in range(1, n + 1)}
+    springs = {f"k{i}": (i, i + 1, k) for i in range(1, n)}
+    model = MassSpringModel(masses, springs, skip=1, shapes=shapes)
+    omega = 2 * np.sqrt(k / m[:, None]) * np.sin(np.arange(1, n) * np.pi / (2 * n))
+    parameters = dict.fromkeys(masses, m)
+    found = model(parameters).frequencies
+    np.testing.assert_allclose(found, omega / (2 * np.pi), rtol=1e-9)
+    assert_model(model, parameters)
+    assert_jacobian(model, parameters | {"k1": np.array([k, 2 * k])})
+
+
+def test_one_mass_overrides_its_default():
+    model = MassSpringModel(
+        {"m1": 9.0, "m2": 1.0}, {"k1": (0, 1, 9.0), "k2": (1, 2, 4.0)}
+    )
+    K, M = np.array([[13.0, -4.0], [-4.0, 4.0]]), np.diag([5.0, 1.0])
+    expected = np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi)
+    np.testing.assert_allclose(model({"m1": np.array([5.0])}).frequencies[0], expected)
+
+
+def test_a_chain_held_or_free_otherwise_than_it_says_is_refused():
+    chain = {"k1": (1, 2, 5.0)}
+    with pytest.raises(ValueError, match="skip=0"):
+        MassSpringModel([1.0, 2.0], chain)({})
+    with pytest.raises(ValueError, match="skip=1"):
+        MassSpringModel([1.0, 2.0], chain | {"k0": (0, 1, 5.0)}, skip=1)({})
+    with pytest.raises(ValueError, match="masses: .* skip=2"):
+        MassSpringModel([1.0, 2.0], chain, skip=2)
+    with pytest.raises(ValueError, match="m1"):
+        MassSpringModel({"m1": 1.0, "m2": 1.0}, chain, skip=1)({"m1": np.array([-1.0])})
