@@ -15,7 +15,7 @@ from .eigen_dense import Eigenproblem
 from .eigen_sparse import SparseEigenproblem
 from .exports import Export, Matrices, fit_polynomials
 from .geometry import Geometry
-from .inputs import Dofs, Matrix, choose_dofs, read_matrix
+from .inputs import Dofs, Matrix, choose_dofs, read_matrix, warn_of_uncoupled
 
 
 class MatrixModel:
@@ -57,6 +57,9 @@ class MatrixModel:
             called: if M is not positive definite, the number of rigid-body modes
             is not skip, or a function returns no finite number.
 
+    Warns:
+        UserWarning: If rows with mass are coupled to no other, as those of held DOFs.
+
     Examples:
         >>> import numpy as np
         >>> from emcee_femu import MatrixModel
@@ -97,6 +100,7 @@ class MatrixModel:
         dofs = choose_dofs("shapes", shapes, self.dofs)
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
+        warn_of_uncoupled([self.K0, *self.K.values()], [self.M0, *self.M.values()])
         self.problem = sparse_problem(self) if sparse else _dense_problem(self)
 
     @classmethod
