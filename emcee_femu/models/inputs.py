@@ -206,8 +206,8 @@ def warn_of_uncoupled(K: Sequence[Matrix], M: Sequence[Matrix]) -> None:
     there = np.array([matrix.diagonal() != 0 for matrix in every])
     entries = np.array([np.diff(matrix.indptr) for matrix in every])
     coupled = (entries > there).any(axis=0)
-    by_itself = ~(there & coupled).any(axis=1)
-    by_itself[[0, len(K)]] = False  # which no parameter scales
+    scaled = ~np.isin(np.arange(len(every)), [0, len(K)])  # by a parameter
+    by_itself = scaled & ~(there & coupled).any(axis=1)
     alone = there[len(K) :].any(axis=0) & ~coupled & ~there[by_itself].any(axis=0)
     if alone.any():
         rows = np.flatnonzero(alone).tolist()

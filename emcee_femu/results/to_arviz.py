@@ -68,8 +68,9 @@ def to_inference_data(
     ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
                                  them; ``initial``, a Gaussian prior's own mean or else
                                  the prior mean; ``initial_<variable>``, the response
-                                 there, NaN where it cannot be solved; is_error, whether
-                                 only terms read the parameter (noise, discrepancy)
+                                 there (one solve, unless a run has made it), NaN where
+                                 it cannot be solved; is_error, whether only terms read
+                                 the parameter (noise, discrepancy)
     ============================ ====================================================
 
     Walkers of one ensemble are not independent chains: the coordinate ``ensemble`` says
@@ -185,7 +186,8 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
             for name, value in posterior.unfold(rows).items()
         }
         groups |= gather_by_terms(posterior, draws, rows)
-        fixed = _fixed_groups(posterior, attributes)
+        initial = posterior.initial if chains.initial is None else chains.initial
+        fixed = _fixed_groups(posterior, attributes, initial)
     elif chains.blobs is not None:
         groups["blobs"] = _name_blobs(chains.blobs)
     steps, ensembles, walkers, _ = draws.shape
@@ -315,7 +317,7 @@ def _attributes_of(chains: Chains) -> dict[str, Any]:
 
 
 def _fixed_groups(
-    posterior: LogPosterior, attributes: Mapping[str, object]
+    posterior: LogPosterior, attributes: Mapping[str, object], initial: Floats
 ) -> dict[str, Dataset]:
     """Return prior draws, what was measured, and constants."""
     prior = posterior.prior
@@ -331,7 +333,7 @@ def _fixed_groups(
     parameter = Variable({"parameter": list(posterior.names)})
     constants = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
         f"initial_{name}": Labelled(value, posterior.variables[name])
-        for name, value in posterior.unfold(posterior.initial).items()
+        for name, value in posterior.unfold(initial).items()
     }
     draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)[:, None, None]
     drawn = _by_parameter(posterior.names, draws, posterior.units)
