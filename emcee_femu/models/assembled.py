@@ -17,7 +17,7 @@ from ..interfaces import (
     add_place,
     modal_variables,
 )
-from .eigen_dense import Eigenproblem
+from .eigen_dense import Eigenproblem, find_blurred
 from .eigen_sparse import SparseEigenproblem
 from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
@@ -177,7 +177,8 @@ class AssembledModel:
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {where(0)}"
         problem: SparseEigenproblem | Eigenproblem
-        if issparse(K[0]):
+        diagonals = (A[0].diagonal()[None] for A in (K, M))
+        if issparse(K[0]) or (self._output is None and find_blurred(*diagonals)[0]):
             K, M = ([csc_array(unit) for unit in units] for units in (K, M))
             wanted = self.n_modes, self.skip, self.shape_dofs
             problem = SparseEigenproblem(K, M, *wanted, label)

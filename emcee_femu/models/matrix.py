@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
+from ..interfaces import (
+    Derivatives,
+    Floats,
+    ModalSolution,
+    Parameters,
+    modal_variables,
+)
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import Eigenproblem
+from .eigen_dense import Eigenproblem, Slopes, find_blurred
 from .eigen_sparse import SparseEigenproblem
 from .exports import Export, Matrices, fit_polynomials
 from .geometry import Geometry
-from .inputs import Dofs, Matrix, choose_dofs, read_matrix, warn_of_uncoupled
+from .inputs import (
+    Dofs,
+    Matrix,
+    Where,
+    choose_dofs,
+    read_matrix,
+    warn_of_uncoupled,
+)
 
 
 class MatrixModel:
@@ -101,7 +116,7 @@ class MatrixModel:
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
         warn_of_uncoupled([self.K0, *self.K.values()], [self.M0, *self.M.values()])
-        self.problem = sparse_problem(self) if sparse else _dense_problem(self)
+        self.problem = sparse_problem(self) if sparse else DenseProblem(self)
 
     @classmethod
     def from_differences(
@@ -189,11 +204,85 @@ def sparse_problem(model: MatrixModel) -> SparseEigenproblem:
     return SparseEigenproblem(K, M, model.n_modes, model.skip, model.shape_dofs)
 
 
-def _dense_problem(model: MatrixModel) -> Eigenproblem:
-    return Eigenproblem(
-        np.array([model.K0, *model.K.values()]),
-        np.array([model.M0, *model.M.values()]),
-        np.arange(model.skip, model.skip + model.n_modes),
-        model.skip,
-        np.eye(len(model.K0))[list(model.shape_dofs)],
-    )
+class DenseProblem:
+    """The dense eigenproblem of a model, and the sparse one where that is blurred.
+
+    A DOF that is held by a stiffness of 1e36, say: dense solvers round all eigenvalues
+    to a share of the largest, factors of the sparse one to a share of each row.
+
+    Args:
+        model: The model, with dense matrices.
+    """
+
+    def __init__(self, model: MatrixModel) -> None:
+        self.model = model
+        K, M = (
+            np.array([constant, *units.values()])
+            for constant, units in ((model.K0, model.K), (model.M0, model.M))
+        )
+        selected = np.arange(model.skip, model.skip + model.n_modes)
+        output = np.eye(len(model.K0))[list(model.shape_dofs)]
+        self.dense = Eigenproblem(K, M, selected, model.skip, output)
+        self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in (K, M)]
+
+    @cached_property
+    def sparse(self) -> SparseEigenproblem:
+        """The sparse problem, made when first needed."""
+        return sparse_problem(self.model)
+
+    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
+        """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``."""
+        if not (blurred := self._find_blurred(k, m)).any():
+            return self.dense.solve(k, m, describe)
+        return self._join(k, m, {}, describe, blurred, derivatives=False)[0]
+
+    def jacobian(
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Return what :meth:`solve` does, and its derivatives, from one solve."""
+        if not (blurred := self._find_blurred(k, m)).any():
+            return self.dense.jacobian(k, m, slopes, describe)
+        return self._join(k, m, slopes, describe, blurred, derivatives=True)
+
+    def _find_blurred(self, k: Floats, m: Floats) -> NDArray[np.bool_]:
+        """Return where a dense solver would blur the lowest eigenvalues, ``(n,)``."""
+        in_K, in_M = self._diagonals
+        return find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
+
+    def _join(
+        self,
+        k: Floats,
+        m: Floats,
+        slopes: Slopes,
+        describe: Where,
+        blurred: NDArray[np.bool_],
+        derivatives: bool,
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Return the results of both, in the order of the rows."""
+        solutions, changes = [], []
+        for i, sparse in enumerate(blurred):
+            problem = self.sparse if sparse else self.dense
+            one = k[i : i + 1], m[i : i + 1]
+            where = partial(lambda row, _: describe(row), i)
+            if derivatives:
+                here = {
+                    name: tuple(part[i % len(part)][None] for part in parts)
+                    for name, parts in slopes.items()
+                }
+                solution, change = problem.jacobian(*one, here, where)
+                changes.append(change)
+            else:
+                solution = problem.solve(*one, where)
+            solutions.append(solution)
+        shapes = [s.shapes for s in solutions if s.shapes is not None]
+        whole = ModalSolution(
+            np.concatenate([solution.frequencies for solution in solutions]),
+            np.concatenate(shapes) if shapes else None,
+        )
+        return whole, {
+            variable: {
+                name: np.concatenate([change[variable][name] for change in changes])
+                for name in changes[0][variable]
+            }
+            for variable in (changes[0] if changes else ())
+        }

@@ -169,3 +169,49 @@ def test_rows_that_parameters_scale_or_that_have_no_mass_are_not_doubted(kind):
     K, M = with_held(kind)
     if kind is sparse.csc_array:  # a mode at infinity
         MatrixModel(0 * K, kind(np.diag([0, 1.0, 1, 1, 1, 0])), {"E": K}, n_modes=2)
+
+
+@pytest.mark.parametrize("held", [1e13, 1e20, 1e36])
+@pytest.mark.parametrize("lumped", [True, False])
+def test_dofs_that_a_large_stiffness_holds_are_held(held, lumped):
+    """A dense solver rounds all eigenvalues to a share of the largest one."""
+    n, kept = 8, [1, 2, 3, 4, 6, 7]
+    K = 1e3 * (free_chain(n) + np.diag([1.0, *np.zeros(n - 1)]))
+    M = np.eye(n) if lumped else (4 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)) / 6
+    ground = 1e3 * np.diag([0.0, 0, 0, 0, 0, 0, 0, 1.0])
+    penalty = np.diag([1.0, 0, 0, 0, 0, 1.0, 0, 0])
+    options = {"n_modes": 4, "shapes": kept}
+    model = MatrixModel(0 * K, M, {"k": K, "g": ground, "p": penalty}, **options)
+    inner = np.ix_(kept, kept)
+    exact = MatrixModel(
+        0 * K[inner],
+        M[inner],
+        {"k": K[inner], "g": ground[inner]},
+        n_modes=4,
+        shapes=True,
+    )
+    given = {"k": np.array([1.0, 0.7]), "g": np.array([0.5, 2.0])}
+    firmly = given | {"p": np.full(2, held)}
+    solution, slopes = model.jacobian(firmly)
+    expected, by = exact.jacobian(given)
+    close = {"rtol": 1e-3 / held + 1e-8, "atol": 1e-8}
+    np.testing.assert_allclose(solution.frequencies, expected.frequencies, **close)
+    np.testing.assert_allclose(model(firmly).frequencies, expected.frequencies, **close)
+    signs = np.sign((solution.shapes * expected.shapes).sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(solution.shapes * signs, expected.shapes, **close)
+    for name in given:
+        np.testing.assert_allclose(
+            slopes["frequency"][name], by["frequency"][name], rtol=1e-6, atol=1e-8
+        )
+
+    def assemble(p):
+        return p["k"] * K + p["g"] * ground + p["p"] * penalty, M
+
+    assembled = ef.AssembledModel(assemble, [*firmly], **options)
+    np.testing.assert_allclose(
+        assembled(firmly).frequencies, model(firmly).frequencies, rtol=1e-12
+    )
+    both = {"k": np.ones(2), "g": np.ones(2), "p": np.array([1e3, held])}
+    alone = [model({k: v[[i]] for k, v in both.items()}) for i in (0, 1)]
+    for i, single in enumerate(alone):  # others in the batch change nothing
+        np.testing.assert_array_equal(model(both).frequencies[i], single.frequencies[0])
