@@ -209,6 +209,25 @@ def combine(terms: Floats, coefficients: Floats) -> Floats:
     return total
 
 
+def join(
+    results: Sequence[tuple[ModalSolution, Derivatives]],
+) -> tuple[ModalSolution, Derivatives]:
+    """Return the results of parameter sets that were solved one after another."""
+    solutions, slopes = zip(*results, strict=True)
+    shapes = [each.shapes for each in solutions if each.shapes is not None]
+    whole = ModalSolution(
+        np.concatenate([each.frequencies for each in solutions]),
+        np.concatenate(shapes) if shapes else None,
+    )
+    return whole, {
+        variable: {
+            name: np.concatenate([each[variable][name] for each in slopes])
+            for name in by
+        }
+        for variable, by in slopes[0].items()
+    }
+
+
 def find_blurred(stiffness: Floats, mass: Floats) -> NDArray[np.bool_]:
     """Return where large stiffnesses round the lowest eigenvalues away, ``(n,)``.
 

@@ -7,7 +7,6 @@ from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
@@ -19,7 +18,7 @@ from ..interfaces import (
     modal_variables,
 )
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import Eigenproblem, Slopes, find_blurred
+from .eigen_dense import Eigenproblem, Slopes, at_row, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
 from .exports import Export, Matrices, fit_polynomials
 from .geometry import Geometry
@@ -232,57 +231,31 @@ class DenseProblem:
 
     def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
         """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``."""
-        if not (blurred := self._find_blurred(k, m)).any():
-            return self.dense.solve(k, m, describe)
-        return self._join(k, m, {}, describe, blurred, derivatives=False)[0]
+        return self._solve(k, m, None, describe)[0]
 
     def jacobian(
         self, k: Floats, m: Floats, slopes: Slopes, describe: Where
     ) -> tuple[ModalSolution, Derivatives]:
         """Return what :meth:`solve` does, and its derivatives, from one solve."""
-        if not (blurred := self._find_blurred(k, m)).any():
-            return self.dense.jacobian(k, m, slopes, describe)
-        return self._join(k, m, slopes, describe, blurred, derivatives=True)
+        return self._solve(k, m, slopes, describe)
 
-    def _find_blurred(self, k: Floats, m: Floats) -> NDArray[np.bool_]:
-        """Return where a dense solver would blur the lowest eigenvalues, ``(n,)``."""
-        in_K, in_M = self._diagonals
-        return find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
-
-    def _join(
-        self,
-        k: Floats,
-        m: Floats,
-        slopes: Slopes,
-        describe: Where,
-        blurred: NDArray[np.bool_],
-        derivatives: bool,
+    def _solve(
+        self, k: Floats, m: Floats, slopes: Slopes | None, describe: Where
     ) -> tuple[ModalSolution, Derivatives]:
-        """Return the results of both, in the order of the rows."""
-        solutions, changes = [], []
-        for i, sparse in enumerate(blurred):
-            problem = self.sparse if sparse else self.dense
-            one = k[i : i + 1], m[i : i + 1]
-            where = partial(lambda row, _: describe(row), i)
-            if derivatives:
-                here = {
-                    name: tuple(part[i % len(part)][None] for part in parts)
-                    for name, parts in slopes.items()
+        """Solve one by one where a row is blurred: others in a batch change no bit."""
+        in_K, in_M = self._diagonals
+        blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
+        if blurred.any() and len(k) > 1:
+            results = []
+            for i in range(len(k)):
+                one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
+                here = slopes and {
+                    name: (by_k[None], by_m[None])
+                    for name, (by_k, by_m) in at_row(slopes, i).items()
                 }
-                solution, change = problem.jacobian(*one, here, where)
-                changes.append(change)
-            else:
-                solution = problem.solve(*one, where)
-            solutions.append(solution)
-        shapes = [s.shapes for s in solutions if s.shapes is not None]
-        whole = ModalSolution(
-            np.concatenate([solution.frequencies for solution in solutions]),
-            np.concatenate(shapes) if shapes else None,
-        )
-        return whole, {
-            variable: {
-                name: np.concatenate([change[variable][name] for change in changes])
-                for name in changes[0][variable]
-            }
-            for variable in (changes[0] if changes else ())
-        }
+                results.append(self._solve(k[one], m[one], here, at))
+            return join(results)
+        problem = self.sparse if blurred.any() else self.dense
+        if slopes is None:
+            return problem.solve(k, m, describe), {}
+        return problem.jacobian(k, m, slopes, describe)
