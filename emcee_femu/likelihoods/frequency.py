@@ -57,7 +57,7 @@ class FrequencyTerm(Term):
     Args:
         measured: Measured natural frequencies in Hz, ``(n_modes,)``, or
             :class:`Measurements`, whose standard deviations or covariance are then
-            the default.
+            the default. A mode of which none is known has the discrepancy alone.
         beta: :math:`\beta_c` of Eq. 2.2, one number or one per mode.
         relative_sd: Instead: relative standard deviation, ``beta ** -0.5``. Above 0.1,
             10 %, a warning asks whether percent were meant.
@@ -99,15 +99,24 @@ class FrequencyTerm(Term):
         name: str = "frequency",
     ) -> None:
         errors = dict(beta=beta, relative_sd=relative_sd, sd=sd, covariance=covariance)
+        unknown = np.zeros(0, dtype=np.intp)  # places of modes without an sd
         if isinstance(measured, Measurements):
             if all(value is None for value in errors.values()):
                 errors["covariance"] = measured.covariance
-                errors["sd"] = None if measured.covariance is not None else measured.sd
+                if measured.covariance is None and measured.sd is not None:
+                    unknown = np.flatnonzero(np.isnan(measured.sd))
+                    least = np.nanmin(measured.sd)
+                    errors["sd"] = np.where(np.isnan(measured.sd), least, measured.sd)
             measured = measured.frequencies
         self.measured = checks.positive_array("measured", measured, 1)
         if not self.measured.size:
             raise ValueError("measured: expected at least one frequency, got none")
         self.label(name, discrepancy)
+        if len(unknown) and discrepancy is None:
+            raise ValueError(
+                f"measured: modes {(unknown + 1).tolist()} have no sd; give sd= or "
+                "relative_sd= for all modes, or infer it (discrepancy=)"
+            )
         error, value = choose_error(errors, discrepancy, " (beta = relative_sd**-2)")
         self.n_modes = len(self.measured)
         self.log_constants = -np.log(self.measured)
@@ -123,6 +132,7 @@ class FrequencyTerm(Term):
             if error != "beta":
                 doubt_percent(error, numbers)
             self.beta[:] = numbers if error == "beta" else numbers**-2
+            self.beta[unknown] = np.inf  # the discrepancy is all of their error
         self._sd = self.beta**-0.5
         self.reads = modal_variables(self.n_modes)
         self.observed = {"frequency": self.measured}

@@ -27,6 +27,7 @@ QUANTITIES = {
 WRITTEN = {name.lower(): field for name, field in QUANTITIES.items()}
 WRITTEN |= {name.partition(" [")[0]: field for name, field in WRITTEN.items()}
 PER_SENSOR = ("shapes", "shape_sd")
+PARTLY = (*PER_SENSOR, "sd", "damping", "damping_sd")  # a blank: not known
 
 
 def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
@@ -43,6 +44,8 @@ def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
             for i, values in enumerate(np.atleast_2d(fields[field]).tolist()):
                 sensor = sensors[i] if field in PER_SENSOR else ""
                 dof = dofs[i] if field == "shapes" and dofs is not None else ""
+                if isinstance(dof, str) and dof != _read_dof(dof):
+                    dof = f"'{dof}'"  # a label that looks like a number
                 cells = ["" if x != x else repr(x) for x in values]  # NaN: missing
                 writer.writerow([quantity, sensor, dof, *cells])
 
@@ -89,9 +92,9 @@ def read_csv(path: Path) -> dict[str, Any]:
             )
         if delimiter != ",":  # with decimal commas, perhaps
             cells[3:] = [cell.replace(",", ".") for cell in cells[3:]]
-        # A blank is a missing sensor, unless the file was cut there.
+        # A blank is what is not known, unless the file was cut there.
         cut = len(row) < len(titles) or (row is rows[-1][1] and text[-1] not in "\r\n")
-        if field in PER_SENSOR and not cut:
+        if field in PARTLY and not cut:
             cells[3:] = [cell or "nan" for cell in cells[3:]]
         numbers = _read_numbers(place, titles, cells)
         fields.setdefault(field, []).append(numbers)
@@ -100,7 +103,7 @@ def read_csv(path: Path) -> dict[str, Any]:
         elif field != "covariance" and len(fields[field]) > 1:
             raise ValueError(f"{place}: a second row of {field}")
         if field == "shapes":
-            dofs.append(int(dof) if dof.isdigit() else dof)
+            dofs.append(_read_dof(dof))
     for field in fields.keys() - {"covariance", *PER_SENSOR}:
         (fields[field],) = fields[field]
     if "frequencies" not in fields:
@@ -118,6 +121,13 @@ def read_csv(path: Path) -> dict[str, Any]:
         )
     labels = None if "" in dofs or not dofs else dofs
     return fields | {"sensors": of_shapes or None, "dofs": labels}
+
+
+def _read_dof(cell: str) -> int | str:
+    """Return the number of a DOF, or its label, perhaps in single quotes."""
+    if cell.isdecimal():
+        return int(cell)
+    return cell[1:-1] if cell[:1] == cell[-1:] == "'" else cell
 
 
 def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float]:

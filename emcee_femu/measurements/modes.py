@@ -13,6 +13,7 @@ from ..interfaces import Floats
 # Two modes this near to each other in frequency and MAC are one, identified twice.
 SAME_FREQUENCY, SAME_SHAPE = 1e-3, 0.99
 COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
+LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
 
@@ -121,18 +122,41 @@ def deviations(
     value: ArrayLike | None,
     shape: tuple[int, ...],
     there: NDArray[np.bool_] | None = None,
+    partly: bool = False,
 ) -> Floats | None:
-    """Return standard deviations of the given shape, NaN where nothing is there."""
+    """Return standard deviations of the given shape, NaN where nothing is there.
+
+    With ``partly`` some may be NaN or None, not known; None is returned for all.
+    """
     if value is None:
         return None
+    if partly and isinstance(value, Sequence):
+        value = [np.nan if number is None else number for number in value]
     sd = checks.numeric_array(argument, value)
     if sd.shape != shape:
         raise ValueError(f"{argument}: expected shape {shape}, got {sd.shape}")
+    if partly:
+        there = ~np.isnan(sd)
+        if not there.any():
+            return None
     if there is not None:
         sd[~there] = np.nan
     wrong = ~((sd > 0) & np.isfinite(sd)) & (True if there is None else there)
     _refuse(argument, sd, "finite numbers above zero", wrong)
     return sd
+
+
+def damping(value: ArrayLike | None, n_modes: int) -> Floats | None:
+    """Return damping ratios, and warn where they may have been given in percent."""
+    ratios = deviations("damping", value, (n_modes,), partly=True)
+    if ratios is not None and (largest := np.nanmax(ratios)) > LARGE_DAMPING:
+        warnings.warn(
+            f"damping: expected ratios, mostly below {LARGE_DAMPING:g}, got "
+            f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is damping=0.01",
+            UserWarning,
+            stacklevel=3,
+        )
+    return ratios
 
 
 def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
@@ -164,8 +188,7 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
         return None
     places = np.array(np.asarray(value).tolist())  # strings of pandas too
     labels = places.dtype.kind == "U"
-    digits = labels and any(x.replace(".", "").isdigit() for x in places.flat)
-    if places.dtype.kind not in "iU" or digits:
+    if places.dtype.kind not in "iU":
         raise TypeError(
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )

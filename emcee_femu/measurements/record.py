@@ -29,7 +29,8 @@ class Measurements(Report):
             term without pairing compares them with the model's in this order.
         shapes: Mode shapes at the sensors, ``(n_sensors, n_modes)``, real or complex,
             of any scale; NaN where a sensor was missing in that mode.
-        sd: Their standard deviations in Hz, ``(n_modes,)``, or None if unknown.
+        sd: Their standard deviations in Hz, ``(n_modes,)``, or None if unknown; NaN or
+            None for a mode of which it is not known.
         covariance: Instead of sd: their covariance in Hz^2, ``(n_modes, n_modes)``.
         shape_sd: Standard deviations of (real) shapes, in their scale and shape.
         sensors: Labels of the sensors; None for s1, s2, ...
@@ -38,8 +39,9 @@ class Measurements(Report):
             the rows of the model's shapes are the sensors, in order.
         phase_collinearity: MPC of shapes that have been turned real before,
             ``(n_modes,)``; None to compute it.
-        damping: Damping ratios, ``(n_modes,)``, or None if unknown.
-        damping_sd: Their standard deviations, ``(n_modes,)``.
+        damping: Damping ratios, ``(n_modes,)``, 0.01 for 1 %; None if unknown, for all
+            or for single modes.
+        damping_sd: Their standard deviations, ``(n_modes,)``, likewise.
 
     Attributes:
         n_modes: The number of measured modes.
@@ -51,7 +53,7 @@ class Measurements(Report):
             zero; a deviation or covariance is not positive (definite); sizes disagree.
 
     Warns:
-        UserWarning: If the MPC of a mode is below 0.9.
+        UserWarning: If the MPC of a mode is below 0.9, or a damping ratio above 0.2.
 
     Source: Pappa, Elliott and Schenk (1993), doi:10.2514/3.21092 (MPC); here without
     subtracting the mean, which is meaningless where all sensors move alike.
@@ -115,14 +117,16 @@ class Measurements(Report):
             modes.warn_about_complex(self.phase_collinearity)
         else:
             modes.refuse_duplicates(self.frequencies, None)
-        self.sd = modes.deviations("sd", sd, (n_modes,))
+        self.sd = modes.deviations("sd", sd, (n_modes,), partly=True)
         self.covariance = modes.covariance(covariance, n_modes)
         shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
         self.sensors = modes.labels(sensors, self.n_sensors)
         self.dofs = modes.dofs(dofs, self.n_sensors)
-        self.damping = modes.deviations("damping", damping, (n_modes,))
-        self.damping_sd = modes.deviations("damping_sd", damping_sd, (n_modes,))
+        self.damping = modes.damping(damping, n_modes)
+        self.damping_sd = modes.deviations(
+            "damping_sd", damping_sd, (n_modes,), partly=True
+        )
 
     @classmethod
     def from_repeats(
@@ -192,8 +196,9 @@ class Measurements(Report):
         Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``;
         ``phase collinearity`` is that of shapes that were complex; ``damping ratio``
         and ``damping sd`` are numbers, not percent. A cell of ``shape`` is blank where
-        the sensor was missing in that mode. Semicolons between cells, and then decimal
-        commas, are read too.
+        the sensor was missing in that mode, one of ``sd`` or damping where it is not
+        known. A ``dof`` that is a label of digits has single quotes: ``'12'``.
+        Semicolons between cells, and then decimal commas, are read too.
 
         Args:
             path: The file.
@@ -241,7 +246,8 @@ class Measurements(Report):
 
         A sensor is a node and a direction, ``"12:x"``, in the file's own coordinate
         systems. The modes are put in ascending order; frequencies are in Hz whatever
-        the units of the file. Needs pyuff: ``pip install "emcee_femu[uff]"``.
+        the units of the file. Damping ratios above zero are read too. Needs pyuff:
+        ``pip install "emcee_femu[uff]"``.
 
         Args:
             path: The file; other data sets are not read.
@@ -276,8 +282,8 @@ class Measurements(Report):
     ) -> Self:
         """Take the modes that pyOMA2 extracted, ``algorithm.result`` after ``mpe``.
 
-        Reads Fn, Phi and, where the uncertainties were computed (``calc_unc=True``),
-        Fn_std. The modes are put in ascending order.
+        Reads Fn, Phi, Xi (damping ratios) and, where the uncertainties were computed
+        (``calc_unc=True``), Fn_std and Xi_std. The modes are put in ascending order.
 
         Args:
             result: Any record with these attributes.

@@ -55,6 +55,7 @@ def read_uff(path: Path, sensors: Sequence[str] | None = None) -> dict[str, Any]
     fields = {
         "frequencies": np.array([_frequency(data) for data in modes.values()]),
         "shapes": shapes[[labels.index(label) for label in kept]],
+        "damping": _known([_damping(data) for data in modes.values()]),
     }
     return {**_sort_modes(fields), "sensors": kept}
 
@@ -76,13 +77,14 @@ def read_pyoma2(result: Any, shape_sd: bool) -> dict[str, Any]:
                 "result: no Phi_std; run pyOMA2 with calc_unc=True, or leave shape_sd "
                 "out"
             )
-    return _sort_modes(
-        {
-            field: checks.complex_array(f"result.{name}", value)
-            for field, name in names.items()
-            if (value := getattr(result, name, None)) is not None
-        }
-    )
+    of_damping = {"damping": "Xi", "damping_sd": "Xi_std"}
+    fields = {
+        field: checks.complex_array(f"result.{name}", value)
+        for field, name in (names | of_damping).items()
+        if (value := getattr(result, name, None)) is not None
+    }
+    known = {field: _known(fields[field]) for field in of_damping if field in fields}
+    return _sort_modes(fields | known)
 
 
 def _sort_modes(fields: dict[str, Any]) -> dict[str, Any]:
@@ -118,6 +120,18 @@ def _frequency(data: DataSet) -> float:
     """Return Hz: as stated, or the undamped frequency of an eigenvalue in rad/s."""
     normal = data["analysis_type"] == 2
     return float(data["freq"] if normal else abs(data["eig"]) / (2 * np.pi))
+
+
+def _damping(data: DataSet) -> float:
+    """Return the damping ratio; zero where a file of normal modes states none."""
+    if data["analysis_type"] == 2:
+        return float(data["modal_damp_vis"])
+    return float(-data["eig"].real / abs(data["eig"]))
+
+
+def _known(damping: Any) -> Any:
+    """Return damping ratios, NaN where one is not above zero: none was identified."""
+    return np.where(np.asarray(damping) > 0, damping, np.nan)
 
 
 def _nodal_values(path: Path, data: DataSet) -> dict[str, complex]:

@@ -17,7 +17,7 @@ from ..interfaces import (
     add_place,
     modal_variables,
 )
-from .eigen_dense import Eigenproblem
+from .eigen_dense import Eigenproblem, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
 from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
@@ -151,19 +151,7 @@ class AssembledModel:
             except (Exception, SystemExit) as error:
                 add_place(error, row, self.names)
                 raise
-        solutions, slopes = zip(*results, strict=True)
-        derivatives = {
-            variable: {
-                name: np.concatenate([each[variable][name] for each in slopes])
-                for name in by
-            }
-            for variable in (slopes[0] if by else ())
-        }
-        frequencies = np.concatenate([each.frequencies for each in solutions])
-        if not self.shape_dofs:
-            return ModalSolution(frequencies), derivatives
-        shapes = np.concatenate([each.shapes for each in solutions])
-        return ModalSolution(frequencies, shapes), derivatives
+        return join(results)
 
     def _solve_one(
         self, row: dict[str, float], by: tuple[str, ...], where: Where
@@ -177,7 +165,8 @@ class AssembledModel:
                 units.append((high - low) / (2 * step))
         label = f"the mass matrix at {where(0)}"
         problem: SparseEigenproblem | Eigenproblem
-        if issparse(K[0]):
+        diagonals = (A[0].diagonal()[None] for A in (K, M))
+        if issparse(K[0]) or (self._output is None and find_blurred(*diagonals)[0]):
             K, M = ([csc_array(unit) for unit in units] for units in (K, M))
             wanted = self.n_modes, self.skip, self.shape_dofs
             problem = SparseEigenproblem(K, M, *wanted, label)

@@ -30,6 +30,9 @@ from .inputs import Matrix, Where
 EPS = float(np.finfo(float).eps)
 RIGID_RATIO = 1e-4  # a rigid-body eigenvalue is below this share of the next one
 REPEATED = 1e-10  # relative gap of eigenvalues below which modes coincide
+# Ratio of the largest K_ii / M_ii, all of which are between the eigenvalues, to the
+# median: with 1e12 the lowest frequencies are off by 1e-4, and the error grows with it.
+BLURRED = 1e9
 PARTING = 1e-7  # share of a derivative's terms that may be left by rounding
 
 # How the coefficients of K (n, n_k), and those of M (n, n_m), change with a parameter;
@@ -204,6 +207,37 @@ def combine(terms: Floats, coefficients: Floats) -> Floats:
     total: Floats = np.einsum("np,pij->nij", coefficients, terms[1:])
     total += terms[0]
     return total
+
+
+def join(
+    results: Sequence[tuple[ModalSolution, Derivatives]],
+) -> tuple[ModalSolution, Derivatives]:
+    """Return the results of parameter sets that were solved one after another."""
+    solutions, slopes = zip(*results, strict=True)
+    shapes = [each.shapes for each in solutions if each.shapes is not None]
+    whole = ModalSolution(
+        np.concatenate([each.frequencies for each in solutions]),
+        np.concatenate(shapes) if shapes else None,
+    )
+    return whole, {
+        variable: {
+            name: np.concatenate([each[variable][name] for each in slopes])
+            for name in by
+        }
+        for variable, by in slopes[0].items()
+    }
+
+
+def find_blurred(stiffness: Floats, mass: Floats) -> NDArray[np.bool_]:
+    """Return where large stiffnesses round the lowest eigenvalues away, ``(n,)``.
+
+    Args:
+        stiffness: Diagonals of K, ``(n, N)``.
+        mass: The same of M.
+    """
+    ratios = stiffness / np.where(mass > 0, mass, np.inf)  # others are refused
+    usual = np.median(ratios, axis=1)
+    return np.asarray((usual > 0) & (ratios.max(axis=1) > BLURRED * usual))
 
 
 def check_elastic(

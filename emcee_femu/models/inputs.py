@@ -1,5 +1,6 @@
 """What models share at their border: parameter sets, DOFs, and matrices."""
 
+import warnings
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
@@ -17,6 +18,7 @@ Weights: TypeAlias = tuple[Floats, Floats, Where]
 Dofs: TypeAlias = Sequence[Hashable] | Mapping[Hashable, Hashable] | NDArray[np.intp]
 
 
+LISTED = 10  # rows in a message
 ASYMMETRY = 1e-8  # share of the largest entry; FE programs print 9 to 16 digits
 
 
@@ -188,3 +190,31 @@ def read_matrix(
     result.eliminate_zeros()
     result.sort_indices()
     return result
+
+
+def warn_of_uncoupled(K: Sequence[Matrix], M: Sequence[Matrix]) -> None:
+    """Warn of rows with mass that are coupled to no other, such as held DOFs.
+
+    Each is a mode of its own. One that a parameter scales by itself, as in modal
+    coordinates, is meant so.
+
+    Args:
+        K: The constant stiffness, and what parameters multiply.
+        M: The same of the mass.
+    """
+    every = [csc_array(matrix) for matrix in (*K, *M)]
+    there = np.array([matrix.diagonal() != 0 for matrix in every])
+    entries = np.array([np.diff(matrix.indptr) for matrix in every])
+    coupled = (entries > there).any(axis=0)
+    scaled = ~np.isin(np.arange(len(every)), [0, len(K)])  # by a parameter
+    by_itself = scaled & ~(there & coupled).any(axis=1)
+    alone = there[len(K) :].any(axis=0) & ~coupled & ~there[by_itself].any(axis=0)
+    if alone.any():
+        rows = np.flatnonzero(alone).tolist()
+        more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
+        warnings.warn(
+            f"K0, K: rows {rows[:LISTED]}{more} are coupled to no other, so that each "
+            "is a mode by itself: held DOFs of an export? Leave their rows and columns "
+            "out of all matrices",
+            stacklevel=3,
+        )

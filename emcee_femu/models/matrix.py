@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import Derivatives, ModalSolution, Parameters, modal_variables
+from ..interfaces import (
+    Derivatives,
+    Floats,
+    ModalSolution,
+    Parameters,
+    modal_variables,
+)
 from .coefficients import Coefficients, Unit, read_units
-from .eigen_dense import Eigenproblem
+from .eigen_dense import Eigenproblem, Slopes, at_row, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
 from .exports import Export, Matrices, fit_polynomials
 from .geometry import Geometry
-from .inputs import Dofs, Matrix, choose_dofs, read_matrix
+from .inputs import (
+    Dofs,
+    Matrix,
+    Where,
+    choose_dofs,
+    read_matrix,
+    warn_of_uncoupled,
+)
 
 
 class MatrixModel:
@@ -57,6 +71,9 @@ class MatrixModel:
             called: if M is not positive definite, the number of rigid-body modes
             is not skip, or a function returns no finite number.
 
+    Warns:
+        UserWarning: If rows with mass are coupled to no other, as those of held DOFs.
+
     Examples:
         >>> import numpy as np
         >>> from emcee_femu import MatrixModel
@@ -97,7 +114,8 @@ class MatrixModel:
         dofs = choose_dofs("shapes", shapes, self.dofs)
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
-        self.problem = sparse_problem(self) if sparse else _dense_problem(self)
+        warn_of_uncoupled([self.K0, *self.K.values()], [self.M0, *self.M.values()])
+        self.problem = sparse_problem(self) if sparse else DenseProblem(self)
 
     @classmethod
     def from_differences(
@@ -185,11 +203,59 @@ def sparse_problem(model: MatrixModel) -> SparseEigenproblem:
     return SparseEigenproblem(K, M, model.n_modes, model.skip, model.shape_dofs)
 
 
-def _dense_problem(model: MatrixModel) -> Eigenproblem:
-    return Eigenproblem(
-        np.array([model.K0, *model.K.values()]),
-        np.array([model.M0, *model.M.values()]),
-        np.arange(model.skip, model.skip + model.n_modes),
-        model.skip,
-        np.eye(len(model.K0))[list(model.shape_dofs)],
-    )
+class DenseProblem:
+    """The dense eigenproblem of a model, and the sparse one where that is blurred.
+
+    A DOF that is held by a stiffness of 1e36, say: dense solvers round all eigenvalues
+    to a share of the largest, factors of the sparse one to a share of each row.
+
+    Args:
+        model: The model, with dense matrices.
+    """
+
+    def __init__(self, model: MatrixModel) -> None:
+        self.model = model
+        K, M = (
+            np.array([constant, *units.values()])
+            for constant, units in ((model.K0, model.K), (model.M0, model.M))
+        )
+        selected = np.arange(model.skip, model.skip + model.n_modes)
+        output = np.eye(len(model.K0))[list(model.shape_dofs)]
+        self.dense = Eigenproblem(K, M, selected, model.skip, output)
+        self._diagonals = [A.diagonal(axis1=1, axis2=2) for A in (K, M)]
+
+    @cached_property
+    def sparse(self) -> SparseEigenproblem:
+        """The sparse problem, made when first needed."""
+        return sparse_problem(self.model)
+
+    def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
+        """Solve for coefficients ``k (n, n_k)`` and ``m (n, n_m)``."""
+        return self._solve(k, m, None, describe)[0]
+
+    def jacobian(
+        self, k: Floats, m: Floats, slopes: Slopes, describe: Where
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Return what :meth:`solve` does, and its derivatives, from one solve."""
+        return self._solve(k, m, slopes, describe)
+
+    def _solve(
+        self, k: Floats, m: Floats, slopes: Slopes | None, describe: Where
+    ) -> tuple[ModalSolution, Derivatives]:
+        """Solve one by one where a row is blurred: others in a batch change no bit."""
+        in_K, in_M = self._diagonals
+        blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
+        if blurred.any() and len(k) > 1:
+            results = []
+            for i in range(len(k)):
+                one, at = slice(i, i + 1), partial(lambda row, _: describe(row), i)
+                here = slopes and {
+                    name: (by_k[None], by_m[None])
+                    for name, (by_k, by_m) in at_row(slopes, i).items()
+                }
+                results.append(self._solve(k[one], m[one], here, at))
+            return join(results)
+        problem = self.sparse if blurred.any() else self.dense
+        if slopes is None:
+            return problem.solve(k, m, describe), {}
+        return problem.jacobian(k, m, slopes, describe)

@@ -157,10 +157,17 @@ def samples(
 
 
 def unit_of(idata: InferenceData, name: str) -> str:
-    """Return the unit of a variable of the posterior; an empty string without."""
-    return str(
-        getattr(_group(idata, "posterior").get(name), "attrs", {}).get("units", "")
-    )
+    """Return the unit of a variable of the posterior; an empty string without.
+
+    xarray hands the unit of a parameter on to all that is computed from it, ratios too:
+    a derived quantity has a unit only if it is none of those of the parameters.
+    """
+    posterior = _group(idata, "posterior")
+    units = {n: str(v.attrs.get("units", "")) for n, v in posterior.data_vars.items()}
+    sampled = [str(n) for n in np.atleast_1d(posterior.attrs.get("sampled", [name]))]
+    unit = units.get(name, "")
+    inherited = name not in sampled and unit in {units.get(n) for n in sampled}
+    return "" if inherited else unit
 
 
 def spread_out(n: int, most: int) -> NDArray[np.intp]:

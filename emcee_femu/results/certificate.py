@@ -213,6 +213,7 @@ class Certificate(Report):
             text = f"corrected by the weights of {len(self.weights)} full solves"
             possible = self.weights > 0
             solved = rows[possible, None, None]
+            attributes = sealed["posterior"].attrs
             chains = Chains(
                 posterior.names,
                 self.theta[possible, None, None],
@@ -224,6 +225,7 @@ class Certificate(Report):
                 seed="unknown (solved at chosen draws)",
                 origin="draws of an emulated posterior, solved in full and weighted",
                 solves=self.solves,
+                doubts=json.loads(attributes.get("doubts", "[]")),
             )
             sealed = groups(convert(chains))
             weight = ("chain", "draw"), self.weights[possible][None]

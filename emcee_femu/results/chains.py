@@ -27,7 +27,8 @@ from ..sampling.search_record import SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words
-STORED = ("acceptance", "betas", "failures", "search", "solves", "starts_given")  # JSON
+# The same as JSON.
+STORED = "acceptance betas doubts failures search solves starts_given".split()
 FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
@@ -55,6 +56,8 @@ class Chains:
         failures: Failed solves by cause.
         solves: Model solves spent; 0 where not known.
         starts_given: Whether the walkers started where a user said.
+        doubts: What was warned of before the run, of the model or the prior.
+        initial: The row at the prior mean, as of a file; None where not known.
     """
 
     names: tuple[str, ...]
@@ -72,6 +75,8 @@ class Chains:
     failures: Mapping[str, int] = field(default_factory=dict)
     solves: int = 0
     starts_given: bool = False
+    doubts: Sequence[str] = ()
+    initial: Floats | None = None
 
 
 def read_chains(
@@ -146,6 +151,7 @@ def read_chains(
         failures={} if run.failures is None else dict(run.failures.causes),
         solves=run.solves,
         starts_given=run.starts_given,
+        doubts=run.doubts,
     )
 
 
@@ -217,6 +223,7 @@ def _of_file(
 ) -> Chains:
     """Return the chains in the file of a run, which may still go on."""
     manifest, search = store["manifest"], store["search"]
+    (_, doubts, _), row = store["first solve"], store["first row"]
     streams = [stream for stream in sorted(store.lengths()) if stream > 0]
     if not streams:
         raise ValueError(f"source: {store.path} holds no chain (yet)")
@@ -235,6 +242,8 @@ def _of_file(
         seed=str(manifest["seed"]),
         origin="" if search is None else search.sentence,
         starts_given=manifest["starts"] is not None and search is None,
+        doubts=doubts,
+        initial=row and np.array(row),
     )
 
 
@@ -263,6 +272,7 @@ def _of_population(
             f"{population.solves} solves"
         ),
         solves=population.solves,
+        doubts=population.doubts,
     )
 
 

@@ -55,8 +55,9 @@ class Diagnosis(Report):
             of a population or of weighted draws, whose numbers are NaN.
         search: "searched" or "not searched", what was there, and how small a mode may
             be missing.
-        fit: Whether what was measured lies inside the posterior predictive: "fits", "at
-            a bound", "does not fit" or "not checked".
+        fit: Whether what was measured lies inside the posterior predictive: "fits",
+            "doubtful" (it does, but parameters are far from their prior, or the model
+            or the prior was warned of), "at a bound", "does not fit" or "not checked".
     """
 
     names: tuple[str, ...]

@@ -7,11 +7,11 @@ import numpy as np
 from scipy import stats
 
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.first_solve import doubt_units
+from ..sampling.first_solve import doubt_units, is_constant, same_response
 from .arviz_objects import InferenceData, is_arviz
 from .chains import Chains
 from .identifiability import describe_samples
-from .measured import read_measured
+from .measured import Measured, read_measured
 from .to_arviz import read_samples
 from .verdict import Statement
 
@@ -39,7 +39,8 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
     if not drawn:
         known = idata is not None and "constant_data" in idata
         reason = NOT_DRAWN if known else NOT_KNOWN
-        return Statement("not checked", "not checked", f"not checked: {reason}.")
+        sentence = " ".join([f"not checked: {reason}.", *_recall(chains)])
+        return Statement("not checked", "not checked", sentence)
     about = describe_samples(idata, fitted=False)
     missed, far, units, inside, total = [*about.surprising], "", [], 0, 0
     remedy = "Infer the model's error (discrepancy=), or improve the model."
@@ -68,8 +69,17 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
     )
     pressed = about.find_pressed()
     if not missed:
-        status, short = ("at a bound",) * 2 if pressed else ("fits", "inside")
-        return Statement(status, short, " ".join([f"{short}: {sentence}", *pressed]))
+        doubts = [*about.find_followed(), *_recall(chains)]
+        if np.ptp(chains.draws) and (still := [p for p in parts if _is_still(p)]):
+            label = ", ".join(part.name for part in still)
+            doubts.append(same_response(label, len(still[0].predicted)))
+        status, short = "fits", "inside"
+        if doubts:
+            status, short = "doubtful", "inside, but doubtful"
+        if pressed:
+            status = short = "at a bound"
+        sentence = " ".join([f"{short}: {sentence}", *pressed, *doubts])
+        return Statement(status, short, sentence)
     actions = units or [*_outvoted(chains.posterior, missed)] or about.find_doubts()
     actions = actions or pressed or [remedy]
     short = f"{total - inside} of {total} outside" if far else "a surprising error"
@@ -85,6 +95,16 @@ def _read(source: Any, chains: Chains, discard: int) -> InferenceData | None:
         return None
     thin = min(len(chains.draws), -(-chains.log_prob.size // ENOUGH))
     return read_samples(source, None, discard, thin)[0]
+
+
+def _recall(chains: Chains) -> list[str]:
+    """Return what was warned of before the run, which a file outlives."""
+    return [f"Before the run: {doubt.rstrip('.?')}?" for doubt in chains.doubts]
+
+
+def _is_still(part: Measured) -> bool:
+    """Return whether a prediction is the same at all samples."""
+    return part.predicted is not None and is_constant(part.predicted)
 
 
 def _outvoted(posterior: LogPosterior | None, missed: Collection[str]) -> Iterator[str]:

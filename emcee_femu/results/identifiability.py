@@ -28,6 +28,7 @@ NEAR = 0.01  # of the range; a uniform density has a share of 0.01 so near a bou
 PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
+FOLLOWED = 4.0  # prior sds by which data may move a parameter without a doubt
 TOGETHER = 0.95  # |correlation| above which only a combination is known well
 MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
@@ -134,7 +135,8 @@ class Identifiability(Report):
                 f"The data inform every parameter, {self.names[least]} least (sd ratio "
                 f"{self.sd_ratio[least]:.2f})."
             ]
-        return (*first, *pressed, *small, *self.find_doubts())
+        doubts = *self.find_followed(), *self.find_doubts()
+        return (*first, *pressed, *small, *doubts)
 
     def _find_unknown(self) -> list[str]:
         """Name what the data leave open, and what they know of it all the same."""
@@ -202,6 +204,15 @@ class Identifiability(Report):
             f"{what} lie within 1 % of the range from it. Widen the bounds, or "
             "question the model."
             for i, side in np.argwhere(crowded)
+        ]
+
+    def find_followed(self) -> list[str]:
+        """Name parameters that the data moved farther than the prior makes likely."""
+        far = ~self.is_error & (np.abs(self.shift) > FOLLOWED)
+        return [
+            f"{self.names[i]} is {self.shift[i]:+.1f} prior standard deviations from "
+            "its prior mean: are units wrong, or is the prior too narrow?"
+            for i in np.flatnonzero(far)
         ]
 
     def find_doubts(self) -> list[str]:
@@ -283,8 +294,9 @@ def identifiability(idata: object) -> Identifiability:
     correlation above 0.95), and where three or more are not informed the combinations
     that the data know best; a bound that the posterior is pressed against (more than
     5 % of the samples within 1 % of the range, and the bound within 3 posterior sds of
-    the mean); and doubts: an error more than 2 prior sds above its prior mean, and a
-    mode of R^2 below 0.98. The prior is taken as independent.
+    the mean); and doubts: another parameter more than 4 prior sds from its prior mean,
+    an error more than 2 above it, and a mode of R^2 below 0.98. The prior is taken as
+    independent.
 
     Args:
         idata: What :func:`to_inference_data` returns, without burn-in, or :func:`run`;

@@ -107,8 +107,8 @@ def frequency_table(
     The initial frequencies are those at the prior mean of the parameters. The updated
     ones are the means of the predictions at all samples; with ``posterior``, which a
     run knows, they are those of the model at the posterior mean of the parameters, as
-    in the paper (one FE solve). Errors are ``100 |f_m - f| / f_m``; the last row holds
-    their mean, the total average error TAE.
+    in the paper (one FE solve, when first asked for). Errors are
+    ``100 |f_m - f| / f_m``; the last row holds their mean, the total average error TAE.
 
     Args:
         idata: What :func:`to_inference_data` returns, or :func:`run`.
@@ -140,7 +140,7 @@ def frequency_table(
     m = len(measured)
     updated, what = draws.mean(axis=0), "sample mean"
     if posterior is not None:
-        at_mean = posterior(samples(idata)[1].mean(axis=(0, 1)))
+        at_mean = posterior.recall(samples(idata)[1].mean(axis=(0, 1)))
         updated = at_mean[posterior.columns[frequency.variable]][:m]
         what = "posterior mean"
 

@@ -5,6 +5,7 @@ cannot read structured blobs, so the groups are built here.
 """
 
 import json
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -12,9 +13,11 @@ from typing import Any
 
 import emcee
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import checks
 from ..interfaces import Floats, Variable
+from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import (
     GaussianPrior,
@@ -65,8 +68,9 @@ def to_inference_data(
     ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
                                  them; ``initial``, a Gaussian prior's own mean or else
                                  the prior mean; ``initial_<variable>``, the response
-                                 there, NaN where it cannot be solved; is_error, whether
-                                 only terms read the parameter (noise, discrepancy)
+                                 there (one solve, unless a run has made it), NaN where
+                                 it cannot be solved; is_error, whether only terms read
+                                 the parameter (noise, discrepancy)
     ============================ ====================================================
 
     Walkers of one ensemble are not independent chains: the coordinate ``ensemble`` says
@@ -74,7 +78,9 @@ def to_inference_data(
     step. For tempered runs only the cold walkers are converted. At its peak the
     conversion needs some four times the memory of the chains and blobs that are kept.
     Of chains whose posterior is not known, as of another log-probability, there are
-    the groups ``posterior`` and ``sample_stats`` only.
+    the groups ``posterior``, ``sample_stats`` and, where the function returned blobs,
+    ``blobs``: by the names of a structured ``blobs_dtype``, else ``blob``, or
+    ``blob0``, ``blob1``, ... where they differ in shape.
 
     Args:
         source: What :func:`run` returned, any EnsembleSampler of the posterior, a
@@ -105,7 +111,7 @@ def to_inference_data(
     """
     if names is None:
         return read_samples(source, posterior, discard, thin, "source")[0]
-    chains = read_chains(source, posterior, discard, thin)
+    chains = read_chains(source, posterior, discard, thin, blobs=True)
     names = checks.parameter_names("names", names)
     if is_arviz(source) or chains.posterior is not None:
         raise ValueError(f"names: there are {list(chains.names)} already; leave it out")
@@ -180,7 +186,10 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
             for name, value in posterior.unfold(rows).items()
         }
         groups |= gather_by_terms(posterior, draws, rows)
-        fixed = _fixed_groups(posterior, attributes)
+        initial = posterior.initial if chains.initial is None else chains.initial
+        fixed = _fixed_groups(posterior, attributes, initial)
+    elif chains.blobs is not None:
+        groups["blobs"] = _name_blobs(chains.blobs)
     steps, ensembles, walkers, _ = draws.shape
     coords = {
         "step": ("draw", discard + thin * (1 + np.arange(steps)) - 1),
@@ -253,6 +262,34 @@ def _by_parameter(
     }
 
 
+def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
+    """Return blobs ``(steps, ensembles, walkers, ...)`` by the names of their fields.
+
+    Where they differ in shape or type emcee keeps them as objects, side by side.
+    """
+    named = {name: blobs[name] for name in blobs.dtype.names or ()}
+    if blobs.dtype == object and blobs.ndim > 3:
+        named = {f"blob{i}": blobs[..., i] for i in range(blobs.shape[3])}
+    labelled = {}
+    for name, field in (named or {"blob": blobs}).items():
+        try:
+            value = np.array(field.tolist()) if field.dtype == object else field
+        except ValueError:  # arrays of several shapes
+            value = field
+        if value.dtype == object:
+            warnings.warn(
+                f"source: the blobs {name!r} are objects, which no file of ArviZ can "
+                "hold, and are left out; return numbers or arrays of one shape",
+                stacklevel=2,
+            )
+            continue
+        axes = enumerate(value.shape[3:])
+        coords = {f"{name}_dim_{axis}": range(size) for axis, size in axes}
+        free = f"blob_{name}" if name in RESERVED else name
+        labelled[free] = Labelled(value, Variable(coords))
+    return labelled
+
+
 def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
     """Return what the posterior returned, ``(steps, ensembles, walkers, columns)``."""
     blobs, d = chains.blobs, chains.draws.shape[-1]
@@ -280,7 +317,7 @@ def _attributes_of(chains: Chains) -> dict[str, Any]:
 
 
 def _fixed_groups(
-    posterior: LogPosterior, attributes: Mapping[str, object]
+    posterior: LogPosterior, attributes: Mapping[str, object], initial: Floats
 ) -> dict[str, Dataset]:
     """Return prior draws, what was measured, and constants."""
     prior = posterior.prior
@@ -296,7 +333,7 @@ def _fixed_groups(
     parameter = Variable({"parameter": list(posterior.names)})
     constants = {name: Labelled(v, parameter) for name, v in by_parameter.items()} | {
         f"initial_{name}": Labelled(value, posterior.variables[name])
-        for name, value in posterior.unfold(posterior.initial).items()
+        for name, value in posterior.unfold(initial).items()
     }
     draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)[:, None, None]
     drawn = _by_parameter(posterior.names, draws, posterior.units)

@@ -5,6 +5,7 @@ that were fitted to the other: a fit to the members that it then moves follows t
 accidents, which made the evidence 1.3 too large in ten dimensions.
 """
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -24,7 +25,7 @@ from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Parts, Report, Table, unit_column
 from .coordinates import Coordinates
-from .first_solve import check_first_solve
+from .first_solve import check_first_solve, doubt_reach
 from .importance import (
     FAIR_SHARE,
     GOOD_K,
@@ -66,6 +67,7 @@ class Annealed(Report):
         failed_solves: Of these, how many failed and were taken for impossible.
         problems: Why no standard error can be claimed; usually none.
         units: Of the parameters that have one, by name.
+        doubts: What was warned of before.
     """
 
     names: tuple[str, ...]
@@ -81,6 +83,7 @@ class Annealed(Report):
     failed_solves: int = 0
     problems: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
+    doubts: Sequence[str] = ()
 
     @property
     def table(self) -> Table:
@@ -207,14 +210,15 @@ def anneal(
         resume=resume,
         probe_tolerance=probe_tolerance,
     ) as evaluator:
-        check_first_solve(evaluator)
+        _, doubts = check_first_solve(evaluator)
         coordinates = Coordinates.unbounded(posterior.prior)
         rng = np.random.default_rng(seed)
         population = anneal_population(evaluator, coordinates, rng, size, thorough=True)
     population.rows[:, :2] -= coordinates.log_volume(population.theta)[:, None]
     theta = coordinates.parameters(population.theta)
     solves, failed = evaluator.solves, evaluator.failed
-    return replace(population, theta=theta, solves=solves, failed_solves=failed)
+    population = replace(population, theta=theta, solves=solves, failed_solves=failed)
+    return replace(population, doubts=doubts)
 
 
 def anneal_population(
@@ -250,6 +254,9 @@ def anneal_population(
     evaluate = alone = partial(coordinates.rows, evaluator)
     if begin is None:
         theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
+        # In a search, or of an emulator, there was a look before.
+        for doubt in doubt_reach(evaluator.posterior, rows) if thorough else ():
+            warnings.warn(doubt, stacklevel=3)
     else:
         evaluate = partial(coordinates.compare, evaluator, begin[0])
         theta, rows, share, draws = begin[1], evaluate(begin[1]), 1.0, size

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..interfaces import Evaluator, Floats
+from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates
 from .quadratic import find_damping, log_integral, make_positive, step_within
 
@@ -31,6 +32,8 @@ SAME = 2.0  # standard deviations; two equal Gaussians so near have one top
 FIRST_OFFSET = 1e-3  # of differences, in prior sds, where no scale is known
 OFFSET = 0.05  # of differences, in conditional sds of the posterior
 MOST_OFFSET = 0.1  # in prior sds
+# The same for a solver that prints few digits, whose differences are steps.
+GRAINED_FIRST, GRAINED_OFFSET, MOST_GRAINED = 0.1, 1.0, 0.5
 CONVERGED = "converged"  # in words why a climb ended
 
 
@@ -258,6 +261,7 @@ class _Space:
         if guess is not None:
             curvature = guess / np.outer(self.scale, self.scale)
             self.guess = np.asarray(np.linalg.inv(curvature), np.float64)
+        self.printed = False  # as far as is known
         # Solves for a look.
         rows = len(self.scale) * (1 if self.posterior.informative else 2)
         self.price = 1 if self.posterior.differentiable else rows + 1
@@ -265,7 +269,9 @@ class _Space:
     def rows(self, points: Floats) -> Floats:
         """Return rows with the density of the coordinates."""
         x, coordinates = points * self.scale, self.coordinates
-        return coordinates.lift(self.evaluator.rows(coordinates.inside(x)), x)
+        rows = self.evaluator.rows(coordinates.inside(x))
+        self.printed |= len(rows) > 1 and is_printed(self.posterior, rows)
+        return coordinates.lift(rows, x)
 
     def linearize(self, points: Floats) -> tuple[Floats, Floats, Floats]:
         """Return rows, gradients and information, NaN where it is not known."""
@@ -302,7 +308,11 @@ class _Space:
         if not self.posterior.differentiable:
             if not local.value > (-np.inf if before is None else before.value):
                 return local
+            known = self.printed
             local = self._difference(local, second)
+            if self.printed and not known:  # the steps were too small
+                first, second = self._offsets(local.point, curvature)
+                local = self._difference(local._replace(offsets=first), second)
         if curvature is None or not local.usable or local.curvature.size == 1:
             return self.fit(local) if local.usable else local
         local = local._replace(curvature=curvature, fresh=False)
@@ -359,10 +369,13 @@ class _Space:
         self, point: Floats, curvature: Floats | None
     ) -> tuple[Floats, Floats]:
         """Return two steps on each axis, ``(d,)`` each, that stay inside the bounds."""
-        size = np.full(len(point), FIRST_OFFSET)
+        usual = FIRST_OFFSET, OFFSET, MOST_OFFSET
+        grained = GRAINED_FIRST, GRAINED_OFFSET, MOST_GRAINED
+        begin, share, most = grained if self.printed else usual
+        size = np.full(len(point), begin)
         if curvature is not None:
             scale = np.abs(np.diag(curvature))
-            size = np.minimum(OFFSET / np.sqrt(np.maximum(scale, 1e-300)), MOST_OFFSET)
+            size = np.minimum(share / np.sqrt(np.maximum(scale, 1e-300)), most)
         below, above = point - self.box[:, 0], self.box[:, 1] - point
         size = np.minimum(size, np.maximum(below, above) / 2)
         up, down = above >= size, below >= size

@@ -12,6 +12,7 @@ from .. import checks
 from ..evaluation.evaluator import Evaluation
 from ..interfaces import Floats
 from ..moves.mixture import GAUSSIAN, Mixture
+from ..posterior.derivatives import DIGITS, is_printed
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import inside, prior_centre, summarize_prior
 from ..table import Column, Parts, Report, Table, unit_column
@@ -42,6 +43,7 @@ class FoundMap(Report):
         draws: Draws of the check, 0 without one.
         pareto_k: Of their importance weights; NaN without a check.
         efficiency: Their effective share (Kish); NaN without a check.
+        printed: Whether the solver returns numbers of few digits, as if printed.
     """
 
     posterior: LogPosterior
@@ -53,6 +55,7 @@ class FoundMap(Report):
     draws: int = 0
     pareto_k: float = np.nan
     efficiency: float = np.nan
+    printed: bool = False
 
     def draw(self, n: int, seed: int) -> Floats:
         """Return draws ``(n, d)`` of the gaussians, by weight, inside the bounds.
@@ -141,6 +144,11 @@ class FoundMap(Report):
         stopped = [maximum.message for maximum in self.maxima if not maximum.converged]
         for reason, count in Counter(stopped).items():
             sentences.append(f"{count} of {k} are perhaps no maxima: {reason}.")
+        if self.printed:
+            sentences.append(
+                f"The solver gives {DIGITS} digits or less: maxima near each other may "
+                "be steps of these, and standard deviations err. Let it give more."
+            )
         return (*sentences, self._judge())
 
     def _judge(self) -> str:
@@ -270,6 +278,7 @@ def find_map(
         draws=n,
         pareto_k=k,
         efficiency=share,
+        printed=is_printed(posterior, np.array([end.row for end in ends])),
     )
 
 

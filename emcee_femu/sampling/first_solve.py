@@ -10,45 +10,54 @@ from ..evaluation.evaluator import Evaluation
 from ..evaluation.store import StoredEvaluation
 from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
-from ..posterior.priors import prior_centre
+from ..posterior.priors import prior_centre, summarize_prior
 
 FAR = 3.0  # median ratio to what was measured, or its inverse, which is suspected
 LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
 DRAWS = 16  # of the prior, which may reach the data though its mean does not
+LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few percent
+NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
+ALIKE = 1e-9  # relative difference of responses that a solver's rounding may make
 
 
-def check_first_solve(evaluator: Evaluation | StoredEvaluation) -> float:
+def check_first_solve(
+    evaluator: Evaluation | StoredEvaluation,
+) -> tuple[float, list[str]]:
     """Solve at the prior mean, and warn where that is far from all that was measured.
 
     The solve is counted. Only where it looks wrong the model is solved at some draws of
     the prior too: of a wide one, as from 1e1 to 1e9, the mean may be far off, but not
     all draws are to the same side. A solve that fails says nothing here. A resumed run
-    has the same outcome from its file.
+    has the same outcome from its file, and the row, which tables need.
 
     Returns:
-        The seconds that the solve took, by the number of workers.
+        The seconds that the solve took, by the number of workers, and the warnings.
     """
     evaluation = evaluator.evaluation
+    posterior = evaluation.posterior
     if isinstance(evaluator, StoredEvaluation):
-        outcome = evaluator.store["first solve"] or _compare(evaluation)
-        evaluator.store["first solve"] = outcome
+        store = evaluator.store
+        outcome = store["first solve"] or _compare(evaluation)
+        row = store["first row"] or posterior.initial.tolist()
+        posterior.initial = np.array(row)
+        store["first row"], store["first solve"] = row, outcome
     else:
         outcome = _compare(evaluation)
     solves, doubts, seconds = outcome
     evaluation.solves += solves
     for doubt in doubts:
         warnings.warn(doubt, stacklevel=3)
-    return float(seconds)
+    return float(seconds), doubts
 
 
 def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
     """Return how many solves were made, what to warn of, and seconds of a solve."""
     posterior = evaluation.posterior
-    centre = prior_centre(posterior.prior)[None]
+    centre, slips = prior_centre(posterior.prior)[None], doubt_prior(posterior)
     try:
         posterior.check_inside("prior (its mean)", centre)
     except ValueError as error:  # a Gaussian may be cut there, but hardly on purpose
-        return 0, [f"{error}; move it, or the bounds"], np.nan
+        return 0, [f"{error}; move it, or the bounds", *slips], np.nan
     workers = 1
     if evaluation.pool is not None:
         evaluation.pool.map(int, [0])  # starts them, which is no part of a solve
@@ -61,7 +70,7 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
         draws = posterior.prior.sample(np.random.default_rng(0), DRAWS)
         rows = np.concatenate([rows, _solve(evaluation, draws)])
     solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
-    return solves, doubt(posterior, posterior.unfold(rows)), seconds
+    return solves, doubt(posterior, posterior.unfold(rows)) + slips, seconds
 
 
 def _solve(evaluation: Evaluation, theta: Floats) -> Floats:
@@ -69,6 +78,65 @@ def _solve(evaluation: Evaluation, theta: Floats) -> Floats:
         return evaluation.again(theta)
     except Exception:  # of any kind: the run will meet it, or does without
         return np.tile(evaluation.posterior.rejected(), (len(theta), 1))
+
+
+def doubt_prior(posterior: LogPosterior) -> list[str]:
+    """Name priors that are hardly meant so, as by slips in what scipy.stats takes."""
+    with np.errstate(invalid="ignore", over="ignore"):  # of infinite draws
+        mean, sd = summarize_prior(posterior.prior)
+    errors = {term.discrepancy for term in posterior.terms}
+    doubts = []
+    for name, centre, spread in zip(posterior.names, mean, sd, strict=True):
+        if name in errors and centre > LARGE_ERROR:
+            doubts.append(
+                f"prior: the error {name!r} has a mean of {100 * centre:.3g} %; 2 % is "
+                "0.02, as in halfnorm(scale=0.02): scipy.stats takes loc before scale"
+            )
+        if spread < NARROW_PRIOR * abs(centre):
+            doubts.append(
+                f"prior: {name!r} has an sd of {spread:.3g}, {spread / abs(centre):.1g}"
+                f" of its mean {centre:.4g}, so that data hardly move it; scipy.stats "
+                "has norm(mean, sd), and lognorm(s, scale=median)"
+            )
+    return doubts
+
+
+def doubt_reach(posterior: LogPosterior, rows: Floats) -> list[str]:
+    """Say which models gave one response, and likelihood, at all draws of the prior.
+
+    A likelihood that depends on an inferred error besides may differ.
+
+    Args:
+        posterior: The posterior.
+        rows: Its rows at several points.
+    """
+    solved, doubts = rows[np.isfinite(rows[:, 0])], []
+    likelihoods = iter(solved.T[2:])
+    for experiment in posterior.experiments:
+        read = [
+            posterior.columns[experiment.full_name(n)] for n in experiment.variables
+        ]
+        parts = [solved[:, columns] for columns in read]
+        for term in experiment.terms:
+            value = next(likelihoods)[:, None]
+            if term.names is None or {*term.names} - {term.discrepancy}:
+                parts.append(value)
+        if read and len(solved) > 1 and all(map(is_constant, parts)):
+            doubts.append(same_response(experiment.full_name("model"), len(solved)))
+    return doubts
+
+
+def same_response(label: str, number: int) -> str:
+    """Say that a model does not do what it is asked."""
+    return (
+        f"{label}: the same response at all of {number} parameter sets: do the "
+        "parameters reach the solver, and is it the new result that is read?"
+    )
+
+
+def is_constant(values: Floats) -> bool:
+    """Return whether all rows of ``values (n, m)`` are the same, but for rounding."""
+    return bool((np.ptp(values, axis=0) <= ALIKE * np.abs(values).max(axis=0)).all())
 
 
 def doubt(

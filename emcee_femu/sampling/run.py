@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -27,7 +28,7 @@ from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..table import Parts, Report
 from .auto import budget_of, search_and_start
-from .first_solve import check_first_solve
+from .first_solve import check_first_solve, doubt_reach
 from .search_record import SearchRecord
 
 MOST_DRAWS = 20  # of a starting point
@@ -47,6 +48,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
             or the starts.
         failures: Solves that failed; None where a failure is an error.
         starts_given: Whether the walkers started from ``starts``.
+        doubts: What was warned of before the search or the starts.
     """
 
     samplers: tuple[emcee.EnsembleSampler, ...]
@@ -57,6 +59,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     evaluations: int
     failures: FailureLog | None
     starts_given: bool
+    doubts: Sequence[str] = ()
 
     @property
     def solves(self) -> int:
@@ -195,7 +198,9 @@ def run(
             died. An exception during sampling has the run so far, as its attribute
             ``run``.
         UserWarning: If the model at the prior mean is that far off, its frequencies
-            are in another order than the measured ones, or the mean is out of bounds.
+            are in another order than the measured ones, or the mean is out of bounds;
+            if the prior mean of an inferred error is above 30 %, or the sd of a prior
+            below 1e-4 of its mean; if the model is the same at all draws of the prior.
 
     Examples:
         >>> import emcee_femu as ef
@@ -245,7 +250,7 @@ def run(
         states: list[emcee.State] = []
         search, solver = None, evaluator.evaluation  # stored are steps, no proposals
         store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
-        seconds = check_first_solve(evaluator)
+        seconds, doubts = check_first_solve(evaluator)
         if weighted is None:
             evaluations = steps * thin_by * nwalkers * ensembles
             if store is not None:  # steps may have grown since the search began
@@ -295,6 +300,7 @@ def run(
             solver.failures,
             # "auto" only searches from them too.
             points is not None and search is None,
+            doubts,
         )
         left = [steps - sampler.iteration for sampler in samplers]
         bar = progress_bar(progress, sum(left), f"{ensembles} ensembles")
@@ -362,6 +368,9 @@ def _draw_starts(
         else:
             theta = points[ensemble].copy()
         rows = evaluator.rows(theta)
+        if points is None and not ensemble:
+            for doubt in doubt_reach(posterior, rows):
+                warnings.warn(doubt, stacklevel=3)
         for _ in range(MOST_DRAWS if rejecting and points is None else 0):
             again = np.flatnonzero(~np.isfinite(rows[:, 0]))
             if not len(again):

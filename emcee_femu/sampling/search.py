@@ -5,6 +5,7 @@ wide one is only found by points that hit it. Therefore a share of the evaluatio
 scans: draws of the prior, and draws about the modes found, wider and wider.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,6 +17,7 @@ from ..interfaces import Evaluator, Floats
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.priors import summarize_prior
 from .climbing import Maximum, climb, distinct
+from .first_solve import doubt_reach
 from .proposals import Draws
 
 UNEXPLAINED = 2.0  # log-density beyond what Gaussians at the modes say
@@ -79,6 +81,8 @@ class Search:
                 "prior: some draws are infinite; scipy.stats.lognorm takes (s, scale=)"
             )
         theta, rows = self._evaluate(drawn)
+        for doubt in doubt_reach(self.evaluator.posterior, rows):
+            warnings.warn(doubt, stacklevel=4)
         self.draws = Draws(theta, rows)
         if starts is not None:
             self._evaluate(starts)

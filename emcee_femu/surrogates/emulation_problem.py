@@ -27,7 +27,7 @@ from ..interfaces import (
 from ..models.paired import PairedModel
 from ..posterior.experiments import expand, tangents_of
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.first_solve import doubt
+from ..sampling.first_solve import doubt, doubt_prior, is_constant, same_response
 from .emulated import EmulatedModel, as_modal
 from .encoding import Named
 
@@ -202,12 +202,19 @@ class EmulationProblem:
         return modal if self.paired is None else self.paired.pair(modal)
 
     def doubt(self, recorded: Named) -> list[str]:
-        """Say what is far from the measured at all solves of a first design."""
-        if not len(next(iter(recorded.values()))):
-            return []
+        """Say what is far from the measured at all solves of a first design.
+
+        And what they, or the prior, leave in doubt besides.
+        """
+        slips = doubt_prior(self.posterior)
+        if not (n := len(next(iter(recorded.values())))):
+            return slips
+        raw = [recorded[name].reshape(n, -1) for name in self.variables]
+        if n > 1 and all(map(is_constant, raw)):
+            slips.append(same_response("model", n))
         response = self.compared(self.part(recorded)[0])
         stored = {name: read(response, name) for name in self.posterior.variables}
-        return doubt(self.posterior, stored, "the first design")
+        return doubt(self.posterior, stored, "the first design") + slips
 
     def deviate(self, theta: Floats, response: Named, emulated: LogPosterior) -> Floats:
         r"""Return how far an emulator is from full solves, ``(n,)``, for the data.

@@ -139,6 +139,7 @@ BASIS = SimpleNamespace(  # of scikit-fem
 
 positive, above_zero = array(positive=True), number(above=0.0)
 per_mode = positive.but("one number")
+partly = per_mode.but("with NaN")
 small = per_mode.but(percent=np.array([2.0, 2.0]))  # for 0.02
 chosen = names.but("one less")
 relative = per_mode.but("a word", "one less", empty="")
@@ -193,12 +194,13 @@ KINDS = [  # of arguments, by their names; None is valid where it is the default
     (text, {"name": "frequency", "discrepancy": "sigma"}),
     (file, {"path": None, "backend": None}),
     (names, {"names": ["k1", "k2"], "sensors": ["roof", "two", "one"]}),
-    (wholes, {"dofs": [7, 1, 3], "modes": [1, 2]}),
+    (wholes, {"modes": [1, 2]}),
+    (wholes.but("numerals"), {"dofs": [7, 1, 3]}),
     (array(), {"mean": POINT, "means": DRAWS[:2], "nodes": NODES}),
     (array().but(zero=0 * UP), {"orientation": UP}),
     (many.but(few=DRAWS[:2]), {"samples": DRAWS}),
     (array().but(outside=99.0 * START), {"starts": START}),
-    (per_mode, {"damping_sd": SD}),
+    (partly, {"damping_sd": SD}),
     (probabilities, {"phase_collinearity": np.array([0.95, 1.0])}),
     (ladder, {"betas": np.array([1.0, 0.3, 0.0])}),
     (noise, {"sigma": SD}),
@@ -260,7 +262,10 @@ def only(name, **thrown):
 # By name, perhaps with a variant: the arguments that are unlike those of ARGUMENTS.
 CALLS = {
     "Measurements": dict(
-        shapes=(SHAPES, array().but("with NaN")), covariance=OFF, damping=(SD, per_mode)
+        shapes=(SHAPES, array().but("with NaN")),
+        covariance=OFF,
+        damping=(SD, partly),
+        sd=(SD, partly),
     ),
     "Measurements, covariance": only("Measurements", covariance=(COV, covariance)),
     "Measurements.from_repeats": dict(
@@ -362,7 +367,9 @@ CALLS = {
         n_modes=(1, whole(1).but("True")),
         reference=("s1", anything.but("None")),
     ),
-    "modes_from_spectra": dict(posteriors=({"a": HUM}, named), dofs=([7, 1], wholes)),
+    "modes_from_spectra": dict(
+        posteriors=({"a": HUM}, named), dofs=([7, 1], wholes.but("numerals"))
+    ),
     "FunctionModel": dict(variables=OFF),
     "FunctionModel, jacobian": dict(
         variables=OFF, jacobian=(abs, anything.but("None"))

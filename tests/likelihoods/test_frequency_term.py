@@ -140,3 +140,15 @@ def test_errors_that_may_be_in_percent_are_doubted(errors, words):
     with pytest.warns(UserWarning, match=words) as caught:
         ef.FrequencyTerm([2.0, 5.0, 9.5], **errors)
     assert [warning.filename for warning in caught] == [__file__]
+
+
+def test_a_mode_of_unknown_error_has_the_discrepancy_alone():
+    measured = ef.Measurements([3.0, 9.0], sd=[0.03, None])
+    with pytest.raises(ValueError, match=r"modes \[2\] .*discrepancy="):
+        ef.FrequencyTerm(measured)
+    term = ef.FrequencyTerm(measured, discrepancy="sigma")
+    sigma, predicted = np.array([0.02]), np.array([[3.1, 9.2]])
+    sd = np.array([np.hypot(0.03, 0.02 * 3.0), 0.02 * 9.0])
+    expected = stats.norm([3.0, 9.0], sd).logpdf(predicted).sum()
+    assert_allclose(term({"sigma": sigma}, {"frequency": predicted}), expected)
+    assert term.error_sd["frequency"].round(12).tolist() == [0.03, 0.0]

@@ -1,3 +1,5 @@
+import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -38,7 +40,15 @@ def test_normal_modes_among_other_data_sets(pyuff, write):
     np.testing.assert_allclose(m.frequencies, F, rtol=1e-5)  # the file has 6 digits
     np.testing.assert_allclose(m.shapes, ROWS, rtol=1e-5)
     np.testing.assert_array_equal(m.phase_collinearity, 1)
-    assert m.sd is None
+    assert m.sd is None and m.damping is None
+
+
+def test_damping_of_normal_modes_is_read_where_it_is_stated(pyuff, write):
+    given = {2: 0.012, 3: 0.034}
+    modes = [a_mode(pyuff, i, modal_damp_vis=given.get(i, 0.0)) for i in (1, 2, 3)]
+    with pytest.warns(UserWarning, match=LEFT_OUT):
+        m = Measurements.from_uff(write(*modes))
+    np.testing.assert_allclose(m.damping, [np.nan, 0.012, 0.034], rtol=1e-5)
 
 
 @pytest.mark.parametrize("kind", [2, 3, 7])
@@ -52,8 +62,16 @@ def test_complex_modes(kind, pyuff, write):
         return a_mode(pyuff, i, turn[i - 1], analysis_type=kind, **own)
 
     path = write(*(mode(i) for i in (1, 2, 3)))
-    with pytest.warns(UserWarning, match=LEFT_OUT):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         m = Measurements.from_uff(path)
+    said = [str(warning.message) for warning in caught]
+    assert re.search(LEFT_OUT, said[0])
+    if kind == 2:  # the file states none
+        assert m.damping is None and len(said) == 1
+    else:
+        np.testing.assert_allclose(m.damping, damping, rtol=1e-4)
+        assert "30 %" in said[1]
     np.testing.assert_allclose(m.frequencies, F, rtol=2e-5)
     np.testing.assert_allclose(m.phase_collinearity, 1, rtol=1e-9)
     signs = np.sign((m.shapes * ROWS).sum(axis=0))
@@ -106,10 +124,16 @@ def test_a_result_of_pyoma2():
     np.testing.assert_array_equal(m.frequencies, F)
     np.testing.assert_array_equal(m.sd, [0.003, 0.005, 0.01])
     np.testing.assert_allclose(m.shapes, X, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(m.damping, [0.01, 0.02, 0.01])
+    assert m.damping_sd is None
     assert m.shape_sd is None and m.sensors == (*"abc",)
     assert m.dofs.tolist() == [2, 1, 0]
     m = Measurements.from_pyoma2(a_result(), shape_sd=True)
     np.testing.assert_array_equal(m.shape_sd, 0.02)
+    doubtful = a_result(Xi=[0.01, -0.02, np.nan], Xi_std=np.full(3, 1e-3))
+    m = Measurements.from_pyoma2(doubtful)
+    np.testing.assert_array_equal(m.damping, [0.01, np.nan, np.nan])
+    np.testing.assert_array_equal(m.damping_sd, 1e-3)
 
 
 def test_the_modes_of_pyoma2_are_put_in_ascending_order():
@@ -120,7 +144,7 @@ def test_the_modes_of_pyoma2_are_put_in_ascending_order():
         Measurements.from_pyoma2(result, shape_sd=True)
         for result in (plain, SimpleNamespace(**fields))
     )
-    for field in ("frequencies", "sd", "shapes", "shape_sd"):
+    for field in ("frequencies", "sd", "shapes", "shape_sd", "damping"):
         np.testing.assert_array_equal(getattr(m, field), getattr(n, field))
 
 

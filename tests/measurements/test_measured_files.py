@@ -41,7 +41,7 @@ def full(**options):
         "sensors": LABELS,
         "dofs": [4, 0, 22, 7, 1, 3, 1_000_000],
         "phase_collinearity": [1 / 3 + 0.6, 0.1 + 0.85, 1.0],
-        "damping": [0.1 + 0.2, 1e-3 / 3, 5e-324],
+        "damping": [0.01 + 0.02, 1e-3 / 3, 5e-324],
         "damping_sd": [1e-9 / 7, 1 / 3, 1.0],
     }
     return Measurements(f, **(values | options))
@@ -55,6 +55,8 @@ def full(**options):
         full(covariance=None, dofs=None, shape_sd=None, sensors=None),
         full(dofs=["3:uy", "12:ux", "0:rz", "4:uz", "4:uy", "4:ux", "roof, x"]),
         full(shapes=full().shapes * np.exp(2j), phase_collinearity=None),
+        full(dofs=["1", "02", "'3'", "12.3", "4:uy", "٣", "²"]),
+        full(covariance=None, sd=[None, 1 / 3, np.nan], damping=[None, None, 0.01]),
         Measurements([1 / 3], sd=[1e-300]),
         Measurements([0.1, 0.2]),
     ],
@@ -64,6 +66,8 @@ def full(**options):
         "shapes alone",
         "labels",
         "complex",
+        "labels like numbers",
+        "known in part",
         "one mode",
         "frequencies alone",
     ],

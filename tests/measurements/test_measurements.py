@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+import emcee_femu as ef
 from emcee_femu import Measurements
 
 RNG = np.random.default_rng(20)
@@ -138,3 +139,35 @@ def test_the_table_shows_the_standard_deviations_of_a_covariance():
     assert [*frame.columns] == ["mode", "f [Hz]", "sd [Hz]", "MPC"]
     np.testing.assert_array_equal(frame["sd [Hz]"], np.sqrt(np.diag(COVARIANCE)))
     assert "<td>0.0316</td>" in m._repr_html_()
+
+
+@pytest.mark.parametrize("known", ["sd", "damping", "damping_sd"])
+def test_what_is_known_of_some_modes_only_can_be_given(known):
+    given = {"damping": [0.01, 0.01]} if known == "damping_sd" else {}
+    for unknown in (None, np.nan):
+        m = Measurements([3.0, 9.0], **(given | {known: [0.02, unknown]}))
+        np.testing.assert_array_equal(getattr(m, known), [0.02, np.nan])
+    none = Measurements([3.0, 9.0], **(given | {known: [None, None]}))
+    assert getattr(none, known) is None
+    with pytest.raises(ValueError, match=f"{known}: .* mode 2 has -1"):
+        Measurements([3.0, 9.0], **(given | {known: [0.02, -1.0]}))
+
+
+def test_damping_in_percent_is_doubted():
+    with pytest.warns(UserWarning, match=r"damping: .* 110 %"):
+        Measurements([3.0, 9.0], damping=[0.8, 1.1])
+    Measurements([3.0, 9.0], damping=[0.008, None])
+
+
+def test_dofs_may_be_named_by_digits():
+    shapes = [[1.0, 1.6], [1.6, -1.0]]
+    named = Measurements([0.1, 0.2], shapes, dofs=["1", "2"])
+    assert named.dofs.tolist() == ["1", "2"]
+    K = [[3.0, -1.0], [-1.0, 1.0]]
+    model = ef.MatrixModel(
+        np.zeros((2, 2)), np.eye(2), {"k": K}, n_modes=2, shapes={"2": 1, "1": 0}
+    )
+    paired = ef.PairedModel(model, named, candidates=2)
+    shape = paired({"k": np.ones(1)}).shapes[0]
+    whole = np.linalg.eigh(K)[1]
+    np.testing.assert_allclose(np.abs(shape), np.abs(whole), rtol=1e-12)

@@ -18,7 +18,7 @@ def drawn(f, sensors=("a", "b")):
     shapes = 0.6 + 0.02 * RNG.standard_normal((4, 500, len(sensors), k))
     data = {
         "frequency": (("chain", "draw", "mode"), hertz),
-        "damping_ratio": (("chain", "draw", "mode"), 0.01 + 0 * hertz + 0.1 * hertz),
+        "damping_ratio": (("chain", "draw", "mode"), 0.01 + 0.05 * hertz),
         "shapes": (("chain", "draw", "sensor", "mode"), shapes),
     }
     coords = {"mode": range(1, k + 1), "sensor": [*sensors]}
@@ -35,9 +35,9 @@ def test_modes_of_all_bands_ascend_with_their_covariance():
     expected = np.zeros((3, 3))
     expected[0, 0], expected[1:, 1:] = f[0].var(ddof=1), np.cov(f[1], rowvar=False)
     np.testing.assert_allclose(found.covariance, expected)
-    np.testing.assert_allclose(found.damping, 0.01 + 0.1 * found.frequencies)
+    np.testing.assert_allclose(found.damping, 0.01 + 0.05 * found.frequencies)
     np.testing.assert_allclose(
-        found.damping_sd, 0.1 * np.sqrt(np.diag(found.covariance))
+        found.damping_sd, 0.05 * np.sqrt(np.diag(found.covariance))
     )
     own = high["shapes"][1].reshape(2_000, 2, 2)
     np.testing.assert_allclose(found.shapes[:, 1:], own.mean(0))

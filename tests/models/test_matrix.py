@@ -119,7 +119,7 @@ def test_the_model_says_what_it_reads_and_returns():
 
 @pytest.mark.parametrize("kind", [np.asarray, sparse.csr_array])
 def test_an_asymmetry_of_printed_digits_is_averaged_out(kind):
-    nearly = np.eye(30)
+    nearly = np.eye(30) + 0.1 * (np.eye(30, k=2) + np.eye(30, k=-2))
     nearly[1, 2] = 9e-9
     model = MatrixModel(kind(nearly), kind(np.eye(30)), {}, n_modes=1)
     assert model.K0[1, 2] == model.K0[2, 1] == 4.5e-9
@@ -132,3 +132,86 @@ def test_swapped_matrices_are_suspected():
     free = np.array([[1.0, -1.0], [-1.0, 1.0]])
     with pytest.raises(ValueError, match="or are K0 and M0 swapped?"):
         MatrixModel(np.eye(2), free, {}, n_modes=1)
+
+
+def with_held(kind):
+    """Return a free chain of four with two rows that an export kept, and a part."""
+    K = np.pad(free_chain(4), (1, 1))
+    K += np.diag([1.0, 0, 0.5, 0, 0, 1.0])
+    return kind(K), kind(np.eye(6))
+
+
+@pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
+def test_rows_of_held_dofs_are_named(kind):
+    K, M = with_held(kind)
+    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
+        MatrixModel(0 * K, M, {"E": K}, n_modes=2)
+    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
+        MatrixModel.from_differences((K, M), {"E": {2.0: (2 * K, M)}}, n_modes=2)
+    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
+        MatrixModel(K, 0 * M, {}, {"rho": M}, n_modes=2)
+    part = kind(np.diag([0.0, 0, 1.0, 0, 0, 0]))
+    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
+        MatrixModel(K, M, {"k": part}, n_modes=2)
+    with pytest.warns(UserWarning, match=r"rows \[0\]"):
+        MatrixModel(
+            kind(np.diag([1.0, 1e4])),
+            kind(np.eye(2)),
+            {"k": kind(np.diag([0.0, 1.0]))},
+            n_modes=1,
+        )
+
+
+@pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
+def test_rows_that_parameters_scale_or_that_have_no_mass_are_not_doubted(kind):
+    K = kind(np.diag([1.0, 4.0, 9.0]))
+    MatrixModel(0 * K, kind(np.eye(3)), {"k": K}, n_modes=2)  # modal coordinates
+    K, M = with_held(kind)
+    if kind is sparse.csc_array:  # a mode at infinity
+        MatrixModel(0 * K, kind(np.diag([0, 1.0, 1, 1, 1, 0])), {"E": K}, n_modes=2)
+
+
+@pytest.mark.parametrize("held", [1e13, 1e20, 1e36])
+@pytest.mark.parametrize("lumped", [True, False])
+def test_dofs_that_a_large_stiffness_holds_are_held(held, lumped):
+    """A dense solver rounds all eigenvalues to a share of the largest one."""
+    n, kept = 8, [1, 2, 3, 4, 6, 7]
+    K = 1e3 * (free_chain(n) + np.diag([1.0, *np.zeros(n - 1)]))
+    M = np.eye(n) if lumped else (4 * np.eye(n) + np.eye(n, k=1) + np.eye(n, k=-1)) / 6
+    ground = 1e3 * np.diag([0.0, 0, 0, 0, 0, 0, 0, 1.0])
+    penalty = np.diag([1.0, 0, 0, 0, 0, 1.0, 0, 0])
+    options = {"n_modes": 4, "shapes": kept}
+    model = MatrixModel(0 * K, M, {"k": K, "g": ground, "p": penalty}, **options)
+    inner = np.ix_(kept, kept)
+    exact = MatrixModel(
+        0 * K[inner],
+        M[inner],
+        {"k": K[inner], "g": ground[inner]},
+        n_modes=4,
+        shapes=True,
+    )
+    given = {"k": np.array([1.0, 0.7]), "g": np.array([0.5, 2.0])}
+    firmly = given | {"p": np.full(2, held)}
+    solution, slopes = model.jacobian(firmly)
+    expected, by = exact.jacobian(given)
+    close = {"rtol": 1e-3 / held + 1e-8, "atol": 1e-8}
+    np.testing.assert_allclose(solution.frequencies, expected.frequencies, **close)
+    np.testing.assert_allclose(model(firmly).frequencies, expected.frequencies, **close)
+    signs = np.sign((solution.shapes * expected.shapes).sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(solution.shapes * signs, expected.shapes, **close)
+    for name in given:
+        np.testing.assert_allclose(
+            slopes["frequency"][name], by["frequency"][name], rtol=1e-6, atol=1e-8
+        )
+
+    def assemble(p):
+        return p["k"] * K + p["g"] * ground + p["p"] * penalty, M
+
+    assembled = ef.AssembledModel(assemble, [*firmly], **options)
+    np.testing.assert_allclose(
+        assembled(firmly).frequencies, model(firmly).frequencies, rtol=1e-12
+    )
+    both = {"k": np.ones(2), "g": np.ones(2), "p": np.array([1e3, held])}
+    alone = [model({k: v[[i]] for k, v in both.items()}) for i in (0, 1)]
+    for i, single in enumerate(alone):  # others in the batch change nothing
+        np.testing.assert_array_equal(model(both).frequencies[i], single.frequencies[0])

@@ -294,3 +294,43 @@ def test_wrong_samplers_and_counts_are_refused(runs, error, message, options, ma
 def test_ensembles_of_different_lengths_are_cut_to_the_shortest():
     both = ef.to_inference_data(finished() + finished(steps=5))
     assert dict(both["posterior"].sizes) == {"chain": 2 * WALKERS, "draw": 3}
+
+
+BLOBS = {  # what a function returns beside its log-probability, and emcee's dtype
+    "one": (lambda x: (x.sum(),), None),
+    "array": (lambda x: (2 * x,), None),
+    "mixed": (lambda x: (x.sum(), 2 * x), None),
+    "structured": (
+        lambda x: (x.sum(), 2 * x),
+        [("step", float), ("twice", float, 2)],
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BLOBS)
+def test_blobs_of_any_sampler_are_kept(kind, tmp_path):
+    function, dtype = BLOBS[kind]
+    sampler = emcee.EnsembleSampler(
+        8, 2, lambda x: (-0.5 * x @ x, *function(x)), blobs_dtype=dtype
+    )
+    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 12)
+    idata = ef.to_inference_data(sampler, discard=2, thin=2)
+    idata.to_netcdf(tmp_path / "run.nc")
+    kept = dataset(az.from_netcdf(tmp_path / "run.nc"), "blobs")
+    x = sampler.get_chain(discard=2, thin=2).swapaxes(0, 1)
+    names = {"one": ["blob"], "array": ["blob"], "mixed": ["blob0", "blob1"]}
+    expected = {"blob_step": x.sum(axis=2), "twice": 2 * x}
+    if kind in names:
+        values = [2 * x] if kind == "array" else [x.sum(axis=2), 2 * x]
+        expected = dict(zip(names[kind], values, strict=False))
+    assert {*map(str, kept.data_vars)} == {*expected}
+    for name, values in expected.items():
+        np.testing.assert_allclose(kept[name], values)
+
+
+def test_blobs_that_no_file_can_hold_are_named():
+    sampler = emcee.EnsembleSampler(8, 2, lambda x: (-0.5 * x @ x, {"x": x}))
+    sampler.run_mcmc(np.random.default_rng(1).normal(size=(8, 2)), 12)
+    with pytest.warns(UserWarning, match="blob"):
+        idata = ef.to_inference_data(sampler, names=["a", "b"])
+    assert [*dataset(idata, "posterior")] == ["a", "b"]

@@ -108,6 +108,7 @@ def test_a_new_measurement_has_measurement_error_and_discrepancy():
         assert_allclose(table.column(title), values, rtol=0, atol=0.02 * total.max())
 
 
+@pytest.mark.filterwarnings("ignore:model. the same response")
 def test_each_measurement_of_a_variable_has_its_rows_and_its_own_error():
     errors = {"first": 0.1, "again": 0.01}
     terms = [

@@ -1,7 +1,9 @@
 """The three statements of a diagnosis, and what is doubted before any sampling."""
 
+import re
 import warnings
 
+import arviz as az
 import emcee
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from scipy import stats
 from support.chains import ar1, backend
 
 import emcee_femu as ef
-from emcee_femu.sampling.first_solve import doubt_units
+from emcee_femu.sampling.first_solve import doubt_prior, doubt_units
 
 HERTZ = np.array([3.13, 9.83])
 MASSES = np.array([16.5e3, 16.1e3])
@@ -328,3 +330,163 @@ def test_a_term_that_is_outvoted_is_named_with_the_cure():
     assert "known standard deviations (sd=), or a fixed delta" in fit.sentence
     fixed = doubts(contradicted(delta=0.2), steps=100)[0]
     assert ef.diagnose(fixed).fit.status == "fits"
+
+
+def factors(p):
+    """Frequencies by factors of the stiffnesses."""
+    return frequencies({"k1": 50 * p["k1"], "k2": 10 * p["k2"]})
+
+
+def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
+    """Frequencies in rad/s, which lognormal factors can follow."""
+    prior = ef.IndependentPrior({k: stats.lognorm(0.3) for k in ("k1", "k2")})
+    posterior = posterior_of(2 * np.pi * AT_MEAN, factors, prior)
+    path = tmp_path / "run"
+    options = {"moves": ef.DEMCMove(), "steps": 150, "backend": path}
+    run, (doubt,) = doubts(posterior, **options)
+    kept = ef.to_inference_data(run, discard=100)
+    kept.to_netcdf(tmp_path / "run.nc")
+    again = az.from_netcdf(tmp_path / "run.nc")
+    for source in (ef.to_inference_data(path, posterior, 100), again):
+        fit = ef.diagnose(source).fit
+        assert fit.status == "doubtful" and "doubtful" in fit.short
+        assert "2 of 2 measured values" in fit.sentence
+        assert "+12." in fit.sentence and "rad/s instead of Hz" in fit.sentence
+        assert doubt[:-1] in fit.sentence
+        said = ef.identifiability(source).findings
+        assert any(text.startswith("k1 is +12.") for text in said)
+    alone = ef.diagnose(path).fit  # without the posterior
+    assert alone.status == "not checked" and doubt[:-1] in alone.sentence
+
+
+def test_what_was_doubted_of_an_annealing_is_in_its_statement():
+    prior = ef.IndependentPrior({k: stats.lognorm(0.3) for k in ("k1", "k2")})
+    posterior = posterior_of(2 * np.pi * AT_MEAN, factors, prior)
+    with pytest.warns(UserWarning, match="rad/s instead of Hz") as caught:
+        population = ef.anneal(posterior, 100, seed=1)
+    fit = ef.diagnose(ef.to_inference_data(population, posterior)).fit
+    assert fit.status == "doubtful" and str(caught[0].message)[:-1] in fit.sentence
+
+
+def test_a_parameter_that_moves_as_its_prior_allows_is_not_doubted():
+    prior = ef.IndependentPrior({k: stats.lognorm(0.3) for k in ("k1", "k2")})
+    run, said = doubts(posterior_of(1.5 * AT_MEAN, factors, prior), steps=200)  # 2.7 sd
+    assert said == [] and ef.diagnose(run).fit.status == "fits"
+
+
+def ignored(p):
+    """An old result, whatever the parameters are."""
+    return AT_MEAN
+
+
+ERRORS = {"known": {"relative_sd": 0.02}, "inferred": {"discrepancy": "error"}}
+
+
+@pytest.mark.parametrize("moves", [ef.DEMCMove(), "auto"])
+@pytest.mark.parametrize("errors", ERRORS)
+def test_a_model_that_ignores_its_parameters_is_doubted(errors, moves):
+    laws = {"k1": stats.norm(50, 9), "k2": stats.norm(10, 3)}
+    if errors == "inferred":  # the likelihood varies, then
+        laws["error"] = stats.gamma(4, scale=0.005)
+    posterior = posterior_of(
+        AT_MEAN, ignored, ef.IndependentPrior(laws), **ERRORS[errors]
+    )
+    run, (doubt,) = doubts(posterior, moves=moves)
+    assert doubt.startswith("model: the same response")
+    found = ef.diagnose(ef.to_inference_data(run)).fit
+    assert (
+        found.status == "doubtful" and "frequency: the same response" in found.sentence
+    )
+
+
+def test_annealing_and_emulating_doubt_a_model_that_ignores_its_parameters():
+    posterior = posterior_of(AT_MEAN, ignored)
+    with pytest.warns(UserWarning, match="^model: the same response") as caught:
+        ef.anneal(posterior, 40, seed=1)
+    assert [warning.filename for warning in caught] == [__file__]
+    with pytest.warns(UserWarning, match="^model: the same response") as caught:
+        assert ef.emulate(posterior, 8, seed=1).solves == 8
+    assert [warning.filename for warning in caught] == [__file__]
+
+
+def test_of_several_experiments_the_one_that_ignores_them_is_named():
+    term = ef.FrequencyTerm(AT_MEAN, relative_sd=0.02)
+    tests = {
+        name: (ef.FunctionModel(model, n_modes=2), term)
+        for name, model in {"empty": frequencies, "loaded": ignored}.items()
+    }
+    posterior = ef.LogPosterior.joint(tests, posterior_of().prior)
+    (doubt,) = doubts(posterior, moves=ef.DEMCMove())[1]
+    assert doubt.startswith("loaded.model: ")
+
+
+def test_a_density_in_a_term_is_no_model_that_ignores_its_parameters():
+    """As targets of benchmarks have it; and without a likelihood there is a prior."""
+
+    def density(parameters, response):
+        return stats.norm(50, 1).logpdf(parameters["k1"])
+
+    model = ef.FunctionModel(ignored, n_modes=2)
+    posterior = ef.LogPosterior(model, density, posterior_of().prior)
+    for moves in (ef.DEMCMove(), "auto"):
+        assert doubts(posterior, moves=moves)[1] == []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ef.anneal(posterior, 40, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("law", "named"),
+    [
+        ({"error": stats.halfnorm(0.02)}, "'error' .* 8[12].*%"),
+        ({"error": stats.lognorm(0.02)}, "'error' .* 100 %"),
+        ({"k1": stats.lognorm(0.2, 50)}, ""),  # sd .22: 0.4 %, which may be meant
+        ({"k1": stats.lognorm(0.2, 50e3)}, "'k1' .* 4e-06"),
+        ({"k1": stats.norm(-5e4, 0.2)}, "'k1' .* 4e-06"),
+        ({"k1": stats.norm(0, 0.2)}, ""),
+        ({"error": stats.halfnorm(scale=0.02)}, ""),
+    ],
+)
+def test_slips_in_a_prior_are_doubted(law, named):
+    laws = {"k1": stats.norm(50, 9), "k2": stats.norm(10, 3)} | law
+    error = {"discrepancy": "error"} if "error" in law else {}
+    model = ef.FunctionModel(lambda p: AT_MEAN * (1 + p["k1"] / 1e9), n_modes=2)
+    term = ef.FrequencyTerm(AT_MEAN, **(error or {"relative_sd": 0.02}))
+    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(laws))
+    said = doubt_prior(posterior)
+    assert len(said) == bool(named) and all(re.search(named, text) for text in said)
+    if named:
+        run, warned = doubts(posterior, moves=ef.DEMCMove(), steps=20)
+        assert said[0] in warned and said[0] in run.doubts
+
+
+def counted(asked):
+    def model(p):
+        asked.append((p["k1"], p["k2"]))
+        return frequencies(p)
+
+    return model
+
+
+def test_a_table_solves_once_and_not_again_after_a_resumed_run(tmp_path):
+    asked = []
+    options = {"moves": ef.DEMCMove(), "steps": 20, "backend": tmp_path / "run"}
+    run, _ = doubts(posterior_of(model=counted(asked)), **options)
+    ef.parameter_table(run)
+    ef.predictive_table(run)
+    spent = len(asked)
+    first = ef.frequency_table(run)
+    assert len(asked) == spent + 1  # at the posterior mean
+    assert str(ef.frequency_table(run)) == str(first) and len(asked) == spent + 1
+    assert asked.count((50, 10)) == 1
+    again, _ = doubts(posterior_of(model=counted(asked)), **options, resume=True)
+    spent = len(asked)
+    ef.parameter_table(again)
+    ef.predictive_table(again)
+    assert len(asked) == spent
+    assert str(ef.frequency_table(again)) == str(first) and len(asked) == spent + 1
+    posterior = posterior_of(model=counted(asked))  # of another process
+    idata = ef.to_inference_data(tmp_path / "run", posterior)
+    assert len(asked) == spent + 1
+    expected = ef.to_inference_data(run)["constant_data"]["initial_frequency"]
+    np.testing.assert_array_equal(idata["constant_data"]["initial_frequency"], expected)

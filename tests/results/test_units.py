@@ -2,6 +2,7 @@
 
 import arviz
 import pytest
+import xarray
 from matplotlib import pyplot as plt
 from support.chains import dataset
 
@@ -53,6 +54,16 @@ def test_a_derived_quantity_has_the_unit_that_it_was_given(idata):
     posterior["EI"] = (2 * posterior["k"]).assign_attrs(units="N m^2")
     table = ef.parameter_table(derived, var_names=["EI", "a"])
     assert table.column("unit") == ["N m^2", ""]
+
+
+def test_a_unit_that_xarray_handed_on_is_none(idata):
+    derived = idata.copy()
+    posterior = derived["posterior"]
+    with xarray.set_options(keep_attrs=True):
+        posterior["fall %"] = 100 * (1 - posterior["k"] / 9.0)
+    table = ef.parameter_table(derived, var_names=["fall %", "k"])
+    assert table.column("unit") == ["", "N/m"]
+    assert unit_of(derived, "fall %") == ""
 
 
 def test_units_outlive_what_is_made_of_a_posterior(idata):

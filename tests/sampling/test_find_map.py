@@ -517,3 +517,38 @@ def test_a_solve_that_raises_it_without_derivatives_is_an_error():
     prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])
     with pytest.raises(ValueError, match="coincide"):
         ef.find_map(ef.LogPosterior(model, term, prior), 2, seed=1)
+
+
+def storeys(digits=None):
+    """Return frequencies of two storeys, with all digits or as they are printed."""
+
+    def solve(p):
+        k1, k2 = 1e6 * p["k1"], 1e6 * p["k2"]
+        K = np.array([[k1 + k2, -k2], [-k2, k2]]) / 16.3e3
+        hertz = np.sqrt(np.linalg.eigvalsh(K)) / (2 * np.pi)
+        return (
+            hertz
+            if digits is None
+            else np.array([f"{f:.{digits}g}" for f in hertz], float)
+        )
+
+    return ef.FunctionModel(solve, n_modes=2)
+
+
+@pytest.mark.parametrize("digits", [5, 4])
+@pytest.mark.parametrize("gaussian", [True, False])
+def test_digits_that_a_solver_prints_make_no_maxima(digits, gaussian):
+    term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
+    terms = term if gaussian else lambda p, response: term(p, response)
+    prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 15)])
+    found, exact = (
+        ef.find_map(ef.LogPosterior(storeys(given), terms, prior), 8, seed=1)
+        for given in (digits, None)
+    )
+    (maximum,), (expected,) = found.maxima, exact.maxima
+    sd = np.sqrt(np.diag(expected.covariance))
+    np.testing.assert_allclose(np.sqrt(np.diag(maximum.covariance)), sd, rtol=0.05)
+    assert (np.abs(maximum.theta - expected.theta) < 0.1 * sd).all()
+    assert found.printed and not exact.printed
+    said = [text for text in found.findings if "digits" in text]
+    assert len(said) == 1 and not any("digits" in text for text in exact.findings)
