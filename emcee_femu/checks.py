@@ -124,7 +124,9 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
     """Return an object of a class, refusing others."""
     if not isinstance(value, kind):
         got = type(value).__name__
-        raise TypeError(f"{argument}: expected a {kind.__name__}, got {got}")
+        held = isinstance(getattr(value, argument, None), kind)  # as of an emulated one
+        cure = f"; it has one: pass its .{argument}" if held else ""
+        raise TypeError(f"{argument}: expected a {kind.__name__}, got {got}{cure}")
     return value
 
 

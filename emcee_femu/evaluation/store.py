@@ -13,7 +13,7 @@ import os
 import sqlite3
 import time
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -76,6 +76,10 @@ class Store:
         self.path = os.path.abspath(path)  # a solver may change the directory
         self._file: sqlite3.Connection | None = None
         self._time, self._closed = 0.0, False
+        if read_only and not os.path.exists(self.path):
+            raise ValueError(
+                f"there is no file {self.path}; give the name that run had as backend"
+            )
         try:
             with self._reading() if read_only else self._writing("the file") as file:
                 names = file.execute("SELECT name FROM sqlite_master").fetchall()
@@ -114,15 +118,22 @@ class Store:
 
     def lengths(self) -> dict[int, int]:
         """Return how many records each stream has."""
-        query = "SELECT stream, count(*) FROM record GROUP BY stream"
+        query = (
+            "SELECT stream, iif(count(*) = count(number), count(*), NULL) "
+            "FROM record GROUP BY stream"
+        )
         with self._reading() as file:
-            return dict(file.execute(query))
+            lengths = dict(file.execute(query))
+            _refuse_null([*lengths, *lengths.values()])
+        return lengths
 
     def spread(self, size: int) -> Iterator[tuple[Floats, Floats]]:
         """Yield stored points with their values, spread evenly over all of them."""
         query = "SELECT stream, number, points FROM record ORDER BY stream, number"
         with self._reading() as file:
-            records = np.array(file.execute(query).fetchall(), dtype=int).reshape(-1, 3)
+            rows = file.execute(query).fetchall()
+            _refuse_null([number for row in rows for number in row])
+        records = np.array(rows, dtype=int).reshape(-1, 3)
         ends, total = records[:, 2].cumsum(), int(records[:, 2].sum())
         for place in np.linspace(0, total - 1, min(size, total)).astype(int):
             at = int(np.searchsorted(ends, place, "right"))
@@ -237,6 +248,11 @@ class Store:
 
 def _insert(file: sqlite3.Connection, statement: str, *values: object) -> None:
     file.execute(statement, (*values, _checksum(values)))
+
+
+def _refuse_null(values: Collection[object]) -> None:
+    if None in values:
+        raise sqlite3.DatabaseError("a number is missing")
 
 
 def _checksum(values: Sequence[object]) -> int:

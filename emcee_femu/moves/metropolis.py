@@ -43,21 +43,21 @@ class MetropolisMove(ProposingMove):
     """
 
     def __init__(
-        self, *, sd: ArrayLike | None = None, cov: ArrayLike | None = None
+        self, sd: ArrayLike | None = None, *, cov: ArrayLike | None = None
     ) -> None:
         if (sd is None) == (cov is None):
             raise TypeError(
                 "sd, cov: expected one of the two, standard deviations or covariance "
                 f"of the steps, got {'neither' if sd is None else 'both'}"
             )
+        if np.ndim(sd) > 1:  # type: ignore[arg-type]
+            raise ValueError(
+                "sd: expected a number or (ndim,) standard deviations, got shape "
+                f"{np.shape(sd)}; a covariance is given as cov="  # type: ignore[arg-type]
+            )
         self.sd = None if sd is None else checks.positive_array("sd", sd)
         self.cov = None if cov is None else checks.real_array("cov", cov)
         if self.sd is not None:
-            if self.sd.ndim > 1:
-                raise ValueError(
-                    "sd: expected a number or (ndim,) standard deviations, got shape "
-                    f"{self.sd.shape}; a covariance is given as cov="
-                )
             self._factor = self.sd
         elif self.cov is not None and self.cov.ndim < 2:
             self._factor = np.sqrt(checks.positive_array("cov", self.cov))

@@ -31,6 +31,7 @@ def weigh_moves(moves: object, argument: str = "moves") -> list[tuple[Move, floa
             raise TypeError(
                 f"{argument}: expected an emcee move, a list of moves or of (move, "
                 f"weight), or 'auto', got {move!r}"
+                + (f"; write {move.__name__}()" if isinstance(move, type) else "")
             )
     if not sum(weight for _, weight in weighted) > 0:
         raise ValueError(f"{argument}: expected a weight above zero, got {moves!r}")

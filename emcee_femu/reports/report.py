@@ -92,8 +92,8 @@ def report(
     Raises:
         TypeError: If source holds no samples, path or title is no text, or posterior
             is not a LogPosterior.
-        ValueError: If there are too few samples to judge, or posterior has other
-            parameters.
+        ValueError: If path does not end in .html, there are too few samples to judge,
+            or posterior has other parameters.
         ImportError: If Jinja2, of the extra ``report``, is not installed.
 
     Examples:
@@ -112,6 +112,11 @@ def report(
             'a report needs Jinja2: pip install "emcee_femu[report]"'
         ) from None
     path = Path(checks.file_name("path", path))
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise ValueError(
+            f"path: expected the name of an HTML file, such as {path.stem}.html, got "
+            f"{path.name!r}; a browser prints it to PDF"
+        )
     checks.text("title", title)
     name = "run" if isinstance(source, Run) else "samples"
     pooled = source if isinstance(source, PooledTests) else None

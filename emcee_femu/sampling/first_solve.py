@@ -198,7 +198,7 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
     turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"
     unit = f" {unit}".rstrip()
     return (
-        f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}, "
-        f"{times:.3g} times {'more' if less else 'less'}: "
-        f"{'rad/s instead of Hz' if turn else 'units'}?"
+        f"model {predicted[0, 0]:.3g}{unit}, measured {measured[0]:.3g}{unit}: the "
+        f"model is {times:.3g} times too {'low' if less else 'high'}; "
+        + ("was rad/s given for Hz?" if turn else "do the units agree?")
     )

@@ -210,11 +210,12 @@ def run(
         >>> [sampler.get_chain().shape for sampler in run]
         [(100, 20, 5), (100, 20, 5)]
     """
-    if not isinstance(posterior, LogPosterior):
+    if callable(posterior) and not isinstance(posterior, LogPosterior):
         raise TypeError(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
             "a bare log-probability function use emcee.EnsembleSampler"
         )
+    checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else weigh_moves(moves)
     nwalkers = check_walkers(nwalkers, weighted, posterior)
     ensembles = checks.whole_number("ensembles", ensembles, 1)

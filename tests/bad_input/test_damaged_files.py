@@ -1,7 +1,9 @@
 """Damaged files are refused by their name, or read in full."""
 
 import csv
+import sqlite3
 from collections import Counter
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -69,3 +71,21 @@ def test_a_universal_file_that_ends_anywhere_is_refused_or_read(tmp_path, tail):
     path = write_modes(tmp_path / "modes")
     for _, found in cut(path, path.read_text(), 43, tail, ef.Measurements.from_uff):
         np.testing.assert_array_equal(found.frequencies, F[: found.n_modes])
+
+
+def test_a_file_that_is_not_there_is_no_damaged_one(tmp_path):
+    path = tmp_path / "run.sqlite"
+    with pytest.raises(ValueError, match="no file .*run.sqlite") as caught:
+        ef.diagnose(str(path))
+    assert "damaged" not in str(caught.value) and not path.exists()
+
+
+@pytest.mark.parametrize("column", ["stream", "number", "points", "content"])
+def test_a_missing_number_in_the_file_of_a_run_is_damage(tmp_path, column):
+    path = str(tmp_path / "run.sqlite")
+    posterior = ef.paper.mass_spring().posterior
+    ef.run(posterior, ef.DEMCMove(), steps=9, ensembles=1, seed=1, backend=path)
+    with closing(sqlite3.connect(path)) as file, file:
+        file.execute(f"UPDATE record SET {column} = NULL WHERE number = 3")
+    with pytest.raises(ValueError, match="run.sqlite .*damaged"):
+        ef.diagnose(path)

@@ -71,10 +71,10 @@ def test_a_good_run_has_three_good_statements(good):
 @pytest.mark.parametrize(
     ("measured", "scale", "times", "cause"),
     [
-        (2 * np.pi * HERTZ, 1e6, "5.91", "rad/s instead of Hz?"),
-        (HERTZ, 1.0, "941", "units?"),
-        (HERTZ * 1e3, 1e6, "941", "units?"),
-        (HERTZ / 1e3, 1e6, "1.06e+03", "units?"),
+        (2 * np.pi * HERTZ, 1e6, "5.91", "rad/s"),
+        (HERTZ, 1.0, "941", "units"),
+        (HERTZ * 1e3, 1e6, "941", "units"),
+        (HERTZ / 1e3, 1e6, "1.06e+03", "units"),
     ],
     ids=["rad/s for Hz", "N/m for MN/m", "mHz for Hz", "kHz for Hz"],
 )
@@ -84,20 +84,19 @@ def test_other_units_are_doubted_before_sampling_and_by_the_fit(
     """Fault 3: the chains converge, and nothing else tells."""
     posterior = posterior_of(measured, lambda p: frequencies(p, scale))
     run, (doubt,) = doubts(posterior)
-    words = (
-        f"{measured[0]:.3g} Hz, {times} times {'less' if '1.06' in times else 'more'}"
-    )
+    side = "high" if "1.06" in times else "low"
+    words = f"{measured[0]:.3g} Hz", f"{times} times too {side}", cause
     assert doubt.startswith("frequency at the prior mean: model ")
-    assert words in doubt and doubt.endswith(cause)
+    assert all(word in doubt for word in words)
     fit = ef.diagnose(run).fit
     assert fit.status == "does not fit" and fit.short == "2 of 2 outside"
-    assert words in fit.sentence and fit.sentence.endswith(cause)
+    assert all(word in fit.sentence for word in words)
 
 
 def test_units_are_doubted_where_one_frequency_is_near():
     """A constant part of K, whose mode other units of the parameters leave alone."""
     (doubt,) = doubts(posterior_of(HERTZ / [2.0, 60.0]), moves=ef.DEMCMove())[1]
-    assert "11.6 times less" in doubt and doubt.endswith("units?")
+    assert "11.6 times too high" in doubt and "units" in doubt
 
 
 def test_predictions_off_by_more_than_a_factor_of_two_are_no_discrepancy():
@@ -181,7 +180,7 @@ def test_modes_that_are_paired_may_cross():
 
 def test_draws_that_cannot_be_solved_say_nothing_of_units():
     predicted = np.array([[30.0, 50.0], [np.nan, np.nan], [40.0, 45.0]])
-    assert doubt_units(predicted, np.array([1.0, 2.0]), "Hz").endswith("units?")
+    assert "27.4 times" in doubt_units(predicted, np.array([1.0, 2.0]), "Hz")
 
 
 def test_a_prior_mean_out_of_its_bounds_is_doubted():
@@ -351,7 +350,7 @@ def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
         fit = ef.diagnose(source).fit
         assert fit.status == "doubtful" and "doubtful" in fit.short
         assert "2 of 2 measured values" in fit.sentence
-        assert "+12." in fit.sentence and "rad/s instead of Hz" in fit.sentence
+        assert "+12." in fit.sentence and "rad/s" in fit.sentence
         assert doubt[:-1] in fit.sentence
         said = ef.identifiability(source).findings
         assert any(text.startswith("k1 is +12.") for text in said)
@@ -362,7 +361,7 @@ def test_parameters_that_follow_other_units_leave_the_fit_in_doubt(tmp_path):
 def test_what_was_doubted_of_an_annealing_is_in_its_statement():
     prior = ef.IndependentPrior({k: stats.lognorm(0.3) for k in ("k1", "k2")})
     posterior = posterior_of(2 * np.pi * AT_MEAN, factors, prior)
-    with pytest.warns(UserWarning, match="rad/s instead of Hz") as caught:
+    with pytest.warns(UserWarning, match="rad/s") as caught:
         population = ef.anneal(posterior, 100, seed=1)
     fit = ef.diagnose(ef.to_inference_data(population, posterior)).fit
     assert fit.status == "doubtful" and str(caught[0].message)[:-1] in fit.sentence
