@@ -161,8 +161,11 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # ## Fit: the right posterior of a wrong model
 #
 # `diagnosis.fit` compares the measurement with new measurements drawn from the
-# posterior, as {py:func}`~emcee_femu.predictive_table` does. Its status is "fits", "at
-# a bound" (a parameter is pressed against one), "does not fit", or "not checked" if
+# posterior, as {py:func}`~emcee_femu.predictive_table` does. Its status is "fits",
+# "doubtful" (all is inside, but a parameter is more than four prior standard deviations
+# from its prior mean, as with frequencies in rad/s; the response is the same at all
+# samples; or there was a warning before the run), "at a bound" (a parameter is pressed
+# against one), "does not fit", or "not checked" if
 # data or posterior are unknown, as for plain samplers. One value of five outside 95 %
 # is no alarm; two are, and so is one at four standard deviations. An inferred error
 # more than two prior standard deviations above its prior mean does not fit either. Here

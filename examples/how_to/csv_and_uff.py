@@ -57,7 +57,7 @@ read
 # | `sd [Hz]` | one | their standard deviations |
 # | `covariance [Hz2]` | one per mode | in place of `sd [Hz]` |
 # | `shape`, `shape sd` | one per sensor | shapes and their standard deviations |
-# | `damping ratio`, `damping sd` | one | numbers, not percent |
+# | `damping ratio`, `damping sd` | one | numbers, not percent; blank where not known |
 # | `phase collinearity` | one | of shapes that were complex |
 #
 # `sensor` is any name, `dof` the model's number or label. Both stay empty in rows other
