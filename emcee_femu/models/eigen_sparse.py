@@ -214,7 +214,7 @@ def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> 
     check_elastic(values[None], rounding, skip, lambda _: at)
     if len(values) < count:
         raise ValueError(
-            f"n_modes: expected skip + n_modes <= {len(values)} (the DOFs with mass), "
+            f"n_modes: expected skip + n_modes <= {len(values)} (the rank of the mass), "
             f"got {count}"
         )
     return values, vectors
@@ -317,7 +317,7 @@ class _KrylovSpace:
             X = X - self.Q @ (self.MQ.T @ X)
             MX = self.M @ X
             gram = X.T @ MX
-            size = np.sqrt(gram.diagonal())
+            size = np.sqrt(np.maximum(gram.diagonal(), 0.0))
             long = size > least
             size = size[long]
             scaled = gram[np.ix_(long, long)] / np.outer(size, size)

@@ -1,0 +1,199 @@
+"""Sparse solves of structures with equal modes: none is missing, by dense LAPACK."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.linalg import eigh
+from support.beams import assemble, bending, inertia
+
+from emcee_femu import MatrixModel
+from emcee_femu.models.eigen_sparse import lowest_modes
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+
+
+def planes(n, lumped=False, copies=2):
+    """Return a pole of n elements, with the same stiffness in each plane."""
+    halves = np.array_split(np.arange(n), 2)
+    one = [assemble(bending(1 / n), n, half)[2:, 2:] for half in halves]
+    M = assemble(inertia(1 / n, lumped), n)[2:, 2:]
+    return [np.kron(np.eye(copies), A) for A in (*one, M)], 0
+
+
+def mast(n):
+    """Return a square lattice mast of n bays: its legs, its bracing, its mass."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    points = [(*at, z) for z in range(n + 1) for at in square]
+    legs, rest = [], []
+    for low in range(0, 4 * n, 4):
+        for i in range(4):
+            a, up, beside = low + i, low + 4 + i, low + 4 + (i + 1) % 4
+            legs.append((a, up))
+            rest += [(a, beside), (low + (i + 1) % 4, up), (up, beside)]
+        rest += [(low + 4, low + 6), (low + 5, low + 7)]
+    K = [np.zeros((12 * n + 12, 12 * n + 12)) for _ in "ab"]
+    for total, bars in zip(K, (legs, rest), strict=True):
+        for bar in bars:
+            first, second = np.array(points, dtype=float)[list(bar)]
+            along = (second - first) / np.linalg.norm(second - first)
+            at = np.ravel([[3 * i, 3 * i + 1, 3 * i + 2] for i in bar])
+            pull = np.r_[along, -along]
+            length = np.linalg.norm(second - first)
+            total[np.ix_(at, at)] += np.outer(pull, pull) / length
+    return [A[12:, 12:] for A in (*K, np.eye(12 * n + 12))], 0
+
+
+def ring(n):
+    """Return a free ring, which stretches and bends."""
+    K = 2 * np.eye(n) - np.roll(np.eye(n), 1, axis=0) - np.roll(np.eye(n), -1, axis=0)
+    return [K, 9 * K @ K, np.eye(n)], 1
+
+
+def plate(n):
+    """Return a square membrane with bending stiffness, held at its edges."""
+    line = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    K = np.kron(line, np.eye(n)) + np.kron(np.eye(n), line)
+    return [K, K @ K, np.eye(n * n)], 0
+
+
+def cube(n, free):
+    """Return a cube of n^3 bricks, with the stiffness by its two Lame constants."""
+    lame = np.zeros((2, 6, 6))
+    lame[0, :3, :3] = 1.0
+    lame[1] = np.diag([2.0, 2, 2, 1, 1, 1])
+    bricks = np.zeros((2, 24, 24))
+    for point in CORNERS / np.sqrt(3):  # of Gauss
+        f = 1 + CORNERS * point
+        slopes = CORNERS * f[:, [1, 0, 0]] * f[:, [2, 2, 1]] / 4
+        B = np.zeros((6, 24))
+        for row, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]):
+            B[row, i::3] = slopes[:, j]
+            B[row, j::3] = slopes[:, i]
+        bricks += B.T @ lame @ B
+    node = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)
+    K, m = np.zeros((2, 3 * node.size, 3 * node.size)), np.zeros(3 * node.size)
+    for origin in np.ndindex(n, n, n):
+        nodes = node[tuple((np.array(origin) + (CORNERS + 1) // 2).T)]
+        at = (3 * nodes[:, None] + np.arange(3)).ravel()
+        K[:, at[:, None], at] += bricks
+        m[at] += 1.0
+    kept = node if free else node[1:-1, 1:-1, 1:-1]
+    at = (3 * kept.reshape(-1, 1) + np.arange(3)).ravel()
+    return [*K[:, at[:, None], at], np.diag(m[at])], 6 if free else 0
+
+
+def middles(n):
+    """Return two chains alike whose mass, of reduced integration, is singular."""
+    line = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    B = np.eye(n - 1, n) + np.eye(n - 1, n, k=1)
+    return [np.kron(np.eye(2), A) for A in (line, line @ line, B.T @ B)], 0
+
+
+def near(gap):
+    """Return triples with relative gaps, in units that are mixed by reflections."""
+    values = np.ravel(np.outer(np.arange(1, 41) ** 2.0, [1, 1 + gap, 1 - gap]))
+    v = np.sqrt(np.arange(120.0) % 7 + 1)
+    mirror = np.eye(120) - 2 * np.outer(v, v) / (v @ v)
+    K = (mirror * values) @ mirror
+    return [K, np.zeros((120, 120)), np.eye(120)], 0
+
+
+def alike(n):
+    """Return a pencil whose modes are all equal, but five."""
+    m = np.random.default_rng(4).uniform(0.5, 2.0, n)
+    K = m * np.where(np.arange(n) < 5, 0.5, 1.0)
+    return [np.diag(K), np.diag(m * (np.arange(n) < 3)), np.diag(m)], 0
+
+
+STRUCTURES = {
+    "pole": planes(30),
+    "pole, massless rotations": planes(50, lumped=True),
+    "three planes": planes(20, copies=3),
+    "mast": mast(12),
+    "ring": ring(150),
+    "plate": plate(13),
+    "cube, clamped": cube(5, free=False),
+    "cube, free": cube(3, free=True),
+    "singular mass": middles(70),
+    "gaps of 1e-4": near(1e-4),
+    "gaps of 1e-8": near(1e-8),
+    "gaps of 1e-12": near(1e-12),
+    "all alike": alike(90),
+}
+
+
+def wrong(name, n_modes, draws, seed):
+    """Return at how many of the draws an eigenvalue differs from LAPACK's."""
+    (K1, K2, M), skip = STRUCTURES[name]
+    K = {"a": sparse.csc_array(K1), "b": sparse.csc_array(K2)}
+    nothing = sparse.csc_array(M.shape)
+    model = MatrixModel(
+        nothing, sparse.csc_array(M), K, n_modes=n_modes, skip=skip, shapes=True
+    )
+    rng = np.random.default_rng(seed)
+    at = {"a": rng.uniform(0.5, 2.0, draws), "b": rng.uniform(0.05, 2.0, draws)}
+    frequencies, shapes = model(at)
+    squares, failed = (2 * np.pi * frequencies) ** 2, 0
+    modes = slice(skip, skip + n_modes)
+    for i in range(draws):
+        shift = squares[i, 0] if skip else 0.0
+        A = at["a"][i] * K1 + at["b"][i] * K2 + shift * M
+        # The inverse has the lowest modes to more digits.
+        inverse = eigh(M, A, eigvals_only=True)[::-1]
+        right = np.allclose(squares[i], 1 / inverse[modes] - shift, rtol=1e-7, atol=0)
+        phi = shapes[i]
+        right &= np.allclose(phi.T @ M @ phi, np.eye(n_modes), atol=1e-8)
+        left = np.linalg.solve(A, M @ phi) * (squares[i] + shift) - phi
+        right &= bool((np.abs(left.T @ M @ left) < 1e-8**2).all())
+        failed += not right
+    return failed
+
+
+@pytest.mark.parametrize("n_modes", [5, 8])  # one of them ends amid equal modes
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_the_lowest_modes_are_all_found(name, n_modes):
+    assert wrong(name, n_modes, 8, seed=1) == 0
+
+
+@pytest.mark.slow  # 13,000 solves, each beside LAPACK: minutes
+@pytest.mark.parametrize("n_modes", [4, 6, 7, 9, 20])
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_the_lowest_modes_are_all_found_everywhere(name, n_modes):
+    assert wrong(name, n_modes, 200, seed=2) == 0
+
+
+def test_a_scaled_stiffness_scales_all_frequencies():
+    """Pairs, one of which is the last wanted; the frequencies are k^1/2 times some."""
+    i = 2 * np.arange(1, 41) - 1.0
+    pairs = np.repeat((i + 0.19 * (i == 1)) ** 4, 2)
+    squares = np.sort(np.r_[pairs, 124 * i[:20] ** 2, 320 * i[:20] ** 2])
+    K = sparse.csc_array(sparse.diags_array(squares))
+    unit = sparse.csc_array(sparse.eye_array(len(squares)))
+    model = MatrixModel(0 * K, unit, {"k": K}, n_modes=8)
+    k = np.geomspace(0.1, 10.0, 60)
+    expected = np.sqrt(np.outer(k, squares[:8])) / (2 * np.pi)
+    np.testing.assert_allclose(model({"k": k}).frequencies, expected, rtol=1e-9)
+    with pytest.raises(ValueError, match="n_modes: .* <= 25 "):
+        few = np.kron(np.eye(25), np.ones((3, 3)))
+        MatrixModel(0 * K[:75, :75], few, {"k": K[:75, :75]}, n_modes=26)({"k": k})
+
+
+@pytest.mark.parametrize("gap", [0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4])
+@pytest.mark.parametrize("copies", [2, 3, 4, 6, 11])
+def test_modes_that_nearly_coincide_are_all_found(copies, gap):
+    rng = np.random.default_rng(copies)
+    squares = np.arange(1.0, 101.0) ** 2
+    squares[4 : 4 + copies] = squares[4] * (1 + gap * np.arange(copies))
+    axes = np.linalg.qr(rng.normal(size=(100, 100)))[0]
+    K, M = sparse.csc_array(axes * squares @ axes.T), sparse.csc_array(np.eye(100))
+    for count in (5, 4 + copies - 1, 4 + copies, 5 + copies):
+        found = lowest_modes(K, M, count, 0, "here")[0]
+        np.testing.assert_allclose(found, np.sort(squares)[:count], rtol=1e-9)
+
+
+def test_many_equal_modes_of_few_masses_are_all_found():
+    M = sparse.csc_array(np.diag(np.r_[np.ones(9), np.zeros(30)]))
+    K = sparse.csc_array(4.0 * np.eye(39))
+    values, vectors = lowest_modes(K, M, 9, 0, "here")
+    np.testing.assert_allclose(values, 4.0)
+    np.testing.assert_allclose(vectors.T @ (M @ vectors), np.eye(9), atol=1e-12)
