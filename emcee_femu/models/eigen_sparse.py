@@ -214,8 +214,8 @@ def lowest_modes(K: csc_array, M: csc_array, count: int, skip: int, at: str) -> 
     check_elastic(values[None], rounding, skip, lambda _: at)
     if len(values) < count:
         raise ValueError(
-            f"n_modes: expected skip + n_modes <= {len(values)} (the rank of the mass), "
-            f"got {count}"
+            f"n_modes: expected skip + n_modes <= {len(values)} (the rank of the mass "
+            f"matrix), got {count}"
         )
     return values, vectors
 
