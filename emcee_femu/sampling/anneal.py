@@ -254,8 +254,10 @@ def anneal_population(
     evaluate = alone = partial(coordinates.rows, evaluator)
     if begin is None:
         theta, rows, share, draws = _draw(evaluate, coordinates, rng, size)
-        # In a search, or of an emulator, there was a look before.
-        for doubt in doubt_reach(evaluator.posterior, rows) if thorough else ():
+        # In a search, or of an emulator, there was a look before. Where draws are
+        # impossible the likelihood does vary.
+        look = thorough and share == 1
+        for doubt in doubt_reach(evaluator.posterior, rows) if look else ():
             warnings.warn(doubt, stacklevel=3)
     else:
         evaluate = partial(coordinates.compare, evaluator, begin[0])

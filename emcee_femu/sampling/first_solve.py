@@ -110,7 +110,9 @@ def doubt_reach(posterior: LogPosterior, rows: Floats) -> list[str]:
         posterior: The posterior.
         rows: Its rows at several points.
     """
-    solved, doubts = rows[np.isfinite(rows[:, 0])], []
+    # A term may reject what could be solved.
+    response = rows[:, posterior.columns["densities"].stop :]
+    solved, doubts = rows[np.isfinite(response).all(axis=1)], []
     likelihoods = iter(solved.T[2:])
     for experiment in posterior.experiments:
         read = [
@@ -136,7 +138,7 @@ def same_response(label: str, number: int) -> str:
 
 def is_constant(values: Floats) -> bool:
     """Return whether all rows of ``values (n, m)`` are the same, but for rounding."""
-    return bool((np.ptp(values, axis=0) <= ALIKE * np.abs(values).max(axis=0)).all())
+    return bool(np.isclose(values, values[:1], ALIKE, 0.0).all())
 
 
 def doubt(

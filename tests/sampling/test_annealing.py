@@ -61,6 +61,7 @@ def test_two_modes_keep_their_shares():
     assert abs(np.mean([p.log_evidence for p in annealed]) + 2 * np.log(20)) < 0.2
 
 
+@pytest.mark.filterwarnings("ignore:model. the same response")
 def test_a_likelihood_that_says_nothing_takes_one_step():
     posterior = in_a_box(lambda theta: np.full(len(theta), -3.5), 2, 1.0)
     annealed = ef.anneal(posterior, 100, seed=1)
