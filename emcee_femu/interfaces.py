@@ -330,7 +330,7 @@ class Evaluator(Protocol):
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``."""
 
-    def stack(self, kind: Any, theta: Floats) -> Floats:
+    def stack(self, theta: Floats, kind: Any) -> Floats:
         """Return "rows", "deviations" and more of ``theta (n, d)`` side by side."""
 
     def gradient(self, theta: Floats) -> tuple[Floats, Floats]:

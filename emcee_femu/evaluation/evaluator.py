@@ -102,19 +102,19 @@ class Evaluation:
         """What is evaluated."""
         return self.solver.posterior
 
-    def stack(self, kind: Kind, theta: Floats) -> Floats:
+    def stack(self, theta: Floats, kind: Kind) -> Floats:
         """Return what is asked for of ``theta (n, d)``, side by side in one array."""
         if kind in DERIVED:
             return self._linearize(theta, kind)
-        return self._count(self._results(kind, theta))
+        return self._count(self._results(theta, kind))
 
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``."""
-        return self.stack("rows", theta)
+        return self.stack(theta, "rows")
 
     def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return rows and gradients of ``theta (n, d)``."""
-        rows, gradient, _ = unstack(self.posterior, self.stack("gradient", theta))
+        rows, gradient, _ = unstack(self.posterior, self.stack(theta, "gradient"))
         return rows, gradient
 
     def linearize(self, theta: Floats) -> Linearization:
@@ -123,7 +123,7 @@ class Evaluation:
         By the models' derivatives, and by differences where there are none or they
         fail.
         """
-        return unstack(self.posterior, self.stack("linearization", theta))
+        return unstack(self.posterior, self.stack(theta, "linearization"))
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
@@ -137,7 +137,7 @@ class Evaluation:
 
     def again(self, theta: Floats) -> Floats:
         """Return rows for a comparison: neither solves nor failures are counted."""
-        return self._fill(self._results("rows", theta))
+        return self._fill(self._results(theta, "rows"))
 
     @property
     def differentiable(self) -> bool:
@@ -167,7 +167,7 @@ class Evaluation:
         if self.failures is not None:
             self.failures.restore(counts[1:])
 
-    def _results(self, kind: Kind, theta: Floats) -> Sequence[Result]:
+    def _results(self, theta: Floats, kind: Kind) -> Sequence[Result]:
         """Return what is asked for at each point, or why a solve failed."""
         if self.pool is not None:
             requests: list[Request] = [(kind, point) for point in theta]
@@ -216,7 +216,7 @@ class Evaluation:
         stacked[:, :width] = self.posterior.rejected()
         failed = self.posterior.support(theta)[1]
         if self.posterior.differentiable:
-            results = self._results(kind, theta)
+            results = self._results(theta, kind)
             failed = np.array([isinstance(result, Failure) for result in results])
             solved = self._count([r for r in results if not isinstance(r, Failure)])
             stacked[~failed, : solved.shape[1]] = solved
@@ -228,7 +228,7 @@ class Evaluation:
             stacked[failed] = difference(
                 self.posterior,
                 theta[failed],
-                lambda points: self.stack("deviations", points),
+                lambda points: self.stack(points, "deviations"),
                 information,
                 searching=True,
             )

@@ -361,7 +361,7 @@ class StoredEvaluation:
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``, part by part."""
         parts = [theta[i : i + MOST] for i in range(0, len(theta), MOST)] or [theta]
-        return np.concatenate([self.stack("rows", part) for part in parts])
+        return np.concatenate([self.stack(part, "rows") for part in parts])
 
     @property
     def failed(self) -> int:
@@ -379,7 +379,7 @@ class StoredEvaluation:
 
     def linearize(self, theta: Floats) -> Linearization:
         """Return rows, gradients and information."""
-        return unstack(self.posterior, self.stack("linearization", theta))
+        return unstack(self.posterior, self.stack(theta, "linearization"))
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point, in the order in which they came."""
@@ -396,11 +396,11 @@ class StoredEvaluation:
             self._append(Record("rows", theta[place : place + 1], row[None], ()))
             yield place, row
 
-    def stack(self, kind: Kind, theta: Floats) -> Floats:
+    def stack(self, theta: Floats, kind: Kind) -> Floats:
         """Return what is asked for of ``theta (n, d)``, side by side in one array."""
         record = self._next()
         if record is None:
-            values = self.evaluation.stack(kind, theta)
+            values = self.evaluation.stack(theta, kind)
             self._append(Record(kind, theta, values, ()))
             return values
         if record.kind != kind or not np.array_equal(record.theta, theta):

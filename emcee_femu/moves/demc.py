@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 from numpy.random import RandomState
@@ -126,8 +125,7 @@ class DEMCMove(ProposingMove):
         for split in range(self.nsplits):
             start, end = end, end + size + (split < larger)
             guides = [coords.take(ring[end : start + nwalkers], axis=0)]
-            propose = partial(self.get_proposal, c=guides, random=random)
-            yield order[start:end], propose
+            yield order[start:end], self._guided(guides, random)
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
         """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).

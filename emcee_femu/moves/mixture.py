@@ -19,6 +19,7 @@ ITERATIONS, TOLERANCE = 300, 1e-5
 PER_PARAMETER = 10  # draws that a component needs
 COVER = 0.1  # weight of the component that covers gaps between the others
 RIDGE = 1e-6  # of the variance of all draws
+ROUNDED = 1e-9  # of the sum of weights: rounding, of up to a million components
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +31,28 @@ class Mixture:
     The covariance of a component is ``S df / (df - 2)``.
 
     Attributes:
-        weights: ``(k,)``, above zero, which sum to one.
+        weights: ``(k,)``, not below zero, which sum to one.
         means: Centres, ``(k, d)``.
         matrices: Scale matrices S, ``(k, d, d)``, positive definite.
         df: Degrees of freedom of all components.
+
+    Raises:
+        ValueError: If the weights sum to something else: draws and density would not
+            be of the same law.
     """
 
     weights: Floats
     means: Floats
     matrices: Floats
     df: float = 8.0
+
+    def __post_init__(self) -> None:
+        """Check the weights."""
+        if abs(self.weights.sum() - 1) > ROUNDED:
+            raise ValueError(
+                f"weights: expected a sum of one, got {self.weights.sum()}; divide "
+                "them by their sum"
+            )
 
     @cached_property
     def factors(self) -> Floats:
@@ -56,7 +69,9 @@ class Mixture:
         """The log of each component's share of the density at its centre, ``(k,)``."""
         d, df = self.means.shape[1], self.df
         diagonals = np.diagonal(self.factors, axis1=1, axis2=2)
-        heights: Floats = np.log(self.weights) - np.log(diagonals).sum(axis=1)
+        with np.errstate(divide="ignore"):  # a component may have no weight
+            heights: Floats = np.log(self.weights)
+        heights -= np.log(diagonals).sum(axis=1)
         heights += gammaln((df + d) / 2) - gammaln(df / 2)
         heights -= 0.5 * d * np.log(df * np.pi)
         return heights

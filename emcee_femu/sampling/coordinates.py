@@ -137,7 +137,7 @@ class Coordinates:
         if self.logs.any() and not posterior.differentiable:
 
             def look(x: Floats) -> Floats:
-                return self.lift(evaluator.stack("deviations", self.inside(x)), x)
+                return self.lift(evaluator.stack(self.inside(x), "deviations"), x)
 
             law = self, self.scale
             stacked = difference(posterior, x, look, True, True, law)

@@ -167,7 +167,7 @@ def learn_surface(
     degree = max(k for k in DEGREES if comb(d + k, k) <= MOST_TERMS)
 
     def solve(theta: Floats) -> Floats:
-        stacked = evaluator.stack("deviations", theta)
+        stacked = evaluator.stack(theta, "deviations")
         return np.hstack([stacked[:, :2], stacked[:, width:]])
 
     theta = mixture.draw(rng, PER_TERM * comb(d + degree, degree))

@@ -1,5 +1,7 @@
 """Mixtures of Student-t distributions: density, draws, and fits, also to weights."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -58,6 +60,23 @@ def test_draws_are_those_of_the_mixture(d, random):
     for direction in (*np.eye(d), np.ones(d), (-1.0) ** np.arange(d)):
         test = stats.ks_2samp(x @ direction, reference @ direction)
         assert test.pvalue > 1e-4
+
+
+def test_a_component_without_weight_changes_nothing():
+    alone = mixture([1.0], MEANS[:1], MATRICES[:1])
+    both = replace(alone, weights=np.array([1.0, 0]), means=MEANS, matrices=MATRICES)
+    x = np.random.default_rng(1).normal(size=(50, 3))
+    assert_allclose(both.log_density(x), alone.log_density(x), rtol=1e-12)
+    drawn = both.draw(np.random.default_rng(2), 2_000)
+    squares = alone.squared_distances(drawn)[:, 0] / 3
+    assert stats.kstest(squares, stats.f(3, 8).cdf).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("weights", [[0.3, 0.6], [0.5, 0.6]])
+def test_weights_with_another_sum_are_refused(weights):
+    whole = mixture(WEIGHTS, MEANS, MATRICES)
+    with pytest.raises(ValueError, match="weights: .*sum"):
+        replace(whole, weights=np.array(weights))
 
 
 # Weighted draws.

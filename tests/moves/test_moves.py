@@ -66,6 +66,27 @@ def test_blobs_and_counts_stay_with_their_walkers(moves, dtype):
     assert 0.05 < sampler.acceptance_fraction.mean() < 0.95
 
 
+class Renamed(DEMCMove):
+    """Names the arguments of emcee's contract in its own way."""
+
+    def get_proposal(self, sample, complement, rng):
+        return super().get_proposal(sample, complement, rng)
+
+
+class Walk(MetropolisMove):
+    def get_proposal(self, sample, complement, rng):
+        return super().get_proposal(sample, complement, rng)
+
+
+@pytest.mark.parametrize(
+    ("move", "other"),
+    [(DEMCMove(), Renamed()), (MetropolisMove(sd=0.5), Walk(sd=0.5))],
+)
+def test_a_move_may_name_the_arguments_of_emcees_contract_as_it_likes(move, other):
+    expected = chain(log_prob, move).get_chain()
+    assert np.array_equal(expected, chain(log_prob, other).get_chain())
+
+
 @pytest.mark.parametrize("moves", MOVES)
 def test_an_hdf_backend_resumes_to_the_bit(moves, tmp_path):
     move, name = MOVES[moves], str(tmp_path / "chain.h5")

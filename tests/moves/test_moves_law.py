@@ -32,6 +32,12 @@ def badly_fitted(components):
     return make
 
 
+def unequal(target):
+    """Return a mixture whose weights sum to five; it must not propose by these."""
+    means = target.sample(np.random.default_rng(1), (2,))
+    return IndependenceMove([4.0, 1.0], means, [np.diag(target.scale**2)] * 2)
+
+
 def walk(target):
     """Return a walk by a narrow and a wide component, beside each other."""
     draws = target.sample(np.random.default_rng(1), (2_000,))
@@ -54,6 +60,7 @@ CASES = [  # move, or what makes it for a target; walkers; dimension; scale
         for make in (metropolis, correlated, badly_fitted(1), badly_fitted(3), walk)
         for n, scale in ((1, UNIT), (6, FAR))
     ],
+    (unequal, 6, 3, UNIT),
     (walk, 99, 3, UNIT),  # a wrong factor has a small bias
     # In one dimension, where constants have values of their own.
     (DEMCMove(), 6, 1, UNIT),

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import emcee_femu as ef
+from emcee_femu.moves.proposing import find_stock_fault
 
 COVARIANCE = 0.01 * np.array([[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 3.0]])
 
@@ -50,6 +51,14 @@ def test_a_comparison_warns_once_of_what_is_wrong_and_of_nothing_else():
         assert (f"{label}: " in text) == installed_is_wrong(move)
     assert not any(f"{label}: " in text for label in RIGHT)
     assert warning.filename == __file__
+
+
+@pytest.mark.parametrize("version", ["3.1.10", "3.2.0", "4.0.0.dev3+gabc", "3.1.7"])
+def test_later_releases_of_emcee_are_not_denounced(version, monkeypatch):
+    monkeypatch.setattr(emcee, "__version__", "3.1.6")
+    assert find_stock_fault(SNOOKER, 3) and find_stock_fault(GAUSSIAN, 3)
+    monkeypatch.setattr(emcee, "__version__", version)
+    assert not find_stock_fault(SNOOKER, 3) and not find_stock_fault(GAUSSIAN, 3)
 
 
 def test_a_run_and_its_report_print_what_emcees_moves_were_given():
