@@ -61,12 +61,13 @@ Response: TypeAlias = Any
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
 WRAP = "a function of one parameter set becomes a model by FunctionModel(function)"
-PLACE = "raised by the model at"  # begins the note that names the parameters
+PLACED = "emcee_femu_place"  # attribute of an error whose parameters a note names
 
 
 def add_place(error: BaseException, place: object, names: Sequence[str]) -> None:
     """Note where a model raised, and which names there are if it asked for another."""
-    error.add_note(f"{PLACE} {place}")
+    error.add_note(f"raised by the model at {place}")
+    vars(error)[PLACED] = place
     wrong = error.args[:1] if isinstance(error, KeyError) else ()
     others = [name for name in wrong if isinstance(name, str) and name not in names]
     if others or any(name in range(len(names)) for name in wrong):  # as p[0] asks for

@@ -8,6 +8,7 @@ from typing import Any, Self, TypeAlias
 import numpy as np
 
 LEFT = 'style="text-align: left"'
+SPACE = "  "  # between printed columns
 CAPTION = 'style="text-align: left; caption-side: top"'
 # Title, format specification, and the cells.
 Column: TypeAlias = tuple[str, str, Iterable[object]]
@@ -71,19 +72,24 @@ class Table:
 
     def __str__(self) -> str:
         """Return aligned text."""
-        cells = [self.columns, *self._cells()]
-        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        cells, widths = [self.columns, *self._cells()], self._widths()
         lines = [
-            "  ".join(
+            SPACE.join(
                 cell.ljust(width) if i == 0 else cell.rjust(width)
                 for i, (cell, width) in enumerate(zip(row, widths, strict=True))
             )
             for row in cells
         ]
-        rule = "-" * len(lines[0])
+        rule = "-" * self.width
         return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
 
     __repr__ = __str__  # at a prompt, too
+
+    @property
+    def width(self) -> int:
+        """Characters of each printed line but the title."""
+        widths = self._widths()
+        return sum(widths) + len(SPACE) * (len(widths) - 1)
 
     def to_frame(self) -> Any:
         """Return a ``pandas.DataFrame`` with all digits.
@@ -125,6 +131,10 @@ class Table:
             for row in self.rows
         ]
 
+    def _widths(self) -> list[int]:
+        cells = [self.columns, *self._cells()]
+        return [max(map(len, column)) for column in zip(*cells, strict=True)]
+
 
 def unit_column(units: Iterable[str]) -> list[Column]:
     """Return the column of the parameters' units, none where no parameter has one."""
@@ -141,6 +151,12 @@ class Report:
     def _parts(self) -> Parts:
         """Return tables and sentences, in the order in which they are shown."""
         raise NotImplementedError
+
+    @property
+    def width(self) -> int:
+        """Characters of the widest table's lines; 1 without a table."""
+        tables = [part for part in self._parts() if isinstance(part, Table)]
+        return max((table.width for table in tables), default=1)
 
     def __str__(self) -> str:
         """Return the tables and the sentences, one below the other."""

@@ -14,6 +14,30 @@ LEAD = 2.0  # combined standard errors by which a class must be ahead
 WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
 
 
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """How one model class stands against the first.
+
+    Attributes:
+        evidence: As :func:`.log_evidence` returns it.
+        lead: ln of the Bayes factor of the first class against this one.
+        lead_error: Its standard error; 0 of the first.
+        probability: Of the class, given the data.
+        decided: Whether the lead is beyond the errors.
+    """
+
+    evidence: Evidence
+    lead: float
+    lead_error: float
+    probability: float
+    decided: bool
+
+    @property
+    def strength(self) -> str:
+        """The word of Kass and Raftery for the evidence against it."""
+        return next(word for least, word in WORDS if self.lead >= least)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelComparison(Report):
     """What :func:`.compare_models` found; ``print`` it for table and conclusion.
@@ -22,6 +46,7 @@ class ModelComparison(Report):
         table: One row per model class, the largest evidence first: log evidence and its
             standard error; ln of the Bayes factor of the first class against this one
             and its standard error; probability; verdict.
+        standings: The same numbers by label, the largest evidence first.
         evidences: By label, as :func:`.log_evidence` returns them.
         probabilities: Of the classes given the data, by label.
         winner: Label of the class that is ahead of all others beyond the errors; None
@@ -30,6 +55,7 @@ class ModelComparison(Report):
     """
 
     table: Table
+    standings: dict[str, Standing]
     evidences: dict[str, Evidence]
     probabilities: dict[str, float]
     winner: str | None
@@ -89,8 +115,13 @@ def compare_models(
     lead = values[0] - values
     lead_errors = np.where(np.arange(len(lead)) > 0, np.hypot(errors[0], errors), 0.0)
     decided = lead > LEAD * lead_errors
-    words = [next(word for least, word in WORDS if ahead >= least) for ahead in lead]
-    verdicts = np.where(decided, [f"behind, {word}" for word in words], "undecided")
+    numbers = lead.tolist(), lead_errors.tolist(), probabilities.tolist()
+    rows = zip(evidences.values(), *numbers, decided.tolist(), strict=True)
+    standings = dict(zip(labels, (Standing(*row) for row in rows), strict=True))
+    verdicts = [
+        f"behind, {standing.strength}" if standing.decided else "undecided"
+        for standing in standings.values()
+    ]
     verdicts[0] = "first"
     columns: list[Column] = [
         ("model class", "", labels),
@@ -108,10 +139,11 @@ def compare_models(
     )
     return ModelComparison(
         table=Table.from_columns(title, columns),
+        standings=standings,
         evidences=evidences,
         probabilities=dict(zip(labels, probabilities.tolist(), strict=True)),
         winner=labels[0] if decided[1:].all() else None,
-        conclusion=_conclude(verdicts.tolist(), evidences),
+        conclusion=_conclude(standings),
     )
 
 
@@ -148,13 +180,13 @@ def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
     return np.asarray(weights / weights.sum())
 
 
-def _conclude(verdicts: list[str], evidences: Mapping[str, Evidence]) -> str:
-    (first, _), *pairs = zip(evidences, verdicts, strict=True)
-    close = [label for label, verdict in pairs if verdict == "undecided"]
+def _conclude(standings: Mapping[str, Standing]) -> str:
+    first, *others = standings
+    close = [label for label in others if not standings[label].decided]
     words = [
-        f"the evidence against {label} is {verdict.rpartition(', ')[2]}"
-        for label, verdict in pairs
-        if verdict.startswith("behind")
+        f"the evidence against {label} is {standings[label].strength}"
+        for label in others
+        if standings[label].decided
     ]
     if close:
         lines = [
@@ -165,7 +197,7 @@ def _conclude(verdicts: list[str], evidences: Mapping[str, Evidence]) -> str:
             lines.append(f"Of the others, {', '.join(words)}.")
     else:
         lines = [f"Ahead: {first}; {', '.join(words)}."]
-    for label, evidence in evidences.items():
-        for problem in evidence.problems:
+    for label, standing in standings.items():
+        for problem in standing.evidence.problems:
             lines.append(f"{label}: no error can be claimed, for {problem}.")
     return "\n".join(lines)

@@ -17,7 +17,6 @@ from ..results.arviz_objects import InferenceData, samples
 from ..results.chains import FEWEST_STEPS
 from ..results.diagnose import Diagnosis, diagnose
 from ..results.to_arviz import to_inference_data
-from ..results.verdict import CONVERGED
 from ..sampling.run import Run, run
 from ..table import Column, Parts, Report, Table
 
@@ -34,6 +33,8 @@ class Comparison(Report):
         diagnoses: :class:`.Diagnosis`, by label.
         ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
             per ensemble ``(ensembles,)``, by label.
+        efficiency: The same of all ensembles together, and its standard error, by
+            label.
         winner: Label of the move that is best beyond the spread; None if none is.
         conclusion: The outcome in words, one sentence per line.
         posterior: The sampled posterior.
@@ -43,6 +44,7 @@ class Comparison(Report):
     idata: dict[str, InferenceData]
     diagnoses: dict[str, Diagnosis]
     ess_per_1000: dict[str, Floats]
+    efficiency: dict[str, tuple[float, float]]
     winner: str | None
     conclusion: str
     posterior: LogPosterior
@@ -163,6 +165,7 @@ def compare_moves(
         idata={entry.label: entry.idata for entry in entries},
         diagnoses={entry.label: entry.diagnosis for entry in entries},
         ess_per_1000={entry.label: entry.ess_per_1000 for entry in entries},
+        efficiency={entry.label: (entry.efficiency, entry.error) for entry in entries},
         winner=winner,
         conclusion=words,
         posterior=posterior,
@@ -330,7 +333,7 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
     combined standard errors.
     """
     ranked = sorted(entries, key=lambda entry: -entry.efficiency)
-    able = [entry for entry in ranked if entry.diagnosis.chains.short == CONVERGED]
+    able = [entry for entry in ranked if entry.diagnosis.converged]
     winner, lines = None, []
     if not able:
         lines.append("No winner: no move has converged; run longer.")

@@ -233,8 +233,9 @@ class Store:
             ) from error
         except sqlite3.Error as error:
             if written and isinstance(error, sqlite3.OperationalError):
+                full = error.sqlite_errorcode == sqlite3.SQLITE_FULL
                 raise OSError(
-                    errno.ENOSPC if "full" in str(error) else errno.EIO,
+                    errno.ENOSPC if full else errno.EIO,
                     f"{error}; {written} was not stored, all before it are: free disk "
                     "space, or wait until nobody locks the file, and resume=True",
                     self.path,

@@ -12,7 +12,6 @@ from matplotlib.patches import Patch
 from .. import checks
 from ..comparison.classes import LEAD, ModelComparison
 from ..comparison.compare import Comparison
-from ..results.verdict import CONVERGED
 from .style import BLUE, GREY, RED, Style, finish, subplots
 from .total_average_error import draw_errors, running_tae
 
@@ -47,7 +46,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         2
     """
     checks.instance("comparison", comparison, Comparison)
-    labels = comparison.table.column("move")
+    labels = [*comparison.diagnoses]
     palette = colormaps["tab10" if len(labels) <= 10 else "tab20"]
     colors = {label: palette(i % palette.N) for i, label in enumerate(labels)}
     try:
@@ -64,40 +63,39 @@ def plot_comparison(comparison: Comparison) -> Figure:
     figure, panels = subplots(len(widths), len(widths), size, width_ratios=widths)
     _draw_bars(panels[0], comparison, colors)
     if curves:
-        axes, verdicts = panels[1], comparison.table.column("verdict")
-        failed = [verdict != CONVERGED for verdict in verdicts]
-        styles = {
-            label: {"ls": "--" if bad else "-", "color": colors[label], "lw": 1.6}
-            for label, bad in zip(labels, failed, strict=True)
+        axes = panels[1]
+        failed = [label for label, d in comparison.diagnoses.items() if not d.converged]
+        styles: dict[str, Style] = {
+            label: {"ls": "--" if label in failed else "-", "color": color, "lw": 1.6}
+            for label, color in colors.items()
         }
         kept = {k: (steps - steps[0] + 1, tae) for k, (steps, tae) in curves.items()}
         draw_errors(axes, kept, styles)
         axes.set_xlabel("generation after burn-in")
-        axes.set_title(f"same colours{'; dashed: not converged' * any(failed)}")
+        axes.set_title(f"same colours{'; dashed: not converged' if failed else ''}")
     headline = comparison.conclusion.splitlines()[0]
     figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
     return finish(figure)
 
 
 def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> None:
-    column = comparison.table.column
-    titles = ("ESS per 1000", "+-", "move", "verdict")
-    rows = sorted(zip(*map(column, titles), strict=True), key=lambda row: row[0])
-    values, errors, labels, verdicts = zip(*rows, strict=True)
-    fit = [verdict == CONVERGED for verdict in verdicts]
+    efficiency = comparison.efficiency
+    labels = sorted(efficiency, key=lambda label: efficiency[label][0])
+    values, errors = zip(*(efficiency[label] for label in labels), strict=True)
+    fit = [comparison.diagnoses[label].converged for label in labels]
     edges = [colors[label] for label in labels]
     style: Style = {"height": 0.65, "error_kw": {"capsize": 3, "lw": 1.2}}
     style["color"] = [c if good else "none" for c, good in zip(edges, fit, strict=True)]
     style["hatch"] = ["" if good else "////" for good in fit]
-    bars = axes.barh(range(len(rows)), values, xerr=errors, edgecolor=edges, **style)
+    bars = axes.barh(range(len(labels)), values, xerr=errors, edgecolor=edges, **style)
     axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
     axes.set_xlim(0, 1.25 * np.add(values, errors).max())  # room for the numbers
     names = [
         textwrap.fill(label, LABEL_WIDTH, break_on_hyphens=False)
-        + ("" if verdict == CONVERGED else f"\n({verdict})")
-        for label, verdict in zip(labels, verdicts, strict=True)
+        + ("" if good else f"\n({comparison.diagnoses[label].chains.short})")
+        for label, good in zip(labels, fit, strict=True)
     ]
-    axes.set_yticks(range(len(rows)), names)
+    axes.set_yticks(range(len(labels)), names)
     axes.set_xlabel("ESS per 1000 log-posterior evaluations (more is better)")
     axes.spines[["top", "right"]].set_visible(False)
     keys = [Patch(color=GREY, label="converged")]
@@ -133,21 +131,20 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
         2
     """
     checks.instance("comparison", comparison, ModelComparison)
-    column = comparison.table.column
-    labels, verdicts = column("model class"), column("verdict")
-    behind, rows = -np.array(column("ln Bayes factor")), np.arange(len(labels))
-    bars = LEAD * np.array(column("its +-"))
+    labels, standings = [*comparison.standings], [*comparison.standings.values()]
+    rows = np.arange(len(labels))
     colours = [RED, *(BLUE for _ in labels[1:])]
     size, widths = (9.0, 1.9 + 0.55 * len(rows)), [1.6, 1.0]
     figure, (left, right) = subplots(2, 2, size, sharey=True, width_ratios=widths)
     left.axvline(0.0, color=GREY, lw=0.8)
-    for row, (x, bar) in enumerate(zip(behind, bars, strict=True)):
+    for row, standing in enumerate(standings):
+        x, bar = -standing.lead, LEAD * standing.lead_error
         if x < -FAR:  # it would hide how the others differ
             place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
             left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
             continue
         style: Style = {"fmt": "o", "color": colours[row], "capsize": 4}
-        style["mfc"] = "white" if verdicts[row] == "undecided" else colours[row]
+        style["mfc"] = colours[row] if standing.decided or not row else "white"
         left.errorbar(x, row, xerr=bar if row and np.isfinite(bar) else None, **style)
         if not np.isfinite(bar):
             where: Style = {"xytext": (8, 4), "textcoords": "offset points"}
@@ -156,8 +153,9 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
     left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])
     left.invert_yaxis()
     left.set_xlabel("log evidence less that of the first (natural)")
-    drawn = right.barh(rows, column("probability"), height=0.55, color=colours)
-    shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in column("probability")]
+    probabilities = [standing.probability for standing in standings]
+    drawn = right.barh(rows, probabilities, height=0.55, color=colours)
+    shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in probabilities]
     right.bar_label(drawn, shares, padding=4, fontsize=9)
     right.set(xlim=(0, 1.2), xticks=[0, 0.5, 1], xlabel="probability given the data")
     for axes in (left, right):

@@ -117,8 +117,6 @@ class FunctionModel:
                 add_place(error, row, [*row])
                 if isinstance(error, TypeError):
                     error.add_note(f"the function is given one dict, of {[*row]}")
-                if self._is_modal and str(error).startswith("function ("):
-                    error.add_note("return frequencies, or ef.ModalSolution(f, shapes)")
                 raise
         names = results[0][0]
         response = {name: np.array([row[name] for row, _ in results]) for name in names}
@@ -142,11 +140,16 @@ class FunctionModel:
             result = {"frequency": result.frequencies} | shapes
         elif self._is_modal or not isinstance(result, Mapping):
             result = {next(iter(declared), "frequency"): result}
-        response = {
-            name: checks.numeric_array(f"function ({name})", result[name])
-            for name in declared or ("frequency", "shapes")
-            if name in result
-        }
+        try:
+            response = {
+                name: checks.numeric_array(f"function ({name})", result[name])
+                for name in declared or ("frequency", "shapes")
+                if name in result
+            }
+        except (TypeError, ValueError) as error:
+            if self._is_modal:
+                error.add_note("return frequencies, or ef.ModalSolution(f, shapes)")
+            raise
         expected = {name: variable.shape for name, variable in declared.items()}
         if self._is_modal:
             count = self.n_modes or response["frequency"].size

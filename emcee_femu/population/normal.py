@@ -68,13 +68,14 @@ class NormalPopulation(Report):
         )
         argument = f"hyperpriors of the names {list(self.names)}"
         hyperpriors = checks.by_name(argument, self.hyperpriors, self.parameters)
+        spreads = {f"sd {name}" for name in self.names}
         for name, hyperprior in hyperpriors.items():
             try:
                 prior = IndependentPrior({name: hyperprior})
             except (TypeError, ValueError) as error:
                 raise type(error)(f"hyperpriors: {error}") from None
             hyperpriors[name] = prior.marginals[name]
-            if name.startswith("sd ") and prior.bounds[0, 0] < 0:
+            if name in spreads and prior.bounds[0, 0] < 0:
                 raise ValueError(
                     f"hyperpriors[{name!r}]: a spread is not negative, but this "
                     f"distribution begins at {prior.bounds[0, 0]:g}; take halfnorm or "

@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import (
-    PLACE,
+    PLACED,
     WRAP,
     Batch,
     Floats,
@@ -134,7 +134,7 @@ class Experiment:
             shapes = self.shapes.items()
             stored = [self._extract(response, name, shape, n) for name, shape in shapes]
         except (Exception, SystemExit) as error:
-            if not any(PLACE in note for note in getattr(error, "__notes__", ())):
+            if PLACED not in vars(error):
                 add_place(error, name_sets(parameters), [*parameters])
             if inspect.isfunction(self.model):
                 error.add_note(f"it was given arrays, of many parameter sets; {WRAP}")

@@ -184,9 +184,7 @@ def _show(part: Table | Report) -> Any:
     """Return tables in HTML, with the width of the widest, which print fits to A4."""
     from markupsafe import Markup
 
-    rules = (line for line in str(part).splitlines() if {*line} == {"-"})
-    width = max(map(len, rules), default=1)
-    text = f'<div class="wide" style="--characters: {width}">'
+    text = f'<div class="wide" style="--characters: {part.width}">'
     return Markup(f"{text}{part._repr_html_()}</div>")
 
 

@@ -1,7 +1,7 @@
 """What full solves say of an emulated posterior: numbers, verdict, an ArviZ object."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..table import Parts, Report, Table, unit_column
 from .arviz_objects import InferenceData, groups, unit_of, wrap
 from .chains import Chains
 from .to_arviz import convert, pick_some
+from .verdict import Statement
 
 if TYPE_CHECKING:
     from .certify import EmulatedChain
@@ -28,7 +29,7 @@ EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no
 FEWEST = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
 CLOSE = 0.1  # of a standard deviation, in means and standard deviations
-SURE = 2.0  # standard errors of the latter, which a few draws of a tail decide
+SURE = 2.0  # standard errors of the difference of these, which few draws decide
 MISSED = 0.01  # share of the posterior that may be missing
 FOUND = 0.25  # of a maximum's share, below which the draws lack it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
@@ -52,16 +53,17 @@ class Certificate(Report):
         mean_error: Standard errors of the means, ``(d,)``.
         sd: Standard deviations of the true posterior, ``(d,)``.
         sd_error: Their standard errors, ``(d,)``.
+        off_error: Standard errors of the difference of sd and emulated_sd, ``(d,)``. It
+            is smaller, since both come from the same chain.
         emulated_mean: Of the emulated posterior's whole chain, ``(d,)``.
         emulated_sd: The same for standard deviations, ``(d,)``.
         theta: The draws that were solved in full, ``(n, d)``.
         weights: Their weights, of mean one, ``(n,)``.
         log_posterior: The true log-posterior there, ``(n,)``.
+        search: Whether climbs looked elsewhere, how many, and how many arrived.
         faults: What is wrong with the bounds or the chain of the emulated posterior.
         missed: What a search came upon that the draws lack.
         notes: What else to know.
-        settled: Whether nothing but its length speaks against the emulated posterior's
-            chain.
         idata: The ArviZ object to go on with. If corrected, its draws are those that
             were solved in full, with their weights in ``sample_stats``, and tables and
             figures show the weighted draws; else it is a copy of what was given. Either
@@ -80,15 +82,16 @@ class Certificate(Report):
     mean_error: Floats
     sd: Floats
     sd_error: Floats
+    off_error: Floats
     emulated_mean: Floats
     emulated_sd: Floats
     theta: Floats
     weights: Floats
     log_posterior: Floats
+    search: Statement
     faults: tuple[str, ...] = ()
     missed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    settled: bool = True
     idata: InferenceData | None = None
 
     @property
@@ -96,32 +99,32 @@ class Certificate(Report):
         """The verdict in one word, "certified", "corrected" or "refused"."""
         if self._reasons:
             return REFUSED
-        shift, off = self._differences
-        good = self.efficiency >= EQUAL and max(shift, off) <= CLOSE
-        return CERTIFIED if good and self.settled else CORRECTED
+        shift, off, error = self._differences
+        close = max(shift, off + SURE * error) <= CLOSE
+        return CERTIFIED if self.efficiency >= EQUAL and close else CORRECTED
 
     @property
     def verdict(self) -> str:
         """The verdict in one sentence, with what to do."""
+        equal = self.efficiency >= EQUAL  # whose tail is no matter
         facts = (
-            f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, Pareto k "
-            f"{self.pareto_k:.2f} ({self.curvature_k:.2f} by the curvature of the "
-            f"weights), largest weight {self.largest:.2g} times the mean"
+            f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, "
+            f"{'' if equal else f'Pareto k {self._k:.2f}, '}"
+            f"largest weight {self.largest:.2g} times the mean"
         )
         if reasons := self._reasons:
             return f"Refused: {reasons[0]} ({facts})."
-        shift, off = self._differences
+        shift, off, error = self._differences
         differences = (
             f"means differ by up to {shift:.3f} standard deviations, standard "
-            f"deviations by up to {100 * off:.1f} %, two standard errors included"
+            f"deviations by up to {100 * off:.1f} % (+- {100 * error:.1f} %)"
         )
         if self.short == CERTIFIED:
             return (
                 "Certified: as far as full solves at its draws can tell, the emulated "
                 f"posterior is the true one; {differences} ({facts})."
             )
-        equal = self.efficiency >= EQUAL
-        cure = "run the chain longer" if equal else "emulate with more solves"
+        cure = f"{'certify' if equal else 'emulate'} with more solves"
         return (
             f"Corrected: {differences}, which the weights correct; use the idata, mean "
             f"and sd of the certificate, or {cure} ({facts})."
@@ -130,14 +133,20 @@ class Certificate(Report):
     @property
     def findings(self) -> tuple[str, ...]:
         """Further faults in plain sentences, and what else to know."""
-        return (*(f"Also: {reason}." for reason in self._reasons[1:]), *self.notes)
+        also = (f"Also: {reason}." for reason in self._reasons[1:])
+        return (*also, *self.notes, self.search.sentence)
 
     @property
-    def _differences(self) -> tuple[float, float]:
-        """The largest of the means, in sds, and that sds may have, relative."""
+    def _differences(self) -> tuple[float, float, float]:
+        """The largest of the means, in sds, and of sds, relative, with its error."""
         shift = np.abs(self.mean - self.emulated_mean) / self.sd
-        off = np.abs(self.emulated_sd / self.sd - 1) + SURE * self.sd_error / self.sd
-        return float(shift.max()), float(off.max())
+        off, error = np.abs(self.emulated_sd / self.sd - 1), self.off_error / self.sd
+        worst = int(np.argmax(off + SURE * error))
+        return float(shift.max()), float(off[worst]), float(error[worst])
+
+    @property
+    def _k(self) -> float:
+        return max(self.pareto_k, self.curvature_k)
 
     @property
     def _reasons(self) -> list[str]:
@@ -153,8 +162,7 @@ class Certificate(Report):
             return f"too few solves: {FEWEST} draws are needed; certify with more"
         if not self.largest < np.inf:
             return f"the true posterior is zero at all draws; {better}"
-        k, most = max(self.pareto_k, self.curvature_k), min(GOOD_K, 1 - 1 / np.log10(n))
-        if heavy and k > most:
+        if heavy and self._k > min(GOOD_K, 1 - 1 / np.log10(n)):
             return (
                 f"the weights have such a heavy tail that no mean over {n} of them "
                 f"can be trusted; {better}"
@@ -243,7 +251,11 @@ class Certificate(Report):
                 "lp_emulated": ("solve", log_emulated),
             },
             {"parameter": list(self.names)},
-            {"verdict": self.verdict, "findings": json.dumps(self.findings)},
+            {
+                "verdict": self.verdict,
+                "findings": json.dumps(self.findings),
+                "search": json.dumps(asdict(self.search)),
+            },
         )
         return replace(self, idata=wrap(sealed))
 
@@ -251,14 +263,15 @@ class Certificate(Report):
 def correct_moments(
     chain: "EmulatedChain", theta: Floats, shares: Floats, weights: Floats
 ) -> Floats:
-    r"""Return means and sds of the true posterior with standard errors, ``(4, d)``.
+    r"""Return means and sds of the true posterior with standard errors, ``(5, d)``.
 
     .. math:: \hat f = \overline f + \sum_i (w_i - c_i) f_i
 
     with means over the whole chain, and the shares of the solved draws as draws of the
     emulated posterior, c, and of the true one, w: where all weights are equal it is the
     mean over the chain. Where that is out of bounds it is the mean by the weights
-    alone. A standard deviation is NaN where one draw has all the weight.
+    alone. A standard deviation is NaN where one draw has all the weight. Last is the
+    standard error of its difference from that of the chain.
 
     Args:
         chain: Of the emulated posterior.
@@ -290,8 +303,9 @@ def correct_moments(
         alone = weights @ (theta - weights @ theta) ** 2 / left
         variance = np.where(variance > 0, variance, alone)
     sd = np.sqrt(np.where(variance > 0, variance, np.nan))
-    both = ((by[1] - 2 * shift * by[0]) / (2 * sd) for by in (by_draws, by_chain))
-    return np.array([centre + shift, mean_error, sd, error(*both)])
+    draws, chains = ((b[1] - 2 * shift * b[0]) / (2 * sd) for b in (by_draws, by_chain))
+    errors = error(draws, chains), error(draws, np.zeros_like(chains))
+    return np.array([centre + shift, mean_error, sd, *errors])
 
 
 def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> float:

@@ -42,7 +42,7 @@ from .certificate import (
 from .chains import FEWEST_STEPS, read_chains
 from .diagnose import diagnose, size_by_means
 from .to_arviz import check_sampled, read_samples
-from .verdict import NOT_CONVERGED
+from .verdict import NOT_CONVERGED, NOT_SEARCHED, SEARCHED, TOO_SHORT, Statement
 
 FEWEST_SOLVES = 10
 APART = 1.1  # R-hat of walkers or ensembles that are in different places
@@ -51,7 +51,7 @@ FIRST = 8  # starts that are put in order
 STEPS = 3  # of a climb, below which it says nothing
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
 SHOWN = 2_000  # draws of the chain that are compared
-MOMENTS = "mean", "mean_error", "sd", "sd_error"  # of the true posterior
+MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 
 def certify(
@@ -81,12 +81,11 @@ def certify(
     weights change at the solved draws. The verdict is
 
     - *certified*: efficiency at least .9, means within a tenth of a standard deviation,
-      these within a tenth with two standard errors, and nothing but its length against
-      the chain;
+      and these within a tenth with two standard errors of the difference;
     - *corrected*: the weights repair what is wrong;
     - *refused*: k above .7, unequal weights worth fewer than 50 independent draws, a
-      tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), or something
-      missing.
+      tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), something
+      missing, or a chain that has not converged.
 
     Weights that are nearly equal (efficiency above .9) are trusted regardless of k,
     which fewer than 100 of them do not tell well. Where k is at most .7 unequal weights
@@ -98,9 +97,9 @@ def certify(
     spent on climbs of the true posterior from draws of the prior that lie away from the
     chain, where these are enough for three steps; positive parameters climb by their
     logarithms. What neither comes upon stays unseen: a narrow mode of which no climb
-    came near. Nor do weights bring back what the chain did not visit: a chain in
-    several parts is refused, and what else :func:`diagnose` says against it is in the
-    findings. So is a climb that failed, whatever the reason.
+    came near. Nor do weights bring back what the chain did not visit: a chain that
+    :func:`diagnose` calls not converged is refused. If it is only too short, the
+    errors allow for that, and a finding says so. Failed climbs are findings too.
 
     Args:
         idata: What :func:`to_inference_data` made of a run on the emulated posterior,
@@ -193,14 +192,14 @@ def certify(
     smoothed, pareto_k = smooth_tail(counted)
     if efficiency < EQUAL and pareto_k <= GOOD_K:
         counted = smoothed
-    weights, moments = np.zeros(n), np.full((4, len(chain.names)), np.nan)
+    weights, moments = np.zeros(n), np.full((5, len(chain.names)), np.nan)
     possible = bool(counted.max() > -np.inf)
     if possible:
         weights = normalise(counted)
         moments = correct_moments(chain, theta, counts / counts.sum(), weights)
     if (failed := evaluator.failed - climbed) > max_failures * n:
         faults.append(f"{failed} of {n} draws could not be solved")
-    notes = _note(chain, n, maxima, lost, evaluator.failed)
+    notes = _note(chain, n, len(maxima), lost, evaluator.failed)
     certificate = Certificate(
         names=chain.names,
         solves=evaluator.solves,
@@ -216,10 +215,10 @@ def certify(
         theta=theta,
         weights=n * weights,
         log_posterior=log_posterior,
+        search=_judge_climbs(maxima, lost),
         faults=tuple(faults),
         missed=find_missed(chain, maxima, theta, log_posterior, weights),
         notes=(*warned, *notes),
-        settled=all("too short" in text for text in warned),
         idata=idata,
     )
     return certificate.sealed(posterior, rows, emulated)
@@ -384,16 +383,19 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
             "brings together; run it longer, without its burn-in, until diagnose finds "
             "no walkers or ensembles apart"
         ], []
-    if diagnosis.chains.status != NOT_CONVERGED:
+    if (about := diagnosis.chains).status != NOT_CONVERGED:
         return [], []
-    return [], [
-        f"The chain of the emulated posterior itself: {diagnosis.chains.sentence} What "
-        "it has not visited, no weight brings back."
-    ]
+    doubt = (
+        f"the chain of the emulated posterior is {about.sentence.rstrip('.')}; "
+        "no certificate is better than what its chain has visited"
+    )
+    # Its length alone is in the errors.
+    short = {*about.reasons} == {TOO_SHORT}
+    return ([], [f"T{doubt[1:]}."]) if short else ([doubt], [])
 
 
 def _note(
-    chain: EmulatedChain, n: int, maxima: list[Maximum], lost: list[str], failed: int
+    chain: EmulatedChain, n: int, arrived: int, lost: list[str], failed: int
 ) -> list[str]:
     """Return what else to know of ``n`` solved draws, in sentences."""
     sentences = []
@@ -408,16 +410,24 @@ def _note(
             f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
             f"{n} solves: run it longer; the errors allow for it."
         )
-    ends, climbs = sum(m.converged for m in maxima), len(maxima) + len(lost)
     sentences += [
-        f"{count} of {climbs} climbs led nowhere: {reason}."
+        f"{count} of {arrived + len(lost)} climbs led nowhere: {reason}."
         for reason, count in Counter(lost).items()
     ]
-    sentences.append(
-        f"{climbs} climbs started elsewhere, {ends} of them converged; regions that "
-        "neither they nor the draws reached stay unseen."
-        if climbs
-        else "No climb was made from elsewhere, as there were too few solves: a part "
-        "of the posterior far from all draws would be missed; find_map looks for one."
-    )
     return sentences
+
+
+def _judge_climbs(maxima: list[Maximum], lost: list[str]) -> Statement:
+    """Say whether climbs looked elsewhere."""
+    ends, climbs = sum(m.converged for m in maxima), len(maxima) + len(lost)
+    if climbs:
+        sentence = (
+            f"{climbs} climbs started elsewhere, {ends} of them converged; regions "
+            "that neither they nor the draws reached stay unseen."
+        )
+        return Statement(SEARCHED, SEARCHED, sentence)
+    sentence = (
+        "No climb was made from elsewhere, as there were too few solves: a part of the "
+        "posterior far from all draws would be missed; find_map looks for one."
+    )
+    return Statement(NOT_SEARCHED, NOT_SEARCHED, sentence)

@@ -173,7 +173,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         source = source.idata
     chains = read_chains(source, discard=discard)
     if chains.kind == "chain":
-        diagnosis = _measure(chains)
+        diagnosis = measure(chains)
         about = judge_chains(diagnosis, chains.starts_given, discard)
         search = judge_search(diagnosis.modes)
     else:
@@ -187,7 +187,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
-def _measure(chains: Chains) -> Diagnosis:
+def measure(chains: Chains) -> Diagnosis:
     """Return the numbers of chains, not judged."""
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape

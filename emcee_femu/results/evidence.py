@@ -10,6 +10,8 @@ from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
 from ..table import Parts, Report
 from .chains import Chains, autocorrelation_time, check_length, read_chains
+from .diagnose import measure
+from .verdict import NOT_CONVERGED, judge_chains
 
 ENOUGH_TAU = 20  # of a series, below which neither tau nor its error can be believed
 ENOUGH_OVERLAP = 0.1
@@ -79,9 +81,9 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     autocorrelation time includes what exchanges carry between them. With several
     ensembles their spread is taken where chance does not explain that it is larger: it
     sees a mode that one missed.
-    None is claimed where neighbouring betas hardly overlap (less than 0.1), or where
-    the series is shorter than 20 of its autocorrelation times, as it also is where it
-    still drifts.
+    None is claimed where neighbouring betas hardly overlap (less than 0.1), where the
+    series is shorter than 20 of its autocorrelation times, as it also is where it still
+    drifts, or where :func:`diagnose` calls the chains not converged.
 
     Args:
         source: What :func:`run` returned for a ``TemperedMove`` with betas to 0 or for
@@ -143,6 +145,10 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     else:
         value, error, problems, overlaps = _climb_ladder(chains)
         method = f"by bridges between {len(chains.betas)} betas"
+    cold = read_chains(source, discard=discard)
+    about = judge_chains(measure(cold), cold.starts_given, discard)
+    if about.status == NOT_CONVERGED:
+        problems = (*problems, f"the chains are {about.sentence.rstrip('.')}")
     error = np.inf if problems else error
     return Evidence(value, error, method, problems, overlaps, failed)
 

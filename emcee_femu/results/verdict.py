@@ -29,6 +29,8 @@ ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
 HITS = 3  # expected, of which none comes once in twenty times
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"
+TOO_SHORT = "too short"
+SEARCHED, NOT_SEARCHED = "searched", "not searched"
 MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, where no number says how much
 MOST = 10.0  # times longer, above which it is not length that lacks
@@ -46,11 +48,13 @@ class Statement:
         status: A word or two that never vary, such as "converged".
         short: The status in a few words, with its reason.
         sentence: The same at length, and what to do.
+        reasons: All that speaks against chains, in a word or two each.
     """
 
     status: str
     short: str
     sentence: str
+    reasons: tuple[str, ...] = ()
 
 
 def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> Statement:
@@ -62,7 +66,9 @@ def judge_chains(diagnosis: "Diagnosis", starts_given: bool, discard: int) -> St
             steps = discard + MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
-        return Statement(NOT_CONVERGED, short, f"{NOT_CONVERGED}, {short}: {sentence}.")
+        sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
+        reasons = tuple(reason for reason, *_ in complaints)
+        return Statement(NOT_CONVERGED, short, sentence, reasons)
     count, status, short = len(diagnosis.tau), CONVERGED, CONVERGED
     words = f"{status}: {count} ensembles agree"
     if count > 1:
@@ -83,14 +89,14 @@ def judge_search(modes: ModeWeights | None) -> Statement:
     if modes is None:
         sentence = "none: a maximum that no walker started near is not seen; "
         sentence += 'run(posterior, "auto") searches.'
-        return Statement("not searched", "none", sentence)
+        return Statement(NOT_SEARCHED, "none", sentence)
     count = len(modes.importance)
     short = "one maximum" if count == 1 else f"{count} maxima"
     sentence = (
         f"{short}, by {modes.searched:,} points. A maximum so small that fewer than "
         f"one point in {modes.searched // HITS:,} falls near it may be missing."
     )
-    return Statement("searched", short, sentence)
+    return Statement(SEARCHED, short, sentence)
 
 
 def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statement]:
@@ -101,13 +107,12 @@ def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statem
             f"{chains.origin}. A maximum so small that fewer than one draw of the "
             f"prior in {len(chains.draws) // HITS:,} falls near it may be missing."
         )
+        search = Statement(SEARCHED, SEARCHED, found)
     else:
         certificate = dataset(source, "certificate").attrs
         words = f"draws weighted by full solves. {certificate['verdict']}"
-        *_, found = json.loads(certificate["findings"])
-    searched = "not searched" if found.startswith("No climb") else "searched"
-    about = Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}")
-    return about, Statement(searched, searched, found)
+        search = Statement(**json.loads(certificate["search"]))
+    return Statement(NO_CHAINS, NO_CHAINS, f"{NO_CHAINS}, but {words}"), search
 
 
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
@@ -120,7 +125,7 @@ def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     # Values, their best, their limit, and by which power of them a chain is too short.
     for values, best, limit, power, short, what in (
-        (diagnosis.steps_per_tau, 0, ENOUGH_TAU, -1, "too short", "steps/tau"),
+        (diagnosis.steps_per_tau, 0, ENOUGH_TAU, -1, TOO_SHORT, "steps/tau"),
         (within, 1, WALKERS_APART, 1, "walkers stay apart", "R-hat over walkers"),
         (diagnosis.sd_error, 0, SD_KNOWN_TO, 2, "sd unknown", "relative error of sd"),
         (between, 1, GOOD_RHAT, 1, "ensembles disagree", "R-hat over ensembles"),

@@ -60,9 +60,9 @@ certificates["a little off"]
 #
 # | verdict | when | what to do |
 # |---|---|---|
-# | certified | efficiency of the weights (Kish) at least 0.9; means and standard deviations within a tenth of a standard deviation, the latter with two standard errors; nothing but its length against the chain | use the emulated posterior: `certificate.idata` is its chain with a seal |
+# | certified | efficiency of the weights (Kish) at least 0.9; means and standard deviations within a tenth of a standard deviation, the latter with two standard errors of the difference | use the emulated posterior: `certificate.idata` is its chain with a seal |
 # | corrected | neither certified nor refused | use `certificate.mean`, `.sd` and `.idata`, whose draws are those solved in full, with weights |
-# | refused | Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly equal ones fewer than 25; k above 1 - 1 / log10(n); or something missing (below) | the sentence says: more solves for the emulator, for the certificate, wider bounds, a start |
+# | refused | Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly equal ones fewer than 25; a tail too heavy for so few weights (k above 1 - 1 / log10(n)); a part of the posterior that is missing, or a chain that has not converged (below) | the sentence says: more solves for the emulator, for the certificate, wider bounds, a start, a longer chain |
 #
 # Tables and figures of `certificate.idata` show the corrected posterior if there is
 # one, and say so in their titles, even if it was read back from netCDF. Its group
@@ -75,10 +75,10 @@ ef.parameter_table(certificates["a little off"].idata)
 # ## How it decides
 #
 # Pareto k describes the tail of the largest weights: above 0.7 their mean cannot be
-# estimated. If weights are nearly equal (efficiency above 0.9), k does not matter. With
-# fewer than 100 weights k scatters by 0.2. It is then the larger of two values:
-# ArviZ's, and the one implied by the curvature of ln w over all draws. Efficiency and
-# the largest weight, also in the sentence, decide with it.
+# estimated. If weights are nearly equal (efficiency above 0.9), k does not matter, and
+# the sentence leaves it out. With fewer than 100 weights k scatters by 0.2. It is
+# therefore the larger of two values: ArviZ's, and the one implied by the curvature of
+# ln w over all draws. Efficiency and the largest weight decide with it.
 #
 # Means and standard deviations use the whole chain: a fit to ln w, made at other draws,
 # predicts the weights everywhere, and the solved draws correct it. So the errors of a
@@ -119,9 +119,11 @@ refused
 # **Weights do not recover what the chain did not visit.** For the paper's mass-spring
 # posterior, an emulator of 39 solves had the lobe at k4 < 1980 N/m right to 0.05 of
 # log-density. But a chain of 20 walkers and 800 steps had hardly been there. Its
-# certificate was good, and its worst standard deviation 31 % off. So certify converged
-# chains. The certificate prints what `diagnose` says against a chain; unless the chain
-# is only short, it is not certified.
+# weights were nearly equal, and its worst standard deviation 31 % off. So no certificate
+# is better than its chain: one that `diagnose` calls not converged is refused, with the
+# number of steps that it needs. The steps cost no solve, but a new chain needs a new
+# certificate, so ask `diagnose` before `certify`. If the chain is only too short, the
+# standard errors allow for that, and the certificate says so.
 
 # %% tags=["remove-cell"]
 shorts = {title: found.short for title, found in certificates.items()}

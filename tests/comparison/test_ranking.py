@@ -11,7 +11,8 @@ def entry(
 ):
     """Return an entry of four ensembles with the given numbers."""
     bulk = np.array([efficiency * kept / 1000, 1e9])
-    diagnosis = SimpleNamespace(chains=SimpleNamespace(short=short), ess_bulk=bulk)
+    chains, good = SimpleNamespace(short=short), short == "converged"
+    diagnosis = SimpleNamespace(chains=chains, converged=good, ess_bulk=bulk)
     # Deviations of which the standard error of the mean is `error`.
     around = efficiency + error * np.sqrt(3) * np.array([1, -1, 1, -1])
     ess = around * kept / 4 / 1000

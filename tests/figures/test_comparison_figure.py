@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from support.figures import assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
+from emcee_femu.results.verdict import Statement
 
 LONG = (
     "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer may name it"
@@ -27,10 +28,14 @@ def comparison():
     """Two converged moves and one that crawls, whatever their chains are."""
     posterior = ef.LogPosterior(MODEL, TERM, PRIOR)
     found = ef.compare_moves(posterior, MOVES, 8, 200, ensembles=2, seed=1)
-    first, *others = [row[:-1] for row in found.table.rows]
-    rows = [(*first, "too short: 3 tau"), *((*row, "converged") for row in others)]
-    table = dataclasses.replace(found.table, rows=tuple(rows))
-    return dataclasses.replace(found, table=table)
+    crawling = Statement("not converged", "too short: 3 tau", "")
+    good = Statement("converged", "converged", "")
+    chains = dict(zip(MOVES, [crawling, good, good], strict=True))
+    diagnoses = {
+        label: dataclasses.replace(diagnosis, chains=chains[label])
+        for label, diagnosis in found.diagnoses.items()
+    }
+    return dataclasses.replace(found, diagnoses=diagnoses)
 
 
 def shown(axes):
@@ -39,9 +44,11 @@ def shown(axes):
 
 def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
     axes = ef.figures.plot_comparison(comparison).axes[0]
+    numbers = np.array(list(comparison.efficiency.values()))
     column = comparison.table.column
-    order = np.argsort(column("ESS per 1000"))
-    values, errors = (np.array(column(t))[order] for t in ("ESS per 1000", "+-"))
+    assert_array_equal(numbers.T, [column("ESS per 1000"), column("+-")])
+    order = np.argsort(numbers[:, 0])
+    values, errors = numbers[order].T
     assert_allclose([bar.get_width() for bar in axes.patches], values, rtol=1e-12)
     (bars,) = (box for box in axes.containers if hasattr(box, "patches"))
     lines = bars.errorbar.lines[2][0].get_segments()
@@ -51,7 +58,7 @@ def test_bars_are_sorted_and_show_value_spread_and_verdict(comparison):
     labels = [failed.get(label, label) for label in MOVES]
     assert shown(axes) == [labels[i] for i in order]
     for bar, i in zip(axes.patches, order, strict=True):
-        fit = column("verdict")[i] == "converged"
+        fit = comparison.diagnoses[list(MOVES)[i]].converged
         assert bool(bar.get_hatch()) != fit
         assert (bar.get_facecolor()[3] == 1) == fit
     assert [text.get_text() for text in axes.texts] == [f"{v:.3g}" for v in values]
@@ -82,12 +89,13 @@ def test_error_curves_are_those_of_the_kept_steps_in_the_colours_of_the_bars(
 def test_nothing_is_clipped_and_the_headline_is_the_conclusion(comparison):
     """Also where there are many moves with long names, without frequencies."""
     labels = [f"{LONG} number {i}" for i in range(12)]
-    rows = [
-        (label, *row[1:])
-        for label, row in zip(labels, 4 * comparison.table.rows, strict=True)
-    ]
-    table = dataclasses.replace(comparison.table, rows=tuple(rows))
-    many = dataclasses.replace(comparison, table=table, idata={})
+    diagnoses, efficiency = (
+        dict(zip(labels, 4 * [*held.values()], strict=True))
+        for held in (comparison.diagnoses, comparison.efficiency)
+    )
+    many = dataclasses.replace(
+        comparison, diagnoses=diagnoses, efficiency=efficiency, idata={}
+    )
     for item in (comparison, many):
         figure = ef.figures.plot_comparison(item)
         headline = figure.get_suptitle()
