@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..measurements.modes import along_axis
 from .term import (
     Deviations,
     Term,
@@ -37,7 +38,8 @@ class DisplacementTerm(Term):
         discrepancy: Name of the parameter :math:`\sigma_d`, or None for no such part.
         cases: Names of the load cases, which the model's are then held against; None
             where they correspond in order.
-        points: Labels of the points, likewise.
+        points: Labels of the points, likewise. Of a gauge that points backwards,
+            ``"2:-ux"``, the sign is turned and the label is ``"2:ux"``.
         name: The label under which the log-likelihood is stored.
 
     Raises:
@@ -86,6 +88,9 @@ class DisplacementTerm(Term):
             "load_case": _read_labels("cases", cases, u.shape[0]),
             "point": _read_labels("points", points, u.shape[1]),
         }
+        turned = [along_axis(point) for point in labels["point"]]
+        labels["point"] = [point for point, _ in turned]
+        self.measured = u = u * [sign for _, sign in turned]
         self.reads = {"displacement": Variable(labels)}
         self.observed, self.error_sd = {"displacement": u}, {"displacement": self.sd}
 

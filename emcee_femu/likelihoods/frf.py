@@ -73,6 +73,13 @@ class FRFTerm(Term):
                 "alone; of magnitudes take FRFTerm(..., amplitude=True)"
             )
         shape, spread = measured.values.shape, measured.sd
+        if (self.amplitude or sd is None) and not measured.values.all():
+            i, j = np.argwhere(measured.values == 0)[0]
+            raise ValueError(
+                f"measured: {measured.channels[i].label} is 0 at {measured.lines[j]:g} "
+                "Hz, which has no relative error and no logarithm; give sd without "
+                "amplitude, or leave such lines out"
+            )
         if sd is not None:
             spread = error_array("sd", sd, (shape[0], 1), shape)
         elif spread is None and discrepancy is None:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping
 from os import PathLike
 from typing import Any
@@ -23,9 +24,15 @@ QUANTITIES = {
     "shape": "shapes",
     "shape sd": "shape_sd",
 }
-# As a person may write them: in any case, without the unit.
-WRITTEN = {name.lower(): field for name, field in QUANTITIES.items()}
-WRITTEN |= {name.partition(" [")[0]: field for name, field in WRITTEN.items()}
+# As people write them, in any case: word -> that of the row.
+WORDS = {title.partition(" [")[0]: title for title in QUANTITIES}
+WORDS |= dict.fromkeys(
+    ("frequencies", "natural frequency", "freq", "f", "fn"), "frequency [Hz]"
+)
+WORDS |= dict.fromkeys(("std", "standard deviation", "frequency sd"), "sd [Hz]")
+WORDS |= dict.fromkeys(("damping", "zeta", "xi"), "damping ratio")
+WORDS |= {"damping std": "damping sd", "mode shape": "shape", "shape std": "shape sd"}
+TITLE = re.compile(r"(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])]|(%))?", re.S)  # word and unit
 PER_SENSOR = ("shapes", "shape_sd")
 PARTLY = (*PER_SENSOR, "sd", "damping", "damping_sd")  # a blank: not known
 
@@ -65,10 +72,12 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"{path}: expected a CSV file in UTF-8; save it as 'CSV UTF-8' ({error})"
         ) from None
     titles = _trim(rows[0][1]) if rows else []
-    if titles[:3] != HEADER or len(titles) < 4 or not all(titles):
+    named = [title.lower() for title in titles[:3]]
+    if named != HEADER or len(titles) < 4 or not all(titles):
         raise ValueError(
             f"{path}, line 1: expected the titles {','.join(HEADER)},mode 1,.. "
-            f"separated by commas, semicolons or tabs, got {','.join(titles)!r}"
+            f"separated by commas, semicolons or tabs, got {','.join(titles)!r}; "
+            "modes are columns, and Measurements.to_csv writes an example"
         )
     fields: dict[str, Any] = {}
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
@@ -76,12 +85,7 @@ def read_csv(path: Path) -> dict[str, Any]:
     for place, row in rows[1:]:
         if not (cells := _trim(row)):
             continue
-        field = WRITTEN.get(cells[0].lower())
-        if field is None:
-            raise ValueError(
-                f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
-                f"{cells[0]!r}"
-            )
+        field, factor = _read_title(place, cells[0])
         cells += [""] * (len(titles) - len(cells))
         sensor, dof = row[1] if len(row) > 1 else "", cells[2]  # as it was written
         wrong_dof = dof and field != "shapes"
@@ -96,7 +100,8 @@ def read_csv(path: Path) -> dict[str, Any]:
         cut = len(row) < len(titles) or (row is rows[-1][1] and text[-1] not in "\r\n")
         if field in PARTLY and not cut:
             cells[3:] = [cell or "nan" for cell in cells[3:]]
-        numbers = _read_numbers(place, titles, cells)
+        numbers = _read_numbers(place, titles, cells, field)
+        numbers = [number * factor for number in numbers]
         fields.setdefault(field, []).append(numbers)
         if field in PER_SENSOR:
             sensors[field].append(sensor)
@@ -130,7 +135,27 @@ def _read_dof(cell: str) -> int | str:
     return cell[1:-1] if cell[:1] == cell[-1:] == "'" else cell
 
 
-def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float]:
+def _read_title(place: str, title: str) -> tuple[str, float]:
+    """Return what a row holds, and the factor of its unit."""
+    match = TITLE.fullmatch(title.lower())
+    word, unit, sign = ("", "", "") if match is None else match.groups("")
+    known = WORDS.get(word, "")
+    field, percent = QUANTITIES.get(known), "%" in (unit, sign)
+    if percent:
+        fits = field in ("damping", "damping_sd")
+    else:
+        fits = unit in ("", "-") or f"[{unit}]" in known.lower()
+    if field is None or not fits:
+        raise ValueError(
+            f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
+            f"{title!r}"
+        )
+    return field, 0.01 if percent else 1.0
+
+
+def _read_numbers(
+    place: str, titles: list[str], cells: list[str], field: str
+) -> list[float]:
     """Return the number of each mode in a row."""
     if len(cells) > len(titles):
         raise ValueError(
@@ -143,8 +168,12 @@ def _read_numbers(place: str, titles: list[str], cells: list[str]) -> list[float
             numbers.append(float(cell))
         except ValueError:
             raise ValueError(
-                f"{place}, column {title!r}: expected a number, got {cell!r}; "
-                "leave the cell of a missing sensor blank"
+                f"{place}, column {title!r}: expected a number, got {cell!r}"
+                + (
+                    "; leave the cell blank where it is not known"
+                    if field in PARTLY
+                    else "; a mode that was not identified has no column"
+                )
             ) from None
     return numbers
 

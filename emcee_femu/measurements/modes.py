@@ -1,7 +1,8 @@
 """Checks of measured modes by mode number; complex shapes; the scatter of repeats."""
 
+import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..interfaces import Floats
 SAME_FREQUENCY, SAME_SHAPE = 1e-3, 0.99
 COLLINEAR = 0.9  # below it a real shape is a poor picture of the mode
 LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual percentage
+SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
 
@@ -97,23 +99,20 @@ def warn_about_complex(mpc: Floats) -> None:
         )
 
 
-def refuse_duplicates(hertz: Floats, real: Floats | None) -> None:
+def refuse_duplicates(hertz: Floats, real: Floats) -> None:
     """Refuse modes of the same frequency with a MAC near 1, identified twice.
 
-    Without shapes at two or more sensors only equal frequencies are refused.
+    Not where one sensor cannot tell: symmetric structures have equal frequencies.
     """
-    blind = real is None or len(real) < 2
-    unit = np.ones((1, len(hertz)))
-    if real is not None:
-        unit = real / np.linalg.norm(real, axis=0)
-    gap = 0.0 if blind else SAME_FREQUENCY
-    same = np.abs(hertz[:, None] - hertz) <= gap * hertz
+    if len(real) < 2:
+        return
+    unit = real / np.linalg.norm(real, axis=0)
+    same = np.abs(hertz[:, None] - hertz) <= SAME_FREQUENCY * hertz
     same &= (unit.T @ unit) ** 2 > SAME_SHAPE
     for i, j in np.argwhere(np.triu(same, 1)):
-        remedy = "give shapes that tell them apart" if blind else "their MAC is near 1"
         raise ValueError(
             f"frequencies: modes {i + 1} and {j + 1} are the same ({hertz[i]} and "
-            f"{hertz[j]} Hz; {remedy}); leave out one of them"
+            f"{hertz[j]} Hz; their MAC is near 1); leave out one of them"
         )
 
 
@@ -182,10 +181,21 @@ def labels(value: Sequence[str] | None, n_sensors: int) -> tuple[str, ...]:
     return names
 
 
-def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
-    """Return the model's DOF at each sensor: whole numbers from 0, or labels."""
+def along_axis(dof: Hashable) -> tuple[Any, float]:
+    """Return a DOF along its axis, and -1 if it was against it, as ``"2:-ux"`` is."""
+    signed = SIGNED.fullmatch(dof) if isinstance(dof, str) else None
+    if signed is None:
+        return dof, 1.0
+    return signed[1] + signed[3], -1.0 if signed[2] == "-" else 1.0
+
+
+def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, Floats]:
+    """Return the model's DOF at each sensor, and the sign of what it measured.
+
+    DOFs are whole numbers from 0, or labels.
+    """
     if value is None:
-        return None
+        return None, np.ones(n_sensors)
     places = np.array(np.asarray(value).tolist())  # strings of pandas too
     labels = places.dtype.kind == "U"
     if places.dtype.kind not in "iU":
@@ -194,22 +204,31 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> NDArray[Any] | None:
         )
     if places.shape != (n_sensors,):
         raise ValueError(f"dofs: expected {n_sensors} DOFs, got {places.shape}")
+    turned = [along_axis(place) for place in places.tolist()]
+    places = np.array([place for place, _ in turned])
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
         raise ValueError(
             f"dofs: expected distinct DOFs, numbers from 0, got {places.tolist()}; "
             "average sensors at one DOF first"
         )
-    return places
+    return places, np.array([sign for _, sign in turned])
 
 
 def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
     """Return mean and covariance, or sd, of frequencies ``(n_tests, n_modes)``."""
-    tests = checks.positive_array("frequencies", value, 2)
-    correlated = checks.flag("correlated", correlated)
+    tests, correlated = _read_tests(value), checks.flag("correlated", correlated)
     n_tests, n_modes = tests.shape
-    if n_tests < 2 or not n_modes:
+    found = ~np.isnan(tests)
+    for i in np.flatnonzero(found.sum(axis=0) < 2):
         raise ValueError(
-            f"frequencies: expected (n_tests >= 2, n_modes), got {tests.shape}"
+            f"frequencies: mode {i + 1} was found by {found[:, i].sum()} of {n_tests} "
+            "tests, and its scatter needs two; leave the mode out"
+        )
+    if correlated and not found.all():
+        test, mode = np.argwhere(~found)[0] + 1
+        raise ValueError(
+            f"frequencies: test {test} missed mode {mode}, and a covariance needs all "
+            "modes of every test; give correlated=False, or leave that test out"
         )
     if correlated and n_tests <= n_modes:
         raise ValueError(
@@ -217,40 +236,68 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
             f"{n_modes} modes; use more tests than modes, or correlated=False for one "
             "standard deviation per mode"
         )
-    for i in np.flatnonzero(np.ptp(tests, axis=0) == 0):
+    for i in np.flatnonzero(np.nanmax(tests, axis=0) == np.nanmin(tests, axis=0)):
         raise ValueError(
-            f"frequencies: mode {i + 1} is {tests[0, i]} Hz in all tests, which says "
+            f"frequencies: mode {i + 1} is {np.nanmax(tests[:, i])} Hz in all tests, "
+            "which says "
             "nothing about its scatter; give more digits, or Measurements(.., sd=..)"
         )
-    scatter: dict[str, Any] = {"frequencies": tests.mean(axis=0)}
+    scatter: dict[str, Any] = {"frequencies": np.nanmean(tests, axis=0)}
     if correlated:
         return scatter | {"covariance": np.atleast_2d(np.cov(tests, rowvar=False))}
-    return scatter | {"sd": tests.std(axis=0, ddof=1)}
+    return scatter | {"sd": np.nanstd(tests, axis=0, ddof=1)}
 
 
-def shape_scatter(value: ArrayLike, n_tests: int, n_modes: int) -> dict[str, Any]:
-    """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``."""
-    tests = shapes(value, n_modes)
+def _read_tests(value: ArrayLike) -> Floats:
+    """Return frequencies ``(n_tests, n_modes)``, NaN where a test missed a mode."""
+    counts = [np.size(row) for row in value] if isinstance(value, list | tuple) else []
+    if len({*counts}) > 1:
+        raise ValueError(
+            f"frequencies: expected the same modes in each test, got {counts} "
+            "frequencies; write nan where a test missed a mode"
+        )
+    tests = checks.numeric_array("frequencies", value)
+    if tests.ndim != 2 or len(tests) < 2 or not tests.size:
+        raise ValueError(
+            f"frequencies: expected (n_tests >= 2, n_modes), got {tests.shape}"
+        )
+    checks.positive_array("frequencies", tests[~np.isnan(tests)])
+    return tests
+
+
+def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``.
+
+    Of those that were found, ``(n_tests, n_modes)``.
+    """
+    n_tests, n_modes = found.shape
+    raw = checks.complex_array("shapes", value)
+    if raw.ndim == 3 and raw.shape[::2] == found.shape:
+        raw = np.where(found[:, None], raw, 1.0)
+    tests = shapes(raw, n_modes)
     if tests.ndim != 3 or len(tests) != n_tests:
         raise ValueError(
             f"shapes: expected ({n_tests} tests, n_sensors, {n_modes} modes), got "
             f"{tests.shape}"
         )
     tests = tests / np.linalg.norm(tests, axis=1, keepdims=True)
+    mean, sd = np.zeros_like(tests[0]), np.zeros(tests[0].shape)
     for mode in range(n_modes):
-        columns = tests[:, :, mode].T  # (n_sensors, n_tests)
-        mean = np.linalg.svd(columns, full_matrices=False)[0][:, 0]
-        product = mean.conj() @ columns
+        there = np.flatnonzero(found[:, mode])
+        columns = tests[there, :, mode].T  # (n_sensors, n_found)
+        first = np.linalg.svd(columns, full_matrices=False)[0][:, 0]
+        product = first.conj() @ columns
         for test in np.flatnonzero(np.abs(product) ** 2 < OTHER_MODE):
             raise ValueError(
-                f"shapes: mode {mode + 1} of test {test + 1} has a MAC of "
+                f"shapes: mode {mode + 1} of test {there[test] + 1} has a MAC of "
                 f"{abs(product[test]) ** 2:.2f} with the mean of all tests; are its "
                 "modes out of order?"
             )
-        tests[:, :, mode] = (columns * (product.conj() / np.abs(product))).T
-    mean = tests.mean(axis=0)
-    # Complex shapes are turned real at the phase of the mean.
-    sd = (tests * phases(mean)).real.std(axis=0, ddof=1)
+        columns = columns * (product.conj() / np.abs(product))
+        mean[:, mode] = columns.mean(axis=1)
+        # Complex shapes are turned real at the phase of the mean.
+        turned = columns * phases(mean[:, [mode]])
+        sd[:, mode] = turned.real.std(axis=1, ddof=1)
     for sensor, mode in np.argwhere(sd == 0):
         raise ValueError(
             f"shapes: mode {mode + 1} is the same at sensor {sensor + 1} in all tests, "

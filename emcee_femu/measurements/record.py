@@ -36,7 +36,9 @@ class Measurements(Report):
         sensors: Labels of the sensors; None for s1, s2, ...
         dofs: The model's DOF at each sensor, as the model names its DOFs: numbers
             from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`; None where
-            the rows of the model's shapes are the sensors, in order.
+            the rows of the model's shapes are the sensors, in order. Of a sensor that
+            points backwards, ``"3:-uy"``, ``shapes`` hold the motion along the axis,
+            and ``dofs`` say ``"3:uy"``.
         phase_collinearity: MPC of shapes that have been turned real before,
             ``(n_modes,)``; None to compute it.
         damping: Damping ratios, ``(n_modes,)``, 0.01 for 1 %; None if unknown, for all
@@ -100,7 +102,7 @@ class Measurements(Report):
         self.frequencies = modes.frequencies(frequencies)
         self.n_modes = n_modes = len(self.frequencies)
         self.n_sensors = 0
-        self.shapes = self.phase_collinearity = there = None
+        self.shapes = self.phase_collinearity = self.dofs = there = None
         if shapes is not None:
             raw = modes.shapes(shapes, n_modes, missing=True)
             if raw.ndim > 2:
@@ -109,20 +111,18 @@ class Measurements(Report):
                     "repeated tests see from_repeats"
                 )
             self.n_sensors, there = len(raw), ~np.isnan(raw)
+            self.dofs, signs = modes.dofs(dofs, self.n_sensors)
             raw[~there] = 0.0
-            real = (raw * modes.phases(raw)).real
+            real = (raw * modes.phases(raw)).real * signs[:, None]
             modes.refuse_duplicates(self.frequencies, real)
             self.shapes = np.where(there, real, np.nan)
             self.phase_collinearity = modes.phase_collinearity(raw, phase_collinearity)
             modes.warn_about_complex(self.phase_collinearity)
-        else:
-            modes.refuse_duplicates(self.frequencies, None)
         self.sd = modes.deviations("sd", sd, (n_modes,), partly=True)
         self.covariance = modes.covariance(covariance, n_modes)
         shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
         self.sensors = modes.labels(sensors, self.n_sensors)
-        self.dofs = modes.dofs(dofs, self.n_sensors)
         self.damping = modes.damping(damping, n_modes)
         self.damping_sd = modes.deviations(
             "damping_sd", damping_sd, (n_modes,), partly=True
@@ -152,10 +152,13 @@ class Measurements(Report):
         the sample standard deviations.
 
         Args:
-            frequencies: In Hz, ``(n_tests, n_modes)``; each column is one mode.
-            shapes: ``(n_tests, n_sensors, n_modes)``, real or complex, of any scale.
-            correlated: Whether to keep the full covariance; False for one standard
-                deviation per mode, for which two tests suffice.
+            frequencies: In Hz, ``(n_tests, n_modes)``; each column is one mode. NaN
+                where a test missed it: mean and deviation are those of the others.
+            shapes: ``(n_tests, n_sensors, n_modes)``, real or complex, of any scale;
+                not used where a test missed the mode.
+            correlated: Whether to keep the full covariance, for which every test needs
+                every mode; False for one standard deviation per mode, for which two
+                tests suffice.
             sensors: Labels of the sensors.
             dofs: The model's DOF at each sensor.
 
@@ -175,7 +178,8 @@ class Measurements(Report):
         """
         scatter = modes.frequency_scatter(frequencies, correlated)
         if shapes is not None:
-            scatter |= modes.shape_scatter(shapes, *np.shape(frequencies))
+            found = ~np.isnan(np.asarray(frequencies, dtype=np.float64))
+            scatter |= modes.shape_scatter(shapes, found)
         return cls(**scatter, sensors=sensors, dofs=dofs)
 
     @classmethod
@@ -183,7 +187,7 @@ class Measurements(Report):
         """Read the file that :meth:`to_csv` writes, or that a person filled in.
 
         There is one column per mode. The first cell of a row says what it holds; all
-        rows but the first are optional, and shapes have one row per sensor::
+        rows but the frequencies are optional, and shapes have one row per sensor::
 
             quantity,sensor,dof,mode 1,mode 2
             frequency [Hz],,,3.13,9.83
@@ -195,9 +199,10 @@ class Measurements(Report):
 
         Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``;
         ``phase collinearity`` is that of shapes that were complex; ``damping ratio``
-        and ``damping sd`` are numbers, not percent. A cell of ``shape`` is blank where
-        the sensor was missing in that mode, one of ``sd`` or damping where it is not
-        known. A ``dof`` that is a label of digits has single quotes: ``'12'``.
+        and ``damping sd`` are numbers, or percent in a row ``damping [%]``. Rows may be
+        called otherwise, ``Freq (Hz)``, ``std``, ``zeta``. A cell of ``shape`` is blank
+        where the sensor was missing in that mode, one of ``sd`` or damping where it is
+        not known. A ``dof`` that is a label of digits has single quotes: ``'12'``.
         Semicolons between cells, and then decimal commas, are read too.
 
         Args:
@@ -239,37 +244,42 @@ class Measurements(Report):
         cls,
         path: str | PathLike[str],
         *,
+        modes: Sequence[int] | None = None,
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
     ) -> Self:
-        """Read normal or complex modes, one data set 55 each, from a universal file.
+        """Read normal or complex modes from a universal file.
 
+        Each is a data set 55, as test systems write them, or 2414, as FE programs do.
         A sensor is a node and a direction, ``"12:x"``, in the file's own coordinate
         systems. The modes are put in ascending order; frequencies are in Hz whatever
-        the units of the file. Damping ratios above zero are read too. Needs pyuff:
-        ``pip install "emcee_femu[uff]"``.
+        the units of the file, and undamped. Damping ratios above zero are read too: the
+        viscous one, or else half the hysteretic one, or that of the eigenvalue.
 
         Args:
             path: The file; other data sets are not read.
+            modes: Which modes to read, 1 = the first in the file; None for all. Others
+                are not checked: a rigid-body mode at 0 Hz, or a damaged one.
             sensors: The sensors to keep, in this order; None for all but those that
-                are zero in all modes: so these files mark what was not measured.
+                are zero in all modes, by which these files mark what was not measured.
+                A node that a mode lacks is missing in it.
             dofs: The model's DOF at each sensor that is kept.
 
         Returns:
             The modes, with shapes at the sensors that are kept.
 
         Raises:
-            ImportError: If pyuff is not installed.
-            ValueError: If there are no modes, nodes differ, or a sensor is unknown.
+            ValueError: If there are no modes, or one cannot be read or has 0 Hz, or a
+                sensor is unknown.
 
         Warns:
-            UserWarning: If sensors that are zero in all modes were left out.
+            UserWarning: If sensors are zero in all modes, or absent in some.
 
         Examples:
             >>> from emcee_femu import Measurements
             >>> modes = Measurements.from_uff("a.uff", dofs=[4, 9])  # doctest: +SKIP
         """
-        return cls(**uff.read_uff(path, sensors), dofs=dofs)
+        return cls(**uff.read_uff(path, sensors, modes), dofs=dofs)
 
     @classmethod
     def from_pyoma2(
@@ -277,6 +287,7 @@ class Measurements(Report):
         result: Any,
         *,
         shape_sd: bool = False,
+        modes: Sequence[int] | None = None,
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
     ) -> Self:
@@ -290,6 +301,8 @@ class Measurements(Report):
             shape_sd: Whether to read Phi_std too. In pyOMA2 1.4.3 it is up to ten times
                 the scatter of simulated records (it is evaluated before the shapes are
                 scaled to 1), while Fn_std agrees with theirs.
+            modes: Which modes to take, 1 = the first of Fn; None for all. Others may be
+                NaN.
             sensors: Labels of the channels.
             dofs: The model's DOF at each channel.
 
@@ -298,7 +311,8 @@ class Measurements(Report):
 
         Raises:
             TypeError: If result has no Fn and Phi.
-            ValueError: If there are no modes yet, or Phi_std is asked for and missing.
+            ValueError: If there are no modes yet, Phi_std is asked for and missing, or
+                a mode was not identified.
 
         Examples:
             >>> from types import SimpleNamespace
@@ -307,7 +321,8 @@ class Measurements(Report):
             >>> Measurements.from_pyoma2(result).frequencies.tolist()
             [3.1, 9.8]
         """
-        return cls(**uff.read_pyoma2(result, shape_sd), sensors=sensors, dofs=dofs)
+        fields = uff.read_pyoma2(result, shape_sd, modes)
+        return cls(**fields, sensors=sensors, dofs=dofs)
 
     def _parts(self) -> Parts:
         return (self._table(),)

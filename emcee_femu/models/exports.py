@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, diags_array, issparse
 
 from .. import checks
+from ..measurements.modes import along_axis
 from ..table import Parts, Report
 from .coefficients import Power, Unit
 from .geometry import Geometry
@@ -125,7 +126,7 @@ class Matrices(Report):
         The model then names its rows as the test does, and :class:`Measurements` with
         these names as ``dofs`` are matched in any order.
         """
-        wanted = checks.parameter_names("names", names)
+        wanted = [along_axis(x)[0] for x in checks.parameter_names("names", names)]
         return dict(zip(wanted, self.dofs(wanted).tolist(), strict=True))
 
     def _parts(self) -> Parts:

@@ -48,7 +48,9 @@ class FRFModel:
         model: A model with mass-normalised shapes at the DOFs of all channels, such as
             ``MatrixModel(..., shapes=True)`` or its reduction.
         lines: The lines in Hz, ``(n_lines,)``, above zero.
-        channels: Pairs ``(response DOF, excitation DOF)``.
+        channels: Pairs ``(response DOF, excitation DOF)``; one against an axis,
+            ``"2:-ux"``, is computed along it and named so, as
+            :class:`FRFMeasurements` are.
         damping: Ratios: one number, or the name of a parameter, for all modes; a
             sequence of these, one per mode; or ``{"mass": a, "stiffness": b}`` for
             proportional damping, :math:`\zeta = a / 2 \omega + b \omega / 2`, numbers
@@ -92,7 +94,7 @@ class FRFModel:
         if not callable(model):
             raise TypeError(f"model: expected a callable, got {model!r}")
         self.model, self.kind = model, read_kind(kind)
-        self.channels, self.lines = read_channels(channels), read_lines(lines)
+        self.channels, self.lines = read_channels(channels)[0], read_lines(lines)
         declared = read_declared(model, "variables") or {}
         shapes = declared.get("shapes")
         dofs = [] if shapes is None else [*shapes.coords.get("dof", ())]

@@ -10,6 +10,7 @@ from scipy.sparse import csc_array, issparse
 
 from .. import checks
 from ..interfaces import Derivatives, Floats, Parameters
+from ..measurements.modes import along_axis
 
 Matrix: TypeAlias = Floats | csc_array
 Where: TypeAlias = Callable[[int], str]  # names a parameter set i in a message
@@ -120,7 +121,8 @@ def choose_dofs(
     Args:
         argument: Its name, for messages.
         chosen: False for none, True for all, a sequence of DOFs in any order, or
-            ``{label: DOF}``.
+            ``{label: DOF}``. One against its axis, ``"2:-ux"``, is that along it, as
+            measurements are turned.
         dofs: All DOFs of the model, by number or by label.
 
     Raises:
@@ -132,7 +134,7 @@ def choose_dofs(
     if isinstance(chosen, Mapping):
         labels, wanted = list(chosen), list(chosen.values())
     elif np.ndim(np.asarray(chosen, dtype=object)) == 1:
-        labels = wanted = list(chosen)
+        labels = wanted = [along_axis(dof)[0] for dof in chosen]
     else:
         raise TypeError(f"{argument}: expected True, False or DOFs, got {chosen!r}")
     if isinstance(dofs, range):

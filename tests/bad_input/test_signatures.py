@@ -272,7 +272,7 @@ CALLS = {
         frequencies=(REPEATS, positive.but("one less")),
         shapes=(TESTS, array().but("complex")),
     ),
-    "Measurements.from_uff": dict(sensors=OFF, dofs=OFF),
+    "Measurements.from_uff": dict(sensors=OFF, dofs=OFF, modes=OFF),
     "Measurements.from_uff, sensors": dict(path=OFF, sensors=(LABELS[:3], chosen)),
     "Measurements.from_pyoma2": dict(shape_sd=(False, flag)),
     "Measurements.to_csv": {},
@@ -330,7 +330,12 @@ CALLS = {
         kind=("mobility", anything),
         unit=("m/N", anything.but("a word")),
     ),
-    "FRFMeasurements.from_uff": dict(path=(FRF_FILE, file), averages=(9, whole(2))),
+    "FRFMeasurements.from_uff": dict(
+        path=(FRF_FILE, file),
+        averages=(9, whole(2)),
+        between=((1.0, 3.0), anything.but(above=(5.0, 6.0), one=(1.0,))),
+        kind=("accelerance", anything.but(unlike="mobility")),
+    ),
     "FRFTerm": dict(
         measured=(SHAKEN.terms[0].measured, anything),
         sd=(SQUARES[:2], scattered),

@@ -69,8 +69,153 @@ def write(path, *, signs=(1, 1), **changes):
             }
             own = pyuff.prepare_58(**(given | changes))
             sets.append(own)
-    pyuff.UFF(str(path)).write_sets(sets, "overwrite")
+    double = changes.get("ord_data_type", 6) == 6
+    path.unlink(missing_ok=True)  # pyuff cannot overwrite with binary ones
+    pyuff.UFF(str(path)).write_sets(sets, "add", force_double=double)
     return path
+
+
+def test_a_line_at_zero_hertz_is_left_out_and_that_is_said():
+    lines, values = [0.0, *LINES], np.hstack([np.zeros((2, 1)), H])
+    coherence = np.hstack([np.zeros((2, 1)), COHERENCE])
+    given = {"kind": "accelerance", "coherence": coherence, "averages": 50}
+    with pytest.warns(UserWarning, match="0 Hz is left out"):
+        found = ef.frf.FRFMeasurements(lines, values, CHANNELS, **given)
+    np.testing.assert_array_equal(found.lines, LINES)
+    np.testing.assert_array_equal(found.values, H)
+    np.testing.assert_array_equal(found.sd, measured().sd)
+
+
+def test_a_direction_against_the_axis_turns_the_sign():
+    channels = [("4:-x", "7:z"), ("12:-y", "7:-z")]
+    found = ef.frf.FRFMeasurements(LINES, H, channels, kind="mobility")
+    assert found.channels == tuple(map(tuple, CHANNELS))
+    np.testing.assert_array_equal(found.values, H * [[-1], [1]])
+
+
+def test_a_zero_needs_an_error_that_is_not_relative():
+    """Analysers of 12 bits return zeros."""
+    values = H.copy()
+    values[1, 2] = 0.0
+    found = ef.frf.FRFMeasurements(LINES, values, CHANNELS, kind="mobility")
+    ef.frf.FRFTerm(found, sd=0.1)
+    for given in ({"discrepancy": "d"}, {"sd": 0.1, "amplitude": True}):
+        with pytest.raises(ValueError, match="measured: 12:y/7:z is 0 at 3 Hz"):
+            ef.frf.FRFTerm(found, **given)
+
+
+@pytest.mark.parametrize("spacing", [0, 1])
+@pytest.mark.parametrize("single", [True, False])
+def test_every_form_of_text(tmp_path, spacing, single):
+    form = {"ord_data_type": 5 if single else 6, "abscissa_spacing": spacing}
+    path = write(tmp_path / "frf.uff", **form)
+    found = ef.frf.FRFMeasurements.from_uff(path, between=(1.5, 3.0))
+    np.testing.assert_allclose(found.lines, LINES[1:], rtol=1e-5)
+    np.testing.assert_allclose(found.values, H[:, 1:], rtol=1e-5 if single else 1e-10)
+
+
+@pytest.mark.parametrize("number", ["<c8", ">c8", "<c16", ">c16"])
+def test_every_form_of_binary_data(tmp_path, number):
+    """Made from text: the header has a line more of fields, and numbers follow."""
+    single = number.endswith("8")
+    path, parts = write(tmp_path / "frf.uff", ord_data_type=5 if single else 6), []
+    for text in path.read_text().split("    -1\n")[1:-1:4]:  # without coherences
+        head = text.splitlines()
+        head[0] = f"    58b{1 + (number[0] == '>'):6d}{2:6d}{11:12d}{0:12d}"
+        values = H[len(parts)].astype(number).tobytes()
+        parts.append("\n".join(["    -1", *head[:12], ""]).encode() + values)
+    path.write_bytes(b"".join(part + b"\n    -1\n" for part in parts))
+    found = ef.frf.FRFMeasurements.from_uff(path)
+    np.testing.assert_allclose(found.values, H, rtol=1e-6 if single else 1e-12)
+    path.write_bytes(
+        path.read_bytes().replace(
+            f"{2:6d}{11:12d}".encode(), b"     3" + b"%12d" % 11, 1
+        )
+    )
+    with pytest.raises(ValueError, match="data set 1: .*binary numbers .*3"):
+        ef.frf.FRFMeasurements.from_uff(path)
+
+
+def test_only_lines_between_are_checked(tmp_path):
+    lines, values = np.arange(3.0), H.copy()
+    path = write(tmp_path / "frf.uff", x=lines)
+    with pytest.warns(UserWarning, match="0 Hz is left out"):
+        found = ef.frf.FRFMeasurements.from_uff(path)
+    np.testing.assert_allclose(found.values, values[:, 1:], rtol=1e-4)
+    found = ef.frf.FRFMeasurements.from_uff(path, between=(0.5, 2.0), averages=9)
+    np.testing.assert_allclose(found.coherence, COHERENCE[:, 1:], rtol=1e-4)
+    with pytest.raises(ValueError, match="no line between 5 and 6 Hz"):
+        ef.frf.FRFMeasurements.from_uff(path, between=(5.0, 6.0))
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "kind", "expected"),
+    [
+        (8, 13, None, "receptance"),
+        (11, 13, "mobility", "mobility"),
+        (12, 0, "accelerance", "accelerance"),
+        (1, 0, "mobility", "mobility"),
+        (0, 13, "receptance", "receptance"),
+        (12, 0, None, "data set 1: .*give kind="),
+        (1, 1, None, "data set 1: .*give kind="),
+        (12, 13, "mobility", "data set 1: expected mobility, got .*12 over 13"),
+        (12, 12, "accelerance", "data set 1: .*12 over 12"),  # a transmissibility
+        (13, 12, None, "data set 1: .*13 over 12"),
+    ],
+)
+def test_the_kind_is_what_the_file_says_or_else_given(
+    tmp_path, above, below, kind, expected
+):
+    types = {"ordinate_spec_data_type": above, "orddenom_spec_data_type": below}
+    path = write(tmp_path / "frf.uff", **types)
+    if "data set" not in expected:
+        assert ef.frf.FRFMeasurements.from_uff(path, kind=kind).kind == expected
+        return
+    with pytest.raises(ValueError, match=expected):
+        ef.frf.FRFMeasurements.from_uff(path, kind=kind)
+
+
+@pytest.mark.parametrize(
+    ("response", "reference", "factor"),
+    # Millimetres and millinewtons; a rotation has no length, a moment one more.
+    [(1, 3, 1e3 / 1e3), (4, 3, 1e3), (1, 5, 1e3), (6, 5, 1e3 * 1e3), (0, 0, 1.0)],
+)
+def test_values_are_converted_to_si(tmp_path, response, reference, factor):
+    path = write(tmp_path / "frf.uff", rsp_dir=response, ref_dir=reference)
+    import pyuff
+
+    units = pyuff.prepare_164(
+        units_code=5, length=1e3, force=1e3, temp=1.0, temp_offset=273.15
+    )
+    sets = pyuff.UFF(str(path)).read_sets()
+    pyuff.UFF(str(path)).write_sets([units, *sets], "overwrite")
+    with pytest.warns(UserWarning, match="converted to SI .*164"):
+        found = ef.frf.FRFMeasurements.from_uff(path)
+    np.testing.assert_allclose(found.values, factor * H, rtol=1e-4)
+    axes = ["", ":x", "", ":z", ":rx", ":ry", ":rz"]
+    assert found.channels[0] == (f"4{axes[response]}", f"7{axes[reference]}")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"abscissa_spec_data_type": 17}, "data set 1: .*abscissa .*17"),
+        ({"rsp_dir": 7}, "data set 1: .*response direction .*7"),
+        ({"num_pts": 5}, r"data set 1: .*\(5,\), got 3"),
+    ],
+)
+def test_a_function_that_is_not_read_is_named(tmp_path, changes, message):
+    path = write(tmp_path / "frf.uff", abscissa_spec_data_type=18)
+    old, new = {
+        "abscissa_spec_data_type": ("\n        18 ", "\n        17 "),
+        "rsp_dir": ("         4   1", "         4   7"),
+        "num_pts": ("         3         1", "         5         1"),
+    }[[*changes][0]]
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=message):
+        ef.frf.FRFMeasurements.from_uff(path)
 
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, 1)])

@@ -9,6 +9,23 @@ from support.universal_file import LABELS, NODES, F, X, Y, Z, a_mode
 from emcee_femu import Measurements
 
 LEFT_OUT = r"zero in all modes.*\['4:z', '12:z', '7:z'\]"
+HEADER_2414 = """\
+    -1
+  2414
+         1
+a mode
+{location:10d}
+NONE
+NONE
+NONE
+NONE
+NONE
+         1{analysis:10d}         3{motion:10d}{data:10d}         6
+         0         0         1         0         0         1         0         0
+         0         0
+  0.00000E+00{hertz:13.5E}  0.00000E+00  1.00000E+00{viscous:13.5E}{hysteretic:13.5E}
+{real:13.5E}{imaginary:13.5E}  0.00000E+00  0.00000E+00  0.00000E+00  0.00000E+00
+"""
 ROWS = np.stack([X, Y], axis=1).reshape(6, 3)
 
 
@@ -80,16 +97,13 @@ def test_complex_modes(kind, pyuff, write):
 
 def test_universal_files_are_refused_by_data_set(pyuff, write, tmp_path):
     forced = a_mode(pyuff, 1, analysis_type=5, freq_step_n=1)
-    with pytest.raises(ValueError, match="1 data sets 55 and no mode among them"):
+    with pytest.raises(ValueError, match=r"expected modes.*types \['55'\]"):
         Measurements.from_uff(write(forced))
     m = Measurements.from_uff(write(forced, a_mode(pyuff, 2)), sensors=["4:x"])
     assert m.n_modes == 1  # an operating deflection shape is no mode
-    fewer = a_mode(pyuff, 2, node_nums=NODES[:2], r1=X[:2, 1], r2=Y[:2, 1], r3=Z[:2, 1])
-    with pytest.raises(ValueError, match="data set 2: its nodes .* data set 1"):
-        Measurements.from_uff(write(a_mode(pyuff, 1), fewer))
     with pytest.raises(ValueError, match=r"sensors: .*no \['5:x'\], only \['4:x'"):
         Measurements.from_uff(write(a_mode(pyuff, 1)), sensors=["4:x", "5:x"])
-    with pytest.raises(ValueError, match=r"a node appears twice: \[4, 4, 7\]"):
+    with pytest.raises(ValueError, match=r"data set 1: .*once, got \[4.0, 4.0, 7.0\]"):
         Measurements.from_uff(write(a_mode(pyuff, 1, node_nums=[4, 4, 7])))
 
 
@@ -97,16 +111,80 @@ def test_a_damaged_universal_file_is_refused(pyuff, write):
     path = write(a_mode(pyuff, 1, r1=np.full(3, 0.25)))
     text = path.read_text()
     path.write_text(text.replace("2.50000e-01", "2.5000oe-01", 1))
-    with pytest.raises(ValueError, match="test.uff: pyuff cannot read it"):
+    with pytest.raises(ValueError, match="test.uff, data set 1: .*numbers, got 'oe'"):
         Measurements.from_uff(path)
     scalars = text.replace("         2         3\n", "         2         1\n")
     assert scalars != text
     path.write_text(scalars)
-    with pytest.raises(ValueError, match="expected 3 or 6 values per node, got 1"):
+    with pytest.raises(ValueError, match="3 or 6 values each, got 1"):
+        Measurements.from_uff(path)
+    path.write_text(text + text[: len(text) // 2])
+    with pytest.raises(ValueError, match="ends inside data set 2"):
         Measurements.from_uff(path)
     path.write_text("no universal file\n")
-    with pytest.raises(ValueError, match="0 data sets 55"):
+    with pytest.raises(ValueError, match=r"test.uff: expected modes.*types \[\]"):
         Measurements.from_uff(path)
+
+
+@pytest.mark.filterwarnings("ignore:.*taken as not measured")
+def test_one_bad_mode_does_not_spoil_the_others(pyuff, write):
+    """A rigid-body mode, a damaged one: only what is asked for is read."""
+    rigid = a_mode(pyuff, 1, freq=0.0)
+    path = write(rigid, *(a_mode(pyuff, i, r1=X[:, i - 1] + 0.25) for i in (3, 2)))
+    with pytest.raises(ValueError, match=r"data set 1: mode 1 .*modes=\[2, 3\]"):
+        Measurements.from_uff(path)
+    found = Measurements.from_uff(path, modes=[2, 3])
+    np.testing.assert_allclose(found.frequencies, F[1:], rtol=1e-5)
+    np.testing.assert_allclose(found.shapes[::2], X[:, 1:] + 0.25, rtol=1e-5)
+    path.write_text(path.read_text().replace("e-01", "e-0l", 1))
+    np.testing.assert_allclose(Measurements.from_uff(path, modes=[3]).frequencies, 9.8)
+    for wrong in ([], [2, 2], [4]):
+        with pytest.raises(ValueError, match="modes: expected numbers from 1 to 3"):
+            Measurements.from_uff(path, modes=wrong)
+
+
+def test_a_node_that_a_mode_lacks_is_missing_in_it(pyuff, write):
+    fewer = a_mode(pyuff, 2, node_nums=NODES[:2], r1=X[:2, 1], r2=Y[:2, 1], r3=Z[:2, 1])
+    with pytest.warns(UserWarning, match=r"absent in some modes.*\['7:x', '7:y'\]"):
+        found = Measurements.from_uff(write(a_mode(pyuff, 1), fewer))
+    assert np.argwhere(np.isnan(found.shapes)).tolist() == [[4, 1], [5, 1]]
+
+
+def test_viscous_damping_is_half_the_hysteretic_one(pyuff, write):
+    viscous = a_mode(pyuff, 1, modal_damp_vis=0.02, modal_damp_his=0.05)
+    hysteretic = a_mode(pyuff, 2, modal_damp_his=0.05)
+    path = write(viscous, hysteretic, a_mode(pyuff, 3))
+    found = Measurements.from_uff(path, sensors=["4:x", "7:y"])
+    np.testing.assert_allclose(found.damping, [0.02, 0.025, np.nan])
+
+
+@pytest.mark.parametrize("analysis", [2, 3])
+@pytest.mark.parametrize("narrow", [False, True])
+def test_modes_of_six_directions_in_data_sets_2414(analysis, narrow, tmp_path):
+    """Complex ones go over two lines; columns may be narrow, exponents Fortran's."""
+    values = np.random.default_rng(3).normal(size=(2, 6))
+    header = dict(
+        location=1, motion=8, analysis=analysis, data=6 if analysis > 2 else 4
+    )
+    header |= dict(hertz=5.0, viscous=0.0, hysteretic=0.04)
+    header |= dict(real=-1.0, imaginary=np.sqrt(99.0))  # |lambda| = 10, damping .1
+    text = HEADER_2414.format(**header)
+    for node, row in zip((12, 7), values, strict=True):
+        numbers = np.stack([row, 0.5 * row], axis=1).ravel() if analysis > 2 else row
+        cells = [f"{x:12.4E}" if narrow else f"{x:13.5E}" for x in numbers]
+        rows = ["".join(cells[i : i + 6]) for i in range(0, len(cells), 6)]
+        text += f"{node:10d}\n" + "\n".join(rows).replace("E", "D") + "\n"
+    other = HEADER_2414.format(**(header | dict(motion=2))) + "         1\n"  # a stress
+    path = tmp_path / "modes.unv"
+    path.write_text(text + "    -1\n" + other + "    -1\n")
+    found = Measurements.from_uff(path)
+    assert found.sensors[:2] == ("12:x", "12:y") and found.sensors[-1] == "7:rz"
+    np.testing.assert_allclose(
+        found.frequencies, 5.0 if analysis == 2 else 5 / np.pi, 1e-5
+    )
+    np.testing.assert_allclose(found.damping, 0.02 if analysis == 2 else 0.1, 1e-5)
+    shape = found.shapes[:, 0] / found.shapes[0, 0]
+    np.testing.assert_allclose(shape, values.ravel() / values[0, 0], rtol=2e-3)
 
 
 # pyOMA2; its real results are tested by the example
@@ -146,6 +224,16 @@ def test_the_modes_of_pyoma2_are_put_in_ascending_order():
     )
     for field in ("frequencies", "sd", "shapes", "shape_sd", "damping"):
         np.testing.assert_array_equal(getattr(m, field), getattr(n, field))
+
+
+def test_a_mode_that_pyoma2_did_not_find_may_be_left_out():
+    gap = a_result(Fn=np.array([F[0], np.nan, F[2]]))
+    with pytest.raises(ValueError, match=r"result.Fn: mode 2 .*modes=\[1, 3\]"):
+        Measurements.from_pyoma2(gap)
+    m, whole = Measurements.from_pyoma2(gap, modes=[3, 1]), a_result()
+    np.testing.assert_array_equal(m.frequencies, [F[0], F[2]])
+    np.testing.assert_array_equal(m.damping, whole.Xi[[0, 2]])
+    np.testing.assert_allclose(m.shapes, X[:, [0, 2]], rtol=0, atol=1e-12)
 
 
 def test_a_result_of_pyoma2_that_is_not_complete_is_refused():

@@ -142,7 +142,10 @@ def test_what_spreadsheets_add_does_not_matter(change, tmp_path):
     ("old", "new", "message"),
     [
         (",", "|", "line 1: .*separated by commas, semicolons or tabs"),
-        ("1.0,0.62", "n/a,0.62", "got 'n/a'; leave the cell of a missing sensor blank"),
+        ("1.0,0.62", "n/a,0.62", "line 4, column 'mode 1': .*'n/a'.*blank"),
+        ("3.13,9.83", "3.13,", "line 2, column 'mode 2': .*no column"),
+        ("sd [Hz]", "sd [rad/s]", "line 3, column 'quantity'.*'sd .rad/s.'"),
+        ("sd [Hz]", "sd [%]", "line 3, column 'quantity'.*'sd .%.'"),
         ("sd [Hz]", "sigma", "line 3, column 'quantity': .*'sd .Hz.'.* got 'sigma'"),
         ("0.01,0.02", "0.01,abc", "line 3, column 'mode 2': .*number, got 'abc'"),
         ("0.01,0.02", "0,01,0,02", "line 3: 7 cells under 5 titles.*decimal point"),
@@ -158,6 +161,25 @@ def test_errors_name_line_and_column(old, new, message, tmp_path):
         Measurements.from_csv(path)
     if "line" in message or "column" in message:
         assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("frequency", "sd", "damping", "factor"),
+    [
+        ("Frequency [Hz]", "sd [Hz]", "damping ratio", 1),
+        ("FREQ (Hz)", "Std", "Damping [%]", 100),
+        ("f", "SD (hz)", "damping %", 100),
+        ("Natural frequency", "Standard deviation [Hz]", "zeta", 1),
+    ],
+)
+def test_titles_as_people_write_them(frequency, sd, damping, factor, tmp_path):
+    text = "Quantity,Sensor,DOF,Mode 1,Mode 2\n"
+    text += f"{frequency},,,3.13,9.83\n{sd},,,0.01,\n"
+    text += f"{damping},,,{0.02 * factor},{0.01 * factor}\n"
+    found = Measurements.from_csv(written(tmp_path, text))
+    assert found.frequencies.tolist() == [3.13, 9.83]
+    np.testing.assert_array_equal(found.sd, [0.01, np.nan])
+    np.testing.assert_allclose(found.damping, [0.02, 0.01], rtol=1e-12)
 
 
 def test_a_file_in_another_encoding_says_how_to_save_it(tmp_path):

@@ -88,7 +88,6 @@ def test_modes_of_low_collinearity_are_named_in_a_warning():
     [
         ([3.1, 0.0, 9.8], {}, r"leave out .*mode 2 has 0.0"),
         ([3.1, 20.4, 9.8], {}, r"mode 3 \(9.8 Hz\) is below mode 2 .*argsort"),
-        ([3.1, 9.8, 9.8], {}, "modes 2 and 3 are the same .*give shapes"),
         (F, {"covariance": np.triu(COVARIANCE)}, "covariance: .*symmetric"),
         (F, {"shapes": SHAPES.T}, r"shapes: .*got \(3, 4\); transpose them"),
         (F, {"shapes": SHAPES * [1, 0, 1]}, "mode 2 is zero at all sensors"),
@@ -107,9 +106,28 @@ def test_a_mode_identified_twice_is_refused_by_number():
         Measurements([*F, 20.41], shapes=twice)
     Measurements([*F, 20.6], shapes=twice)  # 1 % apart: close modes of a few sensors
     Measurements([*F, 20.4], shapes=np.column_stack([SHAPES, [0.4, 0.9, -1.0, 0.2]]))
-    with pytest.raises(ValueError, match="modes 1 and 2 are the same"):
-        Measurements([3.0, 3.0], shapes=[[1.0, -2.0]])
-    Measurements([3.0, 3.001], shapes=[[1.0, -2.0]])  # one sensor cannot tell
+    Measurements([3.0, 3.0], shapes=[[1.0, -2.0]])  # one sensor cannot tell
+
+
+def test_a_symmetric_structure_has_equal_frequencies():
+    found = Measurements([5.2, 5.2, 8.1])
+    assert found.frequencies.tolist() == [5.2, 5.2, 8.1]
+
+
+@pytest.mark.parametrize("turn", [1.0, np.exp(0.7j)])
+def test_a_sensor_that_points_backwards_is_turned(turn):
+    """Whatever the sign of its axis, the motion along it is the same."""
+    dofs, signs = ["1:ux", "2:uy", "3:z", "4:rx"], np.array([1, -1, 1, -1])[:, None]
+    signed = ["1:+ux", "2:-uy", "3:z", "4:-rx"]
+    plain = Measurements(F, SHAPES * turn, dofs=dofs)
+    backwards = Measurements(F, signs * SHAPES * turn, dofs=signed)
+    assert backwards.dofs.tolist() == dofs
+    side = np.sign((plain.shapes * backwards.shapes).sum(axis=0))
+    np.testing.assert_allclose(side * backwards.shapes, plain.shapes, atol=1e-12)
+    with pytest.raises(ValueError, match="dofs: .*distinct"):
+        Measurements(F, SHAPES, dofs=["1:ux", "1:-ux", "3:z", "4:rx"])
+    places = ["floor:-1", "b", "c", "d"]  # a storey is no direction
+    assert Measurements(F, SHAPES, dofs=places).dofs.tolist() == places
 
 
 def test_a_covariance_printed_with_nine_digits_is_symmetric_enough():

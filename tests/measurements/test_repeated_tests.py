@@ -89,6 +89,35 @@ def test_from_repeats_refuses(frequencies, shapes, options, message):
         Measurements.from_repeats(frequencies, shapes, **options)
 
 
+def test_mean_and_scatter_are_those_of_the_tests_that_found_a_mode():
+    f, shapes = campaign(6), SHAPES + 0.05 * RNG.standard_normal((6, 4, 3))
+    f[[1, 4], 1] = np.nan
+    shapes[1, :, 1], shapes[4, :, 1] = np.nan, 0.0
+    found = Measurements.from_repeats(f, shapes, correlated=False)
+    kept = [0, 2, 3, 5]
+    fewer = Measurements.from_repeats(f[kept], shapes[kept], correlated=False)
+    np.testing.assert_allclose(found.frequencies[1], fewer.frequencies[1], rtol=1e-14)
+    np.testing.assert_allclose(found.sd[1], fewer.sd[1], rtol=1e-12)
+    np.testing.assert_allclose(found.shape_sd[:, 1], fewer.shape_sd[:, 1], rtol=1e-9)
+    side = np.sign(found.shapes[0, 1] * fewer.shapes[0, 1])
+    np.testing.assert_allclose(side * found.shapes[:, 1], fewer.shapes[:, 1], rtol=1e-9)
+    np.testing.assert_allclose(found.sd[0], f[:, 0].std(ddof=1), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "correlated", "message"),
+    [
+        ([[3.1, 9.8], [3.2, np.nan], [3.1, 9.7]], True, "test 2 .*correlated=False"),
+        ([[3.1, 9.8], [3.2, np.nan]], False, "mode 2 was found by 1 of 2"),
+        ([[3.1, 9.8], [3.2], [3.1, 9.7]], False, r"\[2, 1, 2\].* nan"),
+        ([[3.1, 9.8], [3.2, np.inf], [3.1, 9.7]], False, "frequencies: .*finite"),
+    ],
+)
+def test_what_the_tests_missed_is_named_with_its_cure(frequencies, correlated, message):
+    with pytest.raises(ValueError, match=message):
+        Measurements.from_repeats(frequencies, correlated=correlated)
+
+
 def test_mean_and_sample_covariance_are_those_of_the_definition():
     f = campaign(7)
     m = Measurements.from_repeats(f)
