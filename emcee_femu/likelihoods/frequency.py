@@ -44,15 +44,19 @@ class FrequencyTerm(Term):
     Unknown noise is inferred by ``discrepancy="noise"`` without any of the others: then
     R = 0, and :math:`\sigma_d` is noise and model error together, which one test does
     not tell apart. Leave out the standard deviations of :class:`Measurements` too, by
-    giving its ``frequencies``.
+    giving its ``frequencies``. Give this noise a prior with a lower bound above zero,
+    such as ``(0.001, 0.05)`` in :class:`IndependentPrior`. If the model can fit all
+    frequencies exactly, the likelihood grows without bound as the noise goes to zero.
+    It can with as many parameters as frequencies. A prior with density at zero, such as
+    a half-normal, then gives a posterior that is hard to sample. Jeffreys' prior
+    1 / sigma gives one without a finite integral. If more frequencies than parameters
+    fit exactly, as when a model is tested with its own output, a half-normal gives no
+    finite integral either.
 
     The scatter of modal tests is often 0.2 %, the error of a good model 1 to 2 %: with
     the measured standard deviations alone the posterior is far too narrow. Give the
-    name of a parameter as ``discrepancy`` and a proper prior, such as
-    ``scipy.stats.halfnorm(scale=0.02)``. Jeffreys' prior 1 / sigma is no choice here:
-    integrated over sigma it leaves (r^T r)^(-m/2), which has no finite integral where
-    m residuals can vanish together, as they can unless they outnumber the parameters.
-    Distributions of :class:`IndependentPrior` are proper.
+    name of a parameter as ``discrepancy`` beside them, and a prior such as
+    ``scipy.stats.halfnorm(scale=0.02)``: the known errors keep the likelihood finite.
 
     Args:
         measured: Measured natural frequencies in Hz, ``(n_modes,)``, or

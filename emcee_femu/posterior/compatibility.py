@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import checks
 from ..interfaces import Model, Prior, Variable, read_declared
-from ..likelihoods.term import Term
+from ..likelihoods.term import ERROR_PRIOR, Term
 
 if TYPE_CHECKING:
     from .experiments import Experiment
@@ -58,7 +58,9 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
         if missing := sorted({*names} - {*prior.names}):
             remedy = ""
             if isinstance(reader, Term):
-                remedy = f"; add {missing[0]!r}: scipy.stats.halfnorm(scale=0.02)"
+                remedy = (
+                    f"; add {missing[0]!r}: {ERROR_PRIOR} if that is a range for it"
+                )
             raise ValueError(
                 f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
                 f"there are {[*prior.names]}{remedy}"

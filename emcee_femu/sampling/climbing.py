@@ -6,7 +6,7 @@ fitted to the rows of points around.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..interfaces import Evaluator, Floats
+from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates
 from .quadratic import find_damping, log_integral, make_positive, step_within
@@ -27,7 +28,12 @@ USABLE = 0.5  # the same of one that is kept
 SHORTER, LONGER = 0.25, 3.0
 SADDLE = -0.1  # least curvature of a maximum, in prior sds; rounding gives some
 TOUCHING = 1e-9  # prior sds from a bound at which a point is on it
-NARROWEST = 1e-10  # of the prior's scale: no posterior of data is as narrow
+# Of the prior's scale: no posterior of data is as narrow, and rounded frequencies
+# would stop the climb at a tenth of it.
+NARROWEST = 1e-8
+# Log evidence that must be lost on the way to a point without bound. Where a finite
+# integral ends there it falls as the error does, by 10 and more, else not at all.
+VANISHING = 5.0
 SAME = 2.0  # standard deviations; two equal Gaussians so near have one top
 FIRST_OFFSET = 1e-3  # of differences, in prior sds, where no scale is known
 OFFSET = 0.05  # of differences, in conditional sds of the posterior
@@ -35,6 +41,7 @@ MOST_OFFSET = 0.1  # in prior sds
 # The same for a solver that prints few digits, whose differences are steps.
 GRAINED_FIRST, GRAINED_OFFSET, MOST_GRAINED = 0.1, 1.0, 0.5
 CONVERGED = "converged"  # in words why a climb ended
+UNBOUNDED = "the density grows without bound"  # the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +123,7 @@ class Climb:
         ended: Why, in words; empty while it goes on.
         converged: Whether at a maximum.
         damped: Whether the radius shortens the step.
+        way: Where it was.
     """
 
     local: Local
@@ -125,10 +133,15 @@ class Climb:
     ended: str = ""
     converged: bool = False
     damped: bool = False
+    way: list[Local] = field(default_factory=list)
 
     def choose(self, box: Floats) -> None:
         """Choose the next point, or end."""
         local = self.local
+        if local.fresh and not np.diagonal(local.curvature).max() < NARROWEST**-2:
+            self.ended = UNBOUNDED
+            return
+        self.way.append(local)
         curvature = make_positive(local.curvature)
         room = box.T - local.point
         step, gain = step_within(local.gradient, curvature, *room)
@@ -174,6 +187,7 @@ def climb(
     guess: Floats | None = None,
     most: float = np.inf,
     coordinates: Coordinates | None = None,
+    masses: bool = False,
 ) -> list[Maximum]:
     r"""Climb from every start ``(n, d)`` to a maximum inside the prior's bounds.
 
@@ -190,9 +204,11 @@ def climb(
         most: Solves that may be spent; the climbs end where they are then.
         coordinates: Whose density is climbed, parameters or their logarithms; starts
             and maxima are in them. None for the parameters.
+        masses: Whether a climb to a density without bound that has a finite integral
+            gives the point on its way around which most of that lies.
 
     Raises:
-        ValueError: If the density grows without bound.
+        ValueError: If the density grows without bound, and masses do not help.
     """
     coordinates = coordinates or Coordinates.plain(evaluator.posterior.prior)
     space = _Space(evaluator, guess, coordinates)
@@ -225,7 +241,7 @@ def climb(
         for ascent in active:
             if ascent.target is None and not ascent.ended:
                 ascent.local = space.fit(ascent.local)
-    return [space.maximum(ascent) for ascent in climbs]
+    return [space.maximum(ascent, masses) for ascent in climbs]
 
 
 def distinct(maxima: Sequence[Maximum]) -> list[list[int]]:
@@ -382,41 +398,19 @@ class _Space:
         first = np.where(up, size, -size)
         return first, np.where(up & down, -size, 2 * first)
 
-    def maximum(self, ascent: Climb) -> Maximum:
+    def maximum(self, ascent: Climb, masses: bool) -> Maximum:
         """Return the maximum where a climb ended, with its Laplace approximation.
 
         Raises:
-            ValueError: If the density grows without bound.
+            ValueError: If the density grows without bound, and masses do not help.
         """
         local = ascent.local
+        if ascent.ended == UNBOUNDED:
+            local = self._find_mass(ascent, masses)
         at_bound = (local.point[:, None] == self.box).any(axis=1)
         covariance, log_evidence = np.full((len(self.scale),) * 2, np.nan), -np.inf
         if local.usable:
-            if np.diagonal(local.curvature).max() > NARROWEST**-2:
-                theta = self.coordinates.inside(local.point[None] * self.scale)
-                values = [f"{value:.5g}" for value in theta[0]]
-                raise ValueError(
-                    "posterior: its density seems to grow without bound towards "
-                    f"{dict(zip(self.posterior.names, values, strict=True))}: does an "
-                    "inferred error go to zero where the parameters fit the data "
-                    "exactly? Give its prior a lower bound above zero, or give the "
-                    "term its known errors"
-                )
-            curvature = make_positive(local.curvature)
-            # A density that falls from a bound with slope g is an exponential of sd
-            # 1 / |g|: g^2 counts as curvature there.
-            at_low, at_high = (local.point == end for end in self.box.T)
-            slopes = np.minimum(local.gradient, 0.0) * at_low
-            slopes += np.maximum(local.gradient, 0.0) * at_high
-            covariance = np.linalg.inv(curvature + np.diag(slopes**2))
-            covariance = (covariance + covariance.T) / 2
-            covariance *= np.outer(self.scale, self.scale)
-            room = self.box.T - local.point
-            # A climb that ended below a step of the density, or too early, may have a
-            # steep gradient there; what the quadratic promises beyond was not seen.
-            seen = local.gradient if ascent.ended == CONVERGED else slopes
-            log_evidence = log_integral(seen, curvature, *room)
-            log_evidence += local.value + np.log(self.scale).sum()
+            covariance, log_evidence = self._laplace(local, ascent)
         return Maximum(
             theta=np.clip(local.point * self.scale, *self.coordinates.bounds.T),
             row=local.row,
@@ -426,6 +420,40 @@ class _Space:
             converged=ascent.converged,
             message=ascent.ended or f"not converged after {MOST_STEPS} steps",
         )
+
+    def _find_mass(self, ascent: Climb, masses: bool) -> Local:
+        """Return the point of the largest evidence on the way to a spike."""
+        evidences = np.array([self._laplace(one, ascent)[1] for one in ascent.way])
+        if masses and evidences.size and evidences[-1] < evidences.max() - VANISHING:
+            return ascent.way[int(evidences.argmax())]
+        theta = self.coordinates.inside(ascent.local.point[None] * self.scale)
+        values = [f"{value:.5g}" for value in theta[0]]
+        raise ValueError(
+            "posterior: its density seems to grow without bound towards "
+            f"{dict(zip(self.posterior.names, values, strict=True))}: does an inferred "
+            "error go to zero where the parameters fit the data exactly? Give its prior "
+            f"a lower bound above zero, such as {ERROR_PRIOR}, or give the term its "
+            "known errors"
+        )
+
+    def _laplace(self, local: Local, ascent: Climb) -> tuple[Floats, float]:
+        """Return covariance and log evidence by the quadratic about a point."""
+        curvature = make_positive(local.curvature)
+        # A density that falls from a bound with slope g is an exponential of sd
+        # 1 / |g|: g^2 counts as curvature there.
+        at_low, at_high = (local.point == end for end in self.box.T)
+        slopes = np.minimum(local.gradient, 0.0) * at_low
+        slopes += np.maximum(local.gradient, 0.0) * at_high
+        covariance = np.linalg.inv(curvature + np.diag(slopes**2))
+        covariance = (covariance + covariance.T) / 2
+        covariance *= np.outer(self.scale, self.scale)
+        room = self.box.T - local.point
+        # A climb that ended below a step of the density, or too early, may have a
+        # steep gradient there; what the quadratic promises beyond was not seen.
+        seen = local.gradient if ascent.ended == CONVERGED else slopes
+        log_evidence = log_integral(seen, curvature, *room)
+        log_evidence += local.value + np.log(self.scale).sum()
+        return covariance, log_evidence
 
 
 def _bend(before: Local, here: Local) -> Floats:

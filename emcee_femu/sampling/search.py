@@ -135,7 +135,7 @@ class Search:
             nearest = self.mixture().squared_distances(starts[:1])[0].argmin()
             guess = self.mixture().matrices[nearest]
         left = self.most - self.evaluator.solves
-        reached = climb(self.evaluator, starts, guess, left)
+        reached = climb(self.evaluator, starts, guess, left, masses=True)
         self.climbs += len(starts)
         pairs = zip(reached, self.owner[numbers].tolist(), strict=True)
         return any([self._add(maximum, ensemble) for maximum, ensemble in pairs])

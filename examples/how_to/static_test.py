@@ -94,8 +94,7 @@ ef.figures.plot_predictive(idata, posterior)
 # `modal.frequency`, the argument `experiment="modal"` of tables and figures.
 #
 # A model error can be inferred for a static test as for a modal one:
-# `ef.DisplacementTerm(..., discrepancy="name")`, with a proper prior for that
-# parameter.
+# `ef.DisplacementTerm(..., discrepancy="name")`, with a prior for that parameter.
 
 # %% tags=["remove-cell"]
 assert "is known well, not k and m by themselves" in str(one)

@@ -247,21 +247,20 @@ print(textwrap.fill(sentence))
 # becomes wider by a third to a half. So use a scale that would not surprise you, rather
 # too large, and report it.
 #
-# The prior must be proper. Under 1 / sigma, the usual choice for an unknown scale, the
-# posterior has no finite integral if the model can fit all data exactly. It can if
-# there are as many parameters as frequencies.
+# Here the known scatter of the test keeps the likelihood finite, so the prior may have
+# density at zero. Without it, it may not.
 #
 # ## Unknown noise
 #
 # If nobody knows the scatter of the test, leave it out. The same argument then infers
 # one relative standard deviation for all modes, by the formula of
 # {doc}`/explanation/likelihoods` without R. Here the model is exact, and the noise of
-# the simulated test is 0.5 %:
+# the simulated test is 0.5 %. Its prior is uniform from 0.1 to 5 %:
 
 # %%
 noisy = exact * (1 + 0.005 * np.random.default_rng(2).normal(size=5))
 term = ef.FrequencyTerm(noisy, discrepancy="noise")
-priors = {**factors, "noise": stats.halfnorm(scale=0.02)}
+priors = {**factors, "noise": (0.001, 0.05)}
 unknown = ef.LogPosterior(model, term, ef.IndependentPrior(priors))
 unknown_table = ef.parameter_table(ef.run(unknown, steps=200, seed=1))
 unknown_table
@@ -272,6 +271,12 @@ unknown_table
 # separate them. Only repeats determine the noise alone: give it as `relative_sd`, and
 # `discrepancy` then infers the model's error on top.
 #
+# The prior of the noise needs a lower bound above zero. With as many parameters as
+# frequencies, or more, the model can fit all of them exactly. The likelihood then grows
+# without bound as the noise goes to zero. Under a half-normal prior the posterior still
+# has a finite integral, but a spike that chains leave rarely. Under 1 / sigma, the
+# usual choice for an unknown scale, it has none.
+#
 # {py:class}`~emcee_femu.Measurements` bring their own standard deviations; to ignore
 # them, pass `test.frequencies`. All terms accept `discrepancy` alone, except those of
 # spectra, which know their noise.
@@ -279,7 +284,7 @@ unknown_table
 # ## In short
 #
 # - Give the scatter of one test, never that of the mean of many.
-# - Infer unknown noise: `discrepancy="noise"` alone.
+# - Infer unknown noise: `discrepancy="noise"` alone, uniform from 0.1 to 5 %.
 # - Infer the model's error: `discrepancy="error"`, half-normal of 2 % for frequencies.
 #   Shapes have their own, `ShapeTerm(test, discrepancy="shape error")`.
 # - Look at {py:func}`~emcee_femu.predictive_table` with the posterior. Trust intervals

@@ -158,5 +158,5 @@ def test_a_mean_and_a_standard_deviation_are_no_pair_of_bounds():
 def test_an_error_without_a_prior_is_told_one():
     model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
     term = ef.FrequencyTerm([1.0], discrepancy="noise")
-    with pytest.raises(ValueError, match=r"there are \['k'\]; .*'noise': .*halfnorm"):
+    with pytest.raises(ValueError, match=r"there are \['k'\]; .*'noise': .*0.001"):
         ef.LogPosterior(model, term, ef.IndependentPrior({"k": (0.5, 2.0)}))
