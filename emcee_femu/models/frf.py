@@ -74,9 +74,9 @@ class FRFModel:
         >>> from emcee_femu.frf import FRFModel
         >>> one = MatrixModel(np.zeros((1, 1)), np.eye(1), {"k": np.eye(1)}, n_modes=1,
         ...                   shapes=True)
-        >>> frf = FRFModel(one, [1 / np.pi], [(0, 0)], damping=0.05)
+        >>> frf = FRFModel(one, [0.5 / np.pi], [(0, 0)], damping=0.05)
         >>> frf({"k": np.array([4.0])})["receptance"].round(4).tolist()
-        [[[[0.0, -2.5]]]]
+        [[[[0.3319, -0.0221]]]]
     """
 
     def __init__(

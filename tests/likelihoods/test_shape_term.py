@@ -29,7 +29,7 @@ def test_the_mac_form_is_its_formula(delta):
     term = ef.ShapeTerm(MEASURED, delta=delta)
     assert_allclose(term({}, MODES), expected, rtol=1e-12)
     assert_term(term, {}, MODES, expected)
-    assert_array_equal(term({}, MORE), term({}, MODES))
+    assert_allclose(term({}, MORE), term({}, MODES), rtol=1e-12)
 
 
 def test_an_inferred_delta_is_the_number_of_that_value():
@@ -39,7 +39,7 @@ def test_an_inferred_delta_is_the_number_of_that_value():
     fixed = [
         ef.ShapeTerm(MEASURED, delta=v)({}, MODES)[i] for i, v in enumerate(values)
     ]
-    assert_allclose(term({"delta": values}, MODES), fixed, rtol=1e-13)
+    assert_allclose(term({"delta": values}, MODES), fixed, rtol=1e-12)
     assert_term(term, {"delta": values}, MODES, np.array(fixed))
 
 

@@ -121,7 +121,7 @@ def test_what_the_tests_missed_is_named_with_its_cure(frequencies, correlated, m
 def test_mean_and_sample_covariance_are_those_of_the_definition():
     f = campaign(7)
     m = Measurements.from_repeats(f)
-    np.testing.assert_allclose(m.frequencies, f.sum(axis=0) / 7, rtol=1e-14)
+    np.testing.assert_allclose(m.frequencies, f.sum(axis=0) / 7, rtol=1e-12)
     deviations = f - m.frequencies
     expected = np.einsum("ti,tj->ij", deviations, deviations) / 6
     np.testing.assert_allclose(m.covariance, expected, rtol=1e-12)

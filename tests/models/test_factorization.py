@@ -165,12 +165,13 @@ def test_memory_lasts_as_long_as_a_factor(pardiso):
     factor_definite(K)
     before = held()
     solve = factor_definite(K).solve  # is all that is kept
-    assert held() > before + 100_000
+    size = held() - before
+    assert size > sparse.triu(K).data.nbytes  # L fills in
     np.testing.assert_allclose(K @ solve(np.ones(1640)), 1.0)
     del solve
-    assert held() == before
-    assert factor_definite(-K) is None and factor_indefinite(-K).negative == 1640
-    assert held() == before
+    for _ in range(5):
+        assert factor_definite(-K) is None and factor_indefinite(-K).negative == 1640
+    assert held() - before < size / 2  # of MKL's own, whatever the processor wants
 
 
 def test_threads_have_factors_of_their_own(pardiso):

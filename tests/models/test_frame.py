@@ -124,6 +124,7 @@ H_NODES += [(0.69, -0.105, 0), (0.69, 0.105, 0)]
 H_BARS = [(i, i + 1, "mid") for i in range(6)] + [(7, 8, "left"), (8, 0, "left")]
 H_BARS += [(0, 9, "left"), (9, 10, "left"), (11, 6, "right"), (6, 12, "right")]
 HELD = {7: "all", 12: ("ux", "ry")}
+ROUNDING = 1e-6  # of stretched bars, whose eigenvalues are 1e8 of the lowest
 
 
 def h_frame(named=(), base=H, turn=None, order=None, supports=None, **options):
@@ -152,7 +153,7 @@ def test_turning_the_frame_or_renumbering_its_nodes_does_not_matter(supports):
     expected = solve(h_frame(supports=supports))
     for change in ({"order": order}, {} if supports else {"turn": turn}):
         same = solve(h_frame(supports=supports, **change))
-        np.testing.assert_allclose(same, expected, rtol=1e-9)
+        np.testing.assert_allclose(same, expected, rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("supports", [None, HELD])
@@ -181,7 +182,7 @@ def test_named_properties_equal_numbers(named):
     for row, factor in enumerate(factors):
         numbers = solve(h_frame(base=H | {key: factor * H[key] for key in named}))
         batch = model(values).frequencies
-        np.testing.assert_allclose(batch[row], numbers, rtol=1e-9)
+        np.testing.assert_allclose(batch[row], numbers, rtol=ROUNDING)
 
 
 def test_a_large_frame_is_solved_by_sparse_matrices_as_a_dense_one():

@@ -112,7 +112,10 @@ def stepped(move, target, generations=1, nwalkers=12):
         before = state.coords.copy()
         state, accepted = move.propose(model, state)
         np.testing.assert_array_equal((state.coords != before).any(axis=1), accepted)
-        np.testing.assert_array_equal(state.log_prob, target(state.coords))
+        # Several points round otherwise than few.
+        np.testing.assert_allclose(
+            state.log_prob, target(state.coords), rtol=1e-9, atol=1e-9
+        )
     return state, solved
 
 

@@ -56,7 +56,10 @@ def travel(move, target, walkers=10_000, steps=6):
     for _ in range(steps):
         state, moved = move.propose(model, state)
         accepted.append(moved.mean())
-    np.testing.assert_array_equal(state.log_prob, target(state.coords))
+    # Several points round otherwise than few.
+    np.testing.assert_allclose(
+        state.log_prob, target(state.coords), rtol=1e-9, atol=1e-9
+    )
     return state.coords, np.mean(accepted)
 
 

@@ -3,7 +3,7 @@ import emcee
 import numpy as np
 import pytest
 import xarray
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal, assert_equal
 from scipy import stats
 from support.chains import ar1, as_arviz, backend
 
@@ -35,7 +35,7 @@ def test_tau_and_ess_are_those_of_an_autoregressive_chain(same_law):
     assert (error < 0.2).all()
     assert found.tau.shape == (2, 3)
     assert (np.abs(found.tau / TAU - 1) < error).all()
-    assert_allclose(found.steps_per_tau, STEPS / found.tau.max(axis=0), rtol=1e-15)
+    assert_allclose(found.steps_per_tau, STEPS / found.tau.max(axis=0), rtol=1e-12)
     samples = 2 * WALKERS * STEPS
     assert_allclose(found.ess_bulk, samples / TAU, rtol=0.06)
     assert (found.ess_tail > samples / TAU * 0.9).all()
@@ -48,9 +48,9 @@ def test_tau_is_that_of_one_ensemble_and_discard_shortens_it(same_law):
     found = ef.diagnose([same_law[0], slow], discard=6000)
     assert found.steps == 2000
     for row, run in zip(found.tau, (same_law[0], slow), strict=True):
-        assert_array_equal(row, tau_of(run.get_chain()[6000:]))
+        assert_allclose(row, tau_of(run.get_chain()[6000:]))
     assert found.tau[1, 0] > 10 > found.tau[0, 0]
-    assert_allclose(found.steps_per_tau[0], 2000 / found.tau[1, 0], rtol=1e-15)
+    assert_allclose(found.steps_per_tau[0], 2000 / found.tau[1, 0], rtol=1e-12)
 
 
 def test_two_ensembles_of_one_law_converge_but_one_cannot_show_it(same_law):
@@ -77,7 +77,7 @@ def test_stuck_walkers_are_reported_and_left_out_of_tau():
     assert "[(0, 3), (1, 6)]" in found.chains.sentence
     for row, chain, gone in zip(found.tau, chains, (3, 6), strict=True):
         kept = np.delete(chain, gone, axis=1)[100:]
-        assert_array_equal(row, tau_of(kept))
+        assert_allclose(row, tau_of(kept))
 
 
 def normal_scores(x):
@@ -206,7 +206,8 @@ def test_an_arviz_object_is_judged_as_its_samplers(discard):
     found, expected = ef.diagnose(idata, discard), ef.diagnose(runs, 10 + discard)
     for name, value in vars(expected).items():
         if name != "chains":  # it has dropped steps that the object does not know
-            assert_array_equal(getattr(found, name), value, err_msg=name)
+            same = assert_allclose if np.asarray(value).dtype == float else assert_equal
+            same(getattr(found, name), value, err_msg=name)
     assert found.short == expected.short
     with pytest.raises(ValueError, match=r"occurs equally often.*got \[3, 4, 4\]"):
         ef.diagnose(idata.isel(chain=slice(1, None)), discard)
@@ -262,7 +263,7 @@ def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
         idata = az.from_emcee(sampler, var_names=names, slices=slices)
         found = ef.diagnose(idata)
         assert found.names == columns and found.chains.short == expected.chains.short
-        assert_array_equal(found.tau, expected.tau)
+        assert_allclose(found.tau, expected.tau)
         table = ef.parameter_table(idata, {columns[0]: 1.0})
         assert table.columns[:3] == ("parameter", "nominal", "mean")
         assert "sd/prior sd" not in table.columns

@@ -181,7 +181,7 @@ def test_observed_and_constant_data(idata):
     cut = stats.truncnorm.std(*ends, scale=SD)  # less than SD
     assert_allclose(constants["prior_sd"], cut, rtol=0.02)  # 4 Monte Carlo errors
     expected = [10, 25.1, 60, 100]
-    assert_allclose(constants["initial_frequency"], expected, rtol=1e-14)
+    assert_allclose(constants["initial_frequency"], expected, rtol=1e-12)
 
 
 def test_attributes_tell_how_the_chain_was_made(idata):

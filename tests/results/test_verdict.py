@@ -334,5 +334,5 @@ def test_a_stored_run_has_the_verdict_and_the_modes_of_its_samplers(tmp_path):
     assert (after.short, after.verdict) == (before.short, before.verdict)
     assert before.modes.weights.shape == (3, 2)
     for name, value in vars(before.modes).items():
-        assert_array_equal(getattr(after.modes, name), value, err_msg=name)
+        assert_allclose(getattr(after.modes, name), value, rtol=1e-9, err_msg=name)
     assert str(after.modes.table) == str(before.modes.table)

@@ -573,5 +573,5 @@ def test_memory_does_not_hold_the_steps(path):
     (sampler,) = sampled(path, posterior, steps=80, **options)
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert sampler.get_chain().nbytes + sampler.get_blobs().nbytes > 1_300_000
-    assert grown < 500_000
+    stored = sampler.get_chain().nbytes + sampler.get_blobs().nbytes
+    assert grown < stored / 4

@@ -18,6 +18,7 @@ import pytest
 from numpy.testing import assert_allclose
 from support import pool_problems
 from support.pool_problems import (
+    HANGS,
     POSTERIOR,
     START,
     Immediate,
@@ -121,7 +122,7 @@ class InStep:
     """A solver that waits until as many are at work, once it is told to."""
 
     def __init__(self, parties):
-        self.barrier, self.waiting = threading.Barrier(parties, timeout=20), False
+        self.barrier, self.waiting = threading.Barrier(parties, timeout=HANGS), False
 
     def __call__(self, p):
         if self.waiting:
@@ -170,6 +171,10 @@ def test_together_ensembles_are_what_they_are_one_after_another():
     assert together.solves == alone.solves
 
 
+LONG = 1_000  # steps, of which the error ends all but a few, on a busy machine too
+WHOLE = 3 * 6 * LONG  # solves that it would take
+
+
 def failing_later(error):
     """Return a solver that raises once the starts are there, and counts its calls."""
     lock, calls = threading.Lock(), []
@@ -191,13 +196,12 @@ def test_an_error_in_one_ensemble_ends_all_and_keeps_their_samples():
     with ThreadPoolExecutor(4) as pool:
         options = dict(ensembles=3, seed=1, pool=pool)
         with pytest.raises(ArithmeticError, match="did not converge") as caught:
-            ef.run(in_step(solver), ef.DEMCMove(), 6, 1_000, **options)
-        stored = [sampler.iteration for sampler in caught.value.run]
+            ef.run(in_step(solver), ef.DEMCMove(), 6, LONG, **options)
+        stored, spent = [one.iteration for one in caught.value.run], len(calls)
         time.sleep(0.1)  # the others stop where they wait
-        spent = len(calls)
-        time.sleep(0.1)
-    assert spent == len(calls) < 100 and min(stored) >= 1
-    assert [sampler.iteration for sampler in caught.value.run] == stored
+    # What was on the pool, half of each ensemble, is solved as the pool is closed.
+    assert len(calls) - spent <= 9 and spent < 0.5 * WHOLE and min(stored) >= 1
+    assert [one.iteration for one in caught.value.run] == stored
 
 
 @posix
@@ -206,8 +210,8 @@ def test_the_keyboard_ends_ensembles_that_are_under_way_together():
     with ThreadPoolExecutor(4) as pool:
         options = dict(ensembles=3, seed=1, pool=pool)
         with pytest.raises(KeyboardInterrupt) as caught:
-            ef.run(in_step(solver), ef.DEMCMove(), 6, 1_000, **options)
-    assert len(calls) < 200
+            ef.run(in_step(solver), ef.DEMCMove(), 6, LONG, **options)
+    assert len(calls) < 0.5 * WHOLE
     assert min(sampler.iteration for sampler in caught.value.run) >= 1
 
 
@@ -242,7 +246,7 @@ def test_a_worker_gets_the_function_once_and_then_coordinates_only():
 def meet(directory):
     """Wait until as many workers are at it as the directory's name says."""
     (directory / str(os.getpid())).touch()
-    end = time.monotonic() + 20
+    end = time.monotonic() + HANGS
     while len([*directory.iterdir()]) < int(directory.name):
         assert time.monotonic() < end, "the other worker is sent nothing"
         time.sleep(0.01)
@@ -355,19 +359,19 @@ def test_failures_on_workers_are_counted_as_in_a_serial_run(name, fault):
 
 @inherits
 @pytest.mark.parametrize("raised", [ArithmeticError, KeyboardInterrupt])
-def test_an_error_names_the_place_and_ends_solves_that_take_a_minute(raised):
+def test_an_error_names_the_place_and_ends_solves_that_take_long(raised):
     def solver(p):
         if p["k"] == 1.0:
             time.sleep(0.1)  # while the others have begun, or wait
             raise raised("no licence")
-        time.sleep(60)
+        time.sleep(2 * HANGS)
 
     starts = np.full((64, 2), 0.9)
     starts[0, 0] = 1.0
     begin = time.perf_counter()
     with pytest.raises((raised, RuntimeError)) as caught:
         run(solver, posterior=posterior_of(solver), starts=starts, workers=2)
-    assert time.perf_counter() - begin < 20
+    assert time.perf_counter() - begin < HANGS
     if raised is ArithmeticError:
         assert "'k': 1.0" in "".join(caught.value.__notes__)
     assert not multiprocessing.active_children()
@@ -436,7 +440,7 @@ def run_unguarded(tmp_path, *arguments):
     scripts = [start_script(way) for way in (*ways, ("-", *arguments))]
     texts = None, None, UNGUARDED
     pairs = zip(scripts, texts, strict=True)
-    return [script.communicate(text, timeout=60) for script, text in pairs]
+    return [script.communicate(text, timeout=HANGS) for script, text in pairs]
 
 
 @SLOW
@@ -487,11 +491,9 @@ def end(tmp_path, name, mine, send):
     path.write_text(STUCK)
     process = start_script((str(path), name, mine))
     assert process.stdout.readline() == "working\n"
-    begin = time.perf_counter()
     send(process)
     # This waits for every process that can write to the pipe, and so for the workers.
-    shown, _ = process.communicate(timeout=30)
-    assert time.perf_counter() - begin < 20  # of the minute that the solve takes
+    shown, _ = process.communicate(timeout=HANGS)  # half of what the solve takes
     return shown.replace("working\n", "")
 
 
