@@ -484,6 +484,7 @@ def test_a_table_solves_once_and_not_again_after_a_resumed_run(tmp_path):
     ef.predictive_table(again)
     assert len(asked) == spent
     assert str(ef.frequency_table(again)) == str(first) and len(asked) == spent + 1
+    assert asked.count((50, 10)) == 1
     posterior = posterior_of(model=counted(asked))  # of another process
     idata = ef.to_inference_data(tmp_path / "run", posterior)
     assert len(asked) == spent + 1
