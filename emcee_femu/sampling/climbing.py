@@ -431,8 +431,8 @@ class _Space:
         raise ValueError(
             "posterior: its density seems to grow without bound towards "
             f"{dict(zip(self.posterior.names, values, strict=True))}: does an inferred "
-            "error go to zero where the parameters fit the data exactly? Give its prior "
-            f"a lower bound above zero, such as {ERROR_PRIOR}, or give the term its "
+            "error go to zero where the parameters fit the data exactly? Give its "
+            f"prior a lower bound above zero, such as {ERROR_PRIOR}, or give the term its "
             "known errors"
         )
 
