@@ -36,6 +36,11 @@ deviations term          ``deviations(parameters, response)``: r and sd, each
                          ``(n, m)``, if the log-likelihood is, but for a constant,
                          the sum of those of N(r; 0, sd): then the Fisher information
                          is known
+state      move          ``state()``: what it remembers from one step to the next, as
+                         JSON can hold it (numbers, texts, lists, mappings). Absent: its
+                         proposals depend on the walkers and the random stream alone
+restore    move          ``restore(state)``: go on from what ``state()`` returned, as of
+                         a copy of the move as it was before the first step
 ========== ============= =============================================================
 
 ``parameters`` is ``{name: (n,)}``, and ``stored`` the stored variables of the response,
@@ -303,7 +308,11 @@ class Prior(Protocol):
 
 
 class Move(Protocol):
-    """A proposal, as emcee takes it."""
+    """A proposal, as emcee takes it.
+
+    Every ensemble has a copy of its own. In the file of a run, ``state()`` is kept with
+    each step; a move that decides by more than that is refused there.
+    """
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         """Return the next state, and which walkers moved ``(nwalkers,)``."""

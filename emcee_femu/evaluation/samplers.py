@@ -8,7 +8,9 @@ import emcee
 import numpy as np
 from emcee.ensemble import _FunctionWrapper
 
-from ..interfaces import Evaluator, Floats, Move
+from ..interfaces import Floats, Move
+from .evaluator import Evaluation
+from .memory import Replay, Weighted, copy_moves, foreign_moves, name_moves, restore
 
 LONGEST_REPR = 200  # characters of a move that are printed
 
@@ -22,7 +24,7 @@ class Sampler(emcee.EnsembleSampler):
     def __init__(
         self,
         nwalkers: int,
-        evaluator: Evaluator,
+        evaluator: Evaluation | Replay,
         moves: list[tuple[Move, float]] | None = None,
         backend: emcee.backends.Backend | None = None,
     ) -> None:
@@ -32,6 +34,7 @@ class Sampler(emcee.EnsembleSampler):
         )
         self.log_prob_fn.f = evaluator
         self.evaluator = evaluator
+        self._found: list[tuple[Floats, Floats]] | None = None
 
     def compute_log_prob(self, coords: Floats) -> tuple[Floats, Floats]:
         """Return log-posteriors ``(n,)`` and blobs of ``coords (n, d)``.
@@ -41,16 +44,70 @@ class Sampler(emcee.EnsembleSampler):
         if not np.isfinite(coords).all():
             raise ValueError("coords: a move proposed a number that is not finite")
         rows = self.evaluator.rows(coords)
+        if self._found is not None:
+            self._found.append((coords.copy(), rows))
         return rows[:, 0].copy(), rows[:, 1:]
 
-    def advance(self, state: emcee.State, steps: int, thin_by: int, bar: Any) -> None:
-        """Go on from a state by some stored steps; a bar is told of each."""
+    def advance(
+        self,
+        state: emcee.State,
+        steps: int,
+        thin_by: int,
+        bar: Any,
+        fresh: Weighted | None = None,
+    ) -> None:
+        """Go on by some stored steps.
+
+        Args:
+            state: Where the walkers are.
+            steps: How many.
+            thin_by: Generations of each.
+            bar: What shows them.
+            fresh: The moves as they were at first, with which each step is made again
+                from what a file holds; None where there is none, or no need.
+
+        Raises:
+            ValueError: If that gives another step.
+        """
         # Prior draws are linearly independent with probability one, and a single
         # Metropolis walker, which emcee refuses, is a valid chain.
         options = dict(thin_by=thin_by, skip_initial_state_check=True)
+        if fresh is not None:
+            self._found = []
+            before = self.backend.get_last_sample(), self.backend.remembered
         for last in self.sample(state, iterations=steps, **options):
             self._previous_state = last
             bar.update(1)
+            if fresh is not None:
+                self._make_again(fresh, *before, last, options)
+                self._found = []
+                before = self.backend.get_last_sample(), self.backend.remembered
+        self._found = None
+
+    def _make_again(
+        self,
+        fresh: Weighted,
+        before: emcee.State,
+        remembered: str,
+        last: emcee.State,
+        options: dict[str, Any],
+    ) -> None:
+        """Refuse moves whose last step does not follow from what is stored."""
+        replay, moves = Replay(self.evaluator, self._found or []), copy_moves(fresh)
+        restore(moves, remembered)
+        again = Sampler(self.nwalkers, replay, moves)
+        (state,) = again.sample(before, iterations=1, store=False, **options)
+        streams = zip(state.random_state[1:], last.random_state[1:], strict=True)
+        pairs = (state.coords, last.coords), *streams
+        same = all(np.array_equal(one, other) for one, other in pairs)
+        if replay.strayed or replay.left or not same:
+            raise ValueError(
+                f"moves: {name_moves(foreign_moves(fresh))} made step "
+                f"{self.iteration} by something that the file does not hold, so that "
+                "resume=True would give another chain; give the move that remembers "
+                "state() and restore(state) (see emcee_femu.interfaces), or sample "
+                "without a file"
+            )
 
 
 def unwrap(function: Any) -> Callable[[Any], Any]:

@@ -27,6 +27,7 @@ from ..posterior.derivatives import unstack
 from ..posterior.log_posterior import Kind, LogPosterior
 from .evaluator import Evaluation
 from .failures import FailureLog
+from .memory import Weighted, remember, restore
 
 FORMAT = 1
 ENTRY = "INSERT OR REPLACE INTO entry VALUES (?, ?, ?)"
@@ -269,6 +270,10 @@ class StoredChain(emcee.backends.Backend):
         ensemble: Its number, from 0.
         start: Where it starts, of a new run.
         evaluation: What evaluates it, whose counts are stored with every step.
+        moves: Its own, to which what they remember is given back; none to read.
+
+    Attributes:
+        remembered: What they remembered at the last stored step.
     """
 
     def __init__(
@@ -277,8 +282,10 @@ class StoredChain(emcee.backends.Backend):
         ensemble: int,
         start: emcee.State | None = None,
         evaluation: Evaluation | None = None,
+        moves: Weighted = (),
     ) -> None:
         super().__init__(np.float64)
+        self._moves = moves
         self._store, self._stream, self._evaluation = store, ensemble + 1, evaluation
         self.initialized = True
         if start is not None:
@@ -287,6 +294,9 @@ class StoredChain(emcee.backends.Backend):
         self.iteration = store.lengths()[self._stream] - 1
         position = store[f"position {self._stream}"]
         self.accepted = np.array(position["accepted"])
+        self.remembered = position["moves"]
+        if moves:
+            restore(moves, self.remembered)
         key, *rest = position["random"]
         self.random_state = ("MT19937", np.array(key, dtype=np.uint32), *rest)
         (last,) = store.read(self._stream, range(self.iteration, self.iteration + 1))
@@ -333,8 +343,10 @@ class StoredChain(emcee.backends.Backend):
         last = Record("rows", state.coords.copy(), rows, counts)
         _, key, *rest = state.random_state
         position = {"accepted": total.tolist(), "random": [key.tolist(), *rest]}
+        position["moves"] = remembered = remember(self._moves)
         self._store.append(self._stream, self.iteration + 1, last, position)
         self.last, self.random_state = last, state.random_state
+        self.remembered = remembered
         self.iteration, self.accepted = self.iteration + 1, total
 
 

@@ -1,7 +1,8 @@
 """Delayed acceptance: a cheap posterior screens what the full one then decides."""
 
 from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from copy import copy, deepcopy
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 from emcee.moves import Move
@@ -100,6 +101,12 @@ class DelayedAcceptanceMove(ProposingMove, Report):
             f"delayed acceptance: {self.full_solves} full solves for {self.proposed} "
             f"proposals ({share:.1%} saved); {second:.1%} of the solved were accepted",
         )
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Copy all but the cheap posterior: a function, and perhaps a large one."""
+        other = copy(self)
+        other.inner = deepcopy(self.inner, memo)
+        return other
 
     def check(self, nwalkers: int, ndim: int) -> None:
         """Refuse an ensemble that the inner move refuses."""

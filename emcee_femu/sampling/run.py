@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any, overload
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.failures import FailureLog
+from ..evaluation.memory import Weighted, copy_moves, foreign_moves
 from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import logger, open_evaluator
 from ..evaluation.samplers import Sampler, describe_moves
@@ -42,7 +42,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
         samplers: One per ensemble; indexing and iterating the run gives them.
         posterior: What was sampled.
         seed: Of the run.
-        moves: The moves, with weights.
+        moves: Those of the first ensemble, with weights; each has copies of its own.
         search: What the search of "auto" found; None where the moves were given.
         evaluations: Log-posterior evaluations before the stored chains, of the search
             or the starts.
@@ -122,7 +122,7 @@ def run(
     Args:
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; ``DEMCMove()`` is the
-            paper's. "auto" searches for the modes, with a fifth as many evaluations as
+            paper's. Every ensemble has a copy of its own. "auto" searches for the modes, with a fifth as many evaluations as
             the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
             importance weights, with 1,500 to some 10,000 evaluations more, and samples
             with it and DE-MC. Where that fits badly, and all terms are Gaussian,
@@ -186,8 +186,9 @@ def run(
         what was sampled and found.
 
     Raises:
-        TypeError: If a count is not a whole number, or posterior is not a
-            LogPosterior, or cannot be pickled for the processes of a pool.
+        TypeError: If a count is not a whole number, a move cannot be copied, or
+            posterior is not a LogPosterior, or cannot be pickled for the processes of a
+            pool.
         ValueError: If the moves do not fit the ensemble, a start is out of
             bounds or has no finite log-posterior, a backend already holds steps, a
             file is not that of the same run, or workers and pool are both asked for.
@@ -196,7 +197,9 @@ def run(
         RuntimeError: If there are fewer walkers than twice the parameters and the move
             is without ``live_dangerously=True``; too many solves failed, or a worker
             died. An exception during sampling has the run so far, as its attribute
-            ``run``.
+            ``run``. So does the ValueError by which a move is refused that remembers
+            more than its ``state()`` (see ``emcee_femu.interfaces``), while the chain
+            is stored in a file.
         UserWarning: If the model at the prior mean is that far off, its frequencies
             are in another order than the measured ones, or the mean is out of bounds;
             if the prior mean of an inferred error is above 30 %, or the sd of a prior
@@ -216,7 +219,7 @@ def run(
             "a bare log-probability function use emcee.EnsembleSampler"
         )
     checks.instance("posterior", posterior, LogPosterior)
-    weighted = None if moves == "auto" else weigh_moves(moves)
+    weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
     nwalkers = check_walkers(nwalkers, weighted, posterior)
     ensembles = checks.whole_number("ensembles", ensembles, 1)
     steps = checks.whole_number("steps", steps, 1)
@@ -277,8 +280,9 @@ def run(
         else:
             states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
         parts = [solver.part() for _ in range(ensembles)]
+        own = [copy_moves(weighted) for _ in parts]
         if store is not None:
-            chains = _open_chains(store, solver, parts, states, steps)
+            chains = _open_chains(store, solver, parts, own, states, steps)
             if search is not None:  # after the starts, which it promises
                 store["search"] = search.to_json()
             states = [chain.get_last_sample() for chain in chains]
@@ -286,16 +290,17 @@ def run(
         # emcee's own backends may be parts of one file.
         together = ensembles > 1 and (backend is None or in_file)
         together &= solver.pool is not None and solver.pool.takes_turns
+        doubted = store is not None and any(foreign_moves(weighted))
+        fresh = weighted if doubted else None
         samplers = tuple(
-            # Of moves that remember where they were, each ensemble has its own.
-            Sampler(nwalkers, part, deepcopy(weighted) if together else weighted, chain)
-            for part, chain in zip(parts, backends, strict=True)
+            Sampler(nwalkers, part, mine, chain)
+            for part, mine, chain in zip(parts, own, backends, strict=True)
         )
         record = Run(
             samplers,
             posterior,
             seed,
-            weighted,
+            own[0],
             search,
             nwalkers * ensembles if search is None else search.solves,
             solver.failures,
@@ -307,7 +312,7 @@ def run(
         bar = progress_bar(progress, sum(left), f"{ensembles} ensembles")
 
         def advance(number: int) -> None:
-            samplers[number].advance(states[number], left[number], thin_by, bar)
+            samplers[number].advance(states[number], left[number], thin_by, bar, fresh)
 
         try:
             with bar:
@@ -326,14 +331,15 @@ def _open_chains(
     store: Store,
     solver: Evaluation,
     parts: Sequence[Evaluation],
+    own: Sequence[Weighted],
     states: Sequence[emcee.State],
     steps: int,
 ) -> list[StoredChain]:
     """Return the chains of a file, with the starts of those that it does not hold."""
     lengths, chains = store.lengths(), []
-    for ensemble, part in enumerate(parts):
+    for ensemble, (part, moves) in enumerate(zip(parts, own, strict=True)):
         start = None if ensemble + 1 in lengths else states[ensemble]
-        chains.append(StoredChain(store, ensemble, start, part))
+        chains.append(StoredChain(store, ensemble, start, part, moves))
     longest = max(chain.iteration for chain in chains)
     if longest > steps:
         raise ValueError(
