@@ -20,7 +20,6 @@ from .. import checks
 from ..interfaces import read_declared
 from ..likelihoods.frf import FRFTerm
 from ..likelihoods.shape import ShapeTerm
-from ..likelihoods.spectrum import SpectrumTerm
 from ..models.paired import PairedModel
 from ..population.pool_tests import PooledTests
 from ..posterior.experiments import Experiment
@@ -204,8 +203,6 @@ def _list_data(
             yield name, term.measured
         elif isinstance(term, FRFTerm):
             yield name, term.measured.values
-        elif isinstance(term, SpectrumTerm):
-            yield name, term.measured.matrices
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:

@@ -273,8 +273,7 @@ unknown_table
 # `discrepancy` then infers the model's error on top.
 #
 # {py:class}`~emcee_femu.Measurements` bring their own standard deviations; to ignore
-# them, pass `test.frequencies`. All terms accept `discrepancy` alone, except those of
-# spectra, which know their noise.
+# them, pass `test.frequencies`. All terms accept `discrepancy` alone.
 #
 # ## In short
 #
