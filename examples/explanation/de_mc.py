@@ -32,9 +32,7 @@ here, a, b = np.array([[-1.3, -0.9], [1.4, 1.0], [0.3, -0.4]])
 others = [(-0.6, -1.1), (-0.3, 0.5), (0.9, 1.5), (-1.6, -1.9), (0.6, 0.5)]
 x, y = np.meshgrid(*[np.linspace(-2.6, 2.6, 121)] * 2)
 square = (x**2 + y**2 - 2 * 0.8 * x * y) / (1 - 0.8**2)  # a correlation of 0.8
-figure, panels = plt.subplots(
-    1, 2, figsize=(9.6, 4.9), sharex=True, sharey=True, layout="constrained"
-)
+figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.2), sharex=True, sharey=True)
 for axes in panels:
     axes.contour(x, y, square, [0.5, 2, 4.5], colors="0.6", linewidths=0.8)
     axes.set(aspect="equal", xlabel=r"$\theta_1$", ylabel=r"$\theta_2$")
@@ -70,6 +68,7 @@ point(right, a, r"$\theta_a$", "C0")
 point(right, b, r"$\theta_b$", "C0", -20)
 point(right, here, r"$\theta_i$", "black", -20)
 point(right, step, r"$\theta^*$", "C3")
+figure.tight_layout()
 
 # %% [markdown]
 # ## Where gamma comes from
