@@ -45,7 +45,7 @@ from ..results.tables import (
     predictive_table,
 )
 from ..results.to_arviz import read_samples
-from ..sampling.run import Run
+from ..sampling.record import Run
 from ..table import Column, Report, Table, unit_column
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import

@@ -8,8 +8,9 @@ from scipy import stats
 from ..interfaces import Floats
 from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
+from ..sampling.record import Chains
 from ..table import Parts, Report
-from .chains import Chains, autocorrelation_time, check_length, read_chains
+from .chains import autocorrelation_time, check_length, read_chains
 
 ENOUGH_TAU = 20  # of a series, below which neither tau nor its error can be believed
 ENOUGH_OVERLAP = 0.1
