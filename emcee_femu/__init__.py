@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     from . import figures as figures
 
 __version__ = _version("emcee-femu")
-LATER = ("figures", "frf", "paper", "spectra")
+LATER = ("figures", "frf", "paper")
 
 
 def __getattr__(name: str) -> ModuleType:

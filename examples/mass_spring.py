@@ -89,7 +89,6 @@ def reproduce(generations: int = 10_000, output: str = "figures/mass_spring") ->
         "scatter": ef.figures.plot_scatter(idata, truths=problem.target),
         "tae": ef.figures.plot_tae(whole, problem.posterior),
         "correlation": ef.figures.plot_correlation(idata),
-        "proposals": ef.figures.plot_proposals(),
     }
     write(output, figures, parameters, frequencies)
 

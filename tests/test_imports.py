@@ -32,7 +32,6 @@ ORDER = [
     "comparison",
     "figures",
     "frf",
-    "spectra",
     "reports",
     "paper",
 ]

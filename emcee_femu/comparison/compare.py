@@ -11,13 +11,14 @@ from .. import checks
 from ..interfaces import Floats, Move
 from ..moves import HamiltonianMove
 from ..moves.proposing import find_stock_fault
-from ..moves.weighted import Moves, check_walkers, weigh_moves
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import InferenceData, samples
 from ..results.chains import FEWEST_STEPS
 from ..results.diagnose import Diagnosis, diagnose
 from ..results.to_arviz import to_inference_data
-from ..sampling.run import Run, run
+from ..sampling.record import Run
+from ..sampling.run import run
+from ..sampling.weighted import Moves, check_walkers, weigh_moves
 from ..table import Column, Parts, Report, Table
 
 LEAD = 2.0  # combined standard errors by which a winner must be ahead

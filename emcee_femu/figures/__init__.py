@@ -15,5 +15,4 @@ from .parameters import plot_scatter as plot_scatter
 from .population import plot_population as plot_population
 from .predictive import plot_predictive as plot_predictive
 from .prior_posterior import plot_prior_posterior as plot_prior_posterior
-from .proposals import plot_proposals as plot_proposals
 from .total_average_error import plot_tae as plot_tae

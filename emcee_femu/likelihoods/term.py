@@ -47,7 +47,6 @@ class Term:
 
     Attributes:
         gaussian: Whether it has :meth:`deviations`.
-        scored: Whether :meth:`linearize` gives scores in another way.
         name: The label under which its log-likelihood is stored.
         discrepancy: Name of the inferred error, or None.
         names: The parameters that it reads; None if it does not say.
@@ -60,7 +59,6 @@ class Term:
     """
 
     gaussian: bool = True
-    scored: bool = False
     name: str = ""
     discrepancy: str | None = None
     names: tuple[str, ...] | None = None

@@ -12,7 +12,7 @@ once is biased: 4 walkers that start from a Gaussian in 3 dimensions have a vari
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from inspect import signature
 from typing import TypeAlias
 
@@ -109,6 +109,26 @@ def only_propose(inner: Move) -> ProposingMove:
         "inner: expected an untempered move of this package that needs no gradient, "
         f"got {inner!r}"
     )
+
+
+def ladder_of(moves: Iterable[Move]) -> Floats:
+    """Return the powers of the likelihood that walkers have under all ``moves``.
+
+    ``betas`` of moves that temper, whose walkers are blocks in this order; else one.
+
+    Raises:
+        ValueError: If such moves are mixed with others, or their betas differ.
+    """
+    listed = list(moves)
+    ladders = [np.atleast_1d(getattr(move, "betas", 1.0)) for move in listed]
+    first = ladders[0] if ladders else np.ones(1)
+    if not all(np.array_equal(betas, first) for betas in ladders):
+        raise ValueError(
+            "moves: expected every move to be a TemperedMove with the same betas, as a "
+            f"walker has one temperature, got {listed}; write "
+            "[(TemperedMove(a, betas), 0.9), (TemperedMove(b, betas), 0.1)]"
+        )
+    return first
 
 
 def find_stock_fault(move: Move, ndim: int) -> str:

@@ -4,8 +4,6 @@ The state holds the posterior's own log-probability and blobs for the walkers of
 temperature, and the move hides nothing: a run resumed from a file goes on to the bit.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 from emcee import State
 from emcee.model import Model
@@ -157,23 +155,3 @@ class TemperedMove(Move):
         there, back = np.r_[cold[swap], hot[swap]], np.r_[hot[swap], cold[swap]]
         for values in (state.coords, state.log_prob, state.blobs):
             values[there] = values[back]
-
-
-def find_ladder(moves: Iterable[Move]) -> TemperedMove | None:
-    """Return the tempered move whose blocks all ``moves`` share, None if untempered.
-
-    Raises:
-        ValueError: If tempered moves are mixed with others, or their betas differ.
-    """
-    listed = list(moves)
-    tempered = [move for move in listed if isinstance(move, TemperedMove)]
-    if not tempered:
-        return None
-    same = [np.array_equal(move.betas, tempered[0].betas) for move in tempered]
-    if len(tempered) < len(listed) or not all(same):
-        raise ValueError(
-            "moves: expected every move to be a TemperedMove with the same betas, as a "
-            f"walker has one temperature, got {listed}; write "
-            "[(TemperedMove(a, betas), 0.9), (TemperedMove(b, betas), 0.1)]"
-        )
-    return tempered[0]

@@ -15,7 +15,8 @@ from ..results.diagnose import diagnose
 from ..results.tables import INTERVAL
 from ..results.to_arviz import to_inference_data
 from ..sampling.importance import GOOD_K, kish_share, normalise, pareto_k
-from ..sampling.run import Run, run
+from ..sampling.record import Run
+from ..sampling.run import run
 from ..table import Column, Parts, Report, Table
 from .marginal import TINY, Draws, PopulationModel, PopulationTerm, read_tests
 from .normal import NormalPopulation

@@ -363,12 +363,6 @@ class LogPosterior(Report):
         """Whether all terms are Gaussian in what was measured."""
         return all(term.gaussian for term in self.terms)
 
-    @property
-    def informative(self) -> bool:
-        """Whether Fisher's information comes with the gradient."""
-        solved = self.differentiable
-        return all(t.gaussian or (t.scored and solved) for t in self.terms)
-
     @cached_property
     def scale(self) -> Floats:
         """The scale of each parameter under the prior, from its quartiles, ``(d,)``."""

@@ -20,7 +20,6 @@ from .. import checks
 from ..interfaces import read_declared
 from ..likelihoods.frf import FRFTerm
 from ..likelihoods.shape import ShapeTerm
-from ..likelihoods.spectrum import SpectrumTerm
 from ..models.paired import PairedModel
 from ..population.pool_tests import PooledTests
 from ..posterior.experiments import Experiment
@@ -46,7 +45,7 @@ from ..results.tables import (
     predictive_table,
 )
 from ..results.to_arviz import read_samples
-from ..sampling.run import Run
+from ..sampling.record import Run
 from ..table import Column, Report, Table, unit_column
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
@@ -207,8 +206,6 @@ def _list_data(
             yield name, term.measured
         elif isinstance(term, FRFTerm):
             yield name, term.measured.values
-        elif isinstance(term, SpectrumTerm):
-            yield name, term.measured.matrices
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:

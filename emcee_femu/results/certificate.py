@@ -11,9 +11,9 @@ from ..interfaces import Floats, Prior
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.climbing import Maximum
 from ..sampling.importance import GOOD_K
+from ..sampling.record import Chains
 from ..table import Parts, Report, Table, unit_column
 from .arviz_objects import InferenceData, groups, unit_of, wrap
-from .chains import Chains
 from .to_arviz import convert, pick_some
 from .verdict import Statement
 

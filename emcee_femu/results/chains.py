@@ -5,8 +5,8 @@ And how long they remember: autocorrelation times, which all judgements count he
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import emcee
@@ -19,10 +19,9 @@ from .. import checks
 from ..evaluation.samplers import Sampler, describe_moves, moves_of, unwrap
 from ..evaluation.store import Store, StoredChain
 from ..interfaces import Floats
-from ..moves.tempering import find_ladder
+from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.anneal import Annealed
-from ..sampling.run import Run
+from ..sampling.record import Chains, Run
 from ..sampling.search_record import SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
@@ -33,50 +32,6 @@ FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
 LEVEL = 1e-4  # of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
-
-
-@dataclass(frozen=True, eq=False)
-class Chains:
-    """Chains of one posterior, and what is known of how they came about.
-
-    Attributes:
-        names: Parameter names.
-        draws: ``(steps, ensembles, walkers, d)``; of a tempered run its cold walkers.
-        log_prob: Log-posteriors ``(steps, ensembles, walkers)``.
-        acceptance: Of each walker, ``(ensembles, walkers)``; NaN where not known.
-        blobs: The rest of the rows, ``(steps, ensembles, walkers, columns - 1)``; None
-            where there is none, or not asked for.
-        posterior: What was sampled, None where it is not known.
-        search: What "auto" found, None if it did not run.
-        betas: Powers of the likelihood of the blocks of walkers; one if untempered.
-        kind: "chain", "population" (annealed), or "weighted" (draws of a certificate).
-        moves: In words.
-        seed: In words.
-        origin: How the chain began, in words.
-        failures: Failed solves by cause.
-        solves: Model solves spent; 0 where not known.
-        starts_given: Whether the walkers started where a user said.
-        doubts: What was warned of before the run, of the model or the prior.
-        initial: The row at the prior mean, as of a file; None where not known.
-    """
-
-    names: tuple[str, ...]
-    draws: Floats
-    log_prob: Floats
-    acceptance: Floats
-    blobs: Floats | None = None
-    posterior: LogPosterior | None = None
-    search: SearchRecord | None = None
-    betas: Floats = field(default_factory=lambda: np.ones(1))
-    kind: str = "chain"
-    moves: str = "unknown (read from a backend)"
-    seed: str = "unknown (not started by run)"
-    origin: str = ""
-    failures: Mapping[str, int] = field(default_factory=dict)
-    solves: int = 0
-    starts_given: bool = False
-    doubts: Sequence[str] = ()
-    initial: Floats | None = None
 
 
 def read_chains(
@@ -112,8 +67,14 @@ def read_chains(
     thin = checks.whole_number("thin", thin, 1)
     if posterior is not None:
         checks.instance("posterior", posterior, LogPosterior)
-    if isinstance(source, Annealed):
-        return _of_population(source, posterior, discard, thin)
+    if (as_chains := getattr(source, "as_chains", None)) is not None:
+        if discard or thin > 1:
+            raise ValueError(
+                "discard, thin: a population has no burn-in and no order to thin, "
+                f"expected 0 and 1, got {discard} and {thin}"
+            )
+        held: Chains = as_chains()
+        return replace(held, posterior=posterior)
     if is_arviz(source):
         return _of_arviz(source, posterior, discard, thin)
     read = partial(_read, discard=discard, thin=thin, blobs=blobs, hot=hot)
@@ -131,8 +92,7 @@ def read_chains(
             f"name of a run's file or an ArviZ object, got {type(source).__name__}"
         )
     weighted = moves_of(samplers[0])
-    ladder = find_ladder([move for move, _ in weighted])
-    chains = read(backends, np.ones(1) if ladder is None else ladder.betas)
+    chains = read(backends, ladder_of([move for move, _ in weighted]))
     run = source if isinstance(source, Run) else None
     posterior = posterior or (run.posterior if run else _sampled_by(samplers[0]))
     chains = replace(
@@ -244,35 +204,6 @@ def _of_file(
         starts_given=manifest["starts"] is not None and search is None,
         doubts=doubts,
         initial=row and np.array(row),
-    )
-
-
-def _of_population(
-    population: Annealed, posterior: LogPosterior | None, discard: int, thin: int
-) -> Chains:
-    """Return an annealed population as one walker, in the order of its lineages."""
-    if discard or thin > 1:
-        raise ValueError(
-            "discard, thin: a population has no burn-in and no order to thin, "
-            f"expected 0 and 1, got {discard} and {thin}"
-        )
-    rows = population.rows
-    return Chains(
-        population.names,
-        population.theta[:, None, None],
-        rows[:, None, None, 0],
-        population.acceptance[-1:, None],
-        rows[:, None, None, 1:],
-        posterior=posterior,
-        kind="population",
-        moves="annealed",
-        seed="unknown (annealed)",
-        origin=(
-            f"annealed through {len(population.sweeps)} powers of the likelihood, "
-            f"{population.solves} solves"
-        ),
-        solves=population.solves,
-        doubts=population.doubts,
     )
 
 

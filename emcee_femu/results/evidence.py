@@ -8,8 +8,9 @@ from scipy import stats
 from ..interfaces import Floats
 from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
+from ..sampling.record import Chains
 from ..table import Parts, Report
-from .chains import Chains, autocorrelation_time, check_length, read_chains
+from .chains import autocorrelation_time, check_length, read_chains
 from .diagnose import measure
 from .verdict import NOT_CONVERGED, judge_chains
 

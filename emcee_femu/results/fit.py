@@ -8,8 +8,8 @@ from scipy import stats
 
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.first_solve import doubt_units, is_constant, same_response
+from ..sampling.record import Chains
 from .arviz_objects import InferenceData, is_arviz
-from .chains import Chains
 from .identifiability import describe_samples
 from .measured import Measured, read_measured
 from .to_arviz import read_samples

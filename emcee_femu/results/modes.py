@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..interfaces import Floats
 from ..sampling.importance import pareto_k
+from ..sampling.record import Chains
 from ..table import Parts, Report, Table
 from .arviz_objects import mean_sizes, spread_out
-from .chains import Chains
 
 MOST_DRAWS = 20_000  # whose Pareto k is found
 CHUNK = 20_000

@@ -25,8 +25,9 @@ from ..posterior.priors import (
     prior_centre,
     summarize_prior,
 )
+from ..sampling.record import Chains
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
-from .chains import STORED, TOLD, Chains, read_chains
+from .chains import STORED, TOLD, read_chains
 from .labelled import NUMBER, Labelled, gather_by_terms, gather_observed
 
 PRIOR_DRAWS = 1_000

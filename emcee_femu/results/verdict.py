@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from ..sampling.importance import FAIR_SHARE, GOOD_K
+from ..sampling.record import Chains
 from .arviz_objects import dataset
-from .chains import Chains
 from .modes import ModeWeights
 
 if TYPE_CHECKING:

@@ -35,6 +35,7 @@ from .importance import (
     pareto_k,
     resample,
 )
+from .record import Chains
 
 MOST_DRAWS = 20  # times the size, for a population of finite likelihood
 LAST = 2  # powers whose proposals tell of what is missing; early ones may fit badly
@@ -84,6 +85,25 @@ class Annealed(Report):
     problems: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     doubts: Sequence[str] = ()
+
+    def as_chains(self) -> Chains:
+        """Return the members as one walker, in the order of their lineages."""
+        return Chains(
+            self.names,
+            self.theta[:, None, None],
+            self.rows[:, None, None, 0],
+            self.acceptance[-1:, None],
+            self.rows[:, None, None, 1:],
+            kind="population",
+            moves="annealed",
+            seed="unknown (annealed)",
+            origin=(
+                f"annealed through {len(self.sweeps)} powers of the likelihood, "
+                f"{self.solves} solves"
+            ),
+            solves=self.solves,
+            doubts=self.doubts,
+        )
 
     @property
     def table(self) -> Table:

@@ -279,7 +279,7 @@ class _Space:
             self.guess = np.asarray(np.linalg.inv(curvature), np.float64)
         self.printed = False  # as far as is known
         # Solves for a look.
-        rows = len(self.scale) * (1 if self.posterior.informative else 2)
+        rows = len(self.scale) * (1 if self.posterior.normal else 2)
         self.price = 1 if self.posterior.differentiable else rows + 1
 
     def rows(self, points: Floats) -> Floats:
@@ -298,13 +298,13 @@ class _Space:
     def look(self, points: Floats, before: Sequence[Local] = ()) -> list[Local]:
         """Return the quadratics about points, which climbs reached from others."""
         unknown = np.full_like(points, np.nan)
-        if self.posterior.informative or self.posterior.differentiable:
+        if self.posterior.normal or self.posterior.differentiable:
             rows, gradient, information = self.linearize(points)
         else:
             rows, gradient = self.rows(points), unknown
             information = unknown[:, :, None] * unknown[:, None]
         parts = zip(points, rows, gradient, information, strict=True)
-        if self.posterior.informative:
+        if self.posterior.normal:
             return [Local(*part) for part in parts]
         last: list[Local | None] = [*before] or [None] * len(points)
         return [
@@ -432,8 +432,8 @@ class _Space:
             "posterior: its density seems to grow without bound towards "
             f"{dict(zip(self.posterior.names, values, strict=True))}: does an inferred "
             "error go to zero where the parameters fit the data exactly? Give its "
-            f"prior a lower bound above zero, such as {ERROR_PRIOR}, or give the term its "
-            "known errors"
+            f"prior a lower bound above zero, such as {ERROR_PRIOR}, or give the term "
+            "its known errors"
         )
 
     def _laplace(self, local: Local, ascent: Climb) -> tuple[Floats, float]:

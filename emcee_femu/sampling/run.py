@@ -1,12 +1,9 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, files."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any, overload
+from typing import Any
 
 import emcee
 import numpy as np
@@ -15,83 +12,22 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.failures import FailureLog
 from ..evaluation.memory import Weighted, copy_moves, foreign_moves
 from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import logger, open_evaluator
-from ..evaluation.samplers import Sampler, describe_moves
+from ..evaluation.samplers import Sampler
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..evaluation.turns import take_turns
-from ..interfaces import Floats, Move
-from ..moves.tempering import find_ladder
-from ..moves.weighted import Moves, check_walkers, weigh_moves
+from ..interfaces import Floats
+from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from ..table import Parts, Report
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, doubt_reach
+from .record import Run
 from .search_record import SearchRecord
+from .weighted import Moves, check_walkers, weigh_moves
 
 MOST_DRAWS = 20  # of a starting point
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Run(Report, Sequence[emcee.EnsembleSampler]):
-    """A run: emcee's samplers, one per ensemble, and what is known of them.
-
-    Attributes:
-        samplers: One per ensemble; indexing and iterating the run gives them.
-        posterior: What was sampled.
-        seed: Of the run.
-        moves: Those of the first ensemble, with weights; each has copies of its own.
-        search: What the search of "auto" found; None where the moves were given.
-        evaluations: Log-posterior evaluations before the stored chains, of the search
-            or the starts.
-        failures: Solves that failed; None where a failure is an error.
-        starts_given: Whether the walkers started from ``starts``.
-        doubts: What was warned of before the search or the starts.
-    """
-
-    samplers: tuple[emcee.EnsembleSampler, ...]
-    posterior: LogPosterior
-    seed: int
-    moves: list[tuple[Move, float]]
-    search: SearchRecord | None
-    evaluations: int
-    failures: FailureLog | None
-    starts_given: bool
-    doubts: Sequence[str] = ()
-
-    @property
-    def solves(self) -> int:
-        """Solves of all ensembles, those before the stored chains too."""
-        solves: int = self.samplers[0].evaluator.whole.solves
-        return solves
-
-    def __len__(self) -> int:
-        """Return the number of ensembles."""
-        return len(self.samplers)
-
-    @overload
-    def __getitem__(self, index: int) -> emcee.EnsembleSampler: ...
-    @overload
-    def __getitem__(self, index: slice) -> Run: ...
-
-    def __getitem__(self, index: int | slice) -> emcee.EnsembleSampler | Run:
-        """Return the sampler of an ensemble, or a run of some of them."""
-        if isinstance(index, slice):
-            return replace(self, samplers=self.samplers[index])
-        return self.samplers[index]
-
-    def _parts(self) -> Parts:
-        steps = [sampler.iteration for sampler in self.samplers]
-        walkers = self.samplers[0].nwalkers
-        yield f"{len(self)} ensembles of {walkers} walkers, {min(steps)} steps"
-        if self.search is not None:
-            yield f"Moves: {self.search.sentence}"
-        else:
-            yield "Moves: " + describe_moves(self.moves)
-        if self.failures is not None and self.failures.causes:
-            yield f"Failed solves: {dict(self.failures.causes)}"
 
 
 def run(
@@ -122,8 +58,8 @@ def run(
     Args:
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; ``DEMCMove()`` is the
-            paper's. Every ensemble has a copy of its own. "auto" searches for the modes, with a fifth as many evaluations as
-            the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
+            paper's. Every ensemble has a copy of its own. "auto" searches for the
+            modes, with a fifth as many evaluations as the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
             importance weights, with 1,500 to some 10,000 evaluations more, and samples
             with it and DE-MC. Where that fits badly, and all terms are Gaussian,
             polynomials of the response are fitted to some 4,000 solves more and screen
@@ -229,10 +165,10 @@ def run(
     points = _check_starts(starts, posterior, ensembles, nwalkers)
     in_file = resume or isinstance(backend, str | PathLike)
     listed = [(f"{weight:g} x", move) for move, weight in weighted or ()]
-    ladder = find_ladder([move for _, move in listed])
+    betas = ladder_of([move for _, move in listed])
     asked: dict[str, object] = {
         "moves": listed or "auto",
-        "betas": None if ladder is None else ladder.betas,
+        "betas": betas if len(betas) > 1 else None,
         "nwalkers": nwalkers,
         "ensembles": ensembles,
         "thin_by": thin_by,

@@ -46,7 +46,7 @@ from evidence import beck_au as beck_au_exactly
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling.run import Run
+from emcee_femu.sampling.record import Run
 from emcee_femu.table import Table
 
 Floats = np.ndarray

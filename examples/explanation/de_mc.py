@@ -28,7 +28,47 @@ from emcee.model import Model
 import emcee_femu as ef
 
 # %% mystnb={"image": {"alt": "Two ellipses: Metropolis-Hastings steps by a circle of fixed size, DE-MC by the scaled difference of two walkers, along the ellipse"}}
-ef.figures.plot_proposals()
+here, a, b = np.array([[-1.3, -0.9], [1.4, 1.0], [0.3, -0.4]])
+others = [(-0.6, -1.1), (-0.3, 0.5), (0.9, 1.5), (-1.6, -1.9), (0.6, 0.5)]
+x, y = np.meshgrid(*[np.linspace(-2.6, 2.6, 121)] * 2)
+square = (x**2 + y**2 - 2 * 0.8 * x * y) / (1 - 0.8**2)  # a correlation of 0.8
+figure, panels = plt.subplots(1, 2, figsize=(9.6, 5.2), sharex=True, sharey=True)
+for axes in panels:
+    axes.contour(x, y, square, [0.5, 2, 4.5], colors="0.6", linewidths=0.8)
+    axes.set(aspect="equal", xlabel=r"$\theta_1$", ylabel=r"$\theta_2$")
+
+
+def arrow(axes, start, end, color):
+    style = {"arrowstyle": "-|>", "color": color, "lw": 1.8}
+    axes.annotate("", tuple(end), tuple(start), arrowprops=style)
+
+
+def point(axes, at, label, color, above=8):
+    axes.plot(*at, "o", color=color, ms=7)
+    place = {"xytext": (6, above), "textcoords": "offset points", "fontsize": 14}
+    axes.annotate(label, tuple(at), color=color, **place)
+
+
+left, right = panels
+left.set_title("Metropolis-Hastings: a step of fixed distribution")
+left.add_patch(plt.Circle(tuple(here), 1.0, color="C0", alpha=0.12))
+step = here + np.array([0.55, 0.25])
+arrow(left, here, step, "C3")
+point(left, here, r"$\theta_{t-1}$", "black", -20)
+point(left, step, r"$\theta^*$", "C3")
+
+right.set_title(
+    r"DE-MC: $\theta^* = \theta_i + \gamma(\theta_a - \theta_b) + \varepsilon$"
+)
+right.plot(*np.transpose(others), "o", color="0.6", ms=5)
+step = here + 2.38 / np.sqrt(2 * 2) * (a - b) + np.array([0.06, -0.12])
+arrow(right, b, a, "C0")
+arrow(right, here, step, "C3")
+point(right, a, r"$\theta_a$", "C0")
+point(right, b, r"$\theta_b$", "C0", -20)
+point(right, here, r"$\theta_i$", "black", -20)
+point(right, step, r"$\theta^*$", "C3")
+figure.tight_layout()
 
 # %% [markdown]
 # ## Where gamma comes from

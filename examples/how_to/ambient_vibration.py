@@ -149,8 +149,6 @@ if __name__ == "__main__":
 # and `from_pyoma2` ignores it by default (`tests/examples/test_ambient_vibration.py`
 # watches both). Inferring delta makes the posterior overconfident: one number cannot
 # stand for the first mode's shape and for the fifth's, which is four times noisier.
-#
-# For a posterior from the record itself, without a model order, see {doc}`spectra`.
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":

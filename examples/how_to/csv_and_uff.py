@@ -123,7 +123,6 @@ from_uff
 # deviations and shapes after pyOMA2's `mpe`. {doc}`ambient_vibration` goes from
 # acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to
 # the verdict. Frequency response functions come from data sets 58, see {doc}`frf`.
-# Records of ambient vibration may also be compared directly, see {doc}`spectra`.
 
 # %% tags=["remove-cell"]
 for name in ("frequencies", "sd", "shapes"):

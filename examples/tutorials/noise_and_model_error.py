@@ -278,8 +278,7 @@ unknown_table
 # usual choice for an unknown scale, it has none.
 #
 # {py:class}`~emcee_femu.Measurements` bring their own standard deviations; to ignore
-# them, pass `test.frequencies`. All terms accept `discrepancy` alone, except those of
-# spectra, which know their noise.
+# them, pass `test.frequencies`. All terms accept `discrepancy` alone.
 #
 # ## In short
 #

@@ -89,17 +89,6 @@ SHAKEN = ef.LogPosterior(
 SHAKEN_IDATA = ef.to_inference_data(
     ef.run(SHAKEN, ef.DEMCMove(), steps=16, ensembles=1, seed=1), SHAKEN
 )
-DENSITIES = np.tile(np.eye(2), (2, 1, 1)) * np.array([0.5, 2.0])
-AMBIENT = ef.spectra.Spectra(HERTZ, DENSITIES, averages=3)
-TREMOR = ef.IndependentPrior(
-    {k: (*v,) for k, v in ef.spectra.SpectrumModel(AMBIENT).ranges.items()}
-)
-WHISPER = ef.LogPosterior(
-    ef.spectra.SpectrumModel(AMBIENT), ef.spectra.SpectrumTerm(AMBIENT), TREMOR
-)
-HUM = ef.to_inference_data(
-    ef.run(WHISPER, ef.DEMCMove(), steps=16, seed=1, ensembles=1), WHISPER
-)
 VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
 LONGER = ef.run(POSTERIOR, ef.DEMCMove(), nwalkers=8, steps=100, seed=1, ensembles=1)
 TWO_TESTS = dict.fromkeys("ab", ef.to_inference_data(LONGER))
@@ -351,30 +340,6 @@ CALLS = {
         stored=(False, flag),
     ),
     "plot_frf": dict(posterior=(SHAKEN, anything), idata=(SHAKEN_IDATA, anything)),
-    "Spectra": dict(
-        matrices=(DENSITIES, array().but("complex")),
-        averages=(9, whole(1)),
-        lines=(HERTZ, rising),
-        kind=("velocity", anything),
-        sensors=(["roof", "one"], chosen),
-    ),
-    "Spectra.from_record": dict(
-        record=(DRAWS, many),
-        rate=(40.0, above_zero),
-        band=(np.array([1.0, 19.0]), array().but("integers", swapped=[9.0, 1.0])),
-        averages=(2, whole(1)),
-        kind=("velocity", anything),
-        sensors=(["roof", "one"], chosen),
-    ),
-    "SpectrumTerm": dict(measured=(AMBIENT, anything)),
-    "SpectrumModel": dict(
-        measured=(AMBIENT, anything),
-        n_modes=(1, whole(1).but("True")),
-        reference=("s1", anything.but("None")),
-    ),
-    "modes_from_spectra": dict(
-        posteriors=({"a": HUM}, named), dofs=([7, 1], wholes.but("numerals"))
-    ),
     "FunctionModel": dict(variables=OFF),
     "FunctionModel, jacobian": dict(
         variables=OFF, jacobian=(abs, anything.but("None"))
@@ -514,7 +479,6 @@ PROBES = {  # what is compared, by the type of the result; otherwise its text
     ef.FrequencyTerm: lambda term: term(ANY, MODES),
     ef.ShapeTerm: lambda term: term(ANY, MODES),
     ef.DisplacementTerm: lambda term: term(ANY, {"displacement": SHAPES.T[None]}),
-    ef.spectra.Spectra: lambda spectra: spectra.matrices,
     ef.IndependentPrior: lambda prior: prior.bounds,
     type(stats.norm()): lambda law: law.args,
     ef.GaussianPrior: lambda prior: prior.logpdf(POINT[None]),

@@ -158,13 +158,6 @@ def test_correlation_map_shows_the_correlations(d):
         assert [label.get_text() for label in axis.get_ticklabels()] == names
 
 
-def test_proposals_show_both_moves():
-    figure = ef.figures.plot_proposals()
-    titles = [axes.get_title().split(":")[0] for axes in figure.axes]
-    assert titles == ["Metropolis-Hastings", "DE-MC"]
-    assert_nothing_is_clipped(figure, r"$\theta_1$", r"$\theta_a$", r"$\theta_b$")
-
-
 @pytest.fixture
 def positive():
     """Draws of a standard deviation near zero, as of HalfNormal, and a derived one."""

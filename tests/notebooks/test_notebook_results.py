@@ -20,7 +20,6 @@ FIGURES = {
     "of models": "ef.figures.plot_model_comparison(classes)",
     "of tests": "ef.figures.plot_population(pooled)",
     "of FRFs": "ef.frf.plot_frf(of_frf, frf)",
-    "of proposals": "ef.figures.plot_proposals()",
 }
 BARS = {
     "by itself": "chain(posterior, progress=True)",

@@ -22,11 +22,6 @@ HTML = {  # what a user prints, and a sentence of it
     "identifiability": ("ef.identifiability(idata)", "sd ratio"),
     "evidence": ("ef.log_evidence(run)", "<p>log evidence (natural)"),
     "hyperpriors": ("ef.population.NormalPopulation(['k1'])", "by the tests"),
-    "spectra": (
-        "ef.spectra.Spectra.from_record("
-        "np.random.default_rng(1).normal(size=(1000, 2)), 20.0, (3.0, 5.0))",
-        "largest psd",
-    ),
     "frf": (
         "ef.frf.FRFMeasurements([1.0, 2.0], [[1j, 2j]], [(1, 2)], kind='mobility')",
         "excitation",

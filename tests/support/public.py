@@ -5,7 +5,7 @@ import re
 
 import emcee_femu as ef
 
-SUBJECTS = ("moves", "figures", "frf", "spectra", "population", "paper")
+SUBJECTS = ("moves", "figures", "frf", "population", "paper")
 
 
 def public_names():

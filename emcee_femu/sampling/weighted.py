@@ -5,11 +5,9 @@ from typing import Any, TypeAlias
 
 from .. import checks
 from ..interfaces import Move
+from ..moves import DEMCMove, HamiltonianMove
+from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from .demc import DEMCMove
-from .hamiltonian import HamiltonianMove
-from .proposing import ProposingMove
-from .tempering import TemperedMove, find_ladder
 
 Moves: TypeAlias = Move | Sequence[Move] | Sequence[tuple[Move, float]]
 
@@ -46,14 +44,11 @@ def check_walkers(
     """Return the walkers per ensemble, by default what is usual for the moves."""
     ndim = posterior.ndim
     moves = [DEMCMove()] if weighted is None else [move for move, _ in weighted]
-    tempered = find_ladder(moves)  # refuses temperatures that differ
-    if nwalkers is None:
-        usual = max(16, 4 * ndim)
-        nwalkers = tempered.default_walkers(ndim) if tempered else usual
-    number = checks.whole_number("nwalkers", nwalkers, 1)
+    usual = max(16, 4 * ndim) * len(ladder_of(moves))
+    number = checks.whole_number("nwalkers", usual if nwalkers is None else nwalkers, 1)
     for move in moves:
-        if isinstance(move, ProposingMove | HamiltonianMove | TemperedMove):
-            move.check(number, ndim)
+        if check := getattr(move, "check", None):
+            check(number, ndim)
         if isinstance(move, HamiltonianMove):
             move.leapfrog(posterior)  # refuses one without gradients
     return number
