@@ -552,3 +552,18 @@ def test_digits_that_a_solver_prints_make_no_maxima(digits, gaussian):
     assert found.printed and not exact.printed
     said = [text for text in found.findings if "digits" in text]
     assert len(said) == 1 and not any("digits" in text for text in exact.findings)
+
+
+def test_a_density_in_a_term_is_no_solver_that_prints_few_digits():
+    """With a quartic part, of which wide steps would make curvature."""
+
+    def density(parameters, response):
+        x = parameters["x"] - 3.0
+        return -0.5 * x**2 - 0.25 * x**4
+
+    model = ef.FunctionModel(lambda p: [3.0, 9.0], n_modes=2)
+    prior = ef.IndependentPrior({"x": (-5.0, 15.0)})
+    found = ef.find_map(ef.LogPosterior(model, density, prior), 4, seed=1)
+    (maximum,) = found.maxima
+    assert maximum.theta == pytest.approx(3.0, abs=0.01)
+    assert maximum.covariance == pytest.approx(1.0, rel=0.05)
