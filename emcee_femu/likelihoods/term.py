@@ -28,8 +28,8 @@ Values = TypeVar("Values", Floats, NDArray[np.complex128])
 # An inferred error of zero, where a search may stand on the bound of a prior: its
 # likelihood overflows to zero, and is not undefined.
 LEAST_SD = 1e-160
-# What to advise for an inferred relative error. A half-normal has density at zero, where
-# the likelihood has a spike if the parameters fit all data; the long tail of
+# What to advise for an inferred relative error. A half-normal has density at zero,
+# where the likelihood has a spike if the parameters fit all data; the long tail of
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
 ERROR_PRIOR = "(0.001, 0.05)"
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
