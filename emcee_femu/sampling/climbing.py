@@ -418,9 +418,9 @@ class _Space:
         raise ValueError(
             "posterior: its density seems to grow without bound towards "
             f"{dict(zip(self.posterior.names, values, strict=True))}: does an inferred "
-            "error go to zero where the parameters fit the data exactly? Give its prior "
-            f"a lower bound above zero, such as {ERROR_PRIOR}, or give the term its "
-            "known errors"
+            "error go to zero where the parameters fit the data exactly? Give its "
+            f"prior a lower bound above zero, such as {ERROR_PRIOR}, or give the term "
+            "its known errors"
         )
 
     def _laplace(self, local: Local, ascent: Climb) -> tuple[Floats, float]:
