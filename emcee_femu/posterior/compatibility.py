@@ -58,9 +58,7 @@ def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
         if missing := sorted({*names} - {*prior.names}):
             remedy = ""
             if isinstance(reader, Term):
-                remedy = (
-                    f"; add {missing[0]!r}: {ERROR_PRIOR} if that is a range for it"
-                )
+                remedy = f"; add {missing[0]!r}: {ERROR_PRIOR}, or its own range"
             raise ValueError(
                 f"prior: no parameter {missing}, which {type(reader).__name__} needs; "
                 f"there are {[*prior.names]}{remedy}"

@@ -266,7 +266,7 @@ unknown_table = ef.parameter_table(ef.run(unknown, steps=200, seed=1))
 unknown_table
 
 # %% [markdown]
-# Five frequencies say little about its size: the interval is 0.4 to 2.6 %. The name is
+# Five frequencies say little about its size: the interval is 0.4 to 3.6 %. The name is
 # yours. The inferred error is noise and model error together, since one test cannot
 # separate them. Only repeats determine the noise alone: give it as `relative_sd`, and
 # `discrepancy` then infers the model's error on top.

@@ -1,4 +1,4 @@
-"""Noise that the data do not bound: a likelihood with a spike, exact moments."""
+"""Noise that the data do not bound: a likelihood with a spike, and exact moments."""
 
 import numpy as np
 import pytest
