@@ -148,7 +148,7 @@ if __name__ == "__main__":
 
 # %% tags=["remove-cell"]
 if __name__ == "__main__":
-    assert gap < 1e-9
+    assert gap < 1e-7
     for name, value in TRUTH.items():
         draws = idata.posterior[name].values
         assert abs(draws.mean() - value) < 3 * draws.std() < 3 * 0.1
