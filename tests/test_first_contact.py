@@ -22,7 +22,7 @@ def posterior(measured=(0.53, 1.08), bounds=BOUNDS):
 def test_a_missing_extra_is_named_with_its_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyuff", None)
     with pytest.raises(ImportError, match=r'pip install "emcee_femu\[uff\]"'):
-        ef.Measurements.from_uff("test.uff")
+        ef.frf.FRFMeasurements.from_uff("test.uff")
 
 
 @pytest.mark.parametrize("moves", ["auto", ef.DEMCMove()], ids=["auto", "DE-MC"])

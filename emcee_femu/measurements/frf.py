@@ -161,7 +161,6 @@ class FRFMeasurements(Report):
                 f"values: expected shape {shape}, one for each channel and line, got "
                 f"{H.shape}"
             )
-        H *= signs[:, None]
         if (wrong := ~np.isfinite(H)).any():
             i, j = np.argwhere(wrong)[0].tolist()
             raise ValueError(
@@ -184,7 +183,8 @@ class FRFMeasurements(Report):
             self.sd = np.abs(H) * relative
         if unit is not None:
             checks.text("unit", unit)
-        self.lines, self.values, self.channels = numbers, H, pairs
+        self.lines, self.channels = numbers, pairs
+        self.values = H * signs[:, None]
         self.kind, self.coherence = read_kind(kind), coherence
         self.averages, self.unit = averages, unit
 

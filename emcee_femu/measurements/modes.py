@@ -186,7 +186,7 @@ def along_axis(dof: Hashable) -> tuple[Any, float]:
     signed = SIGNED.fullmatch(dof) if isinstance(dof, str) else None
     if signed is None:
         return dof, 1.0
-    return signed[1] + signed[3], -1.0 if signed[2] == "-" else 1.0
+    return signed[1] + signed[3], 1.0
 
 
 def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, Floats]:
@@ -250,7 +250,8 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
 
 def _read_tests(value: ArrayLike) -> Floats:
     """Return frequencies ``(n_tests, n_modes)``, NaN where a test missed a mode."""
-    counts = [np.size(row) for row in value] if isinstance(value, list | tuple) else []
+    rows = value if isinstance(value, list | tuple) else ()
+    counts = [len(row) for row in rows if isinstance(row, list | tuple)]
     if len({*counts}) > 1:
         raise ValueError(
             f"frequencies: expected the same modes in each test, got {counts} "

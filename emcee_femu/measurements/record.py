@@ -102,7 +102,7 @@ class Measurements(Report):
         self.frequencies = modes.frequencies(frequencies)
         self.n_modes = n_modes = len(self.frequencies)
         self.n_sensors = 0
-        self.shapes = self.phase_collinearity = self.dofs = there = None
+        self.shapes = self.phase_collinearity = there = None
         if shapes is not None:
             raw = modes.shapes(shapes, n_modes, missing=True)
             if raw.ndim > 2:
@@ -111,9 +111,8 @@ class Measurements(Report):
                     "repeated tests see from_repeats"
                 )
             self.n_sensors, there = len(raw), ~np.isnan(raw)
-            self.dofs, signs = modes.dofs(dofs, self.n_sensors)
             raw[~there] = 0.0
-            real = (raw * modes.phases(raw)).real * signs[:, None]
+            real = (raw * modes.phases(raw)).real
             modes.refuse_duplicates(self.frequencies, real)
             self.shapes = np.where(there, real, np.nan)
             self.phase_collinearity = modes.phase_collinearity(raw, phase_collinearity)
@@ -123,6 +122,9 @@ class Measurements(Report):
         shape = self.n_sensors, n_modes
         self.shape_sd = modes.deviations("shape_sd", shape_sd, shape, there)
         self.sensors = modes.labels(sensors, self.n_sensors)
+        self.dofs, signs = modes.dofs(dofs, self.n_sensors)
+        if self.shapes is not None:
+            self.shapes *= signs[:, None]
         self.damping = modes.damping(damping, n_modes)
         self.damping_sd = modes.deviations(
             "damping_sd", damping_sd, (n_modes,), partly=True

@@ -22,7 +22,7 @@ NORMAL, COMPLEX = 2, (3, 7)  # types of analysis: modes, and complex ones of two
 MOTIONS = (0, 1, 8, 11, 12)
 COMPLEX_DATA = (5, 6)  # of single and double precision
 # Widths of columns are not relied on: numbers may touch, "1.0E+00-2.0E+00".
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][-+]?\d+)?")
+NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ED][-+]?\d+)?", re.I)
 FRF, COHERENCE = 4, 6  # types of functions
 UNKNOWN = (0, 1)  # types of ordinates: unknown and general
 ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
@@ -349,9 +349,8 @@ def _find_kind(place: str, data: DataSet, kind: str | None) -> str:
         or below not in (*UNKNOWN, FORCE)
     ):
         raise ValueError(
-            f"{place}: expected {kind or 'receptance, mobility or accelerance'}, got "
-            f"an ordinate of type {above} over {below}; known are {ORDINATES} over "
-            f"{FORCE} (force)"
+            f"{place}: type {above} over {below} is not kind={kind!r}; expected one of "
+            f"{ORDINATES} over force ({FORCE})"
         )
     if stated is None or (kind is None and below != FORCE):
         raise ValueError(

@@ -11,7 +11,9 @@
 # Frequencies are in Hz and ascending. Shapes have one row per sensor, one column per
 # mode, in any scale. `dofs` gives the sensors' places in the model, by number or by a
 # label such as `"3:uy"`. A model that knows the DOFs of its shapes is matched by them,
-# in any order; a missing DOF raises an error.
+# in any order; a missing DOF raises an error. A sensor that points backwards has a sign,
+# `"3:-uy"`: its row of shapes is turned. NaN is what is not known: a sensor that was
+# missing in one mode, or a standard deviation or damping ratio of one mode.
 
 # %%
 import tempfile
@@ -57,7 +59,7 @@ read
 # | `sd [Hz]` | one | their standard deviations |
 # | `covariance [Hz2]` | one per mode | in place of `sd [Hz]` |
 # | `shape`, `shape sd` | one per sensor | shapes and their standard deviations |
-# | `damping ratio`, `damping sd` | one | numbers, not percent; blank where not known |
+# | `damping ratio`, `damping sd` | one | numbers, or percent as `damping [%]`; blank where not known |
 # | `phase collinearity` | one | of shapes that were complex |
 #
 # `sensor` is any name, `dof` the model's number or label. Both stay empty in rows other
@@ -65,14 +67,17 @@ read
 # digits. An unreadable cell raises an error with its line and column. Spreadsheets in
 # languages with decimal commas separate cells by semicolons; this is read too.
 #
+# Usual words in any case are known: `Freq (Hz)`, `f`, `std`, `Damping [%]`, `zeta`.
+#
 # If a sensor was missing in one mode, leave its cell of `shape` blank, or use NaN in an
 # array. That mode is then paired, and compared in a {py:class}`~emcee_femu.ShapeTerm`,
-# at the other sensors.
+# at the other sensors. A mode that was not identified has no column.
 #
 # ## From a universal file
 #
-# Test systems export modes as data sets 55 of a universal file (UFF), here two complex
-# modes at three nodes in x. Reading it takes `pip install "emcee_femu[uff]"`.
+# Test systems export modes as data sets 55 of a universal file (UFF), FE programs as data
+# sets 2414. Here are two complex modes at three nodes in x. They are written by pyuff;
+# reading modes needs nothing.
 
 # %% tags=["hide-input"]
 import pyuff
@@ -109,7 +114,9 @@ from_uff
 # %% [markdown]
 # A sensor is a node and a direction, `"2:x"`. Without `sensors=` all are used except
 # those that are zero in all modes, which mark what was not measured; a warning names
-# them. Frequencies are in Hz whatever the units of the file. The file holds no standard
+# them. `modes=[2, 3]` reads the second and third mode of the file only: a rigid-body mode
+# at 0 Hz is no measurement. Frequencies are undamped and in Hz whatever the units of the
+# file. Damping is read too. The file holds no standard
 # deviations: give them to the term, `ef.FrequencyTerm(test, relative_sd=0.01)`, or
 # repeat the test, see {doc}`repeated_tests`.
 #
@@ -120,7 +127,8 @@ from_uff
 # ## From pyOMA2
 #
 # `Measurements.from_pyoma2(algorithm.result)` takes frequencies, their standard
-# deviations and shapes after pyOMA2's `mpe`. {doc}`ambient_vibration` goes from
+# deviations, damping and shapes after pyOMA2's `mpe`; `modes=[1, 3]` leaves out one that
+# it did not find (NaN). {doc}`ambient_vibration` goes from
 # acceleration records to the posterior, {doc}`/tutorials/modal_test` from a CSV file to
 # the verdict. Frequency response functions come from data sets 58, see {doc}`frf`.
 

@@ -51,6 +51,9 @@ sd = np.sqrt(np.diag(test.covariance))
 # same state, divide yourself: `ef.Measurements(test.frequencies,
 # covariance=test.covariance / 6)`.
 #
+# If a test missed a mode, write `nan` for its frequency and give `correlated=False`: mean
+# and standard deviation are those of the tests that found it.
+#
 # Each test's shape is scaled to unit length and given the sign of the others, real or
 # complex; `shapes` is the mean and `shape_sd` the scatter. If the modes of a test are
 # out of order, its shapes reveal it:

@@ -38,12 +38,12 @@ posterior = ef.LogPosterior(model, term, prior)
 # %% [markdown]
 # ## A missing extra
 #
-# The core needs five packages. Readers of universal files, progress bars and FE programs
+# The core needs five packages. Readers of measured FRFs, progress bars and FE programs
 # are *extras*, which `pip` installs by name. Without `pyuff`:
 
 # %%
 sys.modules["pyuff"] = None  # as if it were not installed
-show(lambda: ef.Measurements.from_uff("test.uff"))
+show(lambda: ef.frf.FRFMeasurements.from_uff("test.uff"))
 
 # %% [markdown]
 # **Remedy.** Run the command in the message in the same environment. [Installing](

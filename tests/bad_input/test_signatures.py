@@ -315,7 +315,7 @@ CALLS = {
         coherence=(0.1 * SQUARES[:2], per_mode.but("one number")),
         averages=(9, whole(2)),
         channels=(PAIRS, labels.but("a word", "one less")),
-        lines=(HERTZ, rising),
+        lines=(HERTZ, rising.but("zero")),
         kind=("mobility", anything),
         unit=("m/N", anything.but("a word")),
     ),

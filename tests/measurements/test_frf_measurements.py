@@ -158,7 +158,7 @@ def test_only_lines_between_are_checked(tmp_path):
         (0, 13, "receptance", "receptance"),
         (12, 0, None, "data set 1: .*give kind="),
         (1, 1, None, "data set 1: .*give kind="),
-        (12, 13, "mobility", "data set 1: expected mobility, got .*12 over 13"),
+        (12, 13, "mobility", "data set 1: .*12 over 13 .*kind=.mobility"),
         (12, 12, "accelerance", "data set 1: .*12 over 12"),  # a transmissibility
         (13, 12, None, "data set 1: .*13 over 12"),
     ],
