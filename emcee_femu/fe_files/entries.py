@@ -1,5 +1,7 @@
 """Numbers in a text file, and the matrix that they are the entries of."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +14,8 @@ from ..models.inputs import read_matrix
 
 EMPTY = 1_000  # rows for each entry, that are no matrix of a structure
 AGAIN = "let the program export it again"
+BARE_EXPONENT = re.compile(r"(?<=[\d.])([-+]\d+)$")  # 1.5+7 for 1.5E+7
+NOTHING = csc_array((0, 0), dtype=float)
 
 # Node and direction of each row of a matrix, (N, 2).
 Dofs = NDArray[np.int64]
@@ -26,36 +30,63 @@ class Part(NamedTuple):
         path: The file.
         matrix: ``(N, N)``.
         dofs: Node and direction of each row, ``(N, 2)``, or None.
+        fault: Why it cannot be read, which matters where it is asked for; else empty.
     """
 
     name: str
     path: Path
     matrix: csc_array
     dofs: Dofs | None = None
+    fault: str = ""
+
+
+def try_part(name: str, path: Path, read: Callable[[], Part]) -> Part:
+    """Return what is read, or a part with its fault: others of the file may be good."""
+    try:
+        return read()._replace(name=name)
+    except ValueError as error:
+        return Part(name, path, NOTHING, fault=str(error))
+
+
+def read_number(text: str) -> float:
+    """Return a number as Fortran writes it: 1.5E+7, 1.5D+7 or 1.5+7.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    return float(BARE_EXPONENT.sub(r"E\1", text.strip().upper().replace("D", "E")))
 
 
 def build_matrix(
-    path: Path,
+    label: Path | str,
     rows: NDArray[np.int64],
     columns: NDArray[np.int64],
     values: Floats,
     size: int | None = None,
+    *,
+    mirror: bool = True,
 ) -> csc_array:
     """Return the symmetric matrix of entries on one side of the diagonal, or on both.
 
     Args:
-        path: The file, for messages.
+        label: The file, and the matrix if it has several, for messages.
         rows: Row numbers from 0, ``(n,)``.
         columns: Column numbers from 0, ``(n,)``.
         values: The entries, ``(n,)``.
         size: The number of rows; None for as many as there are numbers.
+        mirror: Whether one side may stand for both.
 
     Raises:
         ValueError: If a number is below 0, a place is listed twice, or both sides are
             there and differ.
     """
-    if not len(rows) or min(rows.min(), columns.min()) < 0:
-        raise ValueError(f"{path}: expected rows and columns from 1 on; {AGAIN}")
+    least = np.append(rows, columns).min(initial=0 if len(rows) or size else -1)
+    if least < 0:
+        raise ValueError(
+            f"{label}: expected rows and columns from 1 on; a program that numbers "
+            "inner nodes below zero exports their labels too: of Abaqus take FORMAT="
+            "MATRIX INPUT, not COORDINATE"
+        )
     if size is None:
         size = int(max(rows.max(), columns.max())) + 1
     places = rows * size + columns
@@ -63,28 +94,36 @@ def build_matrix(
     if (count > 1).any():
         at = first[count > 1].min()
         raise ValueError(
-            f"{path}: row {rows[at] + 1}, column {columns[at] + 1} is listed twice; "
+            f"{label}: row {rows[at] + 1}, column {columns[at] + 1} is listed twice; "
             "are these the matrices of elements? Export the assembled ones"
         )
     off = rows != columns
     pairs = np.minimum(rows, columns)[off] * size + np.maximum(rows, columns)[off]
-    if len(np.unique(pairs)) == len(pairs):  # each pair is there once: mirror it
+    if mirror and len(np.unique(pairs)) == len(pairs):  # each pair is there once: mirror it
         values = np.append(values, values[off])
         rows, columns = np.append(rows, columns[off]), np.append(columns, rows[off])
-    return check(path, coo_array((values, (rows, columns)), shape=(size, size)))
+    return check(label, coo_array((values, (rows, columns)), shape=(size, size)))
 
 
 def build_labelled(
-    name: str, path: Path, rows: Dofs, columns: Dofs, values: Floats
+    name: str,
+    path: Path,
+    rows: Dofs,
+    columns: Dofs,
+    values: Floats,
+    *,
+    mirror: bool = True,
 ) -> Part:
     """Return the matrix of entries at rows and columns ``(n, 2)`` of DOFs, sorted."""
+    label = f"{path}, {name}" if name else path
     both = np.concatenate([rows, columns])
     dofs, at = np.unique(both, axis=0, return_inverse=True)
     i, j = at.reshape(2, -1)
-    return Part(name, path, build_matrix(path, i, j, values, len(dofs)), dofs)
+    matrix = build_matrix(label, i, j, values, len(dofs), mirror=mirror)
+    return Part(name, path, matrix, dofs)
 
 
-def check(path: Path, matrix: coo_array | csc_array) -> csc_array:
+def check(label: Path | str, matrix: coo_array | csc_array) -> csc_array:
     """Return a symmetric matrix as :class:`MatrixModel` takes it.
 
     Raises:
@@ -93,17 +132,10 @@ def check(path: Path, matrix: coo_array | csc_array) -> csc_array:
     """
     if matrix.shape[0] > EMPTY * (matrix.nnz + 1):
         raise ValueError(
-            f"{path}: {matrix.shape[0]} rows are announced, and {matrix.nnz} entries "
+            f"{label}: {matrix.shape[0]} rows are announced, and {matrix.nnz} entries "
             f"are there; {AGAIN}"
         )
-    read = csc_array(read_matrix(str(path), csc_array(matrix), sparse=True))
-    lone = (read.diagonal() == 0) & (np.diff(read.indptr) > 0)
-    if lone.any():  # formats without an end mark, cut at the end of a line
-        raise ValueError(
-            f"{path}: row {int(np.argmax(lone)) + 1} has entries, but none on the "
-            f"diagonal: the file ends early, or is no stiffness or mass; {AGAIN}"
-        )
-    return read
+    return csc_array(read_matrix(str(label), csc_array(matrix), sparse=True))
 
 
 def read_lines(path: Path) -> list[str]:

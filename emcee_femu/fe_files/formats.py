@@ -5,10 +5,11 @@ import re
 import zipfile
 import zlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, diags_array, load_npz
+from scipy.sparse import csc_array, diags_array, load_npz
 
 from .entries import (
     AGAIN,
@@ -19,6 +20,8 @@ from .entries import (
     check,
     read_columns,
     read_lines,
+    read_number,
+    try_part,
 )
 from .nastran import HEADER, read_dmig, read_op4
 
@@ -45,23 +48,26 @@ def read_abaqus(path: Path) -> list[Part]:
     """
     named = NAMED.fullmatch(path.name)
     if named is None:
-        return [_read_part("", path)]
+        return [_read_part(path)]
     other = "MASS" if named[2].upper() == "STIF" else "STIF"
     beside = path.with_name(f"{named[1]}{other}{named[3]}")
     files = {named[2].upper(): path} | ({other: beside} if beside.exists() else {})
-    return [_read_part(KINDS[kind], file) for kind, file in sorted(files.items())[::-1]]
+    return [
+        try_part(KINDS[kind], file, partial(_read_part, file))
+        for kind, file in sorted(files.items())[::-1]
+    ]
 
 
-def _read_part(name: str, path: Path) -> Part:
+def _read_part(path: Path) -> Part:
     with path.open(encoding="latin-1") as file:
         first = next((x for x in file if x.strip() and not x.startswith("*")), "")
     delimiter = "," if "," in first else None
     if len(first.split(delimiter)) == 3:
-        return read_triplets(path, delimiter)._replace(name=name)
+        return read_triplets(path, delimiter)
     form = "node,dof,node,dof,value".replace(",", delimiter or " ")
     labels, values = read_columns(path, form, 4, delimiter)
     pairs = labels.reshape(-1, 2, 2)
-    return build_labelled(name, path, pairs[:, 0], pairs[:, 1], np.ravel(values))
+    return build_labelled("", path, pairs[:, 0], pairs[:, 1], np.ravel(values))
 
 
 def read_full(path: Path) -> list[Part]:
@@ -139,10 +145,46 @@ def read_matrix_market(path: Path) -> list[Part]:
             f"{path}: expected {count} entries of {rows} rows, as line {skip + 1} "
             f"says, got {len(values)}, up to row {i.max(initial=0) + 1}; {AGAIN}"
         )
-    if symmetric:
-        return [Part("", path, build_matrix(path, i, j, values[:, 0], rows))]
-    matrix = coo_array((values[:, 0], (i, j)), shape=(rows, rows))
-    return [Part("", path, check(path, matrix))]
+    matrix = build_matrix(path, i, j, values[:, 0], rows, mirror=symmetric)
+    return [Part("", path, matrix)]
+
+
+def read_harwell_boeing(path: Path) -> list[Part]:
+    """Return the matrix of a Harwell-Boeing or Rutherford-Boeing file, as of HBMAT.
+
+    Raises:
+        ValueError: If it is no assembled real matrix, or has other numbers than it says.
+    """
+    lines = read_lines(path)
+    kind, *sizes = re.split(r" +", lines[2].strip())
+    if kind.upper() not in ("RSA", "RUA"):
+        raise ValueError(
+            f"{path}, line 3: expected an assembled real matrix, RSA or RUA, got "
+            f"{kind}; write that, or Matrix Market"
+        )
+    size, entries = int(sizes[0]), int(sizes[2])
+    try:
+        counts = [int(count) for count in lines[1].split()]
+        at = 5 if sum(counts[4:]) else 4  # a line on right-hand sides
+        widths = re.findall(r"[DEFGI](\d+)", lines[3].upper())
+        numbers = []
+        for count, width in zip(counts[1:4], map(int, widths[:3]), strict=True):
+            every = [line.rstrip() for line in lines[at : at + count]]
+            cells = [x[i : i + width] for x in every for i in range(0, len(x), width)]
+            numbers.append(np.array([read_number(cell) for cell in cells]))
+            at += count
+        pointers, rows = (x.astype(np.int64) for x in numbers[:2])
+        columns = np.repeat(np.arange(size), np.diff(pointers))
+        if not len(rows) == len(columns) == len(numbers[2]) == entries:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise ValueError(
+            f"{path}: expected numbers in the formats of line 4, as many as lines 2 "
+            f"and 3 say, {entries} entries in {size} columns; {AGAIN}"
+        ) from None
+    mirror = kind.upper() == "RSA"
+    matrix = build_matrix(path, rows - 1, columns, numbers[2], size, mirror=mirror)
+    return [Part("", path, matrix)]
 
 
 def read_npz(path: Path) -> list[Part]:
@@ -213,23 +255,26 @@ def read_calculix(path: Path) -> list[Part]:
         if not file.exists():
             raise ValueError(
                 f"{path}: {file.name} is missing beside it, which CalculiX writes "
-                "with it; give the files by their matrix: read_matrices({'K': ..., "
-                "'M': ..., 'dofs': ...})"
+                "with it; copy it there, or let CalculiX export all three again"
             )
     dofs = read_labels(labels)
-    return [
-        read_triplets(file, size=len(dofs))._replace(name=name, dofs=dofs)
+    parts = [
+        try_part(name, file, partial(read_triplets, file, size=len(dofs)))
         for name, file in files.items()
     ]
+    return [part._replace(dofs=dofs) for part in parts]
 
 
 HEAD = 4096  # bytes that are looked at
-# How the first line of a text file begins that is no comment, and who reads it.
+# The first line of a text file that is no comment, and who reads it. Of Abaqus it has
+# row and column, or node and direction of both, and a value.
 TEXTS: dict[str, Read] = {
     r"%%MatrixMarket\b.*": read_matrix_market,
     HEADER.pattern: read_op4,
-    r"\s*-?\d+[ ,].*": read_abaqus,
+    r"\s*(?:-?\d+\s*[ ,]\s*){2}(?:(?:-?\d+\s*[ ,]\s*){2})?[^\s,]+\s*": read_abaqus,
 }
+# The third line of Harwell-Boeing: type, and numbers of rows, columns and entries.
+BOEING = r"[RCPIQ][SUHZR][AE]\s+\d+\s+\d+\s+\d+(\s+\d+)?\s*"
 # A Fortran record of 24 or, with long integers, 48 bytes, either end of a number first.
 OP4 = rb"(\x18\0\0\0|\0\0\0\x18).{24}\1.*|(\x30\0\0\0|\0\0\0\x30).{48}\2.*"
 BINARIES: dict[bytes, Read] = {  # the first bytes
@@ -237,8 +282,8 @@ BINARIES: dict[bytes, Read] = {  # the first bytes
     rb".{8}\x04\0\0\0.*": read_full,
 }
 KNOWN = (
-    "Matrix Market, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, CalculiX "
-    ".sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
+    "Matrix Market, Harwell-Boeing, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, "
+    "CalculiX .sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
 )
 
 
@@ -263,6 +308,8 @@ def read_file(path: Path) -> list[Part]:
             if re.fullmatch(start, head, re.S):
                 return read(path)
     lines = head.decode("latin-1").splitlines()
+    if len(lines) > 3 and re.fullmatch(BOEING, lines[2], re.I):
+        return read_harwell_boeing(path)
     told = (x for x in lines if x.strip() and x[0] not in "$*")
     first = next(told, lines[0])
     if path.suffix.lower() in {*CALCULIX.values(), ".dof"}:

@@ -1,6 +1,6 @@
 """Files of stiffness and mass: which matrices they hold, joined on the same rows."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from os import PathLike
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from scipy.sparse import csc_array
 from .. import checks
 from ..models.exports import Matrices as Matrices
 from ..models.exports import write_name
-from .entries import Part
+from .entries import AGAIN, Part
 from .formats import read_file, read_labels
 
 FilePath = str | PathLike[str]
@@ -64,7 +64,7 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 "path: expected files by the names of their matrices, such as "
                 f"{{'K': path, 'M': path}}, got {path!r}"
             )
-        parts = []
+        parts, asked = [], [*files]
         for name, file in files.items():
             held = read_file(file)
             chosen = [part for part in held if len(held) == 1 or part.name == name]
@@ -85,7 +85,8 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 f"{file}: this format does not say which matrix it holds; write "
                 "read_matrices({'K': path, 'M': path})"
             )
-    return _join(parts, source)
+        asked = ["K", "M"]
+    return _join(parts, source, asked)
 
 
 def _label(parts: list[Part], path: Path) -> list[Part]:
@@ -100,16 +101,30 @@ def _label(parts: list[Part], path: Path) -> list[Part]:
     return [part._replace(dofs=dofs) for part in parts]
 
 
-def _join(parts: list[Part], source: str) -> Matrices:
-    """Return matrices of the same rows: those of K, or of the largest."""
+def _join(parts: list[Part], source: str, asked: Collection[str]) -> Matrices:
+    """Return matrices of the same rows: those of K, or of the largest.
+
+    Others than those asked for are left out if they cannot be read, or have other rows.
+
+    Raises:
+        ValueError: If one that is asked for is such a one, or a row lacks its diagonal
+            that is no constraint.
+    """
     for part in parts:
-        if part.dofs is not None and len(part.dofs) != part.matrix.shape[0]:
-            raise ValueError(
-                f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
-                f"{len(part.dofs)} labels; are they of the same job?"
-            )
-    first = max(parts, key=lambda part: (part.name == "K", part.matrix.shape[0]))
-    matrices = {part.name: _at_rows(part, first) for part in parts}
+        if part.fault and (part.name in asked or all(one.fault for one in parts)):
+            raise ValueError(part.fault)
+    good = [part for part in parts if not part.fault]
+    first = max(good, key=lambda part: (part.name == "K", part.matrix.shape[0]))
+    matrices = {}
+    for part in good:
+        try:
+            matrices[part.name] = _at_rows(part, first)
+        except ValueError:
+            if part.name in asked:
+                raise
+    for part in good:
+        if part.name in ("K", "M"):
+            _check_diagonal(part, matrices)
     free = np.flatnonzero(first.matrix.diagonal() < HELD)
     if len(free) == first.matrix.shape[0]:
         return Matrices(matrices, first.dofs, source)
@@ -123,12 +138,37 @@ def _join(parts: list[Part], source: str) -> Matrices:
     return Matrices(kept, first.dofs[free], source)
 
 
+def _check_diagonal(part: Part, matrices: Mapping[str, csc_array]) -> None:
+    """Raise ValueError where a row of K or M has entries, but none on the diagonal.
+
+    Formats without an end mark are cut at the end of a line. In K it may be a constraint
+    by a Lagrange multiplier, which has no mass.
+    """
+    matrix = matrices[part.name]
+    lone = (matrix.diagonal() == 0) & (np.diff(matrix.indptr) > 0)
+    constraint = part.name == "K" and "M" in matrices
+    if constraint:
+        lone &= matrices["M"].diagonal() != 0
+    if lone.any():
+        raise ValueError(
+            f"{part.path}: row {int(np.argmax(lone)) + 1} of {part.name} has entries, "
+            f"but none on the diagonal: the file ends early; {AGAIN}"
+            + "; if it is a constraint by a Lagrange multiplier, read M with it"
+            * (part.name == "K" and not constraint)
+        )
+
+
 def _at_rows(part: Part, first: Part) -> csc_array:
     """Return a matrix with the rows of another, zero for those that it has not.
 
     Programs leave out DOFs without mass.
     """
     size = first.matrix.shape[0]
+    if part.dofs is not None and len(part.dofs) != part.matrix.shape[0]:
+        raise ValueError(
+            f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
+            f"{len(part.dofs)} labels; are they of the same job?"
+        )
     if part.dofs is None or first.dofs is None:
         if part.matrix.shape[0] != size:
             raise ValueError(

@@ -3,46 +3,76 @@
 import re
 import warnings
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.sparse import coo_array
 
-from .entries import AGAIN, Part, build_labelled, check, read_lines
+from .entries import (
+    AGAIN,
+    NOTHING,
+    Part,
+    build_labelled,
+    check,
+    read_lines,
+    read_number,
+    try_part,
+)
 
-# Columns, rows (negative: BIGMAT), form, type, name, and the Fortran format of values.
-HEADER = re.compile(r"((?:[ \d-]{8}){4})(.{8})\s*1P,\s*\d+E(\d+)\.\d+.*", re.I)
+# Columns, rows (negative: BIGMAT; both may be 16 wide), form, type, name, and the
+# Fortran format of values, such as 1P,3E23.16 or 3D23.16.
+HEADER = re.compile(
+    r"([ \d-]{32}(?:[ \d-]{16})?)((?=\d*[A-Z])\w{1,8})\s*"
+    r"(?:(?:1P,?\s*\d*|\d+)[ED](\d+)\.\d.*)?",
+    re.I,
+)
+WIDTH = 16  # of a value where the header has no format: 5E16.9
 WORDS = (1, 2)  # of a value, which are its types: single and double precision
 ROWS = 65536  # a string begins with row + ROWS * (words + 1), or words + 1 and row
 REAL = (1, 2)  # TIN: single or double precision; 3 and 4 are complex
-SQUARE = (1, 6)  # IFO: square and symmetric; 2 and 9 are rectangular, loads
-BARE_EXPONENT = re.compile(r"(?<=[\d.])([-+]\d+)$")  # 1.5+7 for 1.5E+7
+SQUARE, SYMMETRIC = 1, 6  # IFO; 2 and 9 are rectangular, such as loads
+COMPLEX = "is complex; write the real matrix, without structural damping"
 
 
 def read_op4(path: Path) -> list[Part]:
-    """Return the real square matrices of a file that OUTPUT4 wrote FORMATTED.
+    """Return the square matrices of a file that OUTPUT4 wrote FORMATTED.
 
     Raises:
-        ValueError: If the file is cut or damaged, or has no such matrix.
+        ValueError: If there is none.
     """
     lines, parts = read_lines(path), []
     starts = [i for i, line in enumerate(lines) if HEADER.fullmatch(line)]
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
         header = HEADER.fullmatch(lines[start])
         assert header is not None
-        size, rows, _, kind = (int(header[1][i : i + 8]) for i in range(0, 32, 8))
-        if kind in WORDS and size == abs(rows):  # neither complex nor a load
-            try:
-                width = int(header[3])
-                entries = [*_read_strings(lines, start + 1, end, size, width, kind)]
-            except ValueError as error:
-                raise ValueError(f"{path}, {error}; {AGAIN}") from None
-            i, j, values = (np.array(x) for x in zip(*entries, strict=True))
-            matrix = coo_array((values, (i - 1, j - 1)), shape=(size, size))
-            parts.append(Part(header[2].strip(), path, check(path, matrix)))
+        wide = len(header[1]) // 2 - 8
+        size, rows = int(header[1][:wide]), abs(int(header[1][wide:-16]))
+        if size == rows:  # no load
+            read = partial(_read_op4_part, path, lines, start, end, size)
+            parts.append(try_part(header[2], path, read))
     if not parts:
-        raise ValueError(f"{path}: no real square matrix; write K and M by OUTPUT4")
+        raise ValueError(f"{path}: no square matrix; write K and M by OUTPUT4")
     return name_parts(parts)
+
+
+def _read_op4_part(
+    path: Path, lines: list[str], start: int, end: int, size: int
+) -> Part:
+    """Return the matrix of the lines from its header to the next."""
+    header = HEADER.fullmatch(lines[start])
+    assert header is not None
+    name, width, kind = header[2], int(header[3] or WIDTH), int(header[1][-8:])
+    if kind not in WORDS:
+        raise ValueError(f"{path}, line {start + 1}: {name} {COMPLEX}")
+    try:
+        entries = [*_read_strings(lines, start + 1, end, size, width, kind)]
+    except ValueError as error:
+        raise ValueError(f"{path}, {error}; {AGAIN}") from None
+    i, j, values = np.array(entries).reshape(-1, 3).T
+    places = i.astype(np.int64) - 1, j.astype(np.int64) - 1
+    matrix = coo_array((values, places), shape=(size, size))
+    return Part(name, path, check(f"{path}, {name}", matrix))
 
 
 def _read_strings(
@@ -56,9 +86,9 @@ def _read_strings(
             first, values = at, []
             while at + 1 < end and "." in lines[at + 1]:
                 at += 1
-                line = lines[at].rstrip().upper().replace("D", "E")
+                line = lines[at].rstrip()
                 starts = range(0, len(line), width)
-                values += [float(line[i : i + width]) for i in starts]
+                values += [read_number(line[i : i + width]) for i in starts]
             at += 1
             if left:  # a string
                 count, row = numbers if len(numbers) == 2 else divmod(numbers[0], ROWS)
@@ -68,8 +98,8 @@ def _read_strings(
                 column, row, count = numbers
                 if row == 0:
                     left, count = count, 0
-            closing = column > size
-            whole = len(values) in (count, count if closing else count // words)
+            closing = column > size  # by a number in any format
+            whole = closing and values or len(values) in (count, count // words)
             inside = closing or row + len(values) <= size + 1
             if left < 0 or not (whole and inside and np.isfinite(values).all()):
                 raise ValueError
@@ -80,24 +110,28 @@ def _read_strings(
             ) from None
         if not closing:
             yield from ((row + i, column, value) for i, value in enumerate(values))
+    if any(line.strip() for line in lines[at:end]):
+        raise ValueError(f"line {at + 1}: expected another matrix, got {lines[at]!r}")
 
 
 def read_dmig(path: Path) -> list[Part]:
-    """Return the real square matrices of the DMIG entries in a file.
+    """Return the square matrices of the DMIG entries in a file.
 
     Fields are 8 columns wide, 16 on entries with an asterisk, or separated by commas.
 
     Raises:
-        ValueError: If a line is no such entry, or there is no square matrix.
+        ValueError: If an entry's form is not there, or there is no square matrix.
 
     Warns:
         UserWarning: If the last grid point of the stiffness has no mass.
     """
     forms: dict[str, tuple[int, int]] = {}
     entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
+    faults: dict[str, str] = {}
     name, column = "", None  # of the entry that goes on
-    for number, line in enumerate(read_lines(path), 1):
-        if not line.strip() or line.startswith("$"):
+    for number, text in enumerate(read_lines(path), 1):
+        line = text.partition("$")[0]
+        if not line.strip():
             continue
         first, fields = _split(line)
         try:
@@ -109,33 +143,47 @@ def read_dmig(path: Path) -> list[Part]:
                 if point == "0":
                     forms[name] = int(fields[2]), int(fields[3])
                     continue
+                entries.setdefault(name, [])
                 column = int(point), int(fields[2] or 0)
                 fields = fields[4:]
             if column is not None:
-                entries.setdefault(name, []).extend(_read_groups(column, fields))
+                entries[name].extend(_read_groups(column, fields))
         except (ValueError, IndexError):
-            raise ValueError(
+            fault = (
                 f"{path}, line {number}: expected a DMIG entry of {name!r} with grid "
                 f"points, components and values, got {line[:72]!r}; {AGAIN}"
-            ) from None
+            )
+            if name not in entries:  # it may belong to any
+                raise ValueError(fault) from None
+            faults.setdefault(name, fault)
     if unknown := [name for name in entries if name not in forms]:
         raise ValueError(
             f"{path}: no DMIG entry with the form of {unknown[0]!r} before its "
             f"columns; {AGAIN}"
         )
-    if empty := [name for name, rows in entries.items() if not rows]:
-        raise ValueError(f"{path}: no entry in a column of {empty[0]!r}; {AGAIN}")
     parts = []
     for name, rows in entries.items():
-        if forms[name][0] in SQUARE and forms[name][1] in REAL:
-            table = np.array(rows)
-            labels = table[:, :4].astype(np.int64).reshape(-1, 2, 2)
-            parts.append(
-                build_labelled(name, path, labels[:, 1], labels[:, 0], table[:, 4])
-            )
+        form, kind = forms[name]
+        if form not in (SQUARE, SYMMETRIC):
+            continue
+        if kind not in REAL:
+            faults[name] = f"{path}: {name} {COMPLEX}"
+        elif not rows:
+            faults.setdefault(name, f"{path}: no entry in a column of {name}; {AGAIN}")
+        table = np.array(rows).reshape(-1, 5)
+        j, i = table[:, :4].astype(np.int64).reshape(-1, 2, 2).swapaxes(0, 1)
+        read = partial(
+            build_labelled, name, path, i, j, table[:, 4], mirror=form == SYMMETRIC
+        )
+        fault = faults.get(name)
+        parts.append(
+            Part(name, path, NOTHING, fault=fault)
+            if fault
+            else try_part(name, path, read)
+        )
     if not parts:
         raise ValueError(
-            f"{path}: no real square DMIG matrix; ask for stiffness and mass, such as "
+            f"{path}: no square DMIG matrix; ask for stiffness and mass, such as "
             "by PARAM,EXTOUT,DMIGPCH or EXTSEOUT(STIFFNESS,MASS,DMIGPCH)"
         )
     named = name_parts(parts)
@@ -156,19 +204,19 @@ def _read_groups(
     for i in range(0, len(fields), 4):
         point, component, value = (fields[i : i + 3] + ["", "", ""])[:3]
         if point or value:
-            text = BARE_EXPONENT.sub(r"E\1", value.upper().replace("D", "E"))
-            if not np.isfinite(float(text)):
+            number = read_number(value)
+            if not np.isfinite(number):
                 raise ValueError
-            yield *column, int(point), int(component or 0), float(text)
+            yield *column, int(point), int(component or 0), number
 
 
 def _split(line: str) -> tuple[str, list[str]]:
     """Return the first field of a line, and the others without the last."""
+    width = 16 if "*" in line[:8] else 8
     if "," in line:
         first, *fields = (field.strip() for field in line.split(","))
-        return first, fields
+        return first, fields[: 64 // width]
     first = line[:8].strip()
-    width = 16 if "*" in first else 8
     fields = [line[i : i + width].strip() for i in range(8, 72, width)]
     return first, fields
 
@@ -176,12 +224,15 @@ def _split(line: str) -> tuple[str, list[str]]:
 def name_parts(parts: list[Part]) -> list[Part]:
     """Return the parts with K and M for the only names that begin like that.
 
-    Nastran calls them KAAX, KGG, .. (K4, with a number, is damping).
+    Nastran calls them KAAX, KGG, .. by a set of DOFs (K4, with a number, is damping),
+    and a superelement has KASMX, MES1, .. beside them.
     """
     names = [part.name for part in parts]
     renamed = {}
     for letter in "KM":
         alike = [x for x in names if re.match(rf"{letter}(?!\d)", x, re.I)]
+        of_sets = [x for x in alike if re.fullmatch(r"\w(\w)\1X?", x, re.I)]
+        alike = of_sets or alike
         if len(alike) == 1:
             renamed[alike[0]] = letter
     return [part._replace(name=renamed.get(part.name, part.name)) for part in parts]

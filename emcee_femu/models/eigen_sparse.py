@@ -229,7 +229,7 @@ def _solve_inverse(
     1e4 times the first elastic eigenvalue the result is the same.
     """
     mass, shift = M.diagonal(), 0.0
-    if skip:
+    if skip or not K.diagonal().all():  # with it, constraints are the massless ones
         ratio = K.diagonal()[mass > 0] / mass[mass > 0]
         positive = ratio[ratio > 0]
         shift = 1e-6 * float(np.median(positive)) if len(positive) else 1.0

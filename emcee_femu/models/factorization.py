@@ -21,11 +21,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.sparse import csc_array, csr_matrix, triu
+from scipy.sparse import csc_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import splu
 
 from ..interfaces import Floats
 
+# Of a constraint, beside that of the DOFs it ties: as much is left after a solve, its
+# square after a refinement; rounding is amplified by its inverse, and refined alike.
+COMPLIANCE = 1e-8
 LARGE = 5_000  # DOFs; SuperLU takes a few tenths of a second at most for fewer
 DEFINITE, INDEFINITE = 2, -2  # PARDISO's types of real symmetric matrices
 REPRODUCIBLE = 2  # mode of MKL: the same bits from any number of threads
@@ -46,9 +49,14 @@ class Factor:
 
 
 def factor_definite(A: csc_array) -> Factor | None:
-    """Return the factor of a symmetric matrix, None unless positive definite."""
-    if not (A.diagonal() > 0).all():  # SuperLU would swap rows
-        return None
+    """Return the factor of a symmetric matrix, None unless positive definite.
+
+    Rows without a diagonal are constraints of the others by Lagrange multipliers, under
+    which these are to be positive definite.
+    """
+    diagonal = A.diagonal()
+    if not (diagonal > 0).all():  # SuperLU would swap rows
+        return None if (diagonal < 0).any() else _factor_constrained(A, diagonal)
     if _pardiso_pays(A):
         return _factor_by_pardiso(A, DEFINITE)
     try:
@@ -56,6 +64,33 @@ def factor_definite(A: csc_array) -> Factor | None:
     except RuntimeError:  # exactly singular
         return None
     return None if factor.negative else factor
+
+
+def _factor_constrained(A: csc_array, diagonal: Floats) -> Factor | None:
+    """Return the factor of a matrix with rows that have no diagonal.
+
+    A compliance in them makes it quasi-definite, so that no pivot vanishes, in whatever
+    order, and as many are negative as there are constraints. A step of refinement takes
+    the compliance out again.
+
+    Source: Vanderbei, SIAM J. Optim. 5 (1995) 100, doi:10.1137/0805005.
+    """
+    tied = diagonal == 0
+    squares = A.multiply(A)
+    if tied.all() or not squares.sum(axis=1)[tied].all():  # an empty row
+        return None
+    near = squares @ np.where(tied, 0.0, 1 / np.where(tied, 1.0, diagonal))
+    # A row with none but such neighbours is a DOF that hangs on constraints.
+    change = np.where(near > 0, -near, np.median(diagonal[~tied]))
+    factor = factor_indefinite(csc_array(A + diags_array(COMPLIANCE * change * tied)))
+    if factor.negative != np.count_nonzero(tied & (near > 0)):
+        return None
+
+    def solve(b: Floats) -> Floats:
+        x = factor.solve(b)
+        return x + factor.solve(b - A @ x)
+
+    return Factor(solve, factor.negative)
 
 
 def factor_indefinite(A: csc_array, threshold: float = 0.0) -> Factor:

@@ -34,7 +34,8 @@ def test_small_fields_and_commas_of_DMIG(tmp_path):
 @pytest.mark.parametrize(
     ("line", "new", "message"),
     [
-        (3, "DMIG    KAAX           0       6       4\n", r"no real square .*EXTOUT"),
+        (3, "DMIG    KAAX           0       6       4\n", r"KAAX is complex"),
+        (3, "DMIG    KAAX           0       9       2\n", r"no square .*EXTOUT"),
         (3, "\n", r"no DMIG entry with the form of 'KAAX'"),
         (6, "*                    1.5               3 1.0D+00\n", r"line 6"),
         (4, "DMIG*   KAAX                           x               3\n", r"line 4"),
