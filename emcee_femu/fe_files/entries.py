@@ -99,7 +99,7 @@ def build_matrix(
         )
     off = rows != columns
     pairs = np.minimum(rows, columns)[off] * size + np.maximum(rows, columns)[off]
-    if mirror and len(np.unique(pairs)) == len(pairs):  # each pair is there once: mirror it
+    if mirror and len(np.unique(pairs)) == len(pairs):  # each pair is there once
         values = np.append(values, values[off])
         rows, columns = np.append(rows, columns[off]), np.append(columns, rows[off])
     return check(label, coo_array((values, (rows, columns)), shape=(size, size)))

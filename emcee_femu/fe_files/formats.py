@@ -153,7 +153,7 @@ def read_harwell_boeing(path: Path) -> list[Part]:
     """Return the matrix of a Harwell-Boeing or Rutherford-Boeing file, as of HBMAT.
 
     Raises:
-        ValueError: If it is no assembled real matrix, or has other numbers than it says.
+        ValueError: If it is no assembled real matrix, or its numbers do not agree.
     """
     lines = read_lines(path)
     kind, *sizes = re.split(r" +", lines[2].strip())

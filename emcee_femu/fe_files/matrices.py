@@ -141,8 +141,8 @@ def _join(parts: list[Part], source: str, asked: Collection[str]) -> Matrices:
 def _check_diagonal(part: Part, matrices: Mapping[str, csc_array]) -> None:
     """Raise ValueError where a row of K or M has entries, but none on the diagonal.
 
-    Formats without an end mark are cut at the end of a line. In K it may be a constraint
-    by a Lagrange multiplier, which has no mass.
+    Formats without an end mark are cut at the end of a line. In K it may be a
+    constraint by a Lagrange multiplier, which has no mass.
     """
     matrix = matrices[part.name]
     lone = (matrix.diagonal() == 0) & (np.diff(matrix.indptr) > 0)

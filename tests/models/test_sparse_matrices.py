@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import sparse
+from scipy.linalg import eigh, null_space
 from support.beams import assemble, bending, inertia
 
 from emcee_femu import MatrixModel
@@ -190,3 +191,21 @@ def test_few_DOFs_with_mass_equal_static_condensation():
     many = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=5)
     with pytest.raises(ValueError, match=r"<= 4 \(the DOFs with mass\), got 5"):
         many({})
+
+
+def test_a_constraint_by_a_lagrange_multiplier_is_solved():
+    """Two masses that a multiplier ties: k = 3 + 5 and m = 2; then on a chain."""
+    K = sparse.csc_array(np.array([[3.0, 0, 1], [0, 5, -1], [1, -1, 0]]))
+    model = MatrixModel(K, sparse.csc_array(np.diag([1.0, 1, 0])), {}, n_modes=1)
+    np.testing.assert_allclose(model({}).frequencies, [[2 / (2 * np.pi)]], rtol=1e-9)
+    n = 40
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    tie = np.zeros((2, n))
+    tie[0, [3, 20]], tie[1, [9, 30]] = (1, -1), (1, -2)
+    K = np.block([[chain, tie.T], [tie, np.zeros((2, 2))]])
+    M = np.diag(np.r_[np.ones(n), 0, 0])
+    free = null_space(tie)
+    exact = eigh(free.T @ chain @ free, eigvals_only=True)[:5]
+    model = MatrixModel(sparse.csc_array(K), sparse.csc_array(M), {}, n_modes=5)
+    found = (2 * np.pi * model({}).frequencies[0]) ** 2
+    np.testing.assert_allclose(found, exact, rtol=1e-8)
