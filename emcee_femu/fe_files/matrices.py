@@ -10,6 +10,7 @@ from scipy.sparse import csc_array
 from .. import checks
 from ..models.exports import Matrices as Matrices
 from ..models.exports import write_name
+from ..models.inputs import warn_of_uncoupled
 from .entries import AGAIN, Part
 from .formats import read_file, read_labels
 
@@ -22,9 +23,11 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
     """Read stiffness and mass exported by an FE program, with their row labels.
 
     The format is told by the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
-    ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4, ANSYS
-    ``.full``. Rows keep the order of the program; a mass that it wrote without the DOFs
-    that have none gets rows of zeros there.
+    ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4,
+    Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the order of the program; a mass that it wrote without
+    the DOFs that have none gets rows of zeros there. Of a file with many matrices, K
+    and M must be good; others that are not symmetric, not real or have other rows, such
+    as mode shapes, are left out.
 
     Args:
         path: One file: of CalculiX and Abaqus the others of the job are found beside
@@ -41,6 +44,9 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
         ValueError: If a file is damaged, in another format, or not of this model; the
             message names the file, the line and what to do.
         ImportError: If the format needs a package that is not installed.
+
+    Warns:
+        UserWarning: If rows with mass are coupled to no other, as those of held DOFs.
 
     Examples:
         >>> from pathlib import Path
@@ -86,7 +92,10 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
                 "read_matrices({'K': path, 'M': path})"
             )
         asked = ["K", "M"]
-    return _join(parts, source, asked)
+    read = _join(parts, source, asked)
+    if {"K", "M"} <= {*read.matrices}:
+        warn_of_uncoupled([read.K], [read.M], read.labels)
+    return read
 
 
 def _label(parts: list[Part], path: Path) -> list[Part]:

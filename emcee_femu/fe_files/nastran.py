@@ -99,7 +99,7 @@ def _read_strings(
                 if row == 0:
                     left, count = count, 0
             closing = column > size  # by a number in any format
-            whole = closing and values or len(values) in (count, count // words)
+            whole = values if closing else len(values) in (count, count // words)
             inside = closing or row + len(values) <= size + 1
             if left < 0 or not (whole and inside and np.isfinite(values).all()):
                 raise ValueError

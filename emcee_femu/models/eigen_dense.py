@@ -259,7 +259,8 @@ def check_elastic(
             f"mode {skip + 1} is not elastic (omega^2 = {first[i]:.3g} (rad/s)^2) "
             f"at {describe(i)}: a negative value means a stiffness matrix that is "
             f"not positive (give the prior bounds that keep stiffnesses and masses "
-            f"above zero), zero a rigid-body mode beyond skip={skip}"
+            f"above zero), zero a rigid-body mode beyond skip={skip}; or it is rounding"
+            f" {_compare(rounding[i], first[i])}"
         )
     if skip:
         rigid = np.abs(eigenvalues[:, skip - 1])
@@ -269,8 +270,19 @@ def check_elastic(
             raise ValueError(
                 f"skip={skip}, but mode {skip} is elastic: "
                 f"{np.sqrt(rigid[i]) / (2 * np.pi):.4g} Hz at {describe(i)}; "
-                "the structure has fewer rigid-body modes"
+                "the structure has fewer rigid-body modes, or this is rounding "
+                f"{_compare(rounding[i], rigid[i])}"
             )
+
+
+def _compare(rounding: float, eigenvalue: float) -> str:
+    """Return how much stiffer the stiffest part of a structure is than a mode."""
+    stiffest = rounding / (10 * EPS)
+    ratio = stiffest / max(abs(eigenvalue), rounding * EPS)
+    return (
+        f"beside the stiffest part ({stiffest:.0e} (rad/s)^2, a ratio of {ratio:.0e}): "
+        "make rigid links softer"
+    )
 
 
 def at_row(slopes: Slopes, row: int) -> Slopes:

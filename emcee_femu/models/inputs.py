@@ -196,7 +196,9 @@ def read_matrix(
     return result
 
 
-def warn_of_uncoupled(K: Sequence[Matrix], M: Sequence[Matrix]) -> None:
+def warn_of_uncoupled(
+    K: Sequence[Matrix], M: Sequence[Matrix], labels: Sequence[str] = ()
+) -> None:
     """Warn of rows with mass that are coupled to no other, such as held DOFs.
 
     Each is a mode of its own. One that a parameter scales by itself, as in modal
@@ -205,6 +207,7 @@ def warn_of_uncoupled(K: Sequence[Matrix], M: Sequence[Matrix]) -> None:
     Args:
         K: The constant stiffness, and what parameters multiply.
         M: The same of the mass.
+        labels: The names of all rows, where they have any.
     """
     every = [csc_array(matrix) for matrix in (*K, *M)]
     there = np.array([matrix.diagonal() != 0 for matrix in every])
@@ -215,9 +218,10 @@ def warn_of_uncoupled(K: Sequence[Matrix], M: Sequence[Matrix]) -> None:
     alone = there[len(K) :].any(axis=0) & ~coupled & ~there[by_itself].any(axis=0)
     if alone.any():
         rows = np.flatnonzero(alone).tolist()
+        first = [labels[row] for row in rows[:LISTED]] if labels else rows[:LISTED]
         more = f" and {len(rows) - LISTED} more" if len(rows) > LISTED else ""
         warnings.warn(
-            f"K0, K: rows {rows[:LISTED]}{more} are coupled to no other, so that each "
+            f"K0, K: rows {first}{more} are coupled to no other, so that each "
             "is a mode by itself: held DOFs of an export? Leave their rows and columns "
             "out of all matrices",
             stacklevel=3,
