@@ -186,7 +186,7 @@ def along_axis(dof: Hashable) -> tuple[Any, float]:
     signed = SIGNED.fullmatch(dof) if isinstance(dof, str) else None
     if signed is None:
         return dof, 1.0
-    return signed[1] + signed[3], 1.0
+    return signed[1] + signed[3], -1.0 if signed[2] == "-" else 1.0
 
 
 def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, Floats]:
