@@ -22,8 +22,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.pool import ThreadPool
 from typing import Any, NamedTuple, TypeAlias
 
+from emcee.ensemble import _FunctionWrapper
+
 from .. import checks
-from .samplers import unwrap
 
 KEPT = 8  # functions a worker keeps; an older one is sent again when it is needed
 functions: dict[str, Callable[[Any], object]] = {}  # of this process, by key
@@ -380,3 +381,11 @@ def _fail(error: BaseException, note: str) -> Outcome:
             survivor.add_note(line)
         error = survivor
     return Outcome(error=error, note=f"{note}\n{trace}")
+
+
+def unwrap(function: Any) -> Callable[[Any], Any]:
+    """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""
+    bare = isinstance(function, _FunctionWrapper)
+    if bare and not (function.args or function.kwargs):
+        return function.f  # type: ignore[no-any-return]
+    return function  # type: ignore[no-any-return]

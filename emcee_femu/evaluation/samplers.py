@@ -1,12 +1,11 @@
 """emcee's samplers: all that is known here of their insides is known in this file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from inspect import signature
 from typing import Any
 
 import emcee
 import numpy as np
-from emcee.ensemble import _FunctionWrapper
 
 from ..interfaces import Floats, Move
 from .evaluator import Evaluation
@@ -108,14 +107,6 @@ class Sampler(emcee.EnsembleSampler):
                 "state() and restore(state) (see emcee_femu.interfaces), or sample "
                 "without a file"
             )
-
-
-def unwrap(function: Any) -> Callable[[Any], Any]:
-    """Return what emcee wraps, anew for every sampler, if it wraps nothing else."""
-    bare = isinstance(function, _FunctionWrapper)
-    if bare and not (function.args or function.kwargs):
-        return function.f  # type: ignore[no-any-return]
-    return function  # type: ignore[no-any-return]
 
 
 def moves_of(sampler: object) -> list[tuple[Move, float]]:

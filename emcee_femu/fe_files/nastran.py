@@ -175,10 +175,10 @@ def read_dmig(path: Path) -> list[Part]:
         read = partial(
             build_labelled, name, path, i, j, table[:, 4], mirror=form == SYMMETRIC
         )
-        fault = faults.get(name)
+        known = faults.get(name)
         parts.append(
-            Part(name, path, NOTHING, fault=fault)
-            if fault
+            Part(name, path, NOTHING, fault=known)
+            if known
             else try_part(name, path, read)
         )
     if not parts:

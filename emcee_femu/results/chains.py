@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from .. import checks
-from ..evaluation.samplers import Sampler, describe_moves, moves_of, unwrap
+from ..evaluation.pools import unwrap
+from ..evaluation.samplers import Sampler, describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..interfaces import Floats
 from ..moves.proposing import ladder_of

@@ -59,7 +59,8 @@ def run(
         posterior: What to sample.
         moves: An emcee move, or a list of ``(move, weight)``; ``DEMCMove()`` is the
             paper's. Every ensemble has a copy of its own. "auto" searches for the
-            modes, with a fifth as many evaluations as the chain takes but at least 1,000, refines an :class:`IndependenceMove` by
+            modes, with a fifth as many evaluations as the chain takes but at least
+            1,000, refines an :class:`IndependenceMove` by
             importance weights, with 1,500 to some 10,000 evaluations more, and samples
             with it and DE-MC. Where that fits badly, and all terms are Gaussian,
             polynomials of the response are fitted to some 4,000 solves more and screen
