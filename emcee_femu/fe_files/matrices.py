@@ -24,10 +24,10 @@ def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
 
     The format is told by the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
     ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4,
-    Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the order of the program; a mass that it wrote without
-    the DOFs that have none gets rows of zeros there. Of a file with many matrices, K
-    and M must be good; others that are not symmetric, not real or have other rows, such
-    as mode shapes, are left out.
+    Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the order of the
+    program; a mass that it wrote without the DOFs that have none gets rows of zeros
+    there. Of a file with many matrices, K and M must be good; others that are not
+    symmetric, not real or have other rows, such as mode shapes, are left out.
 
     Args:
         path: One file: of CalculiX and Abaqus the others of the job are found beside
