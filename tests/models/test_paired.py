@@ -269,3 +269,30 @@ def test_swapped_arguments_are_named_by_their_types():
         TypeError, match="model: expected a callable, got Measurements$"
     ):
         PairedModel(test, lambda p: p)
+
+
+def test_sensors_that_point_backwards_change_nothing():
+    """In pairing, shapes and displacements; a model may be asked by the same names."""
+    bar = ef.Section(E=7e10, GJ=700, rho=2700, A=3e-4, Iy=2e-9, Iz="Iz")
+    points = [(x, 0, 0) for x in np.linspace(0, 1, 5)]
+    lines, signs = [(i, i + 1, "bar") for i in range(4)], np.array([[1], [-1], [-1]])
+    plain, signed = ["2:uy", "3:uy", "4:uz"], ["2:uy", "3:-uy", "4:-uz"]
+    options = {"n_modes": 4, "shapes": signed}
+    model = ef.FrameModel(points, lines, {"bar": bar}, {0: "all"}, **options)
+    parameters = {"Iz": np.array([1e-8, 2e-8])}
+    shapes = model({"Iz": np.array([1.5e-8])}).shapes[0, :, :2] + 0.01
+    found = []
+    for rows, dofs in ((shapes, plain), (signs * shapes, signed)):
+        test = Measurements([5.0, 30.0], rows, dofs=dofs)
+        paired = PairedModel(model, test, candidates=4)(parameters)
+        found.append((paired.mac, ShapeTerm(test, delta=0.1)({}, paired)))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+    assert found[0][0].min() > 0.5
+    u = np.array([[1.0, -2.0, 3.0]])
+    term = ef.DisplacementTerm(u * signs.T, relative_sd=0.1, points=signed)
+    same = ef.DisplacementTerm(u, relative_sd=0.1, points=plain)
+    response = {"displacement": np.ones((1, 1, 3))}
+    np.testing.assert_allclose(term({}, response), same({}, response), rtol=1e-14)
+    coords = (x.reads["displacement"].coords for x in (term, same))
+    assert next(coords) == next(coords)
