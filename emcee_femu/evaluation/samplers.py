@@ -9,7 +9,15 @@ import numpy as np
 
 from ..interfaces import Floats, Move
 from .evaluator import Evaluation
-from .memory import Replay, Weighted, copy_moves, foreign_moves, name_moves, restore
+from .memory import (
+    Replay,
+    Weighted,
+    copy_moves,
+    foreign_moves,
+    name_moves,
+    remember,
+    restore,
+)
 
 LONGEST_REPR = 200  # characters of a move that are printed
 
@@ -99,6 +107,7 @@ class Sampler(emcee.EnsembleSampler):
         streams = zip(state.random_state[1:], last.random_state[1:], strict=True)
         pairs = (state.coords, last.coords), *streams
         same = all(np.array_equal(one, other) for one, other in pairs)
+        same &= remember(moves) == self.backend.remembered
         if replay.strayed or replay.left or not same:
             raise ValueError(
                 f"moves: {name_moves(foreign_moves(fresh))} made step "

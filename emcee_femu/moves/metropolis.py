@@ -50,10 +50,10 @@ class MetropolisMove(ProposingMove):
                 "sd, cov: expected one of the two, standard deviations or covariance "
                 f"of the steps, got {'neither' if sd is None else 'both'}"
             )
-        if np.ndim(sd) > 1:  # type: ignore[arg-type]
+        if sd is not None and checks.numeric_array("sd", sd).ndim > 1:
             raise ValueError(
                 "sd: expected a number or (ndim,) standard deviations, got shape "
-                f"{np.shape(sd)}; a covariance is given as cov="  # type: ignore[arg-type]
+                f"{np.shape(sd)}; a covariance is given as cov="
             )
         self.sd = None if sd is None else checks.positive_array("sd", sd)
         self.cov = None if cov is None else checks.real_array("cov", cov)

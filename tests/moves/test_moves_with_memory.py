@@ -120,7 +120,7 @@ OWN = {
     "sweep": ef.DEMCMove(nsplits=12),
     "M-H": ef.MetropolisMove(sd=20.0),
     "mixture": ef.IndependenceMove(
-        [0.5, 0.5], [[3000.0] * 5] * 2, [1e5 * np.eye(5)] * 2
+        [0.5, 0.5], [[3000.0] * 5] * 2, [2e6 * np.eye(5)] * 2
     ),
     "Hamiltonian": ef.moves.HamiltonianMove(steps=3),
     "screened": Delayed(ef.DEMCMove(), lambda x: -1e-8 * (x**2).sum(axis=1), (1, 5)),
