@@ -1,5 +1,7 @@
 """Run emcee on a posterior: starts, seeds, independent ensembles, files."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Sequence
 from os import PathLike
