@@ -102,7 +102,7 @@ def test_what_a_contract_may_have_is_listed():
                 if re.search(r"\b(model|term|reader|prior|move|response)$", owner):
                     asked.add(name.strip("'"))
     listed = {*re.findall(r"^(\w+) +\w", ef.interfaces.__doc__, re.M)}
-    of_emcee = {"get_proposal", "inner", "propose"}
+    of_emcee = {"betas", "check", "get_proposal", "inner", "propose"}
     # Of priors, terms and responses of this package; a user's need not have them.
     own = {"distributions", "error_sd", "logpdfs", "unpaired"}
     of_pynite = {"load_combos"}
