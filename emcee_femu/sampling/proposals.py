@@ -150,7 +150,7 @@ def refine(
         propose: What draws and evaluates.
 
     Returns:
-        The best proposal of the last rounds, with its covering components.
+        The proposal of the last round, with its covering components.
     """
     rounds: list[Trial] = []
     for number in range(ROUNDS):
@@ -169,9 +169,7 @@ def refine(
         if (shares[-1] > GOOD_SHARE or enough) and draws.lack(wide) < LACK:
             break
         mixture = _refit(draws, mixture)
-    # The fits of early rounds know too little to be compared.
-    last = [past.mixture for past in rounds[-3:]]
-    return max(last, key=draws.effective_share) if len(draws.x) else wide
+    return wide
 
 
 def cover(mixture: Mixture) -> Mixture:
@@ -216,8 +214,7 @@ def _refit(draws: Draws, mixture: Mixture) -> Mixture:
         candidates.append((-2 * size * float(shares @ other.log_density(x)), other))
     for fitted, gained in _fits(x, shares, draws.log_p[use], mixture):
         parameters = len(fitted.weights) * (1 + d + d * (d + 1) / 2)
-        if size > parameters / len(fitted.weights):
-            candidates.append((2 * parameters - 2 * size * gained, fitted))
+        candidates.append((2 * parameters - 2 * size * gained, fitted))
     chosen = min(candidates, key=lambda pair: pair[0])[1]
     # By the effective share, which regions of large weights spoil most: EM on weights
     # that stress them brings the mixture nearer to its largest effective share.

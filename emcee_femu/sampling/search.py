@@ -8,6 +8,7 @@ scans: draws of the prior, and draws about the modes found, wider and wider.
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,15 +160,16 @@ class Search:
                 fruitless = 0 if self._climb([waiting.pop()]) else fruitless + 1
                 continue
             waiting = self._choose(excess, tested)
-            tested[waiting] = True
             if not waiting:
                 return
             if fruitless < UNTESTED:
                 waiting = waiting[: UNTESTED - fruitless]
+                tested[waiting] = True
             elif len(waiting) > left:
                 return
             else:
                 left -= len(waiting)
+                tested[waiting] = True
                 waiting = self._find_valleys(waiting)
             waiting.sort(key=lambda i: self.rows[i, 0])
 
@@ -179,21 +181,24 @@ class Search:
         return excess
 
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
-        """Return untested points of each ensemble that the modes explain least."""
-        heights, log_prior = self.rows.T
+        """Return untested points that the modes explain least, an ensemble after another.
+
+        Each round begins at another ensemble, for only the first points may be taken.
+        """
+        heights = self.rows[:, 0]
         possible = np.isfinite(heights) & (excess > UNEXPLAINED) & ~tested
-        # Out of bounds both densities are zero.
-        gains = heights - np.nan_to_num(log_prior)
-        chosen: list[int] = []
+        queues: list[list[int]] = []
         for ensemble in range(len(self.streams)):
             eligible = possible & (self.owner == ensemble)
             ranks = [
                 np.where(eligible, values, -np.inf).argsort()[: -TESTED // 2 - 1 : -1]
-                for values in (excess, gains)
+                for values in (excess, heights)
             ]
             both = np.column_stack(ranks).ravel()  # in turn
-            chosen += [i for i in dict.fromkeys(both.tolist()) if eligible[i]]
-        return chosen
+            queues.append([i for i in dict.fromkeys(both.tolist()) if eligible[i]])
+        first = self.climbs % len(queues)
+        turns = zip_longest(*queues[first:], *queues[:first])
+        return [i for turn in turns for i in turn if i is not None]
 
     def _find_valleys(self, numbers: Sequence[int]) -> list[int]:
         """Return those points that a valley parts from the nearest mode.

@@ -189,7 +189,7 @@ def test_few_DOFs_with_mass_equal_static_condensation():
     np.testing.assert_allclose(np.abs(overlap), np.eye(4), atol=1e-9)
     np.testing.assert_allclose(shapes[0, rest], -inner @ shapes[0, at], atol=1e-9)
     many = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=5)
-    with pytest.raises(ValueError, match=r"<= 4 \(the DOFs with mass\), got 5"):
+    with pytest.raises(ValueError, match=r"<= 4.*rank.*got 5"):
         many({})
 
 
