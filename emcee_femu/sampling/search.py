@@ -181,7 +181,7 @@ class Search:
         return excess
 
     def _choose(self, excess: Floats, tested: NDArray[np.bool_]) -> list[int]:
-        """Return untested points that the modes explain least, an ensemble after another.
+        """Return untested points that the modes explain least, by ensembles in turn.
 
         Each round begins at another ensemble, for only the first points may be taken.
         """
