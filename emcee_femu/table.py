@@ -1,6 +1,7 @@
 """The one table of this package, and reports: as text, as HTML, for pandas."""
 
 import html
+import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, TypeAlias
@@ -9,6 +10,7 @@ import numpy as np
 
 LEFT = 'style="text-align: left"'
 SPACE = "  "  # between printed columns
+PAGE = 80  # columns of a terminal, at which printed sentences are wrapped
 CAPTION = 'style="text-align: left; caption-side: top"'
 # Title, format specification, and the cells.
 Column: TypeAlias = tuple[str, str, Iterable[object]]
@@ -160,7 +162,10 @@ class Report:
 
     def __str__(self) -> str:
         """Return the tables and the sentences, one below the other."""
-        return "\n".join(map(str, self._parts()))
+        return "\n".join(
+            str(part) if isinstance(part, Table) else _wrap(part)
+            for part in self._parts()
+        )
 
     def __repr__(self) -> str:
         """Return the same at a prompt."""
@@ -172,6 +177,14 @@ class Report:
             part._repr_html_() if isinstance(part, Table) else _paragraphs(part)
             for part in self._parts()
         )
+
+
+def _wrap(text: str) -> str:
+    # A path or a name is never broken: it could not be copied.
+    wrapper = textwrap.TextWrapper(
+        PAGE, subsequent_indent=SPACE, break_long_words=False, break_on_hyphens=False
+    )
+    return "\n".join(map(wrapper.fill, text.splitlines()))
 
 
 def _paragraphs(text: str) -> str:

@@ -130,7 +130,15 @@ def open_evaluator(
                 store.verify()
                 compare(path, stored, manifest)
                 probe(evaluation, store, tolerance)
-            yield StoredEvaluation(evaluation, store)
+            try:
+                yield StoredEvaluation(evaluation, store)
+            except KeyboardInterrupt as error:
+                stopped = KeyboardInterrupt(
+                    f"stopped; all that was solved and sampled so far is in {path}. "
+                    "The same call with resume=True goes on from there"
+                )
+                vars(stopped).update(vars(error))  # the run so far
+                raise stopped from None  # where it was stopped says nothing
 
 
 def compare(

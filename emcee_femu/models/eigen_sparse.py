@@ -276,7 +276,7 @@ def _krylov(factor: Factor, M: csc_array, count: int, skip: int) -> Pairs:
         values, axes = values[order], axes[:, order]
         rest = X @ axes[size:]  # what the space lacks of the image of each vector
         lacking = np.sqrt(np.einsum("ij,ij->j", rest, M @ rest))
-        if full or (lacking <= TOLERANCE * values + space.rounding).all():
+        if full or (lacking <= TOLERANCE * abs(values) + space.rounding).all():
             apart = np.diff(values[skip:]) < -EQUAL * values[skip + 1 :]
             ends = np.flatnonzero([True, *apart, True])
             if full or np.diff(ends).max() < width:

@@ -27,6 +27,7 @@ WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
 ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
 HITS = 3  # expected, of which none comes once in twenty times
+STUCK_BY_CHANCE = 0.05  # walkers that may not have moved yet in a short chain
 CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"
 TOO_SHORT = "too short"
@@ -118,10 +119,14 @@ def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statem
 def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
     names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
-    if stuck:
-        places = f"(ensemble, walker): {list(stuck[:5])}"
-        sentence = f"they never moved, {places}; look at starts and at failed solves"
-        yield f"{len(stuck)} walkers stuck", sentence, 0.0
+    places = f"(ensemble, walker): {list(stuck[:5])}"
+    sentence = f"they never moved, {places}; look at starts and at failed solves"
+    complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
+    moving = diagnosis.acceptance[diagnosis.acceptance > 0]
+    # So many of the others would be still there by chance after as many steps.
+    by_chance = ((1 - moving) ** diagnosis.steps).sum()
+    if stuck and by_chance < STUCK_BY_CHANCE:
+        yield complaint
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     # Values, their best, their limit, and by which power of them a chain is too short.
     for values, best, limit, power, short, what in (
@@ -141,6 +146,8 @@ def _complaints(diagnosis: "Diagnosis") -> Iterator[Complaint]:
                 cure = "take a TemperedMove" if modes else 'run moves="auto"'
                 sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
             yield short, sentence, longer
+    if stuck and by_chance >= STUCK_BY_CHANCE:
+        yield complaint
     if modes is not None:
         yield from _weights(modes, diagnosis.acceptance.shape[1])
         yield from _proposal(modes, diagnosis.steps)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 from scipy.spatial.distance import cdist
 
 from .. import checks
@@ -39,6 +40,7 @@ SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not 
 FAR = 3.0  # squared distance per dimension beyond which a point counts less
 ALIKE = 0.01  # error of leaving one out, in measurement errors, that is small enough
 LEAST = 1e-300  # variance of processes that are exact
+BY_CHANCE = 0.01  # probability of so many failures where fewer are allowed
 TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
 
 
@@ -56,7 +58,7 @@ def emulate(
     starts: ArrayLike | None = None,
     cheap: Sequence[str] | None = None,
     on_failure: str = "raise",
-    max_failures: float = 0.2,
+    max_failures: float = 0.8,
     progress: bool | str | None = None,
     probe_tolerance: float = 1e-6,
 ) -> EmulatedModel | EmulatedExperiments:
@@ -133,8 +135,9 @@ def emulate(
         on_failure: What a failed solve does: "raise", or "reject" to leave the point
             out of the fit, and not ask there again, nor where a failed point is nearer
             than all that were solved. It counts as a solve.
-        max_failures: Fraction of the solves, of the first design or more, above which
-            "reject" stops.
+        max_failures: Fraction of the solves above which "reject" stops, unless so many
+            of a few may have failed by chance. It is more than in :func:`run`, for the
+            first design spans the prior. It stops, too, where all of that failed.
         progress: Whether to show solves, errors and the time left, as in :func:`run`.
         probe_tolerance: Relative difference at solves of the file above which the model
             counts as another, as in :func:`run`.
@@ -252,14 +255,18 @@ class _Emulation:
         self, solves: int, batch: int, seed: int, tolerance: float
     ) -> EmulatedModel:
         """Go on until the true error is small, or all solves are spent."""
+        rng = np.random.default_rng([seed, 0, 0])
+        while 0 < self._solved.sum() < FEWEST and len(self.theta) < solves:
+            number = min(batch, solves - len(self.theta))
+            self.solve(self.coordinates.prior.sample(rng, number))
         solved = self.evaluator.posterior.unfold(self.rows[self._solved])
         for text in self.problem.doubt(solved):
             warnings.warn(text, stacklevel=3)
         if (number := int(self._solved.sum())) < FEWEST:
             raise RuntimeError(
-                f"on_failure: only {number} of {len(self.theta)} solves of the first "
-                f"design succeeded, and a fit needs at least {FEWEST}. Fix the "
-                "model, or narrow the prior to where it can be solved"
+                f"on_failure: only {number} of {len(self.theta)} solves succeeded, and "
+                f"a fit needs at least {FEWEST}. Fix the model, or narrow the prior to "
+                "where it can be solved"
             )
         explorer = Explorer(self.problem)
         emulator, draws, settled, power = None, None, 0, 0.0
@@ -310,8 +317,11 @@ class _Emulation:
         for number, row in self.evaluator.each(points):
             rows[number] = row
             self.bar.update(1)
-        if self.evaluator.failures is not None:  # by itself it begins at a hundred
-            self.evaluator.failures.check(len(points))
+        failures = self.evaluator.failures
+        if failures is not None:  # by itself it begins at a hundred
+            known = failures.evaluations, failures.max_failures
+            if stats.binom.sf(failures.causes.total() - 1, *known) < BY_CHANCE:
+                failures.check(len(points))
         self.theta = np.vstack([self.theta, points])
         self.rows = np.vstack([self.rows, rows])
 

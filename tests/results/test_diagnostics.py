@@ -145,7 +145,9 @@ def test_names_are_those_of_the_posterior_and_the_table_shows_the_numbers():
     assert found.table.column("parameter") == list(found.names)
     assert_array_equal(np.array(found.table.rows)[:, 1:].astype(float).T, expected)
     text, page = str(found), found._repr_html_()
-    assert text.startswith(str(found.table)) and text.endswith(found.verdict)
+    assert text.startswith(str(found.table))
+    assert text.split()[-9:] == found.verdict.split()[-9:]
+    assert max(map(len, text.splitlines())) <= 80
     assert page.startswith("<table") and page.endswith(
         f"<p>Fit: {found.fit.sentence}</p>"
     )
@@ -275,3 +277,18 @@ def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
         ):
             ef.predictive_table(idata)
     assert ef.parameter_table(sampler.backend).column("parameter")[0] == "theta1"
+
+
+@pytest.mark.parametrize(("steps", "stuck_first"), [(13, False), (400, True)])
+def test_a_walker_that_chance_has_not_moved_yet_is_not_the_first_complaint(
+    steps, stuck_first
+):
+    rng = np.random.default_rng(1)
+    moved = rng.random((steps, 20)) < 0.15
+    moved[:, 3] = False
+    last = np.maximum.accumulate(np.where(moved, np.arange(steps)[:, None], 0))
+    chain = rng.normal(size=(steps, 20, 2))[last, np.arange(20)]
+    found = ef.diagnose([backend(chain, moved)])
+    assert (0, 3) in found.stuck
+    named = ["stuck" in reason for reason in found.chains.reasons]
+    assert sum(named) == 1 and named[0] == stuck_first

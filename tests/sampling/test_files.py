@@ -579,3 +579,9 @@ def test_memory_does_not_hold_the_steps(path):
     tracemalloc.stop()
     stored = sampler.get_chain().nbytes + sampler.get_blobs().nbytes
     assert grown < stored / 4
+
+
+def test_the_keyboard_is_told_where_the_run_is_and_how_it_goes_on(path):
+    _, error = attempt("chain", path, stop=40)
+    assert str(path) in str(error) and "resume=True" in str(error)
+    assert error.run[0].iteration > 0 and error.__suppress_context__
