@@ -30,16 +30,21 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 from . import moves as moves
-from .comparison.classes import compare_models as compare_models
-from .comparison.compare import compare_moves as compare_moves
+from .contracts import ModalSolution as ModalSolution
+from .contracts import Variable as Variable
+from .contracts import modal_variables as modal_variables
 from .evaluation.pools import EvaluationPool as EvaluationPool
-from .fe_files.matrices import read_matrices as read_matrices
-from .fe_programs.opensees import from_opensees as from_opensees
-from .fe_programs.pynite import from_pynite as from_pynite
-from .fe_programs.skfem import from_skfem as from_skfem
-from .interfaces import ModalSolution as ModalSolution
-from .interfaces import Variable as Variable
-from .interfaces import modal_variables as modal_variables
+from .extensions.comparison.classes import compare_models as compare_models
+from .extensions.comparison.compare import compare_moves as compare_moves
+from .extensions.emulation.certify import certify as certify
+from .extensions.emulation.emulate import emulate as emulate
+from .extensions.fe_files.matrices import read_matrices as read_matrices
+from .extensions.fe_programs.opensees import from_opensees as from_opensees
+from .extensions.fe_programs.pynite import from_pynite as from_pynite
+from .extensions.fe_programs.skfem import from_skfem as from_skfem
+from .extensions.population.pool_tests import pool_tests as pool_tests
+from .extensions.reduction.reduced import reduce_model as reduce_model
+from .extensions.report.report import report as report
 from .likelihoods.displacement import DisplacementTerm as DisplacementTerm
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
@@ -56,12 +61,9 @@ from .models.static import StaticModel as StaticModel
 from .moves import DEMCMove as DEMCMove
 from .moves import IndependenceMove as IndependenceMove
 from .moves import MetropolisMove as MetropolisMove
-from .population.pool_tests import pool_tests as pool_tests
 from .posterior.log_posterior import LogPosterior as LogPosterior
 from .posterior.priors import GaussianPrior as GaussianPrior
 from .posterior.priors import IndependentPrior as IndependentPrior
-from .reports.report import report as report
-from .results.certify import certify as certify
 from .results.diagnose import diagnose as diagnose
 from .results.evidence import log_evidence as log_evidence
 from .results.identifiability import identifiability as identifiability
@@ -73,8 +75,6 @@ from .results.to_arviz import to_inference_data as to_inference_data
 from .sampling.anneal import anneal as anneal
 from .sampling.find_map import find_map as find_map
 from .sampling.run import run as run
-from .surrogates.emulate import emulate as emulate
-from .surrogates.reduced import reduce_model as reduce_model
 
 if TYPE_CHECKING:
     from . import figures as figures

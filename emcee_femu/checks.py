@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .interfaces import Floats, Parameters
+from .contracts import Floats, Parameters
 
 T = TypeVar("T")
 

@@ -9,7 +9,7 @@ import numpy as np
 from emcee.pbar import get_progress_bar
 
 from .. import checks
-from ..interfaces import Floats, Linearization, RepeatedModes
+from ..contracts import Floats, Linearization, RepeatedModes
 from ..posterior.derivatives import difference, unstack
 from ..posterior.log_posterior import Kind, LogPosterior
 from .failures import Failure, FailureLog, describe_failure

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from ..interfaces import SolveError
+from ..contracts import SolveError
 
 logger = logging.getLogger("emcee_femu")
 

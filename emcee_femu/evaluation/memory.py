@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..interfaces import Floats, Move
+from ..contracts import Floats, Move
 from .evaluator import Evaluation
 from .failures import FailureLog
 

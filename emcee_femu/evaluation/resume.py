@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from .evaluator import Evaluation
 from .samplers import describe_object

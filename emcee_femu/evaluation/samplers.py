@@ -7,7 +7,7 @@ from typing import Any
 import emcee
 import numpy as np
 
-from ..interfaces import Floats, Move
+from ..contracts import Floats, Move
 from .evaluator import Evaluation
 from .memory import (
     Replay,
@@ -113,7 +113,7 @@ class Sampler(emcee.EnsembleSampler):
                 f"moves: {name_moves(foreign_moves(fresh))} made step "
                 f"{self.iteration} by something that the file does not hold, so that "
                 "resume=True would give another chain; give the move that remembers "
-                "state() and restore(state) (see emcee_femu.interfaces), or sample "
+                "state() and restore(state) (see emcee_femu.contracts), or sample "
                 "without a file"
             )
 

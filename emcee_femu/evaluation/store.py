@@ -22,7 +22,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Floats, Linearization
+from ..contracts import Floats, Linearization
 from ..posterior.derivatives import unstack
 from ..posterior.log_posterior import Kind, LogPosterior
 from .evaluator import Evaluation

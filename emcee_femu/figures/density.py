@@ -5,7 +5,7 @@ import math
 import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from ..interfaces import Floats
+from ..contracts import Floats
 
 RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
 SHARES = 0.95, 0.5  # of the draws in the regions

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre
 from ..results.arviz_objects import dataset, samples

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from .. import checks
-from ..interfaces import Floats, read_declared
+from ..contracts import Floats, read_declared
 from ..models.geometry import Geometry
 from ..posterior.log_posterior import LogPosterior
 from ..results.arviz_objects import samples

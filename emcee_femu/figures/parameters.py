@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse, Patch
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..results.arviz_objects import mean_sizes, samples
 from ..results.to_arviz import read_samples
 from .density import covariance_ellipse, estimate_density

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..results.arviz_objects import (
     InferenceData,
     dataset,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, Variable, read
+from ..contracts import Floats, Parameters, Response, Variable, read
 from ..measurements.modes import along_axis
 from .term import (
     Deviations,

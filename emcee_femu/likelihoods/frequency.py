@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters, Response, modal_variables, read
+from ..contracts import Floats, Parameters, Response, modal_variables, read
 from ..measurements import Measurements, modes
 from .term import (
     Deviations,

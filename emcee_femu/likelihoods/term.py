@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Batch, Floats, Parameters, Response, Variable, read_declared
-from ..interfaces import read as read_variable
+from ..contracts import Batch, Floats, Parameters, Response, Variable, read_declared
+from ..contracts import read as read_variable
 
 Deviations: TypeAlias = tuple[Floats, Floats]  # r and sd, (n, m) each
 Values = TypeVar("Values", Floats, NDArray[np.complex128])

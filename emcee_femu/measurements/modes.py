@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 
 # Two modes this near to each other in frequency and MAC are one, identified twice.
 SAME_FREQUENCY, SAME_SHAPE = 1e-3, 0.99

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 
 Path = str | PathLike[str]
 Indices: TypeAlias = NDArray[np.intp]

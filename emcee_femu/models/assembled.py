@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import (
+from ..contracts import (
     Derivatives,
     Floats,
     ModalSolution,

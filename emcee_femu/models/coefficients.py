@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats, Parameters
+from ..contracts import Floats, Parameters
 from .inputs import Matrix, describe, read_batch, read_matrix
 
 STEP = 1e-3  # of a parameter's value: the differences are exact up to fourth powers

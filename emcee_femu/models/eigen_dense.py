@@ -24,7 +24,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
+from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
 from .inputs import Matrix, Where
 
 EPS = float(np.finfo(float).eps)

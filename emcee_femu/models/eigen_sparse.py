@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import qr
 from scipy.sparse import csc_array, diags_array
 
-from ..interfaces import Derivatives, Floats, ModalSolution, RepeatedModes
+from ..contracts import Derivatives, Floats, ModalSolution, RepeatedModes
 from .eigen_dense import EPS, REPEATED, Slopes, at_row, check_elastic, refuse_parting
 from .factorization import Factor, factor_definite, factor_indefinite
 from .inputs import Where

@@ -50,7 +50,7 @@ class Matrices(Report):
     Examples:
         >>> import numpy as np
         >>> from scipy.sparse import csc_array
-        >>> from emcee_femu.fe_files.matrices import Matrices
+        >>> from emcee_femu.extensions.fe_files.matrices import Matrices
         >>> K = csc_array([[3.0, -1.0], [-1.0, 1.0]])
         >>> nodes = np.array([[12, 1], [12, 3]])  # node, direction
         >>> exported = Matrices({"K": K, "M": csc_array(np.eye(2))}, nodes, "beam.mtx")

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.sparse import csc_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import splu
 
-from ..interfaces import Floats
+from ..contracts import Floats
 
 # Of a constraint, beside that of the DOFs it ties: as much is left after a solve, its
 # square after a refinement; rounding is amplified by its inverse, and refined alike.

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array
 
 from .. import checks
-from ..interfaces import Derivatives, Floats, ModalSolution, Parameters, modal_variables
+from ..contracts import Derivatives, Floats, ModalSolution, Parameters, modal_variables
 from .eigen_dense import Eigenproblem
 from .eigen_sparse import SparseEigenproblem
 from .geometry import Geometry

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .. import checks
-from ..interfaces import (
+from ..contracts import (
     Derivatives,
     Floats,
     ModalSolution,

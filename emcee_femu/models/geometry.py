@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 
 AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
 Node: TypeAlias = Hashable

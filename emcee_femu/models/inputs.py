@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import Derivatives, Floats, Parameters
+from ..contracts import Derivatives, Floats, Parameters
 from ..measurements.modes import along_axis
 
 Matrix: TypeAlias = Floats | csc_array

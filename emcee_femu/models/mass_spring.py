@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Derivatives, Floats, ModalSolution, Parameters
+from ..contracts import Derivatives, Floats, ModalSolution, Parameters
 from .inputs import Dofs, Weights, check_positive, describe
 from .matrix import MatrixModel
 

@@ -10,26 +10,13 @@ import numpy as np
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..interfaces import (
-    Derivatives,
-    Floats,
-    ModalSolution,
-    Parameters,
-    modal_variables,
-)
+from ..contracts import Derivatives, Floats, ModalSolution, Parameters, modal_variables
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem, Slopes, at_row, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
 from .exports import Export, Matrices, fit_polynomials
 from .geometry import Geometry
-from .inputs import (
-    Dofs,
-    Matrix,
-    Where,
-    choose_dofs,
-    read_matrix,
-    warn_of_uncoupled,
-)
+from .inputs import Dofs, Matrix, Where, choose_dofs, read_matrix, warn_of_uncoupled
 
 
 class MatrixModel:

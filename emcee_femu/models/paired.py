@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from .. import checks
-from ..interfaces import (
+from ..contracts import (
     Derivatives,
     Floats,
     Model,

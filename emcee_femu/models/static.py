@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import issparse
 
 from .. import checks
-from ..interfaces import Derivatives, Floats, Parameters, Variable
+from ..contracts import Derivatives, Floats, Parameters, Variable
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import combine
 from .eigen_sparse import SparseSum

@@ -10,7 +10,7 @@ from numpy.random import RandomState
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..table import Parts, Report
 from .independence import IndependenceMove
 from .proposing import Batch, Propose, ProposingMove, only_propose, refresh

@@ -8,7 +8,7 @@ from numpy.random import RandomState
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from .proposing import Indices, Part, Proposal, ProposingMove
 
 DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from .proposing import Indices, ProposingMove, check_state, overwrite, refresh
 
 JITTER = 0.2  # of the step size, against trajectories that come back to their start

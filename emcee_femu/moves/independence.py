@@ -10,7 +10,7 @@ from numpy.random import RandomState
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from .mixture import Mixture
 from .proposing import Proposal, ProposingMove
 

@@ -10,7 +10,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.special import gammaln
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 
 GAUSSIAN = 1e6  # degrees of freedom from which a component is one
 MOST_COMPONENTS = 6  # that a fit chooses

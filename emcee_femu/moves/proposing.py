@@ -24,7 +24,7 @@ from emcee.moves import DESnookerMove, GaussianMove, Move
 from numpy.random import RandomState
 from numpy.typing import NDArray
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..table import Report
 
 Indices: TypeAlias = NDArray[np.intp]

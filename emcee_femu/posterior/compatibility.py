@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import checks
-from ..interfaces import Model, Prior, Variable, read_declared
+from ..contracts import Model, Prior, Variable, read_declared
 from ..likelihoods.term import ERROR_PRIOR, Term
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Floats, Linearization, Prior, SolveError
+from ..contracts import Floats, Linearization, Prior, SolveError
 from ..likelihoods.term import linearize_normal
 
 if TYPE_CHECKING:

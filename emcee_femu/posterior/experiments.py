@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from .. import checks
-from ..interfaces import (
+from ..contracts import (
     PLACED,
     WRAP,
     Batch,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..interfaces import (
+from ..contracts import (
     Floats,
     Linearization,
     Model,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from .. import checks
-from ..interfaces import Floats, Prior
+from ..contracts import Floats, Prior
 from ..table import Column, Parts, Report, Table, unit_column
 
 DRAWS = 20_000  # of a prior, for its moments

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..sampling.importance import resample
 
 InferenceData: TypeAlias = Any  # before version 1 its own class, since then a DataTree

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from .. import checks
+from ..contracts import Floats
 from ..evaluation.pools import unwrap
 from ..evaluation.samplers import Sampler, describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
-from ..interfaces import Floats
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.record import Chains, Run

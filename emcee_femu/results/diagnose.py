@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from ..interfaces import Floats
+from ..contracts import Floats
+from ..extensions.emulation.certificate import Certificate
 from ..sampling.record import Chains
 from ..table import Parts, Report, Table
 from .arviz_objects import effective_sizes, mean_sizes, rhat
-from .certificate import Certificate
 from .chains import check_length, excess_scatter, read_chains, tau_by_ensemble
 from .fit import judge_fit
 from .modes import ModeWeights, weigh_modes

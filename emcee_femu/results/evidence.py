@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
 from ..sampling.record import Chains

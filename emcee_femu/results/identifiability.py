@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import skew
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..posterior.derivatives import place
 from ..posterior.priors import summarize_prior
 from ..sampling.find_map import FoundMap

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..interfaces import Floats, Variable
+from ..contracts import Floats, Variable
 from ..likelihoods.term import Term
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from .arviz_objects import Dataset, InferenceData, dataset, groups
 from .labelled import each_term

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..sampling.importance import pareto_k
 from ..sampling.record import Chains
 from ..table import Parts, Report, Table

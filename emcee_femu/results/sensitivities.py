@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from .arviz_objects import InferenceData, dataset, spread_out
 
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Floats, Variable, read, read_declared
+from ..contracts import Floats, Variable, read, read_declared
 from ..models.paired import PairedModel
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior

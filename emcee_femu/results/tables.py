@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table, unit_column
 from .arviz_objects import (

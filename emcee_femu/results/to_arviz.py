@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..interfaces import Floats, Variable
+from ..contracts import Floats, Variable
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import (

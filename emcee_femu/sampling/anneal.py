@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from .. import checks
+from ..contracts import Evaluator, Floats
 from ..evaluation.resume import open_evaluator
-from ..interfaces import Evaluator, Floats
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.proposing import temper
 from ..posterior.log_posterior import LogPosterior

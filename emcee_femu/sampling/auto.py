@@ -6,7 +6,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Evaluator, Floats
+from ..contracts import Evaluator, Floats
 from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members

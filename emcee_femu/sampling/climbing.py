@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ..interfaces import Evaluator, Floats
+from ..contracts import Evaluator, Floats
 from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates

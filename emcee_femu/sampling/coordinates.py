@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import logistic
 
-from ..interfaces import Evaluator, Floats, Prior
+from ..contracts import Evaluator, Floats, Prior
 from ..posterior.derivatives import difference, unstack
 
 DRAWS = 20_000  # of the prior, for its quantiles

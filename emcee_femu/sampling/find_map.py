@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from .. import checks
+from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
-from ..interfaces import Floats
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.derivatives import DIGITS, is_printed
 from ..posterior.log_posterior import LogPosterior

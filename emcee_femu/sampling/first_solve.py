@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.store import StoredEvaluation
-from ..interfaces import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre, summarize_prior
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import expit
 
-from ..interfaces import Floats
+from ..contracts import Floats
 
 GOOD_K = 0.7  # below it the error of an importance estimate can be believed
 FEWEST_WEIGHTS = 25  # from which k can be said

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import logsumexp
 
-from ..interfaces import Floats
+from ..contracts import Floats
 from ..moves.mixture import Mixture
 from .importance import (
     FAIR_SHARE,

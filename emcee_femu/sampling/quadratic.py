@@ -4,7 +4,7 @@ import numpy as np
 from scipy import special
 from scipy.optimize import brentq, lsq_linear
 
-from ..interfaces import Floats
+from ..contracts import Floats
 
 FLOOR = 0.1  # least curvature: no direction is wider than 3.2 prior sds
 ROUNDED = 1e-14  # of the largest curvature, below which one is rounding

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, overload
 import emcee
 import numpy as np
 
+from ..contracts import Floats, Move
 from ..evaluation.failures import FailureLog
 from ..evaluation.samplers import describe_moves
-from ..interfaces import Floats, Move
 from ..posterior.log_posterior import LogPosterior
 from ..table import Parts, Report
 

@@ -15,7 +15,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..interfaces import Evaluator, Floats, Prior
+from ..contracts import Evaluator, Floats, Prior
 from ..likelihoods.term import log_normal
 from ..moves import DEMCMove, IndependenceMove
 from ..moves.mixture import Mixture

@@ -13,6 +13,7 @@ from emcee.backends import Backend
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.memory import Weighted, copy_moves, foreign_moves
 from ..evaluation.progress import check_progress, progress_bar
@@ -20,7 +21,6 @@ from ..evaluation.resume import logger, open_evaluator
 from ..evaluation.samplers import Sampler
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..evaluation.turns import take_turns
-from ..interfaces import Floats
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from .auto import budget_of, search_and_start
@@ -137,7 +137,7 @@ def run(
             is without ``live_dangerously=True``; too many solves failed, or a worker
             died. An exception during sampling has the run so far, as its attribute
             ``run``. So does the ValueError by which a move is refused that remembers
-            more than its ``state()`` (see ``emcee_femu.interfaces``), while the chain
+            more than its ``state()`` (see ``emcee_femu.contracts``), while the chain
             is stored in a file.
         UserWarning: If the model at the prior mean is that far off, its frequencies
             are in another order than the measured ones, or the mean is out of bounds;

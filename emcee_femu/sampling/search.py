@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from ..interfaces import Evaluator, Floats
+from ..contracts import Evaluator, Floats
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.priors import summarize_prior
 from .climbing import Maximum, climb, distinct

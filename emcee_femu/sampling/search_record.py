@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ..interfaces import Floats, Move, Prior
+from ..contracts import Floats, Move, Prior
 from ..moves import DelayedAcceptanceMove, DEMCMove, HamiltonianMove, IndependenceMove
 from ..moves.mixture import Mixture
 from ..table import Parts, Report

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 from .. import checks
-from ..interfaces import Move
+from ..contracts import Move
 from ..moves import DEMCMove, HamiltonianMove
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from emcee_femu.comparison.compare import Entry, conclude
+from emcee_femu.extensions.comparison.compare import Entry, conclude
 
 
 def entry(

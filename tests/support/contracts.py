@@ -9,7 +9,7 @@ import pickle
 import numpy as np
 from scipy import stats
 
-from emcee_femu.interfaces import read, read_declared
+from emcee_femu.contracts import read, read_declared
 
 
 def _row(values, i):

@@ -25,11 +25,11 @@ from support.few_solves import (
 from support.pool_problems import forks
 
 import emcee_femu as ef
+from emcee_femu.extensions.emulation import emulated_draws
+from emcee_femu.extensions.emulation.draws import Explorer
+from emcee_femu.extensions.emulation.emulate import _Emulation
+from emcee_femu.extensions.emulation.problem import EmulationProblem
 from emcee_femu.sampling.coordinates import Coordinates
-from emcee_femu.surrogates import emulated_draws
-from emcee_femu.surrogates.emulate import _Emulation
-from emcee_femu.surrogates.emulated_draws import Explorer
-from emcee_femu.surrogates.emulation_problem import EmulationProblem
 
 SLOW = pytest.mark.slow
 GRID = np.stack(np.meshgrid(*[np.linspace(-3.0, 3.0, 241)] * 2), axis=-1).reshape(-1, 2)

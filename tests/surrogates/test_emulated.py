@@ -11,8 +11,8 @@ from support.contracts import assert_model
 from support.crossing import respond
 
 import emcee_femu as ef
-from emcee_femu.surrogates import partition
-from emcee_femu.surrogates.gaussian_process import fit_processes
+from emcee_femu.extensions.emulation import partition
+from emcee_femu.extensions.emulation.gaussian_process import fit_processes
 
 SCALE = np.array([1e-3, 1e10])  # of the parameters, far apart
 NAMES = ["E", "t"]

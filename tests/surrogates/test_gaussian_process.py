@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg, special, stats
 
-from emcee_femu.surrogates import gaussian_process as gp
+from emcee_femu.extensions.emulation import gaussian_process as gp
 
 RNG = np.random.default_rng(7)
 POINTS = RNG.standard_normal((14, 3))

@@ -189,7 +189,9 @@ def test_a_full_solve_that_misses_a_mode_is_found_out(full, monkeypatch, call):
         lost = 1 if len(calls) == call else count
         return np.delete(values, lost), np.delete(vectors, lost, axis=1)
 
-    monkeypatch.setattr("emcee_femu.surrogates.ritz_basis.lowest_modes", forget)
+    monkeypatch.setattr(
+        "emcee_femu.extensions.reduction.ritz_basis.lowest_modes", forget
+    )
     with pytest.raises(ValueError, match="the full model missed a mode near .* Hz at"):
         ef.reduce_model(full, BOUNDS, 1e-2)
     assert len(calls) == call

@@ -1,0 +1,1 @@
+"""Subjects that few need: each knows the core only, and none another."""

@@ -1,0 +1,203 @@
+"""Model classes compared by their evidence, for the same data."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ... import checks
+from ...contracts import Floats
+from ...results.evidence import Evidence, log_evidence
+from ...table import Column, Parts, Report, Table
+
+LEAD = 2.0  # combined standard errors by which a class must be ahead
+WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """How one model class stands against the first.
+
+    Attributes:
+        evidence: As :func:`.log_evidence` returns it.
+        lead: ln of the Bayes factor of the first class against this one.
+        lead_error: Its standard error; 0 of the first.
+        probability: Of the class, given the data.
+        decided: Whether the lead is beyond the errors.
+    """
+
+    evidence: Evidence
+    lead: float
+    lead_error: float
+    probability: float
+    decided: bool
+
+    @property
+    def strength(self) -> str:
+        """The word of Kass and Raftery for the evidence against it."""
+        return next(word for least, word in WORDS if self.lead >= least)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelComparison(Report):
+    """What :func:`.compare_models` found; ``print`` it for table and conclusion.
+
+    Attributes:
+        table: One row per model class, the largest evidence first: log evidence and its
+            standard error; ln of the Bayes factor of the first class against this one
+            and its standard error; probability; verdict.
+        standings: The same numbers by label, the largest evidence first.
+        evidences: By label, as :func:`.log_evidence` returns them.
+        probabilities: Of the classes given the data, by label.
+        winner: Label of the class that is ahead of all others beyond the errors; None
+            if none is.
+        conclusion: The outcome in words, one sentence per line.
+    """
+
+    table: Table
+    standings: dict[str, Standing]
+    evidences: dict[str, Evidence]
+    probabilities: dict[str, float]
+    winner: str | None
+    conclusion: str
+
+    def _parts(self) -> Parts:
+        return self.table, self.conclusion
+
+
+def compare_models(
+    models: Mapping[str, object], *, prior: Mapping[str, float] | None = None
+) -> ModelComparison:
+    r"""Compare model classes by their evidence, for the same data.
+
+    .. math:: B_{ij} = \frac{Z_i}{Z_j}, \qquad
+        P(M_i | D) = \frac{\pi_i Z_i}{\sum_j \pi_j Z_j}
+
+    The evidence rewards fit and charges for each parameter that the data narrow down
+    from its prior: widening a prior tenfold without need costs ln 10. The classes must
+    be given the same measurements, with normalised likelihoods and proper priors.
+
+    The verdict on a class is "undecided" where its log evidence is within two combined
+    standard errors of the first one's; otherwise it is behind by evidence that Kass
+    and Raftery call weak (ln B below 1), positive (3), strong (5) or very strong.
+
+    Args:
+        models: By label, at least two: what :func:`log_evidence` takes or has returned
+            (with ``discard=``, where there is a burn-in), or what ``anneal`` has.
+        prior: Probabilities of the classes before the data, by label, above zero; they
+            are normalised. The default is that all are equal.
+
+    Returns:
+        A table, probabilities and a conclusion in words; ``print`` it.
+
+    Raises:
+        TypeError: If models or prior are no mappings with labels that are text.
+        ValueError: If there are fewer than two classes, prior does not name them all,
+            or a log evidence is not finite; what log_evidence refuses, with the label.
+
+    Source: Kass and Raftery (1995), doi:10.1080/01621459.1995.10476572.
+
+    Examples:
+        >>> from emcee_femu import compare_models
+        >>> from emcee_femu.results.evidence import Evidence
+        >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
+        >>> print(compare_models({"one factor": one, "four factors": four}).conclusion)
+        Ahead: four factors; the evidence against one factor is strong.
+    """
+    found = _estimate(models)
+    labels = sorted(found, key=lambda label: -found[label].log_evidence)
+    evidences = {label: found[label] for label in labels}
+    values = np.array([evidence.log_evidence for evidence in evidences.values()])
+    errors = np.array([evidence.log_evidence_error for evidence in evidences.values()])
+    posterior = values + np.log(_weigh(prior, labels))
+    probabilities = np.exp(posterior - np.logaddexp.reduce(posterior))
+
+    lead = values[0] - values
+    lead_errors = np.where(np.arange(len(lead)) > 0, np.hypot(errors[0], errors), 0.0)
+    decided = lead > LEAD * lead_errors
+    numbers = lead.tolist(), lead_errors.tolist(), probabilities.tolist()
+    rows = zip(evidences.values(), *numbers, decided.tolist(), strict=True)
+    standings = dict(zip(labels, (Standing(*row) for row in rows), strict=True))
+    verdicts = [
+        f"behind, {standing.strength}" if standing.decided else "undecided"
+        for standing in standings.values()
+    ]
+    verdicts[0] = "first"
+    columns: list[Column] = [
+        ("model class", "", labels),
+        ("log evidence", ".2f", values),
+        ("+-", ".2g", errors),
+        ("ln Bayes factor", ".2f", lead),
+        ("its +-", ".2g", lead_errors),
+        ("probability", ".3g", probabilities),
+        ("verdict", "", verdicts),
+    ]
+    title = (
+        "Model classes compared: ln Bayes factor of the first against each; "
+        + ("equal" if prior is None else "given")
+        + " prior probabilities"
+    )
+    return ModelComparison(
+        table=Table.from_columns(title, columns),
+        standings=standings,
+        evidences=evidences,
+        probabilities=dict(zip(labels, probabilities.tolist(), strict=True)),
+        winner=labels[0] if decided[1:].all() else None,
+        conclusion=_conclude(standings),
+    )
+
+
+def _estimate(models: Mapping[str, object]) -> dict[str, Evidence]:
+    """Return the evidences by label."""
+    sources = checks.by_label("models", models, "runs, such as {'one factor': run}")
+    if len(sources) < 2:
+        raise ValueError(f"models: expected at least two classes, got {[*sources]}")
+    evidences = {}
+    for label, source in sources.items():
+        try:
+            evidence = log_evidence(source)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"models[{label!r}]: {error}") from error
+        value, spread = evidence.log_evidence, evidence.log_evidence_error
+        if not np.isfinite(value) or np.isnan(spread):
+            raise ValueError(
+                f"models[{label!r}]: expected a finite log evidence and an error, got "
+                f"{value} +- {spread}"
+            )
+        evidences[label] = evidence
+    return evidences
+
+
+def _weigh(prior: Mapping[str, float] | None, labels: list[str]) -> Floats:
+    """Return the prior probabilities in the order of the labels."""
+    if prior is None:
+        return np.full(len(labels), 1 / len(labels))
+    weights = checks.numbers_by_name("prior", prior, labels)
+    if not (weights > 0).all():
+        raise ValueError(
+            f"prior: expected a number above zero for each of {labels}, got {prior}"
+        )
+    return np.asarray(weights / weights.sum())
+
+
+def _conclude(standings: Mapping[str, Standing]) -> str:
+    first, *others = standings
+    close = [label for label in others if not standings[label].decided]
+    words = [
+        f"the evidence against {label} is {standings[label].strength}"
+        for label in others
+        if standings[label].decided
+    ]
+    if close:
+        lines = [
+            f"Undecided between {', '.join([first, *close[:-1]])} and {close[-1]}: "
+            "the log evidences differ by less than two standard errors; run longer."
+        ]
+        if words:
+            lines.append(f"Of the others, {', '.join(words)}.")
+    else:
+        lines = [f"Ahead: {first}; {', '.join(words)}."]
+    for label, standing in standings.items():
+        for problem in standing.evidence.problems:
+            lines.append(f"{label}: no error can be claimed, for {problem}.")
+    return "\n".join(lines)

@@ -1,0 +1,370 @@
+"""The same posterior under several moves: one table and one conclusion."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from warnings import warn
+
+import numpy as np
+
+from ... import checks
+from ...contracts import Floats, Move
+from ...moves import HamiltonianMove
+from ...moves.proposing import find_stock_fault
+from ...posterior.log_posterior import LogPosterior
+from ...results.arviz_objects import InferenceData, samples
+from ...results.chains import FEWEST_STEPS
+from ...results.diagnose import Diagnosis, diagnose
+from ...results.to_arviz import to_inference_data
+from ...sampling.record import Run
+from ...sampling.run import run
+from ...sampling.weighted import Moves, check_walkers, weigh_moves
+from ...table import Column, Parts, Report, Table
+
+LEAD = 2.0  # combined standard errors by which a winner must be ahead
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Report):
+    """What :func:`.compare_moves` found; ``print`` it for the table and the conclusion.
+
+    Attributes:
+        table: One row per move.
+        idata: ArviZ object of the kept steps, by label.
+        diagnoses: :class:`.Diagnosis`, by label.
+        ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
+            per ensemble ``(ensembles,)``, by label.
+        efficiency: The same of all ensembles together, and its standard error, by
+            label.
+        winner: Label of the move that is best beyond the spread; None if none is.
+        conclusion: The outcome in words, one sentence per line.
+        posterior: The sampled posterior.
+    """
+
+    table: Table
+    idata: dict[str, InferenceData]
+    diagnoses: dict[str, Diagnosis]
+    ess_per_1000: dict[str, Floats]
+    efficiency: dict[str, tuple[float, float]]
+    winner: str | None
+    conclusion: str
+    posterior: LogPosterior
+
+    def _parts(self) -> Parts:
+        return self.table, self.conclusion
+
+
+def compare_moves(
+    posterior: LogPosterior,
+    moves: Mapping[str, Moves | str],
+    nwalkers: int | None = None,
+    steps: int | None = None,
+    *,
+    max_evaluations: int | None = None,
+    ensembles: int = 4,
+    seed: int,
+    discard: int | None = None,
+    reference: Mapping[str, tuple[float, float]] | None = None,
+) -> Comparison:
+    r"""Sample one posterior with several moves from the same starts, and rank them.
+
+    .. math:: e = \frac{1000\, \min_j ESS_j}{N_{walkers}\, N_{kept}\, N_{ensembles}}
+
+    A move wins if it has converged (:func:`diagnose`) and its e is ahead of that of
+    every other converged move by more than two combined standard errors over the
+    ensembles.
+
+    Args:
+        posterior: What to sample.
+        moves: By label, what :func:`run` takes: an emcee move, a weighted list, or
+            "auto".
+        nwalkers: Walkers per ensemble; None for as many as :func:`run` takes, the
+            most that any of the moves has.
+        steps: Stored generations per ensemble. Give either this or max_evaluations.
+        max_evaluations: Log-posterior evaluations that each move may spend on the
+            stored chains of all ensembles; those of the starts and of the search of
+            "auto" come on top and are reported. Where "auto" turns to Hamiltonian
+            moves, whose trajectories cost several each, it spends more, and the
+            conclusion says how many.
+        ensembles: Independent ensembles, at least 2, started by draws from the prior.
+        seed: A whole number, the same for every move.
+        discard: Stored steps to drop as burn-in; None for a quarter of them.
+        reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
+
+    Returns:
+        A table, its winner and a conclusion in words; ``print`` it.
+
+    Raises:
+        TypeError: If not exactly one of steps and max_evaluations is given, or an
+            argument is of a wrong type.
+        ValueError: If a move does not fit the ensemble, a number is out of range, or
+            too few steps are left to judge. All are raised before sampling.
+
+    Warns:
+        UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> moves = {"DE-MC": ef.DEMCMove(), "jumps": ef.DEMCMove(mode_jump=0.1)}
+        >>> comparison = ef.compare_moves(posterior, moves, 20, 20, ensembles=2, seed=1)
+        >>> print(comparison.conclusion)
+        No winner: no move has converged; run longer.
+    """
+    checks.instance("posterior", posterior, LogPosterior)
+    ensembles = checks.whole_number("ensembles", ensembles, 2)
+    seed = checks.whole_number("seed", seed)
+    weighted = _weigh(moves, posterior)
+    if nwalkers is None:
+        nwalkers = max(check_walkers(None, w, posterior) for w in weighted.values())
+    for pairs in weighted.values():
+        nwalkers = check_walkers(nwalkers, pairs, posterior)
+    costs = [_count_cost(pairs) for pairs in weighted.values() if pairs is not None]
+    per_step = round(nwalkers * ensembles * max(costs, default=1.0))
+    steps = _count_steps(steps, max_evaluations, per_step)
+    dropped = steps // 4 if discard is None else checks.whole_number("discard", discard)
+    if steps - dropped < FEWEST_STEPS:
+        raise ValueError(
+            f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
+            f"{max(steps - dropped, 0)} of {steps} (discard={dropped}); run longer, "
+            "or drop less"
+        )
+    moments = _check_reference(reference, posterior.names)
+    entries = []
+    for label, move in moves.items():
+        # The same walkers and seed: all moves start from the same draws of the prior.
+        clock = time.process_time()
+        sampled = run(posterior, move, nwalkers, steps, ensembles=ensembles, seed=seed)
+        cpu = time.process_time() - clock
+        evaluations = ensembles * nwalkers * _count_cost(sampled.moves)
+        ess = [diagnose(sampler, dropped).ess_bulk.min() for sampler in sampled]
+        entries.append(
+            Entry(
+                label=label,
+                diagnosis=diagnose(sampled, dropped),
+                ess=np.array(ess),
+                kept=round(evaluations * (steps - dropped)),
+                chain=round(evaluations * steps),
+                cpu=cpu,
+                run=sampled,
+                idata=to_inference_data(sampled, discard=dropped),
+            )
+        )
+    winner, words = conclude(entries)
+    for entry in entries:
+        if max_evaluations is not None and entry.chain > max_evaluations:
+            words += (
+                f"\n{entry.label}: {entry.chain} evaluations of the chain, more than "
+                "max_evaluations, as it turned to Hamiltonian moves."
+            )
+    title = (
+        f"Moves compared: {ensembles} ensembles of {nwalkers} walkers, the first "
+        f"{dropped} of {steps} steps dropped; ESS per 1000 log-posterior evaluations"
+    )
+    return Comparison(
+        table=_tabulate(title, entries, moments),
+        idata={entry.label: entry.idata for entry in entries},
+        diagnoses={entry.label: entry.diagnosis for entry in entries},
+        ess_per_1000={entry.label: entry.ess_per_1000 for entry in entries},
+        efficiency={entry.label: (entry.efficiency, entry.error) for entry in entries},
+        winner=winner,
+        conclusion=words,
+        posterior=posterior,
+    )
+
+
+def _weigh(
+    moves: Mapping[str, Moves | str], posterior: LogPosterior
+) -> dict[str, list[tuple[Move, float]] | None]:
+    """Return the weighted moves by label, None for "auto"; refuse what is no move.
+
+    Warns:
+        UserWarning: If one of emcee's moves samples wrongly.
+    """
+    weighted: dict[str, list[tuple[Move, float]] | None] = {}
+    faults = []
+    example = "moves, such as {'DE-MC': DEMCMove()}"
+    for label, move in checks.by_label("moves", moves, example).items():
+        auto = isinstance(move, str) and move == "auto"
+        weighted[label] = None if auto else weigh_moves(move, f"moves[{label!r}]")
+        for single, _ in weighted[label] or ():
+            if fault := find_stock_fault(single, posterior.ndim):
+                faults.append(f"{label}: {fault}")
+    if faults:
+        warn("; ".join(dict.fromkeys(faults)), UserWarning, stacklevel=3)
+    return weighted
+
+
+def _count_cost(weighted: Sequence[tuple[Move, float]]) -> float:
+    """Return the evaluations per walker and generation of weighted moves."""
+    costs = [m.steps if isinstance(m, HamiltonianMove) else 1 for m, _ in weighted]
+    return float(np.average(costs, weights=[weight for _, weight in weighted]))
+
+
+def _count_steps(steps: int | None, max_evaluations: int | None, per_step: int) -> int:
+    """Return the generations per ensemble."""
+    if (steps is None) == (max_evaluations is None):
+        raise TypeError(
+            "steps, max_evaluations: expected exactly one of the two, got "
+            f"steps={steps!r} and max_evaluations={max_evaluations!r}"
+        )
+    if max_evaluations is None:
+        return checks.whole_number("steps", steps, 1)
+    low = FEWEST_STEPS * per_step
+    return checks.whole_number("max_evaluations", max_evaluations, low) // per_step
+
+
+def _check_reference(
+    reference: Mapping[str, tuple[float, float]] | None, names: Sequence[str]
+) -> dict[str, Floats]:
+    """Return mean and sd by parameter name; empty if there is no reference."""
+    moments = {}
+    reference = {} if reference is None else reference
+    for name, pair in checks.by_name("reference", reference, names).items():
+        moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
+        if moments[name].shape != (2,) or not moments[name][1] > 0:
+            raise ValueError(
+                f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
+                f"got {pair!r}"
+            )
+    return moments
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What one move achieved; evaluations are those of the log-posterior.
+
+    Attributes:
+        label: The move's name.
+        diagnosis: The judgement of all its ensembles.
+        ess: Bulk ESS of the worst parameter in each ensemble, ``(ensembles,)``.
+        kept, chain: Evaluations of the kept steps, and of the stored ones.
+        cpu: CPU seconds, in total.
+        run: The run.
+        idata: ArviZ object of the kept steps.
+    """
+
+    label: str
+    diagnosis: Diagnosis
+    ess: Floats
+    kept: int
+    chain: int
+    cpu: float
+    run: Run
+    idata: InferenceData
+
+    @property
+    def ess_per_1000(self) -> Floats:
+        """ESS per 1000 evaluations of each ensemble, ``(ensembles,)``."""
+        return 1000 * len(self.ess) * self.ess / self.kept
+
+    @property
+    def efficiency(self) -> float:
+        """ESS of all ensembles per 1000 evaluations of the kept steps."""
+        return float(1000 * self.diagnosis.ess_bulk.min() / self.kept)
+
+    @property
+    def error(self) -> float:
+        """Standard error of the efficiency, from the spread of the ensembles."""
+        return float(self.ess_per_1000.std(ddof=1) / np.sqrt(len(self.ess)))
+
+    @property
+    def end_to_end(self) -> float:
+        """ESS per 1000 evaluations, with all that was dropped or went before."""
+        return self.efficiency * self.kept / (self.chain + self.run.evaluations)
+
+    @property
+    def per_cpu_second(self) -> float:
+        """ESS per CPU second of the kept steps, at an even pace."""
+        return self.efficiency**2 * self.kept / (1000 * self.end_to_end * self.cpu)
+
+    def __str__(self) -> str:
+        """Return label, efficiency and its standard error."""
+        return f"{self.label} {self.efficiency:.3g} +- {self.error:.2g}"
+
+
+def _tabulate(
+    title: str, entries: Sequence[Entry], moments: Mapping[str, Floats]
+) -> Table:
+    """Tabulate the moves, one row each, with numbers of the worst parameter.
+
+    FE solves are those of the whole run; "before chain" are evaluations for the starts
+    and the search of "auto"; ESS per 1000 counts evaluations of the kept steps, +- is
+    its standard error over the ensembles; "end to end" counts all evaluations. Errors
+    are the largest against a reference, in its standard deviations.
+    """
+    diagnoses = [entry.diagnosis for entry in entries]
+    columns: list[Column] = [
+        ("move", "", [e.label for e in entries]),
+        ("FE solves", "d", [e.run.solves for e in entries]),
+        ("before chain", "d", [e.run.evaluations for e in entries]),
+        ("acceptance", ".2f", [float(d.acceptance.mean()) for d in diagnoses]),
+        ("tau", ".0f", [float(d.tau.max()) for d in diagnoses]),
+        ("steps/tau", ".0f", [float(d.steps_per_tau.min()) for d in diagnoses]),
+        ("ESS bulk", ".0f", [float(d.ess_bulk.min()) for d in diagnoses]),
+        ("ESS tail", ".0f", [float(d.ess_tail.min()) for d in diagnoses]),
+        ("ESS per 1000", ".3g", [e.efficiency for e in entries]),
+        ("+-", ".2g", [e.error for e in entries]),
+        ("ESS per CPU s", ".5g", [e.per_cpu_second for e in entries]),
+        ("R-hat ensembles", ".3f", [float(d.rhat_between.max()) for d in diagnoses]),
+    ]
+    if moments:
+        off = [_errors(entry.idata, moments) for entry in entries]
+        columns.append(("mean error/sd", ".3f", [mean for mean, _ in off]))
+        columns.append(("sd error %", ".1f", [sd for _, sd in off]))
+    columns += [
+        ("end to end", ".3g", [e.end_to_end for e in entries]),
+        ("verdict", "", [d.chains.short for d in diagnoses]),
+    ]
+    return Table.from_columns(title, columns)
+
+
+def _errors(idata: InferenceData, moments: Mapping[str, Floats]) -> tuple[float, float]:
+    """Return the largest error of a mean in sds, and of an sd in percent."""
+    draws = samples(idata, list(moments))[1].reshape(-1, len(moments))
+    mean, sd = np.array(list(moments.values())).T
+    off_sd = 100 * np.abs(draws.std(axis=0, ddof=1) / sd - 1)
+    return float(np.abs((draws.mean(axis=0) - mean) / sd).max()), float(off_sd.max())
+
+
+def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
+    """Return the label of the winner, or None, and the outcome, one sentence per line.
+
+    The winner has converged, and leads every other converged move by more than two
+    combined standard errors.
+    """
+    ranked = sorted(entries, key=lambda entry: -entry.efficiency)
+    able = [entry for entry in ranked if entry.diagnosis.converged]
+    winner, lines = None, []
+    if not able:
+        lines.append("No winner: no move has converged; run longer.")
+    else:
+        best, *others = able
+        lead = {e: best.efficiency - e.efficiency for e in others}
+        close = [e for e in others if lead[e] <= LEAD * np.hypot(best.error, e.error)]
+        if close:
+            names = [str(entry) for entry in (best, *close)]
+            lines.append(
+                f"No winner: {', '.join(names[:-1])} and {names[-1]} are within the "
+                "spread of the ensembles (ESS per 1000 evaluations)."
+            )
+        else:
+            winner = best.label
+            rest = f"the next is {others[0]}" if others else "no other has converged"
+            lines.append(f"Winner: {best} ESS per 1000 evaluations; {rest}.")
+        first = max(able, key=lambda entry: entry.end_to_end)
+        if first is not best:
+            lines.append(
+                f"End to end, with burn-in counted, {first.label} is ahead: "
+                f"{first.end_to_end:.3g} against {best.end_to_end:.3g} of {best.label}."
+            )
+    unfit = [f"{e.label} ({e.diagnosis.chains.short})" for e in ranked if e not in able]
+    if unfit and able:
+        lines.append(f"Not converged, so excluded: {', '.join(unfit)}.")
+    lines += [
+        f"{entry.label}: {entry.run.search.sentence}; {entry.run.evaluations} "
+        "evaluations in all before its chains."
+        for entry in entries
+        if entry.run.search is not None
+    ]
+    return winner, "\n".join(lines)

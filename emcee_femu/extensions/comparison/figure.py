@@ -1,0 +1,165 @@
+"""Figures of comparisons: moves, and model classes."""
+
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from ... import checks
+from ...figures.style import BLUE, GREY, RED, Style, finish, subplots
+from ...figures.total_average_error import draw_errors, running_tae
+from .classes import LEAD, ModelComparison
+from .compare import Comparison
+
+LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
+LEAST = 0.001  # probability that is written as a number
+FAR = 25.0  # log evidence behind the first beyond which a class is only named
+
+
+def plot_comparison(comparison: Comparison) -> Figure:
+    """Draw the ESS per 1000 evaluations of each move, and the error of its mean.
+
+    Left: the best on top, error bars of one standard error over the ensembles; the
+    bars of moves that have not converged are hatched. Right, where frequencies were
+    measured: the total average error of the running mean of the kept steps, in the
+    colours of the bars.
+
+    Args:
+        comparison: What :func:`compare_moves` returns.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If it is something else.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> posterior = ef.paper.mass_spring().posterior
+        >>> moves = {"DE-MC": ef.DEMCMove(), "jumps": ef.DEMCMove(mode_jump=0.1)}
+        >>> comparison = ef.compare_moves(posterior, moves, 20, 20, ensembles=2, seed=1)
+        >>> len(ef.figures.plot_comparison(comparison).axes)
+        2
+    """
+    checks.instance("comparison", comparison, Comparison)
+    labels = [*comparison.diagnoses]
+    palette = colormaps["tab10" if len(labels) <= 10 else "tab20"]
+    colors = {label: palette(i % palette.N) for i, label in enumerate(labels)}
+    try:
+        curves = {
+            label: running_tae(idata, comparison.posterior)
+            for label, idata in comparison.idata.items()
+        }
+    except ValueError:  # no frequencies were measured
+        curves = {}
+    lines = 2 + max(map(len, labels)) // LABEL_WIDTH  # of the longest, with its verdict
+    height = 2.2 + max(len(labels) * max(0.5, 0.2 * lines), 2.2)
+    widths = [1.3, 1.0] if curves else [1.0]
+    size = 11.0 if curves else 7.0, height
+    figure, panels = subplots(len(widths), len(widths), size, width_ratios=widths)
+    _draw_bars(panels[0], comparison, colors)
+    if curves:
+        axes = panels[1]
+        failed = [label for label, d in comparison.diagnoses.items() if not d.converged]
+        styles: dict[str, Style] = {
+            label: {"ls": "--" if label in failed else "-", "color": color, "lw": 1.6}
+            for label, color in colors.items()
+        }
+        kept = {k: (steps - steps[0] + 1, tae) for k, (steps, tae) in curves.items()}
+        draw_errors(axes, kept, styles)
+        axes.set_xlabel("generation after burn-in")
+        axes.set_title(f"same colours{'; dashed: not converged' if failed else ''}")
+    headline = comparison.conclusion.splitlines()[0]
+    figure.suptitle(textwrap.fill(headline, 100 if curves else 60), fontsize=12)
+    return finish(figure)
+
+
+def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> None:
+    efficiency = comparison.efficiency
+    labels = sorted(efficiency, key=lambda label: efficiency[label][0])
+    values, errors = zip(*(efficiency[label] for label in labels), strict=True)
+    fit = [comparison.diagnoses[label].converged for label in labels]
+    edges = [colors[label] for label in labels]
+    style: Style = {"height": 0.65, "error_kw": {"capsize": 3, "lw": 1.2}}
+    style["color"] = [c if good else "none" for c, good in zip(edges, fit, strict=True)]
+    style["hatch"] = ["" if good else "////" for good in fit]
+    bars = axes.barh(range(len(labels)), values, xerr=errors, edgecolor=edges, **style)
+    axes.bar_label(bars, fmt="{:.3g}", padding=6, fontsize=9)
+    axes.set_xlim(0, 1.25 * np.add(values, errors).max())  # room for the numbers
+    names = [
+        textwrap.fill(label, LABEL_WIDTH, break_on_hyphens=False)
+        + ("" if good else f"\n({comparison.diagnoses[label].chains.short})")
+        for label, good in zip(labels, fit, strict=True)
+    ]
+    axes.set_yticks(range(len(labels)), names)
+    axes.set_xlabel("ESS per 1000 log-posterior evaluations (more is better)")
+    axes.spines[["top", "right"]].set_visible(False)
+    keys = [Patch(color=GREY, label="converged")]
+    if not all(fit):
+        text = "not converged, so the number cannot be trusted"
+        keys.append(Patch(fc="none", ec=GREY, hatch="////", label=text))
+    where = {"loc": "outside lower left", "ncols": len(keys), "frameon": False}
+    axes.figure.legend(handles=keys, **where)
+
+
+def plot_model_comparison(comparison: ModelComparison) -> Figure:
+    """Draw the log Bayes factors of model classes against the first, and probabilities.
+
+    Left: the best on top; bars of two combined standard errors, beyond which a class is
+    called behind, and no bar where no error can be claimed. Hollow: undecided. Right:
+    probabilities given the data.
+
+    Args:
+        comparison: What :func:`compare_models` returns.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If it is something else.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> from emcee_femu.results.evidence import Evidence
+        >>> one, four = Evidence(-12.3, 0.1, "known"), Evidence(-9.1, 0.1, "known")
+        >>> comparison = ef.compare_models({"one factor": one, "four factors": four})
+        >>> len(ef.figures.plot_model_comparison(comparison).axes)
+        2
+    """
+    checks.instance("comparison", comparison, ModelComparison)
+    labels, standings = [*comparison.standings], [*comparison.standings.values()]
+    rows = np.arange(len(labels))
+    colours = [RED, *(BLUE for _ in labels[1:])]
+    size, widths = (9.0, 1.9 + 0.55 * len(rows)), [1.6, 1.0]
+    figure, (left, right) = subplots(2, 2, size, sharey=True, width_ratios=widths)
+    left.axvline(0.0, color=GREY, lw=0.8)
+    for row, standing in enumerate(standings):
+        x, bar = -standing.lead, LEAD * standing.lead_error
+        if x < -FAR:  # it would hide how the others differ
+            place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
+            left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
+            continue
+        style: Style = {"fmt": "o", "color": colours[row], "capsize": 4}
+        style["mfc"] = colours[row] if standing.decided or not row else "white"
+        left.errorbar(x, row, xerr=bar if row and np.isfinite(bar) else None, **style)
+        if not np.isfinite(bar):
+            where: Style = {"xytext": (8, 4), "textcoords": "offset points"}
+            left.annotate("no error can be claimed", (x, row), **where)
+    left.margins(x=0.12, y=0.2)
+    left.set_yticks(rows, [textwrap.fill(label, CLASS_WIDTH) for label in labels])
+    left.invert_yaxis()
+    left.set_xlabel("log evidence less that of the first (natural)")
+    probabilities = [standing.probability for standing in standings]
+    drawn = right.barh(rows, probabilities, height=0.55, color=colours)
+    shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in probabilities]
+    right.bar_label(drawn, shares, padding=4, fontsize=9)
+    right.set(xlim=(0, 1.2), xticks=[0, 0.5, 1], xlabel="probability given the data")
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    headline = comparison.conclusion.splitlines()[0]
+    figure.suptitle(textwrap.fill(headline, 90), fontsize=11)
+    return finish(figure)

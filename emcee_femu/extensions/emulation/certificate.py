@@ -1,0 +1,411 @@
+"""What full solves say of an emulated posterior: numbers, verdict, an ArviZ object."""
+
+import json
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import expit
+
+from ...contracts import Floats, Prior
+from ...posterior.log_posterior import LogPosterior
+from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
+from ...results.to_arviz import convert, pick_some
+from ...results.verdict import Statement
+from ...sampling.climbing import Maximum
+from ...sampling.importance import GOOD_K
+from ...sampling.record import Chains
+from ...table import Parts, Report, Table, unit_column
+
+if TYPE_CHECKING:
+    from .certify import EmulatedChain
+
+PER_TERM = 5  # draws for each term of a quadratic with products
+ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
+PRIOR_DRAWS = 20_000  # which cost no solve
+LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
+NEAR, PRESSED = 0.1, 0.005  # standard deviations from a bound; share of draws there
+EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no matter
+FEWEST = 25  # draws
+FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
+CLOSE = 0.1  # of a standard deviation, in means and standard deviations
+SURE = 2.0  # standard errors of the difference of these, which few draws decide
+MISSED = 0.01  # share of the posterior that may be missing
+FOUND = 0.25  # of a maximum's share, below which the draws lack it
+CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Report):
+    """What :func:`.certify` found; ``print`` it for a table and the verdict.
+
+    Attributes:
+        names: Parameter names, ``d`` of them.
+        solves: Full solves spent, all of them.
+        failed_solves: Of these, how many failed and were taken for impossible.
+        efficiency: Effective share of the weights (Kish): 1 where all are equal.
+        effective: Independent draws of the posterior that the weighted ones are worth.
+        pareto_k: Of the weights; infinite where there are fewer than 25.
+        curvature_k: The Pareto k that the curvature of the logarithms of all weights
+            implies, which few weights tell better.
+        largest: The largest weight, over the mean weight.
+        mean: Of the true posterior, ``(d,)``.
+        mean_error: Standard errors of the means, ``(d,)``.
+        sd: Standard deviations of the true posterior, ``(d,)``.
+        sd_error: Their standard errors, ``(d,)``.
+        off_error: Standard errors of the difference of sd and emulated_sd, ``(d,)``. It
+            is smaller, since both come from the same chain.
+        emulated_mean: Of the emulated posterior's whole chain, ``(d,)``.
+        emulated_sd: The same for standard deviations, ``(d,)``.
+        theta: The draws that were solved in full, ``(n, d)``.
+        weights: Their weights, of mean one, ``(n,)``.
+        log_posterior: The true log-posterior there, ``(n,)``.
+        search: Whether climbs looked elsewhere, how many, and how many arrived.
+        faults: What is wrong with the bounds or the chain of the emulated posterior.
+        missed: What a search came upon that the draws lack.
+        notes: What else to know.
+        idata: The ArviZ object to go on with. If corrected, its draws are those that
+            were solved in full, with their weights in ``sample_stats``, and tables and
+            figures show the weighted draws; else it is a copy of what was given. Either
+            way it has a group ``certificate``, and tables and figures say so.
+    """
+
+    names: tuple[str, ...]
+    solves: int
+    failed_solves: int
+    efficiency: float
+    effective: float
+    pareto_k: float
+    curvature_k: float
+    largest: float
+    mean: Floats
+    mean_error: Floats
+    sd: Floats
+    sd_error: Floats
+    off_error: Floats
+    emulated_mean: Floats
+    emulated_sd: Floats
+    theta: Floats
+    weights: Floats
+    log_posterior: Floats
+    search: Statement
+    faults: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    idata: InferenceData | None = None
+
+    @property
+    def short(self) -> str:
+        """The verdict in one word, "certified", "corrected" or "refused"."""
+        if self._reasons:
+            return REFUSED
+        shift, off, error = self._differences
+        close = max(shift, off + SURE * error) <= CLOSE
+        return CERTIFIED if self.efficiency >= EQUAL and close else CORRECTED
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in one sentence, with what to do."""
+        equal = self.efficiency >= EQUAL  # whose tail is no matter
+        facts = (
+            f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, "
+            f"{'' if equal else f'Pareto k {self._k:.2f}, '}"
+            f"largest weight {self.largest:.2g} times the mean"
+        )
+        if reasons := self._reasons:
+            return f"Refused: {reasons[0]} ({facts})."
+        shift, off, error = self._differences
+        differences = (
+            f"means differ by up to {shift:.3f} standard deviations, standard "
+            f"deviations by up to {100 * off:.1f} % (+- {100 * error:.1f} %)"
+        )
+        if self.short == CERTIFIED:
+            return (
+                "Certified: as far as full solves at its draws can tell, the emulated "
+                f"posterior is the true one; {differences} ({facts})."
+            )
+        cure = f"{'certify' if equal else 'emulate'} with more solves"
+        return (
+            f"Corrected: {differences}, which the weights correct; use the idata, mean "
+            f"and sd of the certificate, or {cure} ({facts})."
+        )
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Further faults in plain sentences, and what else to know."""
+        also = (f"Also: {reason}." for reason in self._reasons[1:])
+        return (*also, *self.notes, self.search.sentence)
+
+    @property
+    def _differences(self) -> tuple[float, float, float]:
+        """The largest of the means, in sds, and of sds, relative, with its error."""
+        shift = np.abs(self.mean - self.emulated_mean) / self.sd
+        off, error = np.abs(self.emulated_sd / self.sd - 1), self.off_error / self.sd
+        worst = int(np.argmax(off + SURE * error))
+        return float(shift.max()), float(off[worst]), float(error[worst])
+
+    @property
+    def _k(self) -> float:
+        return max(self.pareto_k, self.curvature_k)
+
+    @property
+    def _reasons(self) -> list[str]:
+        """Why the emulated posterior is refused, the plainest first."""
+        weakness = self._find_weakness()
+        return [*self.faults, *([weakness] if weakness else []), *self.missed]
+
+    def _find_weakness(self) -> str:
+        """Return why the weights cannot be trusted, the plainest reason; or nothing."""
+        n, heavy = len(self.weights), self.efficiency < EQUAL
+        better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
+        if n < FEWEST:
+            return f"too few solves: {FEWEST} draws are needed; certify with more"
+        if not self.largest < np.inf:
+            return f"the true posterior is zero at all draws; {better}"
+        if heavy and self._k > min(GOOD_K, 1 - 1 / np.log10(n)):
+            return (
+                f"the weights have such a heavy tail that no mean over {n} of them "
+                f"can be trusted; {better}"
+            )
+        needed = FEWEST_EFFECTIVE if heavy else FEWEST
+        if self.effective < needed:
+            more = self.solves * needed / max(self.effective, 1.0)
+            return (
+                f"too few solves: the weighted draws are worth {self.effective:.0f} "
+                f"independent ones, and {needed} are needed; {better}, or certify with "
+                f"{-(-more // 10) * 10:.0f} solves"
+            )
+        return ""
+
+    @property
+    def table(self) -> Table:
+        """Emulated and true moments, errors and differences, one row per parameter."""
+        shift = (self.mean - self.emulated_mean) / self.sd
+        known = () if self.idata is None else self.names
+        units = [unit_of(self.idata, name) for name in known]
+        return Table.from_columns(
+            f"Certificate by {self.solves} full solves",
+            [
+                ("parameter", "", list(self.names)),
+                *unit_column(units),
+                ("emulated mean", ".5g", self.emulated_mean),
+                ("mean", ".5g", self.mean),
+                ("+-", ".2g", self.mean_error),
+                ("shift/sd", "+.3f", shift),
+                ("emulated sd", ".4g", self.emulated_sd),
+                ("sd", ".4g", self.sd),
+                ("+- ", ".2g", self.sd_error),
+                ("sd off by %", "+.1f", 100 * (self.emulated_sd / self.sd - 1)),
+            ],
+        )
+
+    def _parts(self) -> Parts:
+        return self.table, self.verdict, *self.findings
+
+    def sealed(
+        self, posterior: LogPosterior, rows: Floats, log_emulated: Floats
+    ) -> "Certificate":
+        """Return the certificate with the ArviZ object to go on with.
+
+        Until then its ``idata`` is that of the emulated posterior.
+
+        Args:
+            posterior: The true one.
+            rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
+            log_emulated: The emulated log-posterior there, ``(n,)``.
+        """
+        import xarray
+
+        text, sealed = f"{self.short} by {self.solves} full solves", groups(self.idata)
+        if self.short == CORRECTED:
+            text = f"corrected by the weights of {len(self.weights)} full solves"
+            possible = self.weights > 0
+            solved = rows[possible, None, None]
+            attributes = sealed["posterior"].attrs
+            chains = Chains(
+                posterior.names,
+                self.theta[possible, None, None],
+                solved[..., 0],
+                np.full((1, 1), np.nan),
+                solved[..., 1:],
+                posterior=posterior,
+                kind="weighted",
+                seed="unknown (solved at chosen draws)",
+                origin="draws of an emulated posterior, solved in full and weighted",
+                solves=self.solves,
+                doubts=json.loads(attributes.get("doubts", "[]")),
+            )
+            sealed = groups(convert(chains))
+            weight = ("chain", "draw"), self.weights[possible][None]
+            sealed["sample_stats"] = sealed["sample_stats"].assign(weight=weight)
+            if "new_measurement" in sealed:
+                sealed["posterior_predictive"] = pick_some(
+                    sealed["new_measurement"], self.weights[possible]
+                )
+        sealed["posterior"] = sealed["posterior"].assign_attrs(certificate=text)
+        sealed["certificate"] = xarray.Dataset(
+            {
+                "theta": (("solve", "parameter"), self.theta),
+                "weight": ("solve", self.weights),
+                "lp": ("solve", self.log_posterior),
+                "lp_emulated": ("solve", log_emulated),
+            },
+            {"parameter": list(self.names)},
+            {
+                "verdict": self.verdict,
+                "findings": json.dumps(self.findings),
+                "search": json.dumps(asdict(self.search)),
+            },
+        )
+        return replace(self, idata=wrap(sealed))
+
+
+def correct_moments(
+    chain: "EmulatedChain", theta: Floats, shares: Floats, weights: Floats
+) -> Floats:
+    r"""Return means and sds of the true posterior with standard errors, ``(5, d)``.
+
+    .. math:: \hat f = \overline f + \sum_i (w_i - c_i) f_i
+
+    with means over the whole chain, and the shares of the solved draws as draws of the
+    emulated posterior, c, and of the true one, w: where all weights are equal it is the
+    mean over the chain. Where that is out of bounds it is the mean by the weights
+    alone. A standard deviation is NaN where one draw has all the weight. Last is the
+    standard error of its difference from that of the chain.
+
+    Args:
+        chain: Of the emulated posterior.
+        theta: The draws that were solved in full, ``(n, d)``.
+        shares: c, ``(n,)``.
+        weights: w, ``(n,)``.
+    """
+    n, centre = len(theta), chain.draws.mean(axis=0)
+    moved = (weights - shares)[:, None]
+    # First and second powers about the centre: means, and the influence of each draw.
+    solved = np.stack([theta - centre, (theta - centre) ** 2])
+    whole = np.stack([chain.draws - centre, (chain.draws - centre) ** 2])
+    (low, high), mean = chain.bounds.T, centre + (moved * solved[0]).sum(axis=0)
+    outside = (mean < low) | (mean > high)
+    moved = np.where(outside, weights[:, None], moved)
+    whole = np.where(outside, 0.0, whole)
+    shift, squares = moments = whole.mean(axis=1) + (moved * solved).sum(axis=1)
+    by_draws = moved * (solved - moments[:, None])
+    by_chain = (whole - moments[:, None]) / np.sqrt(chain.mean_sizes)[:, None]
+
+    def error(by_draws: Floats, by_chain: Floats) -> Floats:
+        square = chain.excess(n) * (by_draws**2).sum(axis=0) * n / max(n - 1, 1)
+        return np.asarray(np.sqrt(square + by_chain.var(axis=0)))
+
+    mean_error = error(by_draws[0], by_chain[0])
+    variance = squares - shift**2 + mean_error**2
+    left = 1 - (weights**2).sum()
+    if left > ALONE:  # of the weighted draws alone
+        alone = weights @ (theta - weights @ theta) ** 2 / left
+        variance = np.where(variance > 0, variance, alone)
+    sd = np.sqrt(np.where(variance > 0, variance, np.nan))
+    draws, chains = ((b[1] - 2 * shift * b[0]) / (2 * sd) for b in (by_draws, by_chain))
+    errors = error(draws, chains), error(draws, np.zeros_like(chains))
+    return np.array([centre + shift, mean_error, sd, *errors])
+
+
+def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> float:
+    """Return the Pareto k that the curvature of ln w implies: its largest eigenvalue.
+
+    Where the chain is standard normal, weights ``exp(k z^2 / 2)`` have the tail of a
+    Pareto distribution of shape k. All weights tell of it, not the largest ones alone;
+    -inf where there are too few.
+    """
+    possible, d = np.isfinite(log_weights), theta.shape[1]
+    i, j = np.triu_indices(d)
+    if len(theta) < PER_TERM * (1 + d + len(i)):
+        i = j = np.arange(d)  # squares alone
+    z = chain.whiten(theta[possible])
+    terms = np.column_stack([np.ones(len(z)), z, z[:, i] * z[:, j]])
+    if len(z) < 2 * terms.shape[1]:
+        return -np.inf
+    fit = np.linalg.lstsq(terms, log_weights[possible])[0][1 + d :]
+    hessian = np.zeros((d, d))
+    hessian[i, j] += fit
+    hessian[j, i] += fit
+    return float(np.linalg.eigvalsh(hessian)[-1])
+
+
+def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
+    """Return what is wrong with the emulated posterior's bounds, without a solve."""
+    faults = []
+    theta = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
+    low, high = chain.bounds.T
+    left_out = 1 - ((theta >= low) & (theta <= high)).all(axis=1).mean()
+    if left_out > LEFT_OUT:
+        faults.append(
+            f"the emulated posterior's bounds leave out {100 * left_out:.2g} % of the "
+            "prior, where the emulator knows nothing; emulate within the bounds "
+            "of the prior, or certify against a posterior whose prior is cut at those "
+            "of the emulator"
+        )
+    near = NEAR * chain.draws.std(axis=0)
+    for end, sign in ((0, 1.0), (1, -1.0)):
+        bounds = sign * chain.bounds[:, end]
+        pressed = (sign * chain.draws < bounds + near).mean(axis=0)
+        narrower = bounds > sign * prior.bounds[:, end] + NEAR * near
+        for i in np.flatnonzero(narrower & (pressed > PRESSED)):
+            faults.append(
+                f"the draws press against {chain.names[i]} = "
+                f"{chain.bounds[i, end]:.5g} ({100 * pressed[i]:.2g} % of them within "
+                f"{NEAR:g} standard deviations), where the emulator ends but the prior "
+                "does not; emulate within wider bounds"
+            )
+    return faults
+
+
+def find_missed(
+    chain: "EmulatedChain",
+    maxima: list[Maximum],
+    theta: Floats,
+    log_posterior: Floats,
+    weights: Floats,
+) -> tuple[str, ...]:
+    """Return the plainest of what climbs came upon that the draws lack.
+
+    Args:
+        chain: Of the emulated posterior.
+        maxima: Of the true one, where climbs ended.
+        theta: The solved draws, ``(n, d)``.
+        log_posterior: The true log-posterior there, ``(n,)``.
+        weights: Their shares of the true posterior, ``(n,)``.
+    """
+    d = chain.draws.shape[1]
+    log_volume = 0.5 * d * (1 + np.log(2 * np.pi)) + np.log(np.diag(chain.root)).sum()
+    volume = chain.coordinates.log_volume(chain.coordinates.coordinates(theta))
+    heights = np.where(weights > 0, log_posterior + volume, 0.0)
+    log_evidence = float(weights @ heights) + log_volume  # of a Gaussian
+    for top in maxima:
+        if not top.converged:  # on its way, perhaps to what is known
+            continue
+        share = expit(top.log_evidence - log_evidence)
+        if share < MISSED:
+            continue
+        steps, precision = chain.x - top.theta, np.linalg.inv(top.covariance)
+        squares = (steps @ precision * steps).sum(axis=1)
+        if (squares < d + 4 * np.sqrt(d)).mean() < FOUND * share:
+            return (
+                f"a maximum of the true posterior is at {_name(chain, top.theta)}, "
+                f"about {100 * share:.0f} % of it by Laplace's approximation, where "
+                "the emulated one has hardly a draw; emulate with a start there",
+            )
+    middle = np.median(log_posterior + volume)
+    for top in sorted(maxima, key=lambda top: -top.log_posterior):
+        place = chain.coordinates.parameters(top.theta[None])
+        if top.log_posterior > middle and chain.distance(place)[0] > 1:
+            return (
+                "far from all draws of the emulated posterior, at "
+                f"{_name(chain, top.theta)}, the true one is as high as at half of "
+                "them; emulate with a start there",
+            )
+    return ()
+
+
+def _name(chain: "EmulatedChain", x: Floats) -> str:
+    theta = chain.coordinates.parameters(x[None])[0]
+    pairs = zip(chain.names, theta.tolist(), strict=True)
+    return ", ".join(f"{name} = {value:.5g}" for name, value in pairs)

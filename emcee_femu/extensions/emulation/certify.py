@@ -1,0 +1,439 @@
+"""Check an emulated posterior against full solves at its own draws.
+
+Weights at the draws cannot see what the emulator excludes. Three things can: bounds
+narrower than the prior's, draws that press against such a bound, and climbs of the true
+posterior from draws of the prior.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from os import PathLike
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ... import checks
+from ...contracts import Evaluator, Floats, Prior
+from ...evaluation.progress import check_progress, progress_bar
+from ...evaluation.resume import open_evaluator
+from ...posterior.log_posterior import LogPosterior
+from ...results.arviz_objects import (
+    InferenceData,
+    dataset,
+    effective_sizes,
+    is_weighted,
+    mean_sizes,
+    samples,
+)
+from ...results.chains import FEWEST_STEPS, read_chains
+from ...results.diagnose import diagnose, size_by_means
+from ...results.to_arviz import check_sampled, read_samples
+from ...results.verdict import (
+    NOT_CONVERGED,
+    NOT_SEARCHED,
+    SEARCHED,
+    TOO_SHORT,
+    Statement,
+)
+from ...sampling.climbing import Maximum, climb
+from ...sampling.coordinates import Coordinates
+from ...sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
+from .certificate import (
+    EQUAL,
+    Certificate,
+    compare_bounds,
+    correct_moments,
+    curvature_k,
+    find_missed,
+)
+
+FEWEST_SOLVES = 10
+APART = 1.1  # R-hat of walkers or ensembles that are in different places
+SHARE, MOST = 4, 30  # solves for the search: at most a quarter, and no more than these
+FIRST = 8  # starts that are put in order
+STEPS = 3  # of a climb, below which it says nothing
+GAPS = 1.5  # times the largest gap between draws: farther than any of them
+SHOWN = 2_000  # draws of the chain that are compared
+MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
+
+
+def certify(
+    idata: object,
+    posterior: LogPosterior,
+    solves: int = 100,
+    *,
+    seed: int,
+    workers: int | None = None,
+    pool: object = None,
+    on_failure: str = "reject",
+    max_failures: float = 0.2,
+    backend: str | PathLike[str] | None = None,
+    resume: bool = False,
+    progress: bool | str | None = None,
+    probe_tolerance: float = 1e-6,
+) -> Certificate:
+    r"""Check an emulated posterior against full solves at independent draws of it.
+
+    .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
+        \hat f = \sum_i w_i f(\theta_i) \Big/ \sum_i w_i
+
+    with the true posterior over the emulated one, :math:`\tilde p`, which idata holds.
+    Draws are taken from the chain at equal distances, none twice. The effective share
+    of the weights and their Pareto k tell how good the emulated posterior is; corrected
+    means and standard deviations are those of the whole chain, moved by what the
+    weights change at the solved draws. The verdict is
+
+    - *certified*: efficiency at least .9, means within a tenth of a standard deviation,
+      and these within a tenth with two standard errors of the difference;
+    - *corrected*: the weights repair what is wrong;
+    - *refused*: k above .7, unequal weights worth fewer than 50 independent draws, a
+      tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), something
+      missing, or a chain that has not converged.
+
+    Weights that are nearly equal (efficiency above .9) are trusted regardless of k,
+    which fewer than 100 of them do not tell well. Where k is at most .7 unequal weights
+    are smoothed (PSIS).
+
+    Weights at draws of the emulated posterior cannot see what it excludes. So bounds
+    that leave out more than 1 % of the prior are refused, and draws that press against
+    a bound which the prior does not have; and a quarter of the solves, at most 30, are
+    spent on climbs of the true posterior from draws of the prior that lie away from the
+    chain, where these are enough for three steps; positive parameters climb by their
+    logarithms. What neither comes upon stays unseen: a narrow mode of which no climb
+    came near. Nor do weights bring back what the chain did not visit: a chain that
+    :func:`diagnose` calls not converged is refused. If it is only too short, the
+    errors allow for that, and a finding says so. Failed climbs are findings too.
+
+    Args:
+        idata: What :func:`to_inference_data` made of a run on the emulated posterior,
+            without burn-in; or the run.
+        posterior: The true posterior, of the same parameters.
+        solves: Full solves to spend, all included; at least 10.
+        seed: A whole number; the same seed gives the same certificate.
+        workers: Number of processes to start, as in :func:`run`.
+        pool: Where to evaluate instead, as in :func:`run`.
+        on_failure: What a failed solve of a draw does: "reject" to give it no weight
+            and log it, "raise" to stop with the parameters by name. One of a climb
+            shortens a step, or ends the climb.
+        max_failures: Fraction of failed solves above which "reject" refuses.
+        backend: Name of a file that keeps every solve as it arrives, such as
+            "beam.certificate"; None for none.
+        resume: Whether to go on with the file if it is there, as in :func:`run`; the
+            solves in it are not repeated.
+        progress: Whether to show a bar with solves and the time left, as in
+            :func:`run`.
+        probe_tolerance: Relative difference at solves of the file above which the model
+            counts as another.
+
+    Returns:
+        The verdict, what it rests on, and an ArviZ object to go on with; ``print`` it.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior, or a number not a whole one.
+        ValueError: If idata lacks what is needed or is of other parameters, solves is
+            below 10, or the file is of something else. All are raised before a solve.
+        ImportError: If progress is "notebook" and ipywidgets is not installed.
+
+    Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
+    sampling", JMLR 25(72); Kish (1965), Survey Sampling (efficiency); Owen (2013),
+    Monte Carlo theory, methods and examples, chapter 8 (the difference estimator).
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
+        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
+        >>> true = ef.LogPosterior(
+        ...     ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1), term, prior
+        ... )
+        >>> near = ef.FunctionModel(lambda p: [3 + (p["k"] - 9) / 6], n_modes=1)
+        >>> emulated = ef.LogPosterior(near, term, prior)
+        >>> sampler = ef.run(emulated, ef.DEMCMove(), 20, 400, ensembles=1, seed=1)
+        >>> idata = ef.to_inference_data(sampler, emulated, discard=100)
+        >>> certificate = ef.certify(idata, true, 60, seed=2)
+        >>> certificate.short, certificate.solves <= 60
+        ('certified', True)
+    """
+    idata, _ = read_samples(idata)
+    check_sampled(posterior, samples(idata)[0])
+    solves = checks.whole_number("solves", solves, FEWEST_SOLVES)
+    seed = checks.whole_number("seed", seed)
+    display = check_progress(progress)
+    rng = np.random.default_rng(seed)
+    chain = EmulatedChain.of(idata, posterior.prior, rng)
+    # Before a solve is spent: they may raise.
+    unsound, warned = _judge_chain(idata)
+    faults = [*compare_bounds(chain, posterior.prior), *unsound]
+    asked = {"moves": "certify", "solves": solves, "seed": seed}
+    asked["emulated draws"] = chain.draws
+    with (
+        open_evaluator(
+            posterior,
+            asked,
+            workers=workers,
+            pool=pool,
+            on_failure=on_failure,
+            max_failures=max_failures,
+            backend=backend,
+            resume=resume,
+            probe_tolerance=probe_tolerance,
+        ) as evaluator,
+        progress_bar(display, solves, "certify") as evaluator.evaluation.bar,
+    ):
+        if evaluator.failures is not None:
+            evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
+        most = min(solves // SHARE, MOST)
+        maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
+        climbed = evaluator.failed
+        places, counts = chain.choose(solves - evaluator.solves, rng)
+        theta, emulated = chain.draws[places], chain.log_posterior[places]
+        by_number = dict(evaluator.each(theta))
+        rows = np.array([by_number[i] for i in range(len(theta))])
+    n, log_posterior = len(theta), rows[:, 0]
+    log_weights = log_posterior - emulated
+    counted = log_weights + np.log(counts)
+    efficiency = kish_share(counted)
+    smoothed, pareto_k = smooth_tail(counted)
+    if efficiency < EQUAL and pareto_k <= GOOD_K:
+        counted = smoothed
+    weights, moments = np.zeros(n), np.full((5, len(chain.names)), np.nan)
+    possible = bool(counted.max() > -np.inf)
+    if possible:
+        weights = normalise(counted)
+        moments = correct_moments(chain, theta, counts / counts.sum(), weights)
+    if (failed := evaluator.failed - climbed) > max_failures * n:
+        faults.append(f"{failed} of {n} draws could not be solved")
+    notes = _note(chain, n, len(maxima), lost, evaluator.failed)
+    certificate = Certificate(
+        names=chain.names,
+        solves=evaluator.solves,
+        failed_solves=evaluator.failed,
+        efficiency=efficiency,
+        effective=n * efficiency / chain.excess(n),
+        pareto_k=pareto_k,
+        curvature_k=curvature_k(chain, theta, log_weights),
+        largest=float(n * weights.max()) if possible else np.inf,
+        **dict(zip(MOMENTS, moments, strict=True)),
+        emulated_mean=chain.draws.mean(axis=0),
+        emulated_sd=chain.draws.std(axis=0, ddof=1),
+        theta=theta,
+        weights=n * weights,
+        log_posterior=log_posterior,
+        search=_judge_climbs(maxima, lost),
+        faults=tuple(faults),
+        missed=find_missed(chain, maxima, theta, log_posterior, weights),
+        notes=(*warned, *notes),
+        idata=idata,
+    )
+    return certificate.sealed(posterior, rows, emulated)
+
+
+@dataclass(frozen=True, eq=False)
+class EmulatedChain:
+    """What an ArviZ object holds of the emulated posterior.
+
+    Attributes:
+        names: Parameter names, ``d`` of them.
+        draws: All draws, step by step, ``(n, d)``.
+        log_posterior: The emulated log-posterior there, ``(n,)``.
+        coordinates: Logarithms of positive parameters, in which distances are.
+        bounds: Of the emulated posterior's prior, ``(d, 2)``.
+        size: As many independent draws would know the centre as well, the worst
+            parameter's.
+        mean_sizes: The same for each parameter's mean and mean square, ``(2, d)``.
+    """
+
+    names: tuple[str, ...]
+    draws: Floats
+    log_posterior: Floats
+    coordinates: Coordinates
+    bounds: Floats
+    size: float
+    mean_sizes: Floats
+
+    @classmethod
+    def of(
+        cls, idata: InferenceData, prior: Prior, rng: np.random.Generator
+    ) -> "EmulatedChain":
+        """Return the chain; walkers are in random order at each step.
+
+        Raises:
+            ValueError: If idata lacks the bounds, or is not a chain but what an earlier
+                certificate corrected.
+        """
+        if is_weighted(idata):
+            raise ValueError(
+                "idata: expected draws of the emulated posterior, got those that a "
+                "certificate has weighted; give it the object that you certified"
+            )
+        chains = read_chains(idata)
+        names, (n, _, _, d) = chains.names, chains.draws.shape
+        by_step = chains.draws.reshape(n, -1, d)
+        m, steps = by_step.shape[1], np.arange(n)[:, None]
+        order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
+        draws = by_step[steps, order].reshape(-1, d)
+        constant = dataset(idata, "constant_data").reindex(parameter=list(names))
+        by_walker = by_step.swapaxes(0, 1)
+        bulk = effective_sizes(by_walker)[0]
+        mean_size: Callable[[Floats], Floats] = mean_sizes
+        if len(chains.betas) > 1:
+            # Exchanges hand states over, which walker by walker look independent.
+            bulk, mean_size = diagnose(idata).ess_bulk, size_by_means
+            by_walker = chains.draws
+        both = by_walker, (by_walker - draws.mean(axis=0)) ** 2
+        # At least one; NaN is that of a chain too short.
+        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
+        return cls(
+            names=names,
+            draws=draws,
+            log_posterior=chains.log_prob.reshape(n, m)[steps, order].ravel(),
+            coordinates=Coordinates.positive(prior),
+            bounds=constant[["lower", "upper"]].to_array().values.T,
+            size=float(min(sizes[0].min(), m * n)),
+            mean_sizes=sizes[1:],
+        )
+
+    @cached_property
+    def x(self) -> Floats:
+        """The coordinates of all draws, ``(n, d)``."""
+        return self.coordinates.coordinates(self.draws)
+
+    @cached_property
+    def root(self) -> Floats:
+        """The Cholesky factor of their covariance, ``(d, d)``."""
+        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
+        return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
+
+    def whiten(self, theta: Floats) -> Floats:
+        """Return coordinates ``(n, d)`` in which the draws are white."""
+        x = self.coordinates.coordinates(theta)
+        return np.asarray(np.linalg.solve(self.root, (x - self.x.mean(0)).T).T)
+
+    def distance(self, theta: Floats) -> Floats:
+        """Return how far points ``(n, d)`` are from draws, in their largest gaps."""
+        some = np.unique(self.draws[:: -(-len(self.draws) // SHOWN)], axis=0)
+        tree = cKDTree(self.whiten(some))
+        gaps = tree.query(tree.data, k=2)[0][:, 1]
+        return np.asarray(tree.query(self.whiten(theta))[0] / (GAPS * gaps.max()))
+
+    def choose(
+        self, n: int, rng: np.random.Generator
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return places of at most ``n`` different draws at equal distances.
+
+        Every draw of the chain is as likely to be taken as any other. A walker that
+        stood still may be met again: its draw is solved once and counts as often as it
+        was met, which is returned too.
+        """
+        total = len(self.draws)
+        n = min(n, total)
+        places = ((rng.random() + np.arange(n)) * total / n).astype(int)
+        places = np.minimum(places, total - 1)
+        _, first, counts = np.unique(
+            self.draws[places], axis=0, return_index=True, return_counts=True
+        )
+        return places[first], counts
+
+    def excess(self, n: int) -> float:
+        """Return by how much a mean of n draws varies more than of independent ones.
+
+        ``coth(size / n)`` is exact for draws at equal distances of an AR(1) chain that
+        is worth ``size`` independent ones.
+        """
+        return float(1 / np.tanh(self.size / n))
+
+
+def _look_elsewhere(
+    chain: EmulatedChain, evaluator: Evaluator, most: int, rng: np.random.Generator
+) -> tuple[list[Maximum], list[str]]:
+    """Return where climbs end that start from the prior away from the chain's draws.
+
+    They stop when their solves are spent; where these are too few for a few steps there
+    is none. And why others led nowhere, a sentence each.
+    """
+    maxima, lost = list[Maximum](), list[str]()
+    starts = evaluator.posterior.prior.sample(rng, 20 * most)
+    away = chain.distance(starts)
+    starts, away = starts[away > 1], away[away > 1]
+    # The first climb begins where the draws are farthest of a few starts, since near
+    # ones lead to the maximum that is known.
+    order = np.argsort(-away[:FIRST])
+    starts = np.concatenate([starts[:FIRST][order], starts[FIRST:]])
+    price = 1 if evaluator.posterior.differentiable else evaluator.posterior.ndim + 1
+    for start in chain.coordinates.coordinates(starts)[:, None]:
+        left = most - evaluator.solves
+        if left < STEPS * price:
+            break
+        try:
+            maxima += climb(evaluator, start, None, left, chain.coordinates)
+        except Exception as error:  # of any kind: it costs no certificate
+            lost.append(f"it raised {error!r}, and no other was made")
+            break
+    lost += [end.message for end in maxima if end.log_evidence == -np.inf]
+    return [end for end in maxima if end.log_evidence > -np.inf], lost
+
+
+def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
+    """Return why the emulated posterior's chain cannot be trusted, or a finding."""
+    group = dataset(idata, "posterior")
+    judged = "ensemble" in group.coords and group.attrs.get("kind") != "population"
+    if not judged or group.sizes["draw"] < FEWEST_STEPS:
+        return [], []
+    diagnosis = diagnose(idata)
+    apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > APART
+    if diagnosis.stuck or apart:
+        return [
+            "the chain of the emulated posterior is in several parts, which no weight "
+            "brings together; run it longer, without its burn-in, until diagnose finds "
+            "no walkers or ensembles apart"
+        ], []
+    if (about := diagnosis.chains).status != NOT_CONVERGED:
+        return [], []
+    doubt = (
+        f"the chain of the emulated posterior is {about.sentence.rstrip('.')}; "
+        "no certificate is better than what its chain has visited"
+    )
+    # Its length alone is in the errors.
+    short = {*about.reasons} == {TOO_SHORT}
+    return ([], [f"T{doubt[1:]}."]) if short else ([doubt], [])
+
+
+def _note(
+    chain: EmulatedChain, n: int, arrived: int, lost: list[str], failed: int
+) -> list[str]:
+    """Return what else to know of ``n`` solved draws, in sentences."""
+    sentences = []
+    if failed:
+        sentences.append(
+            f"{failed} solves failed; the posterior counts as zero there, which "
+            "the emulator does not know: cut the prior to where the model can be "
+            "solved, and emulate again."
+        )
+    if chain.size < 2 * n:
+        sentences.append(
+            f"The emulated chain is worth {chain.size:.0f} independent draws only, for "
+            f"{n} solves: run it longer; the errors allow for it."
+        )
+    sentences += [
+        f"{count} of {arrived + len(lost)} climbs led nowhere: {reason}."
+        for reason, count in Counter(lost).items()
+    ]
+    return sentences
+
+
+def _judge_climbs(maxima: list[Maximum], lost: list[str]) -> Statement:
+    """Say whether climbs looked elsewhere."""
+    ends, climbs = sum(m.converged for m in maxima), len(maxima) + len(lost)
+    if climbs:
+        sentence = (
+            f"{climbs} climbs started elsewhere, {ends} of them converged; regions "
+            "that neither they nor the draws reached stay unseen."
+        )
+        return Statement(SEARCHED, SEARCHED, sentence)
+    sentence = (
+        "No climb was made from elsewhere, as there were too few solves: a part of the "
+        "posterior far from all draws would be missed; find_map looks for one."
+    )
+    return Statement(NOT_SEARCHED, NOT_SEARCHED, sentence)

@@ -1,0 +1,129 @@
+"""Draws of an emulated posterior, and of what it may yet turn out to be."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...contracts import Evaluator, Floats
+from ...evaluation.evaluator import Evaluation, Solver
+from ...moves.proposing import temper
+from ...sampling.anneal import Annealed, anneal_population, fewest_members
+from ...sampling.coordinates import Coordinates
+from .emulated import EmulatedModel
+from .problem import EmulationProblem
+
+MEMBERS = 300  # draws that stand for a posterior
+GROWN = 1.5  # times as many points for another look at the whole prior
+SMALL = 0.1  # error predicted at carried draws below which each round has a look
+WIDER = 2.0  # standard deviations of the emulator that may be one in truth
+
+
+@dataclass(frozen=True, eq=False)
+class EmulatedDraws:
+    """Draws of the emulated posterior, and of a wider one around it.
+
+    The wider one, whose emulator has twice the error that it claims, lies also where
+    the full model may turn out to be better than the emulator says.
+
+    Attributes:
+        members: Draws of the emulated one, ``(n, d)``, of equal weight.
+        wide: The same of the wider one.
+        errors: Mean square errors predicted at members, then at the wide ones,
+            ``(2 n,)``, as those of ``deviate``.
+        size: As many independent draws are worth as much as the members, as far as
+            their lineages from the last ones tell; of halves that of the worse.
+    """
+
+    members: Floats
+    wide: Floats
+    errors: Floats
+    size: float
+
+    @property
+    def predicted(self) -> float:
+        """The root mean square of the errors predicted at members."""
+        return float(np.sqrt(self.errors[: len(self.members)].mean()))
+
+
+@dataclass(eq=False)
+class TemperedEvaluation(Evaluation):
+    """What evaluates a posterior with a power of the likelihood."""
+
+    power: float = 1.0
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return rows of the tempered posterior at ``theta (n, d)``."""
+        rows = super().rows(theta)
+        rows[:, 0] = temper(rows[:, 0], rows[:, 1], self.power)
+        return rows
+
+
+class Explorer:
+    """Draws from one emulated posterior after another.
+
+    Two populations are carried from each to the next, power by power of their ratio:
+    one of the emulated posterior, and one of the wider. When the solves have grown by
+    half, or where the carried draws are emulated well, the wider one is annealed from
+    the prior anew, which knows nothing of what was seen before, and half of the other
+    is carried from there, so that a mode that one emulator excluded comes back with a
+    later one. Either half is then moved by proposals fitted to the other.
+
+    Args:
+        problem: What is emulated.
+    """
+
+    def __init__(self, problem: EmulationProblem) -> None:
+        self.problem, self._looked = problem, 0
+        self._last: tuple[tuple[Evaluator, Floats], ...] | None = None
+
+    def draw(
+        self,
+        emulator: EmulatedModel,
+        coordinates: Coordinates,
+        size: int,
+        rng: np.random.Generator,
+        *,
+        power: float = 1.0,
+    ) -> EmulatedDraws:
+        """Return draws of the posterior of an emulator made from ``size`` points.
+
+        Of a ``power`` of its likelihood.
+        """
+        problem = self.problem
+        posterior = problem.replace_model(emulator)
+        wider = problem.replace_model(replace(emulator, factor=WIDER))
+        narrow, broad = (
+            TemperedEvaluation(Solver(each, False), power=power)
+            for each in (posterior, wider)
+        )
+        number = max(MEMBERS, fewest_members(posterior.ndim))
+
+        def carry(
+            evaluator: Evaluator, begin: tuple[Evaluator, Floats] | None
+        ) -> Annealed:
+            if begin is not None:
+                halves = np.array_split(begin[1], 2)
+                distinct = min(len(np.unique(half, axis=0)) for half in halves)
+                theta = coordinates.coordinates(begin[1])
+                # Copies have no covariance: it begins with the prior instead.
+                begin = (begin[0], theta) if distinct > 2 * posterior.ndim else None
+            found = anneal_population(evaluator, coordinates, rng, number, begin=begin)
+            return replace(found, theta=coordinates.parameters(found.theta))
+
+        last, kept, look = self._last, None, size >= GROWN * self._looked
+        if last is not None:
+            kept = carry(narrow, last[0])
+            square = problem.predict_error(posterior, kept.theta).mean()
+            look = look or square <= SMALL**2
+        wide = carry(broad, None if last is None or look else last[1]).theta
+        if look:
+            self._looked = size
+        population = carry(narrow, (broad, wide)) if look or kept is None else kept
+        members, worth = population.theta, population.effective_size.min()
+        if look and kept is not None:
+            halves = np.vstack([kept.theta[::2], members[1::2]])
+            members = carry(narrow, (narrow, halves)).theta
+            worth = min(worth, kept.effective_size.min())
+        self._last = (narrow, members), (broad, wide)
+        errors = problem.predict_error(posterior, np.vstack([members, wide]))
+        return EmulatedDraws(members, wide, errors, float(worth))

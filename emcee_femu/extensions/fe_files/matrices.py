@@ -1,0 +1,202 @@
+"""Files of stiffness and mass: which matrices they hold, joined on the same rows."""
+
+from collections.abc import Collection, Mapping
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import csc_array
+
+from ... import checks
+from ...models.exports import Matrices as Matrices
+from ...models.exports import write_name
+from ...models.inputs import warn_of_uncoupled
+from .entries import AGAIN, Part
+from .formats import read_file, read_labels
+
+FilePath = str | PathLike[str]
+HELD = 1e35  # Abaqus puts 1e36 on the diagonal of DOFs that a boundary holds
+LABELS = "dofs"  # what names the file of labels among those of matrices
+
+
+def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
+    """Read stiffness and mass exported by an FE program, with their row labels.
+
+    The format is told by the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
+    ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4,
+    Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the order of the
+    program; a mass that it wrote without the DOFs that have none gets rows of zeros
+    there. Of a file with many matrices, K
+    and M must be good; others that are not symmetric, not real or have other rows, such
+    as mode shapes, are left out.
+
+    Args:
+        path: One file: of CalculiX and Abaqus the others of the job are found beside
+            it. Or ``{"K": path, "M": path}`` where each file holds one matrix and does
+            not say which; ``"dofs"`` among them is a file of labels, with a line such
+            as ``12.3`` (node.direction, 1 to 6) for each row.
+
+    Returns:
+        K, M and others that the files hold, sparse, and the names of the DOFs.
+
+    Raises:
+        TypeError: If path is neither a file name nor ``{name: file name}``.
+        FileNotFoundError: If there is no such file.
+        ValueError: If a file is damaged, in another format, or not of this model; the
+            message names the file, the line and what to do.
+        ImportError: If the format needs a package that is not installed.
+
+    Warns:
+        UserWarning: If rows with mass are coupled to no other, as those of held DOFs.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from scipy.io import mmwrite
+        >>> from emcee_femu import read_matrices
+        >>> with TemporaryDirectory() as folder:
+        ...     files = {"K": Path(folder, "K.mtx"), "M": Path(folder, "M.mtx")}
+        ...     for path in files.values():
+        ...         mmwrite(path, [[3.0, -1.0], [-1.0, 1.0]])
+        ...     read_matrices(files).K.toarray().tolist()
+        [[3.0, -1.0], [-1.0, 1.0]]
+    """
+    if isinstance(path, Mapping):
+        for name, given in path.items():
+            checks.file_name(f"path[{name!r}]", given)
+        files = {name: Path(given) for name, given in path.items()}
+        labels = files.pop(LABELS, None)
+        if not files or not all(isinstance(name, str) and name for name in files):
+            raise ValueError(
+                "path: expected files by the names of their matrices, such as "
+                f"{{'K': path, 'M': path}}, got {path!r}"
+            )
+        parts, asked = [], [*files]
+        for name, file in files.items():
+            held = read_file(file)
+            chosen = [part for part in held if len(held) == 1 or part.name == name]
+            if len(chosen) != 1:
+                raise ValueError(
+                    f"{file}: expected one matrix, or one named {name}, got "
+                    f"{[part.name for part in held]}"
+                )
+            parts.append(chosen[0]._replace(name=name))
+        if labels is not None:
+            parts = _label(parts, labels)
+        source = ", ".join(file.name for file in files.values())
+    else:
+        file = Path(checks.file_name("path", path))
+        parts, source = read_file(file), file.name
+        if "" in (part.name for part in parts):
+            raise ValueError(
+                f"{file}: this format does not say which matrix it holds; write "
+                "read_matrices({'K': path, 'M': path})"
+            )
+        asked = ["K", "M"]
+    read = _join(parts, source, asked)
+    if {"K", "M"} <= {*read.matrices}:
+        warn_of_uncoupled([read.K], [read.M], read.labels)
+    return read
+
+
+def _label(parts: list[Part], path: Path) -> list[Part]:
+    """Return the parts with the labels of a file."""
+    dofs = read_labels(path)
+    for part in parts:
+        if part.dofs is not None and not np.array_equal(part.dofs, dofs):
+            raise ValueError(
+                f"path['{LABELS}']: {part.path} has its own row labels, and those of "
+                f"{path} differ; leave it out"
+            )
+    return [part._replace(dofs=dofs) for part in parts]
+
+
+def _join(parts: list[Part], source: str, asked: Collection[str]) -> Matrices:
+    """Return matrices of the same rows: those of K, or of the largest.
+
+    Others than those asked for are left out if they cannot be read, or have other rows.
+
+    Raises:
+        ValueError: If one that is asked for is such a one, or a row lacks its diagonal
+            that is no constraint.
+    """
+    for part in parts:
+        if part.fault and (part.name in asked or all(one.fault for one in parts)):
+            raise ValueError(part.fault)
+    good = [part for part in parts if not part.fault]
+    first = max(good, key=lambda part: (part.name == "K", part.matrix.shape[0]))
+    matrices = {}
+    for part in good:
+        try:
+            matrices[part.name] = _at_rows(part, first)
+        except ValueError:
+            if part.name in asked:
+                raise
+    for part in good:
+        if part.name in ("K", "M"):
+            _check_diagonal(part, matrices)
+    free = np.flatnonzero(first.matrix.diagonal() < HELD)
+    if len(free) == first.matrix.shape[0]:
+        return Matrices(matrices, first.dofs, source)
+    if first.dofs is None:
+        raise ValueError(
+            f"{first.path}: {first.matrix.shape[0] - len(free)} rows are held by a "
+            f"stiffness above {HELD:g}; export with labels (FORMAT=MATRIX INPUT), so "
+            "that they can be left out"
+        )
+    kept = {name: csc_array(matrix[free][:, free]) for name, matrix in matrices.items()}
+    return Matrices(kept, first.dofs[free], source)
+
+
+def _check_diagonal(part: Part, matrices: Mapping[str, csc_array]) -> None:
+    """Raise ValueError where a row of K or M has entries, but none on the diagonal.
+
+    Formats without an end mark are cut at the end of a line. In K it may be a
+    constraint by a Lagrange multiplier, which has no mass.
+    """
+    matrix = matrices[part.name]
+    lone = (matrix.diagonal() == 0) & (np.diff(matrix.indptr) > 0)
+    constraint = part.name == "K" and "M" in matrices
+    if constraint:
+        lone &= matrices["M"].diagonal() != 0
+    if lone.any():
+        raise ValueError(
+            f"{part.path}: row {int(np.argmax(lone)) + 1} of {part.name} has entries, "
+            f"but none on the diagonal: the file ends early; {AGAIN}"
+            + "; if it is a constraint by a Lagrange multiplier, read M with it"
+            * (part.name == "K" and not constraint)
+        )
+
+
+def _at_rows(part: Part, first: Part) -> csc_array:
+    """Return a matrix with the rows of another, zero for those that it has not.
+
+    Programs leave out DOFs without mass.
+    """
+    size = first.matrix.shape[0]
+    if part.dofs is not None and len(part.dofs) != part.matrix.shape[0]:
+        raise ValueError(
+            f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
+            f"{len(part.dofs)} labels; are they of the same job?"
+        )
+    if part.dofs is None or first.dofs is None:
+        if part.matrix.shape[0] != size:
+            raise ValueError(
+                f"{part.path}: a matrix of {part.matrix.shape[0]} rows, but "
+                f"{first.path} has {size}; are they of the same job?"
+            )
+        return part.matrix
+    if np.array_equal(part.dofs, first.dofs):
+        return part.matrix
+    place = {tuple(dof): i for i, dof in enumerate(first.dofs.tolist())}
+    dofs = [tuple(dof) for dof in part.dofs.tolist()]
+    unknown = [write_name(*dof) for dof in dofs if dof not in place]
+    if unknown:
+        raise ValueError(
+            f"{part.path}: {len(unknown)} DOFs, {unknown[0]} the first, which "
+            f"{first.name} of {first.path} has not; are they of the same job?"
+        )
+    rows = [place[dof] for dof in dofs]
+    there = (np.ones(len(dofs)), (rows, range(len(dofs))))
+    selection = csc_array(there, shape=(size, len(dofs)))
+    return csc_array(selection @ part.matrix @ selection.T)

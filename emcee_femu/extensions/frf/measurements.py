@@ -1,0 +1,281 @@
+"""Measured frequency response functions."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Collection, Hashable, Sequence
+from copy import copy
+from os import PathLike
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ... import checks
+from ...contracts import Floats, Variable
+from ...measurements.modes import along_axis
+from ...measurements.uff import read_uff58
+from ...table import Column, Parts, Report, Table
+
+# Times i omega, and the unit in SI.
+KINDS = {
+    "receptance": (0, "m/N"),
+    "mobility": (1, "m/(N s)"),
+    "accelerance": (2, "m/(N s2)"),
+}
+
+
+class Channel(NamedTuple):
+    """What is measured and where the force acts: labels of DOFs."""
+
+    response: Hashable
+    excitation: Hashable
+
+    @property
+    def label(self) -> str:
+        """Its name, such as ``roof/floor``."""
+        return f"{self.response}/{self.excitation}"
+
+
+def frf_variable(
+    channels: Sequence[Channel],
+    lines: Floats,
+    kind: str,
+    unit: str | None = None,
+    stored: bool = False,
+) -> Variable:
+    """Return what an FRF is: its dimensions and unit."""
+    coords = {
+        "channel": [channel.label for channel in channels],
+        "line": lines.tolist(),
+        "part": ["real", "imaginary"],
+    }
+    return Variable(coords, KINDS[kind][1] if unit is None else unit, stored)
+
+
+def read_kind(kind: object, kinds: Collection[str] = KINDS) -> str:
+    """Return what was measured, one of some kinds."""
+    if not isinstance(kind, str) or kind not in kinds:
+        raise ValueError(f"kind: expected one of {list(kinds)}, got {kind!r}")
+    return kind
+
+
+def read_channels(channels: Any) -> tuple[tuple[Channel, ...], Floats]:
+    """Return pairs of DOFs along the axes, and the sign of each pair as given."""
+    form = "pairs (response DOF, excitation DOF)"
+    if not isinstance(channels, Sequence) or isinstance(channels, str) or not channels:
+        raise TypeError(f"channels: expected {form}, got {channels!r}")
+    pairs = [checks.group("channels", pair, form, 2) for pair in channels]
+    turned = [[along_axis(dof) for dof in pair] for pair in pairs]
+    result = tuple(Channel(*(dof for dof, _ in pair)) for pair in turned)
+    if len(set(result)) < len(result):
+        raise ValueError(f"channels: expected each pair once, got {list(channels)}")
+    return result, np.array([first[1] * second[1] for first, second in turned])
+
+
+def read_lines(lines: ArrayLike) -> Floats:
+    """Return lines in Hz, ascending."""
+    numbers = checks.positive_array("lines", lines, 1)
+    if not len(numbers) or (np.diff(numbers) <= 0).any():
+        raise ValueError("lines: expected frequencies in ascending order, at least one")
+    return numbers
+
+
+class FRFMeasurements(Report):
+    r"""Frequency response functions of several channels at the same lines.
+
+    .. math:: s_{cl} = |H_{cl}| \sqrt{\frac{1 - \gamma_{cl}^2}{2 n_d \gamma_{cl}^2}}
+
+    is the standard deviation of the real and of the imaginary part of an H1 estimate of
+    ordinary coherence :math:`\gamma^2` from :math:`n_d` independent averages, and
+    s over abs(H) that of the amplitude's logarithm and of the phase in radians.
+    Overlapping averages are not independent: with a Hann window and 50 % overlap about
+    0.95 times as many segments count.
+
+    Args:
+        lines: Frequencies in Hz, ascending, ``(n_lines,)``. One at 0 Hz, where
+            analysers begin, is left out.
+        values: Complex FRFs ``(n_channels, n_lines)``.
+        channels: Pairs ``(response DOF, excitation DOF)``, labels as in the model. A
+            direction against the axis, ``"2:-ux"``, turns the sign of the values, and
+            the channel is named by the axis, ``"2:ux"``.
+        kind: "receptance", "mobility" or "accelerance".
+        coherence: Ordinary coherence, above 0 and below 1, as large as values; None if
+            it is not known.
+        averages: Number of independent averages; needed with coherence.
+        unit: Of the values, where it is not that of SI.
+
+    Attributes:
+        sd: Standard deviation of real and imaginary part, ``(n_channels, n_lines)``;
+            None without a coherence.
+
+    Raises:
+        TypeError: If values are not numbers, or channels no pairs.
+        ValueError: If sizes disagree, a number is not finite, lines do not ascend, kind
+            is none, a coherence is out of range, or only one of coherence and averages
+            is given.
+
+    Warns:
+        UserWarning: If a line at 0 Hz is left out.
+
+    Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
+
+    Examples:
+        >>> from emcee_femu.extensions.frf import FRFMeasurements
+        >>> H, quality = [[1 - 1j, -2j]], {"coherence": [[0.8, 0.5]], "averages": 50}
+        >>> channels = [("1:z", "1:z")]
+        >>> frf = FRFMeasurements([9, 10], H, channels, kind="receptance", **quality)
+        >>> frf.sd.round(3).tolist()
+        [[0.071, 0.2]]
+        >>> frf.between(9.5, 12.0).lines.tolist()
+        [10.0]
+    """
+
+    def __init__(
+        self,
+        lines: ArrayLike,
+        values: ArrayLike,
+        channels: Sequence[tuple[Hashable, Hashable]],
+        *,
+        kind: str,
+        coherence: ArrayLike | None = None,
+        averages: int | None = None,
+        unit: str | None = None,
+    ) -> None:
+        pairs, signs = read_channels(channels)
+        hertz = checks.real_array("lines", lines, 1)
+        H = np.asarray(checks.complex_array("values", values), dtype=np.complex128)
+        if len(hertz) and hertz[0] == 0:
+            warnings.warn(
+                "lines: 0 Hz is left out, where an analyser has an offset and no FRF",
+                UserWarning,
+                stacklevel=2,
+            )
+            hertz, H = hertz[1:], np.atleast_1d(H)[..., 1:]
+            if coherence is not None:
+                coherence = np.atleast_1d(coherence)[..., 1:]
+        numbers = read_lines(hertz)
+        shape = (len(pairs), len(numbers))
+        if H.shape != shape:
+            raise ValueError(
+                f"values: expected shape {shape}, one for each channel and line, got "
+                f"{H.shape}"
+            )
+        if (wrong := ~np.isfinite(H)).any():
+            i, j = np.argwhere(wrong)[0].tolist()
+            raise ValueError(
+                f"values: expected finite numbers, got {H[i, j]:g} of channel "
+                f"{pairs[i].label} at {numbers[j]:g} Hz; leave such lines out"
+            )
+        self.sd: Floats | None = None
+        if (coherence is None) != (averages is None):
+            raise ValueError("coherence, averages: expected both or none of them")
+        if coherence is not None:
+            coherence = checks.positive_array("coherence", coherence, 2)
+            if coherence.shape != shape or (coherence >= 1).any():
+                raise ValueError(
+                    f"coherence: expected numbers below 1 of shape {shape}, got shape "
+                    f"{coherence.shape}, up to {coherence.max(initial=0):g}; where it "
+                    "is rounded to 1, leave it and averages out: FRFTerm(..., sd=...)"
+                )
+            averages = checks.whole_number("averages", averages, 2)
+            relative = np.sqrt((1 / coherence - 1) / (2 * averages))
+            self.sd = np.abs(H) * relative
+        if unit is not None:
+            checks.text("unit", unit)
+        self.lines, self.channels = numbers, pairs
+        self.values = H * signs[:, None]
+        self.kind, self.coherence = read_kind(kind), coherence
+        self.averages, self.unit = averages, unit
+
+    @classmethod
+    def from_uff(
+        cls,
+        path: str | PathLike[str],
+        *,
+        averages: int | None = None,
+        between: tuple[float, float] | None = None,
+        kind: str | None = None,
+    ) -> Self:
+        """Read FRFs, and coherences where there are any, from data sets 58 of a file.
+
+        DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"``, or ``"12"``
+        where the file states no direction; one against the axis turns the sign. The
+        kind follows from the ordinate: displacement, velocity or acceleration over
+        force. Values are converted to SI by the units of the file (data set 164). Text
+        and binary data sets (58b) are read. Needs the extra ``uff``.
+
+        Args:
+            path: The universal file.
+            averages: Number of independent averages, which a file does not hold;
+                without it coherences are not read.
+            between: Lowest and highest line in Hz, both included; None for all. Other
+                lines are not checked.
+            kind: "receptance", "mobility" or "accelerance", where the file does not
+                say it: some analysers write the type of the ordinate as unknown.
+
+        Returns:
+            The FRFs of all channels, with their coherences.
+
+        Raises:
+            ImportError: If pyuff is not installed.
+            ValueError: If there are no FRFs, or they differ in lines or kind.
+
+        Warns:
+            UserWarning: If a line at 0 Hz is left out, or values are converted to SI.
+
+        Examples:
+            >>> from emcee_femu.extensions.frf import FRFMeasurements
+            >>> frf = FRFMeasurements.from_uff("a.uff", averages=50)  # doctest: +SKIP
+            >>> band = (20.0, 80.0)
+            >>> laser = FRFMeasurements.from_uff(
+            ...     "b.uff", between=band, kind="mobility"
+            ... )  # doctest: +SKIP
+        """
+        if kind is not None:
+            read_kind(kind)
+        fields = read_uff58(path, averages, kind)
+        if between is not None:
+            low, high = checks.group("between", between, "(low, high) in Hz", 2)
+            kept = _find_lines(fields["lines"], low, high)
+            for name in fields.keys() & {"lines", "values", "coherence"}:
+                fields[name] = fields[name][..., kept]
+        return cls(**fields)
+
+    def _parts(self) -> Parts:
+        size = np.abs(self.values)
+        columns: list[Column] = [
+            ("response", "", [str(channel.response) for channel in self.channels]),
+            ("excitation", "", [str(channel.excitation) for channel in self.channels]),
+            ("largest", ".3g", size.max(axis=1)),
+            ("at Hz", ".4g", self.lines[size.argmax(axis=1)]),
+        ]
+        if self.coherence is not None:
+            columns.append(("coherence", ".3f", np.median(self.coherence, axis=1)))
+        yield Table.from_columns(
+            f"{self.kind.capitalize()} at {len(self.lines)} lines, "
+            f"{self.lines[0]:.4g} to {self.lines[-1]:.4g} Hz"
+            + ("" if self.averages is None else f", {self.averages} averages"),
+            columns,
+        )
+
+    def between(self, low: float, high: float) -> FRFMeasurements:
+        """Return the lines from ``low`` to ``high`` Hz, both included."""
+        kept = _find_lines(self.lines, low, high)
+        part = copy(self)
+        part.lines, part.values = self.lines[kept], self.values[:, kept]
+        if self.coherence is not None and self.sd is not None:
+            part.coherence, part.sd = self.coherence[:, kept], self.sd[:, kept]
+        return part
+
+
+def _find_lines(lines: Floats, low: float, high: float) -> NDArray[np.bool_]:
+    """Return which lines are within limits, at least one."""
+    low, high = checks.real_number("low", low), checks.real_number("high", high)
+    kept = (lines >= low) & (lines <= high)
+    if not kept.any():
+        raise ValueError(
+            f"low, high: no line between {low:g} and {high:g} Hz; they are "
+            f"{lines[0]:g} to {lines[-1]:g}"
+        )
+    return np.asarray(kept)

@@ -1,0 +1,112 @@
+"""The likelihood of measured frequency response functions."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import checks
+from ...contracts import Parameters, Response, Variable, read
+from ...likelihoods.term import Deviations, Term, add_discrepancy, error_array
+from .measurements import FRFMeasurements, frf_variable
+
+
+class FRFTerm(Term):
+    r"""Gaussian errors of frequency response functions, line by line.
+
+    .. math:: \ln p = \sum_{cl} \ln N(\mathrm{Re}\,\Delta_{cl}; 0, v_{cl})
+        + \ln N(\mathrm{Im}\,\Delta_{cl}; 0, v_{cl}), \qquad
+        v_{cl} = s_{cl}^2 + (\sigma_d |H_{cl}^m|)^2
+
+    with :math:`\Delta = H - H^m` of channel c at line l. With ``amplitude=True`` the
+    logarithm of the amplitude is compared instead,
+
+    .. math:: \ln p = \sum_{cl} \ln N\Big( \ln \frac{|H_{cl}|}{|H_{cl}^m|}; 0,
+        \frac{s_{cl}^2}{|H_{cl}^m|^2} + \sigma_d^2 \Big)
+
+    for phases that are not trusted; by it antiresonances weigh as much as resonances.
+    The lines must be independent: those of averaged FFTs without zero padding are.
+
+    Args:
+        measured: :class:`FRFMeasurements`.
+        sd: s, of the real and of the imaginary part: one number, one per channel
+            ``(n_channels, 1)``, or ``(n_channels, n_lines)``; None for that of the
+            coherence.
+        amplitude: Whether only amplitudes are compared.
+        discrepancy: Name of the parameter :math:`\sigma_d`, what the model cannot
+            represent relative to the amplitude; None for no such part.
+        name: The label under which the log-likelihood is stored.
+
+    Raises:
+        TypeError: If measured is not FRFMeasurements.
+        ValueError: If the error is not known, sd not above zero or of another shape, or
+            only magnitudes are known, of which ``amplitude`` is to be taken.
+
+    Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
+
+    Examples:
+        >>> import numpy as np
+        >>> from emcee_femu.extensions.frf import FRFMeasurements, FRFTerm
+        >>> measured = FRFMeasurements([9.0], [[2j]], [("a", "b")], kind="receptance")
+        >>> term = FRFTerm(measured, sd=0.1)
+        >>> term({}, {"receptance": np.array([[[[0.0, 2.1]]]])}).round(4).tolist()
+        [2.2673]
+    """
+
+    reads: Mapping[str, Variable]
+
+    def __init__(
+        self,
+        measured: FRFMeasurements,
+        *,
+        sd: ArrayLike | None = None,
+        amplitude: bool = False,
+        discrepancy: str | None = None,
+        name: str = "frf",
+    ) -> None:
+        self.measured = checks.instance("measured", measured, FRFMeasurements)
+        self.label(name, discrepancy)
+        self.amplitude = checks.flag("amplitude", amplitude)
+        if not (self.amplitude or measured.values.imag.any()):
+            raise ValueError(
+                "measured: expected complex values with their phases, got real ones "
+                "alone; of magnitudes take FRFTerm(..., amplitude=True)"
+            )
+        shape, spread = measured.values.shape, measured.sd
+        if (self.amplitude or sd is None) and not measured.values.all():
+            i, j = np.argwhere(measured.values == 0)[0]
+            raise ValueError(
+                f"measured: {measured.channels[i].label} is 0 at {measured.lines[j]:g} "
+                "Hz, which has no relative error and no logarithm; give sd without "
+                "amplitude, or leave such lines out"
+            )
+        if sd is not None:
+            spread = error_array("sd", sd, (shape[0], 1), shape)
+        elif spread is None and discrepancy is None:
+            raise ValueError("sd: measured has no coherence; give sd or discrepancy")
+        # (n_channels, n_lines); zero if exact
+        self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
+        kind, unit = measured.kind, measured.unit
+        self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
+
+    def deviations(self, parameters: Parameters, response: Response) -> Deviations:
+        """Return deviations and their standard deviations, ``(n, m)`` each.
+
+        Of amplitudes they are those of the logarithms.
+        """
+        channels, lines = self.measured.values.shape
+        H = read(response, self.measured.kind)[:, :channels, :lines]
+        size = np.abs(self.measured.values)
+        if self.amplitude:
+            with np.errstate(divide="ignore"):  # an FRF of 0 is impossible, not wrong
+                r = 0.5 * np.log((H**2).sum(axis=-1)) - np.log(size)
+            r, sd, scale = r[..., None], self.sd / size, np.ones_like(size)
+        else:
+            values = self.measured.values
+            r = H - np.stack([values.real, values.imag], axis=-1)
+            sd, scale = self.sd, size
+        if self.discrepancy is not None:
+            sigma = parameters[self.discrepancy][:, None, None]
+            sd = add_discrepancy(sd**2, sigma * scale)
+        sd = np.broadcast_to(sd[..., None], r.shape)
+        return r.reshape(len(r), -1), sd.reshape(len(r), -1)

@@ -1,0 +1,392 @@
+"""Pool the posteriors of many tests: what is common to them, and how they differ."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ... import checks
+from ...contracts import Floats
+from ...posterior.log_posterior import LogPosterior
+from ...posterior.priors import GaussianPrior, IndependentPrior
+from ...results.arviz_objects import InferenceData, samples, unit_of
+from ...results.diagnose import diagnose
+from ...results.tables import INTERVAL
+from ...results.to_arviz import to_inference_data
+from ...sampling.importance import GOOD_K, kish_share, normalise, pareto_k
+from ...sampling.record import Run
+from ...sampling.run import run
+from ...table import Column, Parts, Report, Table
+from .marginal import TINY, Draws, PopulationModel, PopulationTerm, read_tests
+from .normal import NormalPopulation
+
+SMALL = 0.1  # posterior sds by which estimates may be off for want of draws
+ENOUGH = 100  # effective draws of a test, whatever the tail of their weights
+RESAMPLED, BLOCKS = 50, 50  # times that the draws are drawn again, and in what blocks
+DRAWS = 1_000  # of the population and of each test's parameters, together
+WIDER = 1.2  # a prior than the population, so that weights towards it stay even
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PooledTests(Report):
+    """What :func:`.pool_tests` returns; ``print`` it for tables and what to do.
+
+    Attributes:
+        population: The population with all its hyperpriors.
+        model: The likelihood of each test given the population.
+        run: The run of the population's parameters, for :func:`.diagnose`.
+        idata: Its ArviZ object, for :func:`.parameter_table` and others; its
+            ``log_likelihood`` holds that of each test (``arviz.loo`` leaves one out).
+        hyperdraws: 1,000 draws of the population's parameters, ``{name: (1000,)}``.
+        theta: With each of them a draw of every test's parameters, ``(1000, T, d)``.
+        pareto_k: Of the weights of each test's draws given all tests, ``(T,)``.
+        effective: Its effective draws, ``(T,)``.
+        monte_carlo: Errors of the mean and the standard deviation of each of the
+            population's parameters, ``(2, p)`` in posterior standard deviations, that
+            come from the number of draws of the tests: the spread when blocks of these
+            are drawn again, with replacement.
+        verdict: Of :func:`.diagnose`, on the chains.
+    """
+
+    population: NormalPopulation
+    model: PopulationModel
+    run: Run
+    idata: InferenceData
+    hyperdraws: Mapping[str, Floats]
+    theta: Floats
+    pareto_k: Floats
+    effective: Floats
+    monte_carlo: Floats
+    verdict: str
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """The names of the tests."""
+        return tuple(self.model.tests)
+
+    @property
+    def unreached(self) -> tuple[str, ...]:
+        """Tests to sample again under the population, the farthest off first."""
+        few = (self.pareto_k > GOOD_K) & (self.effective < ENOUGH)
+        order = np.argsort(-self.pareto_k)
+        return tuple(self.tests[i] for i in order if few[i])
+
+    def draws(self, test: str) -> dict[str, Floats]:
+        """Return the parameters of a test given all tests, ``{name: (1000,)}``.
+
+        Args:
+            test: Its name.
+
+        Raises:
+            ValueError: If there is no such test.
+        """
+        if test not in self.tests:
+            raise ValueError(f"test: expected one of {list(self.tests)}, got {test!r}")
+        columns = self.theta[:, self.tests.index(test)].T
+        return dict(zip(self.population.names, columns, strict=True))
+
+    def next_test(self, **covariates: float) -> dict[str, Floats]:
+        """Return the parameters of a test not yet made, ``{name: (1000,)}``.
+
+        Args:
+            covariates: Their values there, ``T=25.0``; the average where one is left
+                out.
+
+        Returns:
+            Draws of the parameters of that test.
+
+        Raises:
+            ValueError: If there is no such covariate.
+        """
+        at = self.population.averages
+        for name, value in checks.by_name("covariates", covariates, [*at]).items():
+            at[name] = checks.real_number(name, value)
+        by_name = {name: np.array([value]) for name, value in at.items()}
+        mean = self.population.locate(self.hyperdraws, by_name)[:, 0]
+        sd = self.population.spread(self.hyperdraws)
+        low, high = (self.model.bounds_of.T[:, None] - mean) / sd
+        rng = np.random.default_rng(0)
+        theta = stats.truncnorm.rvs(low, high, mean, sd, random_state=rng)
+        return dict(zip(self.population.names, theta.T, strict=True))
+
+    def under_population(self, test: str, posterior: LogPosterior) -> LogPosterior:
+        """Return a test's posterior with the inferred population as its prior.
+
+        A normal distribution with the mean and 1.2 times the standard deviation of the
+        prediction there, cut at the same bounds; parameters that are not pooled keep
+        their priors. ``run`` it, and pool again, with this result's ``population``:
+        :func:`.pool_tests` divides out whatever prior a test was sampled under.
+
+        Args:
+            test: Its name.
+            posterior: Under which it was sampled.
+
+        Raises:
+            TypeError: If posterior is no LogPosterior, or its prior neither a
+                GaussianPrior nor an IndependentPrior.
+            ValueError: If there is no such test, or the posterior has other parameters.
+        """
+        self.draws(test)  # refuses another
+        prior = checks.instance("posterior", posterior, LogPosterior).prior
+        missing = [name for name in self.population.names if name not in prior.names]
+        if missing:
+            raise ValueError(
+                f"posterior: it has no parameter {missing}; there are {prior.names}"
+            )
+        cut: Sequence[str] = self.population.names
+        if isinstance(prior, IndependentPrior):
+            marginals = dict(prior.marginals)
+        elif isinstance(prior, GaussianPrior):
+            moments = zip(prior.names, prior.mean, prior.sd, strict=True)
+            marginals = {name: stats.norm(mean, sd) for name, mean, sd in moments}
+            cut = prior.names
+        else:
+            raise TypeError(
+                "posterior: expected a GaussianPrior or an IndependentPrior, whose "
+                f"marginals are known, got {type(prior).__name__}; sample the test "
+                "again under a prior of your own like the population's, and pool again"
+            )
+        covariates = self.population.covariates.items()
+        drawn = self.next_test(**{name: values[test] for name, values in covariates})
+        for name, values in drawn.items():
+            marginals[name] = stats.norm(values.mean(), WIDER * values.std())
+        bounds = dict(zip(prior.names, prior.bounds.tolist(), strict=True))
+        restated = IndependentPrior(marginals, {name: bounds[name] for name in cut})
+        experiments = {e.name: (e.model, e.terms) for e in posterior.experiments}
+        if "" in experiments:
+            return LogPosterior(*experiments[""], restated, posterior.units)
+        return LogPosterior.joint(experiments, restated, posterior.units)
+
+    @property
+    def table(self) -> Table:
+        """Means, spreads and slopes of the population, and a next test."""
+        sampled = {n: self.idata.posterior[n].values.ravel() for n in self.model.names}
+        coming = {f"next test's {n}": values for n, values in self.next_test().items()}
+        rows = [
+            (name, values.mean(), values.std(ddof=1), *np.quantile(values, INTERVAL))
+            for name, values in (sampled | coming).items()
+        ]
+        title = f"Population of {len(self.tests)} tests"
+        averages = [f"{name} = {x:.4g}" for name, x in self.population.averages.items()]
+        if averages:
+            title += f"; means and the next test at {', '.join(averages)}"
+        columns = ("parameter", "mean", "sd", "2.5 %", "97.5 %")
+        return Table(title, columns, ("", ".5g", ".3g", ".5g", ".5g"), tuple(rows))
+
+    @property
+    def test_table(self) -> Table:
+        """Each test's parameters, alone and given all tests, and its weights."""
+        columns: list[Column] = [("test", "", list(self.tests))]
+        for i, name in enumerate(self.population.names):
+            alone = [test.theta[:, i] for test in self.model.tests.values()]
+            columns += [
+                (f"{name} alone", ".5g", [float(x.mean()) for x in alone]),
+                ("sd", ".3g", [float(x.std()) for x in alone]),
+                (f"{name} pooled", ".5g", self.theta[:, :, i].mean(axis=0)),
+                ("sd ", ".3g", self.theta[:, :, i].std(axis=0)),
+            ]
+        columns += [
+            ("Pareto k", ".2f", self.pareto_k),
+            ("effective draws", ".0f", self.effective),
+        ]
+        return Table.from_columns("Tests, each alone and given all tests", columns)
+
+    @property
+    def conclusion(self) -> str:
+        """What to do about tests out of reach, and about the chains."""
+        worst = f"{self.pareto_k.max():.2f}"
+        reach = (
+            "The draws of every test reach where the population puts it (Pareto k up "
+            f"to {worst})."
+        )
+        if self.unreached:
+            first, more = self.unreached[0], len(self.unreached) - 5
+            shown = ", ".join(self.unreached[:5]) + f" and {more} more" * (more > 0)
+            reach = (
+                f"{shown}: do not trust this result. The draws do not reach where the "
+                f"population puts them (Pareto k up to {worst}). Sample these "
+                f"tests again under the population: posteriors={{{first!r}: "
+                f"posterior}}, or run under_population({first!r}, posterior), and pool "
+                "again."
+            )
+        if (error := self.monte_carlo.max()) > SMALL:
+            name = self.model.names[int(self.monte_carlo.max(axis=0).argmax())]
+            used = max(len(test.theta) for test in self.model.tests.values())
+            reach += (
+                f" They are too few: drawn again they change {name!r} by {error:.2g} "
+                "posterior standard deviations; run the tests longer, and give "
+                f"draws={int(np.ceil((error / SMALL) ** 2)) * used}."
+            )
+        return f"{reach}\n{self.verdict}"
+
+    def _parts(self) -> Parts:
+        return self.table, self.test_table, self.conclusion
+
+
+def pool_tests(
+    tests: Mapping[str, InferenceData],
+    population: NormalPopulation,
+    *,
+    seed: int,
+    steps: int = 300,
+    ensembles: int = 4,
+    draws: int = 1_000,
+    posteriors: Mapping[str, LogPosterior] | None = None,
+) -> PooledTests:
+    r"""Infer the population of a structure's parameters from its tests, one by one.
+
+    .. math:: p(\phi | D_1, \dots, D_T) \propto p(\phi)
+        \prod_t \int L_t(\theta) N(\theta; \phi) \, d\theta
+
+    The integrals are over the draws of each test's own posterior, from which its prior
+    is divided out: there is no new FE solve. Parameters that are not pooled, such as
+    errors, stay each test's own, under its own prior. The parameters of the population
+    are sampled with ``run(..., "auto")``.
+
+    A test is judged by the Pareto k of the weights that lead from its own posterior to
+    that given all tests. Above 0.7, and with fewer than 100 of them effective, its
+    draws hardly reach where the population puts it, and the result is not to be
+    trusted: the test has to be sampled again under the population. That is done here if
+    its posterior is given; with pools and files of your own run
+    ``result.under_population(test, posterior)`` and pool again. A test that drags the
+    population off may leave others out of reach, too.
+
+    Args:
+        tests: Of two tests at least, by name, what :func:`to_inference_data` returned;
+            their priors may differ, but not the bounds of the pooled parameters.
+        population: The population's distribution, a :class:`.NormalPopulation`.
+        seed: A whole number.
+        steps: Stored steps of each ensemble.
+        ensembles: Independent ensembles.
+        draws: Draws of each test that are used, evenly spaced.
+        posteriors: By name, posteriors of tests that may be sampled again, once, with
+            as many FE solves as ``run(posterior, "auto", steps=1_000)`` takes.
+
+    Returns:
+        The run and its ArviZ object, each test's parameters given all tests, and
+        tables; ``print`` it.
+
+    Raises:
+        TypeError: If an argument is of another type.
+        ValueError: If a test does not fit the others or the population, by its name;
+            or covariates are not those of the tests.
+
+    Source: Hogg, Myers and Bovy (2010), doi:10.1088/0004-637X/725/2/2166, on weights;
+    Behmanesh, Moaveni, Lombaert and Papadimitriou (2015),
+    doi:10.1016/j.ymssp.2015.03.018, on populations in FE model updating.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
+        >>> prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])
+        >>> tests = {}
+        >>> for name, f in {"May": 2.95, "June": 3.05}.items():
+        ...     term = ef.FrequencyTerm([f], sd=0.01)
+        ...     posterior = ef.LogPosterior(model, term, prior)
+        ...     samplers = ef.run(posterior, ef.DEMCMove(), 16, 60, ensembles=1, seed=1)
+        ...     tests[name] = ef.to_inference_data(samplers, posterior, discard=30)
+        >>> population = ef.population.NormalPopulation(["k"])
+        >>> pooled = ef.pool_tests(tests, population, seed=1, steps=50, ensembles=1,
+        ...                        draws=100)
+        >>> bool(abs(pooled.hyperdraws["mean k"].mean() - 9.0) < 0.2)
+        True
+        >>> len(pooled.next_test()["k"])  # draws of a test not yet made
+        1000
+    """
+    checks.instance("population", population, NormalPopulation)
+    number = checks.whole_number("draws", draws, 100)
+    seed = checks.whole_number("seed", seed)
+    steps = checks.whole_number("steps", steps, 1)
+    ensembles = checks.whole_number("ensembles", ensembles, 1)
+    names = tuple(population.names)
+    by_test = read_tests(tests, names, number)
+    for name, values in population.covariates.items():
+        if {*values} != {*by_test}:
+            raise ValueError(
+                f"population: its covariate {name!r} is given for {list(values)}; "
+                f"expected one number for each of {list(by_test)}"
+            )
+    again = {} if posteriors is None else posteriors
+    again = checks.by_name("posteriors", again, [*by_test])
+    for test, posterior in again.items():
+        checks.instance(f"posteriors[{test!r}]", posterior, LogPosterior)
+    mean, sd = np.transpose([test.prior for test in by_test.values()], (1, 0, 2))
+    complete = population.complete(mean.mean(axis=0), np.sqrt((sd**2).mean(axis=0)))
+    first = next(iter(tests.values()))
+    pairs = [(name, unit_of(first, name)) for name in names if unit_of(first, name)]
+    units = {f"{what} {name}": unit for name, unit in pairs for what in ("mean", "sd")}
+    pooled = _pool(by_test, complete, seed, steps, ensembles, units)
+    renewed = [test for test in pooled.unreached if test in again]
+    for test in renewed:
+        under = pooled.under_population(test, again[test])
+        idata = to_inference_data(run(under, "auto", steps=1_000, seed=seed))
+        by_test |= read_tests({**tests, test: idata}, names, number)
+    if renewed:
+        pooled = _pool(by_test, complete, seed, steps, ensembles, units)
+    return pooled
+
+
+def _pool(
+    tests: Mapping[str, Draws],
+    population: NormalPopulation,
+    seed: int,
+    steps: int,
+    ensembles: int,
+    units: Mapping[str, str],
+) -> PooledTests:
+    """Sample the population, and each test's parameters given it.
+
+    Given the population the tests are independent: of each a draw is taken by its
+    weights. They are judged by their means over the population's draws, which lead
+    from a test's own posterior to that given all tests. Those of a single draw would
+    not do: a narrow population has few draws about it wherever it is.
+    """
+    model = PopulationModel(population, tests)
+    term = PopulationTerm(model.variables)
+    posterior = LogPosterior(model, term, population.prior, units)
+    sampled = run(posterior, steps=steps, ensembles=ensembles, seed=seed)
+    idata = to_inference_data(sampled)
+    names, chains = samples(idata)
+    flat = chains.reshape(-1, len(names))
+    rng = np.random.default_rng(seed)
+    chosen = flat[rng.choice(len(flat), DRAWS, replace=len(flat) < DRAWS)]
+    hyperdraws = dict(zip(names, chosen.T, strict=True))
+    theta = np.empty((DRAWS, len(tests), len(population.names)))
+    k, effective = np.empty((2, len(tests)))
+    resampled = np.zeros((DRAWS, RESAMPLED))
+    blocks = np.random.default_rng(seed)  # theta is drawn as it was without them
+    pairs = zip(tests.values(), model.log_weights(hyperdraws), strict=True)
+    for t, (test, log_weights) in enumerate(pairs):
+        weights = np.array([normalise(row) for row in log_weights])
+        cumulative = weights.cumsum(axis=1)
+        level = rng.random((DRAWS, 1)) * cumulative[:, -1:]
+        theta[:, t] = test.theta[(cumulative < level).sum(axis=1)]
+        with np.errstate(divide="ignore"):  # far from the population there is none
+            mean = np.log(weights.mean(axis=0))
+        k[t] = pareto_k(mean)
+        effective[t] = kish_share(mean) * len(test.theta)
+        # Neighbours, which may be correlated, are drawn again together.
+        starts = np.arange(BLOCKS) * len(test.theta) // BLOCKS
+        counts = blocks.multinomial(BLOCKS, np.full(BLOCKS, 1 / BLOCKS), RESAMPLED)
+        sums = np.add.reduceat(weights, starts, axis=1) @ counts.T
+        resampled += np.log(np.maximum(sums, TINY))
+    again = [_moments(chosen, normalise(column)) for column in resampled.T]
+    return PooledTests(
+        population=population,
+        model=model,
+        run=sampled,
+        idata=idata,
+        hyperdraws=hyperdraws,
+        theta=theta,
+        pareto_k=k,
+        effective=effective,
+        monte_carlo=np.std(again, axis=0) / flat.std(axis=0),
+        verdict=f"Chains: {diagnose(idata).chains.sentence}",
+    )
+
+
+def _moments(draws: Floats, weights: Floats) -> Floats:
+    """Return means and standard deviations of weighted draws, ``(2, p)``."""
+    mean = weights @ draws
+    return np.stack([mean, np.sqrt(weights @ (draws - mean) ** 2)])

@@ -1,0 +1,1 @@
+"""A cheap stand-in for a large model: a reduced one."""
