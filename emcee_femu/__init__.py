@@ -1,50 +1,33 @@
 """Bayesian updating of finite element models with emcee, stage by stage.
 
-interfaces    the contracts that a user may implement
+contracts     what a user may implement: model, response, term, prior, move
 checks        what users get wrong, checked once at the border
 table         tables that print themselves
 measurements  what was measured: frequencies, mode shapes and their scatter, from
               arrays, repeats, CSV, universal files and pyOMA2
 models        parameters -> response: natural frequencies and mode shapes, or others;
               paired with the measured modes
-fe_files      matrices that FE programs export
-fe_programs   matrices of the model that stands in an FE program
 likelihoods   response -> log-likelihood
-posterior     models + terms + prior, for a batch of walkers; failed solves
+posterior     models + terms + prior, for a batch of walkers
+evaluation    what solves, stores and counts; failed solves, pools, files
 moves         proposals: plain emcee moves
-sampling      run emcee: starts, seeds, independent ensembles, files, pools; anneal a
-              population (TMCMC)
-surrogates    a cheap stand-in for a model: a reduced one, an emulated one
-results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say;
-              certify an emulated posterior by full solves
-population    many tests of one structure: what they share, and how they differ
-comparison    one posterior under several moves; model classes by their evidence
+sampling      run emcee: starts, seeds, independent ensembles; anneal a population
+results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
 figures       one figure per file
-reports       what was done and what was learned, in one file to hand over
-paper         the two structures of the paper, and its published numbers
+extensions    subjects that few need, each on the stages above and on none other:
+              emulation, reduction, fe_files, fe_programs, frf, tempering, population,
+              comparison, report, paper
 """
 
 from importlib import import_module
 from importlib.metadata import version as _version
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import moves as moves
 from .contracts import ModalSolution as ModalSolution
 from .contracts import Variable as Variable
 from .contracts import modal_variables as modal_variables
 from .evaluation.pools import EvaluationPool as EvaluationPool
-from .extensions.comparison.classes import compare_models as compare_models
-from .extensions.comparison.compare import compare_moves as compare_moves
-from .extensions.emulation.certify import certify as certify
-from .extensions.emulation.emulate import emulate as emulate
-from .extensions.fe_files.matrices import read_matrices as read_matrices
-from .extensions.fe_programs.opensees import from_opensees as from_opensees
-from .extensions.fe_programs.pynite import from_pynite as from_pynite
-from .extensions.fe_programs.skfem import from_skfem as from_skfem
-from .extensions.population.pool_tests import pool_tests as pool_tests
-from .extensions.reduction.reduced import reduce_model as reduce_model
-from .extensions.report.report import report as report
 from .likelihoods.displacement import DisplacementTerm as DisplacementTerm
 from .likelihoods.frequency import FrequencyTerm as FrequencyTerm
 from .likelihoods.shape import ShapeTerm as ShapeTerm
@@ -76,18 +59,50 @@ from .sampling.anneal import anneal as anneal
 from .sampling.find_map import find_map as find_map
 from .sampling.run import run as run
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # imported when first asked for
     from . import figures as figures
+    from .extensions import frf as frf
+    from .extensions import paper as paper
+    from .extensions import population as population
+    from .extensions.comparison.classes import compare_models as compare_models
+    from .extensions.comparison.compare import compare_moves as compare_moves
+    from .extensions.emulation.certify import certify as certify
+    from .extensions.emulation.emulate import emulate as emulate
+    from .extensions.fe_files.matrices import read_matrices as read_matrices
+    from .extensions.fe_programs.opensees import from_opensees as from_opensees
+    from .extensions.fe_programs.pynite import from_pynite as from_pynite
+    from .extensions.fe_programs.skfem import from_skfem as from_skfem
+    from .extensions.population.pool_tests import pool_tests as pool_tests
+    from .extensions.reduction.reduced import reduce_model as reduce_model
+    from .extensions.report.report import report as report
 
 __version__ = _version("emcee-femu")
-LATER = ("figures", "frf", "paper")
+LATER = {  # where these names are
+    "figures": "figures",
+    "frf": "extensions.frf",
+    "paper": "extensions.paper",
+    "population": "extensions.population",
+    "compare_models": "extensions.comparison.classes",
+    "compare_moves": "extensions.comparison.compare",
+    "certify": "extensions.emulation.certify",
+    "emulate": "extensions.emulation.emulate",
+    "read_matrices": "extensions.fe_files.matrices",
+    "from_opensees": "extensions.fe_programs.opensees",
+    "from_pynite": "extensions.fe_programs.pynite",
+    "from_skfem": "extensions.fe_programs.skfem",
+    "pool_tests": "extensions.population.pool_tests",
+    "reduce_model": "extensions.reduction.reduced",
+    "report": "extensions.report.report",
+}
 
 
-def __getattr__(name: str) -> ModuleType:
-    """Import a special subject when it is first asked for, as in ``ef.frf``."""
-    if name in LATER:
-        return import_module(f".{name}", __name__)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+def __getattr__(name: str) -> Any:
+    """Import an extension, or a name of one, when it is first asked for."""
+    if name not in LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = import_module(f".{LATER[name]}", __name__)
+    value = globals()[name] = getattr(module, name, module)
+    return value
 
 
 def __dir__() -> list[str]:

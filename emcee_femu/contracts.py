@@ -47,7 +47,7 @@ restore    move          ``restore(state)``: go on from what ``state()`` returne
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
@@ -351,6 +351,31 @@ class Evaluator(Protocol):
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
+
+
+@dataclass(frozen=True)
+class Reported:
+    """What a result of an extension adds to a report, as its ``reported()`` returns it.
+
+    Attributes:
+        name: What a user calls such a result.
+        source: The samples to report on: a run or an ArviZ object.
+        title: Of a section in which the result prints itself; empty for none. Then the
+            samples are not those of a model's own parameters, so that the report
+            leaves the model out.
+        measured: Sentences on what was measured.
+        solved: A sentence on the evaluations, with "{}" for their number.
+        draw: Draws the figure of the section.
+        caption: What the figure shows.
+    """
+
+    name: str
+    source: object
+    title: str = ""
+    measured: tuple[str, ...] = ()
+    solved: str = ""
+    draw: Callable[[], object] | None = None
+    caption: str = ""
 
 
 class SolveError(ValueError):

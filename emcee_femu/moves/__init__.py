@@ -1,8 +1,21 @@
 """Proposals: each a plain emcee Move, usable in any ``emcee.EnsembleSampler``."""
 
-from ..extensions.tempering import TemperedMove as TemperedMove
+from typing import TYPE_CHECKING, Any
+
 from .delayed_acceptance import DelayedAcceptanceMove as DelayedAcceptanceMove
 from .demc import DEMCMove as DEMCMove
 from .hamiltonian import HamiltonianMove as HamiltonianMove
 from .independence import IndependenceMove as IndependenceMove
 from .metropolis import MetropolisMove as MetropolisMove
+
+if TYPE_CHECKING:
+    from ..extensions.tempering import TemperedMove as TemperedMove
+
+
+def __getattr__(name: str) -> Any:
+    """Import the move of an extension when it is first asked for."""
+    if name != "TemperedMove":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from ..extensions import tempering
+
+    return tempering.TemperedMove

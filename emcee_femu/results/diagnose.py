@@ -8,7 +8,6 @@ import numpy as np
 from scipy import stats
 
 from ..contracts import Floats
-from ..extensions.emulation.certificate import Certificate
 from ..sampling.record import Chains
 from ..table import Parts, Report, Table
 from .arviz_objects import effective_sizes, mean_sizes, rhat
@@ -170,8 +169,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
         >>> diagnosis.chains.status, diagnosis.search.status, diagnosis.fit.status
         ('not converged', 'not searched', 'fits')
     """
-    if isinstance(source, Certificate):
-        source = source.idata
+    source = getattr(source, "idata", source)  # of a certificate
     chains = read_chains(source, discard=discard)
     if chains.kind == "chain":
         diagnosis = measure(chains)

@@ -13,8 +13,9 @@ def public_names():
     found = {}
     for prefix in ("", *(f"{subject}." for subject in SUBJECTS)):
         module = getattr(ef, prefix[:-1]) if prefix else ef
-        exported = {*re.findall(r"import (\w+) as \1\b", inspect.getsource(module))}
-        for name, value in vars(module).items():
+        exported = {*re.findall(r"\b(\w+) as \1\b", inspect.getsource(module))}
+        for name in {*dir(module), *exported}:
+            value = getattr(module, name)
             where = getattr(value, "__module__", "")
             home = module.__name__ if prefix == "paper." else "emcee_femu"
             own = where == module.__name__ or name in exported

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import expit
 
-from ...contracts import Floats, Prior
+from ...contracts import Floats, Prior, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import InferenceData, groups, unit_of, wrap
 from ...results.to_arviz import convert, pick_some
@@ -93,6 +93,10 @@ class Certificate(Report):
     missed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     idata: InferenceData | None = None
+
+    def reported(self) -> Reported:
+        """Return what a report is on: the samples of the certificate."""
+        return Reported("certificate", self.idata)
 
     @property
     def short(self) -> str:

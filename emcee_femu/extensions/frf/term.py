@@ -89,6 +89,35 @@ class FRFTerm(Term):
         kind, unit = measured.kind, measured.unit
         self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
 
+    @property
+    def statement(self) -> str:
+        """The likelihood in words, for a report."""
+        if self.amplitude:
+            return (
+                "The deviations of the logarithms of the amplitudes from the measured "
+                "ones are Gaussian, line by line. s is the standard deviation of the "
+                "measurement."
+            )
+        return (
+            "The deviations of the frequency response from the measured one are "
+            "Gaussian, line by line, in their real and imaginary parts. s is the "
+            "standard deviation of the measurement."
+        )
+
+    @property
+    def formula(self) -> str:
+        """The likelihood as a formula in HTML."""
+        H, error = "<i>H<sub>l</sub></i>", "<i>s<sub>l</sub></i><sup>2</sup>"
+        if self.amplitude:
+            return (
+                f"ln |{H}(θ)| − ln |{H}<sup>m</sup>| ~ N(0, {error} / |{H}<sup>m</sup>|"
+                "<sup>2</sup> + σ<sub>d</sub><sup>2</sup>)"
+            )
+        return (
+            f"{H}(θ) − {H}<sup>m</sup> ~ N(0, {error} + (σ<sub>d</sub> |{H}<sup>m"
+            "</sup>|)<sup>2</sup>)"
+        )
+
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each.
 

@@ -193,6 +193,14 @@ class PopulationTerm(Term):
     bounds, but by a slope that leads a search back.
     """
 
+    statement = (
+        "Each test has parameters of its own, drawn from the population; φ are the "
+        "parameters of the population."
+    )
+    formula = (
+        "ln <i>p</i> = Σ<sub><i>t</i></sub> ln ∫ <i>L<sub>t</sub></i>(θ) "
+        "<i>p</i>(θ | φ) dθ"
+    )
     reads: Mapping[str, Variable]
     name: str = "tests"
     names: tuple[str, ...] = ()

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy import stats
 
 from ... import checks
-from ...contracts import Floats
+from ...contracts import Floats, Reported
 from ...posterior.log_posterior import LogPosterior
 from ...posterior.priors import GaussianPrior, IndependentPrior
 from ...results.arviz_objects import InferenceData, samples, unit_of
@@ -59,6 +60,26 @@ class PooledTests(Report):
     effective: Floats
     monte_carlo: Floats
     verdict: str
+
+    def reported(self) -> Reported:
+        """Return what a report says of the tests and their population."""
+        from .figure import plot_population
+
+        covariates = (
+            f"{name}: {', '.join(f'{x} ({test})' for test, x in values.items())}."
+            for name, values in self.population.covariates.items()
+        )
+        tests = f"{len(self.tests)} tests of one structure: {', '.join(self.tests)}."
+        return Reported(
+            "pooled",
+            self.run,
+            "The population",
+            (tests, *covariates),
+            "None: the draws of the tests are weighed again, {} times.",
+            partial(plot_population, self),
+            "The parameters of each test, alone and given all tests; the population "
+            "and the next test.",
+        )
 
     @property
     def tests(self) -> tuple[str, ...]:

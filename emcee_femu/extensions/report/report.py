@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import checks
-from ...contracts import read_declared
+from ...contracts import Reported, read_declared
 from ...likelihoods.shape import ShapeTerm
 from ...models.paired import PairedModel
 from ...posterior.experiments import Experiment
@@ -43,10 +43,12 @@ from ...results.tables import (
 )
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
-from ...table import Column, Report, Table, unit_column
-from ..emulation.certificate import Certificate
-from ..frf.term import FRFTerm
-from ..population.pool_tests import PooledTests
+from ...table import (
+    Column,
+    Report,
+    Table,
+    unit_column,
+)
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 
@@ -118,11 +120,10 @@ def report(
         )
     checks.text("title", title)
     name = "run" if isinstance(source, Run) else "samples"
-    pooled = source if isinstance(source, PooledTests) else None
-    if isinstance(source, Certificate):
-        source, name = source.idata, "certificate"
-    if pooled:
-        source, name = pooled.run, "pooled"
+    result, own = source, None
+    if (reported := getattr(source, "reported", None)) is not None:
+        told: Reported = reported()
+        source, name, own = told.source, told.name, told if told.title else None
     run = source if isinstance(source, Run) else None
     idata, sampled = read_samples(source, posterior, discard, argument="source")
     experiments = sampled.experiments if sampled else ()
@@ -138,7 +139,8 @@ def report(
         today=date.today(),
         versions={library: version(library) for library in LIBRARIES},
         python=f"{platform.python_version()} on {platform.system()}",
-        pooled=pooled,
+        own=own,
+        result=result,
         measured=[_tabulate_measured(part, sampled) for part in measured],
         measured_shapes=[t for e in experiments for t in _tabulate_shapes(e)],
         digests={
@@ -157,11 +159,11 @@ def report(
         frequencies=[
             frequency_table(idata, sampled, None, e) for e in with_frequencies
         ],
-        pictures=dict(_draw_all(idata, sampled, measured, pooled)),
+        pictures=dict(_draw_all(idata, sampled, measured)),
         predicted=_tabulate_predictions(idata, sampled, measured),
         pairings=[pairing_table(idata, e) for e in with_pairs],
         identifiability=(
-            identifiability(idata) if "constant_data" in held and not pooled else None
+            identifiability(idata) if "constant_data" in held and not own else None
         ),
         made=held["posterior"].attrs,
         name=name,
@@ -202,10 +204,9 @@ def _list_data(
         yield part.name, part.values
     for experiment, term, label in each_term(posterior) if posterior else ():
         name = experiment.full_name(label)
-        if isinstance(term, ShapeTerm):
-            yield name, term.measured
-        elif isinstance(term, FRFTerm):
-            yield name, term.measured.values
+        data = getattr(term, "measured", None)
+        if data is not None and not term.observed:  # else it is among those above
+            yield name, getattr(data, "values", data)
 
 
 def _tabulate_measured(part: Measured, posterior: LogPosterior | None) -> Table:
@@ -267,13 +268,10 @@ def _draw_all(
     idata: InferenceData,
     posterior: LogPosterior | None,
     measured: list[Measured],
-    pooled: PooledTests | None,
 ) -> Iterator[tuple[str, list[Figure]]]:
     """Yield the figures of each section that has some."""
     from ... import figures
 
-    if pooled is not None:
-        yield "population", [figures.plot_population(pooled)]
     if measured:
         yield "fit", [figures.plot_predictive(idata, posterior)]
     mac, shapes = [], []
