@@ -47,15 +47,12 @@ restore    move          ``restore(state)``: go on from what ``state()`` returne
 ``{name: (n, ...)}``.
 """
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from .posterior.log_posterior import LogPosterior
 
 Floats: TypeAlias = NDArray[np.float64]
 Parameters: TypeAlias = Mapping[str, Floats]
@@ -318,41 +315,6 @@ class Move(Protocol):
         """Return the next state, and which walkers moved ``(nwalkers,)``."""
 
 
-class Evaluator(Protocol):
-    """What evaluates a posterior, and counts what that costs.
-
-    One solves (``Evaluation``), one stores what was solved or reads it from a
-    file (``StoredEvaluation``).
-    """
-
-    @property
-    def posterior(self) -> "LogPosterior":
-        """What is evaluated."""
-
-    @property
-    def solves(self) -> int:
-        """The solves spent so far, which are all points inside the prior's support."""
-
-    @property
-    def failed(self) -> int:
-        """How many of them failed."""
-
-    def rows(self, theta: Floats) -> Floats:
-        """Return the rows of the posterior at ``theta (n, d)``."""
-
-    def stack(self, theta: Floats, kind: Any) -> Floats:
-        """Return "rows", "deviations" and more of ``theta (n, d)`` side by side."""
-
-    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return rows and gradients of ``theta (n, d)``."""
-
-    def linearize(self, theta: Floats) -> Linearization:
-        """Return rows, gradients and information of ``theta (n, d)``."""
-
-    def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
-        """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
-
-
 @dataclass(frozen=True)
 class Reported:
     """What a result of an extension adds to a report, as its ``reported()`` returns it.
@@ -365,7 +327,7 @@ class Reported:
             leaves the model out.
         measured: Sentences on what was measured.
         solved: A sentence on the evaluations, with "{}" for their number.
-        draw: Draws the figure of the section.
+        figure: Its function of ``figures``, which draws the result; empty for none.
         caption: What the figure shows.
     """
 
@@ -374,7 +336,7 @@ class Reported:
     title: str = ""
     measured: tuple[str, ...] = ()
     solved: str = ""
-    draw: Callable[[], object] | None = None
+    figure: str = ""
     caption: str = ""
 
 

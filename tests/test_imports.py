@@ -1,4 +1,7 @@
-"""The layers import downwards only, and importing the package stays light."""
+"""Two rings and their rules (CONTRIBUTING.md), and importing stays light.
+
+All imports count: those under TYPE_CHECKING and inside functions, too.
+"""
 
 import ast
 import re
@@ -12,58 +15,116 @@ import pytest
 import emcee_femu
 
 PACKAGE = Path(emcee_femu.__file__).parent
-# The pipeline: a module may import those before it, never those after.
+# The core is a pipeline: a folder imports from those before it, never from those after.
 ORDER = [
-    "interfaces",
+    "contracts",
     "checks",
     "table",
     "measurements",
     "models",
-    "fe_files",
-    "fe_programs",
     "likelihoods",
     "posterior",
     "evaluation",
     "moves",
     "sampling",
-    "surrogates",
     "results",
-    "population",
-    "comparison",
     "figures",
-    "frf",
-    "reports",
-    "paper",
+    "extensions",
 ]
+LAZY = {"", "figures", "moves"}  # these import names of extensions when asked for them
+ALONE = {"contracts", "checks", "table", "moves"}  # all that moves may import
 
 
-def imported_layers(path):
-    """Yield the layers that a module imports as it is imported itself."""
-    package = ["emcee_femu", *path.relative_to(PACKAGE).parts[:-1]]
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.ImportFrom) and node.level:  # not under TYPE_CHECKING
+def _name(path):
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {_name(path): path for path in PACKAGE.rglob("*.py")}
+TREES = {name: ast.parse(p.read_text("utf-8")) for name, p in FILES.items()}
+
+
+def imports(module):
+    """Yield the modules of the package that a module imports, anywhere in it."""
+    package = module.split(".") if module else []
+    if FILES[module].name != "__init__.py":
+        package = package[:-1]
+    for node in ast.walk(TREES[module]):
+        if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
-            full = [*base, *(node.module or "").split(".")]
-            names = [full[1]] if len(full) > 1 and full[1] else []
-            yield from names or [alias.name for alias in node.names]
+            base += node.module.split(".") if node.module else []
+            for alias in node.names:
+                full = ".".join([*base, alias.name])
+                yield full if full in FILES else ".".join(base)
 
 
-def test_every_module_has_its_place_in_the_pipeline():
-    files = {p.stem for p in PACKAGE.glob("*.py")} - {"__init__"}
-    assert files | {p.parent.name for p in PACKAGE.glob("*/__init__.py")} <= set(ORDER)
+ARROWS = {
+    (module, other)
+    for module in FILES
+    for other in imports(module)
+    if other != module and not module.startswith(f"{other}.")
+}
 
 
-@pytest.mark.parametrize("layer", ORDER)
-def test_a_layer_imports_only_earlier_ones(layer):
-    single = PACKAGE / f"{layer}.py"
-    files = [single] if single.exists() else sorted((PACKAGE / layer).rglob("*.py"))
-    allowed = set(ORDER[: ORDER.index(layer) + 1])
-    later = {
-        (file.relative_to(PACKAGE).as_posix(), name)
-        for file in files
-        for name in set(imported_layers(file)) - allowed
+def extension(module):
+    """Return which extension a module belongs to, None for the core."""
+    first, *rest = module.split(".")
+    return rest[0] if first == "extensions" and rest else None
+
+
+def test_every_module_has_its_place():
+    assert {name.split(".")[0] for name in FILES if name} == set(ORDER)
+
+
+def test_the_core_knows_no_extension_and_no_extension_another():
+    wrong = {
+        (module, other)
+        for module, other in ARROWS
+        if extension(other) not in (None, extension(module)) and module not in LAZY
     }
-    assert later == set()
+    assert wrong == set()
+
+
+def test_folders_import_upwards_only():
+    place = {folder: number for number, folder in enumerate(ORDER)}
+    wrong = {
+        (module, other)
+        for module, other in ARROWS
+        if module not in LAZY
+        and place[module.split(".")[0]] < place[other.split(".")[0]]
+    }
+    assert wrong == set()
+
+
+def test_no_files_import_each_other_in_circles():
+    left = {name: {b for a, b in ARROWS if a == name} for name in FILES if name}
+    while ends := [name for name, others in left.items() if not others & {*left}]:
+        for name in ends:
+            del left[name]
+    assert sorted(left) == []  # what is left leads back to itself
+
+
+def test_moves_stand_alone():
+    folders = {b.split(".")[0] for a, b in ARROWS if a.startswith("moves.")}
+    assert folders <= ALONE
+
+
+def test_nothing_is_imported_in_another_way():
+    """The package never imports its own top level, and names no module in a string."""
+    wrong = []
+    for name, tree in TREES.items():
+        for node in ast.walk(tree):
+            whole = isinstance(node, ast.Import)
+            whole = whole and any("emcee_femu" in a.name for a in node.names)
+            whole |= isinstance(node, ast.ImportFrom) and (
+                not node.level and (node.module or "").split(".")[0] == "emcee_femu"
+            )
+            call = ast.unparse(node) if isinstance(node, ast.Call) else ""
+            called = re.match(r"(\w+\.)*(import_module|__import__)\(", call)
+            other = re.search(r"\(['\"](?!\.|emcee_femu)", call)  # another package
+            if whole or (called and not other and name not in LAZY):
+                wrong.append((name, node.lineno))
+    assert wrong == []
 
 
 def test_importing_the_package_loads_no_plotting_no_arviz_and_no_program():
@@ -77,21 +138,21 @@ def test_importing_the_package_loads_no_plotting_no_arviz_and_no_program():
 
 
 @pytest.mark.parametrize(
-    ("library", "layers"),
+    ("library", "folders"),
     [
         ("arviz", {"results", "sampling"}),  # there Pareto k
-        ("xarray", {"results"}),
+        ("xarray", {"results", "sampling"}),
         ("matplotlib", {"figures"}),
         ("corner", {"figures"}),
     ],
 )
-def test_no_other_layer_uses_a_heavy_library(library, layers):
+def test_no_other_folder_of_the_core_uses_a_heavy_library(library, folders):
     users = {
         p.relative_to(PACKAGE).with_suffix("").parts[0]
         for p in PACKAGE.rglob("*.py")
         if re.search(rf"(import|from) {library}\b", p.read_text(encoding="utf-8"))
     }
-    assert users <= layers
+    assert users <= folders | {"extensions"}
 
 
 def test_the_version_is_that_of_the_installed_package():

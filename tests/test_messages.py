@@ -101,7 +101,7 @@ def test_what_a_contract_may_have_is_listed():
                 owner, name = ast.unparse(node.args[0]), ast.unparse(node.args[1])
                 if re.search(r"\b(model|term|reader|prior|move|response)$", owner):
                     asked.add(name.strip("'"))
-    listed = {*re.findall(r"^(\w+) +\w", ef.interfaces.__doc__, re.M)}
+    listed = {*re.findall(r"^(\w+) +\w", ef.contracts.__doc__, re.M)}
     of_emcee = {"betas", "check", "get_proposal", "inner", "propose"}
     # Of priors, terms and responses of this package; a user's need not have them.
     own = {"distributions", "error_sd", "logpdfs", "unpaired"}

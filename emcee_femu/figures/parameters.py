@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
-from ..results.arviz_objects import mean_sizes, samples
+from ..results.arviz_objects import samples
 from ..results.to_arviz import read_samples
+from ..sampling.judge import mean_sizes
 from .density import covariance_ellipse, estimate_density
 from .style import BLUE, GREY, RED, Style, changing_draws, finish, scale_axes, subplots
 

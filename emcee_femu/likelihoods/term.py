@@ -3,7 +3,7 @@ r"""What every likelihood term can say; from deviations and their sds all of it 
 A term that is Gaussian in what was measured gives deviations r and their standard
 deviations; density, pointwise densities, replicates, gradient and Fisher information
 follow here. Any other callable becomes a
-:class:`FunctionTerm`, with whatever it declares of itself (interfaces.py).
+:class:`FunctionTerm`, with whatever it declares of itself (contracts.py).
 
 Derivatives are central differences along *tangents*, the derivatives of each variable
 of the response ``(n, *shape, d)`` and of each parameter ``(n, d)`` by d directions:
@@ -182,7 +182,7 @@ class Term:
 
 
 class FunctionTerm(Term):
-    """A user's own term: a callable, and what it declares of itself (interfaces.py)."""
+    """A user's own term: a callable, and what it declares of itself (contracts.py)."""
 
     def __init__(self, function: Callable[[Parameters, Response], Floats]) -> None:
         self.function = function

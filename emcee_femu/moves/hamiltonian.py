@@ -194,7 +194,7 @@ class HamiltonianMove(Move):
         if gradient is None or not getattr(function, "differentiable", True):
             raise TypeError(
                 "posterior (log_prob_fn): HamiltonianMove needs a LogPosterior whose "
-                "models have jacobian(parameters) (see interfaces), or a function with "
+                "models have jacobian(parameters) (see contracts), or a function with "
                 f"gradient(theta), got {type(function).__name__}; use DEMCMove()"
             )
         if self._factor is not None:

@@ -1,16 +1,12 @@
 """Whether model, likelihood terms and prior fit together, before the first FE solve."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import checks
 from ..contracts import Model, Prior, Variable, read_declared
 from ..likelihoods.term import ERROR_PRIOR, Term
-
-if TYPE_CHECKING:
-    from .experiments import Experiment
 
 # Names that ArviZ objects have for other things.
 RESERVED = {"chain", "draw", "step", "ensemble", "walker", "parameter"}
@@ -48,11 +44,12 @@ def check_terms(model: object, terms: Sequence[object]) -> None:
             raise TypeError(f"{argument}: expected a callable, got {part!r}")
 
 
-def check_parameters(experiments: "Sequence[Experiment]", prior: Prior) -> None:
+def check_parameters(
+    models: Sequence[Model], terms: Sequence[Term], prior: Prior
+) -> None:
     """Refuse a prior whose names or bounds do not fit the models and terms."""
-    models: list[Model | Term] = [e.model for e in experiments]
     read: set[str] = set()
-    for reader in models + [term for e in experiments for term in e.terms]:
+    for reader in (*models, *terms):
         names = read_declared(reader, "names") or ()
         bounds = read_declared(reader, "bounds") or {}
         if missing := sorted({*names} - {*prior.names}):

@@ -5,18 +5,21 @@ Where every model has ``jacobian`` they take one solve per point
 priors are differenced without any.
 """
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Floats, Linearization, Prior, SolveError
-from ..likelihoods.term import linearize_normal
-
-if TYPE_CHECKING:
-    from .experiments import Solved
-    from .log_posterior import LogPosterior
+from ..contracts import (
+    Floats,
+    Linearization,
+    Parameters,
+    Prior,
+    SolveError,
+)
+from ..likelihoods.term import Term, linearize_normal
+from .experiments import Solved
 
 Sides: TypeAlias = tuple[tuple[float, ...], ...]
 
@@ -30,6 +33,25 @@ WIDE = 1e-3  # of second derivatives of the prior, from first ones
 # Central where both points are inside, else one-sided with the same order.
 SIDES: Sides = ((1.0, -1.0), (1.0, 2.0), (-1.0, -2.0))
 ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
+
+
+class _Differentiated(Protocol):
+    """What derivatives ask of a posterior."""
+
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def ndim(self) -> int: ...
+    @property
+    def prior(self) -> Prior: ...
+    @property
+    def scale(self) -> Floats: ...
+    @property
+    def terms(self) -> Sequence[Term]: ...
+    @property
+    def columns(self) -> Mapping[str, slice]: ...
+    def parameters(self, theta: Floats) -> Parameters: ...
+    def rejected(self) -> Floats: ...
 
 
 class Stencil(NamedTuple):
@@ -79,7 +101,7 @@ def place(
     return Stencil(points.reshape(-1, d), steps)
 
 
-def is_printed(posterior: "LogPosterior", rows: Floats) -> bool:
+def is_printed(posterior: _Differentiated, rows: Floats) -> bool:
     """Return whether a solver prints few digits, by its rows at several points.
 
     Small steps do not change what it prints, or by one digit. Where the response is
@@ -109,10 +131,10 @@ def prior_hessian(prior: Prior, theta: Floats, scale: Floats) -> Floats:
 
 
 def along_tangents(
-    posterior: "LogPosterior",
+    posterior: _Differentiated,
     theta: Floats,
     rows: Floats,
-    solved: Sequence["Solved"],
+    solved: Sequence[Solved],
     information: bool,
 ) -> Floats:
     """Return gradients, and information where asked for, side by side, by one solve.
@@ -149,7 +171,7 @@ def along_tangents(
 
 
 def difference(
-    posterior: "LogPosterior",
+    posterior: _Differentiated,
     theta: Floats,
     evaluate: Callable[[Floats], Floats],
     information: bool,
@@ -198,7 +220,7 @@ def difference(
 
 
 def _side_by_side(
-    posterior: "LogPosterior",
+    posterior: _Differentiated,
     theta: Floats,
     possible: NDArray[np.bool_],
     gradient: Floats,
@@ -234,7 +256,7 @@ def _side_by_side(
     return result
 
 
-def unstack(posterior: "LogPosterior", stacked: Floats) -> Linearization:
+def unstack(posterior: _Differentiated, stacked: Floats) -> Linearization:
     """Return rows, gradient and information; None where a term's is not known."""
     width, d, n = len(posterior.rejected()), posterior.ndim, len(stacked)
     rows, gradient = stacked[:, :width], stacked[:, width : width + d]

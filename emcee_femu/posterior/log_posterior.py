@@ -46,10 +46,10 @@ class LogPosterior(Report):
     and all others share one call of each model.
 
     Args:
-        model: Parameters to response (:class:`interfaces.Model`).
+        model: Parameters to response (:class:`contracts.Model`).
         terms: One likelihood term or a sequence of them
-            (:class:`interfaces.LikelihoodTerm`).
-        prior: Owner of names, order and bounds (:class:`interfaces.Prior`).
+            (:class:`contracts.LikelihoodTerm`).
+        prior: Owner of names, order and bounds (:class:`contracts.Prior`).
         units: Units of some or all parameters by name, ``{"k1": "N/m"}``, for tables,
             figures and ArviZ objects; they change no number.
 
@@ -154,7 +154,7 @@ class LogPosterior(Report):
             for name, variable in e.variables.items()
         }
         check_names(prior, self.variables, self.term_names)
-        check_parameters(self.experiments, prior)
+        check_parameters([e.model for e in self.experiments], self.terms, prior)
         end = 2 + len(self.terms)
         self.columns = {"densities": slice(0, end)}
         for name, variable in self.variables.items():

@@ -4,16 +4,15 @@ The only module that imports ArviZ, which takes seconds: it is imported where it
 used.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
 from ..sampling.importance import resample
+from ..sampling.judge import load_arviz
 
 InferenceData: TypeAlias = Any  # before version 1 its own class, since then a DataTree
 Dataset: TypeAlias = Any  # xarray's
@@ -21,15 +20,6 @@ Dataset: TypeAlias = Any  # xarray's
 # Groups whose draws may have weights.
 SAMPLED = {"posterior", "sample_stats", "log_likelihood", "response", "new_measurement"}
 FEWEST_RESAMPLED, COPIES = 4_000, 40
-
-
-def load_arviz() -> Any:
-    """Import ArviZ; version 0.23 announces version 1, which is not the user's task."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "[\\s\\S]*ArviZ", FutureWarning)
-        import arviz
-
-    return arviz
 
 
 def is_arviz(source: object) -> bool:
@@ -168,38 +158,3 @@ def unit_of(idata: InferenceData, name: str) -> str:
     unit = units.get(name, "")
     inherited = name not in sampled and unit in {units.get(n) for n in sampled}
     return "" if inherited else unit
-
-
-def spread_out(n: int, most: int) -> NDArray[np.intp]:
-    """Return which of n draws to take where ``most`` will do, evenly spread."""
-    return np.linspace(0, n - 1, min(n, most)).astype(np.intp)
-
-
-def rhat(chains: Floats) -> Floats:
-    """Return the rank-normalised split R-hat of ``chains (m, n, d)``, ``(d,)``."""
-    return _by_parameter(load_arviz().rhat, chains)
-
-
-def effective_sizes(chains: Floats) -> tuple[Floats, Floats]:
-    """Return bulk and tail (5 %, 95 %) ESS of ``chains (m, n, d)``, each ``(d,)``."""
-    ess = load_arviz().ess
-    bulk = _by_parameter(ess, chains, method="bulk")
-    # The quantiles are named because their default differs between ArviZ 0.x and 1.x.
-    tail = _by_parameter(ess, chains, method="tail", prob=(0.05, 0.95))
-    return bulk, tail
-
-
-def mean_sizes(chains: Floats) -> Floats:
-    """Return the ESS of the mean of ``chains (m, n, d)``, ``(d,)``."""
-    return _by_parameter(load_arviz().ess, chains, method="mean")
-
-
-def _by_parameter(statistic: Any, chains: Floats, **options: Any) -> Floats:
-    import xarray
-
-    sample_dims = ["chain", "draw"]
-    data = xarray.Dataset({"p": ((*sample_dims, "parameter"), chains)})
-    data.attrs["sample_dims"] = sample_dims
-    # Walkers that never move make ArviZ divide by zero; diagnose names them.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(statistic(data, **options)["p"])

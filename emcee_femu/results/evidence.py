@@ -8,11 +8,11 @@ from scipy import stats
 from ..contracts import Floats
 from ..sampling.anneal import Annealed
 from ..sampling.importance import bridge
+from ..sampling.judge import autocorrelation_time, check_length
 from ..sampling.record import Chains
 from ..table import Parts, Report
-from .chains import autocorrelation_time, check_length, read_chains
-from .diagnose import measure
-from .verdict import NOT_CONVERGED, judge_chains
+from .chains import read_chains
+from .diagnose import NOT_CONVERGED, judge_chains, measure
 
 ENOUGH_TAU = 20  # of a series, below which neither tau nor its error can be believed
 ENOUGH_OVERLAP = 0.1

@@ -1,6 +1,7 @@
 """Whether the posterior predicts what was measured, and what speaks against its fit."""
 
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from .arviz_objects import InferenceData, is_arviz
 from .identifiability import describe_samples
 from .measured import Measured, read_measured
 from .to_arviz import read_samples
-from .verdict import Statement
 
 ENOUGH = 4_000  # samples
 WIDTH = 1.96  # standard deviations of a new measurement to either side: 95 %
@@ -23,6 +23,23 @@ OUTVOTED = 5  # times as many values in another term
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One of the three statements of a diagnosis.
+
+    Attributes:
+        status: A word or two that never vary, such as "converged".
+        short: The status in a few words, with its reason.
+        sentence: The same at length, and what to do.
+        reasons: All that speaks against chains, in a word or two each.
+    """
+
+    status: str
+    short: str
+    sentence: str
+    reasons: tuple[str, ...] = ()
 
 
 def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ..contracts import Floats
 from ..sampling.importance import pareto_k
+from ..sampling.judge import expected_acceptance, mean_sizes, spread_out
 from ..sampling.record import Chains
 from ..table import Parts, Report, Table
-from .arviz_objects import mean_sizes, spread_out
 
 MOST_DRAWS = 20_000  # whose Pareto k is found
 CHUNK = 20_000
@@ -116,21 +116,3 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
         share=search.share * search.screened,
         searched=search.points,
     )
-
-
-def expected_acceptance(log_weights: Floats) -> Floats:
-    r"""Return the acceptance of a proposal of q from each draw of p, ``(n,)``.
-
-    .. math:: a(x) = E_q \min\{1, w(y) / w(x)\}
-        = \frac{E_p \min\{1 / w(y), 1 / w(x)\}}{E_p\, 1 / w(y)}
-
-    Args:
-        log_weights: ln w = ln(p / q) at draws of p, ``(n,)``.
-    """
-    inverse = np.exp(log_weights.min() - log_weights)
-    order = np.argsort(inverse)
-    increasing = inverse[order]
-    below, above = np.cumsum(increasing), np.arange(len(inverse))[::-1]
-    result = np.empty(len(inverse))
-    result[order] = (below + increasing * above) / below[-1]
-    return result

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..contracts import Floats
-from .arviz_objects import InferenceData, dataset, spread_out
+from ..sampling.judge import spread_out
+from .arviz_objects import InferenceData, dataset
 
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
 ENOUGH = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000

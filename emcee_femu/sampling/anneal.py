@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from .. import checks
-from ..contracts import Evaluator, Floats
+from ..contracts import Floats
+from ..evaluation import Evaluator
 from ..evaluation.resume import open_evaluator
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.proposing import temper

@@ -6,7 +6,8 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Evaluator, Floats
+from ..contracts import Floats
+from ..evaluation import Evaluator
 from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members

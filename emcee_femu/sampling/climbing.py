@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from ..contracts import Evaluator, Floats
+from ..contracts import Floats
+from ..evaluation import Evaluator
 from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates

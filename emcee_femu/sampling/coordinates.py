@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import expit
 from scipy.stats import logistic
 
-from ..contracts import Evaluator, Floats, Prior
+from ..contracts import Floats, Prior
+from ..evaluation import Evaluator
 from ..posterior.derivatives import difference, unstack
 
 DRAWS = 20_000  # of the prior, for its quantiles

@@ -15,7 +15,8 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Evaluator, Floats, Prior
+from ..contracts import Floats, Prior
+from ..evaluation import Evaluator
 from ..likelihoods.term import log_normal
 from ..moves import DEMCMove, IndependenceMove
 from ..moves.mixture import Mixture

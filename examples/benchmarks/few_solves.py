@@ -106,8 +106,8 @@ class RatioTerm:
         return -0.5 * ((r / sd) ** 2).sum(axis=1)
 
     def deviations(self, parameters: Any, response: Any) -> tuple[Floats, Floats]:
-        """Return the deviations and their standard deviations (interfaces.py)."""
-        f = ef.interfaces.read(response, "frequency")[:, list(self.modes)]
+        """Return the deviations and their standard deviations (contracts.py)."""
+        f = ef.contracts.read(response, "frequency")[:, list(self.modes)]
         r = (f / np.array(self.measured)) ** self.power - 1
         return r, np.full(r.shape, self.sd)
 

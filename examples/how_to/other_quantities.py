@@ -65,7 +65,7 @@ ef.figures.plot_predictive(idata)
 # the labels of the points are those that the term reads.
 #
 # All optional attributes of models and terms are listed in
-# {doc}`/reference/interfaces`. With `deviations`, for Gaussian errors, `arviz.loo`
+# {doc}`/reference/contracts`. With `deviations`, for Gaussian errors, `arviz.loo`
 # works too; derivatives are in {doc}`gradients`.
 
 # %% tags=["remove-cell"]

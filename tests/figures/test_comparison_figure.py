@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from support.figures import assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
-from emcee_femu.results.verdict import Statement
+from emcee_femu.results.fit import Statement
 
 LONG = (
     "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer may name it"

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 import emcee_femu as ef
-from emcee_femu.extensions.fe_files.matrices import Matrices
+from emcee_femu.models.exports import Matrices
 from emcee_femu.models.geometry import Geometry
 
 BAR = ef.Section(E=7e10, GJ=700.0, rho=2700.0, A=3e-4, Iy=2e-9, Iz="Iz")

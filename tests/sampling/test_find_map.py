@@ -510,7 +510,7 @@ def test_modes_that_coincide_at_a_start_do_not_end_a_climb(workers):
 
 def test_a_solve_that_raises_it_without_derivatives_is_an_error():
     def solve(p):
-        raise ef.interfaces.RepeatedModes("modes 1 and 2 coincide")
+        raise ef.contracts.RepeatedModes("modes 1 and 2 coincide")
 
     model = ef.FunctionModel(solve, n_modes=1)
     term = ef.FrequencyTerm([3.0], relative_sd=0.01)

@@ -25,7 +25,7 @@ from support.few_solves import (
 from support.pool_problems import forks
 
 import emcee_femu as ef
-from emcee_femu.extensions.emulation import emulated_draws
+from emcee_femu.extensions.emulation import draws as emulated_draws
 from emcee_femu.extensions.emulation.draws import Explorer
 from emcee_femu.extensions.emulation.emulate import _Emulation
 from emcee_femu.extensions.emulation.problem import EmulationProblem

@@ -32,7 +32,7 @@ class Errors:
         for name in self.reads:
             true = MIDDLE["shapes" if name == "shapes" else "frequency"]
             r = (
-                ef.interfaces.read(response, name)[..., : self.modes]
+                ef.contracts.read(response, name)[..., : self.modes]
                 - true[..., : self.modes]
             )
             parts.append(r.reshape(len(r), -1) / SD[name])
@@ -129,7 +129,7 @@ every_case = pytest.mark.parametrize(
 
 
 def values_of(response, name):
-    return np.asarray(ef.interfaces.read(response, name))
+    return np.asarray(ef.contracts.read(response, name))
 
 
 @every_case

@@ -6,44 +6,35 @@ posterior from draws of the prior.
 """
 
 from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property
 from os import PathLike
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ... import checks
-from ...contracts import Evaluator, Floats, Prior
+from ...evaluation import Evaluator
 from ...evaluation.progress import check_progress, progress_bar
 from ...evaluation.resume import open_evaluator
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import (
     InferenceData,
     dataset,
-    effective_sizes,
-    is_weighted,
-    mean_sizes,
     samples,
 )
-from ...results.chains import FEWEST_STEPS, read_chains
-from ...results.diagnose import diagnose, size_by_means
-from ...results.to_arviz import check_sampled, read_samples
-from ...results.verdict import (
+from ...results.diagnose import (
     NOT_CONVERGED,
     NOT_SEARCHED,
     SEARCHED,
     TOO_SHORT,
-    Statement,
+    diagnose,
 )
+from ...results.fit import Statement
+from ...results.to_arviz import check_sampled, read_samples
 from ...sampling.climbing import Maximum, climb
-from ...sampling.coordinates import Coordinates
 from ...sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
-from .certificate import (
-    EQUAL,
-    Certificate,
+from ...sampling.judge import FEWEST_STEPS
+from .certificate import EQUAL, Certificate
+from .emulated_chain import (
+    EmulatedChain,
     compare_bounds,
     correct_moments,
     curvature_k,
@@ -55,8 +46,6 @@ APART = 1.1  # R-hat of walkers or ensembles that are in different places
 SHARE, MOST = 4, 30  # solves for the search: at most a quarter, and no more than these
 FIRST = 8  # starts that are put in order
 STEPS = 3  # of a climb, below which it says nothing
-GAPS = 1.5  # times the largest gap between draws: farther than any of them
-SHOWN = 2_000  # draws of the chain that are compared
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 
@@ -228,121 +217,6 @@ def certify(
         idata=idata,
     )
     return certificate.sealed(posterior, rows, emulated)
-
-
-@dataclass(frozen=True, eq=False)
-class EmulatedChain:
-    """What an ArviZ object holds of the emulated posterior.
-
-    Attributes:
-        names: Parameter names, ``d`` of them.
-        draws: All draws, step by step, ``(n, d)``.
-        log_posterior: The emulated log-posterior there, ``(n,)``.
-        coordinates: Logarithms of positive parameters, in which distances are.
-        bounds: Of the emulated posterior's prior, ``(d, 2)``.
-        size: As many independent draws would know the centre as well, the worst
-            parameter's.
-        mean_sizes: The same for each parameter's mean and mean square, ``(2, d)``.
-    """
-
-    names: tuple[str, ...]
-    draws: Floats
-    log_posterior: Floats
-    coordinates: Coordinates
-    bounds: Floats
-    size: float
-    mean_sizes: Floats
-
-    @classmethod
-    def of(
-        cls, idata: InferenceData, prior: Prior, rng: np.random.Generator
-    ) -> "EmulatedChain":
-        """Return the chain; walkers are in random order at each step.
-
-        Raises:
-            ValueError: If idata lacks the bounds, or is not a chain but what an earlier
-                certificate corrected.
-        """
-        if is_weighted(idata):
-            raise ValueError(
-                "idata: expected draws of the emulated posterior, got those that a "
-                "certificate has weighted; give it the object that you certified"
-            )
-        chains = read_chains(idata)
-        names, (n, _, _, d) = chains.names, chains.draws.shape
-        by_step = chains.draws.reshape(n, -1, d)
-        m, steps = by_step.shape[1], np.arange(n)[:, None]
-        order = rng.permuted(np.tile(np.arange(m), (n, 1)), axis=1)
-        draws = by_step[steps, order].reshape(-1, d)
-        constant = dataset(idata, "constant_data").reindex(parameter=list(names))
-        by_walker = by_step.swapaxes(0, 1)
-        bulk = effective_sizes(by_walker)[0]
-        mean_size: Callable[[Floats], Floats] = mean_sizes
-        if len(chains.betas) > 1:
-            # Exchanges hand states over, which walker by walker look independent.
-            bulk, mean_size = diagnose(idata).ess_bulk, size_by_means
-            by_walker = chains.draws
-        both = by_walker, (by_walker - draws.mean(axis=0)) ** 2
-        # At least one; NaN is that of a chain too short.
-        sizes = np.fmax(np.nan_to_num([bulk, *map(mean_size, both)], nan=1.0), 1.0)
-        return cls(
-            names=names,
-            draws=draws,
-            log_posterior=chains.log_prob.reshape(n, m)[steps, order].ravel(),
-            coordinates=Coordinates.positive(prior),
-            bounds=constant[["lower", "upper"]].to_array().values.T,
-            size=float(min(sizes[0].min(), m * n)),
-            mean_sizes=sizes[1:],
-        )
-
-    @cached_property
-    def x(self) -> Floats:
-        """The coordinates of all draws, ``(n, d)``."""
-        return self.coordinates.coordinates(self.draws)
-
-    @cached_property
-    def root(self) -> Floats:
-        """The Cholesky factor of their covariance, ``(d, d)``."""
-        scale = np.atleast_2d(np.cov(self.x, rowvar=False))
-        return np.asarray(np.linalg.cholesky(scale + 1e-12 * np.diag(np.diag(scale))))
-
-    def whiten(self, theta: Floats) -> Floats:
-        """Return coordinates ``(n, d)`` in which the draws are white."""
-        x = self.coordinates.coordinates(theta)
-        return np.asarray(np.linalg.solve(self.root, (x - self.x.mean(0)).T).T)
-
-    def distance(self, theta: Floats) -> Floats:
-        """Return how far points ``(n, d)`` are from draws, in their largest gaps."""
-        some = np.unique(self.draws[:: -(-len(self.draws) // SHOWN)], axis=0)
-        tree = cKDTree(self.whiten(some))
-        gaps = tree.query(tree.data, k=2)[0][:, 1]
-        return np.asarray(tree.query(self.whiten(theta))[0] / (GAPS * gaps.max()))
-
-    def choose(
-        self, n: int, rng: np.random.Generator
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Return places of at most ``n`` different draws at equal distances.
-
-        Every draw of the chain is as likely to be taken as any other. A walker that
-        stood still may be met again: its draw is solved once and counts as often as it
-        was met, which is returned too.
-        """
-        total = len(self.draws)
-        n = min(n, total)
-        places = ((rng.random() + np.arange(n)) * total / n).astype(int)
-        places = np.minimum(places, total - 1)
-        _, first, counts = np.unique(
-            self.draws[places], axis=0, return_index=True, return_counts=True
-        )
-        return places[first], counts
-
-    def excess(self, n: int) -> float:
-        """Return by how much a mean of n draws varies more than of independent ones.
-
-        ``coth(size / n)`` is exact for draws at equal distances of an AR(1) chain that
-        is worth ``size`` independent ones.
-        """
-        return float(1 / np.tanh(self.size / n))
 
 
 def _look_elsewhere(

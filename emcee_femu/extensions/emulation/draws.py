@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...contracts import Evaluator, Floats
+from ...contracts import Floats
+from ...evaluation import Evaluator
 from ...evaluation.evaluator import Evaluation, Solver
 from ...moves.proposing import temper
 from ...sampling.anneal import Annealed, anneal_population, fewest_members

@@ -6,9 +6,10 @@ from matplotlib.figure import Figure
 from ... import checks
 from ...figures.style import BELOW, BLUE, Style, finish, subplots
 from ...posterior.log_posterior import LogPosterior
-from ...results.arviz_objects import samples, spread_out
+from ...results.arviz_objects import samples
 from ...results.tables import INTERVAL
 from ...results.to_arviz import read_samples
+from ...sampling.judge import spread_out
 from .term import FRFTerm
 
 DRAWN = 200  # draws that are solved anew

@@ -18,7 +18,8 @@ from scipy.special import ndtr
 from ... import checks
 from ...contracts import Floats, Parameters, Response, Variable
 from ...likelihoods.term import Term
-from ...results.arviz_objects import InferenceData, dataset, samples, spread_out
+from ...results.arviz_objects import InferenceData, dataset, samples
+from ...sampling.judge import spread_out
 from .normal import NormalPopulation
 
 FEWEST = 100  # draws of a test

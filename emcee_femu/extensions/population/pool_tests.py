@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from scipy import stats
@@ -63,8 +62,6 @@ class PooledTests(Report):
 
     def reported(self) -> Reported:
         """Return what a report says of the tests and their population."""
-        from .figure import plot_population
-
         covariates = (
             f"{name}: {', '.join(f'{x} ({test})' for test, x in values.items())}."
             for name, values in self.population.covariates.items()
@@ -76,7 +73,7 @@ class PooledTests(Report):
             "The population",
             (tests, *covariates),
             "None: the draws of the tests are weighed again, {} times.",
-            partial(plot_population, self),
+            "plot_population",
             "The parameters of each test, alone and given all tests; the population "
             "and the next test.",
         )

@@ -159,7 +159,7 @@ def report(
         frequencies=[
             frequency_table(idata, sampled, None, e) for e in with_frequencies
         ],
-        pictures=dict(_draw_all(idata, sampled, measured)),
+        pictures=dict(_draw_all(idata, sampled, measured)) | _draw_own(result, own),
         predicted=_tabulate_predictions(idata, sampled, measured),
         pairings=[pairing_table(idata, e) for e in with_pairs],
         identifiability=(
@@ -262,6 +262,13 @@ def _tabulate_predictions(
         return None
     drawn = all(part.replicated is not None for part in measured)
     return predictive_table(idata, posterior if drawn else None)
+
+
+def _draw_own(result: object, own: Reported | None) -> dict[str, list[Figure]]:
+    """Return the figure of a result that has a section of its own."""
+    from ... import figures
+
+    return {"own": [getattr(figures, own.figure)(result)]} if own else {}
 
 
 def _draw_all(
