@@ -77,7 +77,7 @@ if TYPE_CHECKING:  # imported when first asked for
     from .extensions.report.report import report as report
 
 __version__ = _version("emcee-femu")
-LATER = {  # where these names are
+IMPORTED_LATER = {  # where these names are
     "figures": "figures",
     "frf": "extensions.frf",
     "paper": "extensions.paper",
@@ -98,13 +98,13 @@ LATER = {  # where these names are
 
 def __getattr__(name: str) -> Any:
     """Import an extension, or a name of one, when it is first asked for."""
-    if name not in LATER:
+    if name not in IMPORTED_LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module = import_module(f".{LATER[name]}", __name__)
+    module = import_module(f".{IMPORTED_LATER[name]}", __name__)
     value = globals()[name] = getattr(module, name, module)
     return value
 
 
 def __dir__() -> list[str]:
     """Return all names, for completion also those that are imported later."""
-    return [*globals(), *LATER]
+    return [*globals(), *IMPORTED_LATER]

@@ -8,7 +8,7 @@ from typing import Any, Self, TypeAlias
 
 import numpy as np
 
-LEFT = 'style="text-align: left"'
+LEFT_ALIGNED = 'style="text-align: left"'
 SPACE = "  "  # between printed columns
 PAGE = 80  # columns of a terminal, at which printed sentences are wrapped
 CAPTION = 'style="text-align: left; caption-side: top"'
@@ -117,9 +117,9 @@ class Table:
             [
                 '<table class="dataframe" style="text-align: right">',
                 f"<caption {CAPTION}>{html.escape(self.title)}</caption>",
-                f"<thead><tr><th {LEFT}>{titles}</th></tr></thead>",
+                f"<thead><tr><th {LEFT_ALIGNED}>{titles}</th></tr></thead>",
                 "<tbody>",
-                *(f"<tr><td {LEFT}>{row}</td></tr>" for row in rows),
+                *(f"<tr><td {LEFT_ALIGNED}>{row}</td></tr>" for row in rows),
                 "</tbody></table>",
             ]
         )

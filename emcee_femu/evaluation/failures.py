@@ -10,9 +10,9 @@ from ..contracts import SolveError
 
 logger = logging.getLogger("emcee_femu")
 
-FEWEST = 100  # evaluations before a fraction of them means something
+FEWEST_COUNTED = 100  # evaluations before a fraction of them means something
 CAUSES = ("not finite", "wrong shape", "time-out", "exception")
-KEPT = 1_000  # failures whose parameters are kept
+KEPT_FAILURES = 1_000  # failures whose parameters are kept
 
 
 class Failure(NamedTuple):
@@ -72,8 +72,8 @@ class FailureLog:
             return
         for each in failures:
             logger.warning("rejected: %s at %s", each.message, dict(each.parameters))
-        self.kept += failures[: max(0, KEPT - len(self.kept))]
-        self.check(FEWEST)
+        self.kept += failures[: max(0, KEPT_FAILURES - len(self.kept))]
+        self.check(FEWEST_COUNTED)
 
     def check(self, fewest: int) -> None:
         """Stop if too many failed of at least ``fewest`` evaluations.

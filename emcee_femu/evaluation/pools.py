@@ -26,7 +26,9 @@ from emcee.ensemble import _FunctionWrapper
 
 from .. import checks
 
-KEPT = 8  # functions a worker keeps; an older one is sent again when it is needed
+KEPT_FUNCTIONS = (
+    8  # functions a worker keeps; an older one is sent again when it is needed
+)
 functions: dict[str, Callable[[Any], object]] = {}  # of this process, by key
 
 NOT_LOADED = (
@@ -195,7 +197,7 @@ class EvaluationPool:
                 return key, payload
         key = f"{os.getpid()}-{next(_keys)}-{id(self)}"
         payload = _dump(self._executor, function)
-        self._shipped = [(function, key, payload), *self._shipped][:KEPT]
+        self._shipped = [(function, key, payload), *self._shipped][:KEPT_FUNCTIONS]
         return key, payload
 
 
@@ -331,7 +333,7 @@ def evaluate(task: Task) -> Outcome:
         except Exception as error:
             return _fail(error, NOT_LOADED)
         functions[str(key)] = function
-        for old in list(functions)[:-KEPT]:
+        for old in list(functions)[:-KEPT_FUNCTIONS]:
             functions.pop(old, None)  # another thread may have done so
     values = []
     for point in points:

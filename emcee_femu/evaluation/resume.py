@@ -23,9 +23,11 @@ from .store import Store, StoredEvaluation
 logger = logging.getLogger("emcee_femu")
 
 PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
-SHOWN = 64  # numbers of an array; of a larger one the digest is kept
+SHOWN_NUMBERS = 64  # numbers of an array; of a larger one the digest is kept
 PROBED = 16  # stored points solved again, at most
-FLOOR = 1e-3  # of the largest value of a variable, to which the tolerance is relative
+LEAST_DIFFERENCE = (
+    1e-3  # of the largest value of a variable, to which the tolerance is relative
+)
 
 
 def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, Any]:
@@ -55,7 +57,7 @@ def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, 
 def _readable(value: object) -> object:
     """Return numbers as a list, of many the digest, and an object in words."""
     if isinstance(value, np.ndarray | np.generic):
-        if value.size <= SHOWN and value.dtype.kind in "biuf":
+        if value.size <= SHOWN_NUMBERS and value.dtype.kind in "biuf":
             return value.tolist()
         digest = hashlib.sha256(value.tobytes()).hexdigest()[:16]
         return f"{value.shape} numbers with the digest {digest}"
@@ -207,7 +209,7 @@ def _first_difference(
     """
     sizes, floor = np.abs(np.where(np.isfinite(was), was, 0.0)), np.zeros(was.shape[1])
     for part in posterior.columns.values():
-        floor[part] = FLOOR * sizes[:, part].max(initial=0.0)
+        floor[part] = LEAST_DIFFERENCE * sizes[:, part].max(initial=0.0)
     same = np.isclose(now, was, tolerance, tolerance * floor, equal_nan=True)
     if same.all():
         return ""

@@ -42,7 +42,7 @@ TABLES = (
 # Transactions are begun here; another program that reads or writes is waited for, 60 s.
 OPTIONS: Any = dict(timeout=60.0, isolation_level=None, check_same_thread=False)
 SLOW = 0.1  # s between records from which each of them survives a power loss too
-MOST = 256  # points of a batch that a kill may lose
+MOST_LOST = 256  # points of a batch that a kill may lose
 
 
 class Record(NamedTuple):
@@ -373,7 +373,9 @@ class StoredEvaluation:
 
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``, part by part."""
-        parts = [theta[i : i + MOST] for i in range(0, len(theta), MOST)] or [theta]
+        parts = [theta[i : i + MOST_LOST] for i in range(0, len(theta), MOST_LOST)] or [
+            theta
+        ]
         return np.concatenate([self.stack(part, "rows") for part in parts])
 
     @property

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     )
     from ..extensions.population.figure import plot_population as plot_population
 
-LATER = {  # figures of extensions, and where they are
+FIGURES_LATER = {  # figures of extensions, and where they are
     "plot_comparison": "comparison",
     "plot_model_comparison": "comparison",
     "plot_population": "population",
@@ -35,12 +35,12 @@ LATER = {  # figures of extensions, and where they are
 
 def __getattr__(name: str) -> Any:
     """Import the figure of an extension when it is first asked for."""
-    if name not in LATER:
+    if name not in FIGURES_LATER:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    where = f"..extensions.{LATER[name]}.figure"
+    where = f"..extensions.{FIGURES_LATER[name]}.figure"
     return getattr(import_module(where, __name__), name)
 
 
 def __dir__() -> list[str]:
     """Return all names, for completion also those of extensions."""
-    return [*globals(), *LATER]
+    return [*globals(), *FIGURES_LATER]

@@ -8,14 +8,14 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from ..contracts import Floats
 
 RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations
-SHARES = 0.95, 0.5  # of the draws in the regions
+REGION_SHARES = 0.95, 0.5  # of the draws in the regions
 CELLS = 160  # along an axis
 LINE = 1e-8  # 1 - r^2 of points on a line
 SMOOTH = 1.25  # times Scott's rule, for even outlines
 TENTH = 0.251  # standard deviations of a Gaussian that hold its middle tenth
 # Area that region and ellipse share, over that of both, from which draws count as
 # Gaussian; the second for one independent draw, since few draws make ragged regions.
-ALIKE, NOISE = 0.8, 1.5
+SAME_WIDTH, GRID_NOISE = 0.8, 1.5
 
 
 def covariance_ellipse(points: Floats) -> tuple[Floats, float]:
@@ -78,7 +78,7 @@ def estimate_density(
     at_points = np.zeros(len(points))  # none where the axes do not reach
     places = ((z - low) / cells - 0.5).T
     at_points[: len(near)] = map_coordinates(values, places, order=1)
-    levels = np.quantile(at_points, 1 - np.array(SHARES))
+    levels = np.quantile(at_points, 1 - np.array(REGION_SHARES))
     centres = low + cells * (0.5 + np.arange(CELLS)[:, None])
     x = centre + np.stack(np.meshgrid(*centres.T, indexing="ij"), axis=-1) @ turn.T
     covariance = np.cov(points, rowvar=False)
@@ -93,5 +93,5 @@ def estimate_density(
     reach = RADIUS * np.sqrt(np.diag(covariance))
     ends = points.mean(axis=0) + np.outer([-1, 1], reach)
     fits = ((ends >= limits[:, 0]) & (ends <= limits[:, 1])).all()
-    gaussian = bool(fits and overlap > ALIKE - NOISE / math.sqrt(size))
+    gaussian = bool(fits and overlap > SAME_WIDTH - GRID_NOISE / math.sqrt(size))
     return (x[..., 0], x[..., 1], values), levels, gaussian

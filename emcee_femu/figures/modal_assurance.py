@@ -15,7 +15,7 @@ from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import RED, Style, finish, subplots
 
-FEW = 3  # modes of the model up to which the two panels are beside each other
+FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
 ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
 
 
@@ -73,7 +73,7 @@ def plot_mac(
     mac = dataset(idata, "response")[test.full_name("mac")].values
     ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
     m, q = after.mac.shape
-    across = len(solved) if q <= FEW else 1
+    across = len(solved) if q <= FEW_MODES else 1
     down = len(solved) // across
     size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
     figure, panels = subplots(len(solved), across, size)

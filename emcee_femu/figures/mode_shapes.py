@@ -20,13 +20,13 @@ from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
 
 Moves: TypeAlias = dict[Hashable, Floats]  # displacements (3,) by node
 
-COLUMNS, PANEL = 3, 2.33  # panels beside each other; inches of each
-LARGEST = 0.15  # displacement drawn, of the size of the structure
-MARGIN = 0.17  # around the structure, of its size
+SHAPE_COLUMNS, SHAPE_PANEL = 3, 2.33  # panels beside each other; inches of each
+LARGEST_DRAWN = 0.15  # displacement drawn, of the size of the structure
+SHAPE_MARGIN = 0.17  # around the structure, of its size
 # A view in space: from how far to the side, and from how far above.
 SIDE, ABOVE = math.radians(30), math.radians(22)
-ROTATIONS = ":rx", ":ry", ":rz"  # of a node, which move none
-SMALL = 1e-9
+ROTATION_DOFS = ":rx", ":ry", ":rz"  # of a node, which move none
+NO_EXTENT = 1e-9
 
 
 def plot_shapes(
@@ -111,11 +111,11 @@ def plot_shapes(
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
     low, high = (nodes @ view.T).min(axis=0), (nodes @ view.T).max(axis=0)
     size = float(np.linalg.norm(high - low)) or 1.0
-    low, high = low - MARGIN * size, high + MARGIN * size
-    rows = -(-len(numbers) // COLUMNS)
+    low, high = low - SHAPE_MARGIN * size, high + SHAPE_MARGIN * size
+    rows = -(-len(numbers) // SHAPE_COLUMNS)
     columns = -(-len(numbers) // rows)
     slope = np.clip(np.divide(*(high - low)[::-1]), 0.3, 1.6)
-    inches = max(PANEL * columns, 3.6), 0.6 + rows * (0.4 + PANEL * slope)
+    inches = max(SHAPE_PANEL * columns, 3.6), 0.6 + rows * (0.4 + SHAPE_PANEL * slope)
     figure, panels = subplots(len(numbers), columns, inches)
     for axes, number, mode in zip(panels, numbers, drawn, strict=True):
         _draw_mode(axes, geometry, view, [_scale(part, mode, size) for part in mode])
@@ -123,7 +123,7 @@ def plot_shapes(
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         axes.set(xticks=[], yticks=[], frame_on=False)
     _draw_directions(panels[0], view, low + 0.05 * size, 0.12 * size)
-    below = BELOW | {"ncols": 4 if columns == COLUMNS else 2, "fontsize": 8}
+    below = BELOW | {"ncols": 4 if columns == SHAPE_COLUMNS else 2, "fontsize": 8}
     figure.legend(handles=panels[0].get_legend_handles_labels()[0], **below)
     figure.draw_without_rendering()  # the layout of such axes settles in two passes
     return finish(figure, idata)
@@ -150,7 +150,7 @@ def _displace(modes: ModeShapes, geometry: Geometry, i: int) -> list[Moves]:
     unknown = [
         dof
         for dof in values
-        if geometry.locate(dof) is None and not str(dof).endswith(ROTATIONS)
+        if geometry.locate(dof) is None and not str(dof).endswith(ROTATION_DOFS)
     ]
     moves = _move_nodes(geometry, values)
     if not moves or {*unknown} & {*sensors}:
@@ -187,15 +187,15 @@ def _move_nodes(geometry: Geometry, values: Mapping[Hashable, float]) -> Moves:
 def _scale(moves: Moves, mode: Sequence[Moves], size: float) -> Moves:
     """Return moves of a mode whose largest is a share of the structure's size."""
     largest = max(np.linalg.norm(move) for part in mode for move in part.values())
-    factor = LARGEST * size / max(float(largest), np.finfo(float).tiny)
+    factor = LARGEST_DRAWN * size / max(float(largest), np.finfo(float).tiny)
     return {node: factor * move for node, move in moves.items()}
 
 
 def _choose_view(nodes: Floats, moves: Sequence[Floats]) -> Floats:
     """Return where the axes x, y, z lead on the page, ``(2, 3)``."""
     largest = np.abs(moves).max(axis=0)
-    used = np.ptp(nodes, axis=0) > SMALL * np.ptp(nodes)
-    used |= largest > SMALL * largest.max()
+    used = np.ptp(nodes, axis=0) > NO_EXTENT * np.ptp(nodes)
+    used |= largest > NO_EXTENT * largest.max()
     if not used.all():
         axes = np.flatnonzero(used).tolist()
         spare = [axis for axis in range(3) if axis not in axes]

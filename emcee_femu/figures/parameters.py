@@ -18,10 +18,16 @@ from .density import covariance_ellipse, estimate_density
 from .style import BLUE, GREY, RED, Style, changing_draws, finish, scale_axes, subplots
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; ellipses and regions use every sample
-WIDTH = 7.0  # inches: that of a page
-LEFT, RIGHT, TITLE = 0.8, 0.15, 0.4  # inches beside the panels, and above with title
+PAGE_WIDTH = 7.0  # inches: that of a page
+LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = (
+    0.8,
+    0.15,
+    0.4,
+)  # inches beside the panels, and above with title
 LABEL, SMALLEST = 10.0, 6.0  # points
-FEWEST = 50.0  # independent draws that regions are drawn for, of however poor a chain
+FEWEST_INDEPENDENT = (
+    50.0  # independent draws that regions are drawn for, of however poor a chain
+)
 
 
 def plot_scatter(
@@ -77,8 +83,8 @@ def plot_scatter(
     labels, scale, limits, marks = scale_axes(idata, names, [draws], units, truths)
     draws = draws / scale
     d = len(names)
-    side = max(min(WIDTH, 2.0 + 1.2 * d), d)
-    panel = (side - LEFT - RIGHT) / d
+    side = max(min(PAGE_WIDTH, 2.0 + 1.2 * d), d)
+    panel = (side - LEFT_INCHES - RIGHT_INCHES) / d
     style: Style = {"plot_contours": False, "plot_density": False, "max_n_ticks": 4}
     figure: Figure = corner.corner(
         draws[np.random.default_rng(0).permutation(len(draws))[:MOST_POINTS]],
@@ -93,11 +99,16 @@ def plot_scatter(
     )
     figure.set_size_inches(side, side)
     finish(figure, idata)
-    above = TITLE if figure.get_suptitle() else RIGHT
-    figure.subplots_adjust(LEFT / side, LEFT / side, 1 - RIGHT / side, 1 - above / side)
+    above = TITLE_INCHES if figure.get_suptitle() else RIGHT_INCHES
+    figure.subplots_adjust(
+        LEFT_INCHES / side,
+        LEFT_INCHES / side,
+        1 - RIGHT_INCHES / side,
+        1 - above / side,
+    )
     panels = np.array(figure.axes).reshape(d, d)
     chains = samples(idata, var_names)[1]
-    sizes = np.fmax(np.nan_to_num(mean_sizes(chains)), FEWEST)  # effective
+    sizes = np.fmax(np.nan_to_num(mean_sizes(chains)), FEWEST_INDEPENDENT)  # effective
     drawn = set()
     for row, left in zip(*np.tril_indices(d, -1), strict=True):
         pair = [left, row]
@@ -114,7 +125,7 @@ def plot_scatter(
     is_shown = [d > 1, True in drawn, False in drawn, np.isfinite(marks).any()]
     handles = [h for h, shown in zip(handles, is_shown, strict=True) if shown]
     style = {"loc": "upper right", "frameon": False, "fontsize": min(11, 6.5 + d)}
-    style["bbox_to_anchor"] = (1.0, 1.0 - (above - RIGHT) / side)
+    style["bbox_to_anchor"] = (1.0, 1.0 - (above - RIGHT_INCHES) / side)
     figure.legend(handles=handles, **style)
     return figure
 
@@ -157,7 +168,7 @@ def _fit_labels(figure: Figure, panels: NDArray[np.object_], panel: float) -> No
         low, high = axis.get_view_interval()
         ticks = np.array(axis.get_majorticklocs())
         axis.set_ticks(ticks[np.abs(2 * ticks - low - high) < 0.9 * (high - low)])
-    away = -(LEFT - 0.25) / panel
+    away = -(LEFT_INCHES - 0.25) / panel
     for axis in bottom:
         axis.set_label_coords(0.5, away)
     for axis in beside:

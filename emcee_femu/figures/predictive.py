@@ -13,8 +13,8 @@ from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, RED, Style, finish, subplots
 
-MOST_LABELS = 24  # below a panel
-FAR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
+MOST_TICK_LABELS = 24  # below a panel
+FAR_PRIOR = 4.0  # times the updated deviations, beyond which the prior's go to the edge
 
 
 def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Figure:
@@ -69,7 +69,7 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Fig
             axes = next(remaining)
             _draw_mac(axes, part.mac)
         labels, below = _label(part)
-        step = ceil(len(labels) / MOST_LABELS)
+        step = ceil(len(labels) / MOST_TICK_LABELS)
         axes.set_xticks(range(0, len(labels), step), labels[::step])
         axes.set_xlabel(below)
     figure.legend(handles.values(), handles.keys(), **BELOW)
@@ -142,7 +142,7 @@ def _draw_mac(axes: Axes, mac: Floats) -> None:
 
 def _draw_initial(axes: Axes, before: Floats, shown: Floats, unit: str) -> None:
     """Draw the model at the prior mean, and set limits that hold what is ``shown``."""
-    near = np.abs(before) <= FAR * np.abs(shown).max()
+    near = np.abs(before) <= FAR_PRIOR * np.abs(shown).max()
     inside = np.append(shown, before[near])
     margin = 0.08 * float(np.ptp(inside)) or 1.0  # all alike only in an exact fit
     room = 3 * margin  # for arrows

@@ -16,8 +16,11 @@ from ..results.arviz_objects import prior_draws
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, scale_axes, subplots
 
-COLUMNS, PANEL = 3, (2.33, 1.7)  # panels beside each other; inches of each
-BINS, POINTS = 25, 400  # of the central 99 % of samples, and of an axis
+HISTOGRAM_COLUMNS, HISTOGRAM_PANEL = (
+    3,
+    (2.33, 1.7),
+)  # panels beside each other; inches of each
+HISTOGRAM_BINS, AXIS_POINTS = 25, 400  # of the central 99 % of samples, and of an axis
 
 
 def plot_prior_posterior(
@@ -66,11 +69,14 @@ def plot_prior_posterior(
     known = ~np.isnan(before[0])
     shown = [draws, np.where(known, before, draws.mean(axis=0))]
     labels, scale, limits, marks = scale_axes(idata, names, shown, units, truths)
-    columns = min(len(names), COLUMNS)
-    size = max(PANEL[0] * columns, 3.4), 0.4 + PANEL[1] * -(-len(names) // columns)
+    columns = min(len(names), HISTOGRAM_COLUMNS)
+    size = (
+        max(HISTOGRAM_PANEL[0] * columns, 3.4),
+        0.4 + HISTOGRAM_PANEL[1] * -(-len(names) // columns),
+    )
     figure, panels = subplots(len(names), columns, size)
     for i, axes in enumerate(panels):
-        grid = np.linspace(limits[i, 0], limits[i, 1], POINTS)
+        grid = np.linspace(limits[i, 0], limits[i, 1], AXIS_POINTS)
         density = _prior_density(posterior, names[i], grid * scale[i])
         if density is not None:
             axes.fill_between(grid, density, color=GREY, alpha=0.3)
@@ -110,7 +116,7 @@ def _prior_density(
 def _draw_histogram(axes: Axes, values: Floats, limits: Floats, color: str) -> None:
     """Draw a histogram of as many bins as the values fill well, its maximum 1."""
     low, high = np.quantile(values, [0.005, 0.995])
-    width = (high - low) / BINS
+    width = (high - low) / HISTOGRAM_BINS
     counts, edges = np.histogram(values, np.arange(limits[0], limits[1] + width, width))
     heights = counts / counts.max()
     axes.stairs(heights, edges, fill=True, color=color, alpha=0.35)

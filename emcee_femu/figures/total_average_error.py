@@ -15,7 +15,7 @@ from ..results.measured import measured_frequencies
 from ..results.to_arviz import read_samples
 from .style import Style, finish, subplots
 
-POINTS = 200  # generations at which the model is solved
+TAE_POINTS = 200  # generations at which the model is solved
 
 
 def plot_tae(
@@ -81,7 +81,7 @@ def running_tae(
     by_generation = samples(idata)[1].mean(axis=0)  # (draws, d)
     n = len(by_generation)
     means = np.cumsum(by_generation, axis=0) / np.arange(1, n + 1)[:, None]
-    where = np.unique(np.geomspace(1, n, POINTS).round().astype(int))
+    where = np.unique(np.geomspace(1, n, TAE_POINTS).round().astype(int))
     frequencies = posterior(means[where - 1])[:, posterior.columns[frequency.variable]]
     group = dataset(idata, "posterior")
     steps = 1.0 + group.get("step", group["draw"]).values[where - 1]

@@ -33,8 +33,8 @@ LEAST_SD = 1e-160
 # lognorm(1, scale=0.005) leaves standard deviations unknown where data are few.
 ERROR_PRIOR = "(0.001, 0.05)"
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
-LARGE = 0.1  # the same, where it may be
-ALONG = 6e-6  # relative change of a response, where no solve adds noise
+LARGE_ERROR_PRIOR = 0.1  # the same, where it may be
+RESPONSE_STEP = 6e-6  # relative change of a response, where no solve adds noise
 
 
 class Term:
@@ -145,7 +145,7 @@ class Term:
             slope = np.abs(tangents[name]).reshape(n, -1, d).max(axis=1)
             far = np.full((n, d), np.inf)
             relative = np.divide(largest[:, None], slope, out=far, where=slope > 0)
-            chosen = np.minimum(chosen, ALONG * relative)
+            chosen = np.minimum(chosen, RESPONSE_STEP * relative)
         return np.where(np.isfinite(chosen) & (chosen > 0), chosen, steps)
 
     def pointwise(self, parameters: Parameters, stored: Batch) -> Batch:
@@ -249,7 +249,9 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
     return numbers
 
 
-def doubt_percent(argument: str, relative: Floats, large: float = LARGE) -> None:
+def doubt_percent(
+    argument: str, relative: Floats, large: float = LARGE_ERROR_PRIOR
+) -> None:
     """Warn of relative standard deviations that may have been given in percent."""
     if (largest := relative.max()) > large:
         instead = "relative_sd" if argument == "sd" else argument

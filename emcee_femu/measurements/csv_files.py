@@ -12,7 +12,7 @@ import numpy as np
 from .. import checks
 
 Path = str | PathLike[str]
-HEADER = ["quantity", "sensor", "dof"]
+CSV_HEADER = ["quantity", "sensor", "dof"]
 # Rows of the CSV, in the order in which they are written: row -> field.
 QUANTITIES = {
     "frequency [Hz]": "frequencies",
@@ -25,14 +25,18 @@ QUANTITIES = {
     "shape sd": "shape_sd",
 }
 # As people write them, in any case: word -> that of the row.
-WORDS = {title.partition(" [")[0]: title for title in QUANTITIES}
-WORDS |= dict.fromkeys(
+CSV_WORDS = {title.partition(" [")[0]: title for title in QUANTITIES}
+CSV_WORDS |= dict.fromkeys(
     ("frequencies", "natural frequency", "freq", "f", "fn"), "frequency [Hz]"
 )
-WORDS |= dict.fromkeys(("std", "standard deviation", "frequency sd"), "sd [Hz]")
-WORDS |= dict.fromkeys(("damping", "zeta", "xi"), "damping ratio")
-WORDS |= {"damping std": "damping sd", "mode shape": "shape", "shape std": "shape sd"}
-TITLE = re.compile(r"(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])]|(%))?", re.S)  # word and unit
+CSV_WORDS |= dict.fromkeys(("std", "standard deviation", "frequency sd"), "sd [Hz]")
+CSV_WORDS |= dict.fromkeys(("damping", "zeta", "xi"), "damping ratio")
+CSV_WORDS |= {
+    "damping std": "damping sd",
+    "mode shape": "shape",
+    "shape std": "shape sd",
+}
+CSV_TITLE = re.compile(r"(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])]|(%))?", re.S)  # word and unit
 PER_SENSOR = ("shapes", "shape_sd")
 PARTLY = (*PER_SENSOR, "sd", "damping", "damping_sd")  # a blank: not known
 
@@ -44,7 +48,7 @@ def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
     labels = [f"mode {i + 1}" for i in range(len(fields["frequencies"]))]
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*HEADER, *labels])
+        writer.writerow([*CSV_HEADER, *labels])
         for quantity, field in QUANTITIES.items():
             if fields[field] is None:
                 continue
@@ -73,9 +77,9 @@ def read_csv(path: Path) -> dict[str, Any]:
         ) from None
     titles = _trim(rows[0][1]) if rows else []
     named = [title.lower() for title in titles[:3]]
-    if named != HEADER or len(titles) < 4 or not all(titles):
+    if named != CSV_HEADER or len(titles) < 4 or not all(titles):
         raise ValueError(
-            f"{path}, line 1: expected the titles {','.join(HEADER)},mode 1,.. "
+            f"{path}, line 1: expected the titles {','.join(CSV_HEADER)},mode 1,.. "
             f"separated by commas, semicolons or tabs, got {','.join(titles)!r}; "
             "modes are columns, and Measurements.to_csv writes an example"
         )
@@ -137,9 +141,9 @@ def _read_dof(cell: str) -> int | str:
 
 def _read_title(place: str, title: str) -> tuple[str, float]:
     """Return what a row holds, and the factor of its unit."""
-    match = TITLE.fullmatch(title.lower())
+    match = CSV_TITLE.fullmatch(title.lower())
     word, unit, sign = ("", "", "") if match is None else match.groups("")
-    known = WORDS.get(word, "")
+    known = CSV_WORDS.get(word, "")
     field, percent = QUANTITIES.get(known), "%" in (unit, sign)
     if percent:
         fits = field in ("damping", "damping_sd")

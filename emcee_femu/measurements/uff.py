@@ -17,18 +17,21 @@ Indices: TypeAlias = NDArray[np.intp]
 DataSet: TypeAlias = Mapping[str, Any]  # as pyuff reads it
 END = "    -1"  # the line before and after a data set
 BINARY = "    58b"  # begins one whose values END follows on the same line
-NORMAL, COMPLEX = 2, (3, 7)  # types of analysis: modes, and complex ones of two orders
+NORMAL_MODES, COMPLEX_MODES = (
+    2,
+    (3, 7),
+)  # types of analysis: modes, and complex ones of two orders
 # Types of data that are shapes: unknown, general, displacement, velocity, acceleration.
 MOTIONS = (0, 1, 8, 11, 12)
 COMPLEX_DATA = (5, 6)  # of single and double precision
 # Widths of columns are not relied on: numbers may touch, "1.0E+00-2.0E+00".
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ED][-+]?\d+)?", re.I)
+UFF_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ED][-+]?\d+)?", re.I)
 FRF, COHERENCE = 4, 6  # types of functions
-UNKNOWN = (0, 1)  # types of ordinates: unknown and general
+UNKNOWN_ORDINATES = (0, 1)  # types of ordinates: unknown and general
 ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
 FORCE, FREQUENCY, IEEE = 13, 18, 2
-AXES = ("x", "y", "z", "rx", "ry", "rz")
-DIRECTIONS = range(-6, 7)  # 0: not stated, or a scalar
+UFF_AXES = ("x", "y", "z", "rx", "ry", "rz")
+UFF_DIRECTIONS = range(-6, 7)  # 0: not stated, or a scalar
 ENDS = "rsp", "ref"
 
 
@@ -185,10 +188,14 @@ def _read_header(place: str, kind: str, lines: list[str]) -> Mode | None:
     except (IndexError, ValueError):
         raise ValueError(f"{place}: its header is not that of type {kind}") from None
     at_nodes = kind == "55" or lines[3].strip() == "1"
-    if analysis not in (NORMAL, *COMPLEX) or motion not in MOTIONS or not at_nodes:
+    if (
+        analysis not in (NORMAL_MODES, *COMPLEX_MODES)
+        or motion not in MOTIONS
+        or not at_nodes
+    ):
         return None
     reals = np.append(_read_numbers(place, lines[of_reals]), np.zeros(12))
-    if analysis == NORMAL:
+    if analysis == NORMAL_MODES:
         hertz, viscous, hysteretic = reals[normal]
         damping = viscous if viscous > 0 else hysteretic / 2
     else:
@@ -202,9 +209,9 @@ def _read_header(place: str, kind: str, lines: list[str]) -> Mode | None:
 def _read_numbers(place: str, lines: Sequence[str]) -> Floats:
     """Return all numbers of some lines, which hold nothing else."""
     text = "\n".join(lines)
-    if others := NUMBER.sub(" ", text).split():
+    if others := UFF_NUMBER.sub(" ", text).split():
         raise ValueError(f"{place}: expected numbers, got {others[0]!r}")
-    found = [number.upper().replace("D", "E") for number in NUMBER.findall(text)]
+    found = [number.upper().replace("D", "E") for number in UFF_NUMBER.findall(text)]
     return np.array(found, dtype=np.float64)
 
 
@@ -233,7 +240,7 @@ def _nodal_values(mode: Mode) -> dict[str, complex]:
     return {
         f"{node:.0f}:{axis}": value
         for node, row in zip(nodes, values.tolist(), strict=True)
-        for axis, value in zip(AXES, row, strict=False)
+        for axis, value in zip(UFF_AXES, row, strict=False)
     }
 
 
@@ -330,9 +337,13 @@ def _check_function(place: str, data: DataSet) -> None:
     """Refuse a function that is not what is read, or not wholly there."""
     for what, got, expected in (
         ("binary numbers of format", data.get("fp_format", IEEE), (IEEE,)),
-        ("an abscissa of type", data["abscissa_spec_data_type"], (*UNKNOWN, FREQUENCY)),
-        ("a response direction of", data["rsp_dir"], DIRECTIONS),
-        ("a reference direction of", data["ref_dir"], DIRECTIONS),
+        (
+            "an abscissa of type",
+            data["abscissa_spec_data_type"],
+            (*UNKNOWN_ORDINATES, FREQUENCY),
+        ),
+        ("a response direction of", data["rsp_dir"], UFF_DIRECTIONS),
+        ("a reference direction of", data["ref_dir"], UFF_DIRECTIONS),
         ("a number of values of", len(data["data"]), (data["num_pts"],)),
     ):
         if got not in expected:
@@ -345,8 +356,8 @@ def _find_kind(place: str, data: DataSet, kind: str | None) -> str:
     stated = ORDINATES.get(above, kind)
     if (
         kind not in (None, stated)
-        or above not in (*UNKNOWN, *ORDINATES)
-        or below not in (*UNKNOWN, FORCE)
+        or above not in (*UNKNOWN_ORDINATES, *ORDINATES)
+        or below not in (*UNKNOWN_ORDINATES, FORCE)
     ):
         raise ValueError(
             f"{place}: type {above} over {below} is not kind={kind!r}; expected one of "
@@ -364,7 +375,7 @@ def _find_channel(data: DataSet, units: DataSet) -> tuple[tuple[str, str], float
     """Return labels of DOFs, and the factor to SI and to directions along the axes."""
     response, reference = directions = [int(data[f"{end}_dir"]) for end in ENDS]
     first, second = (
-        f"{int(data[f'{end}_node'])}" + (f":{AXES[abs(x) - 1]}" if x else "")
+        f"{int(data[f'{end}_node'])}" + (f":{UFF_AXES[abs(x) - 1]}" if x else "")
         for end, x in zip(ENDS, directions, strict=True)
     )
     sign = -1.0 if (response < 0) != (reference < 0) else 1.0

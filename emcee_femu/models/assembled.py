@@ -21,8 +21,8 @@ from .eigen_dense import Eigenproblem, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
 from .inputs import Dofs, Matrix, Where, choose_dofs, describe, read_batch, read_matrix
 
-STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
-MOST = 10**9  # DOFs, before it is known how many there are
+MATRIX_STEP = 1e-4  # of a parameter's value: matrices are then known to some 1e-8
+UNBOUNDED_DOFS = 10**9  # DOFs, before it is known how many there are
 
 Assemble: TypeAlias = Callable[[Mapping[str, float]], tuple[Matrix, Matrix]]
 
@@ -86,7 +86,7 @@ class AssembledModel:
                 "shapes: expected DOFs, or {label: DOF}, got True; how many DOFs there "
                 "are is not known before the first solve"
             )
-        dofs = choose_dofs("shapes", shapes, range(MOST))
+        dofs = choose_dofs("shapes", shapes, range(UNBOUNDED_DOFS))
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
         self._output: Floats | None = None  # of a basis, at these DOFs
@@ -158,7 +158,7 @@ class AssembledModel:
     ) -> tuple[ModalSolution, Derivatives]:
         K, M = ([matrix] for matrix in self.matrices(row))
         for name in by:
-            step = STEP * (abs(row[name]) or 1.0)
+            step = MATRIX_STEP * (abs(row[name]) or 1.0)
             sides = [row | {name: row[name] + move} for move in (step, -step)]
             ahead, behind = map(self.matrices, sides)
             for units, high, low in zip((K, M), ahead, behind, strict=True):

@@ -13,7 +13,9 @@ from .. import checks
 from ..contracts import Floats, Parameters
 from .inputs import Matrix, describe, read_batch, read_matrix
 
-STEP = 1e-3  # of a parameter's value: the differences are exact up to fourth powers
+COEFFICIENT_STEP = (
+    1e-3  # of a parameter's value: the differences are exact up to fourth powers
+)
 # At two and at one steps on either side of a value, by the step.
 STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 
@@ -113,7 +115,7 @@ def _differentiate(
     if coefficient[1] is None:
         return np.ones(n)
     value = values[name]
-    step = STEP * np.where(value != 0, np.abs(value), 1.0)
+    step = COEFFICIENT_STEP * np.where(value != 0, np.abs(value), 1.0)
     change = np.zeros(n)
     for steps, weight in STENCIL.items():
         moved = {**values, name: value + steps * step}

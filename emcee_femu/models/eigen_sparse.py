@@ -31,12 +31,12 @@ from .factorization import Factor, factor_definite, factor_indefinite
 from .inputs import Where
 
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
-TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
+SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
 BLOCK = 4  # start vectors: three equal modes, as of a free cube, need no more
-EQUAL = (
+EQUAL_MODES = (
     1e-6  # relative distance of eigenvalues that count as equal, far above TOLERANCE
 )
-DEPENDENT = (
+LANCZOS_DEPENDENT = (
     1e-14  # squared length, of one, that rounding leaves of what is in the space
 )
 
@@ -276,8 +276,8 @@ def _krylov(factor: Factor, M: csc_array, count: int, skip: int) -> Pairs:
         values, axes = values[order], axes[:, order]
         rest = X @ axes[size:]  # what the space lacks of the image of each vector
         lacking = np.sqrt(np.einsum("ij,ij->j", rest, M @ rest))
-        if full or (lacking <= TOLERANCE * abs(values) + space.rounding).all():
-            apart = np.diff(values[skip:]) < -EQUAL * values[skip + 1 :]
+        if full or (lacking <= SHAPE_TOLERANCE * abs(values) + space.rounding).all():
+            apart = np.diff(values[skip:]) < -EQUAL_MODES * values[skip + 1 :]
             ends = np.flatnonzero([True, *apart, True])
             if full or np.diff(ends).max() < width:
                 return values, space.Q @ axes
@@ -322,7 +322,7 @@ class _KrylovSpace:
             size = size[long]
             scaled = gram[np.ix_(long, long)] / np.outer(size, size)
             squares, axes = np.linalg.eigh(scaled)
-            kept = squares > DEPENDENT
+            kept = squares > LANCZOS_DEPENDENT
             root = axes[:, kept] / size[:, None] / np.sqrt(squares[kept])
             X, MX = X[:, long] @ root, MX[:, long] @ root
         return X, MX

@@ -17,17 +17,17 @@ from .coefficients import Power, Unit
 from .geometry import Geometry
 from .inputs import Matrix, read_matrix
 
-DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # 1 to 6 in FE programs
-WORDS = (*DIRECTIONS, "x", "y", "z", "rotx", "roty", "rotz")
-NAMES = {word: number % 6 + 1 for number, word in enumerate(WORDS)}
+DOF_DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # 1 to 6 in FE programs
+DOF_WORDS = (*DOF_DIRECTIONS, "x", "y", "z", "rotx", "roty", "rotz")
+NAMES = {word: number % 6 + 1 for number, word in enumerate(DOF_WORDS)}
 FORM = re.compile(r"\s*(?:node)?\s*(-?\d+)\s*[:, ]\s*(\w+)\s*", re.I)
 # Entries of exports are compared with sqrt(d_i d_j), d the diagonal: units and stiff
 # parts of a model do not matter then.
-NOISE = 1e-12  # what is left of entries that did not change, and is dropped
+UNCHANGED = 1e-12  # what is left of entries that did not change, and is dropped
 UNCHANGED = 1e-9  # a matrix that differs by less is the same
 CURVED = 1e-6  # share of a change by which it may be off a polynomial
 POWERS = 1, 2, 3  # of a parameter
-FEW = 200  # DOFs of Matrices up to which dense ones are solved faster, in batches
+FEW_DOFS = 200  # DOFs of Matrices up to which dense ones are solved faster, in batches
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,7 +91,7 @@ class Matrices(Report):
         ``r^T M r`` with 1 at the DOFs of one direction; compare it with what you know.
         """
         axes = [label.rpartition(":")[2] for label in self.labels]
-        there = [axis for axis in DIRECTIONS[:3] if axis in axes]
+        there = [axis for axis in DOF_DIRECTIONS[:3] if axis in axes]
         moves = {axis: np.equal(axes, axis).astype(float) for axis in there}
         return {axis: float(x @ self.M @ x) for axis, x in moves.items()}
 
@@ -165,7 +165,7 @@ def fit_polynomials(
     checks.mapping("changes", changes, "{parameter: {value: matrices}}")
     names = checks.parameter_names("changes", changes)
     values = dict.fromkeys(names, 1.0) | checks.by_name("at", at, names)
-    few = isinstance(base, Matrices) and first["M"].shape[0] <= FEW
+    few = isinstance(base, Matrices) and first["M"].shape[0] <= FEW_DOFS
     dense = few and first["M"].diagonal().min() > 0 or not issparse(_split(base)["K"])
     keep = csc_array.toarray if dense else csc_array
     constants = dict(first)
@@ -288,7 +288,7 @@ def _scale(matrix: csc_array, reference: csc_array) -> csc_array:
 
 def _drop(matrix: csc_array, reference: csc_array) -> csc_array:
     """Return a matrix without entries that are noise beside a reference's diagonal."""
-    return csc_array(matrix.multiply(_scale(matrix, reference) > NOISE))
+    return csc_array(matrix.multiply(_scale(matrix, reference) > UNCHANGED))
 
 
 def read_name(name: str) -> str:
@@ -305,7 +305,7 @@ def read_name(name: str) -> str:
 
 def write_name(node: int | str, direction: int | str) -> str:
     """Return the name of a DOF, such as ``"12:uz"``; from 7 on the number is kept."""
-    named: dict[int | str, str] = dict(enumerate(DIRECTIONS, 1))
+    named: dict[int | str, str] = dict(enumerate(DOF_DIRECTIONS, 1))
     return f"{node}:{named.get(direction, direction)}"
 
 

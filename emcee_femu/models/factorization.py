@@ -29,7 +29,7 @@ from ..contracts import Floats
 # Of a constraint, beside that of the DOFs it ties: as much is left after a solve, its
 # square after a refinement; rounding is amplified by its inverse, and refined alike.
 COMPLIANCE = 1e-8
-LARGE = 5_000  # DOFs; SuperLU takes a few tenths of a second at most for fewer
+LARGE_DOFS = 5_000  # DOFs; SuperLU takes a few tenths of a second at most for fewer
 DEFINITE, INDEFINITE = 2, -2  # PARDISO's types of real symmetric matrices
 REPRODUCIBLE = 2  # mode of MKL: the same bits from any number of threads
 ZERO_PIVOT = -4  # its error code, of a negative pivot of a definite matrix too
@@ -109,7 +109,9 @@ def factor_indefinite(A: csc_array, threshold: float = 0.0) -> Factor:
 
 
 def _pardiso_pays(A: csc_array) -> bool:
-    if A.shape[0] < LARGE or not A.diagonal().all():  # it wants every diagonal stored
+    if (
+        A.shape[0] < LARGE_DOFS or not A.diagonal().all()
+    ):  # it wants every diagonal stored
         return False
     try:
         import pypardiso  # noqa: F401

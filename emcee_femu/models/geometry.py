@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Floats
 
-AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
+UNIT_AXES = {"ux": (1.0, 0.0, 0.0), "uy": (0.0, 1.0, 0.0), "uz": (0.0, 0.0, 1.0)}
 Node: TypeAlias = Hashable
 
 
@@ -83,12 +83,12 @@ class Geometry:
             label = f"sensors[{dof!r}]"
             node, along = checks.group(label, sensor, "(node, direction)", 2)
             self._check_node(label, node)
-            if isinstance(along, str) and along not in AXES:
+            if isinstance(along, str) and along not in UNIT_AXES:
                 raise ValueError(
-                    f"{label}: expected a direction out of {' '.join(AXES)} or a "
+                    f"{label}: expected a direction out of {' '.join(UNIT_AXES)} or a "
                     f"vector, got {along!r}"
                 )
-            vector = AXES[along] if isinstance(along, str) else along
+            vector = UNIT_AXES[along] if isinstance(along, str) else along
             vector = checks.real_array(label, vector, 1)
             if vector.size != 3 or not vector.any():
                 raise ValueError(f"{label}: expected a vector of three, got {along!r}")
@@ -102,8 +102,8 @@ class Geometry:
         if dof in self.sensors:
             return self.sensors[dof]
         node, _, direction = str(dof).rpartition(":")
-        if node in self._by_text and direction in AXES:
-            return self._by_text[node], np.array(AXES[direction])
+        if node in self._by_text and direction in UNIT_AXES:
+            return self._by_text[node], np.array(UNIT_AXES[direction])
         return None
 
     def _check_node(self, label: str, node: Node) -> None:

@@ -35,10 +35,12 @@ Indices: TypeAlias = NDArray[np.intp]
 # What a model's jacobian, or its spread, is.
 Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
 
-DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
+CLUSTER_DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
-STEP = 1e-4  # by which derivatives move shapes, and frequencies as a share of min_gap
+SHAPE_STEP = (
+    1e-4  # by which derivatives move shapes, and frequencies as a share of min_gap
+)
 
 
 class PairedModel:
@@ -179,7 +181,7 @@ class PairedModel:
         speed = (np.abs(tangents[0]) / modes[0]).max(axis=2) / (self.min_gap or 1.0)
         size = np.abs(modes[1]).max(axis=(1, 2))
         speed += np.abs(tangents[1]).max(axis=(2, 3)) / size
-        steps = STEP / np.where(speed > 0, speed, 1.0)
+        steps = SHAPE_STEP / np.where(speed > 0, speed, 1.0)
         slopes = derive_along(pair_again, modes, tangents, steps, names)
         exact = np.take_along_axis(tangents[0], chosen[None], axis=2)
         slopes["frequency"] = dict(zip(names, exact, strict=True))
@@ -415,7 +417,9 @@ def _widen(measured: Floats, unit: Floats, weights: Floats) -> tuple[Floats, Flo
         for earlier in axes * 2:  # Gram-Schmidt, twice for accuracy
             axis = axis - earlier * (earlier * axis).sum(axis=1, keepdims=True)
         length = np.linalg.norm(axis, axis=1, keepdims=True)
-        axis = axis * np.where(length > DEPENDENT, 1 / np.maximum(length, DEPENDENT), 0)
+        axis = axis * np.where(
+            length > CLUSTER_DEPENDENT, 1 / np.maximum(length, CLUSTER_DEPENDENT), 0
+        )
         axes.append(axis)
         weight, t = weights[row, place][:, None], axis @ measured
         first += weight * t**2

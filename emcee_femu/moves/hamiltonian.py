@@ -18,15 +18,15 @@ from .proposing import Indices, ProposingMove, check_state, overwrite, refresh
 JITTER = 0.2  # of the step size, against trajectories that come back to their start
 # Share of trajectories with steps down to a thirtieth: far from the posterior, in
 # valleys that are narrower than it, no other would be accepted.
-CAREFUL, LEAST = 0.1, 1 / 30
+CAREFUL, LEAST_STEP = 0.1, 1 / 30
 # Of the tuning.
-FEWEST = 8  # samples
-ACCEPTED = 0.8  # share of proposals at which the step size is best, or nearly so
-ROUNDS = 5  # of trajectories that adjust the step size
+FEWEST_TUNED = 8  # samples
+BEST_ACCEPTANCE = 0.8  # share of proposals at which the step size is best, or nearly so
+TUNING_ROUNDS = 5  # of trajectories that adjust the step size
 RECORDED = 4  # of those that choose the number of steps
-FIRST = 0.4  # step size of the first round
+FIRST_STEP = 0.4  # step size of the first round
 LONGEST = 3.3  # sum of the steps: half a period of the slowest oscillation, if it fits
-MOST = 64  # steps, should the metric fit badly
+MOST_LEAPS = 64  # steps, should the metric fit badly
 
 # Points (k, d) to rows (k, columns), which begin with the log density, and its
 # gradients (k, d).
@@ -160,7 +160,7 @@ class HamiltonianMove(Move):
         random = model.random
         momenta = random.standard_normal((n, ndim))
         usual = random.uniform(1 - JITTER, 1 + JITTER, n)
-        careful = LEAST ** random.uniform(0, 1, n)
+        careful = LEAST_STEP ** random.uniform(0, 1, n)
         factors = np.where(random.uniform(0, 1, n) < CAREFUL, careful, usual)
         sizes = self.step_size * factors
         # Only those that moved cost a solve. The rest is not stored with the state: a
@@ -303,19 +303,19 @@ def tune_steps(leapfrog: Leapfrog, theta: Floats, rng: Generator) -> tuple[int, 
     rows, gradient = leapfrog.evaluate(theta)
     here = Points(np.arange(len(theta)), theta, 0 * theta, rows, gradient).finite()
     n = len(here.walkers)
-    if n < FEWEST:
+    if n < FEWEST_TUNED:
         raise ValueError(
-            f"samples: expected at least {FEWEST} where the posterior is above zero, "
-            f"got {n}"
+            f"samples: expected at least {FEWEST_TUNED} where the posterior is above "
+            f"zero, got {n}"
         )
     here = here._replace(walkers=np.arange(n))
-    size, sizes = FIRST, []
-    for _ in range(ROUNDS):
+    size, sizes = FIRST_STEP, []
+    for _ in range(TUNING_ROUNDS):
         end, chance = _travel(leapfrog, here, LONGEST / 2, size, rng)[-1]
         # Those that left the bounds say nothing of h, unless most of them did.
         most_left = len(end.walkers) < n / 2
         accepted = chance.sum() / (n if most_left else max(1, len(end.walkers)))
-        ratio = ndtri(ACCEPTED / 2) / ndtri(np.clip(accepted, 0.02, 0.98) / 2)
+        ratio = ndtri(BEST_ACCEPTANCE / 2) / ndtri(np.clip(accepted, 0.02, 0.98) / 2)
         size *= float(np.clip(np.sqrt(ratio), 0.3, 1.6))
         sizes.append(size)
         here = _accept(here, end, chance, rng)
@@ -349,7 +349,7 @@ def _travel(
     sizes = size * rng.uniform(1 - JITTER, 1 + JITTER, len(start.walkers))
     here = start._replace(momenta=rng.standard_normal(start.coords.shape))
     before, path = here.log_density, []
-    for _ in range(int(np.clip(np.ceil(length / size), 1, MOST))):
+    for _ in range(int(np.clip(np.ceil(length / size), 1, MOST_LEAPS))):
         here = leapfrog.step(here, sizes)
         gain = here.log_density - before[here.walkers]
         path.append((here, np.exp(np.minimum(gain, 0))))

@@ -13,13 +13,13 @@ from .. import checks
 from ..contracts import Floats
 
 GAUSSIAN = 1e6  # degrees of freedom from which a component is one
-MOST_COMPONENTS = 6  # that a fit chooses
-MOST_DRAWS = 20_000  # more do not make a fit better, only slower
-ITERATIONS, TOLERANCE = 300, 1e-5
+MOST_FITTED = 6  # that a fit chooses
+MOST_FIT_DRAWS = 20_000  # more do not make a fit better, only slower
+EM_ITERATIONS, EM_TOLERANCE = 300, 1e-5
 PER_PARAMETER = 10  # draws that a component needs
-COVER = 0.1  # weight of the component that covers gaps between the others
-RIDGE = 1e-6  # of the variance of all draws
-ROUNDED = 1e-9  # of the sum of weights: rounding, of up to a million components
+COVER_WEIGHT = 0.1  # weight of the component that covers gaps between the others
+LEAST_VARIANCE_SHARE = 1e-6  # of the variance of all draws
+WEIGHTS_ROUNDED = 1e-9  # of the sum of weights: rounding, of up to a million components
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Mixture:
 
     def __post_init__(self) -> None:
         """Check the weights."""
-        if abs(self.weights.sum() - 1) > ROUNDED:
+        if abs(self.weights.sum() - 1) > WEIGHTS_ROUNDED:
             raise ValueError(
                 f"weights: expected a sum of one, got {self.weights.sum()}; divide "
                 "them by their sum"
@@ -189,13 +189,13 @@ class Mixture:
         if n < fewest or not d:
             raise ValueError(f"samples: expected {fewest} draws or more, got {n}")
         # Evenly spaced, so that every walker and time of a chain takes part.
-        draws = draws[np.linspace(0, n - 1, min(n, MOST_DRAWS)).astype(int)]
+        draws = draws[np.linspace(0, n - 1, min(n, MOST_FIT_DRAWS)).astype(int)]
         # Whitened by all draws: scales may differ by 1e11, correlations be 0.99999.
         centre = draws.mean(axis=0)
         covariance = np.atleast_2d(np.cov(draws, rowvar=False))
         factor = checks.covariance_factor("samples (their covariance)", covariance)
         white = (draws - centre) @ np.linalg.inv(factor).T
-        most = min(MOST_COMPONENTS, len(draws) // (PER_PARAMETER * d))
+        most = min(MOST_FITTED, len(draws) // (PER_PARAMETER * d))
         counts = range(1, most + 1) if components == "auto" else [components]
         whole = _fit_white(white, 1, df)
         fits = [whole if k == 1 else _fit_white(white, k, df) for k in counts]
@@ -208,7 +208,7 @@ class Mixture:
         best, _ = min(possible, key=lambda fit: fit[1])
         weights, means, matrices = best.weights, best.means, best.matrices
         if len(weights) > 1:
-            weights = np.append((1 - COVER) * weights, COVER)
+            weights = np.append((1 - COVER_WEIGHT) * weights, COVER_WEIGHT)
             means = np.vstack([means, whole[0].means])
             matrices = np.concatenate([matrices, whole[0].matrices])
         return cls(weights, centre + means @ factor.T, factor @ matrices @ factor.T, df)
@@ -230,7 +230,7 @@ def _fit_white(x: Floats, count: int, df: float) -> tuple[Mixture, float] | None
         df,
     )
     shares = np.full(n, 1 / n)
-    fitted, mean_log = start.improve(x, shares, ITERATIONS, TOLERANCE)
+    fitted, mean_log = start.improve(x, shares, EM_ITERATIONS, EM_TOLERANCE)
     if len(fitted.weights) < count or fitted.weights.min() * n < 2 * d:
         return None
     n_parameters = count * (1 + d + d * (d + 1) / 2) - 1
@@ -244,6 +244,8 @@ def _widen(matrices: Floats) -> Floats:
     A walker that hardly moved, caught in a local mode, needs a component of its own:
     only then do independence proposals set it free.
     """
-    narrow = np.linalg.eigvalsh(matrices)[:, 0] < RIDGE
-    ridges: Floats = RIDGE * np.eye(matrices.shape[1]) * narrow[:, None, None]
+    narrow = np.linalg.eigvalsh(matrices)[:, 0] < LEAST_VARIANCE_SHARE
+    ridges: Floats = (
+        LEAST_VARIANCE_SHARE * np.eye(matrices.shape[1]) * narrow[:, None, None]
+    )
     return matrices + ridges

@@ -25,7 +25,7 @@ Sides: TypeAlias = tuple[tuple[float, ...], ...]
 
 # Of the prior's scale: eigenvalues that are good to 1e-10 then give derivatives that
 # are good to 1e-5, those of dense solvers to 1e-9, and curvature costs about as much.
-STEP = 3e-5
+SMALL_STEP = 3e-5
 COARSE = 3e-3  # for a search: frequencies that are good to six digits will do
 GRAINED = 0.1  # the same of fewer digits: a frequency of four errs by 3 % of the change
 DIGITS = 5  # up to which numbers are taken for printed ones; six do no harm
@@ -81,7 +81,11 @@ class Stencil(NamedTuple):
 
 
 def place(
-    prior: Prior, theta: Floats, scale: Floats, step: float = STEP, sides: Sides = SIDES
+    prior: Prior,
+    theta: Floats,
+    scale: Floats,
+    step: float = SMALL_STEP,
+    sides: Sides = SIDES,
 ) -> Stencil:
     """Return the points about ``theta (n, d)``, none outside the prior's support."""
     (n, d), k = theta.shape, len(sides[0])
@@ -148,7 +152,7 @@ def along_tangents(
     """
     low, high = posterior.prior.bounds.T
     room = np.minimum(theta - low, high - theta)  # a step is small beside it
-    size = STEP * posterior.scale
+    size = SMALL_STEP * posterior.scale
     steps = np.clip(1e-3 * room, 1e-6 * size, size)
     parameters = posterior.parameters(theta)
     units = zip(posterior.names, np.eye(posterior.ndim), strict=True)
@@ -191,7 +195,7 @@ def difference(
     """
     n, width = len(theta), len(posterior.rejected())
     law = law or (posterior.prior, posterior.scale)
-    how = (COARSE, ONE_SIDE) if searching else (STEP, SIDES)
+    how = (COARSE, ONE_SIDE) if searching else (SMALL_STEP, SIDES)
     stencil = place(law[0], theta, law[1], *how)
     evaluated = evaluate(stencil.points)
     if searching and is_printed(posterior, evaluated[:, :width]):

@@ -30,7 +30,7 @@ Tests: TypeAlias = Mapping[str, tuple[Model, Terms]]  # by the names of experime
 Directions: TypeAlias = Mapping[str, Mapping[str, Floats]]  # as spread returns them
 Ask: TypeAlias = Callable[[Parameters], tuple[Response, Directions]]
 
-SHOWN = 2  # parameter sets of a batch in a message
+SHOWN_SETS = 2  # parameter sets of a batch in a message
 
 
 class Solved(NamedTuple):
@@ -278,7 +278,7 @@ def name_sets(parameters: Parameters) -> dict[str, float] | list[object]:
     digits = 17 if n == 1 else 6  # which of several was wrong is not known anyway
     sets = [
         {name: float(f"{values[i]:.{digits}g}") for name, values in parameters.items()}
-        for i in range(min(n, SHOWN))
+        for i in range(min(n, SHOWN_SETS))
     ]
-    rest = [f"{n - SHOWN} more"] if n > SHOWN else []
+    rest = [f"{n - SHOWN_SETS} more"] if n > SHOWN_SETS else []
     return sets[0] if n == 1 else [*sets, *rest]

@@ -26,7 +26,7 @@ from .experiments import Experiment, Solved, Terms, Tests, check_joint, name_set
 from .priors import prior_centre, tabulate_prior
 
 Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
-DRAWS = 256  # of the prior, for the scales of derivatives
+SCALE_DRAWS = 256  # of the prior, for the scales of derivatives
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
 # its row; with the gradient behind it; with the information behind that; or the row
@@ -366,7 +366,7 @@ class LogPosterior(Report):
     @cached_property
     def scale(self) -> Floats:
         """The scale of each parameter under the prior, from its quartiles, ``(d,)``."""
-        draws = self.prior.sample(np.random.default_rng(0), DRAWS)
+        draws = self.prior.sample(np.random.default_rng(0), SCALE_DRAWS)
         low, high = np.quantile(draws, [0.25, 0.75], axis=0)
         return np.asarray((high - low) / 1.35)
 

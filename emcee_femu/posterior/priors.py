@@ -13,7 +13,7 @@ from .. import checks
 from ..contracts import Floats, Prior
 from ..table import Column, Parts, Report, Table, unit_column
 
-DRAWS = 20_000  # of a prior, for its moments
+MOMENT_DRAWS = 20_000  # of a prior, for its moments
 
 
 class GaussianPrior(Report):
@@ -245,7 +245,7 @@ def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
     Both are those of samples, whatever the prior; the standard deviation has a Monte
     Carlo error of 0.5 %.
     """
-    sample = prior.sample(np.random.default_rng(0), DRAWS)
+    sample = prior.sample(np.random.default_rng(0), MOMENT_DRAWS)
     return sample.mean(axis=0), sample.std(axis=0)
 
 

@@ -26,14 +26,16 @@ from .chains import read_chains
 from .fit import Statement, judge_fit
 from .modes import ModeWeights, weigh_modes
 
-ENOUGH_TAU = 50  # steps per autocorrelation time below which tau itself is unreliable
+STEPS_PER_TAU = (
+    50  # steps per autocorrelation time below which tau itself is unreliable
+)
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
 # R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
 # walkers that stay apart, which tau cannot see: it centres each walker on its own mean.
 WALKERS_APART = 1.05
 SD_KNOWN_TO = 0.1  # relative standard error of a standard deviation
 ERRORS_APART = 4.0  # between two estimates of a weight
-SMALL = 0.005  # a weight, or a difference of two, that does not matter
+SMALL_WEIGHT = 0.005  # a weight, or a difference of two, that does not matter
 WEIGHT_KNOWN_TO = 0.0125  # standard error of a weight: four of them are 0.05
 ENOUGH_VISITS = 20  # accepted frozen proposals of a walker while it stays in a mode
 ENOUGH_WAITS = 10  # the same from the worst places, a thousandth of the chain
@@ -43,14 +45,14 @@ CONVERGED, MIXED, NOT_CONVERGED = "converged", "well mixed", "not converged"
 NO_CHAINS = "none"
 TOO_SHORT = "too short"
 SEARCHED, NOT_SEARCHED = "searched", "not searched"
-MARGIN = 1.25  # since tau and errors are estimates themselves
+LENGTH_MARGIN = 1.25  # since tau and errors are estimates themselves
 MUCH = 4.0  # times longer, where no number says how much
-MOST = 10.0  # times longer, above which it is not length that lacks
+MOST_LONGER = 10.0  # times longer, above which it is not length that lacks
 
 # In a few words, in a sentence, and how many times longer a chain would mend it; 0
 # where none would, and the sentence says what does.
 Complaint: TypeAlias = tuple[str, str, float]
-UNKNOWN = Statement("not judged", "not judged", "not judged.")
+NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,9 +108,9 @@ class Diagnosis(Report):
     scatter: Floats
     failures: Mapping[str, int]
     modes: ModeWeights | None = None
-    chains: Statement = UNKNOWN
-    search: Statement = UNKNOWN
-    fit: Statement = UNKNOWN
+    chains: Statement = NOT_JUDGED
+    search: Statement = NOT_JUDGED
+    fit: Statement = NOT_JUDGED
 
     @property
     def converged(self) -> bool:
@@ -276,7 +278,7 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
         short, sentence, longer = complaints[0]
         if longer:
             longer = max(factor for *_, factor in complaints)
-            steps = discard + MARGIN * longer * diagnosis.steps
+            steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
             sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
         sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
@@ -342,7 +344,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     within, between = diagnosis.rhat_within, diagnosis.rhat_between
     # Values, their best, their limit, and by which power of them a chain is too short.
     for values, best, limit, power, short, what in (
-        (diagnosis.steps_per_tau, 0, ENOUGH_TAU, -1, TOO_SHORT, "steps/tau"),
+        (diagnosis.steps_per_tau, 0, STEPS_PER_TAU, -1, TOO_SHORT, "steps/tau"),
         (within, 1, WALKERS_APART, 1, "walkers stay apart", "R-hat over walkers"),
         (diagnosis.sd_error, 0, SD_KNOWN_TO, 2, "sd unknown", "relative error of sd"),
         (between, 1, GOOD_RHAT, 1, "ensembles disagree", "R-hat over ensembles"),
@@ -354,7 +356,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
         if longer > 1:  # never for NaN
             bound = f"at {'least' if power < 0 else 'most'} {limit}"
             sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
-            if best and longer > MOST:
+            if best and longer > MOST_LONGER:
                 cure = "take a TemperedMove" if modes else 'run moves="auto"'
                 sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
             yield short, sentence, longer
@@ -370,8 +372,8 @@ def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
     chain, exact, error = modes.weights.mean(axis=0), modes.importance, modes.errors
     best, apart = np.fmin(error, modes.importance_errors), np.abs(chain - exact)
     both = np.hypot(error, modes.importance_errors)
-    differ = apart > np.maximum(SMALL, ERRORS_APART * both)  # never for NaN
-    for i, lost in enumerate((chain == 0) & modes.reached & ~(exact < SMALL)):
+    differ = apart > np.maximum(SMALL_WEIGHT, ERRORS_APART * both)  # never for NaN
+    for i, lost in enumerate((chain == 0) & modes.reached & ~(exact < SMALL_WEIGHT)):
         stated = f"{exact[i]:.3f} (+- {modes.importance_errors[i]:.3f})"
         sentence = (
             f"mode {i + 1}, where a search ended or a walker started, holds "

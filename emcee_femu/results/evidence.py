@@ -14,9 +14,9 @@ from ..table import Parts, Report
 from .chains import read_chains
 from .diagnose import NOT_CONVERGED, judge_chains, measure
 
-ENOUGH_TAU = 20  # of a series, below which neither tau nor its error can be believed
+EVIDENCE_TAU = 20  # of a series, below which neither tau nor its error can be believed
 ENOUGH_OVERLAP = 0.1
-LEVEL = 0.01  # of ensembles that scatter more than their series allow
+SCATTER_LEVEL = 0.01  # of ensembles that scatter more than their series allow
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -239,13 +239,13 @@ def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
     error = np.sqrt((variances * tau).sum() / steps) / ensembles
     if ensembles > 1:
         between = series.mean(axis=0).std(ddof=1) / np.sqrt(ensembles)
-        most = stats.chi2.isf(LEVEL, ensembles - 1) / (ensembles - 1)
+        most = stats.chi2.isf(SCATTER_LEVEL, ensembles - 1) / (ensembles - 1)
         if between**2 > most * error**2:
             error = between
     per_tau = steps / tau.mean()  # a drift makes it small, too
-    if per_tau >= ENOUGH_TAU:
+    if per_tau >= EVIDENCE_TAU:
         return float(error), ()
     return float(error), (
         f"the chain is only {per_tau:.0f} autocorrelation times of the evidence long "
-        f"({ENOUGH_TAU} are needed)",
+        f"({EVIDENCE_TAU} are needed)",
     )

@@ -15,10 +15,10 @@ from .identifiability import describe_samples
 from .measured import Measured, read_measured
 from .to_arviz import read_samples
 
-ENOUGH = 4_000  # samples
-WIDTH = 1.96  # standard deviations of a new measurement to either side: 95 %
+ENOUGH_PREDICTED = 4_000  # samples
+WIDTH_95 = 1.96  # standard deviations of a new measurement to either side: 95 %
 CHANCE = 0.1  # of so many values outside, if the posterior had not seen them
-FAR = 4.0  # standard deviations, for a single value
+FAR_OUTSIDE = 4.0  # standard deviations, for a single value
 OUTVOTED = 5  # times as many values in another term
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
@@ -65,12 +65,12 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
         mean = new.mean(axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             z = np.abs(part.values - mean) / new.std(axis=0)
-            ratios = np.abs(np.log(np.abs(mean / part.values)))[z > WIDTH]
-        outside, worst = int((z > WIDTH).sum()), int(np.argmax(z))
+            ratios = np.abs(np.log(np.abs(mean / part.values)))[z > WIDTH_95]
+        outside, worst = int((z > WIDTH_95).sum()), int(np.argmax(z))
         inside, total = inside + len(z) - outside, total + len(z)
         if ratios.max(initial=0) > np.log(WRONG):
             remedy = f"Units or the model are wrong: off by a factor above {WRONG:g}."
-        if z[worst] > FAR or stats.binom.sf(outside - 1, len(z), 0.05) < CHANCE:
+        if z[worst] > FAR_OUTSIDE or stats.binom.sf(outside - 1, len(z), 0.05) < CHANCE:
             missed.append(part.name)
             far += (
                 f"; {part.name} of {part.dims} {part.labels[worst]} is farthest out "
@@ -110,7 +110,7 @@ def _read(source: Any, chains: Chains, discard: int) -> InferenceData | None:
         return source.isel(draw=slice(discard, None)) if discard else source
     if chains.posterior is None:
         return None
-    thin = min(len(chains.draws), -(-chains.log_prob.size // ENOUGH))
+    thin = min(len(chains.draws), -(-chains.log_prob.size // ENOUGH_PREDICTED))
     return read_samples(source, None, discard, thin)[0]
 
 

@@ -22,9 +22,9 @@ from .arviz_objects import (
 from .sensitivities import by_mode, fit_sensitivities
 from .to_arviz import read_samples
 
-PRIOR_DRAWS = 4_000
+PRIOR_COMPARED = 4_000
 CLEAR = 0.2  # by which the skewness of a prior exceeds that of its logarithm
-NEAR = 0.01  # of the range; a uniform density has a share of 0.01 so near a bound
+NEAR_BOUND = 0.01  # of the range; a uniform density has a share of 0.01 so near a bound
 PER_COEFFICIENT = 3  # different values of a parameter for each fitted coefficient
 UNINFORMED = 0.9  # sd ratio above which a parameter is as uncertain as before
 SURPRISING = 2.0  # prior sds by which an error may exceed its prior mean
@@ -34,7 +34,9 @@ MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
 MOST_COMBINATIONS, SMALL_PART = 3, 0.15
 CROWDED = 0.05  # share of the samples near a bound
-CLOSE = 3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential 1
+CLOSE_TO_BOUND = (
+    3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential 1
+)
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 
 
@@ -196,7 +198,7 @@ class Identifiability(Report):
         an error may well be as small as its lower one.
         """
         what = "the Gaussian's draws" if self.local else "the samples"
-        crowded = (self.at_bound > CROWDED) & (self.from_bound < CLOSE)
+        crowded = (self.at_bound > CROWDED) & (self.from_bound < CLOSE_TO_BOUND)
         crowded[:, 0] &= ~self.is_error
         return [
             f"{self.names[i]} is pressed against its {('lower', 'upper')[side]} bound "
@@ -385,7 +387,7 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean
-    before = posterior.prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
+    before = posterior.prior.sample(np.random.default_rng(0), PRIOR_COMPARED)
     which, k = "the maximum", len(maxima.maxima)
     if k > 1:
         which += f" of weight {maxima.weights[0]:.2f}, one of {k}"
@@ -433,7 +435,7 @@ def _shares_at_bounds(
     """Return the shares of the samples near the bounds, ``(d, 2)``."""
     low, high = bounds.T
     width = np.where(np.isfinite(high - low), high - low, 4 * prior_sd)
-    near = [draws <= low + NEAR * width, draws >= high - NEAR * width]
+    near = [draws <= low + NEAR_BOUND * width, draws >= high - NEAR_BOUND * width]
     shares = [np.average(share, axis=0, weights=weights) for share in near]
     return np.stack(shares, axis=1)
 

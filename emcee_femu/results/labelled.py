@@ -19,7 +19,7 @@ class Labelled(NamedTuple):
     variable: Variable
 
 
-NUMBER = Variable({})
+ONE_NUMBER = Variable({})
 
 
 def each_term(posterior: LogPosterior) -> Iterator[tuple[Experiment, Term, str]]:
@@ -43,7 +43,7 @@ def gather_by_terms(
     for column, (experiment, term, name) in enumerate(each_term(posterior), 2):
         label = experiment.full_name(name)
         stored = {v: response[experiment.full_name(v)] for v in experiment.variables}
-        likelihood[label] = Labelled(rows[..., column], NUMBER)
+        likelihood[label] = Labelled(rows[..., column], ONE_NUMBER)
         for variable, values in term.pointwise(parameters, stored).items():
             likelihood[label] = _label(experiment, term, variable, values, *lead)
         for variable, values in term.replicate(rng, parameters, stored).items():
@@ -97,7 +97,7 @@ def _label(
     response.
     """
     returned = experiment.variables.get(name)
-    variable = (term.reads or {}).get(name) or returned or NUMBER
+    variable = (term.reads or {}).get(name) or returned or ONE_NUMBER
     shape, coords = values.shape[1:], {}
     for size, (dim, labels) in zip(shape, variable.coords.items(), strict=True):
         of_response = returned.coords.get(dim, ()) if returned else ()

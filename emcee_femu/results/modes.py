@@ -15,7 +15,7 @@ from ..sampling.judge import expected_acceptance, mean_sizes, spread_out
 from ..sampling.record import Chains
 from ..table import Parts, Report, Table
 
-MOST_DRAWS = 20_000  # whose Pareto k is found
+MOST_WEIGHED = 20_000  # whose Pareto k is found
 CHUNK = 20_000
 RARE = 0.001  # share of a chain at places where a wait matters little
 
@@ -94,7 +94,7 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
     with np.errstate(invalid="ignore"):  # of modes without a draw
         acceptance = np.bincount(owner, accepted, n_modes) / counts
     # Draws of p, not of q, have the tail index k / (1 - k).
-    k = pareto_k(log_weights[spread_out(len(flat), MOST_DRAWS)])
+    k = pareto_k(log_weights[spread_out(len(flat), MOST_WEIGHED)])
     as_chains = indicators.transpose(1, 2, 0, 3).reshape(-1, len(draws), n_modes)
     sizes = mean_sizes(as_chains)
     by_ensemble = indicators.mean(axis=(0, 2))

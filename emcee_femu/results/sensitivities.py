@@ -9,7 +9,7 @@ from ..sampling.judge import spread_out
 from .arviz_objects import InferenceData, dataset
 
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
-ENOUGH = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
+ENOUGH_REGRESSED = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
 
 
 def fit_sensitivities(
@@ -37,7 +37,7 @@ def fit_sensitivities(
     if "sample_stats" in idata and "log_prior" in dataset(idata, "sample_stats"):
         known = dataset(idata, "sample_stats").transpose("chain", "draw")
         log_likelihood = (known["lp"] - known["log_prior"]).values.ravel()
-    few = spread_out(n, ENOUGH)
+    few = spread_out(n, ENOUGH_REGRESSED)
     values = np.column_stack([log_eigenvalues, log_likelihood])[few]
     slopes, r_squared, curvature = _fit_quadratic(draws[few], values)
     effect = np.sqrt(np.maximum(-curvature[-1], 0.0))

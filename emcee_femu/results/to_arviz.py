@@ -28,9 +28,9 @@ from ..posterior.priors import (
 from ..sampling.record import Chains
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
-from .labelled import NUMBER, Labelled, gather_by_terms, gather_observed
+from .labelled import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
-PRIOR_DRAWS = 1_000
+PRIOR_STORED = 1_000
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 
 
@@ -164,7 +164,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
     units = posterior.units if posterior else {}
     groups: dict[str, dict[str, Labelled]] = {
         "posterior": _by_parameter(chains.names, draws, units),
-        "sample_stats": {"lp": Labelled(chains.log_prob, NUMBER)},
+        "sample_stats": {"lp": Labelled(chains.log_prob, ONE_NUMBER)},
     }
     attributes = {
         "discard": discard,
@@ -177,7 +177,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
     fixed: dict[str, Dataset] = {}
     if posterior is not None:
         rows = _rows(chains, posterior)
-        groups["sample_stats"]["log_prior"] = Labelled(rows[..., 1], NUMBER)
+        groups["sample_stats"]["log_prior"] = Labelled(rows[..., 1], ONE_NUMBER)
         if isinstance(posterior.prior, GaussianPrior | IndependentPrior):
             densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
             densities = densities.reshape(draws.shape)
@@ -336,7 +336,7 @@ def _fixed_groups(
         f"initial_{name}": Labelled(value, posterior.variables[name])
         for name, value in posterior.unfold(initial).items()
     }
-    draws = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)[:, None, None]
+    draws = prior.sample(np.random.default_rng(0), PRIOR_STORED)[:, None, None]
     drawn = _by_parameter(posterior.names, draws, posterior.units)
     groups = {
         "prior": _dataset(drawn, attributes, {}),

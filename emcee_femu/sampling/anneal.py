@@ -38,13 +38,15 @@ from .importance import (
 )
 from .record import Chains
 
-MOST_DRAWS = 20  # times the size, for a population of finite likelihood
-LAST = 2  # powers whose proposals tell of what is missing; early ones may fit badly
+MOST_FINITE_DRAWS = 20  # times the size, for a population of finite likelihood
+LAST_POWERS = (
+    2  # powers whose proposals tell of what is missing; early ones may fit badly
+)
 RENEWED = 0.8  # of the members are to be independent of their ancestors
 MOST_SWEEPS = 20  # at one power
 MOST_THOROUGH = 30  # sweeps of an annealing for the evidence
 AGREED = 2.5  # standard errors by which two evidences may differ
-MOST_COMPONENTS = 6
+MOST_ANNEALED = 6
 PER_COMPONENT = 10  # members of a half for each parameter and component
 
 Evaluate: TypeAlias = Callable[[Floats], Floats]  # coordinates to rows
@@ -320,7 +322,9 @@ def anneal_population(
         np.add.at(influence, parents, ratio.from_g / len(low))
         np.add.at(influence, ancestors, ratio.from_f / len(high))
     error = float(np.sqrt((influence**2).sum() + (1 - share) / (share * draws)))
-    problems = _find_problems(tried[-LAST:], log_evidence, error) if tried else ()
+    problems = (
+        _find_problems(tried[-LAST_POWERS:], log_evidence, error) if tried else ()
+    )
     return Annealed(
         names=evaluator.posterior.names,
         theta=theta,
@@ -377,7 +381,7 @@ def _draw(
     """Return members of finite likelihood, their rows, their share of the prior."""
     theta = coordinates.sample(rng, size)
     rows = evaluate(theta)
-    for draws in range(size, (MOST_DRAWS + 1) * size, size):
+    for draws in range(size, (MOST_FINITE_DRAWS + 1) * size, size):
         finite = rows[:, 0] > -np.inf
         if (number := int(finite.sum())) >= size:
             keep = np.flatnonzero(finite)[:size]
@@ -410,7 +414,7 @@ def _fit(draws: Floats, others: Floats, last: IndependenceMove) -> IndependenceM
     Where a thin part of the prior holds nearly all of the likelihood, a half may become
     copies of one member, which have no covariance: then the last fit serves again.
     """
-    most = min(MOST_COMPONENTS, len(draws) // (PER_COMPONENT * draws.shape[1]))
+    most = min(MOST_ANNEALED, len(draws) // (PER_COMPONENT * draws.shape[1]))
     try:
         best = IndependenceMove.fit(draws)
         score = best.mixture.log_density(others).mean()

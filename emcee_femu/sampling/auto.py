@@ -18,32 +18,35 @@ from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
 from .search_record import SearchRecord, label, separate, weigh
 
-BUDGET, LEAST = 2.0, 30_000  # evaluations by those of the chain; of a short one
-SEARCHED = 0.2  # of the evaluations of the chain
-FEWEST = 1_000  # points of a search
+CHAIN_BUDGET, LEAST_BUDGET = (
+    2.0,
+    30_000,
+)  # evaluations by those of the chain; of a short one
+SEARCHED_SHARE = 0.2  # of the evaluations of the chain
+FEWEST_SEARCHED = 1_000  # points of a search
 ROUND = 300  # draws of a round of the refinement, at least
 TRIED = 800  # draws by which a proposal is judged, at least
-LAST = 6  # times a round's draws, that the last round of a refinement may have
+LAST_ROUND = 6  # times a round's draws, that the last round of a refinement may have
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
 BENT = 0.6  # acceptance of a mixture below which polynomials may do better
-WIDEST = 30  # parameters of which there are quadratic ones
+MOST_QUADRATIC = 30  # parameters of which there are quadratic ones
 GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
 POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
-POOR = 0.2  # acceptance below which gradients do better
+POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
 TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
-MISSED = 1.0  # log evidence by which one proposal finds more than another
+EVIDENCE_MISSED = 1.0  # log evidence by which one proposal finds more than another
 # Share of independence proposals by their expected acceptance.
-SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
-BESIDE = 0.1  # the same beside Hamiltonian moves
-KEPT = 2_000  # importance weights in the record
+INDEPENDENCE_SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
+SHARE_BESIDE_HAMILTONIAN = 0.1  # the same beside Hamiltonian moves
+KEPT_WEIGHTS = 2_000  # importance weights in the record
 
 Population = tuple[Floats, Floats]  # members and their rows
 
 
 def budget_of(evaluations: int) -> int:
     """Return the most that a search may spend before a chain of so many evaluations."""
-    return max(LEAST, round(BUDGET * evaluations))
+    return max(LEAST_BUDGET, round(CHAIN_BUDGET * evaluations))
 
 
 def search_and_start(
@@ -80,11 +83,11 @@ def search_and_start(
     most = max(REFINED, evaluations // 2)
     size = max(ROUND, 10 * evaluator.posterior.ndim)
     judged = max(TRIED, 2 * size, min(4 * nwalkers * ensembles, budget // 8))
-    attempt = most + LAST * size + judged
+    attempt = most + LAST_ROUND * size + judged
     reserve = attempt + LEARNED * evaluator.posterior.normal
     reserve += TUNING * evaluator.posterior.differentiable
     search = Search(evaluator, streams)
-    searched = max(FEWEST, round(SEARCHED * evaluations))
+    searched = max(FEWEST_SEARCHED, round(SEARCHED_SHARE * evaluations))
     search.run(searched, starts, budget - reserve)
     trial, surface, populations, gradients = _find_proposal(
         search, most, size, judged, budget - attempt
@@ -115,17 +118,19 @@ def search_and_start(
         states.append(emcee.State(theta, rows[:, 0], rows[:, 1:], random))
         modes = label(theta, trial.mixture, mode_of)
         shares.append(np.bincount(modes, minlength=count) / nwalkers)
-    share = next(s for least, s in SHARES if trial.acceptance >= least)
+    share = next(s for least, s in INDEPENDENCE_SHARES if trial.acceptance >= least)
     trajectories, screened = None, 1
     if surface is not None:
         log_c = surface(trial.theta)
         accepted = find_acceptance(log_c, trial.log_q, trial.log_q)
         screened = min(int(np.ceil(SCREENED / accepted)), MOST_SCREENED)
-        share = SHARES[0][1]
+        share = INDEPENDENCE_SHARES[0][1]
     if gradients:
         draws = np.concatenate([theta for theta, _ in places])
         trajectories = _tune_trajectories(evaluator, trial.mixture, draws)
-        share = BESIDE if count > 1 else 0.0  # for jumps between modes
+        share = (
+            SHARE_BESIDE_HAMILTONIAN if count > 1 else 0.0
+        )  # for jumps between modes
     weights, errors = weigh(labels, trial.log_weights, count)
     record = SearchRecord(
         mixture=trial.mixture,
@@ -136,7 +141,7 @@ def search_and_start(
         starts=np.array(shares),
         pareto_k=trial.pareto_k,
         efficiency=trial.efficiency,
-        log_weights=trial.log_weights[:: -(-len(trial.log_weights) // KEPT)],
+        log_weights=trial.log_weights[:: -(-len(trial.log_weights) // KEPT_WEIGHTS)],
         points=len(search.theta),
         climbs=search.climbs,
         annealed=bool(populations),
@@ -178,7 +183,7 @@ def _find_proposal(
     learned = None
     if (
         0 < trial.acceptance < BENT
-        and evaluator.posterior.ndim <= WIDEST
+        and evaluator.posterior.ndim <= MOST_QUADRATIC
         and evaluator.posterior.normal
     ):
         learned = learn_surface(evaluator, trial.mixture, streams[0])
@@ -187,14 +192,16 @@ def _find_proposal(
         second = Trial(mixture, *propose(mixture, judged))
         log_p, log_c = second.rows[:, 0], surface(second.theta)
         accepted = find_acceptance(log_p, log_c, second.log_q)
-        if accepted > max(GAINED * trial.acceptance, POOR):
+        if accepted > max(GAINED * trial.acceptance, POOR_ACCEPTANCE):
             return second, surface, [], False
         trial = second if is_better(second, trial) else trial
     populations: list[Population] = []
-    gradients = evaluator.posterior.differentiable and trial.acceptance < POOR
+    gradients = (
+        evaluator.posterior.differentiable and trial.acceptance < POOR_ACCEPTANCE
+    )
     if trial.narrow and not (gradients and trial.efficiency):
         second = trial
-        if trial.acceptance < POOR:  # the shapes of the modes say too little
+        if trial.acceptance < POOR_ACCEPTANCE:  # the shapes of the modes say too little
             populations = _anneal_each(search, last)
             members = np.concatenate([theta for theta, _ in populations])
             second = attempt(Mixture.fit(members, "auto", POPULATION_DF))
@@ -210,7 +217,7 @@ def is_better(second: Trial, first: Trial) -> bool:
         return second.efficiency > first.efficiency
     gain = second.log_evidence - first.log_evidence
     better = second.efficiency > first.efficiency
-    return gain > MISSED or (gain > -MISSED and better)
+    return gain > EVIDENCE_MISSED or (gain > -EVIDENCE_MISSED and better)
 
 
 def _tune_trajectories(

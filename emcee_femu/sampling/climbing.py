@@ -20,10 +20,14 @@ from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates
 from .quadratic import find_damping, log_integral, make_positive, step_within
 
-GAIN = 1e-3  # of log-posterior still to be had: 0.045 standard deviations from the top
-NOISE = 0.1  # the same where no step gains: noise of a solver, a kink, a sharp bend
+WORTH_A_STEP = (
+    1e-3  # of log-posterior still to be had: 0.045 standard deviations from the top
+)
+NOISE_OF_TOP = (
+    0.1  # the same where no step gains: noise of a solver, a kink, a sharp bend
+)
 MOST_STEPS = 100
-ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75  # actual gain by predicted gain
+GAIN_ACCEPTED, GAIN_POOR, GAIN_GOOD = 0.01, 0.25, 0.75  # actual gain by predicted gain
 EXACT = 1e-2  # relative error of a prediction by a curvature that holds everywhere
 USABLE = 0.5  # the same of one that is kept
 SHORTER, LONGER = 0.25, 3.0
@@ -41,7 +45,7 @@ OFFSET = 0.05  # of differences, in conditional sds of the posterior
 MOST_OFFSET = 0.1  # in prior sds
 # The same for a solver that prints few digits, whose differences are steps.
 GRAINED_FIRST, GRAINED_OFFSET, MOST_GRAINED = 0.1, 1.0, 0.5
-CONVERGED = "converged"  # in words why a climb ended
+ARRIVED = "converged"  # in words why a climb ended
 UNBOUNDED = "the density grows without bound"  # the same
 
 
@@ -147,11 +151,11 @@ class Climb:
         room = box.T - local.point
         step, gain = step_within(local.gradient, curvature, *room)
         self.target = None
-        if gain < GAIN and not local.fresh:
+        if gain < WORTH_A_STEP and not local.fresh:
             return  # to the curvature of this point
-        uphill = local.gradient if gain >= GAIN else _leave_saddle(local, box)
+        uphill = local.gradient if gain >= WORTH_A_STEP else _leave_saddle(local, box)
         if uphill is None:
-            self.ended, self.converged = CONVERGED, True
+            self.ended, self.converged = ARRIVED, True
             return
         damping = find_damping(uphill, curvature, self.radius)
         damped = curvature + damping * np.eye(len(step))
@@ -168,18 +172,23 @@ class Climb:
         local = self.local
         length = float(np.linalg.norm(trial.point - local.point))
         gained = (trial.value - local.value) / self.predicted
-        if gained > ACCEPTED and trial.usable:
+        if gained > GAIN_ACCEPTED and trial.usable:
             self.local = trial
-            if gained < POOR:
+            if gained < GAIN_POOR:
                 self.radius = SHORTER * length
-            elif gained > GOOD:
+            elif gained > GAIN_GOOD:
                 self.radius = max(self.radius, LONGER * length)
         elif local.fresh:
             self.radius = SHORTER * length
         else:
             self.target = None  # the curvature misled
-        if self.predicted < GAIN and gained < GOOD and self.damped and local.fresh:
-            self.ended, self.converged = "no step gains", self.predicted < NOISE
+        if (
+            self.predicted < WORTH_A_STEP
+            and gained < GAIN_GOOD
+            and self.damped
+            and local.fresh
+        ):
+            self.ended, self.converged = "no step gains", self.predicted < NOISE_OF_TOP
 
 
 def climb(
@@ -257,7 +266,7 @@ def distinct(maxima: Sequence[Maximum]) -> list[list[int]]:
     inverses = np.linalg.inv([m.covariance for m in maxima])
     squares = np.einsum("ijd,ide,ije->ij", steps, inverses, steps)
     squares = np.maximum(squares, squares.T)
-    same = (squares < SAME**2) & (lower < squares / 2 + NOISE)
+    same = (squares < SAME**2) & (lower < squares / 2 + NOISE_OF_TOP)
     labels = connected_components(same, directed=False)[1].tolist()
     groups: dict[int, list[int]] = {}
     for i in np.argsort(heights, kind="stable")[::-1].tolist():
@@ -451,7 +460,7 @@ class _Space:
         room = self.box.T - local.point
         # A climb that ended below a step of the density, or too early, may have a
         # steep gradient there; what the quadratic promises beyond was not seen.
-        seen = local.gradient if ascent.ended == CONVERGED else slopes
+        seen = local.gradient if ascent.ended == ARRIVED else slopes
         log_evidence = log_integral(seen, curvature, *room)
         log_evidence += local.value + np.log(self.scale).sum()
         return covariance, log_evidence

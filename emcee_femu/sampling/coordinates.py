@@ -12,11 +12,11 @@ from ..contracts import Floats, Prior
 from ..evaluation import Evaluator
 from ..posterior.derivatives import difference, unstack
 
-DRAWS = 20_000  # of the prior, for its quantiles
-FEW = 256  # the same for scales, as of posteriors
+QUANTILE_DRAWS = 20_000  # of the prior, for its quantiles
+FEW_QUANTILE_DRAWS = 256  # the same for scales, as of posteriors
 DECADES = 30.0  # ratio of the quantiles .95 and .05, from which logarithms are natural
-LARGEST = 700.0  # logarithm that is finite
-TINY = 1e-200  # least distance from a bound
+LARGEST_LOG = 700.0  # logarithm that is finite
+LEAST_DISTANCE = 1e-200  # least distance from a bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +51,14 @@ class Coordinates:
     @classmethod
     def positive(cls, prior: Prior) -> Self:
         """Return logarithms of all parameters that are positive."""
-        theta = prior.sample(np.random.default_rng(0), DRAWS)
+        theta = prior.sample(np.random.default_rng(0), QUANTILE_DRAWS)
         logs = (theta.min(axis=0) > 0) & (prior.bounds[:, 0] >= 0)
         return cls(prior, logs, np.zeros_like(logs))
 
     @classmethod
     def of(cls, prior: Prior) -> Self:
         """Return logarithms of parameters over decades if these are symmetric so."""
-        theta = prior.sample(np.random.default_rng(0), DRAWS)
+        theta = prior.sample(np.random.default_rng(0), QUANTILE_DRAWS)
         low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=0)
         logs = cls.positive(prior).logs & (high > DECADES * low)
         ends = np.log(np.where(logs, [low, middle, high], 1.0))
@@ -80,7 +80,7 @@ class Coordinates:
     @property
     def scale(self) -> Floats:
         """Their spread under the prior, from its quartiles, ``(d,)``."""
-        draws = self.sample(np.random.default_rng(0), FEW)
+        draws = self.sample(np.random.default_rng(0), FEW_QUANTILE_DRAWS)
         return np.asarray(np.ptp(np.quantile(draws, [0.25, 0.75], axis=0), 0) / 1.35)
 
     def logpdf(self, x: Floats) -> Floats:
@@ -91,16 +91,18 @@ class Coordinates:
     def coordinates(self, theta: Floats) -> Floats:
         """Return the coordinates ``(n, d)`` of parameters within their bounds."""
         x = theta.copy()
-        x[:, self.logs] = np.log(np.maximum(theta[:, self.logs], TINY))
+        x[:, self.logs] = np.log(np.maximum(theta[:, self.logs], LEAST_DISTANCE))
         low, high = self.prior.bounds[self.logits].T
         below, above = theta[:, self.logits] - low, high - theta[:, self.logits]
-        x[:, self.logits] = np.log(np.maximum(below, TINY) / np.maximum(above, TINY))
+        x[:, self.logits] = np.log(
+            np.maximum(below, LEAST_DISTANCE) / np.maximum(above, LEAST_DISTANCE)
+        )
         return x
 
     def parameters(self, x: Floats) -> Floats:
         """Return the parameters ``(n, d)`` that have these coordinates."""
         theta = x.copy()
-        theta[:, self.logs] = np.exp(np.minimum(x[:, self.logs], LARGEST))
+        theta[:, self.logs] = np.exp(np.minimum(x[:, self.logs], LARGEST_LOG))
         low, high = self.prior.bounds[self.logits].T
         theta[:, self.logits] = low + (high - low) * expit(x[:, self.logits])
         return theta

@@ -21,8 +21,8 @@ from .first_solve import check_first_solve
 from .importance import GOOD_K, kish_share, pareto_k
 from .quadratic import moments_inside
 
-FEWEST = 25  # draws of a check; from fewer there is no Pareto k
-SHOWN = 4  # maxima in the tables
+FEWEST_CHECKED = 25  # draws of a check; from fewer there is no Pareto k
+SHOWN_MAXIMA = 4  # maxima in the tables
 TRIALS = 100  # draws for each that is to lie inside the bounds
 EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
 
@@ -106,7 +106,7 @@ class FoundMap(Report):
             ("prior mean", ".5g", prior_centre(self.posterior.prior)),
             ("prior sd", ".3g", sd),
         ]
-        for number, maximum in enumerate(self.maxima[:SHOWN], 1):
+        for number, maximum in enumerate(self.maxima[:SHOWN_MAXIMA], 1):
             columns.append((f"maximum {number}", ".5g", maximum.theta))
             inside = moments_inside(maximum.theta, maximum.covariance, *bounds)[1]
             columns.append((f"sd {number}", ".3g", np.sqrt(np.diag(inside))))
@@ -115,15 +115,15 @@ class FoundMap(Report):
     @property
     def maxima_table(self) -> Table:
         """Weight, height, evidence and climbs that ended there, one row per maximum."""
-        shown = self.maxima[:SHOWN]
+        shown = self.maxima[:SHOWN_MAXIMA]
         names = np.array(self.posterior.names)
         at_bound = [" ".join(names[maximum.at_bound]) for maximum in shown]
         columns: list[Column] = [
             ("maximum", "d", [*range(1, len(shown) + 1)]),
-            ("weight", ".3f", self.weights[:SHOWN]),
+            ("weight", ".3f", self.weights[:SHOWN_MAXIMA]),
             ("log-posterior", ".2f", [maximum.log_posterior for maximum in shown]),
             ("log evidence", ".2f", [maximum.log_evidence for maximum in shown]),
-            ("climbs", "d", self.climbs[:SHOWN]),
+            ("climbs", "d", self.climbs[:SHOWN_MAXIMA]),
             ("at a bound", "", at_bound),
             ("converged", "", ["yes" if m.converged else "no" for m in shown]),
         ]
@@ -137,8 +137,8 @@ class FoundMap(Report):
             f"A start and a quick look: {k} maxim{'a' if k > 1 else 'um'} from {n} "
             f"climb{'s' if n > 1 else ''} and {self.solves} solves."
         ]
-        if k > SHOWN:
-            sentences.append(f"{k - SHOWN} of smaller weight are not shown.")
+        if k > SHOWN_MAXIMA:
+            sentences.append(f"{k - SHOWN_MAXIMA} of smaller weight are not shown.")
         for reason, count in Counter(self.lost).items():
             sentences.append(f"{count} of {n} starts led nowhere: {reason}.")
         stopped = [maximum.message for maximum in self.maxima if not maximum.converged]
@@ -162,7 +162,7 @@ class FoundMap(Report):
             f"Pareto k {self.pareto_k:.2f}, {100 * self.efficiency:.0f} % effective, "
             f"of {self.draws} draws"
         )
-        if self.draws < FEWEST:
+        if self.draws < FEWEST_CHECKED:
             statistics = "less than 1 % of their draws are inside the bounds"
         if not (self.pareto_k < GOOD_K and self.efficiency > EFFECTIVE):
             return (
@@ -240,8 +240,10 @@ def find_map(
     ).spawn(2)
     points = _choose_starts(posterior, starts, for_starts)
     check = checks.whole_number("check", check)
-    if 0 < check < FEWEST:
-        raise ValueError(f"check: expected 0 or at least {FEWEST} draws, got {check}")
+    if 0 < check < FEWEST_CHECKED:
+        raise ValueError(
+            f"check: expected 0 or at least {FEWEST_CHECKED} draws, got {check}"
+        )
     with Evaluation.open(
         posterior, workers, pool, on_failure, max_failures
     ) as evaluation:

@@ -12,12 +12,14 @@ from ..evaluation.store import StoredEvaluation
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import prior_centre, summarize_prior
 
-FAR = 3.0  # median ratio to what was measured, or its inverse, which is suspected
+FAR_RATIO = 3.0  # median ratio to what was measured, or its inverse, which is suspected
 LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
-DRAWS = 16  # of the prior, which may reach the data though its mean does not
+REACH_DRAWS = 16  # of the prior, which may reach the data though its mean does not
 LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few percent
 NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
-ALIKE = 1e-9  # relative difference of responses that a solver's rounding may make
+SAME_RESPONSE = (
+    1e-9  # relative difference of responses that a solver's rounding may make
+)
 
 
 def check_first_solve(
@@ -67,7 +69,7 @@ def _compare(evaluation: Evaluation) -> tuple[int, list[str], float]:
     seconds = (time.perf_counter() - begin) / workers
     posterior.initial = rows[0]  # tables then need no other solve
     if doubt(posterior, posterior.unfold(rows)):
-        draws = posterior.prior.sample(np.random.default_rng(0), DRAWS)
+        draws = posterior.prior.sample(np.random.default_rng(0), REACH_DRAWS)
         rows = np.concatenate([rows, _solve(evaluation, draws)])
     solves = int(np.count_nonzero(rows[:, 1] > -np.inf))
     return solves, doubt(posterior, posterior.unfold(rows)) + slips, seconds
@@ -138,7 +140,7 @@ def same_response(label: str, number: int) -> str:
 
 def is_constant(values: Floats) -> bool:
     """Return whether all rows of ``values (n, m)`` are the same, but for rounding."""
-    return bool(np.isclose(values, values[:1], ALIKE, 0.0).all())
+    return bool(np.isclose(values, values[:1], SAME_RESPONSE, 0.0).all())
 
 
 def doubt(
@@ -194,7 +196,7 @@ def doubt_units(predicted: Floats, measured: Floats, unit: str) -> str:
     solved = ratios[~np.isnan(ratios).any(axis=1)]
     medians = np.median(solved, axis=1)
     less = medians[0] < 0
-    if np.abs(medians).min() <= np.log(FAR) or ((solved < 0) != less).any():
+    if np.abs(medians).min() <= np.log(FAR_RATIO) or ((solved < 0) != less).any():
         return ""
     times = np.exp(np.abs(medians[0]))
     turn = 1 / LIKE_TURN < times / (2 * np.pi) < LIKE_TURN and unit == "Hz"

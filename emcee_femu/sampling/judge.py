@@ -16,7 +16,7 @@ from ..contracts import Floats
 
 FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
-LEVEL = 1e-4  # of a false alarm, over all parameters
+FALSE_ALARM = 1e-4  # of a false alarm, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
 
@@ -114,7 +114,7 @@ def excess_scatter(values: Floats, tau: Floats) -> Floats:
     with np.errstate(divide="ignore", invalid="ignore"):  # of what never changes
         centre = (means / variance).sum(axis=0) / (1 / variance).sum(axis=0)
         squares = ((means - centre) ** 2 / variance).sum(axis=0)
-    most = stats.chi2.isf(LEVEL / d, n_ensembles - 1)
+    most = stats.chi2.isf(FALSE_ALARM / d, n_ensembles - 1)
     return np.asarray(squares / (TAU_KNOWN_TO * most))
 
 

@@ -18,12 +18,12 @@ from .importance import (
     pareto_k,
 )
 
-ROUNDS = 12
+REFINING_ROUNDS = 12
 GOOD_SHARE = 0.9  # effective share of a round's draws that ends the refinement
 HIGH_SHARE = 0.8  # where a heavy tail counts little
 LEAST_SHARE, FAIR_K = 0.2, 0.4  # beyond which it may end without
 DFS = (3.0, 5.0, 8.0, 16.0, 50.0)
-MOST_COMPONENTS = 30
+MOST_REFINED = 30
 NEW_WEIGHT = 0.2
 STRESSED = 10  # iterations
 LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
@@ -153,7 +153,7 @@ def refine(
         The proposal of the last round, with its covering components.
     """
     rounds: list[Trial] = []
-    for number in range(ROUNDS):
+    for number in range(REFINING_ROUNDS):
         wide = cover(mixture)
         trial = Trial(wide, *propose(wide, size * max(2, number) // 2))
         draws.add(trial.theta, trial.rows, wide)
@@ -231,7 +231,7 @@ def _fits(
     """Yield the fit, and one with a component more where the mixture lacks most."""
     fitted, gained = mixture.improve(x, shares)
     yield fitted, gained
-    if len(fitted.weights) >= MOST_COMPONENTS:
+    if len(fitted.weights) >= MOST_REFINED:
         return
     relevant = np.log(shares / shares.max()) > -RELEVANT
     lacking = np.where(relevant, log_p - fitted.log_density(x), -np.inf)

@@ -6,11 +6,11 @@ from scipy.optimize import brentq, lsq_linear
 
 from ..contracts import Floats
 
-FLOOR = 0.1  # least curvature: no direction is wider than 3.2 prior sds
-ROUNDED = 1e-14  # of the largest curvature, below which one is rounding
+LEAST_CURVATURE = 0.1  # least curvature: no direction is wider than 3.2 prior sds
+CURVATURE_ROUNDED = 1e-14  # of the largest curvature, below which one is rounding
 
-DRAWS = 1_000  # of the probability of a box; its relative error is a percent or two
-FAR = 8.0  # standard deviations; a bound beyond them takes nothing away
+BOX_DRAWS = 1_000  # of the probability of a box; its relative error is a percent or two
+FAR_BOUND = 8.0  # standard deviations; a bound beyond them takes nothing away
 
 
 def log_integral(
@@ -28,7 +28,7 @@ def log_integral(
     if is_inside(mean, covariance, low, high):
         return float(whole)
     log_weights = draw_inside(mean, covariance, low, high)[1]
-    return float(whole + special.logsumexp(log_weights) - np.log(DRAWS))
+    return float(whole + special.logsumexp(log_weights) - np.log(BOX_DRAWS))
 
 
 def moments_inside(
@@ -46,7 +46,7 @@ def moments_inside(
 def is_inside(mean: Floats, covariance: Floats, low: Floats, high: Floats) -> bool:
     """Return whether the bounds are too far to matter."""
     room = np.minimum(mean - low, high - mean)
-    return bool((room > FAR * np.sqrt(np.diag(covariance))).all())
+    return bool((room > FAR_BOUND * np.sqrt(np.diag(covariance))).all())
 
 
 def draw_inside(
@@ -60,10 +60,10 @@ def draw_inside(
     room = np.minimum(mean - low, high - mean) / np.sqrt(np.diag(covariance))
     order = np.argsort(room)  # the tightest first, for least scatter
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
-    uniform = np.random.default_rng(0).random((DRAWS, len(mean)))
+    uniform = np.random.default_rng(0).random((BOX_DRAWS, len(mean)))
     white = np.zeros_like(uniform)
     draws = np.empty_like(uniform)
-    log_weights = np.zeros(DRAWS)
+    log_weights = np.zeros(BOX_DRAWS)
     for i, j in enumerate(order):
         centre, spread = mean[j] + white[:, :i] @ root[i, :i], root[i, i]
         ends = (low[j] - centre) / spread, (high[j] - centre) / spread
@@ -86,7 +86,7 @@ def _cut_normal(low: Floats, high: Floats, uniform: Floats) -> tuple[Floats, Flo
 def make_positive(curvature: Floats) -> Floats:
     """Return the matrix with its eigenvalues made positive, and none too small."""
     values, vectors = np.linalg.eigh(curvature)
-    least = max(FLOOR, ROUNDED * values[-1])
+    least = max(LEAST_CURVATURE, CURVATURE_ROUNDED * values[-1])
     if values[0] >= least:
         return curvature
     positive: Floats = (vectors * np.maximum(np.abs(values), least)) @ vectors.T

@@ -25,20 +25,30 @@ from .importance import normalise, resample
 from .proposals import cover, uncover
 
 MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
-PER_TERM = 2  # solves of the first fit
-ROUNDS, NEW = 5, 600  # fits after it, and solves for each
-LEARNED = PER_TERM * MOST_TERMS + ROUNDS * NEW  # solves at most
+SOLVES_PER_TERM = 2  # solves of the first fit
+SURFACE_ROUNDS, SURFACE_SOLVES = 5, 600  # fits after it, and solves for each
+LEARNED = (
+    SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
+)  # solves at most
 CHEAP = 8_000  # draws of a mixture from which walkers on a surface start
-STEPS, THIN, KEPT = 60, 20, 10  # steps before the first kept, between them, how many
+SURFACE_STEPS, SURFACE_THIN, SURFACE_KEPT = (
+    60,
+    20,
+    10,
+)  # steps before the first kept, between them, how many
 INDEPENDENT = 0.3  # share of independent proposals among these steps
 # Of walkers on a surface, and the shares of draws of each in a proposal: hot ones see
 # tails that draws of the posterior hardly meet, and where a walker would stay long.
-TEMPERATURES, SHARES = (1.0, 2.0, 4.0), (0.5, 0.3, 0.2)
+SURFACE_TEMPERATURES, TEMPERATURE_SHARES = (1.0, 2.0, 4.0), (0.5, 0.3, 0.2)
 FITS, DF = 2, 5.0  # of the mixture, degrees of freedom of its components
-LEVEL = 2.0  # log-density per parameter below the largest, from where points weigh less
+WEIGHED_LEVEL = (
+    2.0  # log-density per parameter below the largest, from where points weigh less
+)
 LEAST_WEIGHT = 1e-4
-RIDGE = 1e-6  # by which coefficients are drawn to zero, relative to one point
-FLOOR = -1e100  # log-density where the polynomials make no sense any more
+COEFFICIENT_RIDGE = (
+    1e-6  # by which coefficients are drawn to zero, relative to one point
+)
+NO_SENSE = -1e100  # log-density where the polynomials make no sense any more
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +99,7 @@ class ResponseSurface:
             r, log_sd = np.split(np.array(pairs), 2)
             likelihood = log_normal(r, np.exp(log_sd)).sum(axis=0)
             likelihood += np.minimum(rest, self.most)
-        values[inside] += np.nan_to_num(likelihood, nan=FLOOR, neginf=FLOOR)
+        values[inside] += np.nan_to_num(likelihood, nan=NO_SENSE, neginf=NO_SENSE)
         return values
 
 
@@ -127,7 +137,7 @@ def fit_surface(
     rest = log_p - log_prior - log_normal(r, sd).sum(axis=1)
     targets = np.column_stack([r, np.log(sd), rest])
     units = np.column_stack([sd, np.ones_like(sd), np.ones_like(rest)])
-    below = np.maximum(log_p.max() - log_p - LEVEL * d, 0.0)
+    below = np.maximum(log_p.max() - log_p - WEIGHED_LEVEL * d, 0.0)
     weights = np.maximum(np.exp(-below / 4), LEAST_WEIGHT)[:, None]
     fits = []
     for logs in (np.zeros(d, dtype=bool), prior.bounds[:, 0] >= 0):
@@ -135,7 +145,7 @@ def fit_surface(
         centre = (weights * x).sum(axis=0) / weights.sum()
         scale = np.sqrt((weights * (x - centre) ** 2).sum(axis=0) / weights.sum())
         terms = weights * monomials((x - centre) / scale, degree).T
-        ridge = RIDGE * np.eye(terms.shape[1])
+        ridge = COEFFICIENT_RIDGE * np.eye(terms.shape[1])
         basis, triangle = np.linalg.qr(np.vstack([terms, ridge]))
         basis = basis[: len(terms)]
         coefficients = np.linalg.solve(triangle, basis.T @ (weights * targets))
@@ -171,25 +181,28 @@ def learn_surface(
         stacked = evaluator.stack(theta, "deviations")
         return np.hstack([stacked[:, :2], stacked[:, width:]])
 
-    theta = mixture.draw(rng, PER_TERM * comb(d + degree, degree))
+    theta = mixture.draw(rng, SOLVES_PER_TERM * comb(d + degree, degree))
     theta = theta[np.isfinite(prior.logpdf(theta))]
-    parts = np.array_split(theta, -(-len(theta) // NEW))
+    parts = np.array_split(theta, -(-len(theta) // SURFACE_SOLVES))
     solved = np.vstack([solve(part) for part in parts])
-    for _ in range(ROUNDS):
+    for _ in range(SURFACE_ROUNDS):
         surface = fit_surface(prior, theta, solved, degree)
         walkers = _walk(surface, mixture, rng, 1)
         theta = np.vstack([theta, *walkers])
         solved = np.vstack([solved, solve(np.vstack(walkers))])
     surface = fit_surface(prior, theta, solved, degree)
     for _ in range(FITS):
-        drawn = _walk(surface, mixture, rng, KEPT)
+        drawn = _walk(surface, mixture, rng, SURFACE_KEPT)
         try:
             fits = [Mixture.fit(x, "auto", DF) for x in drawn]
         except ValueError:  # nearly all walkers are at one place, or far from any solve
             return None
         # Without their own wide components, which would join separate modes.
         fits = [uncover(fit, 1) if len(fit.weights) > 1 else fit for fit in fits]
-        weights = [share * fit.weights for share, fit in zip(SHARES, fits, strict=True)]
+        weights = [
+            share * fit.weights
+            for share, fit in zip(TEMPERATURE_SHARES, fits, strict=True)
+        ]
         means = np.vstack([fit.means for fit in fits])
         matrices = np.concatenate([fit.matrices for fit in fits])
         mixture = cover(Mixture(np.concatenate(weights), means, matrices, DF))
@@ -207,17 +220,21 @@ def _walk(
     )
     moves = [(independent, INDEPENDENT), (DEMCMove(), 1.0 - INDEPENDENT)]
     drawn = []
-    for hot in TEMPERATURES:
-        size = NEW // len(TEMPERATURES)
+    for hot in SURFACE_TEMPERATURES:
+        size = SURFACE_SOLVES // len(SURFACE_TEMPERATURES)
         start = x[resample(normalise(log_c / hot - log_q), size, rng.random())]
         sampler = emcee.EnsembleSampler(
             *start.shape, partial(_heat, surface, hot), moves=moves, vectorize=True
         )
         sampler.random_state = np.random.RandomState(rng.integers(2**31)).get_state()
         # Starts may coincide, until independent proposals part them.
-        steps = STEPS + THIN * (kept - 1)
+        steps = SURFACE_STEPS + SURFACE_THIN * (kept - 1)
         sampler.run_mcmc(start, steps, skip_initial_state_check=True)
-        drawn.append(sampler.get_chain(discard=STEPS - THIN, thin=THIN, flat=True))
+        drawn.append(
+            sampler.get_chain(
+                discard=SURFACE_STEPS - SURFACE_THIN, thin=SURFACE_THIN, flat=True
+            )
+        )
     return drawn
 
 

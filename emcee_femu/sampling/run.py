@@ -29,7 +29,7 @@ from .record import Run
 from .search_record import SearchRecord
 from .weighted import Moves, check_walkers, weigh_moves
 
-MOST_DRAWS = 20  # of a starting point
+MOST_START_DRAWS = 20  # of a starting point
 
 
 def run(
@@ -317,7 +317,7 @@ def _draw_starts(
         if points is None and not ensemble:
             for doubt in doubt_reach(posterior, rows):
                 warnings.warn(doubt, stacklevel=3)
-        for _ in range(MOST_DRAWS if rejecting and points is None else 0):
+        for _ in range(MOST_START_DRAWS if rejecting and points is None else 0):
             again = np.flatnonzero(~np.isfinite(rows[:, 0]))
             if not len(again):
                 break

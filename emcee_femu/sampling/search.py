@@ -23,7 +23,7 @@ from .first_solve import doubt_reach
 from .proposals import Draws
 
 UNEXPLAINED = 2.0  # log-density beyond what Gaussians at the modes say
-ALONG = np.array([0.2, 0.4, 0.6, 0.8])  # of the way from a mode to a point
+WAY_POINTS = np.array([0.2, 0.4, 0.6, 0.8])  # of the way from a mode to a point
 VALLEY = 0.5  # log-density below that of the point
 TESTED = 8  # points per ensemble in a round, by weight and by what is unexplained
 SHARE_TESTED = 0.2  # of the points of a search are spent on the ways
@@ -31,7 +31,7 @@ UNTESTED = 2  # climbs to known modes after which valleys are asked for
 FRUITLESS = 4  # climbs in a row to known modes that end the search
 MOST_CLIMBS = 60
 NEGLIGIBLE = 12.0  # log evidence below the largest without a component
-WIDER = 2.0  # ratio of the widths of scans about the modes
+SCAN_WIDENS = 2.0  # ratio of the widths of scans about the modes
 MOST_SCANS = 6
 FIRST_DF = 8.0
 
@@ -148,7 +148,7 @@ class Search:
         At first from the ones explained least. Where that leads to known modes again,
         only from points that a valley parts from the mode they would belong to.
         """
-        left = round(SHARE_TESTED * size / len(ALONG))
+        left = round(SHARE_TESTED * size / len(WAY_POINTS))
         fruitless = 0
         tested = np.zeros(len(self.theta), dtype=bool)
         waiting: list[int] = []
@@ -208,7 +208,7 @@ class Search:
         """
         mixture, theta = self.mixture(), self.theta[numbers]
         modes = mixture.means[np.argmin(mixture.squared_distances(theta), axis=1)]
-        ways = modes[:, None] + ALONG[:, None] * (theta - modes)[:, None]
+        ways = modes[:, None] + WAY_POINTS[:, None] * (theta - modes)[:, None]
         rows = self.evaluator.rows(ways.reshape(-1, theta.shape[1]))
         lowest = rows[:, 0].reshape(len(numbers), -1).min(axis=1)
         pairs = zip(numbers, lowest, strict=True)
@@ -234,7 +234,7 @@ class Search:
         spread = summarize_prior(self.evaluator.posterior.prior)[1]
         widths = np.sqrt(np.diagonal(mixture.matrices, axis1=1, axis2=2))
         ratio = float((spread / widths).max())
-        factors = WIDER ** np.arange(1, MOST_SCANS + 1)
+        factors = SCAN_WIDENS ** np.arange(1, MOST_SCANS + 1)
         return [
             replace(mixture, matrices=mixture.matrices * factor**2)
             for factor in factors[factors < ratio]

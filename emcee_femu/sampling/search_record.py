@@ -17,8 +17,8 @@ from .importance import normalise
 from .proposals import COVERS
 from .response_surface import ResponseSurface
 
-APART = 10.0  # squared distance of the centres, by the sum of the matrices
-COVER = -1  # the mode of components that cover the others and belong to none
+MODES_APART = 10.0  # squared distance of the centres, by the sum of the matrices
+NO_MODE = -1  # the mode of components that cover the others and belong to none
 JUMPS = 0.1  # of the DE-MC steps have gamma = 1
 HAMILTONIAN = 0.8  # of the moves where gradients do better
 
@@ -157,14 +157,14 @@ def separate(mixture: Mixture) -> Labels:
     sums = mixture.matrices[:k, None] + mixture.matrices[:k]
     solved = np.linalg.solve(sums, apart[..., None])[..., 0]
     distances = np.einsum("ijd,ijd->ij", apart, solved)
-    modes = connected_components(distances < APART, directed=False)[1]
-    result: Labels = np.append(modes, [COVER] * len(COVERS)).astype(np.intp)
+    modes = connected_components(distances < MODES_APART, directed=False)[1]
+    result: Labels = np.append(modes, [NO_MODE] * len(COVERS)).astype(np.intp)
     return result
 
 
 def label(theta: Floats, mixture: Mixture, mode_of: Labels) -> Labels:
     """Return the mode of each point ``(n,)``: that of its likeliest component."""
-    owners = np.flatnonzero(mode_of != COVER)
+    owners = np.flatnonzero(mode_of != NO_MODE)
     likeliest = np.argmax(mixture.log_parts(theta)[:, owners], axis=1)
     labels: Labels = mode_of[owners][likeliest]
     return labels

@@ -14,7 +14,7 @@ def public_names():
     for prefix in ("", *(f"{subject}." for subject in SUBJECTS)):
         module = getattr(ef, prefix[:-1]) if prefix else ef
         exported = {*re.findall(r"\b(\w+) as \1\b", inspect.getsource(module))}
-        for name in {*dir(module), *exported}:
+        for name in sorted({*dir(module), *exported}):
             value = getattr(module, name)
             where = getattr(value, "__module__", "")
             home = module.__name__ if prefix == "paper." else "emcee_femu"

@@ -10,8 +10,13 @@ from ...contracts import Floats
 from ...results.evidence import Evidence, log_evidence
 from ...table import Column, Parts, Report, Table
 
-LEAD = 2.0  # combined standard errors by which a class must be ahead
-WORDS = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
+CLASS_LEAD = 2.0  # combined standard errors by which a class must be ahead
+STRENGTH_WORDS = (
+    (5.0, "very strong"),
+    (3.0, "strong"),
+    (1.0, "positive"),
+    (0.0, "weak"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +40,7 @@ class Standing:
     @property
     def strength(self) -> str:
         """The word of Kass and Raftery for the evidence against it."""
-        return next(word for least, word in WORDS if self.lead >= least)
+        return next(word for least, word in STRENGTH_WORDS if self.lead >= least)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -114,7 +119,7 @@ def compare_models(
 
     lead = values[0] - values
     lead_errors = np.where(np.arange(len(lead)) > 0, np.hypot(errors[0], errors), 0.0)
-    decided = lead > LEAD * lead_errors
+    decided = lead > CLASS_LEAD * lead_errors
     numbers = lead.tolist(), lead_errors.tolist(), probabilities.tolist()
     rows = zip(evidences.values(), *numbers, decided.tolist(), strict=True)
     standings = dict(zip(labels, (Standing(*row) for row in rows), strict=True))

@@ -21,7 +21,7 @@ from ...sampling.run import run
 from ...sampling.weighted import Moves, check_walkers, weigh_moves
 from ...table import Column, Parts, Report, Table
 
-LEAD = 2.0  # combined standard errors by which a winner must be ahead
+MOVE_LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -341,7 +341,9 @@ def conclude(entries: Sequence[Entry]) -> tuple[str | None, str]:
     else:
         best, *others = able
         lead = {e: best.efficiency - e.efficiency for e in others}
-        close = [e for e in others if lead[e] <= LEAD * np.hypot(best.error, e.error)]
+        close = [
+            e for e in others if lead[e] <= MOVE_LEAD * np.hypot(best.error, e.error)
+        ]
         if close:
             names = [str(entry) for entry in (best, *close)]
             lines.append(

@@ -12,12 +12,12 @@ from matplotlib.patches import Patch
 from ... import checks
 from ...figures.style import BLUE, GREY, RED, Style, finish, subplots
 from ...figures.total_average_error import draw_errors, running_tae
-from .classes import LEAD, ModelComparison
+from .classes import CLASS_LEAD, ModelComparison
 from .compare import Comparison
 
 LABEL_WIDTH, CLASS_WIDTH = 32, 28  # characters per line
-LEAST = 0.001  # probability that is written as a number
-FAR = 25.0  # log evidence behind the first beyond which a class is only named
+LEAST_WRITTEN = 0.001  # probability that is written as a number
+FAR_BEHIND = 25.0  # log evidence behind the first beyond which a class is only named
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
@@ -138,8 +138,8 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
     figure, (left, right) = subplots(2, 2, size, sharey=True, width_ratios=widths)
     left.axvline(0.0, color=GREY, lw=0.8)
     for row, standing in enumerate(standings):
-        x, bar = -standing.lead, LEAD * standing.lead_error
-        if x < -FAR:  # it would hide how the others differ
+        x, bar = -standing.lead, CLASS_LEAD * standing.lead_error
+        if x < -FAR_BEHIND:  # it would hide how the others differ
             place: Style = {"xycoords": left.get_yaxis_transform(), "va": "center"}
             left.annotate(f"{x:.0f}, far left", (0.02, row), **place)
             continue
@@ -155,7 +155,10 @@ def plot_model_comparison(comparison: ModelComparison) -> Figure:
     left.set_xlabel("log evidence less that of the first (natural)")
     probabilities = [standing.probability for standing in standings]
     drawn = right.barh(rows, probabilities, height=0.55, color=colours)
-    shares = [f"{p:.3f}" if p >= LEAST else f"< {LEAST}" for p in probabilities]
+    shares = [
+        f"{p:.3f}" if p >= LEAST_WRITTEN else f"< {LEAST_WRITTEN}"
+        for p in probabilities
+    ]
     right.bar_label(drawn, shares, padding=4, fontsize=9)
     right.set(xlim=(0, 1.2), xticks=[0, 0.5, 1], xlabel="probability given the data")
     for axes in (left, right):

@@ -14,12 +14,14 @@ from ...sampling.importance import GOOD_K
 from ...sampling.record import Chains
 from ...table import Parts, Report, Table, unit_column
 
-EQUAL = 0.9  # efficiency above which weights are so equal that their tail is no matter
-FEWEST = 25  # draws
+EQUAL_WEIGHTS = (
+    0.9  # efficiency above which weights are so equal that their tail is no matter
+)
+FEWEST_CERTIFIED = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
-CLOSE = 0.1  # of a standard deviation, in means and standard deviations
+CLOSE_MOMENTS = 0.1  # of a standard deviation, in means and standard deviations
 SURE = 2.0  # standard errors of the difference of these, which few draws decide
-MISSED = 0.01  # share of the posterior that may be missing
+MISSED_SHARE = 0.01  # share of the posterior that may be missing
 FOUND = 0.25  # of a maximum's share, below which the draws lack it
 CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
@@ -93,13 +95,13 @@ class Certificate(Report):
         if self._reasons:
             return REFUSED
         shift, off, error = self._differences
-        close = max(shift, off + SURE * error) <= CLOSE
-        return CERTIFIED if self.efficiency >= EQUAL and close else CORRECTED
+        close = max(shift, off + SURE * error) <= CLOSE_MOMENTS
+        return CERTIFIED if self.efficiency >= EQUAL_WEIGHTS and close else CORRECTED
 
     @property
     def verdict(self) -> str:
         """The verdict in one sentence, with what to do."""
-        equal = self.efficiency >= EQUAL  # whose tail is no matter
+        equal = self.efficiency >= EQUAL_WEIGHTS  # whose tail is no matter
         facts = (
             f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, "
             f"{'' if equal else f'Pareto k {self._k:.2f}, '}"
@@ -149,10 +151,11 @@ class Certificate(Report):
 
     def _find_weakness(self) -> str:
         """Return why the weights cannot be trusted, the plainest reason; or nothing."""
-        n, heavy = len(self.weights), self.efficiency < EQUAL
+        n, heavy = len(self.weights), self.efficiency < EQUAL_WEIGHTS
         better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
-        if n < FEWEST:
-            return f"too few solves: {FEWEST} draws are needed; certify with more"
+        if n < FEWEST_CERTIFIED:
+            words = f"too few solves: {FEWEST_CERTIFIED} draws are needed"
+            return f"{words}; certify with more"
         if not self.largest < np.inf:
             return f"the true posterior is zero at all draws; {better}"
         if heavy and self._k > min(GOOD_K, 1 - 1 / np.log10(n)):
@@ -160,7 +163,7 @@ class Certificate(Report):
                 f"the weights have such a heavy tail that no mean over {n} of them "
                 f"can be trusted; {better}"
             )
-        needed = FEWEST_EFFECTIVE if heavy else FEWEST
+        needed = FEWEST_EFFECTIVE if heavy else FEWEST_CERTIFIED
         if self.effective < needed:
             more = self.solves * needed / max(self.effective, 1.0)
             return (

@@ -32,7 +32,7 @@ from ...results.to_arviz import check_sampled, read_samples
 from ...sampling.climbing import Maximum, climb
 from ...sampling.importance import GOOD_K, kish_share, normalise, smooth_tail
 from ...sampling.judge import FEWEST_STEPS
-from .certificate import EQUAL, Certificate
+from .certificate import EQUAL_WEIGHTS, Certificate
 from .emulated_chain import (
     EmulatedChain,
     compare_bounds,
@@ -42,10 +42,13 @@ from .emulated_chain import (
 )
 
 FEWEST_SOLVES = 10
-APART = 1.1  # R-hat of walkers or ensembles that are in different places
-SHARE, MOST = 4, 30  # solves for the search: at most a quarter, and no more than these
-FIRST = 8  # starts that are put in order
-STEPS = 3  # of a climb, below which it says nothing
+RHAT_APART = 1.1  # R-hat of walkers or ensembles that are in different places
+SEARCH_SHARE, MOST_SEARCH_SOLVES = (
+    4,
+    30,
+)  # solves for the search: at most a quarter, and no more than these
+FIRST_CLIMBS = 8  # starts that are put in order
+FEWEST_CLIMB_STEPS = 3  # of a climb, below which it says nothing
 MOMENTS = "mean", "mean_error", "sd", "sd_error", "off_error"  # in their order
 
 
@@ -173,7 +176,7 @@ def certify(
     ):
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
-        most = min(solves // SHARE, MOST)
+        most = min(solves // SEARCH_SHARE, MOST_SEARCH_SOLVES)
         maxima, lost = _look_elsewhere(chain, evaluator, most, rng)
         climbed = evaluator.failed
         places, counts = chain.choose(solves - evaluator.solves, rng)
@@ -185,7 +188,7 @@ def certify(
     counted = log_weights + np.log(counts)
     efficiency = kish_share(counted)
     smoothed, pareto_k = smooth_tail(counted)
-    if efficiency < EQUAL and pareto_k <= GOOD_K:
+    if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
         counted = smoothed
     weights, moments = np.zeros(n), np.full((5, len(chain.names)), np.nan)
     possible = bool(counted.max() > -np.inf)
@@ -233,12 +236,12 @@ def _look_elsewhere(
     starts, away = starts[away > 1], away[away > 1]
     # The first climb begins where the draws are farthest of a few starts, since near
     # ones lead to the maximum that is known.
-    order = np.argsort(-away[:FIRST])
-    starts = np.concatenate([starts[:FIRST][order], starts[FIRST:]])
+    order = np.argsort(-away[:FIRST_CLIMBS])
+    starts = np.concatenate([starts[:FIRST_CLIMBS][order], starts[FIRST_CLIMBS:]])
     price = 1 if evaluator.posterior.differentiable else evaluator.posterior.ndim + 1
     for start in chain.coordinates.coordinates(starts)[:, None]:
         left = most - evaluator.solves
-        if left < STEPS * price:
+        if left < FEWEST_CLIMB_STEPS * price:
             break
         try:
             maxima += climb(evaluator, start, None, left, chain.coordinates)
@@ -256,7 +259,7 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     if not judged or group.sizes["draw"] < FEWEST_STEPS:
         return [], []
     diagnosis = diagnose(idata)
-    apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > APART
+    apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > RHAT_APART
     if diagnosis.stuck or apart:
         return [
             "the chain of the emulated posterior is in several parts, which no weight "

@@ -15,8 +15,10 @@ from .problem import EmulationProblem
 
 MEMBERS = 300  # draws that stand for a posterior
 GROWN = 1.5  # times as many points for another look at the whole prior
-SMALL = 0.1  # error predicted at carried draws below which each round has a look
-WIDER = 2.0  # standard deviations of the emulator that may be one in truth
+SMALL_PREDICTED = (
+    0.1  # error predicted at carried draws below which each round has a look
+)
+WIDER_IN_TRUTH = 2.0  # standard deviations of the emulator that may be one in truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ class Explorer:
         """
         problem = self.problem
         posterior = problem.replace_model(emulator)
-        wider = problem.replace_model(replace(emulator, factor=WIDER))
+        wider = problem.replace_model(replace(emulator, factor=WIDER_IN_TRUTH))
         narrow, broad = (
             TemperedEvaluation(Solver(each, False), power=power)
             for each in (posterior, wider)
@@ -115,7 +117,7 @@ class Explorer:
         if last is not None:
             kept = carry(narrow, last[0])
             square = problem.predict_error(posterior, kept.theta).mean()
-            look = look or square <= SMALL**2
+            look = look or square <= SMALL_PREDICTED**2
         wide = carry(broad, None if last is None or look else last[1]).theta
         if look:
             self._looked = size

@@ -23,7 +23,7 @@ from ...evaluation.store import StoredEvaluation
 from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
 from ...table import Table
-from .design import FEWEST, check_starts, first_points
+from .design import FEWEST_FITTED, check_starts, first_points
 from .draws import GROWN, EmulatedDraws, Explorer
 from .emulated import EmulatedModel
 from .experiments import EmulatedExperiments, emulate_each
@@ -34,14 +34,20 @@ from .problem import EmulationProblem
 UNITS = 8  # points by which the errors of the measurement are read off the terms
 MORE = 4  # points of a first design than parameters: some more than a linear trend
 SETTLED = 2  # rounds in a row whose true error is to be small
-LARGE = 3.0  # true error above which draws are of a wider, tempered posterior
+LARGE_TRUE_ERROR = (
+    3.0  # true error above which draws are of a wider, tempered posterior
+)
 STAGE = 4.0  # times the power of the round before, at least: its width halves
 SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
-FAR = 3.0  # squared distance per dimension beyond which a point counts less
-ALIKE = 0.01  # error of leaving one out, in measurement errors, that is small enough
-LEAST = 1e-300  # variance of processes that are exact
+FAR_POINT = 3.0  # squared distance per dimension beyond which a point counts less
+SMALL_LEFT_OUT = (
+    0.01  # error of leaving one out, in measurement errors, that is small enough
+)
+LEAST_VARIANCE = 1e-300  # variance of processes that are exact
 BY_CHANCE = 0.01  # probability of so many failures where fewer are allowed
-TINY = 1e-6  # predicted error, in measurement errors, below which none is measured
+UNMEASURED = (
+    1e-6  # predicted error, in measurement errors, below which none is measured
+)
 
 
 def emulate(
@@ -179,7 +185,7 @@ def emulate(
     seed = checks.whole_number("seed", seed)
     coordinates = Coordinates.of(posterior.prior)
     d, fewer, width = posterior.ndim, problem.derivatives, count_workers(pool, workers)
-    number = max(d // 2 + 1, FEWEST) if fewer else d + MORE
+    number = max(d // 2 + 1, FEWEST_FITTED) if fewer else d + MORE
     places = check_starts(starts, problem)
     first = first_points(coordinates, max(number, width), seed, places)
     batch = d // (4 if fewer else 2) + 1
@@ -256,17 +262,17 @@ class _Emulation:
     ) -> EmulatedModel:
         """Go on until the true error is small, or all solves are spent."""
         rng = np.random.default_rng([seed, 0, 0])
-        while 0 < self._solved.sum() < FEWEST and len(self.theta) < solves:
+        while 0 < self._solved.sum() < FEWEST_FITTED and len(self.theta) < solves:
             number = min(batch, solves - len(self.theta))
             self.solve(self.coordinates.prior.sample(rng, number))
         solved = self.evaluator.posterior.unfold(self.rows[self._solved])
         for text in self.problem.doubt(solved):
             warnings.warn(text, stacklevel=3)
-        if (number := int(self._solved.sum())) < FEWEST:
+        if (number := int(self._solved.sum())) < FEWEST_FITTED:
             raise RuntimeError(
                 f"on_failure: only {number} of {len(self.theta)} solves succeeded, and "
-                f"a fit needs at least {FEWEST}. Fix the model, or narrow the prior to "
-                "where it can be solved"
+                f"a fit needs at least {FEWEST_FITTED}. Fix the model, or narrow the "
+                "prior to where it can be solved"
             )
         explorer = Explorer(self.problem)
         emulator, draws, settled, power = None, None, 0, 0.0
@@ -277,7 +283,10 @@ class _Emulation:
             number = int(self._solved.sum())
             if history:
                 true = np.array([error for _, _, error, _ in history[-SETTLED:]])
-                wanted = (LARGE / true[np.isfinite(true)].max(initial=LARGE)) ** 2
+                wanted = (
+                    LARGE_TRUE_ERROR
+                    / true[np.isfinite(true)].max(initial=LARGE_TRUE_ERROR)
+                ) ** 2
                 power = min(max(wanted, STAGE * power), 1.0)
             draws = explorer.draw(  # at first no error is known
                 emulator, self.coordinates, number, rng, power=power or 1.0
@@ -380,7 +389,7 @@ class _Emulation:
                     _scale=(mean, np.asarray(sd)),
                     _logs=logs,
                 )
-                fits.append((max(cost, ALIKE**2), emulator, coordinates))
+                fits.append((max(cost, SMALL_LEFT_OUT**2), emulator, coordinates))
         _, emulator, self.coordinates = min(fits, key=lambda fit: fit[0])
         return emulator
 
@@ -395,7 +404,7 @@ class _Emulation:
             inverse = np.linalg.pinv(np.atleast_2d(np.corrcoef(members.T)))
             z = (x - mean) / sd
             squares = ((z @ inverse) * z).sum(axis=1) / len(mean)
-            weights /= 1.0 + (squares / FAR) ** 2
+            weights /= 1.0 + (squares / FAR_POINT) ** 2
         return np.asarray(weights / weights.sum())
 
     def _choose(
@@ -413,7 +422,9 @@ class _Emulation:
         known = emulator.coordinates(self.theta[:, inputs])
         at = emulator.coordinates(theta[:, inputs])
         fails = ~self._solved[cdist(at, known).argmin(axis=1)]
-        traces = np.array([each.covariance.trace() for each in processes]) + LEAST
+        traces = (
+            np.array([each.covariance.trace() for each in processes]) + LEAST_VARIANCE
+        )
         shares = traces / traces.sum()  # of the error, by processes
         variance = sum(
             share * each.unit_sd(at) ** 2
@@ -451,5 +462,5 @@ class _Emulation:
         full, _ = self.problem.part(recorded)
         true = self.problem.deviate(theta, full, emulated)
         square = self.problem.predict_error(emulated, theta)
-        factor = np.sqrt((true**2 / np.maximum(square, TINY**2)).mean())
-        return float(factor * np.maximum(predicted, TINY))
+        factor = np.sqrt((true**2 / np.maximum(square, UNMEASURED**2)).mean())
+        return float(factor * np.maximum(predicted, UNMEASURED))

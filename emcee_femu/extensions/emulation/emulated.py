@@ -25,9 +25,9 @@ from .gaussian_process import Processes
 if TYPE_CHECKING:
     from ...posterior.log_posterior import LogPosterior
 
-SMALL = 0.02  # in units of measurement error: for less no direction is kept
-LEAST = 1e-300  # whose logarithm is taken in place of that of zero
-MOST = 24  # directions in which the emulator errs, the largest ones
+SMALL_DIRECTION = 0.02  # in units of measurement error: for less no direction is kept
+LEAST_LOGARITHM = 1e-300  # whose logarithm is taken in place of that of zero
+MOST_DIRECTIONS = 24  # directions in which the emulator errs, the largest ones
 REST = 0.03  # share of the mean square error that all others have
 
 
@@ -149,7 +149,7 @@ class EmulatedModel(Report):
         """Return scaled coordinates ``(n, d)`` of parameters in their order."""
         mean, sd = self._scale
         x = theta.copy()
-        x[:, self._logs] = np.log(np.maximum(theta[:, self._logs], LEAST))
+        x[:, self._logs] = np.log(np.maximum(theta[:, self._logs], LEAST_LOGARITHM))
         return np.asarray((x - mean) / sd)
 
     @cached_property
@@ -167,9 +167,9 @@ class EmulatedModel(Report):
         order = np.argsort(sizes, kind="stable")
         sizes, owners = sizes[order], owners[order]
         worst = np.array([each.left_out_sd.max() for each in self.processes])
-        kept = sizes * worst[owners] > SMALL
+        kept = sizes * worst[owners] > SMALL_DIRECTION
         kept &= np.cumsum(sizes**2) > REST * (sizes**2).sum()
-        kept[:-MOST] = False
+        kept[:-MOST_DIRECTIONS] = False
         kept[-1] = True
         directions = block_diag(*axes)[:, order[kept]] * sizes[kept]
         return np.asarray(directions)[:, ::-1], owners[kept][::-1]

@@ -16,15 +16,18 @@ from ...results.diagnose import diagnose
 from ...sampling.climbing import Maximum
 from ...sampling.coordinates import Coordinates
 from ...sampling.judge import effective_sizes, mean_sizes, size_by_means
-from .certificate import FOUND, MISSED
+from .certificate import FOUND, MISSED_SHARE
 
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
-SHOWN = 2_000  # draws of the chain that are compared
-PER_TERM = 5  # draws for each term of a quadratic with products
+GAP_DRAWS = 2_000  # draws of the chain that are compared
+DRAWS_PER_TERM = 5  # draws for each term of a quadratic with products
 ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
-PRIOR_DRAWS = 20_000  # which cost no solve
+PRIOR_FREE_DRAWS = 20_000  # which cost no solve
 LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
-NEAR, PRESSED = 0.1, 0.005  # standard deviations from a bound; share of draws there
+NEAR_A_BOUND, PRESSED = (
+    0.1,
+    0.005,
+)  # standard deviations from a bound; share of draws there
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +113,7 @@ class EmulatedChain:
 
     def distance(self, theta: Floats) -> Floats:
         """Return how far points ``(n, d)`` are from draws, in their largest gaps."""
-        some = np.unique(self.draws[:: -(-len(self.draws) // SHOWN)], axis=0)
+        some = np.unique(self.draws[:: -(-len(self.draws) // GAP_DRAWS)], axis=0)
         tree = cKDTree(self.whiten(some))
         gaps = tree.query(tree.data, k=2)[0][:, 1]
         return np.asarray(tree.query(self.whiten(theta))[0] / (GAPS * gaps.max()))
@@ -199,7 +202,7 @@ def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> f
     """
     possible, d = np.isfinite(log_weights), theta.shape[1]
     i, j = np.triu_indices(d)
-    if len(theta) < PER_TERM * (1 + d + len(i)):
+    if len(theta) < DRAWS_PER_TERM * (1 + d + len(i)):
         i = j = np.arange(d)  # squares alone
     z = chain.whiten(theta[possible])
     terms = np.column_stack([np.ones(len(z)), z, z[:, i] * z[:, j]])
@@ -215,7 +218,7 @@ def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> f
 def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     """Return what is wrong with the emulated posterior's bounds, without a solve."""
     faults = []
-    theta = prior.sample(np.random.default_rng(0), PRIOR_DRAWS)
+    theta = prior.sample(np.random.default_rng(0), PRIOR_FREE_DRAWS)
     low, high = chain.bounds.T
     left_out = 1 - ((theta >= low) & (theta <= high)).all(axis=1).mean()
     if left_out > LEFT_OUT:
@@ -225,17 +228,17 @@ def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
             "of the prior, or certify against a posterior whose prior is cut at those "
             "of the emulator"
         )
-    near = NEAR * chain.draws.std(axis=0)
+    near = NEAR_A_BOUND * chain.draws.std(axis=0)
     for end, sign in ((0, 1.0), (1, -1.0)):
         bounds = sign * chain.bounds[:, end]
         pressed = (sign * chain.draws < bounds + near).mean(axis=0)
-        narrower = bounds > sign * prior.bounds[:, end] + NEAR * near
+        narrower = bounds > sign * prior.bounds[:, end] + NEAR_A_BOUND * near
         for i in np.flatnonzero(narrower & (pressed > PRESSED)):
             faults.append(
                 f"the draws press against {chain.names[i]} = "
                 f"{chain.bounds[i, end]:.5g} ({100 * pressed[i]:.2g} % of them within "
-                f"{NEAR:g} standard deviations), where the emulator ends but the prior "
-                "does not; emulate within wider bounds"
+                f"{NEAR_A_BOUND:g} standard deviations), where the emulator ends but "
+                "the prior does not; emulate within wider bounds"
             )
     return faults
 
@@ -265,7 +268,7 @@ def find_missed(
         if not top.converged:  # on its way, perhaps to what is known
             continue
         share = expit(top.log_evidence - log_evidence)
-        if share < MISSED:
+        if share < MISSED_SHARE:
             continue
         steps, precision = chain.x - top.theta, np.linalg.inv(top.covariance)
         squares = (steps @ precision * steps).sum(axis=1)

@@ -46,10 +46,12 @@ from ...contracts import Floats
 NUGGET = 1e-7  # of the amplitude squared: keeps the factor of close points definite
 VAGUE = 1e6  # the same of a slope that is not known
 STRAIGHT = 0.01  # an output that leaves its trend by less has no say in the lengths
-TINY = 1e-20  # variance of an output that is straight
+STRAIGHT = 1e-20  # variance of an output that is straight
 SCALES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # first lengths, in spreads of the points
-WIDEST = 200.0  # length, in spreads, beyond which the trend says as much
-ROWS = 300  # values and slopes by which lengths are found, of points early and late
+LONGEST_LENGTH = 200.0  # length, in spreads, beyond which the trend says as much
+LENGTH_ROWS = (
+    300  # values and slopes by which lengths are found, of points early and late
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ class Processes:
             points, values, lengths, rough, covariance, whitener, unknown, weights
         )
         sd = np.maximum(
-            expected.amplitudes * expected.left_out_sd[:, None], np.sqrt(TINY)
+            expected.amplitudes * expected.left_out_sd[:, None], np.sqrt(STRAIGHT)
         )
         ratios = expected.leave_out(values) / sd
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
@@ -264,13 +266,13 @@ def fit_processes(
     bent = np.where(np.isnan(every), np.nan, stacked.reshape(every.shape))
     some = np.arange(len(points))
     if every.shape[1] > 1:
-        most = max(ROWS // every.shape[1], 3)
+        most = max(LENGTH_ROWS // every.shape[1], 3)
         some = np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)
 
     def cost(logs: Floats, rough: bool) -> tuple[float, Floats]:
         return _restricted(points[some], bent[some], np.exp(logs), rough, counts)
 
-    bounds = np.log(np.outer(spread, [0.1, WIDEST]))
+    bounds = np.log(np.outer(spread, [0.1, LONGEST_LENGTH]))
     common = [np.log(scale * spread) for scale in SCALES]
     best, lengths, kind = np.inf, spread, False
     for rough in kinds:
@@ -394,7 +396,7 @@ def _restricted(
     projected = projector @ stacked
     free, total = int(known.sum()) - trend.shape[1], counts.sum()
     squares = (stacked * projected).sum(axis=0)
-    variances = np.maximum(squares / free, TINY)
+    variances = np.maximum(squares / free, STRAIGHT)
     logs = np.log(factor.diagonal()).sum() + np.log(information.diagonal()).sum()
     slopes_known = known[:, 1:].sum(axis=0)
     logs -= slopes_known @ np.log(lengths[: width - 1])

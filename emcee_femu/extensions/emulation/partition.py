@@ -13,12 +13,18 @@ from ...models.inputs import derive_along
 from .encoding import Aligned, Named, Numbers, Outputs, Symmetric, eigenvalues_of
 from .gaussian_process import Processes, fit_processes
 
-LEAST = 1e-8  # an eigenvalue predicted below this share of the usual one is cut there
+LEAST_EIGENVALUE = (
+    1e-8  # an eigenvalue predicted below this share of the usual one is cut there
+)
 WORST = 100.0  # squared error beyond which it is only known to be large
-GAIN = 0.95  # share of the squared error that modes together, or own lengths, leave
-TINY = 1e-300  # squared error of processes that are exact
-ROUNDS = 3  # of lengths, then of blocks with them
-STEP = 1e-4  # share of a variable's size by which it is moved along its derivatives
+WORTH_A_BLOCK = (
+    0.95  # share of the squared error that modes together, or own lengths, leave
+)
+EXACT_ERROR = 1e-300  # squared error of processes that are exact
+PARTITION_ROUNDS = 3  # of lengths, then of blocks with them
+TANGENT_STEP = (
+    1e-4  # share of a variable's size by which it is moved along its derivatives
+)
 
 Key: TypeAlias = tuple[int, int]  # the first mode, and the one behind the last
 
@@ -84,8 +90,8 @@ def fit_outputs(
     ends = np.cumsum([block.size for block in blocks])[:-1]
     parts = np.split(processes.values, ends, axis=2)
     apart = tuple(_fit(points, part, [processes], again) for part in parts)
-    share = error(apart) / max(error([processes]), TINY)
-    if share > GAIN:
+    share = error(apart) / max(error([processes]), EXACT_ERROR)
+    if share > WORTH_A_BLOCK:
         return outputs, (processes,), cost
     return outputs, apart, share * cost
 
@@ -116,7 +122,7 @@ def observe(
     for value, move in zip(at, along, strict=True):
         size = np.abs(value).max(initial=0.0) or 1.0
         speed += np.abs(move).reshape(*speed.shape, -1).max(axis=2) / size
-    steps = STEP / np.where(speed > 0, speed, 1.0)
+    steps = TANGENT_STEP / np.where(speed > 0, speed, 1.0)
 
     def encode(*arrays: Floats) -> Named:
         return {"": encoder.encode(dict(zip(tangents, arrays, strict=True)))}
@@ -150,7 +156,7 @@ def _choose_modes(
     eigenvalues = eigenvalues_of(response)
     usual = np.maximum(np.median(frequencies, axis=0), frequency_unit)
     unit, m = 8 * np.pi**2 * usual * frequency_unit, len(usual)
-    least = LEAST * (2 * np.pi * usual) ** 2
+    least = LEAST_EIGENVALUE * (2 * np.pi * usual) ** 2
     scale = None
     if logs and (eigenvalues > least).all():
         scale = (2 * np.pi * usual) ** 2
@@ -181,13 +187,13 @@ def _choose_modes(
             by_shapes = errors[:, count * (count + 1) // 2 :] ** 2
             total = total + np.minimum(by_shapes, WORST).sum(axis=1)
         mean = float(weights @ total)
-        return mean if count == 1 else mean / GAIN
+        return mean if count == 1 else mean / WORTH_A_BLOCK
 
     partings: dict[tuple[Key, ...], tuple[float, Processes]] = {}
     for power in (2, 0):  # single modes, and as few blocks as there can be
         chosen = _cheapest({(i, j): float(j - i) ** power for i, j in keys}, m)
         near = start
-        for _ in range(ROUNDS):
+        for _ in range(PARTITION_ROUNDS):
             if chosen in partings:
                 break
             together = np.concatenate([codes[key] for key in chosen], axis=2)

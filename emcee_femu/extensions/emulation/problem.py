@@ -33,8 +33,11 @@ from .encoding import Named
 
 PAIRS = 0.1  # share of a shape that may be wrong where it only tells pairs
 UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
-SLOPES, KNOWN = " by parameter", "derivatives known"  # variables beside the others
-STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
+SLOPES_SUFFIX, DERIVATIVES_KNOWN = (
+    " by parameter",
+    "derivatives known",
+)  # variables beside the others
+TERM_STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
 
 
 @dataclass(frozen=True)
@@ -62,10 +65,10 @@ class Recorder:
         if not self.inputs:
             return self.raw
         slopes = {
-            name + SLOPES: Variable({**v.coords, "by parameter": self.inputs})
+            name + SLOPES_SUFFIX: Variable({**v.coords, "by parameter": self.inputs})
             for name, v in self.raw.items()
         }
-        return self.raw | slopes | {KNOWN: Variable({})}
+        return self.raw | slopes | {DERIVATIVES_KNOWN: Variable({})}
 
     def __call__(self, parameters: Parameters) -> Named:
         """Solve in full; zero are derivatives that the model refuses at a point.
@@ -106,10 +109,14 @@ class Recorder:
             for j in columns
         ]
         for name in self.raw:
-            recorded[name + SLOPES] = np.stack([move[name] for move in moves], axis=-1)
-            if not np.isfinite(recorded[name + SLOPES]).all():
+            recorded[name + SLOPES_SUFFIX] = np.stack(
+                [move[name] for move in moves], axis=-1
+            )
+            if not np.isfinite(recorded[name + SLOPES_SUFFIX]).all():
                 raise ValueError(f"jacobian: derivatives of {name} are not finite")
-        return recorded | {KNOWN: np.ones(len(next(iter(recorded.values()))))}
+        return recorded | {
+            DERIVATIVES_KNOWN: np.ones(len(next(iter(recorded.values()))))
+        }
 
     def _read(self, response: Response) -> Named:
         """Return the raw variables of a response, or of its derivatives."""
@@ -178,9 +185,11 @@ class EmulationProblem:
         response = {name: recorded[name] for name in self.variables}
         if not self.derivatives:
             return response, {}
-        tangents = {name: recorded[name + SLOPES].copy() for name in self.variables}
+        tangents = {
+            name: recorded[name + SLOPES_SUFFIX].copy() for name in self.variables
+        }
         for tangent in tangents.values():
-            tangent[recorded[KNOWN] == 0] = np.nan
+            tangent[recorded[DERIVATIVES_KNOWN] == 0] = np.nan
         return response, tangents
 
     def replace_model(self, model: EmulatedModel) -> LogPosterior:
@@ -290,7 +299,7 @@ class EmulationProblem:
     ) -> Floats:
         """Return what the data know of each ordinate of a variable, ``(n, *shape)``."""
         parameters, size = self.posterior.parameters(theta), value[0].size
-        step = STEP * max(float(np.abs(value).mean()), 1e-300)
+        step = TERM_STEP * max(float(np.abs(value).mean()), 1e-300)
         move = (step * np.eye(size)).reshape(*value.shape[1:], size)
         moves = dict.fromkeys(parameters, np.zeros((len(theta), size)))
         moves[name] = np.broadcast_to(move, (*value.shape, size))

@@ -23,11 +23,11 @@ from .entries import (
     read_number,
     try_part,
 )
-from .nastran import HEADER, read_dmig, read_op4
+from .nastran import OP4_HEADER, read_dmig, read_op4
 
 Read = Callable[[Path], list[Part]]
 # jobname_STIF1.mtx of step 1, and with it jobname_MASS1.mtx
-KINDS = {"STIF": "K", "MASS": "M"}
+HARWELL_BOEING_KINDS = {"STIF": "K", "MASS": "M"}
 NAMED = re.compile(r"(.*_)(STIF|MASS)(\d*\.\w+)", re.I)
 MARKET = re.compile(
     r"%%\w+\s+matrix\s+(coordinate|array)\s+(?:real|double|integer)\s+"
@@ -53,7 +53,7 @@ def read_abaqus(path: Path) -> list[Part]:
     beside = path.with_name(f"{named[1]}{other}{named[3]}")
     files = {named[2].upper(): path} | ({other: beside} if beside.exists() else {})
     return [
-        try_part(KINDS[kind], file, partial(_read_part, file))
+        try_part(HARWELL_BOEING_KINDS[kind], file, partial(_read_part, file))
         for kind, file in sorted(files.items())[::-1]
     ]
 
@@ -270,7 +270,7 @@ HEAD = 4096  # bytes that are looked at
 # row and column, or node and direction of both, and a value.
 TEXTS: dict[str, Read] = {
     r"%%MatrixMarket\b.*": read_matrix_market,
-    HEADER.pattern: read_op4,
+    OP4_HEADER.pattern: read_op4,
     r"\s*(?:-?\d+\s*[ ,]\s*){2}(?:(?:-?\d+\s*[ ,]\s*){2})?[^\s,]+\s*": read_abaqus,
 }
 # The third line of Harwell-Boeing: type, and numbers of rows, columns and entries.
@@ -281,7 +281,7 @@ BINARIES: dict[bytes, Read] = {  # the first bytes
     rb"PK\x03\x04.*": read_npz,
     rb".{8}\x04\0\0\0.*": read_full,
 }
-KNOWN = (
+KNOWN_FORMATS = (
     "Matrix Market, Harwell-Boeing, scipy.sparse.save_npz, Abaqus *MATRIX OUTPUT, "
     "CalculiX .sti .mas .dof, Nastran DMIG and ASCII OP4, ANSYS .full"
 )
@@ -321,4 +321,4 @@ def read_file(path: Path) -> list[Part]:
     if re.search(rb"^DMIG[*, ]", path.read_bytes(), re.M | re.I):
         return read_dmig(path)  # grid points and others may come first
     what = "binary content" if b"\0" in head else repr(first[:60])
-    raise ValueError(f"{path}: expected matrices in one of {KNOWN}; got {what}")
+    raise ValueError(f"{path}: expected matrices in one of {KNOWN_FORMATS}; got {what}")

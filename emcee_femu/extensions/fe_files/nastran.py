@@ -22,17 +22,19 @@ from .entries import (
 
 # Columns, rows (negative: BIGMAT; both may be 16 wide), form, type, name, and the
 # Fortran format of values, such as 1P,3E23.16 or 3D23.16.
-HEADER = re.compile(
+OP4_HEADER = re.compile(
     r"([ \d-]{32}(?:[ \d-]{16})?)((?=\d*[A-Z])\w{1,8})\s*"
     r"(?:(?:1P,?\s*\d*|\d+)[ED](\d+)\.\d.*)?",
     re.I,
 )
-WIDTH = 16  # of a value where the header has no format: 5E16.9
-WORDS = (1, 2)  # of a value, which are its types: single and double precision
-ROWS = 65536  # a string begins with row + ROWS * (words + 1), or words + 1 and row
+OP4_WIDTH = 16  # of a value where the header has no format: 5E16.9
+OP4_WORDS = (1, 2)  # of a value, which are its types: single and double precision
+STRING_ROWS = (
+    65536  # a string begins with row + ROWS * (words + 1), or words + 1 and row
+)
 REAL = (1, 2)  # TIN: single or double precision; 3 and 4 are complex
 SQUARE, SYMMETRIC = 1, 6  # IFO; 2 and 9 are rectangular, such as loads
-COMPLEX = "is complex; write the real matrix, without structural damping"
+IS_COMPLEX = "is complex; write the real matrix, without structural damping"
 
 
 def read_op4(path: Path) -> list[Part]:
@@ -42,9 +44,9 @@ def read_op4(path: Path) -> list[Part]:
         ValueError: If there is none.
     """
     lines, parts = read_lines(path), []
-    starts = [i for i, line in enumerate(lines) if HEADER.fullmatch(line)]
+    starts = [i for i, line in enumerate(lines) if OP4_HEADER.fullmatch(line)]
     for start, end in zip(starts, [*starts[1:], len(lines)], strict=True):
-        header = HEADER.fullmatch(lines[start])
+        header = OP4_HEADER.fullmatch(lines[start])
         assert header is not None
         wide = len(header[1]) // 2 - 8
         size, rows = int(header[1][:wide]), abs(int(header[1][wide:-16]))
@@ -60,11 +62,11 @@ def _read_op4_part(
     path: Path, lines: list[str], start: int, end: int, size: int
 ) -> Part:
     """Return the matrix of the lines from its header to the next."""
-    header = HEADER.fullmatch(lines[start])
+    header = OP4_HEADER.fullmatch(lines[start])
     assert header is not None
-    name, width, kind = header[2], int(header[3] or WIDTH), int(header[1][-8:])
-    if kind not in WORDS:
-        raise ValueError(f"{path}, line {start + 1}: {name} {COMPLEX}")
+    name, width, kind = header[2], int(header[3] or OP4_WIDTH), int(header[1][-8:])
+    if kind not in OP4_WORDS:
+        raise ValueError(f"{path}, line {start + 1}: {name} {IS_COMPLEX}")
     try:
         entries = [*_read_strings(lines, start + 1, end, size, width, kind)]
     except ValueError as error:
@@ -91,7 +93,9 @@ def _read_strings(
                 values += [read_number(line[i : i + width]) for i in starts]
             at += 1
             if left:  # a string
-                count, row = numbers if len(numbers) == 2 else divmod(numbers[0], ROWS)
+                count, row = (
+                    numbers if len(numbers) == 2 else divmod(numbers[0], STRING_ROWS)
+                )
                 left -= count + len(numbers) - 1
                 count -= 1
             else:
@@ -167,7 +171,7 @@ def read_dmig(path: Path) -> list[Part]:
         if form not in (SQUARE, SYMMETRIC):
             continue
         if kind not in REAL:
-            faults[name] = f"{path}: {name} {COMPLEX}"
+            faults[name] = f"{path}: {name} {IS_COMPLEX}"
         elif not rows:
             faults.setdefault(name, f"{path}: no entry in a column of {name}; {AGAIN}")
         table = np.array(rows).reshape(-1, 5)

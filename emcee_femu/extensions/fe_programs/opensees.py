@@ -11,10 +11,10 @@ from ...contracts import Floats
 from ...models.exports import Matrices
 from ...models.geometry import Geometry
 
-DRAWN = 4  # nodes of an element at most, whose outline is known
+OUTLINE_NODES = 4  # nodes of an element at most, whose outline is known
 # Directions of DOFs beyond the translations, by dimensions and DOFs of a node; others
 # than these, such as a pressure, keep a number from 7 on.
-ROTATIONS = {(2, 3): [6], (3, 6): [4, 5, 6]}
+OPENSEES_ROTATIONS = {(2, 3): [6], (3, 6): [4, 5, 6]}
 
 
 def from_opensees(ops: ModuleType) -> Matrices:
@@ -91,7 +91,7 @@ def from_opensees(ops: ModuleType) -> Matrices:
     dofs = {}
     for node, kept in untied.items():
         dimensions, size = len(ops.nodeCoord(node)), ops.getNDF(node)[0]
-        others = ROTATIONS.get((dimensions, size), range(7, 7 + size))
+        others = OPENSEES_ROTATIONS.get((dimensions, size), range(7, 7 + size))
         names = [*range(1, min(dimensions, size) + 1), *others]
         # Rows of a master follow the node's own ones; zip leaves them out.
         for row, direction in zip(ops.nodeDOFs(node), kept, strict=False):
@@ -118,7 +118,9 @@ def _assemble(ops: ModuleType, mass: float, stiffness: float) -> Floats:
 
 def _locate(ops: ModuleType, nodes: list[int]) -> Geometry:
     elements = [ops.eleNodes(element) for element in ops.getEleTags()]
-    outlines = [e if len(e) == 2 else [*e, e[0]] for e in elements if len(e) <= DRAWN]
+    outlines = [
+        e if len(e) == 2 else [*e, e[0]] for e in elements if len(e) <= OUTLINE_NODES
+    ]
     return Geometry(
         {node: [*ops.nodeCoord(node), 0.0][:3] for node in nodes},
         [line for outline in outlines for line in pairwise(outline)],

@@ -7,10 +7,17 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from ... import checks
-from ...models.exports import DIRECTIONS, Matrices
+from ...models.exports import DOF_DIRECTIONS, Matrices
 from ...models.geometry import Geometry
 
-AXES = ("DX", "DY", "DZ", "RX", "RY", "RZ")  # of supports, in the order of DIRECTIONS
+PYNITE_AXES = (
+    "DX",
+    "DY",
+    "DZ",
+    "RX",
+    "RY",
+    "RZ",
+)  # of supports, in the order of DIRECTIONS
 
 
 def from_pynite(
@@ -78,7 +85,9 @@ def from_pynite(
     free = {
         6 * node.ID + i: (node.name, direction)
         for node in nodes
-        for i, (axis, direction) in enumerate(zip(AXES, DIRECTIONS, strict=True))
+        for i, (axis, direction) in enumerate(
+            zip(PYNITE_AXES, DOF_DIRECTIONS, strict=True)
+        )
         if not getattr(node, f"support_{axis}")
         and getattr(node, f"Enforced{axis}") is None
     }

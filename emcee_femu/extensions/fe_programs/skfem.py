@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse import csc_array
 
-from ...models.exports import DIRECTIONS, Matrices
+from ...models.exports import DOF_DIRECTIONS, Matrices
 from ...models.geometry import Geometry
 from ...models.inputs import Matrix, read_matrix
 
 # Components of a displacement, as ElementVector names them.
-COMPONENTS = {f"u^{i}": axis for i, axis in enumerate(DIRECTIONS[:3], 1)}
+COMPONENTS = {f"u^{i}": axis for i, axis in enumerate(DOF_DIRECTIONS[:3], 1)}
 ACROSS = {1: ["uy"], 2: ["uz"]}  # where a deflection u of a beam or a plate points
 
 

@@ -12,7 +12,7 @@ from ...results.to_arviz import read_samples
 from ...sampling.judge import spread_out
 from .term import FRFTerm
 
-DRAWN = 200  # draws that are solved anew
+FRF_DRAWS = 200  # draws that are solved anew
 
 
 def plot_frf(
@@ -71,7 +71,7 @@ def plot_frf(
         )
     ((model, measured, reads),) = pairs
     theta = samples(idata)[1].reshape(-1, posterior.ndim)
-    some = theta[spread_out(len(theta), DRAWN)]
+    some = theta[spread_out(len(theta), FRF_DRAWS)]
     H = model(posterior.parameters(some))[measured.kind]
     ends = np.quantile(np.sqrt((H**2).sum(axis=-1)), INTERVAL, axis=0)
     rows = len(measured.channels)

@@ -18,7 +18,7 @@ from ...measurements.uff import read_uff58
 from ...table import Column, Parts, Report, Table
 
 # Times i omega, and the unit in SI.
-KINDS = {
+FRF_KINDS = {
     "receptance": (0, "m/N"),
     "mobility": (1, "m/(N s)"),
     "accelerance": (2, "m/(N s2)"),
@@ -50,10 +50,10 @@ def frf_variable(
         "line": lines.tolist(),
         "part": ["real", "imaginary"],
     }
-    return Variable(coords, KINDS[kind][1] if unit is None else unit, stored)
+    return Variable(coords, FRF_KINDS[kind][1] if unit is None else unit, stored)
 
 
-def read_kind(kind: object, kinds: Collection[str] = KINDS) -> str:
+def read_kind(kind: object, kinds: Collection[str] = FRF_KINDS) -> str:
     """Return what was measured, one of some kinds."""
     if not isinstance(kind, str) or kind not in kinds:
         raise ValueError(f"kind: expected one of {list(kinds)}, got {kind!r}")

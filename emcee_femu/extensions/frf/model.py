@@ -19,11 +19,13 @@ from ...contracts import (
 from ...models.inputs import derive_along
 from ...models.matrix import MatrixModel
 from ...models.static import StaticModel
-from .measurements import KINDS, frf_variable, read_channels, read_kind, read_lines
+from .measurements import FRF_KINDS, frf_variable, read_channels, read_kind, read_lines
 
 AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
 PROPORTIONAL = ("mass", "stiffness")
-STEP = 1e-4  # share of the narrowest resonance by which derivatives move modes
+RESONANCE_STEP = (
+    1e-4  # share of the narrowest resonance by which derivatives move modes
+)
 
 Arrays: TypeAlias = dict[str, Floats]
 # A model of the flexibility, and each channel's load case and point.
@@ -176,9 +178,9 @@ class FRFModel:
         # Of shapes and flexibilities a difference is exact with any step.
         size = np.abs([parameters[name] for name in names])
         speed = (np.abs(tangents[0]) / f).max(axis=2)
-        speed = np.maximum(speed, 1 / np.maximum(size, STEP))
-        narrowest = np.maximum(result["damping_ratio"].min(axis=1), STEP)
-        steps = STEP * narrowest / speed
+        speed = np.maximum(speed, 1 / np.maximum(size, RESONANCE_STEP))
+        narrowest = np.maximum(result["damping_ratio"].min(axis=1), RESONANCE_STEP)
+        steps = RESONANCE_STEP * narrowest / speed
         return result, derive_along(self._superpose, values, tangents, steps, names)
 
     def _numbers(self, parameters: Parameters, n: int) -> Floats:
@@ -214,7 +216,7 @@ class FRFModel:
             if self._static is not None:
                 modal = (residues[part] / w[part, None] ** 2).sum(axis=2)
                 whole += (flexibility[part] - modal)[:, :, None]
-            whole = whole * (1j * W) ** KINDS[self.kind][0]
+            whole = whole * (1j * W) ** FRF_KINDS[self.kind][0]
             H[part] = np.stack([whole.real, whole.imag], axis=-1)
         return {"frequency": f, "damping_ratio": zeta, self.kind: H}
 

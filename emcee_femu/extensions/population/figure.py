@@ -11,10 +11,10 @@ from ...results.arviz_objects import unit_of
 from .pool_tests import PooledTests
 
 LEVELS = (0.025, 0.5, 0.975)
-MOST_LABELS = 25  # of tests beside a panel
-POINTS = 60  # of a line along a covariate
+MOST_TESTS_LABELLED = 25  # of tests beside a panel
+LINE_POINTS = 60  # of a line along a covariate
 SHIFT = 0.17  # between the intervals of one test
-BESIDE = 0.006  # of the covariate's range, between intervals of one test
+BESIDE_TEST = 0.006  # of the covariate's range, between intervals of one test
 
 
 def plot_population(pooled: PooledTests, against: str | None = None) -> Figure:
@@ -94,7 +94,7 @@ def _draw_rows(axes: Axes, pooled: PooledTests, i: int) -> None:
         axes.plot([low, high], 2 * [count + row], color=RED, lw=2.4)
         axes.plot(middle, count + row, "o", color=RED, ms=5)
         axes.plot([], [], color=RED, lw=7, alpha=dark, label=f"{label}{where}")
-    step = -(-count // MOST_LABELS)
+    step = -(-count // MOST_TESTS_LABELLED)
     axes.set_yticks(
         [*rows[::step], count + 0.5, count + 1.5],
         [*pooled.tests[::step], "population's mean", "next test"],
@@ -110,7 +110,7 @@ def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
     values = pooled.population.covariates[against]
     x = np.array([values[test] for test in pooled.tests])
     reach = float(np.ptp(x))
-    line = np.linspace(x.min() - 0.05 * reach, x.max() + 0.05 * reach, POINTS)
+    line = np.linspace(x.min() - 0.05 * reach, x.max() + 0.05 * reach, LINE_POINTS)
     centre = pooled.hyperdraws[f"mean {name}"]
     centred = line - pooled.population.averages[against]
     mean = centre + centred[:, None] * pooled.hyperdraws[f"{name} per {against}"]
@@ -124,7 +124,7 @@ def _draw_along(axes: Axes, pooled: PooledTests, i: int, against: str) -> None:
         ends = np.quantile(drawn, (LEVELS[0], LEVELS[2]), axis=1)
         axes.fill_between(line, *ends, alpha=alpha, label=label, color=RED, lw=0)
     axes.plot(line, np.median(mean, axis=1), color=RED, lw=1.6)
-    _draw_tests(axes, pooled, i, x, BESIDE * reach, sideways=False)
+    _draw_tests(axes, pooled, i, x, BESIDE_TEST * reach, sideways=False)
     axes.set_xlabel(against)
     axes.set_ylabel(_label(pooled, name))
 
@@ -141,7 +141,7 @@ def _draw_tests(
     tests = pooled.model.tests.values()
     alone = np.transpose([np.quantile(test.theta[:, i], LEVELS) for test in tests])
     together = np.quantile(pooled.theta[:, :, i], LEVELS, axis=0)
-    many = len(tests) > MOST_LABELS
+    many = len(tests) > MOST_TESTS_LABELLED
     size = 2.5 if many else 4.0
     for place, (low, middle, high), colour, what in (
         (at - shift, alone, GREY, "by itself"),

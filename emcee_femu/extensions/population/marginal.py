@@ -22,9 +22,9 @@ from ...results.arviz_objects import InferenceData, dataset, samples
 from ...sampling.judge import spread_out
 from .normal import NormalPopulation
 
-FEWEST = 100  # draws of a test
+FEWEST_OF_A_TEST = 100  # draws of a test
 RESOLVED = 20  # draws that lie within the narrowest population that they can tell
-TINY = 1e-300
+LEAST_DENSITY = 1e-300
 # The share of each parameter's population that lies inside the bounds, at least: what
 # is left of less would hang on the bound.
 LEAST_INSIDE = 0.1
@@ -92,10 +92,10 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
     if missing:
         raise ValueError(f"it has no parameter {missing}; there are {sampled}")
     flat = chains.reshape(-1, len(sampled))
-    if (different := len(np.unique(flat, axis=0))) < FEWEST:
+    if (different := len(np.unique(flat, axis=0))) < FEWEST_OF_A_TEST:
         raise ValueError(
-            f"expected at least {FEWEST} different draws, got {different}; run it "
-            "longer"
+            f"expected at least {FEWEST_OF_A_TEST} different draws, got {different}; "
+            "run it longer"
         )
     kept = spread_out(len(flat), number)
     # Of parameters that are not pooled the prior stays, and must not be divided out.
@@ -150,9 +150,9 @@ class PopulationModel:
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return ``log_marginal (n, T)``, each known but for a constant."""
         location = self._locate(parameters)
-        sd = np.maximum(self.population.spread(parameters), TINY)[:, None]
+        sd = np.maximum(self.population.spread(parameters), LEAST_DENSITY)[:, None]
         low, high = (self.bounds_of.T[:, None, None] - location) / sd
-        mass = np.maximum(ndtr(high) - ndtr(low), TINY)
+        mass = np.maximum(ndtr(high) - ndtr(low), LEAST_DENSITY)
         log_marginal = -np.log(mass).sum(axis=2)
         for t, weights in enumerate(self.log_weights(parameters)):
             top = weights.max(axis=1)

@@ -18,14 +18,14 @@ from ...sampling.importance import GOOD_K, kish_share, normalise, pareto_k
 from ...sampling.record import Run
 from ...sampling.run import run
 from ...table import Column, Parts, Report, Table
-from .marginal import TINY, Draws, PopulationModel, PopulationTerm, read_tests
+from .marginal import LEAST_DENSITY, Draws, PopulationModel, PopulationTerm, read_tests
 from .normal import NormalPopulation
 
-SMALL = 0.1  # posterior sds by which estimates may be off for want of draws
-ENOUGH = 100  # effective draws of a test, whatever the tail of their weights
+SMALL_SHIFT = 0.1  # posterior sds by which estimates may be off for want of draws
+ENOUGH_EFFECTIVE = 100  # effective draws of a test, whatever the tail of their weights
 RESAMPLED, BLOCKS = 50, 50  # times that the draws are drawn again, and in what blocks
-DRAWS = 1_000  # of the population and of each test's parameters, together
-WIDER = 1.2  # a prior than the population, so that weights towards it stay even
+POPULATION_DRAWS = 1_000  # of the population and of each test's parameters, together
+WIDER_PRIOR = 1.2  # a prior than the population, so that weights towards it stay even
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,7 +86,7 @@ class PooledTests(Report):
     @property
     def unreached(self) -> tuple[str, ...]:
         """Tests to sample again under the population, the farthest off first."""
-        few = (self.pareto_k > GOOD_K) & (self.effective < ENOUGH)
+        few = (self.pareto_k > GOOD_K) & (self.effective < ENOUGH_EFFECTIVE)
         order = np.argsort(-self.pareto_k)
         return tuple(self.tests[i] for i in order if few[i])
 
@@ -168,7 +168,7 @@ class PooledTests(Report):
         covariates = self.population.covariates.items()
         drawn = self.next_test(**{name: values[test] for name, values in covariates})
         for name, values in drawn.items():
-            marginals[name] = stats.norm(values.mean(), WIDER * values.std())
+            marginals[name] = stats.norm(values.mean(), WIDER_PRIOR * values.std())
         bounds = dict(zip(prior.names, prior.bounds.tolist(), strict=True))
         restated = IndependentPrior(marginals, {name: bounds[name] for name in cut})
         experiments = {e.name: (e.model, e.terms) for e in posterior.experiments}
@@ -228,13 +228,13 @@ class PooledTests(Report):
                 f"posterior}}, or run under_population({first!r}, posterior), and pool "
                 "again."
             )
-        if (error := self.monte_carlo.max()) > SMALL:
+        if (error := self.monte_carlo.max()) > SMALL_SHIFT:
             name = self.model.names[int(self.monte_carlo.max(axis=0).argmax())]
             used = max(len(test.theta) for test in self.model.tests.values())
             reach += (
                 f" They are too few: drawn again they change {name!r} by {error:.2g} "
                 "posterior standard deviations; run the tests longer, and give "
-                f"draws={int(np.ceil((error / SMALL) ** 2)) * used}."
+                f"draws={int(np.ceil((error / SMALL_SHIFT) ** 2)) * used}."
             )
         return f"{reach}\n{self.verdict}"
 
@@ -368,17 +368,19 @@ def _pool(
     names, chains = samples(idata)
     flat = chains.reshape(-1, len(names))
     rng = np.random.default_rng(seed)
-    chosen = flat[rng.choice(len(flat), DRAWS, replace=len(flat) < DRAWS)]
+    chosen = flat[
+        rng.choice(len(flat), POPULATION_DRAWS, replace=len(flat) < POPULATION_DRAWS)
+    ]
     hyperdraws = dict(zip(names, chosen.T, strict=True))
-    theta = np.empty((DRAWS, len(tests), len(population.names)))
+    theta = np.empty((POPULATION_DRAWS, len(tests), len(population.names)))
     k, effective = np.empty((2, len(tests)))
-    resampled = np.zeros((DRAWS, RESAMPLED))
+    resampled = np.zeros((POPULATION_DRAWS, RESAMPLED))
     blocks = np.random.default_rng(seed)  # theta is drawn as it was without them
     pairs = zip(tests.values(), model.log_weights(hyperdraws), strict=True)
     for t, (test, log_weights) in enumerate(pairs):
         weights = np.array([normalise(row) for row in log_weights])
         cumulative = weights.cumsum(axis=1)
-        level = rng.random((DRAWS, 1)) * cumulative[:, -1:]
+        level = rng.random((POPULATION_DRAWS, 1)) * cumulative[:, -1:]
         theta[:, t] = test.theta[(cumulative < level).sum(axis=1)]
         with np.errstate(divide="ignore"):  # far from the population there is none
             mean = np.log(weights.mean(axis=0))
@@ -388,7 +390,7 @@ def _pool(
         starts = np.arange(BLOCKS) * len(test.theta) // BLOCKS
         counts = blocks.multinomial(BLOCKS, np.full(BLOCKS, 1 / BLOCKS), RESAMPLED)
         sums = np.add.reduceat(weights, starts, axis=1) @ counts.T
-        resampled += np.log(np.maximum(sums, TINY))
+        resampled += np.log(np.maximum(sums, LEAST_DENSITY))
     again = [_moments(chosen, normalise(column)) for column in resampled.T]
     return PooledTests(
         population=population,

@@ -31,7 +31,7 @@ from ...models.geometry import Geometry
 from ...models.inputs import read_inside
 from ...models.matrix import MatrixModel
 from ...table import Parts, Report
-from .ritz_basis import GOOD, RESERVE, ProjectedSum, RitzBasis, not_reached
+from .ritz_basis import GOOD_IN_A_ROW, RESERVE, ProjectedSum, RitzBasis, not_reached
 
 INSIDE, CORNERS = 128, 32  # points for the basis
 CHECKED = 96  # of these, where a basis is compared with its principal directions
@@ -201,7 +201,9 @@ def reduce_model(
             f"tolerance: expected 1e-9 (rounding) to 0.1, got {tolerance:g}"
         )
     n_tests = checks.whole_number("test_points", test_points, 2)
-    max_solves = checks.whole_number("max_solves", max_solves, n_tests + 1 + GOOD)
+    max_solves = checks.whole_number(
+        "max_solves", max_solves, n_tests + 1 + GOOD_IN_A_ROW
+    )
     rng = np.random.default_rng(checks.whole_number("seed", seed))
     corners = np.unique(rng.integers(0, 2, size=(1024, len(box))), axis=0).astype(float)
     rng.shuffle(corners)

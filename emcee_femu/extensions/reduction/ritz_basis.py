@@ -15,13 +15,15 @@ from ...models.eigen_sparse import check_mass, lowest_modes
 from ...models.inputs import describe
 from ...models.matrix import MatrixModel, sparse_problem
 
-GOOD = 3  # full solves in a row that bring nothing new
+GOOD_IN_A_ROW = 3  # full solves in a row that bring nothing new
 RESERVE = 0.2  # share of that for the basis before truncation
 RIGID_WEIGHT = 1e3  # so that rigid motions stay in a basis of any size
-DEPENDENT = 1e-7  # share of a shape's energy norm; what is new in it must be more
+NEW_ENERGY = 1e-7  # share of a shape's energy norm; what is new in it must be more
 BUFFER = 2  # extra modes, so that those which cross the wanted ones are in the basis
-CLOSE = 0.02  # modes nearer to each other in frequency mix their shapes
-MISSED = 1e-6  # a Ritz frequency this much below the full one, relatively, is an error
+CLOSE_MODES = 0.02  # modes nearer to each other in frequency mix their shapes
+RITZ_BELOW = (
+    1e-6  # a Ritz frequency this much below the full one, relatively, is an error
+)
 
 # Of K and of M in a basis, each (n, r, r).
 Matrices: TypeAlias = tuple[Floats, Floats]
@@ -117,7 +119,7 @@ class RitzBasis:
         for _ in range(2):  # once leaves the rounding of a difference behind
             new = new - self.V @ (self.V.T @ (self.A @ new))
         energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
-        kept = energy > DEPENDENT**2
+        kept = energy > NEW_ENERGY**2
         new = new @ (directions[:, kept] / np.sqrt(energy[kept]))
         # What was projected before stays; of large models the rest would take longer
         # than a solve.
@@ -159,9 +161,9 @@ class RitzBasis:
     def grow(self, candidates: Floats, target: float, allowed: int) -> None:
         """Solve at points far from all earlier ones until nothing new is found."""
         errors: list[float] = []
-        while len(errors) < GOOD or max(errors[-GOOD:]) > target:
+        while len(errors) < GOOD_IN_A_ROW or max(errors[-GOOD_IN_A_ROW:]) > target:
             if len(self.points) >= allowed:
-                worst = max(errors[-GOOD:], default=np.inf)
+                worst = max(errors[-GOOD_IN_A_ROW:], default=np.inf)
                 raise not_reached(target, worst, len(self.points))
             gaps = ((candidates[:, None] - np.array(self.points)) ** 2).sum(axis=2)
             farthest = candidates[np.argmax(gaps.min(axis=1))]
@@ -217,7 +219,7 @@ class RitzBasis:
         # The mass added to the first modes bounds what it lowers the last one by.
         kept = 1 - np.cumsum(1 - (phi * M_phi).sum(axis=0))
         least = full[:n_modes] * np.sqrt(np.maximum(kept, 0.0))
-        for mode in np.flatnonzero(reduced < (1 - MISSED) * least):
+        for mode in np.flatnonzero(reduced < (1 - RITZ_BELOW) * least):
             raise ValueError(
                 f"the full model missed a mode near {reduced[mode]:g} Hz at "
                 f"{where}: a Ritz frequency is never below the true one; ask for "
@@ -225,7 +227,7 @@ class RitzBasis:
             )
         error = float(np.abs(reduced / full[:n_modes] - 1).max())
         mac = (shapes[:, skip:].T @ M_phi) ** 2
-        close = np.abs(full[:, None] / reduced - 1) < CLOSE
+        close = np.abs(full[:, None] / reduced - 1) < CLOSE_MODES
         lost = float((1 - (mac * close).sum(axis=0)).max())
         return error, lost, (eigenvalues, shapes)
 

@@ -53,7 +53,7 @@ from ...table import (
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 
 MOST_ROWS = 40  # of a table; figures show the rest
-BESIDE = 8  # mode shapes beside each other in a table
+SHAPES_BESIDE = 8  # mode shapes beside each other in a table
 MOST_PAIRED = 6  # parameters that a scatter figure shows at page width
 LIBRARIES = ("emcee-femu", "emcee", "numpy", "scipy", "arviz", "matplotlib")
 
@@ -234,9 +234,13 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
         of_terms, sensors = [test.shapes], test.sensors
     for shapes in of_terms:
         sensors = sensors or [*map(str, range(1, 1 + len(shapes)))]
-        for start in range(0, shapes.shape[1] * (len(shapes) <= MOST_ROWS), BESIDE):
+        for start in range(
+            0, shapes.shape[1] * (len(shapes) <= MOST_ROWS), SHAPES_BESIDE
+        ):
             columns: list[Column] = [("sensor", "", sensors)]
-            for i, shape in enumerate(shapes.T[start : start + BESIDE], start + 1):
+            for i, shape in enumerate(
+                shapes.T[start : start + SHAPES_BESIDE], start + 1
+            ):
                 columns.append((f"mode {i}", ".3f", shape))
             title = f"Measured mode shapes {experiment.name}".rstrip()
             yield Table.from_columns(title, columns)
