@@ -44,7 +44,7 @@ def test_the_truth_ranks_uniformly_among_the_draws_of_auto(problem):
 def test_the_ranks_of_a_recipe_without_proposal_density_are_not_uniform(
     problem, monkeypatch
 ):
-    name = "emcee_femu.sampling.search_record.IndependenceMove"
+    name = "emcee_femu.sampling.record.IndependenceMove"
     monkeypatch.setattr(name, WithoutProposalDensity)
     assert p_values(auto_ranks(PROBLEMS[problem], 60, seed=31)).min() < LEVEL
 

@@ -4,7 +4,7 @@ The only module that imports ArviZ, which takes seconds: it is imported where it
 used.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -158,3 +158,9 @@ def unit_of(idata: InferenceData, name: str) -> str:
     unit = units.get(name, "")
     inherited = name not in sampled and unit in {units.get(n) for n in sampled}
     return "" if inherited else unit
+
+
+def original_name(name: str, known: Iterable[Any]) -> str:
+    """Return which of the ``known`` names a name is, or is with brackets; else it."""
+    candidates = [str(k) for k in known if f"{name}[".startswith(f"{k}[")]
+    return max(candidates, key=len, default=name)

@@ -20,8 +20,7 @@ from ..evaluation.samplers import Sampler, describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
-from ..sampling.record import Chains, Run
-from ..sampling.search_record import SearchRecord
+from ..sampling.record import Chains, Run, SearchRecord
 from .arviz_objects import InferenceData, dataset, is_arviz, samples
 
 TOLD = ("kind", "moves", "seed", "origin")  # attributes of ArviZ objects, in words

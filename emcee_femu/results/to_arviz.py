@@ -6,7 +6,7 @@ cannot read structured blobs, so the groups are built here.
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -28,7 +28,7 @@ from ..posterior.priors import (
 from ..sampling.record import Chains
 from .arviz_objects import Dataset, InferenceData, is_arviz, samples, wrap
 from .chains import STORED, TOLD, read_chains
-from .labelled import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
+from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
 PRIOR_STORED = 1_000
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
@@ -372,9 +372,3 @@ def name_apart(
         name: {rename(name, dim, labels): list(labels) for dim, labels in dims.items()}
         for name, dims in coords.items()
     }
-
-
-def original_name(name: str, known: Iterable[Any]) -> str:
-    """Return which of the ``known`` names a name is, or is with brackets; else it."""
-    candidates = [str(k) for k in known if f"{name}[".startswith(f"{k}[")]
-    return max(candidates, key=len, default=name)

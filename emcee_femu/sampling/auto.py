@@ -14,9 +14,9 @@ from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
 from .importance import find_acceptance, normalise, resample
 from .proposals import Trial, refine, uncover
+from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
-from .search_record import SearchRecord, label, separate, weigh
 
 CHAIN_BUDGET, LEAST_BUDGET = (
     2.0,

@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, overload
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Self, TypeAlias, overload
 
 import emcee
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
-from ..contracts import Floats, Move
+from ..contracts import Floats, Move, Prior
 from ..evaluation.failures import FailureLog
 from ..evaluation.samplers import describe_moves
+from ..moves.delayed_acceptance import DelayedAcceptanceMove
+from ..moves.demc import DEMCMove
+from ..moves.hamiltonian import HamiltonianMove
+from ..moves.independence import IndependenceMove
+from ..moves.mixture import Mixture
 from ..posterior.log_posterior import LogPosterior
 from ..table import Parts, Report
+from .importance import normalise
+from .proposals import COVERS
+from .response_surface import ResponseSurface
 
-if TYPE_CHECKING:
-    from .search_record import SearchRecord
+MODES_APART = 10.0  # squared distance of the centres, by the sum of the matrices
+NO_MODE = -1  # the mode of components that cover the others and belong to none
+JUMPS = 0.1  # of the DE-MC steps have gamma = 1
+HAMILTONIAN = 0.8  # of the moves where gradients do better
+Labels: TypeAlias = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,3 +135,158 @@ class Chains:
     starts_given: bool = False
     doubts: Sequence[str] = ()
     initial: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SearchRecord(Report):
+    """What the search of "auto" found; ``print`` it.
+
+    A mode here is a separated part of the posterior: one component of the proposal, or
+    several that overlap.
+
+    Attributes:
+        mixture: The frozen proposal; its last two components cover the others.
+        mode_of: The mode of each component, -1 for those that cover.
+        weights: Each mode's share of the posterior by importance sampling; NaN where
+            none could be had.
+        errors: Standard errors of these.
+        found_by: Climbs of each ensemble that ended in each mode, ``(ensembles, g)``.
+        starts: Share of each ensemble's walkers that start there, ``(ensembles, g)``.
+        pareto_k: Of the importance weights of the proposal.
+        efficiency: Their effective share.
+        log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
+        points: How many points were searched.
+        climbs: How many climbs there were.
+        annealed: Whether an annealed population was asked.
+        solves: Evaluations in all.
+        share: The share of independence proposals among the moves.
+        trajectories: Arguments of a Hamiltonian move, where that pays; else None.
+        screened: Independence proposals for each solve, by a response surface.
+        surface: Arguments of that surface, where there is one and it is kept.
+    """
+
+    mixture: Mixture
+    mode_of: Labels
+    weights: Floats
+    errors: Floats
+    found_by: NDArray[np.intp]
+    starts: Floats
+    pareto_k: float
+    efficiency: float
+    log_weights: Floats
+    points: int
+    climbs: int
+    annealed: bool
+    solves: int
+    share: float
+    trajectories: Mapping[str, Any] | None = None
+    screened: int = 1
+    surface: Mapping[str, Any] | None = None
+
+    @property
+    def proposal(self) -> IndependenceMove:
+        """The frozen proposal as a move."""
+        mixture = self.mixture
+        return IndependenceMove(
+            mixture.weights, mixture.means, mixture.matrices, mixture.df
+        )
+
+    def moves(self, prior: Prior | None) -> list[tuple[Move, float]]:
+        """Return independence proposals, and local moves.
+
+        Args:
+            prior: That of the posterior; None where nothing will be evaluated.
+        """
+        share = self.share
+        moves: list[tuple[Move, float]] = []
+        if self.surface is not None:
+            surface = ResponseSurface(prior, **self.surface)
+            screen = DelayedAcceptanceMove(self.proposal, surface, self.screened)
+            moves.append((screen, share))
+        elif share:
+            moves.append((self.proposal, share))
+        if self.trajectories is not None:
+            moves.append((HamiltonianMove(**self.trajectories), HAMILTONIAN))
+            share += HAMILTONIAN
+        return [*moves, (DEMCMove(mode_jump=JUMPS), 1.0 - share)]
+
+    @property
+    def sentence(self) -> str:
+        """What was done, in words."""
+        modes = len(self.weights)
+        shares = [(type(move).__name__, s) for move, s in self.moves(None)]
+        parts = [f"{100 * share:.0f} % {name}" for name, share in shares]
+        return (
+            f"a search by {self.points} points and {self.climbs} climbs found "
+            f"{'one mode' if modes == 1 else f'{modes} separated modes'}; "
+            f"{'an annealed population, ' if self.annealed else ''}"
+            f"{len(self.mixture.weights)} Student-t components refined by importance "
+            f"weights, {100 * self.efficiency:.0f} % efficient (Pareto k "
+            f"{self.pareto_k:.2f}); {self.solves} evaluations in all; then "
+            f"{', '.join(parts)}"
+        )
+
+    def _parts(self) -> Parts:
+        return (self.sentence,)
+
+    def label(self, theta: Floats) -> Labels:
+        """Return the mode of each point ``(n,)``."""
+        return label(theta, self.mixture, self.mode_of)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what JSON can hold."""
+        fields = asdict(self)
+        fields["mixture"] = [*fields["mixture"].values()]
+        record: dict[str, Any]
+        record = json.loads(json.dumps(fields, default=np.ndarray.tolist))
+        return record
+
+    @classmethod
+    def from_json(cls, record: dict[str, Any]) -> Self:
+        """Return the record that :meth:`to_json` wrote."""
+        *lists, df = record["mixture"]
+        weights, means, matrices = map(np.array, lists)
+        values = _as_arrays(record | {"mixture": None})
+        values["mixture"] = Mixture(weights, means, matrices, df)
+        for name in ("trajectories", "surface"):
+            if record.get(name) is not None:
+                values[name] = _as_arrays(record[name])
+        return cls(**values)
+
+
+def _as_arrays(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a record with arrays for lists."""
+    return {k: np.array(v) if type(v) is list else v for k, v in record.items()}
+
+
+def separate(mixture: Mixture) -> Labels:
+    """Return the mode of each component ``(k,)``; those that overlap share one.
+
+    The last components cover the others and belong to none.
+    """
+    k = len(mixture.weights) - len(COVERS)
+    apart = mixture.means[:k, None] - mixture.means[:k]
+    sums = mixture.matrices[:k, None] + mixture.matrices[:k]
+    solved = np.linalg.solve(sums, apart[..., None])[..., 0]
+    distances = np.einsum("ijd,ijd->ij", apart, solved)
+    modes = connected_components(distances < MODES_APART, directed=False)[1]
+    result: Labels = np.append(modes, [NO_MODE] * len(COVERS)).astype(np.intp)
+    return result
+
+
+def label(theta: Floats, mixture: Mixture, mode_of: Labels) -> Labels:
+    """Return the mode of each point ``(n,)``: that of its likeliest component."""
+    owners = np.flatnonzero(mode_of != NO_MODE)
+    likeliest = np.argmax(mixture.log_parts(theta)[:, owners], axis=1)
+    labels: Labels = mode_of[owners][likeliest]
+    return labels
+
+
+def weigh(labels: Labels, log_weights: Floats, count: int) -> tuple[Floats, Floats]:
+    """Return the weight of each mode by importance sampling, and standard errors."""
+    if not np.isfinite(log_weights).any():
+        return np.full(count, np.nan), np.full(count, np.nan)
+    weights = normalise(log_weights)
+    inside = labels[:, None] == np.arange(count)
+    shares = weights @ inside
+    return shares, np.sqrt(weights**2 @ (inside - shares) ** 2)

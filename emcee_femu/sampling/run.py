@@ -25,8 +25,7 @@ from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from .auto import budget_of, search_and_start
 from .first_solve import check_first_solve, doubt_reach
-from .record import Run
-from .search_record import SearchRecord
+from .record import Run, SearchRecord
 from .weighted import Moves, check_walkers, weigh_moves
 
 MOST_START_DRAWS = 20  # of a starting point

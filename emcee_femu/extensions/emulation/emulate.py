@@ -23,13 +23,12 @@ from ...evaluation.store import StoredEvaluation
 from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
 from ...table import Table
-from .design import FEWEST_FITTED, check_starts, first_points
 from .draws import GROWN, EmulatedDraws, Explorer
 from .emulated import EmulatedModel
 from .experiments import EmulatedExperiments, emulate_each
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
-from .problem import EmulationProblem
+from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points
 
 UNITS = 8  # points by which the errors of the measurement are read off the terms
 MORE = 4  # points of a first design than parameters: some more than a linear trend

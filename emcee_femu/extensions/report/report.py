@@ -33,8 +33,7 @@ from ...results.arviz_objects import (
 from ...results.chains import read_chains
 from ...results.diagnose import diagnose
 from ...results.identifiability import identifiability
-from ...results.labelled import each_term
-from ...results.measured import Measured, read_measured
+from ...results.measured import Measured, each_term, read_measured
 from ...results.tables import (
     frequency_table,
     pairing_table,
