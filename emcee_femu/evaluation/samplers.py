@@ -1,12 +1,19 @@
 """emcee's samplers: all that is known here of their insides is known in this file."""
 
-from collections.abc import Sequence
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from importlib.util import find_spec
 from inspect import signature
+from threading import Lock
 from typing import Any
 
 import emcee
 import numpy as np
+from emcee.pbar import get_progress_bar
 
+from .. import checks
 from ..contracts import Floats, Move
 from .evaluator import Evaluation
 from .memory import (
@@ -18,6 +25,7 @@ from .memory import (
     remember,
     restore,
 )
+from .pools import EvaluationPool, Function
 
 LONGEST_REPR = 200  # characters of a move that are printed
 
@@ -146,3 +154,119 @@ def describe_object(value: object) -> str:
     names = {name for kind in kinds[:-1] for name in signature(kind).parameters}
     kept = [f"{n}={getattr(value, n)!r}" for n in sorted(names) if hasattr(value, n)]
     return f"{type(value).__name__}({', '.join(kept)})"
+
+
+def check_progress(progress: bool | str | None) -> bool | str:
+    """Return True, False, or "notebook" where there is what shows that bar.
+
+    None is for whether a terminal would show one.
+    """
+    if progress is None:
+        return _on_terminal() and find_spec("tqdm") is not None
+    if progress != "notebook":
+        return checks.flag("progress", progress)
+    if find_spec("ipywidgets") is None:
+        raise ImportError(
+            "progress: 'notebook' needs ipywidgets: pip install "
+            "'emcee-femu[notebooks]'; or take progress=True, which needs none"
+        )
+    return progress
+
+
+def progress_bar(progress: bool | str, total: int, text: str) -> Any:
+    """Return what shows progress as is asked for, with emcee's interface of bars."""
+    if progress is True and not _on_terminal():
+        in_notebook = type(sys.stderr).__module__.startswith("ipykernel")
+        if not (in_notebook and find_spec("ipywidgets")):
+            return _Lines(total, text)
+        progress = "notebook"
+    return get_progress_bar(progress, total, desc=text)
+
+
+def _on_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+class _Lines:
+    """A line at each tenth of the total, for a file, a pipe or a log."""
+
+    def __init__(self, total: int, text: str) -> None:
+        self.total, self.text, self.count = max(total, 1), text, 0
+        self.started = time.perf_counter()
+
+    def __enter__(self) -> "_Lines":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def update(self, count: int) -> None:
+        """Count on; print a line where the next tenth is reached."""
+        tenth = 10 * self.count // self.total
+        self.count += count
+        if 10 * self.count // self.total > tenth:
+            done = f"{100 * self.count // self.total}% {self.count}/{self.total}"
+            seconds = time.perf_counter() - self.started
+            print(f"{self.text}: {done}, {seconds:.0f} s", file=sys.stderr)
+
+
+class Turn(EvaluationPool):
+    """A pool, during whose work others have their turn.
+
+    Args:
+        pool: The pool.
+    """
+
+    def __init__(self, pool: EvaluationPool) -> None:
+        self.pool, self.lock, self.ended = pool, Lock(), False
+
+    def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
+        """Return what the pool does."""
+        self.lock.release()
+        try:
+            return self.pool.map(function, iterable)
+        finally:
+            self.lock.acquire()
+            self.check()
+
+    def check(self) -> None:
+        """End a thread if another one has failed."""
+        if self.ended:
+            raise RuntimeError("another ensemble failed, or the run was interrupted")
+
+
+def take_turns(
+    evaluations: Sequence[Evaluation], advance: Callable[[int], None]
+) -> None:
+    """Advance all ensembles, so that their evaluations are on the pool together.
+
+    Args:
+        evaluations: What evaluates each of them, on one pool.
+        advance: Runs one ensemble, of that number, to its end.
+
+    Raises:
+        BaseException: What the first that failed raised.
+    """
+    pool, ensembles = evaluations[0].pool, range(len(evaluations))
+    assert pool is not None
+    turn = Turn(pool)
+    for evaluation in evaluations:
+        evaluation.pool = turn
+
+    def work(number: int) -> None:
+        with turn.lock:
+            turn.check()
+            advance(number)
+
+    threads = ThreadPoolExecutor(len(ensembles))
+    try:
+        for future in as_completed([threads.submit(work, i) for i in ensembles]):
+            future.result()
+    except BaseException:  # also of the keyboard: the others stop where they wait
+        with turn.lock:
+            turn.ended = True
+        raise
+    finally:
+        threads.shutdown(wait=False)
+        for evaluation in evaluations:
+            evaluation.pool = pool

@@ -16,11 +16,9 @@ from .. import checks
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
 from ..evaluation.memory import Weighted, copy_moves, foreign_moves
-from ..evaluation.progress import check_progress, progress_bar
 from ..evaluation.resume import logger, open_evaluator
-from ..evaluation.samplers import Sampler
+from ..evaluation.samplers import Sampler, check_progress, progress_bar, take_turns
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
-from ..evaluation.turns import take_turns
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
 from .auto import budget_of, search_and_start

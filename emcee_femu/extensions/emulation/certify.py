@@ -12,8 +12,8 @@ import numpy as np
 
 from ... import checks
 from ...evaluation import Evaluator
-from ...evaluation.progress import check_progress, progress_bar
 from ...evaluation.resume import open_evaluator
+from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
 from ...results.arviz_objects import (
     InferenceData,

@@ -17,8 +17,8 @@ from ... import checks
 from ...contracts import Floats
 from ...evaluation.evaluator import Evaluation
 from ...evaluation.pools import count_workers
-from ...evaluation.progress import check_progress, progress_bar
 from ...evaluation.resume import describe, open_evaluator
+from ...evaluation.samplers import check_progress, progress_bar
 from ...evaluation.store import StoredEvaluation
 from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
