@@ -177,10 +177,10 @@ def _of_file(
 ) -> Chains:
     """Return the chains in the file of a run, which may still go on."""
     manifest, search = store["manifest"], store["search"]
-    (_, doubts, _), row = store["first solve"], store["first row"]
     streams = [stream for stream in sorted(store.lengths()) if stream > 0]
     if not streams:
         raise ValueError(f"source: {store.path} holds no chain (yet)")
+    (_, doubts, _), row = store["first solve"], store["first row"]
     stored = [StoredChain(store, stream - 1) for stream in streams]
     # The ensembles run one after another: those that have begun are compared.
     begun = [chain for chain in stored if chain.iteration > discard]

@@ -47,6 +47,7 @@ def from_calculix():
 # | Nastran | `OUTPUT4 KAA,MAA//0/11 $` in DMAP, `ASSIGN OUTPUT4='km.op4',UNIT=11,FORM=FORMATTED` | `km.op4`, which has no labels |
 # | ANSYS | a modal analysis writes `file.full` | `file.full`, with `pip install "emcee_femu[ansys]"` |
 # | ANSYS | `*SMAT,K,D,IMPORT,FULL,file.full,STIFF`, `*EXPORT,K,MMF,K.mtx`; M by `MASS` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
+# | ANSYS | `HBMAT,K,txt,,ASCII,STIFF,NO` and `HBMAT,M,txt,,ASCII,MASS,NO` after `/AUX2` and `FILE,file,full`: Harwell-Boeing (RSA or RUA) | `{"K": "K.txt", "M": "M.txt"}`, no labels |
 # | any other | Matrix Market (`scipy.io.mmwrite`) or `scipy.sparse.save_npz` | `{"K": "K.mtx", "M": "M.mtx"}`, no labels |
 #
 # The format is recognised by the content, not by the name of the file. A file that is
@@ -151,8 +152,9 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 #   points, with ten digits in a punch file. A punch file has no end mark: a truncated
 #   one is refused, or gives a warning, if it misses whole grid points; compare the
 #   total mass. Names that begin with K and M (KAAX, MAAX) are taken for them. If there
-#   are several, use `{"K": path, "M": path}` or `base.matrices["KGG"]`. Binary OP4 is
-#   refused: write it FORMATTED.
+#   are several, give `{"KAA": path, "MAA": path}` and take `base.matrices["KAA"]`. A
+#   name that stands twice in a file is refused: export each to a file of its own.
+#   Binary OP4 is refused: write it FORMATTED.
 # - **ANSYS** `.full` files are read by PyMAPDL-Reader, which runs with NumPy 2 from
 #   version 0.56 and installs VTK.
 #
@@ -162,8 +164,8 @@ paired({"columns": [0.6, 1.0]}).frequencies.round(3)  # two parameter sets
 # through `from_differences`), MSC Nastran 2013 (a public punch file with its
 # eigenvalues: all 7 printed digits), ANSYS 15 (the clamped beam that comes with the
 # reader: its torsion and axial modes are half of those of the same beam, free, to about
-# 1 %). Readers of Abaqus files and of OP4 are tested on files written by their
-# published formats.
+# 1 %). Readers of Abaqus files, of OP4 and of Harwell-Boeing are tested on files written
+# by their published formats, the last against `scipy.io.hb_read` too.
 
 # %% tags=["remove-cell"]
 from scipy.linalg import eigh

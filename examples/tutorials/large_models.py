@@ -212,7 +212,8 @@ exactly = ef.LogPosterior(full, term, prior)
 starts = first.get_last_sample().coords
 
 move = ef.moves.DelayedAcceptanceMove(ef.DEMCMove(), cheap, steps=20)
-ef.run(exactly, move, 16, steps=20, starts=starts, seed=3, ensembles=1)
+delayed = ef.run(exactly, move, 16, steps=20, starts=starts, seed=3, ensembles=1)
+move = delayed.moves[0][0]  # the copy of the run, which has counted
 print(f"{move.proposed} proposals", end=", ")
 print(f"{move.full_solves} solved in full, {move.accepted} of these accepted")
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from support.chains import as_arviz, backend
 from support.examples import load
+from support.printed import unwrapped
 from support.tempered_laws import BoundedLaw, GaussianLaw
 
 import emcee_femu as ef
@@ -118,7 +119,7 @@ def test_rungs_that_do_not_overlap_claim_no_error(gap):
     apart = independent().reshape(-1, 3, 5) + gap * np.array([2.0, 1.0, 0.0])[:, None]
     found = ef.log_evidence(ladder(apart.reshape(1_000, -1)))
     assert found.log_evidence_error == np.inf and found.overlaps.max() < 0.1
-    text = str(found).splitlines()
+    text = unwrapped(found).splitlines()
     assert "no standard error can be claimed" in text[0]
     assert text[1].startswith("Betas ") and "hardly overlap" in text[1]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.chains import ar1, backend
+from support.printed import unwrapped
 
 import emcee_femu as ef
 from emcee_femu.sampling.first_solve import doubt_prior, doubt_units
@@ -58,7 +59,7 @@ def test_a_good_run_has_three_good_statements(good):
     found = ef.diagnose(good)
     assert statuses(found) == ("converged", "searched", "fits") and found.converged
     assert found.short == "Chains: converged. Search: one maximum. Fit: inside."
-    *_, chains, search, fit = str(found).splitlines()
+    *_, chains, search, fit = unwrapped(found).splitlines()
     assert chains == f"Chains: {found.chains.sentence}" and "R-hat at most" in chains
     points = good.search.points
     assert search.startswith(f"Search: one maximum, by {points:,} points.")
@@ -155,7 +156,7 @@ def test_a_population_has_statements_but_no_chains(measured, fit):
     assert "other seeds" in found.chains.sentence
     assert f"{population.solves} solves" in found.search.sentence
     assert "one draw of the prior in 20 falls" in found.search.sentence
-    assert str(found) == found.verdict and not found.converged
+    assert unwrapped(found) == found.verdict and not found.converged
     assert statuses(ef.diagnose(population)) == ("none", "searched", "not checked")
 
 

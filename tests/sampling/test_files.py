@@ -585,3 +585,9 @@ def test_the_keyboard_is_told_where_the_run_is_and_how_it_goes_on(path):
     _, error = attempt("chain", path, stop=40)
     assert str(path) in str(error) and "resume=True" in str(error)
     assert error.run[0].iteration > 0 and error.__suppress_context__
+
+
+def test_a_run_that_has_just_begun_has_no_chain_yet(path):
+    attempt("chain", path, stop=1)
+    with pytest.raises(ValueError, match=path.name):
+        ef.diagnose(str(path))

@@ -169,13 +169,16 @@ def read_harwell_boeing(path: Path) -> list[Part]:
         widths = re.findall(r"[DEFGI](\d+)", lines[3].upper())
         numbers = []
         for count, width in zip(counts[1:4], map(int, widths[:3]), strict=True):
-            every = [line.rstrip() for line in lines[at : at + count]]
-            cells = [x[i : i + width] for x in every for i in range(0, len(x), width)]
-            numbers.append(np.array([read_number(cell) for cell in cells]))
+            every = [_read_cells(x, width) for x in lines[at : at + count]]
+            numbers.append(np.array([number for cells in every for number in cells]))
             at += count
+        whole = np.concatenate(numbers[:2])
+        if not (abs(whole) <= max(size, entries + 1)).all() or (whole % 1).any():
+            raise ValueError
         pointers, rows = (x.astype(np.int64) for x in numbers[:2])
         columns = np.repeat(np.arange(size), np.diff(pointers))
-        if not len(rows) == len(columns) == len(numbers[2]) == entries:
+        counted = len(rows) == len(columns) == len(numbers[2]) == entries
+        if not counted or pointers[0] != 1 or rows.max() > size:
             raise ValueError
     except (ValueError, IndexError):
         raise ValueError(
@@ -185,6 +188,19 @@ def read_harwell_boeing(path: Path) -> list[Part]:
     mirror = kind.upper() == "RSA"
     matrix = build_matrix(path, rows - 1, columns, numbers[2], size, mirror=mirror)
     return [Part("", path, matrix)]
+
+
+def _read_cells(line: str, width: int) -> list[float]:
+    """Return the numbers of a line, in cells of the width or between blanks.
+
+    ``scipy.io.hb_write`` writes its values in 24 columns and says that they have 25.
+    """
+    line = line.rstrip()
+    try:
+        cells = [line[i : i + width] for i in range(0, len(line), width)]
+        return [read_number(cell) for cell in cells]
+    except ValueError:
+        return [read_number(cell) for cell in line.split()]
 
 
 def read_npz(path: Path) -> list[Part]:

@@ -41,7 +41,7 @@ def read_op4(path: Path) -> list[Part]:
     """Return the square matrices of a file that OUTPUT4 wrote FORMATTED.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is none, or a name is there twice.
     """
     lines, parts = read_lines(path), []
     starts = [i for i, line in enumerate(lines) if OP4_HEADER.fullmatch(line)]
@@ -55,6 +55,7 @@ def read_op4(path: Path) -> list[Part]:
             parts.append(try_part(header[2], path, read))
     if not parts:
         raise ValueError(f"{path}: no square matrix; write K and M by OUTPUT4")
+    check_once(path, [part.name for part in parts])
     return name_parts(parts)
 
 
@@ -124,7 +125,8 @@ def read_dmig(path: Path) -> list[Part]:
     Fields are 8 columns wide, 16 on entries with an asterisk, or separated by commas.
 
     Raises:
-        ValueError: If an entry's form is not there, or there is no square matrix.
+        ValueError: If an entry's form is not there, there is no square matrix, or a
+            name is there twice.
 
     Warns:
         UserWarning: If the last grid point of the stiffness has no mass.
@@ -132,6 +134,7 @@ def read_dmig(path: Path) -> list[Part]:
     forms: dict[str, tuple[int, int]] = {}
     entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
     faults: dict[str, str] = {}
+    square: list[str] = []  # by their forms
     name, column = "", None  # of the entry that goes on
     for number, text in enumerate(read_lines(path), 1):
         line = text.partition("$")[0]
@@ -146,6 +149,7 @@ def read_dmig(path: Path) -> list[Part]:
                 name, point = fields[:2]
                 if point == "0":
                     forms[name] = int(fields[2]), int(fields[3])
+                    square += [name] * (forms[name][0] in (SQUARE, SYMMETRIC))
                     continue
                 entries.setdefault(name, [])
                 column = int(point), int(fields[2] or 0)
@@ -165,6 +169,7 @@ def read_dmig(path: Path) -> list[Part]:
             f"{path}: no DMIG entry with the form of {unknown[0]!r} before its "
             f"columns; {AGAIN}"
         )
+    check_once(path, square)
     parts = []
     for name, rows in entries.items():
         form, kind = forms[name]
@@ -223,6 +228,17 @@ def _split(line: str) -> tuple[str, list[str]]:
     first = line[:8].strip()
     fields = [line[i : i + width].strip() for i in range(8, 72, width)]
     return first, fields
+
+
+def check_once(path: Path, names: list[str]) -> None:
+    """Raise ValueError where two matrices of a file have the same name."""
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(
+                f"{path}: {names.count(name)} matrices are called {name}, so which is "
+                "meant is not known; export the one that you need, or each to a file "
+                "of its own"
+            )
 
 
 def name_parts(parts: list[Part]) -> list[Part]:
