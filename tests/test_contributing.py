@@ -1,6 +1,7 @@
 """The code of CONTRIBUTING.md is test modules, and their tests pass."""
 
 import importlib.util
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -28,21 +29,23 @@ def modules(tmp_path, monkeypatch):
     return loaded
 
 
-def test_the_examples_pass_their_own_tests(modules):
+def test_the_examples_pass_their_own_tests(modules, tmp_path, monkeypatch):
     tests = [
         test for m in modules for name, test in vars(m).items() if name[:5] == "test_"
     ]
-    assert len(tests) == 5
+    given = {"tmp_path": tmp_path, "monkeypatch": monkeypatch}
     for test in tests:
-        test()
+        test(**{name: given[name] for name in inspect.signature(test).parameters})
+    assert len(tests) >= len(modules) > 4
 
 
 def test_move_model_and_term_work_together(modules):
+    names = ("ScaleMove", "Cantilever", "LaplaceTerm")
     move, model, term = (
         getattr(module, name)()
-        for module, name in zip(
-            modules, ("ScaleMove", "Cantilever", "LaplaceTerm"), strict=True
-        )
+        for name in names
+        for module in modules
+        if hasattr(module, name)
     )
     (code,) = re.findall(r"`ef\.(LogPosterior\(.*\))`", TEXT)
     names = {"Cantilever": lambda: model, "LaplaceTerm": lambda: term}
