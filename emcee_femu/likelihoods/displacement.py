@@ -11,6 +11,7 @@ from .. import checks
 from ..contracts import Floats, Parameters, Response, Variable, read
 from ..measurements.modes import along_axis
 from .term import (
+    MODEL_ERROR,
     Deviations,
     Term,
     add_discrepancy,
@@ -58,6 +59,17 @@ class DisplacementTerm(Term):
         >>> term({}, {"displacement": np.array([[[0.5, 2.6]]])}).round(4).tolist()
         [2.2673]
     """
+
+    symbol = MODEL_ERROR
+    statement = (
+        "The deviations of the displacements from the measured ones are Gaussian. σ is "
+        "the standard deviation of the measurement."
+    )
+    formula = (
+        "<i>u<sub>i</sub></i>(θ) − <i>u<sub>i</sub></i><sup>m</sup> ~ N(0, "
+        "σ<sub><i>i</i></sub><sup>2</sup> + (σ<sub>d</sub> "
+        "<i>u<sub>i</sub></i><sup>m</sup>)<sup>2</sup>)"
+    )
 
     def __init__(
         self,

@@ -11,6 +11,7 @@ from .. import checks
 from ..contracts import Floats, Parameters, Response, modal_variables, read
 from ..measurements import Measurements, modes
 from .term import (
+    MODEL_ERROR,
     Deviations,
     Term,
     add_discrepancy,
@@ -90,6 +91,16 @@ class FrequencyTerm(Term):
         >>> term({}, {"frequency": np.array([[10.1, 20.0]])}).round(4).tolist()
         [1.5741]
     """
+
+    symbol = MODEL_ERROR
+    statement = (
+        "The relative deviations of the natural frequencies from the measured ones are "
+        "Gaussian. R is the covariance of the relative measurement errors."
+    )
+    formula = (
+        "(<i>f<sub>i</sub></i>(θ) − <i>f<sub>i</sub></i><sup>m</sup>) / "
+        "<i>f<sub>i</sub></i><sup>m</sup> ~ N(0, R + σ<sub>d</sub><sup>2</sup> I)"
+    )
 
     def __init__(
         self,

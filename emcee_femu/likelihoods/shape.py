@@ -21,6 +21,23 @@ from .term import (
     log_normal,
 )
 
+# In words and as a formula in HTML, for reports, with the symbol of its error.
+BY_SENSOR = (
+    "Each measured mode shape is compared with the model's, sensor by sensor. γ scales "
+    "the model's shape to fit best; σ is the standard deviation of a sensor.",
+    "φ<sub><i>si</i></sub><sup>m</sup> − γ<sub><i>i</i></sub> "
+    "φ<sub><i>si</i></sub>(θ) ~ N(0, σ<sub><i>si</i></sub><sup>2</sup>)",
+    "",
+)
+BY_MAC = (
+    "Each measured mode shape is compared with the model's by their MAC; scale and "
+    "sign do not matter. δ is the standard deviation of each sensor for a shape of "
+    "unit length, n<sub>s</sub> the number of sensors.",
+    "ln <i>p</i> = −Σ<sub><i>i</i></sub> [(1 − MAC<sub><i>i</i></sub>) / (2 "
+    "δ<sup>2</sup>) + ½ (<i>n</i><sub>s</sub> − 1) ln 2π δ<sup>2</sup>]",
+    "δ",
+)
+
 
 class ShapeTerm(Term):
     r"""Errors of measured mode shapes; scale and sign of a shape do not matter.
@@ -110,6 +127,9 @@ class ShapeTerm(Term):
             )
         n_sensors, self.n_modes = shapes.shape
         self.delta = self.sd = None
+        self.statement, self.formula, self.symbol = (
+            BY_SENSOR if sd is not None else BY_MAC
+        )
         if delta is not None:
             self.delta = np.ones(self.n_modes)
             self.delta *= error_array("delta", delta, (self.n_modes,))

@@ -35,6 +35,7 @@ ERROR_PRIOR = "(0.001, 0.05)"
 MOST_RELATIVE = 0.5  # of a standard deviation; more is one in percent
 LARGE_ERROR_PRIOR = 0.1  # the same, where it may be
 RESPONSE_STEP = 6e-6  # relative change of a response, where no solve adds noise
+MODEL_ERROR = "σ<sub>d</sub>"  # as reports write the error that a discrepancy infers
 
 
 class Term:

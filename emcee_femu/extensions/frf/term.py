@@ -7,7 +7,13 @@ from numpy.typing import ArrayLike
 
 from ... import checks
 from ...contracts import Parameters, Response, Variable, read
-from ...likelihoods.term import Deviations, Term, add_discrepancy, error_array
+from ...likelihoods.term import (
+    MODEL_ERROR,
+    Deviations,
+    Term,
+    add_discrepancy,
+    error_array,
+)
 from .measurements import FRFMeasurements, frf_variable
 
 
@@ -88,6 +94,8 @@ class FRFTerm(Term):
         self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
         kind, unit = measured.kind, measured.unit
         self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
+
+    symbol = MODEL_ERROR
 
     @property
     def statement(self) -> str:

@@ -148,7 +148,7 @@ def report(
         },
         posterior=sampled,
         experiments=experiments,
-        kinds=lambda value: [kind.__name__ for kind in type(value).__mro__],
+        kind=lambda value: type(value).__name__,
         priors=_tabulate_priors(idata, sampled) if "constant_data" in held else None,
         chains=read_chains(idata),
         run=run,
