@@ -187,53 +187,32 @@ def run(
         resume=resume,
         probe_tolerance=probe_tolerance,
     ) as evaluator:
-        states: list[emcee.State] = []
-        search, solver = None, evaluator.evaluation  # stored are steps, no proposals
+        solver = evaluator.evaluation  # stored are steps, no proposals
         store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds, doubts = check_first_solve(evaluator)
+        shape = nwalkers, ensembles, seed
+        search: SearchRecord | None = None
         if weighted is None:
             evaluations = steps * thin_by * nwalkers * ensembles
-            if store is not None:  # steps may have grown since the search began
-                evaluations = store["evaluations"] or evaluations
-                store["evaluations"] = evaluations
-            stored = None if store is None else store["search"]
-            if stored is not None:
-                search = SearchRecord.from_json(stored)
-            else:
-                most = budget_of(evaluations)
-                text = f"search, at most {most:,} evaluations, {most * seconds:,.0f} s"
-                logger.info(text)
-                places = points if points is None else [*points]
-                if places is None and posterior.draws is not None:
-                    places = [posterior.draws[i::ensembles] for i in range(ensembles)]
-                bar = progress_bar(progress, most, text)
-                with bar as solver.bar:
-                    search, states = search_and_start(
-                        evaluator, nwalkers, ensembles, seed, evaluations, places
-                    )
-                solver.bar = Evaluation.bar
+            search, states = _search(
+                evaluator, store, shape, evaluations, seconds, points, progress
+            )
             weighted = search.moves(posterior.prior)
         else:
-            states = _draw_starts(evaluator, nwalkers, ensembles, seed, points)
+            states = _draw_starts(evaluator, *shape, points)
         parts = [solver.part() for _ in range(ensembles)]
         own = [copy_moves(weighted) for _ in parts]
         if store is not None:
             chains = _open_chains(store, solver, parts, own, states, steps)
             if search is not None:  # after the starts, which it promises
                 store["search"] = search.to_json()
-            states = [chain.get_last_sample() for chain in chains]
-            backends = [*chains]
-        # emcee's own backends may be parts of one file.
-        together = ensembles > 1 and (backend is None or in_file)
-        together &= solver.pool is not None and solver.pool.takes_turns
-        doubted = store is not None and any(foreign_moves(weighted))
-        fresh = weighted if doubted else None
-        samplers = tuple(
+            states, backends = [one.get_last_sample() for one in chains], [*chains]
+        samplers = [
             Sampler(nwalkers, part, mine, chain)
             for part, mine, chain in zip(parts, own, backends, strict=True)
-        )
+        ]
         record = Run(
-            samplers,
+            tuple(samplers),
             posterior,
             seed,
             own[0],
@@ -244,23 +223,97 @@ def run(
             points is not None and search is None,
             doubts,
         )
-        left = [steps - sampler.iteration for sampler in samplers]
-        bar = progress_bar(progress, sum(left), f"{ensembles} ensembles")
-
-        def advance(number: int) -> None:
-            samplers[number].advance(states[number], left[number], thin_by, bar, fresh)
-
+        # emcee's own backends may be parts of one file.
+        together = ensembles > 1 and (backend is None or in_file)
+        together &= solver.pool is not None and solver.pool.takes_turns
+        doubted = store is not None and any(foreign_moves(weighted))
         try:
-            with bar:
-                if together:
-                    take_turns(parts, advance)
-                else:
-                    for number in range(ensembles):
-                        advance(number)
+            _sample(
+                samplers,
+                states,
+                steps,
+                thin_by,
+                progress,
+                weighted if doubted else None,
+                parts if together else None,
+            )
         except BaseException as error:  # also of the keyboard: nothing is lost
             error.run = record  # type: ignore[attr-defined]
             raise
     return record
+
+
+def _search(
+    evaluator: Evaluation | StoredEvaluation,
+    store: Store | None,
+    shape: tuple[int, int, int],
+    evaluations: int,
+    seconds: float,
+    points: Floats | None,
+    progress: bool | str,
+) -> tuple[SearchRecord, list[emcee.State]]:
+    """Return what "auto" finds and starts from, or what a file says that it found.
+
+    Args:
+        evaluator: What evaluates.
+        store: The file, if there is one.
+        shape: Walkers, ensembles and the seed.
+        evaluations: Those of the chains, of which the search has a share.
+        seconds: That a solve takes.
+        points: Starts that the user gave, ``(ensembles, nwalkers, d)``.
+        progress: How it is shown.
+    """
+    posterior, ensembles = evaluator.posterior, shape[1]
+    if store is not None:  # steps may have grown since the search began
+        evaluations = store["evaluations"] or evaluations
+        store["evaluations"] = evaluations
+        if (stored := store["search"]) is not None:
+            return SearchRecord.from_json(stored), []
+    most = budget_of(evaluations)
+    text = f"search, at most {most:,} evaluations, {most * seconds:,.0f} s"
+    logger.info(text)
+    places = points if points is None else [*points]
+    if places is None and posterior.draws is not None:
+        places = [posterior.draws[i::ensembles] for i in range(ensembles)]
+    solver, bar = evaluator.evaluation, progress_bar(progress, most, text)
+    with bar as solver.bar:
+        found = search_and_start(evaluator, *shape, evaluations, places)
+    solver.bar = Evaluation.bar
+    return found
+
+
+def _sample(
+    samplers: Sequence[Sampler],
+    states: Sequence[emcee.State],
+    steps: int,
+    thin_by: int,
+    progress: bool | str,
+    fresh: Weighted | None,
+    together: Sequence[Evaluation] | None,
+) -> None:
+    """Advance all ensembles to ``steps``, one after another or in turns on a pool.
+
+    Args:
+        samplers: One of each ensemble.
+        states: Where each goes on from.
+        steps: Stored steps of each in the end.
+        thin_by: Steps for each that is stored.
+        progress: How it is shown.
+        fresh: Moves as they were given, by which what a move remembers is checked.
+        together: What evaluates for each ensemble, where they take turns.
+    """
+    left = [steps - sampler.iteration for sampler in samplers]
+    bar = progress_bar(progress, sum(left), f"{len(samplers)} ensembles")
+
+    def advance(number: int) -> None:
+        samplers[number].advance(states[number], left[number], thin_by, bar, fresh)
+
+    with bar:
+        if together is not None:
+            take_turns(together, advance)
+        else:
+            for number in range(len(samplers)):
+                advance(number)
 
 
 def _open_chains(
