@@ -104,7 +104,7 @@ def test_what_a_contract_may_have_is_listed():
     listed = {*re.findall(r"^(\w+) +\w", ef.contracts.__doc__, re.M)}
     of_emcee = {"betas", "check", "get_proposal", "inner", "propose"}
     # Of priors, terms and responses of this package; a user's need not have them.
-    own = {"distributions", "error_sd", "logpdfs", "unpaired"}
+    own = {"distributions", "error_sd", "logpdfs", "measured", "unpaired"}
     of_pynite = {"load_combos"}
     rest = {"__name__", "k", "name", "shapes"}
     assert asked - listed <= of_emcee | of_pynite | own | rest

@@ -26,9 +26,8 @@ from emcee.ensemble import _FunctionWrapper
 
 from .. import checks
 
-KEPT_FUNCTIONS = (
-    8  # functions a worker keeps; an older one is sent again when it is needed
-)
+# Functions a worker keeps; an older one is sent again when it is needed.
+KEPT_FUNCTIONS = 8
 functions: dict[str, Callable[[Any], object]] = {}  # of this process, by key
 
 NOT_LOADED = (

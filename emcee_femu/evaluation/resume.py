@@ -25,9 +25,8 @@ logger = logging.getLogger("emcee_femu")
 PACKAGES = ("emcee_femu", "emcee", "numpy", "scipy")
 SHOWN_NUMBERS = 64  # numbers of an array; of a larger one the digest is kept
 PROBED = 16  # stored points solved again, at most
-LEAST_DIFFERENCE = (
-    1e-3  # of the largest value of a variable, to which the tolerance is relative
-)
+# Of the largest value of a variable, to which the tolerance is relative.
+LEAST_DIFFERENCE = 1e-3
 
 
 def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, Any]:

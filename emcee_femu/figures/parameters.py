@@ -26,9 +26,8 @@ LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = (
     0.4,
 )  # inches beside the panels, and above with title
 LABEL, SMALLEST = 10.0, 6.0  # points
-FEWEST_INDEPENDENT = (
-    50.0  # independent draws that regions are drawn for, of however poor a chain
-)
+# Independent draws that regions are drawn for, of however poor a chain.
+FEWEST_INDEPENDENT = 50.0
 
 
 RADIUS = math.sqrt(-2 * math.log(0.05))  # of an ellipse, in standard deviations

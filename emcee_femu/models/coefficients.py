@@ -13,9 +13,8 @@ from .. import checks
 from ..contracts import Floats, Parameters
 from .inputs import Matrix, describe, read_batch, read_matrix
 
-COEFFICIENT_STEP = (
-    1e-3  # of a parameter's value: the differences are exact up to fourth powers
-)
+# Of a parameter's value: the differences are exact up to fourth powers.
+COEFFICIENT_STEP = 1e-3
 # At two and at one steps on either side of a value, by the step.
 STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 

@@ -33,12 +33,10 @@ from .inputs import Where
 SEMIDEFINITE = 1e-9  # an eigenvalue of a mass, by its diagonal, that is as good as zero
 SHAPE_TOLERANCE = 1e-9  # of mode shapes; an eigenvalue errs by the square
 BLOCK = 4  # start vectors: three equal modes, as of a free cube, need no more
-EQUAL_MODES = (
-    1e-6  # relative distance of eigenvalues that count as equal, far above TOLERANCE
-)
-LANCZOS_DEPENDENT = (
-    1e-14  # squared length, of one, that rounding leaves of what is in the space
-)
+# Relative distance of eigenvalues that count as equal, far above SHAPE_TOLERANCE.
+EQUAL_MODES = 1e-6
+# Squared length, of one, that rounding leaves of what is in the space.
+LANCZOS_DEPENDENT = 1e-14
 
 Pairs: TypeAlias = tuple[Floats, Floats]  # eigenvalues (m,), vectors (N, m)
 

@@ -23,7 +23,7 @@ NAMES = {word: number % 6 + 1 for number, word in enumerate(DOF_WORDS)}
 FORM = re.compile(r"\s*(?:node)?\s*(-?\d+)\s*[:, ]\s*(\w+)\s*", re.I)
 # Entries of exports are compared with sqrt(d_i d_j), d the diagonal: units and stiff
 # parts of a model do not matter then.
-UNCHANGED = 1e-12  # what is left of entries that did not change, and is dropped
+LEFT_OVER = 1e-12  # what is left of entries that did not change, and is dropped
 UNCHANGED = 1e-9  # a matrix that differs by less is the same
 CURVED = 1e-6  # share of a change by which it may be off a polynomial
 POWERS = 1, 2, 3  # of a parameter
@@ -288,7 +288,7 @@ def _scale(matrix: csc_array, reference: csc_array) -> csc_array:
 
 def _drop(matrix: csc_array, reference: csc_array) -> csc_array:
     """Return a matrix without entries that are noise beside a reference's diagonal."""
-    return csc_array(matrix.multiply(_scale(matrix, reference) > UNCHANGED))
+    return csc_array(matrix.multiply(_scale(matrix, reference) > LEFT_OVER))
 
 
 def read_name(name: str) -> str:

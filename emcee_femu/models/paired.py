@@ -38,9 +38,8 @@ Differentiate: TypeAlias = Callable[[Parameters], tuple[Response, Derivatives]]
 CLUSTER_DEPENDENT = 1e-8  # a shape that the others of its cluster span at the sensors
 # Among coupled modes all candidates share one MAC; their own MAC then decides.
 TIE_BREAK = 1e-3
-SHAPE_STEP = (
-    1e-4  # by which derivatives move shapes, and frequencies as a share of min_gap
-)
+# By which derivatives move shapes, and frequencies as a share of min_gap.
+SHAPE_STEP = 1e-4
 
 
 class PairedModel:

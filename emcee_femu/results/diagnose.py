@@ -26,9 +26,8 @@ from .chains import read_chains
 from .fit import Statement, judge_fit
 from .modes import ModeWeights, weigh_modes
 
-STEPS_PER_TAU = (
-    50  # steps per autocorrelation time below which tau itself is unreliable
-)
+# Steps per autocorrelation time below which tau itself is unreliable.
+STEPS_PER_TAU = 50
 GOOD_RHAT = 1.01  # Vehtari et al. (2021), doi:10.1214/20-BA1221
 # R-hat over walkers is about sqrt(1 + 2 tau / steps), 1.02 at 50 tau. More means
 # walkers that stay apart, which tau cannot see: it centres each walker on its own mean.

@@ -34,9 +34,8 @@ MANY = 3  # uninformed parameters from which on the known combinations are named
 INFORMED = 0.5  # sd ratio below which a combination is worth naming
 MOST_COMBINATIONS, SMALL_PART = 3, 0.15
 CROWDED = 0.05  # share of the samples near a bound
-CLOSE_TO_BOUND = (
-    3.0  # posterior sds from a bound; a half-normal has 1.3, an exponential 1
-)
+# Posterior sds from a bound; a half-normal has 1.3, an exponential 1.
+CLOSE_TO_BOUND = 3.0
 GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H structure)
 
 

@@ -39,9 +39,8 @@ from .importance import (
 from .record import Chains
 
 MOST_FINITE_DRAWS = 20  # times the size, for a population of finite likelihood
-LAST_POWERS = (
-    2  # powers whose proposals tell of what is missing; early ones may fit badly
-)
+# Powers whose proposals tell of what is missing; early ones may fit badly.
+LAST_POWERS = 2
 RENEWED = 0.8  # of the members are to be independent of their ancestors
 MOST_SWEEPS = 20  # at one power
 MOST_THOROUGH = 30  # sweeps of an annealing for the evidence

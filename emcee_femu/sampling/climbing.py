@@ -20,12 +20,10 @@ from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates
 from .quadratic import find_damping, log_integral, make_positive, step_within
 
-WORTH_A_STEP = (
-    1e-3  # of log-posterior still to be had: 0.045 standard deviations from the top
-)
-NOISE_OF_TOP = (
-    0.1  # the same where no step gains: noise of a solver, a kink, a sharp bend
-)
+# Of log-posterior still to be had: 0.045 standard deviations from the top.
+WORTH_A_STEP = 1e-3
+# The same where no step gains: noise of a solver, a kink, a sharp bend.
+NOISE_OF_TOP = 0.1
 MOST_STEPS = 100
 GAIN_ACCEPTED, GAIN_POOR, GAIN_GOOD = 0.01, 0.25, 0.75  # actual gain by predicted gain
 EXACT = 1e-2  # relative error of a prediction by a curvature that holds everywhere

@@ -17,9 +17,8 @@ LIKE_TURN = 1.25  # ratio to 2 pi up to which it is taken for one
 REACH_DRAWS = 16  # of the prior, which may reach the data though its mean does not
 LARGE_ERROR = 0.3  # prior mean of a relative error: most are meant to be a few percent
 NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sampling
-SAME_RESPONSE = (
-    1e-9  # relative difference of responses that a solver's rounding may make
-)
+# Relative difference of responses that a solver's rounding may make.
+SAME_RESPONSE = 1e-9
 
 
 def check_first_solve(

@@ -41,13 +41,11 @@ INDEPENDENT = 0.3  # share of independent proposals among these steps
 # tails that draws of the posterior hardly meet, and where a walker would stay long.
 SURFACE_TEMPERATURES, TEMPERATURE_SHARES = (1.0, 2.0, 4.0), (0.5, 0.3, 0.2)
 FITS, DF = 2, 5.0  # of the mixture, degrees of freedom of its components
-WEIGHED_LEVEL = (
-    2.0  # log-density per parameter below the largest, from where points weigh less
-)
+# Log-density per parameter below the largest, from where points weigh less.
+WEIGHED_LEVEL = 2.0
 LEAST_WEIGHT = 1e-4
-COEFFICIENT_RIDGE = (
-    1e-6  # by which coefficients are drawn to zero, relative to one point
-)
+# By which coefficients are drawn to zero, relative to one point.
+COEFFICIENT_RIDGE = 1e-6
 NO_SENSE = -1e100  # log-density where the polynomials make no sense any more
 
 

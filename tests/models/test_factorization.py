@@ -24,7 +24,7 @@ def choose(solver, monkeypatch):
         monkeypatch.setitem(sys.modules, "pypardiso", None)
     else:
         pytest.importorskip("pypardiso", reason="pip install 'emcee_femu[pardiso]'")
-        monkeypatch.setattr(f"{MODULE}.LARGE", 1)
+        monkeypatch.setattr(f"{MODULE}.LARGE_DOFS", 1)
         monkeypatch.setattr(f"{MODULE}.splu", None)
 
 
@@ -74,14 +74,14 @@ def test_a_matrix_that_is_not_positive_is_not_definite(solver):
 
 
 def test_a_matrix_without_a_stored_diagonal_is_factored(monkeypatch):
-    monkeypatch.setattr(f"{MODULE}.LARGE", 1)  # PARDISO would read beyond its rows
+    monkeypatch.setattr(f"{MODULE}.LARGE_DOFS", 1)  # PARDISO would read beyond its rows
     swap = sparse.csc_array(np.array([[0.0, 2.0], [2.0, 0.0]]))
     np.testing.assert_allclose(factor_indefinite(swap, 0.01).solve(np.ones(2)), 0.5)
 
 
 def test_a_pivot_that_pardiso_would_replace_is_left_to_superlu(monkeypatch):
     pytest.importorskip("pypardiso", reason="pip install 'emcee_femu[pardiso]'")
-    monkeypatch.setattr(f"{MODULE}.LARGE", 1)
+    monkeypatch.setattr(f"{MODULE}.LARGE_DOFS", 1)
     small = 2.0**-33  # what is left of the second pivot
     factor = factor_indefinite(
         sparse.csc_array(np.array([[1, 1, 0], [1, 1 + small, 0], [0, 0, -3]]))

@@ -310,7 +310,7 @@ def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(
 
 
 def test_climbs_leave_the_budget_of_what_follows(monkeypatch):
-    monkeypatch.setattr("emcee_femu.sampling.auto.LEAST", 4_500)
+    monkeypatch.setattr("emcee_femu.sampling.auto.LEAST_BUDGET", 4_500)
     posterior = free_posterior(ten_modes, box(-20, 20, 2))
     search = ef.run(posterior, "auto", 16, 2, seed=1).search
     assert search.solves < 4_500 and search.climbs == 4  # one of each, of ten modes
@@ -367,7 +367,9 @@ class Square:
 
 
 def test_beside_gradients_there_are_jumps_between_modes(monkeypatch):
-    monkeypatch.setattr("emcee_femu.sampling.auto.POOR", 2.0)  # gradients do better
+    monkeypatch.setattr(
+        "emcee_femu.sampling.auto.POOR_ACCEPTANCE", 2.0
+    )  # gradients do better
 
     def term(parameters, response):
         return -50 * ((response["y"] - 1) ** 2).sum(axis=1)

@@ -219,7 +219,7 @@ def test_the_lengths_maximise_the_restricted_likelihood(points, values, rough):
     for j, step in enumerate(1e-5 * np.eye(3)):
         ahead, behind = restricted(moved + step)[0], restricted(moved - step)[0]
         np.testing.assert_allclose(slopes[j], (ahead - behind) / 2e-5, rtol=1e-3)
-    widest = np.log(gp.WIDEST * points.std(axis=0))
+    widest = np.log(gp.LONGEST_LENGTH * points.std(axis=0))
     best = np.log(gp.fit_processes(points, values).lengths)
     for step in 0.05 * np.vstack([np.eye(3), -np.eye(3)]) * (not rough):
         assert restricted(np.minimum(best + step, widest))[0] >= (

@@ -14,9 +14,8 @@ from ...sampling.importance import GOOD_K
 from ...sampling.record import Chains
 from ...table import Parts, Report, Table, unit_column
 
-EQUAL_WEIGHTS = (
-    0.9  # efficiency above which weights are so equal that their tail is no matter
-)
+# Efficiency above which weights are so equal that their tail is no matter.
+EQUAL_WEIGHTS = 0.9
 FEWEST_CERTIFIED = 25  # draws
 FEWEST_EFFECTIVE = 50  # what they are worth, to know a standard deviation to 10 %
 CLOSE_MOMENTS = 0.1  # of a standard deviation, in means and standard deviations

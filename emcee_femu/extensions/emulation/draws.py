@@ -15,9 +15,8 @@ from .problem import EmulationProblem
 
 MEMBERS = 300  # draws that stand for a posterior
 GROWN = 1.5  # times as many points for another look at the whole prior
-SMALL_PREDICTED = (
-    0.1  # error predicted at carried draws below which each round has a look
-)
+# Error predicted at carried draws below which each round has a look.
+SMALL_PREDICTED = 0.1
 WIDER_IN_TRUTH = 2.0  # standard deviations of the emulator that may be one in truth
 
 

@@ -33,20 +33,17 @@ from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points
 UNITS = 8  # points by which the errors of the measurement are read off the terms
 MORE = 4  # points of a first design than parameters: some more than a linear trend
 SETTLED = 2  # rounds in a row whose true error is to be small
-LARGE_TRUE_ERROR = (
-    3.0  # true error above which draws are of a wider, tempered posterior
-)
+# True error above which draws are of a wider, tempered posterior.
+LARGE_TRUE_ERROR = 3.0
 STAGE = 4.0  # times the power of the round before, at least: its width halves
 SURPRISE = 5.0  # times the tolerance: a predicted error with which it does not stop
 FAR_POINT = 3.0  # squared distance per dimension beyond which a point counts less
-SMALL_LEFT_OUT = (
-    0.01  # error of leaving one out, in measurement errors, that is small enough
-)
+# Error of leaving one out, in measurement errors, that is small enough.
+SMALL_LEFT_OUT = 0.01
 LEAST_VARIANCE = 1e-300  # variance of processes that are exact
 BY_CHANCE = 0.01  # probability of so many failures where fewer are allowed
-UNMEASURED = (
-    1e-6  # predicted error, in measurement errors, below which none is measured
-)
+# Predicted error, in measurement errors, below which none is measured.
+UNMEASURED = 1e-6
 
 
 def emulate(

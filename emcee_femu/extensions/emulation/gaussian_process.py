@@ -46,12 +46,11 @@ from ...contracts import Floats
 NUGGET = 1e-7  # of the amplitude squared: keeps the factor of close points definite
 VAGUE = 1e6  # the same of a slope that is not known
 STRAIGHT = 0.01  # an output that leaves its trend by less has no say in the lengths
-STRAIGHT = 1e-20  # variance of an output that is straight
+LEAST_OF_OUTPUT = 1e-20  # variance of an output that is straight
 SCALES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # first lengths, in spreads of the points
 LONGEST_LENGTH = 200.0  # length, in spreads, beyond which the trend says as much
-LENGTH_ROWS = (
-    300  # values and slopes by which lengths are found, of points early and late
-)
+# Values and slopes by which lengths are found, of points early and late.
+LENGTH_ROWS = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +103,8 @@ class Processes:
             points, values, lengths, rough, covariance, whitener, unknown, weights
         )
         sd = np.maximum(
-            expected.amplitudes * expected.left_out_sd[:, None], np.sqrt(STRAIGHT)
+            expected.amplitudes * expected.left_out_sd[:, None],
+            np.sqrt(LEAST_OF_OUTPUT),
         )
         ratios = expected.leave_out(values) / sd
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
@@ -396,7 +396,7 @@ def _restricted(
     projected = projector @ stacked
     free, total = int(known.sum()) - trend.shape[1], counts.sum()
     squares = (stacked * projected).sum(axis=0)
-    variances = np.maximum(squares / free, STRAIGHT)
+    variances = np.maximum(squares / free, LEAST_OF_OUTPUT)
     logs = np.log(factor.diagonal()).sum() + np.log(information.diagonal()).sum()
     slopes_known = known[:, 1:].sum(axis=0)
     logs -= slopes_known @ np.log(lengths[: width - 1])

@@ -13,18 +13,15 @@ from ...models.inputs import derive_along
 from .encoding import Aligned, Named, Numbers, Outputs, Symmetric, eigenvalues_of
 from .gaussian_process import Processes, fit_processes
 
-LEAST_EIGENVALUE = (
-    1e-8  # an eigenvalue predicted below this share of the usual one is cut there
-)
+# An eigenvalue predicted below this share of the usual one is cut there.
+LEAST_EIGENVALUE = 1e-8
 WORST = 100.0  # squared error beyond which it is only known to be large
-WORTH_A_BLOCK = (
-    0.95  # share of the squared error that modes together, or own lengths, leave
-)
+# Share of the squared error that modes together, or own lengths, leave.
+WORTH_A_BLOCK = 0.95
 EXACT_ERROR = 1e-300  # squared error of processes that are exact
 PARTITION_ROUNDS = 3  # of lengths, then of blocks with them
-TANGENT_STEP = (
-    1e-4  # share of a variable's size by which it is moved along its derivatives
-)
+# Share of a variable's size by which it is moved along its derivatives.
+TANGENT_STEP = 1e-4
 
 Key: TypeAlias = tuple[int, int]  # the first mode, and the one behind the last
 

@@ -29,9 +29,8 @@ OP4_HEADER = re.compile(
 )
 OP4_WIDTH = 16  # of a value where the header has no format: 5E16.9
 OP4_WORDS = (1, 2)  # of a value, which are its types: single and double precision
-STRING_ROWS = (
-    65536  # a string begins with row + ROWS * (words + 1), or words + 1 and row
-)
+# A string begins with row + STRING_ROWS * (words + 1), or words + 1 and row.
+STRING_ROWS = 65536
 REAL = (1, 2)  # TIN: single or double precision; 3 and 4 are complex
 SQUARE, SYMMETRIC = 1, 6  # IFO; 2 and 9 are rectangular, such as loads
 IS_COMPLEX = "is complex; write the real matrix, without structural damping"

@@ -23,9 +23,8 @@ from .measurements import FRF_KINDS, frf_variable, read_channels, read_kind, rea
 
 AT_ONCE = 2**20  # numbers of an array (walkers, modes, lines)
 PROPORTIONAL = ("mass", "stiffness")
-RESONANCE_STEP = (
-    1e-4  # share of the narrowest resonance by which derivatives move modes
-)
+# Share of the narrowest resonance by which derivatives move modes.
+RESONANCE_STEP = 1e-4
 
 Arrays: TypeAlias = dict[str, Floats]
 # A model of the flexibility, and each channel's load case and point.

@@ -21,9 +21,8 @@ RIGID_WEIGHT = 1e3  # so that rigid motions stay in a basis of any size
 NEW_ENERGY = 1e-7  # share of a shape's energy norm; what is new in it must be more
 BUFFER = 2  # extra modes, so that those which cross the wanted ones are in the basis
 CLOSE_MODES = 0.02  # modes nearer to each other in frequency mix their shapes
-RITZ_BELOW = (
-    1e-6  # a Ritz frequency this much below the full one, relatively, is an error
-)
+# A Ritz frequency this much below the full one, relatively, is an error.
+RITZ_BELOW = 1e-6
 
 # Of K and of M in a basis, each (n, r, r).
 Matrices: TypeAlias = tuple[Floats, Floats]
