@@ -91,7 +91,8 @@ class FailureLog:
         raise RuntimeError(
             f"on_failure: {total} of {self.evaluations} solves failed "
             f"({dict(self.causes)}), more than max_failures = {self.max_failures:g}"
-            f"{example}. Fix the model, or narrow the prior to where it can be solved"
+            f"{example}. Fix the model, narrow the prior to where it can be solved, "
+            "or raise max_failures where failures are random"
         )
 
     @property

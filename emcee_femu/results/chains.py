@@ -84,6 +84,8 @@ def read_chains(
         raise TypeError(
             f"{argument}: expected what run returned, emcee samplers or backends, the "
             f"name of a run's file or an ArviZ object, got {type(source).__name__}"
+            + "; run(...) its .posterior first"
+            * hasattr(source, "posterior")
         )
     weighted = moves_of(samplers[0])
     chains = read(backends, ladder_of([move for move, _ in weighted]))

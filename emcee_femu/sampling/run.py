@@ -149,7 +149,9 @@ def run(
         >>> [sampler.get_chain().shape for sampler in run]
         [(100, 20, 5), (100, 20, 5)]
     """
-    if callable(posterior) and not isinstance(posterior, LogPosterior):
+    if callable(posterior) and not isinstance(
+        getattr(posterior, "posterior", posterior), LogPosterior
+    ):
         raise TypeError(
             f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
             "a bare log-probability function use emcee.EnsembleSampler"

@@ -10,6 +10,9 @@ POSTERIOR = ef.paper.mass_spring().posterior
 class Emulated:
     posterior = POSTERIOR
 
+    def __call__(self, parameters):  # as an emulated model is called
+        return {}
+
 
 @pytest.mark.parametrize(
     ("call", "error", "cure"),
@@ -17,6 +20,9 @@ class Emulated:
         (lambda: ef.run(Emulated(), seed=1), TypeError, r"\.posterior"),
         (lambda: ef.find_map(Emulated(), seed=1), TypeError, r"\.posterior"),
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
+        (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "EnsembleSampler"),
+        (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
+        (lambda: ef.FunctionModel(lambda k1, k2: [k1]), TypeError, r"p\['k1'\]"),
         (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
         (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
     ],
