@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from inspect import signature
 from typing import TypeAlias
 
 import numpy as np
@@ -74,7 +73,6 @@ class FunctionModel:
         for label, call in (("function", function), ("jacobian", slopes)):
             if not callable(call):
                 raise TypeError(f"{label}: expected a callable, got {call!r}")
-            _check_arguments(label, call)
         self._is_modal = variables is None
         if n_modes is not None:
             if variables is not None:
@@ -193,19 +191,3 @@ def _check_shapes(
         raise SolveError(
             "wrong shape", f"{label}: expected arrays of shape {expected}, got {shapes}"
         )
-
-
-def _check_arguments(label: str, call: Function) -> None:
-    """Refuse a function that cannot be called with one argument."""
-    try:
-        arguments = signature(call)
-    except ValueError:  # of some that are written in C
-        return
-    try:
-        arguments.bind({})
-    except TypeError:
-        names = [*arguments.parameters]
-        raise TypeError(
-            f"{label}: expected a function of one parameter set, {{name: value}}, got "
-            f"arguments ({', '.join(names)}); write lambda p: f(p['k1'], p['k2'])"
-        ) from None

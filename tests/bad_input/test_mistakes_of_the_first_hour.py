@@ -22,7 +22,6 @@ class Emulated:
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
         (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "EnsembleSampler"),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
-        (lambda: ef.FunctionModel(lambda k1, k2: [k1]), TypeError, r"p\['k1'\]"),
         (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
         (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
     ],
