@@ -20,11 +20,8 @@ from .style import BLUE, GREY, RED, Style, changing_draws, finish, scale_axes, s
 
 MOST_POINTS = 4_000  # drawn in a scatter panel; ellipses and regions use every sample
 PAGE_WIDTH = 7.0  # inches: that of a page
-LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = (
-    0.8,
-    0.15,
-    0.4,
-)  # inches beside the panels, and above with title
+# Inches beside the panels, and above with title.
+LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = 0.8, 0.15, 0.4
 LABEL, SMALLEST = 10.0, 6.0  # points
 # Independent draws that regions are drawn for, of however poor a chain.
 FEWEST_INDEPENDENT = 50.0

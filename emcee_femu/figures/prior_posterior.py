@@ -16,10 +16,8 @@ from ..results.arviz_objects import prior_draws
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, changing_draws, finish, scale_axes, subplots
 
-HISTOGRAM_COLUMNS, HISTOGRAM_PANEL = (
-    3,
-    (2.33, 1.7),
-)  # panels beside each other; inches of each
+# Panels beside each other; inches of each.
+HISTOGRAM_COLUMNS, HISTOGRAM_PANEL = 3, (2.33, 1.7)
 HISTOGRAM_BINS, AXIS_POINTS = 25, 400  # of the central 99 % of samples, and of an axis
 
 

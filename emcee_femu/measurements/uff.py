@@ -17,10 +17,8 @@ Indices: TypeAlias = NDArray[np.intp]
 DataSet: TypeAlias = Mapping[str, Any]  # as pyuff reads it
 END = "    -1"  # the line before and after a data set
 BINARY = "    58b"  # begins one whose values END follows on the same line
-NORMAL_MODES, COMPLEX_MODES = (
-    2,
-    (3, 7),
-)  # types of analysis: modes, and complex ones of two orders
+# Types of analysis: modes, and complex ones of two orders.
+NORMAL_MODES, COMPLEX_MODES = 2, (3, 7)
 # Types of data that are shapes: unknown, general, displacement, velocity, acceleration.
 MOTIONS = (0, 1, 8, 11, 12)
 COMPLEX_DATA = (5, 6)  # of single and double precision

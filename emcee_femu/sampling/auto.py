@@ -18,10 +18,8 @@ from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
 
-CHAIN_BUDGET, LEAST_BUDGET = (
-    2.0,
-    30_000,
-)  # evaluations by those of the chain; of a short one
+# Evaluations by those of the chain; of a short one.
+CHAIN_BUDGET, LEAST_BUDGET = 2.0, 30_000
 SEARCHED_SHARE = 0.2  # of the evaluations of the chain
 FEWEST_SEARCHED = 1_000  # points of a search
 ROUND = 300  # draws of a round of the refinement, at least

@@ -27,15 +27,11 @@ from .proposals import cover, uncover
 MOST_TERMS, DEGREES = 500, range(1, 5)  # of polynomials: cubic for 9 to 12 parameters
 SOLVES_PER_TERM = 2  # solves of the first fit
 SURFACE_ROUNDS, SURFACE_SOLVES = 5, 600  # fits after it, and solves for each
-LEARNED = (
-    SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
-)  # solves at most
+# Solves at most.
+LEARNED = SOLVES_PER_TERM * MOST_TERMS + SURFACE_ROUNDS * SURFACE_SOLVES
 CHEAP = 8_000  # draws of a mixture from which walkers on a surface start
-SURFACE_STEPS, SURFACE_THIN, SURFACE_KEPT = (
-    60,
-    20,
-    10,
-)  # steps before the first kept, between them, how many
+# Steps before the first kept, between them, how many.
+SURFACE_STEPS, SURFACE_THIN, SURFACE_KEPT = 60, 20, 10
 INDEPENDENT = 0.3  # share of independent proposals among these steps
 # Of walkers on a surface, and the shares of draws of each in a proposal: hot ones see
 # tails that draws of the posterior hardly meet, and where a walker would stay long.

@@ -24,10 +24,8 @@ DRAWS_PER_TERM = 5  # draws for each term of a quadratic with products
 ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
 PRIOR_FREE_DRAWS = 20_000  # which cost no solve
 LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
-NEAR_A_BOUND, PRESSED = (
-    0.1,
-    0.005,
-)  # standard deviations from a bound; share of draws there
+# Standard deviations from a bound; share of draws there.
+NEAR_A_BOUND, PRESSED = 0.1, 0.005
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,10 +37,8 @@ from .encoding import Named
 
 PAIRS = 0.1  # share of a shape that may be wrong where it only tells pairs
 UNREAD = 3.0  # times the usual error: a mode that no term reads matters less
-SLOPES_SUFFIX, DERIVATIVES_KNOWN = (
-    " by parameter",
-    "derivatives known",
-)  # variables beside the others
+# Variables beside the others.
+SLOPES_SUFFIX, DERIVATIVES_KNOWN = " by parameter", "derivatives known"
 TERM_STEP = 1e-3  # of a variable's size, for terms that cannot be linearized
 
 

@@ -10,14 +10,8 @@ from ... import checks
 from ...models.exports import DOF_DIRECTIONS, Matrices
 from ...models.geometry import Geometry
 
-PYNITE_AXES = (
-    "DX",
-    "DY",
-    "DZ",
-    "RX",
-    "RY",
-    "RZ",
-)  # of supports, in the order of DIRECTIONS
+# Of supports, in the order of DOF_DIRECTIONS.
+PYNITE_AXES = ("DX", "DY", "DZ", "RX", "RY", "RZ")
 
 
 def from_pynite(
