@@ -15,9 +15,15 @@ from typing import Any
 
 from jupyter_cache import get_cache
 
+import emcee_femu
+
 # One thread for each page: two are executed side by side, and matrices are small.
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+
+# Subjects that are imported when they are asked for: the reference has these names.
+for subject in ("frf", "paper", "population"):
+    sys.modules[f"emcee_femu.{subject}"] = getattr(emcee_femu, subject)
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
