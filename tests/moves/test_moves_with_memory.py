@@ -12,6 +12,7 @@ from support.archive import (
     GuidedByThePast,
     GuidedByWhatIsKept,
     HalfForgetful,
+    Impatient,
 )
 from support.free_posterior import box, free_posterior
 from support.stored import bits, posed, sampled
@@ -42,6 +43,7 @@ FORGETFUL = {  # they do not
     "beside another": [(ef.DEMCMove(), 0.5), (Forgetful(), 0.5)],
     "late": Forgetful(every=9),
     "half": HalfForgetful(),
+    "factor": Impatient(),
     "inner": GuidedByThePast(),
     "screened": Delayed(GuidedByThePast(), cheap),
     "at powers": tempered(GuidedByThePast()),
@@ -101,7 +103,7 @@ def test_a_resumed_run_is_that_of_a_move_that_was_never_stopped(path, move):
 
 @pytest.mark.parametrize("move", FORGETFUL.values())
 def test_memory_that_a_file_would_lose_is_refused_by_name(path, move):
-    name = "Forgetful|GuidedByThePast|GaussianMove"
+    name = "Forgetful|Impatient|GuidedByThePast|GaussianMove"
     with pytest.raises(ValueError, match=rf"moves: .*({name})[\s\S]*state\(\)"):
         sampled(path, moves=move, steps=40)
 

@@ -51,6 +51,17 @@ class HalfForgetful(ArchiveMove):
         return super().state() | {"generation": 0}
 
 
+class Impatient(ef.DEMCMove):
+    """Proposes as it ever did, and after some calls refuses all: a wrong factor."""
+
+    calls = 0
+
+    def get_proposal(self, sample, complement, rng):
+        self.calls += 1
+        proposed, _ = super().get_proposal(sample, complement, rng)
+        return proposed, np.full(len(proposed), -1e9 * (self.calls > 6))
+
+
 class GuidedByThePast(ef.DEMCMove):
     """A move of this kind that others can take inside: guides of earlier calls."""
 
