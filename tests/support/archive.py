@@ -51,15 +51,17 @@ class HalfForgetful(ArchiveMove):
         return super().state() | {"generation": 0}
 
 
-class Impatient(ef.DEMCMove):
+class Impatient(emcee.moves.MHMove):
     """Proposes as it ever did, and after some calls refuses all: a wrong factor."""
 
-    calls = 0
+    def __init__(self):
+        super().__init__(self.step)
+        self.calls = 0
 
-    def get_proposal(self, sample, complement, rng):
+    def step(self, coords, rng):
         self.calls += 1
-        proposed, _ = super().get_proposal(sample, complement, rng)
-        return proposed, np.full(len(proposed), -1e9 * (self.calls > 6))
+        proposed = coords + 0.1 * rng.standard_normal(coords.shape)
+        return proposed, np.full(len(coords), -1e9 * (self.calls > 6))
 
 
 class GuidedByThePast(ef.DEMCMove):
