@@ -84,7 +84,7 @@ class Search:
             )
         theta, rows = self._evaluate(drawn)
         for doubt in doubt_reach(self.evaluator.posterior, rows):
-            warnings.warn(doubt, stacklevel=4)
+            warnings.warn(doubt, stacklevel=5)
         self.draws = Draws(theta, rows)
         if starts is not None:
             self._evaluate(starts)
