@@ -73,23 +73,31 @@ class Table:
         return [row[self.columns.index(title)] for row in self.rows]
 
     def __str__(self) -> str:
-        """Return aligned text."""
+        """Return aligned text, of a wide table the columns in blocks."""
         cells, widths = [self.columns, *self._cells()], self._widths()
-        lines = [
-            SPACE.join(
-                cell.ljust(width) if i == 0 else cell.rjust(width)
-                for i, (cell, width) in enumerate(zip(row, widths, strict=True))
-            )
-            for row in cells
-        ]
-        rule = "-" * self.width
-        return "\n".join([self.title, rule, lines[0], rule, *lines[1:], rule])
+        blocks = [[0]]
+        for number, width in enumerate(widths[1:], 1):
+            if sum(widths[i] + len(SPACE) for i in blocks[-1]) + width > PAGE:
+                blocks.append([0])  # each begins with the names of the rows
+            blocks[-1].append(number)
+        text = [self.title]
+        for block in blocks:
+            lines = [
+                SPACE.join(
+                    row[i].rjust(widths[i]) if i else row[i].ljust(widths[i])
+                    for i in block
+                )
+                for row in cells
+            ]
+            rule = "-" * len(lines[0])
+            text += [rule, lines[0], rule, *lines[1:], rule]
+        return "\n".join(text)
 
     __repr__ = __str__  # at a prompt, too
 
     @property
     def width(self) -> int:
-        """Characters of each printed line but the title."""
+        """Characters of a line with all columns."""
         widths = self._widths()
         return sum(widths) + len(SPACE) * (len(widths) - 1)
 

@@ -107,3 +107,15 @@ def test_whatever_prints_itself_is_shown_by_notebooks_too():
     printing = {c for c in own if c.__str__ not in (object.__str__, Exception.__str__)}
     only_text = {c.__name__ for c in printing if not hasattr(c, "_repr_html_")}
     assert len(printing) > 15 and only_text == {"SolveError", "Entry"}  # of rankings
+
+
+def test_a_wide_table_is_printed_in_blocks_with_the_names_of_the_rows():
+    columns = [(f"quantity {i}", ".3f", [i + 0.125, i + 0.25]) for i in range(12)]
+    table = Table.from_columns("Wide", [("name", "", ["first", "second"]), *columns])
+    assert table.width > 80
+    title, *lines = str(table).splitlines()
+    assert title == "Wide" and max(map(len, lines)) <= 80
+    cells = [line.split() for line in lines if not line.startswith("-")]
+    for name, shift in (("first", 0.125), ("second", 0.25)):
+        values = [cell for row in cells if row[0] == name for cell in row[1:]]
+        assert values == [f"{i + shift:.3f}" for i in range(12)]
