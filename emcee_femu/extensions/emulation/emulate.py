@@ -344,7 +344,7 @@ class _Emulation:
         recorded = self.evaluator.posterior.unfold(self.rows[self._solved])
         response, tangents = problem.part(recorded)
         newest = {name: values[-UNITS:] for name, values in response.items()}
-        units = problem.units(theta[-UNITS:], newest)
+        units = problem.measurement_errors(theta[-UNITS:], newest)
         limits = zip(np.take(prior.names, inputs), prior.bounds[inputs], strict=True)
         bounds = {str(name): (float(low), float(high)) for name, (low, high) in limits}
         start = () if last is None else last.processes

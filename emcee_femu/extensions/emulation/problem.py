@@ -262,7 +262,7 @@ class EmulationProblem:
         square: Floats = self._inform(parameters, response, moves).sum(axis=1)
         return square
 
-    def units(self, theta: Floats, response: Named) -> Named:
+    def measurement_errors(self, theta: Floats, response: Named) -> Named:
         """Return the measurement error of each raw number, ``{variable: (*shape)}``.
 
         Of the variables that the terms read. Modes that are not compared get three
