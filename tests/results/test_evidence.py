@@ -154,7 +154,7 @@ def test_the_evidence_is_that_of_the_prior_where_it_can_be_solved():
         posterior,
         ef.moves.TemperedMove(ef.DEMCMove(), betas),
         nwalkers=16 * len(betas),
-        steps=300,
+        steps=1_000,
         seed=2,
         on_failure="reject",
         max_failures=0.9,

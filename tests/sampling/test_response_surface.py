@@ -83,7 +83,8 @@ def hasty(monkeypatch):
     """Learn a surface where a mixture would do, with fewer solves and steps."""
     monkeypatch.setattr("emcee_femu.sampling.auto.BENT", 0.9)
     monkeypatch.setattr("emcee_femu.sampling.auto.GAINED", 1.0)
-    fewer = {"ROUNDS": 2, "NEW": 300, "STEPS": 50, "FITS": 1, "KEPT": 5}
+    fewer = {"ROUNDS": 2, "SOLVES": 300, "STEPS": 50, "KEPT": 5}
+    fewer = {f"SURFACE_{name}": value for name, value in fewer.items()} | {"FITS": 1}
     for name, value in fewer.items():
         monkeypatch.setattr(f"emcee_femu.sampling.response_surface.{name}", value)
 
