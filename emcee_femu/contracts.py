@@ -268,6 +268,16 @@ def read_declared(reader: object, attribute: str) -> Any:
     return getattr(reader, attribute, None)
 
 
+def show_declared(stage: object) -> str:
+    """Return a model or a term in one line, which is its repr."""
+    names, parts = ", ".join(read_declared(stage, "names") or ()), []
+    for of in ("variables", "reads"):
+        for name, variable in (read_declared(stage, of) or {}).items():
+            parts.append(f"{name} {list(variable.shape)}")
+    words = type(stage).__name__ + f"({names})" * bool(names)
+    return words + ": " * bool(parts) + ", ".join(parts)
+
+
 class Model(Protocol):
     """Parameters to response, for a batch of parameter sets.
 

@@ -59,3 +59,16 @@ def test_a_start_outside_the_bounds_is_refused_also_in_a_script_of_emcee():
     start[0] = [10.0, 5.0]  # one alone goes on
     sampler.run_mcmc(start, 50)
     assert np.isfinite(sampler.get_log_prob()[-1]).all()
+
+
+def test_models_and_terms_are_shown_by_what_they_have():
+    posterior = ef.paper.mass_spring().posterior
+    frame = ef.FunctionModel(lambda p: [1.0], n_modes=1)
+    noisy = ef.FrequencyTerm([3.0, 9.0], discrepancy="noise")
+    for shown, part in (
+        (posterior.terms[0], "frequency [5]"),
+        (posterior.experiments[0].model, "frequency [5]"),
+        (frame, "frequency [1]"),
+        (noisy, "FrequencyTerm(noise)"),
+    ):
+        assert part in repr(shown) and "0x" not in repr(shown)

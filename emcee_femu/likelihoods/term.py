@@ -19,7 +19,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import checks
-from ..contracts import Batch, Floats, Parameters, Response, Variable, read_declared
+from ..contracts import (
+    Batch,
+    Floats,
+    Parameters,
+    Response,
+    Variable,
+    read_declared,
+    show_declared,
+)
 from ..contracts import read as read_variable
 
 Deviations: TypeAlias = tuple[Floats, Floats]  # r and sd, (n, m) each
@@ -78,6 +86,8 @@ class Term:
         self.name, self.discrepancy = name, discrepancy
         self.names = () if discrepancy is None else (discrepancy,)
         self.bounds = dict.fromkeys(self.names, (0.0, np.inf))
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
         """Return the log-likelihood of every parameter set, ``(n,)``."""

@@ -16,6 +16,7 @@ from ..contracts import (
     Parameters,
     add_place,
     modal_variables,
+    show_declared,
 )
 from .eigen_dense import Eigenproblem, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
@@ -90,6 +91,8 @@ class AssembledModel:
         self.shape_dofs = tuple(dofs.values())
         self.variables = modal_variables(self.n_modes, tuple(dofs))
         self._output: Floats | None = None  # of a basis, at these DOFs
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""

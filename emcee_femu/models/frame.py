@@ -20,7 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csc_array
 
 from .. import checks
-from ..contracts import Derivatives, Floats, ModalSolution, Parameters, modal_variables
+from ..contracts import (
+    Derivatives,
+    Floats,
+    ModalSolution,
+    Parameters,
+    modal_variables,
+    show_declared,
+)
 from .eigen_dense import Eigenproblem
 from .eigen_sparse import SparseEigenproblem
 from .geometry import Geometry
@@ -186,6 +193,8 @@ class FrameModel:
                 skip,
                 np.eye(len(free))[places],
             )
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""

@@ -17,6 +17,7 @@ from ..contracts import (
     Variable,
     add_place,
     modal_variables,
+    show_declared,
 )
 
 Function: TypeAlias = Callable[[Mapping[str, float]], Response]
@@ -86,6 +87,8 @@ class FunctionModel:
                 checks.instance(f"variables[{name!r}]", variables[name], Variable)
         self.function, self.n_modes, self.variables = function, n_modes, variables
         self._jacobian = jacobian
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> Response:
         """Call the function for each parameter set and stack the results."""

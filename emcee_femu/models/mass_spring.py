@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..contracts import Derivatives, Floats, ModalSolution, Parameters
+from ..contracts import Derivatives, Floats, ModalSolution, Parameters, show_declared
 from .inputs import Dofs, Weights, check_positive, describe
 from .matrix import MatrixModel
 
@@ -86,6 +86,8 @@ class MassSpringModel:
         self.dofs = self._model.dofs
         self.names: tuple[str, ...] = ()  # every spring and mass has a default
         self.bounds = dict.fromkeys([*K, *M], (0.0, np.inf))
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz; values are ``(n,)``, N/m or kg."""

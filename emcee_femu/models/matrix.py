@@ -10,7 +10,14 @@ import numpy as np
 from scipy.sparse import csc_array, issparse
 
 from .. import checks
-from ..contracts import Derivatives, Floats, ModalSolution, Parameters, modal_variables
+from ..contracts import (
+    Derivatives,
+    Floats,
+    ModalSolution,
+    Parameters,
+    modal_variables,
+    show_declared,
+)
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import Eigenproblem, Slopes, at_row, find_blurred, join
 from .eigen_sparse import SparseEigenproblem
@@ -161,6 +168,8 @@ class MatrixModel:
         model = cls(K0, M0, K, M, n_modes=n_modes, skip=skip, shapes=shapes)
         model.geometry = base.geometry if isinstance(base, Matrices) else None
         return model
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> ModalSolution:
         """Return frequencies ``(n, n_modes)`` in Hz for values of shape ``(n,)``."""

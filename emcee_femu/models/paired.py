@@ -27,6 +27,7 @@ from ..contracts import (
     modal_variables,
     read,
     read_declared,
+    show_declared,
 )
 from ..measurements import Measurements
 from .inputs import derive_along
@@ -144,6 +145,8 @@ class PairedModel:
     def spread(self) -> Differentiate | None:
         """The same along the directions in which an emulator is uncertain."""
         return self._pass_on(read_declared(self.model, "spread"))
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> PairedSolution:
         """Solve, and return the modes in the order of the measured ones."""

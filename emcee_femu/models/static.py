@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse import issparse
 
 from .. import checks
-from ..contracts import Derivatives, Floats, Parameters, Variable
+from ..contracts import Derivatives, Floats, Parameters, Variable, show_declared
 from .coefficients import Coefficients, Unit, read_units
 from .eigen_dense import combine
 from .eigen_sparse import SparseSum
@@ -84,6 +84,8 @@ class StaticModel:
         self.variables = {"displacement": Variable(coords, unit)}
         terms = [self.K0, *self.K.values()]
         self._sum = SparseSum(terms) if sparse else np.array(terms)
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> dict[str, Floats]:
         """Return displacements ``(n, cases, points)`` for values of shape ``(n,)``."""

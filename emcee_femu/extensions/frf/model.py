@@ -15,6 +15,7 @@ from ...contracts import (
     modal_variables,
     read,
     read_declared,
+    show_declared,
 )
 from ...models.inputs import derive_along
 from ...models.matrix import MatrixModel
@@ -134,6 +135,8 @@ class FRFModel:
         """Response and derivatives; None if the modal model has none."""
         derivable = read_declared(self.model, "jacobian") is not None
         return self._differentiate if derivable else None
+
+    __repr__ = show_declared
 
     def __call__(self, parameters: Parameters) -> Arrays:
         """Return FRFs ``(n, channels, lines, 2)``, frequencies and damping ratios."""
