@@ -46,10 +46,15 @@ class GaussianPrior(Report):
     def __init__(
         self,
         names: Sequence[str],
-        mean: ArrayLike,
-        sd: ArrayLike,
+        mean: ArrayLike = (),
+        sd: ArrayLike = (),
         bounds: ArrayLike | None = None,
     ) -> None:
+        if isinstance(names, Mapping):
+            raise TypeError(
+                "names: expected names, then means and standard deviations, as in "
+                f"GaussianPrior({[*names]}, mean, sd), got a mapping"
+            )
         self.names = checks.parameter_names("names", names)
         self.mean = mean = checks.real_array("mean", mean, 1)
         sd = checks.positive_array("sd", sd)

@@ -22,6 +22,8 @@ class Emulated:
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
         (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "EnsembleSampler"),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
+        (lambda: ef.GaussianPrior({"k1": (50, 9)}), TypeError, r"\['k1'\], mean, sd"),
+        (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),
         (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
         (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
     ],
