@@ -5,6 +5,7 @@ valid value and its kind there, or to CALLS where the same word means another th
 """
 
 import inspect
+import sys
 import tempfile
 from collections import defaultdict
 from concurrent.futures import ThreadPoolExecutor
@@ -93,7 +94,8 @@ VARIABLES, NORMAL = {"y": ef.Variable({})}, stats.norm(3.0, 9.0)
 LONGER = ef.run(POSTERIOR, ef.DEMCMove(), nwalkers=8, steps=100, seed=1, ensembles=1)
 TWO_TESTS = dict.fromkeys("ab", ef.to_inference_data(LONGER))
 POPULATION, BY_TEST = ef.population.NormalPopulation(["k1", "k2"]), {"a": 1.0, "b": 2.0}
-POOLED = object.__new__(ef.population.pool_tests.PooledTests)  # nothing of it is drawn
+# Nothing of it is drawn.
+POOLED = object.__new__(sys.modules[ef.pool_tests.__module__].PooledTests)
 vars(POOLED).update(population=POPULATION)
 MOVES = {"DE-MC": ef.DEMCMove(), "M-H": [(ef.MetropolisMove(sd=1.0), 1.0)]}
 RESULT = SimpleNamespace(Fn=HERTZ, Phi=SHAPES, Fn_std=None)  # of pyOMA2
