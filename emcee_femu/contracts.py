@@ -36,6 +36,8 @@ deviations term          ``deviations(parameters, response)``: r and sd, each
                          ``(n, m)``, if the log-likelihood is, but for a constant,
                          the sum of those of N(r; 0, sd): then the Fisher information
                          is known
+statement  term          for reports: the likelihood in a sentence; with ``formula``, in
+                         HTML, and ``symbol``, that of an inferred error
 state      move          ``state()``: what it remembers from one step to the next, as
                          JSON can hold it (numbers, texts, lists, mappings). Absent: its
                          proposals depend on the walkers and the random stream alone

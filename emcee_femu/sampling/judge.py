@@ -16,7 +16,7 @@ from ..contracts import Floats
 
 FEWEST_STEPS = 8  # that can be judged
 FEWEST_ENSEMBLES = 3  # of which the scatter is known
-FALSE_ALARM = 1e-4  # of a false alarm, over all parameters
+FALSE_ALARM = 1e-4  # its probability, over all parameters
 TAU_KNOWN_TO = 1.5  # ratio by which a variance claimed from tau may be too small
 TAILS = (0.05, 0.95)
 

@@ -7,7 +7,7 @@ from scipy.linalg import eigh
 from support.beams import assemble, bending, inertia
 
 from emcee_femu import MatrixModel
-from emcee_femu.models.eigen_sparse import lowest_modes
+from emcee_femu.models.eigen_sparse import _krylov, lowest_modes
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
@@ -197,3 +197,22 @@ def test_many_equal_modes_of_few_masses_are_all_found():
     values, vectors = lowest_modes(K, M, 9, 0, "here")
     np.testing.assert_allclose(values, 4.0)
     np.testing.assert_allclose(vectors.T @ (M @ vectors), np.eye(9), atol=1e-12)
+
+
+class Counted:
+    """The factors of a diagonal matrix, and how often they were asked."""
+
+    def __init__(self, diagonal):
+        self.diagonal, self.calls = diagonal, 0
+
+    def solve(self, X):
+        self.calls += 1
+        return X / self.diagonal[:, None]
+
+
+def test_an_eigenvalue_that_rounding_made_negative_ends_no_later_than_others():
+    diagonal = np.r_[-1e-9, np.arange(1.0, 400.0)]
+    counted, M = Counted(diagonal), sparse.csc_array(sparse.eye_array(400))
+    values, _ = _krylov(counted, M, 3, 0)
+    np.testing.assert_allclose(values, 1 / diagonal[:3], rtol=1e-6)
+    assert counted.calls < 50  # of 100 that fill the space
