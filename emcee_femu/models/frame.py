@@ -58,6 +58,8 @@ class Section:
         Iz: Second moment of area that resists displacement along local y, m4.
         orientation: A vector whose part normal to the bar is local y; local x runs
             along the bar. The default is global z.
+        Ip: What resists twisting by its inertia, m4; None for Iy + Iz. Give it where Iy
+            or Iz are factors of a stiffness, and no mass changes with them.
 
     Raises:
         TypeError: If a property is of none of these forms.
@@ -77,6 +79,7 @@ class Section:
     Iy: Property
     Iz: Property
     orientation: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    Ip: Property | None = None
 
     def __post_init__(self) -> None:
         """Check the properties."""
@@ -88,8 +91,9 @@ class Section:
 
     @property
     def properties(self) -> dict[str, Property]:
-        """All but the orientation, by name."""
-        return {k: value for k, value in vars(self).items() if k != "orientation"}
+        """All but the orientation, by name, Ip if it is given."""
+        left_out = {"orientation", "Ip" if self.Ip is None else ""}
+        return {k: value for k, value in vars(self).items() if k not in left_out}
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -298,10 +302,9 @@ def _add_bars(
         T[:6, :6], T[6:, 6:] = map(rigid_arm, arms)
         T = np.kron(np.eye(4), axes) @ T
         read = {k: _read_property(k, value) for k, value in section.properties.items()}
-        for part, matrices in (
-            (K, stiffness_matrices(length)),
-            (M, mass_matrices(length)),
-        ):
+        polar = ["Iy", "Iz"] if section.Ip is None else ["Ip"]
+        matrices_of_M = mass_matrices(length, polar)
+        for part, matrices in (K, stiffness_matrices(length)), (M, matrices_of_M):
             for product, matrix in matrices.items():
                 _add(part, [read[key] for key in product], _dofs(*ends), T, matrix)
     if {*sections} - taken:
@@ -376,7 +379,7 @@ def _read_offset(label: str, value: Any) -> Floats:
 
 def _dofs(*nodes: int) -> NDArray[np.intp]:
     """Return the numbers of the DOFs of nodes, six each."""
-    return np.add.outer(6 * np.array(nodes), np.arange(6)).ravel()
+    return np.concatenate([np.arange(6 * node, 6 * node + 6) for node in nodes])
 
 
 def rigid_arm(offset: Floats) -> Floats:
@@ -407,10 +410,10 @@ def stiffness_matrices(length: float) -> dict[tuple[str, ...], Floats]:
     }
 
 
-def mass_matrices(length: float) -> dict[tuple[str, ...], Floats]:
+def mass_matrices(length: float, polar: Sequence[str]) -> dict[tuple[str, ...], Floats]:
     """Return consistent ``(12, 12)`` matrices by the properties that they multiply.
 
-    rho Iy and rho Iz resist torsion, by their sum.
+    rho times the sum of the properties ``polar`` resists twisting.
     """
     L = length
     rod = np.array([[2.0, 1.0], [1.0, 2.0]]) * L / 6
@@ -426,7 +429,7 @@ def mass_matrices(length: float) -> dict[tuple[str, ...], Floats]:
     along = _place(AXIAL, rod) + _place(BENDING_Y, bending)
     along += _place(BENDING_Z, bending * ROTATION_SIGNS)
     twist = _place(TORSION, rod)
-    return {("rho", "A"): along, ("rho", "Iy"): twist, ("rho", "Iz"): twist}
+    return {("rho", "A"): along} | {("rho", moment): twist for moment in polar}
 
 
 def _place(dofs: list[int], block: Floats) -> Floats:

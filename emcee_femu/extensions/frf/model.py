@@ -250,9 +250,9 @@ def _build_static(model: object, rows: list[int], columns: list[int]) -> Static:
     """Return a model of the flexibility, and each channel's load case and point."""
     if not isinstance(model, AffineModel) or model.skip:
         raise TypeError(
-            "residual: expected a MatrixModel or FrameModel without rigid-body modes, whose "
-            f"stiffness gives the flexibility, got {type(model).__name__}; take more "
-            "modes instead"
+            "residual: expected a MatrixModel or FrameModel without rigid-body modes, "
+            f"whose stiffness gives the flexibility, got {type(model).__name__}; take "
+            "more modes instead"
         )
     dofs = model.rows
     responses, excitations = ([dofs[i] for i in side] for side in (rows, columns))
