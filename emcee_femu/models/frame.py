@@ -429,7 +429,7 @@ def mass_matrices(length: float, polar: Sequence[str]) -> dict[tuple[str, ...], 
     along = _place(AXIAL, rod) + _place(BENDING_Y, bending)
     along += _place(BENDING_Z, bending * ROTATION_SIGNS)
     twist = _place(TORSION, rod)
-    return {("rho", "A"): along} | {("rho", moment): twist for moment in polar}
+    return {("rho", "A"): along, **{("rho", moment): twist for moment in polar}}
 
 
 def _place(dofs: list[int], block: Floats) -> Floats:

@@ -254,22 +254,21 @@ class PairedModel:
 
 
 def _solve_reference(
-    model: Model, measurements: object, reference: Mapping[str, float]
+    model: Model, measurements: Measurements | ArrayLike, reference: Mapping[str, float]
 ) -> Measurements:
     """Return the measured frequencies with the model's own shapes at a reference."""
-    given = measurements
-    if isinstance(measurements, Measurements):
-        if measurements.shapes is not None:
-            raise ValueError(
-                "reference: the measurements have shapes; give one of both"
-            )
-        given = measurements.frequencies
-    frequencies = checks.positive_array("measurements", given, 1)
-    form = "{parameter: value}"
-    values = {
-        name: np.array([checks.real_number(f"reference[{name!r}]", value)])
-        for name, value in checks.mapping("reference", reference, form).items()
-    }
+    if not isinstance(measurements, Measurements):
+        try:
+            measurements = Measurements(measurements)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"measurements: {error}") from None
+    frequencies, sd = measurements.frequencies, measurements.sd
+    if measurements.shapes is not None:
+        raise ValueError("reference: the measurements have shapes; give one of both")
+    by_name = checks.mapping("reference", reference, "{parameter: value}")
+    names = checks.parameter_names("reference", by_name) if by_name else ()
+    row = checks.numbers_by_name("reference", by_name, names)
+    values = dict(zip(names, row[:, None], strict=True))
     try:
         shapes = np.asarray(read(model(values), "shapes"))[0]
     except (TypeError, ValueError) as error:
@@ -281,7 +280,8 @@ def _solve_reference(
         )
     declared = read_declared(model, "variables")
     labels = None if declared is None else declared["shapes"].coords.get("dof")
-    return Measurements(frequencies, shapes=shapes[:, : len(frequencies)], dofs=labels)
+    shapes = shapes[:, : len(frequencies)]
+    return Measurements(frequencies, sd=sd, shapes=shapes, dofs=labels)
 
 
 def _match_rows(

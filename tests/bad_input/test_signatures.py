@@ -161,6 +161,14 @@ spring = anything.but(float=(0.0, 1, 1.0), missing=(0, 9, 1.0), itself=(1, 1, 1.
 spring = spring.but(two=(0, 1), negative=(0, 1, -1.0), nan=(0, 1, np.nan))
 bars = anything.but(float=[(0.0, 1, "bar")], missing=[(0, 9, "bar")], two=[(0, 1)])
 bars = bars.but(itself=[*BARS, (1, 1, "bar")], unknown=[(0, 1, "rod")])
+loads = anything.but(
+    "[]", missing=[(9, 1.0)], nan=[(1, np.nan)], far=[(1, 1.0, (1, 2))]
+)
+loads = loads.but(negative=[(1, 1.0, None, (0, 0, -1.0))], one=[(1,)], word=[(1, "")])
+joints = anything.but(
+    "[]", missing=[(9, None, {"ux": 1.0})], itself=[(1, 1, {"ux": 1.0})]
+)
+joints = joints.but(unknown=[(1, None, {"x": 1.0})], zero=[(1, None, {"ux": 0.0})])
 KINDS = [  # of arguments, by their names; None is valid where it is the default
     (whole(), {"discard": 0, "seed": 1, "skip": 0}),
     (whole(1), {"nwalkers": 8, "steps": 9, "ensembles": 2, "thin": 1, "thin_by": 1}),
@@ -268,8 +276,13 @@ CALLS = {
     "Measurements.from_pyoma2": dict(shape_sd=(False, flag)),
     "Measurements.to_csv": {},
     "MassSpringModel called": dict(parameters=({"k1": SD, "k2": HERTZ}, stiffness)),
-    "FrameModel": dict(n_modes=OFF),
-    "FrameModel, n_modes": dict(modes=OFF),
+    "FrameModel": dict(n_modes=OFF, masses=OFF, springs=OFF),
+    "FrameModel, n_modes": dict(modes=OFF, masses=OFF, springs=OFF),
+    "FrameModel, masses": dict(
+        n_modes=OFF,
+        masses=([(1, 0.3, (0.0, 0.0, 0.1), (1e-4, 0.0, 0.0))], loads),
+        springs=([(1, None, {"uy": 9.0, "rz": 0.5})], joints),
+    ),
     "MatrixModel": dict(shapes=([0, 1], wholes.but("True"))),
     "AssembledModel": dict(
         assemble=(lambda p: (K0 + K2, M0), anything),
@@ -348,7 +361,17 @@ CALLS = {
     ),
     "FunctionModel, variables": dict(n_modes=OFF, variables=(VARIABLES, named)),
     "modal_variables": dict(n_modes=(2, counted), dofs=([1], labels)),
-    "PairedModel": dict(model=(ef.FunctionModel(lambda p: MODES, n_modes=4), anything)),
+    "PairedModel": dict(
+        model=(ef.FunctionModel(lambda p: MODES, n_modes=4), anything), reference=OFF
+    ),
+    "PairedModel, reference": dict(
+        model=(
+            lambda p: ef.ModalSolution(np.ones((1, 4)), np.eye(3, 4)[None]),
+            anything,
+        ),
+        measurements=(HERTZ, positive),
+        reference=({"k1": 9.0}, by_name(number(), known=False)),
+    ),
     "IndependentPrior": dict(bounds=({"k1": np.array([0.0, 9.0])}, by_name(limits))),
     "reduce_model": dict(
         model=(ef.MatrixModel(K0, M0, {"k2": K2}, n_modes=1), anything),
