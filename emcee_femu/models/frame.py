@@ -159,8 +159,8 @@ class FrameModel(AffineModel):
         >>> tip = [(8, (0.1, "tip"), (0.05, 0, 0))]  # kg, 50 mm beyond the end
         >>> beam = FrameModel(points, bars, {"bar": bar}, {0: "all"}, masses=tip,
         ...                   n_modes=2)
-        >>> beam.names, [*beam.K], [*beam.M]
-        (('bend', 'tip'), ['bend'], ['tip'])
+        >>> beam.names, [*beam.K]
+        (('bend', 'tip'), ['bend'])
         >>> at = {"bend": np.array([1.0, 2.0]), "tip": np.array([1.0, 1.0])}
         >>> beam(at).frequencies.round(2).tolist()
         [[5.86, 13.11], [5.86, 18.51]]

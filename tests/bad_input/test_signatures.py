@@ -369,7 +369,7 @@ CALLS = {
             lambda p: ef.ModalSolution(np.ones((1, 4)), np.eye(3, 4)[None]),
             anything,
         ),
-        measurements=(HERTZ, positive),
+        measurements=(HERTZ, positive.but("one less")),
         reference=({"k1": 9.0}, by_name(number(), known=False)),
     ),
     "IndependentPrior": dict(bounds=({"k1": np.array([0.0, 9.0])}, by_name(limits))),
