@@ -115,11 +115,13 @@ class RitzBasis:
         new = shapes / np.sqrt(np.abs(eigenvalues) + self.shift)  # unit energy
         rigid = np.arange(new.shape[1]) < self.model.skip
         self.snapshots.append(new * np.where(rigid, RIGID_WEIGHT, 1.0))
-        for _ in range(2):  # once leaves the rounding of a difference behind
-            new = new - self.V @ (self.V.T @ (self.A @ new))
-        energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
-        kept = energy > NEW_ENERGY**2
-        new = new @ (directions[:, kept] / np.sqrt(energy[kept]))
+        # Then energies are one, but of what was the rounding of a difference.
+        for least in (NEW_ENERGY**2, 0.5):
+            for _ in range(2):
+                new = new - self.V @ (self.V.T @ (self.A @ new))
+            energy, directions = np.linalg.eigh(new.T @ (self.A @ new))
+            kept = energy > least
+            new = new @ (directions[:, kept] / np.sqrt(energy[kept]))
         # What was projected before stays; of large models the rest would take longer
         # than a solve.
         for i, unit in enumerate(self.units):
