@@ -43,6 +43,10 @@ again = model({name: np.array([value]) for name, value in theirs.items()})
 print(again.frequencies[0].round(3), "Hz by this package")
 
 # %% [markdown]
+# The second differs by 0.2 % from the printed one; the factors are rounded, or one of the
+# numbers is misprinted.
+
+# %% [markdown]
 # ## Frequencies alone
 #
 # Seven parameters, three frequencies: priors of 15 % for masses, which can be weighed,
@@ -83,14 +87,17 @@ ef.figures.plot_prior_posterior(run)
 
 # %% [markdown]
 # Shapes tell how the mass is distributed, and so the stiffnesses, too. "nominal" are the
-# published values: all seven are inside their intervals. The size of all masses together
-# stays a matter of the prior, or of a balance: weigh the frame.
+# published values. All seven are inside their intervals, and all are missed by the same
+# 11 to 12 %: this one factor of masses and stiffnesses together no frequency and no shape
+# tells. It is a matter of the prior, or of a balance: weigh the frame.
 
 # %% tags=["remove-cell"]
-np.testing.assert_allclose(again.frequencies[0], hertz, atol=0.02)
+np.testing.assert_allclose(again.frequencies[0], hertz, rtol=2e-3)
 first, second = ef.parameter_table(alone), ef.parameter_table(run)
 assert min(first.column("sd/prior sd")[:4]) > 0.75
 assert np.mean(second.column("sd/prior sd")) < 0.6 and ef.diagnose(run).converged
+ratio = np.array(second.column("mean")) / [theirs[name] for name in prior.names]
+assert np.ptp(ratio) < 0.03
 for name, low, high in zip(
     prior.names, second.column("2.5 %"), second.column("97.5 %"), strict=True
 ):
