@@ -5,7 +5,7 @@
 # been compared since 1995. This page rebuilds it from public drawings and updates it with
 # its **measured** frequencies. It shows what goes wrong if modes are compared by number,
 # how modes are followed without measured shapes, and how a bad fit leads to what the
-# model lacks. `python examples/tutorials/real_aircraft.py` runs this page (80 s).
+# model lacks. `python examples/tutorials/real_aircraft.py` runs this page (90 s).
 #
 # ## The structure and its test
 #

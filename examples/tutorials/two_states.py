@@ -126,10 +126,17 @@ ef.report(
 #
 # Say that an alarm is an interval of 95 % that excludes zero. If nothing happened, some
 # 5 of 100 alarms of a part should be false, and intervals should hold as often as they
-# say. `python examples/benchmarks/damage_alarms.py` tries it, with 400 pairs of
-# simulated tests of this mast without damage, and 400 in which the lower part lost 5 %:
+# say. `python examples/benchmarks/damage_alarms.py` tries it with 400 simulated pairs of
+# tests of this mast, moduli drawn from the prior, in 8 minutes. In 100 of them the lower
+# part has lost 5 %:
 #
-# ALARMS
+# | pairs | loss of the lower part | alarms: lower | middle | upper | truths in the intervals of 50 % | 80 % | 95 % |
+# |---|---|---|---|---|---|---|---|
+# | 300 | none | 4.3 % | 5.0 % | 3.7 % | 50.6 % | 82.0 % | 95.7 % |
+# | 100 | 5 % | 91.0 % | 7.0 % | 6.0 % | 56.0 % | 83.7 % | 95.3 % |
+#
+# With three parts, one of them raises a false alarm more often than one given part: ask
+# for an interval of 98 % where one alarm in 20 tests is one too many.
 #
 # ## What temperature would do
 #
