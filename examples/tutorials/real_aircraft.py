@@ -16,9 +16,7 @@
 # dimension. This is all that {py:class}`~emcee_femu.FrameModel` needs of it:
 #
 # ```{literalinclude} ../../examples/garteur.py
-# :start-at: "def garteur"
-# :end-at: ")  # fmt: skip"
-# :lines: 1, 13-
+# :pyobject: garteur
 # ```
 
 # %%

@@ -362,6 +362,26 @@ def test_a_reduced_frame_has_its_modes_also_with_gaps():
     np.testing.assert_allclose(near, exact.shapes, atol=0.02 * np.abs(near).max())
 
 
+def test_frequency_responses_are_those_of_its_matrices():
+    """With the flexibility of the modes that are left out."""
+    nodes = [(x, 0.0, 0.0) for x in np.linspace(0.0, L, 5)]
+    bar = {"bar": Section(**BAR | {"E": (7e10, "E"), "Iz": "Iz"})}
+    elements = [(i, i + 1, "bar") for i in range(4)]
+    frame = FrameModel(nodes, elements, bar, {0: "all"}, n_modes=4, shapes=True)
+    shapes = {dof: row for row, dof in enumerate(frame.dofs)}
+    K = {"E": frame.K["E"]}
+    K["bending"] = frame.K["E * Iz"], lambda E, Iz: E * Iz
+    matrices = ef.MatrixModel(frame.K0, frame.M0, K, frame.M, n_modes=4, shapes=shapes)
+    at = {"E": np.array([1.0, 1.1]), "Iz": np.array([9e-9, 8e-9])}
+    channels, found = [("4:uz", "2:uz"), ("4:uy", "4:uy")], []
+    for model in (frame, matrices):
+        responses = ef.frf.FRFModel(
+            model, [3.0, 7.0], channels, damping=0.02, residual=True
+        )
+        found.append(responses(at)["frf"])
+    np.testing.assert_allclose(*found, rtol=1e-7)
+
+
 def test_a_link_too_stiff_to_be_solved_is_named_by_its_ratio():
     nodes = [(x, 0.0, 0.0) for x in np.linspace(0.0, L, 6)]
     elements = [(i, i + 1, "bar") for i in range(5)]
