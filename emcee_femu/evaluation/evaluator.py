@@ -93,17 +93,16 @@ class Evaluation:
         return Evaluation(self.solver, self.pool, log, self)
 
     @property
-    def evaluation(self) -> "Evaluation":
-        """What solves: this; another one of what stores solves."""
-        return self
-
-    @property
     def posterior(self) -> LogPosterior:
         """What is evaluated."""
         return self.solver.posterior
 
     def stack(self, theta: Floats, kind: Kind) -> Floats:
         """Return what is asked for of ``theta (n, d)``, side by side in one array."""
+        return self.solve(theta, kind)
+
+    def solve(self, theta: Floats, kind: Kind) -> Floats:
+        """Return the same, and never from a file."""
         if kind in DERIVED:
             return self._linearize(theta, kind)
         return self._count(self._results(theta, kind))
@@ -129,7 +128,7 @@ class Evaluation:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
         if self.pool is None:
             for number in range(len(theta)):
-                yield number, self.rows(theta[number : number + 1])[0]
+                yield number, self.solve(theta[number : number + 1], "rows")[0]
             return
         requests: list[Request] = [("rows", point) for point in theta]
         for number, result in self.pool.each(self.solver, requests):
@@ -222,13 +221,13 @@ class Evaluation:
             stacked[~failed, : solved.shape[1]] = solved
             # Derivatives may fail where the model itself does not.
             if failed.any():
-                stacked[failed, :width] = self.rows(theta[failed])
+                stacked[failed, :width] = self.solve(theta[failed], "rows")
                 failed &= stacked[:, 0] > -np.inf
         if failed.any():
             stacked[failed] = difference(
                 self.posterior,
                 theta[failed],
-                lambda points: self.stack(points, "deviations"),
+                lambda points: self.solve(points, "deviations"),
                 information,
                 searching=True,
             )

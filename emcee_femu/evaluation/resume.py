@@ -102,7 +102,7 @@ def open_evaluator(
     backend: object = None,
     resume: bool = False,
     probe_tolerance: float = 1e-6,
-) -> Iterator[Evaluation | StoredEvaluation]:
+) -> Iterator[Evaluation]:
     """Yield what evaluates, and stores it in a file or reads it there, if there is one.
 
     Args:

@@ -170,7 +170,7 @@ def certify(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        progress_bar(display, solves, "certify") as evaluator.evaluation.bar,
+        progress_bar(display, solves, "certify") as evaluator.bar,
     ):
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop

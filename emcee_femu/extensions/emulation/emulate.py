@@ -19,7 +19,6 @@ from ...evaluation.evaluator import Evaluation
 from ...evaluation.pools import count_workers
 from ...evaluation.resume import describe, open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
-from ...evaluation.store import StoredEvaluation
 from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
 from ...table import Table
@@ -234,7 +233,7 @@ class _Emulation:
     """
 
     problem: EmulationProblem
-    evaluator: Evaluation | StoredEvaluation
+    evaluator: Evaluation
     coordinates: Coordinates
     bar: Any
     few: int
