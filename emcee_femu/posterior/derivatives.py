@@ -11,13 +11,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import (
-    Floats,
-    Linearization,
-    Parameters,
-    Prior,
-    SolveError,
-)
+from ..contracts import Floats, Linearization, Parameters, Prior, SolveError
 from ..likelihoods.term import Term, linearize_normal
 from .experiments import Solved
 

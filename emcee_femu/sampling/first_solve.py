@@ -21,9 +21,7 @@ NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sam
 SAME_RESPONSE = 1e-9
 
 
-def check_first_solve(
-    evaluator: Evaluation,
-) -> tuple[float, list[str]]:
+def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:
     """Solve at the prior mean, and warn where that is far from all that was measured.
 
     The solve is counted. Only where it looks wrong the model is solved at some draws of

@@ -15,9 +15,16 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.memory import Weighted, copy_moves, foreign_moves
 from ..evaluation.resume import logger, open_evaluator
-from ..evaluation.samplers import Sampler, check_progress, progress_bar, take_turns
+from ..evaluation.samplers import (
+    Sampler,
+    Weighted,
+    check_progress,
+    copy_moves,
+    foreign_moves,
+    progress_bar,
+    take_turns,
+)
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior

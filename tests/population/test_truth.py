@@ -8,7 +8,7 @@ from support import repeated
 from support.normal_tests import many
 
 import emcee_femu as ef
-from emcee_femu.extensions.population.marginal import (
+from emcee_femu.extensions.population.normal import (
     Draws,
     PopulationModel,
     PopulationTerm,

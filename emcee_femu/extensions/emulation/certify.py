@@ -15,11 +15,7 @@ from ...evaluation import Evaluator
 from ...evaluation.resume import open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
-from ...results.arviz_objects import (
-    InferenceData,
-    dataset,
-    samples,
-)
+from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import (
     NOT_CONVERGED,
     NOT_SEARCHED,

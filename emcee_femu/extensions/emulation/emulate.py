@@ -23,8 +23,7 @@ from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
 from ...table import Table
 from .draws import GROWN, EmulatedDraws, Explorer
-from .emulated import EmulatedModel
-from .experiments import EmulatedExperiments, emulate_each
+from .emulated import EmulatedExperiments, EmulatedModel, emulate_each
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
 from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points

@@ -18,8 +18,14 @@ from ...sampling.importance import GOOD_K, kish_share, normalise, pareto_k
 from ...sampling.record import Run
 from ...sampling.run import run
 from ...table import Column, Parts, Report, Table
-from .marginal import LEAST_DENSITY, Draws, PopulationModel, PopulationTerm, read_tests
-from .normal import NormalPopulation
+from .normal import (
+    LEAST_DENSITY,
+    Draws,
+    NormalPopulation,
+    PopulationModel,
+    PopulationTerm,
+    read_tests,
+)
 
 SMALL_SHIFT = 0.1  # posterior sds by which estimates may be off for want of draws
 ENOUGH_EFFECTIVE = 100  # effective draws of a test, whatever the tail of their weights

@@ -42,12 +42,7 @@ from ...results.tables import (
 )
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
-from ...table import (
-    Column,
-    Report,
-    Table,
-    unit_column,
-)
+from ...table import Column, Report, Table, unit_column
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 
@@ -275,9 +270,7 @@ def _draw_own(result: object, own: Reported | None) -> dict[str, list[Figure]]:
 
 
 def _draw_all(
-    idata: InferenceData,
-    posterior: LogPosterior | None,
-    measured: list[Measured],
+    idata: InferenceData, posterior: LogPosterior | None, measured: list[Measured]
 ) -> Iterator[tuple[str, list[Figure]]]:
     """Yield the figures of each section that has some."""
     from ... import figures
