@@ -33,7 +33,6 @@ from .emulated_chain import (
     EmulatedChain,
     compare_bounds,
     correct_moments,
-    curvature_k,
     find_missed,
 )
 
@@ -178,8 +177,7 @@ def certify(
         by_number = dict(evaluator.each(theta))
         rows = np.array([by_number[i] for i in range(len(theta))])
     n, log_posterior = len(theta), rows[:, 0]
-    log_weights = log_posterior - emulated
-    counted = log_weights + np.log(counts)
+    counted = log_posterior - emulated + np.log(counts)
     efficiency = kish_share(counted)
     smoothed, pareto_k = smooth_tail(counted)
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
@@ -199,7 +197,6 @@ def certify(
         efficiency=efficiency,
         effective=n * efficiency / chain.excess(n),
         pareto_k=pareto_k,
-        curvature_k=curvature_k(chain, theta, log_weights),
         largest=float(n * weights.max()) if possible else np.inf,
         **dict(zip(MOMENTS, moments, strict=True)),
         emulated_mean=chain.draws.mean(axis=0),
