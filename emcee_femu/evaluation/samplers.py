@@ -164,7 +164,7 @@ def remember(weighted: Weighted) -> str:
     Raises:
         TypeError: If JSON cannot hold it.
     """
-    moves = [move for move in foreign_moves(weighted) if hasattr(move, "state")]
+    moves = _moves_with_state(weighted)
     try:
         return json.dumps([move.state() for move in moves])
     except TypeError as error:
@@ -176,9 +176,13 @@ def remember(weighted: Weighted) -> str:
 
 def restore(weighted: Weighted, remembered: str) -> None:
     """Let moves remember what :func:`remember` returned."""
-    moves = [move for move in foreign_moves(weighted) if hasattr(move, "state")]
-    for move, state in zip(moves, json.loads(remembered), strict=True):
+    states = json.loads(remembered)
+    for move, state in zip(_moves_with_state(weighted), states, strict=True):
         move.restore(state)
+
+
+def _moves_with_state(weighted: Weighted) -> list[Any]:
+    return [move for move in foreign_moves(weighted) if hasattr(move, "state")]
 
 
 def name_moves(moves: Iterator[object] | Sequence[object]) -> str:
@@ -219,8 +223,9 @@ class Replay:
 
 def moves_of(sampler: object) -> list[tuple[Move, float]]:
     """Return the weighted moves of a sampler; none of a backend, which has none."""
-    moves = getattr(sampler, "_moves", ())
-    return list(zip(moves, getattr(sampler, "_weights", ()), strict=True))
+    if not isinstance(sampler, emcee.EnsembleSampler):
+        return []
+    return list(zip(sampler._moves, sampler._weights, strict=True))
 
 
 def describe_moves(weighted: Sequence[tuple[object, float]]) -> str:

@@ -44,8 +44,10 @@ class _Differentiated(Protocol):
     def terms(self) -> Sequence[Term]: ...
     @property
     def columns(self) -> Mapping[str, slice]: ...
+    @property
+    def width(self) -> int: ...
     def parameters(self, theta: Floats) -> Parameters: ...
-    def rejected(self) -> Floats: ...
+    def split(self, stacked: Floats) -> tuple[slice, slice, slice]: ...
 
 
 class Stencil(NamedTuple):
@@ -187,23 +189,21 @@ def difference(
         law: Prior and scale of the coordinates that the points are in, and that
             evaluate takes; None for parameters.
     """
-    n, width = len(theta), len(posterior.rejected())
     law = law or (posterior.prior, posterior.scale)
     how = (COARSE, ONE_SIDE) if searching else (SMALL_STEP, SIDES)
     stencil = place(law[0], theta, law[1], *how)
     evaluated = evaluate(stencil.points)
-    if searching and is_printed(posterior, evaluated[:, :width]):
+    rows, r, sd = posterior.split(evaluated)
+    if searching and is_printed(posterior, evaluated[:, rows]):
         stencil = place(law[0], theta, law[1], GRAINED, ONE_SIDE)
         evaluated = evaluate(stencil.points)
     slopes = stencil.derive(evaluated)  # (n, columns, d)
-    values = evaluated.reshape(n, -1, evaluated.shape[1])
+    values = evaluated.reshape(len(theta), -1, evaluated.shape[1])
     gradient = prior_gradient(law[0], theta, law[1])
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
     gradient += slopes[:, others].sum(axis=1)
     scores: list[Floats | None] = [None] * len(others)
-    if len(others) < len(posterior.terms) and values.shape[2] > width:
-        half = (values.shape[2] - width) // 2
-        r, sd = slice(width, width + half), slice(width + half, None)
+    if len(others) < len(posterior.terms) and values.shape[2] > posterior.width:
         with np.errstate(all="ignore"):  # of rows that are -inf
             parts = values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
             slope, score = linearize_normal(*parts)
@@ -214,7 +214,7 @@ def difference(
     possible &= ~np.isnan(stencil.steps).any(axis=(1, 2))
     hessian = prior_hessian(law[0], theta, law[1]) if information else None
     rest = _side_by_side(posterior, theta, possible, gradient, scores, hessian)
-    return np.hstack([values[:, 0, :width], rest])
+    return np.hstack([values[:, 0, rows], rest])
 
 
 def _side_by_side(
@@ -256,7 +256,7 @@ def _side_by_side(
 
 def unstack(posterior: _Differentiated, stacked: Floats) -> Linearization:
     """Return rows, gradient and information; None where a term's is not known."""
-    width, d, n = len(posterior.rejected()), posterior.ndim, len(stacked)
+    width, d, n = posterior.width, posterior.ndim, len(stacked)
     rows, gradient = stacked[:, :width], stacked[:, width : width + d]
     information = stacked[:, width + d :]
     if not gradient.shape[1]:  # nothing but failures

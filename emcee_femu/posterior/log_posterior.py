@@ -155,10 +155,11 @@ class LogPosterior(Report):
         }
         check_names(prior, self.variables, self.term_names)
         check_parameters([e.model for e in self.experiments], self.terms, prior)
-        end = 2 + len(self.terms)
-        self.columns = {"densities": slice(0, end)}
+        self.width = 2 + len(self.terms)
+        self.columns = {"densities": slice(0, self.width)}
         for name, variable in self.variables.items():
-            self.columns[name] = slice(end, end := end + variable.size)
+            begin, self.width = self.width, self.width + variable.size
+            self.columns[name] = slice(begin, self.width)
 
     def _parts(self) -> Parts:
         yield tabulate_prior("Log-posterior", self.prior, self.units)
@@ -209,6 +210,11 @@ class LogPosterior(Report):
     def parameters(self, theta: Floats) -> Parameters:
         """Return the columns of ``theta (n, d)`` by parameter name."""
         return dict(zip(self.prior.names, theta.T, strict=True))
+
+    def split(self, stacked: Floats) -> tuple[slice, slice, slice]:
+        """Return where rows, r and sd are in what "deviations" stacked, by columns."""
+        middle = (self.width + stacked.shape[-1]) // 2
+        return slice(self.width), slice(self.width, middle), slice(middle, None)
 
     def unfold(self, rows: Floats) -> dict[str, Floats]:
         """Return the stored variables of ``rows (..., columns)``, by name."""
@@ -333,8 +339,7 @@ class LogPosterior(Report):
 
     def rejected(self) -> Floats:
         """Return the row of a point that is not evaluated: -inf, then NaN."""
-        *_, last = self.columns.values()
-        row = np.full(last.stop, np.nan)
+        row = np.full(self.width, np.nan)
         row[self.columns["densities"]] = -np.inf
         return row
 

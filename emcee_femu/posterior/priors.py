@@ -276,9 +276,9 @@ def tabulate_prior(
 
 def describe_marginal(marginal: Any) -> str:
     """Write a frozen distribution as scipy does: its name and arguments."""
-    whole = getattr(marginal, "marginal", marginal)  # of one that is cut
-    kind = getattr(whole, "dist", whole)
-    arguments = [f"{value:.4g}" for value in getattr(whole, "args", ())]
-    keywords = getattr(whole, "kwds", {}).items()
-    arguments += [f"{key}={value:.4g}" for key, value in keywords]
-    return f"{getattr(kind, 'name', type(kind).__name__)}({', '.join(arguments)})"
+    whole = marginal.marginal if isinstance(marginal, _Cut) else marginal
+    if not hasattr(whole, "dist"):  # of a class of the user's own
+        return f"{type(whole).__name__}()"
+    arguments = [f"{value:.4g}" for value in whole.args]
+    arguments += [f"{key}={value:.4g}" for key, value in whole.kwds.items()]
+    return f"{whole.dist.name}({', '.join(arguments)})"

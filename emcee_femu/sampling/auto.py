@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
@@ -48,7 +48,7 @@ def budget_of(evaluations: int) -> int:
 
 
 def search_and_start(
-    evaluator: Evaluator,
+    evaluator: Evaluation,
     nwalkers: int,
     ensembles: int,
     seed: int,
@@ -219,7 +219,7 @@ def is_better(second: Trial, first: Trial) -> bool:
 
 
 def _tune_trajectories(
-    evaluator: Evaluator, mixture: Mixture, draws: Floats
+    evaluator: Evaluation, mixture: Mixture, draws: Floats
 ) -> dict[str, object]:
     """Return the arguments of Hamiltonian moves."""
     narrow = uncover(mixture)

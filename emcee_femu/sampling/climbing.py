@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates
@@ -190,7 +190,7 @@ class Climb:
 
 
 def climb(
-    evaluator: Evaluator,
+    evaluator: Evaluation,
     starts: Floats,
     guess: Floats | None = None,
     most: float = np.inf,
@@ -276,7 +276,7 @@ class _Space:
     """Coordinates in standard deviations of the prior, and quadratics in them."""
 
     def __init__(
-        self, evaluator: Evaluator, guess: Floats | None, coordinates: Coordinates
+        self, evaluator: Evaluation, guess: Floats | None, coordinates: Coordinates
     ) -> None:
         self.evaluator, self.posterior = evaluator, evaluator.posterior
         self.coordinates, self.scale = coordinates, coordinates.scale

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.priors import summarize_prior
 from .climbing import Maximum, climb, distinct
@@ -55,7 +55,7 @@ class Search:
     """
 
     def __init__(
-        self, evaluator: Evaluator, streams: Sequence[np.random.Generator]
+        self, evaluator: Evaluation, streams: Sequence[np.random.Generator]
     ) -> None:
         self.evaluator, self.streams = evaluator, streams
         self.theta = np.empty((0, evaluator.posterior.ndim))

@@ -11,7 +11,7 @@ from os import PathLike
 import numpy as np
 
 from ... import checks
-from ...evaluation import Evaluator
+from ...evaluation.evaluator import Evaluation
 from ...evaluation.resume import open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
@@ -214,7 +214,7 @@ def certify(
 
 
 def _look_elsewhere(
-    chain: EmulatedChain, evaluator: Evaluator, most: int, rng: np.random.Generator
+    chain: EmulatedChain, evaluator: Evaluation, most: int, rng: np.random.Generator
 ) -> tuple[list[Maximum], list[str]]:
     """Return where climbs end that start from the prior away from the chain's draws.
 

@@ -249,7 +249,7 @@ class _Emulation:
         same = (positive.logs == self.coordinates.logs)[inputs].all()
         self._maps = [self.coordinates] if same else [self.coordinates, positive]
         self.theta = np.empty((0, self.problem.posterior.ndim))
-        self.rows = np.empty((0, len(self.evaluator.posterior.rejected())))
+        self.rows = np.empty((0, self.evaluator.posterior.width))
 
     def run(
         self, solves: int, batch: int, seed: int, tolerance: float
