@@ -47,6 +47,26 @@ def positive_array(argument: str, value: ArrayLike, ndim: int | None = None) -> 
     return array
 
 
+def shaped(
+    argument: str, got: tuple[int, ...], *shapes: tuple[int, ...], remedy: str = ""
+) -> None:
+    """Refuse an array of another shape than one of these; ``()`` is one number."""
+    if got not in shapes:
+        expected = " or ".join(f"shape {s}" if s else "one number" for s in shapes)
+        words = f"{argument}: expected {expected}, got {got}"
+        raise ValueError(f"{words}; {remedy}" if remedy else words)
+
+
+def chosen_numbers(argument: str, values: ArrayLike | None, count: int) -> list[int]:
+    """Return some of the numbers from 1 to ``count``, each once; all for None."""
+    some = range(1, count + 1) if values is None else np.atleast_1d(values)
+    numbers = [whole_number(argument, number, 1) for number in some]
+    if not numbers or len({*numbers}) < len(numbers) or max(numbers) > count:
+        expected = f"numbers from 1 to {count}, each once"
+        raise ValueError(f"{argument}: expected {expected}, got {values!r}")
+    return numbers
+
+
 def covariance_factor(argument: str, covariance: Floats) -> Floats:
     """Return L with ``L L^T = covariance``, exact for scales that differ by 1e11.
 

@@ -210,7 +210,7 @@ class Evaluation:
     def _linearize(self, theta: Floats, kind: Kind) -> Floats:
         """Return rows, gradients and perhaps information, side by side."""
         information, d = kind == "linearization", self.posterior.ndim
-        width = self.posterior.width
+        width = self.posterior.row_size
         stacked = np.full((len(theta), width + d + information * d * d), np.nan)
         stacked[:, :width] = self.posterior.rejected()
         failed = self.posterior.support(theta)[1]

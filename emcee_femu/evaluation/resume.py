@@ -182,7 +182,7 @@ def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
         return
     logger.info("resume: %d points of %s are solved again", len(points), store.path)
     theta = np.array([point for point, _ in points])
-    was = np.array([row[: posterior.width] for _, row in points])
+    was = np.array([row[: posterior.row_size] for _, row in points])
     now = evaluation.again(theta)
     if difference := _first_difference(was, now, theta, posterior, tolerance):
         again = evaluation.again(theta)

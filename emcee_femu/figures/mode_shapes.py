@@ -105,12 +105,7 @@ def plot_shapes(
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
     hertz = solved.hertz if isinstance(solved, PairedShapes) else solved.frequencies
-    some = range(1, len(hertz) + 1) if modes is None else np.atleast_1d(modes)
-    numbers = [checks.whole_number("modes", mode, 1) for mode in some]
-    if not numbers or max(numbers) > len(hertz) or len({*numbers}) < len(numbers):
-        raise ValueError(
-            f"modes: expected numbers from 1 to {len(hertz)}, each once, got {numbers}"
-        )
+    numbers = checks.chosen_numbers("modes", modes, len(hertz))
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])

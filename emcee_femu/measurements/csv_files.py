@@ -171,13 +171,11 @@ def _read_numbers(
         try:
             numbers.append(float(cell))
         except ValueError:
+            remedy = "a mode that was not identified has no column"
+            if field in PARTLY:
+                remedy = "leave the cell blank where it is not known"
             raise ValueError(
-                f"{place}, column {title!r}: expected a number, got {cell!r}"
-                + (
-                    "; leave the cell blank where it is not known"
-                    if field in PARTLY
-                    else "; a mode that was not identified has no column"
-                )
+                f"{place}, column {title!r}: expected a number, got {cell!r}; {remedy}"
             ) from None
     return numbers
 

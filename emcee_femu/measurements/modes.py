@@ -132,8 +132,7 @@ def deviations(
     if partly and isinstance(value, Sequence):
         value = [np.nan if number is None else number for number in value]
     sd = checks.numeric_array(argument, value)
-    if sd.shape != shape:
-        raise ValueError(f"{argument}: expected shape {shape}, got {sd.shape}")
+    checks.shaped(argument, sd.shape, shape)
     if partly:
         there = ~np.isnan(sd)
         if not there.any():
@@ -163,9 +162,7 @@ def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
     if value is None:
         return None
     matrix = checks.real_array("covariance", value, 2)
-    shape = (n_modes, n_modes)
-    if matrix.shape != shape:
-        raise ValueError(f"covariance: expected shape {shape}, got {matrix.shape}")
+    checks.shaped("covariance", matrix.shape, (n_modes, n_modes))
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)
     return 0.5 * (matrix + matrix.T)  # printed digits are rounded
@@ -202,8 +199,7 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, 
         raise TypeError(
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
-    if places.shape != (n_sensors,):
-        raise ValueError(f"dofs: expected {n_sensors} DOFs, got {places.shape}")
+    checks.shaped("dofs", places.shape, (n_sensors,))
     turned = [along_axis(place) for place in places.tolist()]
     places = np.array([place for place, _ in turned])
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
@@ -239,8 +235,7 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
     for i in np.flatnonzero(np.nanmax(tests, axis=0) == np.nanmin(tests, axis=0)):
         raise ValueError(
             f"frequencies: mode {i + 1} is {np.nanmax(tests[:, i])} Hz in all tests, "
-            "which says "
-            "nothing about its scatter; give more digits, or Measurements(.., sd=..)"
+            "so its scatter is not known; give more digits, or Measurements(.., sd=..)"
         )
     scatter: dict[str, Any] = {"frequencies": np.nanmean(tests, axis=0)}
     if correlated:

@@ -45,7 +45,7 @@ class _Differentiated(Protocol):
     @property
     def columns(self) -> Mapping[str, slice]: ...
     @property
-    def width(self) -> int: ...
+    def row_size(self) -> int: ...
     def parameters(self, theta: Floats) -> Parameters: ...
     def split(self, stacked: Floats) -> tuple[slice, slice, slice]: ...
 
@@ -203,7 +203,7 @@ def difference(
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
     gradient += slopes[:, others].sum(axis=1)
     scores: list[Floats | None] = [None] * len(others)
-    if len(others) < len(posterior.terms) and values.shape[2] > posterior.width:
+    if len(others) < len(posterior.terms) and values.shape[2] > posterior.row_size:
         with np.errstate(all="ignore"):  # of rows that are -inf
             parts = values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
             slope, score = linearize_normal(*parts)
@@ -256,7 +256,7 @@ def _side_by_side(
 
 def unstack(posterior: _Differentiated, stacked: Floats) -> Linearization:
     """Return rows, gradient and information; None where a term's is not known."""
-    width, d, n = posterior.width, posterior.ndim, len(stacked)
+    width, d, n = posterior.row_size, posterior.ndim, len(stacked)
     rows, gradient = stacked[:, :width], stacked[:, width : width + d]
     information = stacked[:, width + d :]
     if not gradient.shape[1]:  # nothing but failures

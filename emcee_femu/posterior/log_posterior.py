@@ -155,11 +155,11 @@ class LogPosterior(Report):
         }
         check_names(prior, self.variables, self.term_names)
         check_parameters([e.model for e in self.experiments], self.terms, prior)
-        self.width = 2 + len(self.terms)
-        self.columns = {"densities": slice(0, self.width)}
+        self.row_size = 2 + len(self.terms)
+        self.columns = {"densities": slice(0, self.row_size)}
         for name, variable in self.variables.items():
-            begin, self.width = self.width, self.width + variable.size
-            self.columns[name] = slice(begin, self.width)
+            begin, self.row_size = self.row_size, self.row_size + variable.size
+            self.columns[name] = slice(begin, self.row_size)
 
     def _parts(self) -> Parts:
         yield tabulate_prior("Log-posterior", self.prior, self.units)
@@ -213,8 +213,8 @@ class LogPosterior(Report):
 
     def split(self, stacked: Floats) -> tuple[slice, slice, slice]:
         """Return where rows, r and sd are in what "deviations" stacked, by columns."""
-        middle = (self.width + stacked.shape[-1]) // 2
-        return slice(self.width), slice(self.width, middle), slice(middle, None)
+        middle = (self.row_size + stacked.shape[-1]) // 2
+        return slice(self.row_size), slice(self.row_size, middle), slice(middle, None)
 
     def unfold(self, rows: Floats) -> dict[str, Floats]:
         """Return the stored variables of ``rows (..., columns)``, by name."""
@@ -339,7 +339,7 @@ class LogPosterior(Report):
 
     def rejected(self) -> Floats:
         """Return the row of a point that is not evaluated: -inf, then NaN."""
-        row = np.full(self.width, np.nan)
+        row = np.full(self.row_size, np.nan)
         row[self.columns["densities"]] = -np.inf
         return row
 

@@ -59,11 +59,8 @@ class GaussianPrior(Report):
         self.mean = mean = checks.real_array("mean", mean, 1)
         sd = checks.positive_array("sd", sd)
         d = len(self.names)
-        if mean.shape != (d,) or sd.shape not in ((), (d,)):
-            raise ValueError(
-                f"mean, sd: expected {d} numbers, one for each of names, got shapes "
-                f"{mean.shape} and {sd.shape}"
-            )
+        checks.shaped("mean", mean.shape, (d,), remedy="one for each of names")
+        checks.shaped("sd", sd.shape, (), (d,), remedy="one for each of names")
         self.sd = sd = np.broadcast_to(sd, (d,)).copy()
         free = np.tile([-np.inf, np.inf], (d, 1))
         self.bounds = check_bounds(free if bounds is None else bounds, self.names)
@@ -227,11 +224,9 @@ def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     """Return bounds as ``(d, 2)``, refusing NaN and low >= high by name."""
     array = checks.numeric_array("bounds", bounds)
-    if array.shape != (len(names), 2):
-        raise ValueError(
-            f"bounds: expected (low, high) for each of {len(names)} parameters, "
-            f"shape ({len(names)}, 2), got shape {array.shape}"
-        )
+    checks.shaped(
+        "bounds", array.shape, (len(names), 2), remedy="(low, high) of each name"
+    )
     for name, (low, high) in zip(names, array.tolist(), strict=True):
         if not low < high:
             raise ValueError(f"bounds: {name!r} has low >= high, ({low:g}, {high:g})")

@@ -162,11 +162,10 @@ def frequency_table(
     ]
     for title, values in _columns(published):
         column = checks.numeric_array(f"published[{title!r}]", values)
-        if column.shape not in ((m,), (m + 1,)):
-            raise ValueError(
-                f"published[{title!r}]: expected {m} numbers, or {m + 1} with the "
-                f"TAE, got shape {column.shape}"
-            )
+        argument = f"published[{title!r}]"
+        checks.shaped(
+            argument, column.shape, (m,), (m + 1,), remedy="the last: the TAE"
+        )
         columns.append((title, ".4g", column if len(column) > m else pad(column)))
     words = f" of {experiment!r}" if experiment else ""
     words += describe_certificate(idata)

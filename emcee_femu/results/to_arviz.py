@@ -294,7 +294,7 @@ def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
 def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
     """Return what the posterior returned, ``(steps, ensembles, walkers, columns)``."""
     blobs, d = chains.blobs, chains.draws.shape[-1]
-    width = posterior.width - 1  # emcee takes the first one as log_prob
+    width = posterior.row_size - 1  # emcee takes the first one as log_prob
     if blobs is None or d != posterior.ndim or blobs.shape[3:] != (width,):
         shape = None if blobs is None else blobs.shape[3:]
         raise ValueError(

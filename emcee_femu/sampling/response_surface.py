@@ -168,7 +168,7 @@ def learn_surface(
         None where walkers on it are no sample.
     """
     posterior = evaluator.posterior
-    d, prior, width = posterior.ndim, posterior.prior, posterior.width
+    d, prior, width = posterior.ndim, posterior.prior, posterior.row_size
     degree = max(k for k in DEGREES if comb(d + k, k) <= MOST_TERMS)
 
     def solve(theta: Floats) -> Floats:

@@ -242,14 +242,12 @@ class _Emulation:
     _compared: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        inputs, positive = (
-            self.problem.inputs,
-            Coordinates.positive(self.coordinates.prior),
-        )
+        inputs = self.problem.inputs
+        positive = Coordinates.positive(self.coordinates.prior)
         same = (positive.logs == self.coordinates.logs)[inputs].all()
         self._maps = [self.coordinates] if same else [self.coordinates, positive]
         self.theta = np.empty((0, self.problem.posterior.ndim))
-        self.rows = np.empty((0, self.evaluator.posterior.width))
+        self.rows = np.empty((0, self.evaluator.posterior.row_size))
 
     def run(
         self, solves: int, batch: int, seed: int, tolerance: float
@@ -276,11 +274,9 @@ class _Emulation:
             rng = np.random.default_rng([seed, len(history)])
             number = int(self._solved.sum())
             if history:
-                true = np.array([error for _, _, error, _ in history[-SETTLED:]])
-                wanted = (
-                    LARGE_TRUE_ERROR
-                    / true[np.isfinite(true)].max(initial=LARGE_TRUE_ERROR)
-                ) ** 2
+                true = [error for _, _, error, _ in history[-SETTLED:]]
+                largest = max([LARGE_TRUE_ERROR, *filter(np.isfinite, true)])
+                wanted = (LARGE_TRUE_ERROR / largest) ** 2
                 power = min(max(wanted, STAGE * power), 1.0)
             draws = explorer.draw(  # at first no error is known
                 emulator, self.coordinates, number, rng, power=power or 1.0
@@ -364,16 +360,8 @@ class _Emulation:
             for known in (slopes, {}) if slopes else ({},):
                 if last is not None and same and bool(known) != start[0].sloped:
                     continue
-                outputs, processes, cost = fit_outputs(
-                    points,
-                    response,
-                    known,
-                    units,
-                    weights,
-                    bool(logs.any()),
-                    start,
-                    same,
-                )
+                how = units, weights, bool(logs.any()), start, same
+                outputs, processes, cost = fit_outputs(points, response, known, *how)
                 emulator = EmulatedModel(
                     bounds=bounds,
                     variables={name: problem.variables[name] for name in units},
@@ -416,9 +404,8 @@ class _Emulation:
         known = emulator.coordinates(self.theta[:, inputs])
         at = emulator.coordinates(theta[:, inputs])
         fails = ~self._solved[cdist(at, known).argmin(axis=1)]
-        traces = (
-            np.array([each.covariance.trace() for each in processes]) + LEAST_VARIANCE
-        )
+        traces = np.array([each.covariance.trace() for each in processes])
+        traces += LEAST_VARIANCE
         shares = traces / traces.sum()  # of the error, by processes
         variance = sum(
             share * each.unit_sd(at) ** 2

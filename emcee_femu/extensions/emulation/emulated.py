@@ -94,14 +94,10 @@ class EmulatedModel(Report):
         values = self.processes[0].values
         known = int((~np.isnan(values[:, 1:, 0])).any(axis=1).sum())
         logs = np.array(self.names)[self._logs].tolist()
+        how = f"with derivatives at {known} points" if known else "without derivatives"
         yield (
             f"{self.outputs.size} outputs of {len(self.names)} parameters emulated "
-            f"from {len(values)} points, {self.solves} full solves, "
-            + (
-                f"with derivatives at {known} points"
-                if known
-                else "without derivatives"
-            )
+            f"from {len(values)} points, {self.solves} full solves, {how}"
             + (f"; logarithms of {', '.join(logs)}" if logs else "")
             + ("; each block by lengths of its own" if len(self.processes) > 1 else "")
             + (f"; {len(self.history.rows)} rounds" if self.history else "")

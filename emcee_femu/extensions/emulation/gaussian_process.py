@@ -274,21 +274,15 @@ def fit_processes(
 
     bounds = np.log(np.outer(spread, [0.1, LONGEST_LENGTH]))
     common = [np.log(scale * spread) for scale in SCALES]
+    how = {"method": "L-BFGS-B", "jac": True, "bounds": bounds}
+    how["options"] = {"maxiter": 100}
     best, lengths, kind = np.inf, spread, False
     for rough in kinds:
         starts = common
         if start is not None:  # and a common one, lest a valley holds the last ones
             starts = [np.log(start), min(common, key=lambda x: cost(x, rough)[0])]
         for first in starts:
-            climb = minimize(
-                cost,
-                np.clip(first, *bounds.T),
-                (rough,),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": 100},
-            )
+            climb = minimize(cost, np.clip(first, *bounds.T), (rough,), **how)
             if climb.fun < best:
                 best, lengths, kind = climb.fun, np.exp(climb.x), rough
     return Processes.condition(points, values, lengths, kind)

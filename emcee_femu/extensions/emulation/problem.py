@@ -117,14 +117,12 @@ class Recorder:
             for j in columns
         ]
         for name in self.raw:
-            recorded[name + SLOPES_SUFFIX] = np.stack(
-                [move[name] for move in moves], axis=-1
-            )
-            if not np.isfinite(recorded[name + SLOPES_SUFFIX]).all():
+            tangent = np.stack([move[name] for move in moves], axis=-1)
+            if not np.isfinite(tangent).all():
                 raise ValueError(f"jacobian: derivatives of {name} are not finite")
-        return recorded | {
-            DERIVATIVES_KNOWN: np.ones(len(next(iter(recorded.values()))))
-        }
+            recorded[name + SLOPES_SUFFIX] = tangent
+        recorded[DERIVATIVES_KNOWN] = np.ones(len(tangent))
+        return recorded
 
     def _read(self, response: Response) -> Named:
         """Return the raw variables of a response, or of its derivatives."""

@@ -180,15 +180,10 @@ def read_dmig(path: Path) -> list[Part]:
             faults.setdefault(name, f"{path}: no entry in a column of {name}; {AGAIN}")
         table = np.array(rows).reshape(-1, 5)
         j, i = table[:, :4].astype(np.int64).reshape(-1, 2, 2).swapaxes(0, 1)
-        read = partial(
-            build_labelled, name, path, i, j, table[:, 4], mirror=form == SYMMETRIC
-        )
-        known = faults.get(name)
-        parts.append(
-            Part(name, path, NOTHING, fault=known)
-            if known
-            else try_part(name, path, read)
-        )
+        entries_of = name, path, i, j, table[:, 4]
+        read = partial(build_labelled, *entries_of, mirror=form == SYMMETRIC)
+        part = Part(name, path, NOTHING, fault=faults.get(name, ""))
+        parts.append(part if part.fault else try_part(name, path, read))
     if not parts:
         raise ValueError(
             f"{path}: no square DMIG matrix; ask for stiffness and mass, such as "
