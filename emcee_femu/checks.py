@@ -83,10 +83,8 @@ def covariance_factor(argument: str, covariance: Floats) -> Floats:
     except np.linalg.LinAlgError:
         factor = None
     if factor is None or np.abs(correlation - correlation.T).max() > 1e-8:
-        raise ValueError(
-            f"{argument}: expected a symmetric, positive definite matrix, got "
-            f"{covariance.tolist()}"
-        )
+        what = "a symmetric, positive definite matrix"
+        raise ValueError(f"{argument}: expected {what}, got {covariance.tolist()}")
     return np.asarray(scale[:, None] * factor)
 
 

@@ -136,7 +136,7 @@ class Evaluation:
 
     def again(self, theta: Floats) -> Floats:
         """Return rows for a comparison: neither solves nor failures are counted."""
-        return self._fill(self._results(theta, "rows"))
+        return self._fill(self._results(theta, "rows"))[0]
 
     @property
     def differentiable(self) -> bool:
@@ -182,8 +182,7 @@ class Evaluation:
 
     def _count(self, results: Sequence[Result]) -> Floats:
         """Count solves and failures, and return rows for all."""
-        stacked = self._fill(results)
-        failed = [result for result in results if isinstance(result, Failure)]
+        stacked, failed = self._fill(results)
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
         solves = len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
         for evaluation in filter(None, (self, self.whole)):
@@ -193,19 +192,17 @@ class Evaluation:
             self.failures.count(len(results), failed)
         return stacked
 
-    def _fill(self, results: Sequence[Result]) -> Floats:
-        """Return the results as an array; of a failure its row is -inf, then NaN."""
+    def _fill(self, results: Sequence[Result]) -> tuple[Floats, list[Failure]]:
+        """Return the results as an array, a failure as -inf and NaN, and failures."""
         if isinstance(results, np.ndarray):
-            return results
+            return results, []
+        failed = [result for result in results if isinstance(result, Failure)]
         rejected = self.posterior.rejected()
-        solved = [result for result in results if not isinstance(result, Failure)]
-        width = max(map(len, solved), default=len(rejected))
-        stacked = np.full((len(results), width), np.nan)
-        stacked[:, : len(rejected)] = rejected
-        for row, result in zip(stacked, results, strict=True):
-            if not isinstance(result, Failure):
-                row[: len(result)] = result
-        return stacked
+        rows = [rejected if isinstance(r, Failure) else r for r in results]
+        stacked = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
+        for place, row in zip(stacked, rows, strict=True):
+            place[: len(row)] = row
+        return stacked, failed
 
     def _linearize(self, theta: Floats, kind: Kind) -> Floats:
         """Return rows, gradients and perhaps information, side by side."""

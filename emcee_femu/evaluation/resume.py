@@ -79,13 +79,11 @@ def check_path(backend: object, resume: bool) -> str | None:
         raise ValueError(f"backend: expected the name of a file, got {backend!r}")
     if os.path.lexists(path) and not resume:
         raise ValueError(
-            f"backend: {path} exists; continue it with resume=True, or give a new file "
-            "name"
+            f"backend: {path} exists; continue it with resume=True, or take a new name"
         )
     if not os.access(os.path.dirname(path), os.W_OK | os.X_OK):
         raise ValueError(
-            f"backend: there is no directory for {path}, or none that takes files; "
-            "make it"
+            f"backend: {path} is in no directory, or in none that takes files; make it"
         )
     return path
 

@@ -325,10 +325,8 @@ class StoredChain(emcee.backends.Backend):
 
     def reset(self, nwalkers: int, ndim: int) -> None:
         """Refuse to clear the chain: a file is for one run."""
-        raise ValueError(
-            f"backend: the steps in {self._store.path} are never cleared; give a new "
-            "file name"
-        )
+        path = self._store.path
+        raise ValueError(f"backend: steps in {path} are never cleared; take a new name")
 
     def grow(self, ngrow: int, blobs: object) -> None:
         """Do nothing: the file grows by itself."""

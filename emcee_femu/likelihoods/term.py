@@ -249,10 +249,8 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
     numbers = checks.positive_array(argument, value)
     checks.shaped(argument, numbers.shape, (), *shapes)
     if argument == "relative_sd" and numbers.max() > MOST_RELATIVE:
-        raise ValueError(
-            f"{argument}: expected at most {MOST_RELATIVE}, got {numbers.max():g}; "
-            "0.02 is 2 %"
-        )
+        got = f"got {numbers.max():g}; 0.02 is 2 %"
+        raise ValueError(f"{argument}: expected at most {MOST_RELATIVE}, {got}")
     return numbers
 
 

@@ -150,10 +150,8 @@ def _read_title(place: str, title: str) -> tuple[str, float]:
     else:
         fits = unit in ("", "-") or f"[{unit}]" in known.lower()
     if field is None or not fits:
-        raise ValueError(
-            f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
-            f"{title!r}"
-        )
+        one = f"one of {[*QUANTITIES]}, got {title!r}"
+        raise ValueError(f"{place}, column 'quantity': expected {one}")
     return field, 0.01 if percent else 1.0
 
 

@@ -24,17 +24,13 @@ def frequencies(value: ArrayLike) -> Floats:
     """Return measured frequencies in Hz; errors name the mode, 1 = the first."""
     hertz = checks.numeric_array("frequencies", value)
     if hertz.ndim != 1 or not hertz.size:
-        raise ValueError(
-            "frequencies: expected at least one frequency and one dimension, got "
-            f"shape {hertz.shape}"
-        )
+        raise ValueError(f"frequencies: expected (n_modes >= 1,), got {hertz.shape}")
     expected = "Hz above zero (leave out what was not identified)"
     _refuse("frequencies", hertz, expected, ~((hertz > 0) & np.isfinite(hertz)))
     for i in np.flatnonzero(np.diff(hertz) < 0):
         raise ValueError(
             f"frequencies: expected ascending ones, but mode {i + 2} ({hertz[i + 1]} "
-            f"Hz) is below mode {i + 1} ({hertz[i]} Hz); reorder all that you give by "
-            "np.argsort(frequencies)"
+            f"Hz) is below mode {i + 1} ({hertz[i]} Hz); sort all by np.argsort"
         )
     return hertz
 
@@ -49,10 +45,8 @@ def shapes(
     raw = checks.complex_array(argument, value)
     if raw.ndim < 2 or raw.shape[-1] != n_modes or not raw.size:
         turned = "; transpose them" if raw.shape[:1] == (n_modes,) else ""
-        raise ValueError(
-            f"{argument}: expected (n_sensors, {n_modes}), one column per frequency, "
-            f"got {raw.shape}{turned}"
-        )
+        expected = f"(n_sensors, {n_modes}), one column per frequency"
+        raise ValueError(f"{argument}: expected {expected}, got {raw.shape}{turned}")
     wrong = np.isinf(raw) if missing else ~np.isfinite(raw)
     _refuse(argument, raw, "finite numbers", wrong)
     for index in np.argwhere(~np.nan_to_num(raw).any(axis=-2)):
@@ -203,10 +197,8 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, 
     turned = [along_axis(place) for place in places.tolist()]
     places = np.array([place for place, _ in turned])
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
-        raise ValueError(
-            f"dofs: expected distinct DOFs, numbers from 0, got {places.tolist()}; "
-            "average sensors at one DOF first"
-        )
+        got = f"{places.tolist()}; average sensors at one DOF first"
+        raise ValueError(f"dofs: expected distinct DOFs, numbers from 0, got {got}")
     return places, np.array([sign for _, sign in turned])
 
 
@@ -272,10 +264,8 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
         raw = np.where(found[:, None], raw, 1.0)
     tests = shapes(raw, n_modes)
     if tests.ndim != 3 or len(tests) != n_tests:
-        raise ValueError(
-            f"shapes: expected ({n_tests} tests, n_sensors, {n_modes} modes), got "
-            f"{tests.shape}"
-        )
+        expected = f"({n_tests} tests, n_sensors, {n_modes} modes)"
+        raise ValueError(f"shapes: expected {expected}, got {tests.shape}")
     tests = tests / np.linalg.norm(tests, axis=1, keepdims=True)
     mean, sd = np.zeros_like(tests[0]), np.zeros(tests[0].shape)
     for mode in range(n_modes):
@@ -286,8 +276,7 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
         for test in np.flatnonzero(np.abs(product) ** 2 < OTHER_MODE):
             raise ValueError(
                 f"shapes: mode {mode + 1} of test {there[test] + 1} has a MAC of "
-                f"{abs(product[test]) ** 2:.2f} with the mean of all tests; are its "
-                "modes out of order?"
+                f"{abs(product[test]) ** 2:.2f} with the mean; are modes out of order?"
             )
         columns = columns * (product.conj() / np.abs(product))
         mean[:, mode] = columns.mean(axis=1)

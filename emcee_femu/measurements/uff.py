@@ -95,10 +95,8 @@ def read_pyoma2(
     if checks.flag("shape_sd", shape_sd):
         names["shape_sd"] = "Phi_std"
         if getattr(result, "Phi_std", None) is None:
-            raise ValueError(
-                "result: no Phi_std; run pyOMA2 with calc_unc=True, or leave shape_sd "
-                "out"
-            )
+            remedy = "run pyOMA2 with calc_unc=True, or leave shape_sd out"
+            raise ValueError(f"result: no Phi_std; {remedy}")
     of_damping = {"damping": "Xi", "damping_sd": "Xi_std"}
     fields = {
         field: checks.complex_array(f"result.{name}", value)

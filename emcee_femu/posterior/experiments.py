@@ -157,10 +157,7 @@ class Experiment:
             value = checks.numeric_array(f"terms ({self.full_name(name)!r})", value)
         n = len(next(iter(parameters.values())))
         if value.shape != (n,):  # one number would do for all rows, unseen
-            raise ValueError(
-                f"terms: expected {n} log-likelihoods of {self.full_name(name)!r}, got "
-                f"shape {value.shape}"
-            )
+            checks.shaped(f"terms ({self.full_name(name)!r})", value.shape, (n,))
         return value
 
     def _average(

@@ -419,19 +419,17 @@ class LogPosterior(Report):
         try:
             rng = np.random.default_rng(seed)
         except (TypeError, ValueError) as error:
+            taken = "what numpy.random.default_rng takes"
             raise type(error)(
-                f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
-                f"({error})"
+                f"seed: expected {taken}, got {seed!r} ({error})"
             ) from None
         return self.prior.sample(rng, nwalkers)
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
         if theta.ndim != 2 or theta.shape[1] != self.ndim:
-            raise ValueError(
-                f"{argument}: expected one number for each of {self.names}, "
-                f"got shape {theta.shape}"
-            )
+            each = f"one number for each of {self.names}"
+            raise ValueError(f"{argument}: expected {each}, got shape {theta.shape}")
         low, high = self.prior.bounds.T
         outside = np.argwhere(~((theta >= low) & (theta <= high)))
         for row, column in outside[:1]:

@@ -72,10 +72,15 @@ class GaussianPrior(Report):
         self._log_constant = float(constant)
 
     @property
+    def marginals(self) -> dict[str, Any]:
+        """The marginals by name, before they are cut."""
+        moments = zip(self.names, self.mean, self.sd, strict=True)
+        return {name: stats.norm(mean, sd) for name, mean, sd in moments}
+
+    @property
     def distributions(self) -> list[str]:
         """The marginals before they are cut, as scipy writes them."""
-        pairs = zip(self.mean, self.sd, strict=True)
-        return [f"norm({mean:.4g}, {sd:.4g})" for mean, sd in pairs]
+        return [describe_marginal(marginal) for marginal in self.marginals.values()]
 
     def _parts(self) -> Parts:
         return (tabulate_prior("Prior", self),)
@@ -150,9 +155,8 @@ class IndependentPrior(Report):
             methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}
             if methods != {"logpdf", "rvs", "support"}:  # what can be frozen is not
                 raise TypeError(
-                    f"marginals[{name!r}]: expected a frozen continuous distribution "
-                    "such as scipy.stats.norm(0, 1), or a pair (low, high), got "
-                    f"{marginal!r}"
+                    f"marginals[{name!r}]: expected a frozen continuous distribution, "
+                    f"scipy.stats.norm(0, 1), or a pair (low, high), got {marginal!r}"
                 )
             if name in ends:
                 marginal = _Cut(name, marginal, *ends[name])

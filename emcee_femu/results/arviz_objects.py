@@ -48,10 +48,8 @@ def dataset(idata: InferenceData, group: str) -> Any:
         ValueError: If it lacks the group.
     """
     if not is_arviz(idata):
-        raise TypeError(
-            "idata: expected what to_inference_data returns, got "
-            f"{type(idata).__name__}"
-        )
+        got = type(idata).__name__
+        raise TypeError(f"idata: expected what to_inference_data returns, got {got}")
     try:
         values = _group(idata, group)
     except KeyError:

@@ -126,16 +126,14 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(
-            "source: expected a run of 'auto' or of a TemperedMove, from which the "
-            f"evidence can be had, got a {chains.kind} of {chains.moves}; give what "
-            "run or anneal returned"
+            "source: expected what run with 'auto' or a TemperedMove, or anneal, "
+            f"returned, got a {chains.kind} of {chains.moves}"
         )
     log_prob = chains.log_prob
     check_length(log_prob)
     if not np.isfinite(log_prob).all():
         raise ValueError(
-            "source: a log-posterior after discard is not finite; start where it is "
-            "finite, or discard more"
+            "source: a log-posterior is not finite; start elsewhere, or discard more"
         )
     failed = sum(chains.failures.values())
     overlaps, method = np.empty(0), "by a bridge from the frozen proposal"

@@ -92,10 +92,9 @@ def measured_frequencies(
     by_name = {measured.name: measured for measured in read_measured(idata)}
     if name not in by_name:
         joint = any("." in other for other in by_name)
+        remedy = "; name one of the experiments with experiment=" if joint else ""
         raise ValueError(
-            f"idata, experiment: no term has measured {name!r}; measured are "
-            f"{list(by_name)}"
-            + ("; name one of the experiments with experiment=" if joint else "")
+            f"idata, experiment: no {name!r} among the measured {[*by_name]}{remedy}"
         )
     return by_name[name]
 

@@ -161,9 +161,9 @@ def _estimate(models: Mapping[str, object]) -> dict[str, Evidence]:
             raise type(error)(f"models[{label!r}]: {error}") from error
         value, spread = evidence.log_evidence, evidence.log_evidence_error
         if not np.isfinite(value) or np.isnan(spread):
+            found = f"{value} +- {spread}"
             raise ValueError(
-                f"models[{label!r}]: expected a finite log evidence and an error, got "
-                f"{value} +- {spread}"
+                f"models[{label!r}]: expected finite evidence, got {found}"
             )
         evidences[label] = evidence
     return evidences

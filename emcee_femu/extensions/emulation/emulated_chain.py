@@ -199,9 +199,8 @@ def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     if left_out > LEFT_OUT:
         faults.append(
             f"the emulated posterior's bounds leave out {100 * left_out:.2g} % of the "
-            "prior, where the emulator knows nothing; emulate within the bounds "
-            "of the prior, or certify against a posterior whose prior is cut at those "
-            "of the emulator"
+            "prior, where the emulator knows nothing; emulate within the prior's, or "
+            "certify against a posterior whose prior is cut at the emulator's"
         )
     near = NEAR_A_BOUND * chain.draws.std(axis=0)
     for end, sign in ((0, 1.0), (1, -1.0)):

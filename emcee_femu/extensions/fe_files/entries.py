@@ -132,8 +132,7 @@ def check(label: Path | str, matrix: coo_array | csc_array) -> csc_array:
     """
     if matrix.shape[0] > EMPTY * (matrix.nnz + 1):
         raise ValueError(
-            f"{label}: {matrix.shape[0]} rows are announced, and {matrix.nnz} entries "
-            f"are there; {AGAIN}"
+            f"{label}: {matrix.shape[0]} rows with only {matrix.nnz} entries; {AGAIN}"
         )
     return csc_array(read_matrix(str(label), csc_array(matrix), sparse=True))
 

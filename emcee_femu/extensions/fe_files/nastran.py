@@ -164,9 +164,9 @@ def read_dmig(path: Path) -> list[Part]:
                 raise ValueError(fault) from None
             faults.setdefault(name, fault)
     if unknown := [name for name in entries if name not in forms]:
+        name = unknown[0]
         raise ValueError(
-            f"{path}: no DMIG entry with the form of {unknown[0]!r} before its "
-            f"columns; {AGAIN}"
+            f"{path}: no DMIG form of {name!r} before its columns; {AGAIN}"
         )
     check_once(path, square)
     parts = []
@@ -229,9 +229,8 @@ def check_once(path: Path, names: list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(
-                f"{path}: {names.count(name)} matrices are called {name}, so which is "
-                "meant is not known; export the one that you need, or each to a file "
-                "of its own"
+                f"{path}: {names.count(name)} matrices are called {name}; export the "
+                "one that is meant, or each to a file of its own"
             )
 
 

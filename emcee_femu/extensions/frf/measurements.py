@@ -318,10 +318,8 @@ def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str,
         else:
             read[COHERENCE][channel] = np.asarray(data["data"]).real
     if not kinds:
-        raise ValueError(
-            f"{path}: expected data sets 58 of type 4 (FRF), got "
-            f"{types.count(58)} data sets 58, of types {sorted(others)}"
-        )
+        got = f"{types.count(58)} data sets 58, of types {sorted(others)}"
+        raise ValueError(f"{path}: expected data sets 58 of type 4 (FRF), got {got}")
     if len({*kinds.values()}) > 1:
         raise ValueError(f"{path}: expected FRFs of one kind, got {kinds} by data set")
     factors = units["length"], units["force"]

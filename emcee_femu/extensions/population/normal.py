@@ -99,9 +99,8 @@ class NormalPopulation(Report):
             hyperpriors[name] = prior.marginals[name]
             if name in spreads and prior.bounds[0, 0] < 0:
                 raise ValueError(
-                    f"hyperpriors[{name!r}]: a spread is not negative, but this "
-                    f"distribution begins at {prior.bounds[0, 0]:g}; take halfnorm or "
-                    "lognorm"
+                    f"hyperpriors[{name!r}]: expected a spread from zero on, got one "
+                    f"from {prior.bounds[0, 0]:g}; take halfnorm or lognorm"
                 )
         checks.set_fields(self, hyperpriors=hyperpriors)
 
@@ -266,10 +265,8 @@ def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Dra
         raise ValueError(f"it has no parameter {missing}; there are {sampled}")
     flat = chains.reshape(-1, len(sampled))
     if (different := len(np.unique(flat, axis=0))) < FEWEST_OF_A_TEST:
-        raise ValueError(
-            f"expected at least {FEWEST_OF_A_TEST} different draws, got {different}; "
-            "run it longer"
-        )
+        least = f"at least {FEWEST_OF_A_TEST} different draws"
+        raise ValueError(f"expected {least}, got {different}; run it longer")
     kept = spread_out(len(flat), number)
     # Of parameters that are not pooled the prior stays, and must not be divided out.
     whole = len(names) == len(sampled)
