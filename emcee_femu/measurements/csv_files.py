@@ -3,13 +3,12 @@
 import csv
 import io
 import re
-from collections.abc import Mapping
 from os import PathLike
-from typing import Any
 
 import numpy as np
 
 from .. import checks
+from .modes import Fields
 
 Path = str | PathLike[str]
 CSV_HEADER = ["quantity", "sensor", "dof"]
@@ -41,7 +40,7 @@ PER_SENSOR = ("shapes", "shape_sd")
 PARTLY = (*PER_SENSOR, "sd", "damping", "damping_sd")  # a blank: not known
 
 
-def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
+def write_csv(path: Path, fields: Fields) -> None:
     """Write the fields of :class:`Measurements` with all digits."""
     checks.file_name("path", path)
     sensors, dofs = fields["sensors"], fields["dofs"]
@@ -61,7 +60,7 @@ def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
                 writer.writerow([quantity, sensor, dof, *cells])
 
 
-def read_csv(path: Path) -> dict[str, Any]:
+def read_csv(path: Path) -> Fields:
     """Return the arguments of :class:`Measurements` that the file holds."""
     checks.file_name("path", path)
     try:
@@ -83,7 +82,7 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"separated by commas, semicolons or tabs, got {','.join(titles)!r}; "
             "modes are columns, and Measurements.to_csv writes an example"
         )
-    fields: dict[str, Any] = {}
+    fields: Fields = {}
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
     dofs = []
     for place, row in rows[1:]:

@@ -3,7 +3,7 @@
 import re
 import warnings
 from collections.abc import Hashable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual perce
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
+Fields: TypeAlias = dict[str, Any]  # of Measurements, by the names of arguments
 
 
 def frequencies(value: ArrayLike) -> Floats:
@@ -202,7 +203,7 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, 
     return places, np.array([sign for _, sign in turned])
 
 
-def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
+def frequency_scatter(value: ArrayLike, correlated: bool) -> Fields:
     """Return mean and covariance, or sd, of frequencies ``(n_tests, n_modes)``."""
     tests, correlated = _read_tests(value), checks.flag("correlated", correlated)
     n_tests, n_modes = tests.shape
@@ -229,7 +230,7 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
             f"frequencies: mode {i + 1} is {np.nanmax(tests[:, i])} Hz in all tests, "
             "so its scatter is not known; give more digits, or Measurements(.., sd=..)"
         )
-    scatter: dict[str, Any] = {"frequencies": np.nanmean(tests, axis=0)}
+    scatter: Fields = {"frequencies": np.nanmean(tests, axis=0)}
     if correlated:
         return scatter | {"covariance": np.atleast_2d(np.cov(tests, rowvar=False))}
     return scatter | {"sd": np.nanstd(tests, axis=0, ddof=1)}
@@ -253,7 +254,7 @@ def _read_tests(value: ArrayLike) -> Floats:
     return tests
 
 
-def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
+def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
     """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``.
 
     Of those that were found, ``(n_tests, n_modes)``.

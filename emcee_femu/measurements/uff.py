@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
+from .modes import Fields
 
 Path = str | PathLike[str]
 Indices: TypeAlias = NDArray[np.intp]
@@ -48,7 +49,7 @@ class Mode(NamedTuple):
 
 def read_uff(
     path: Path, sensors: Sequence[str] | None, numbers: Sequence[int] | None
-) -> dict[str, Any]:
+) -> Fields:
     """Return the arguments of :class:`Measurements` that a universal file holds."""
     found = _find_modes(path)
     hertz = np.array([mode.hertz for mode in found])
@@ -80,9 +81,7 @@ def read_uff(
     }
 
 
-def read_pyoma2(
-    result: Any, shape_sd: bool, numbers: Sequence[int] | None
-) -> dict[str, Any]:
+def read_pyoma2(result: Any, shape_sd: bool, numbers: Sequence[int] | None) -> Fields:
     """Return the arguments of :class:`Measurements` that a pyOMA2 result holds."""
     if not (hasattr(result, "Fn") and hasattr(result, "Phi")):
         raise TypeError(

@@ -126,7 +126,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(
-            "source: expected what run with 'auto' or a TemperedMove, or anneal, "
+            "source: expected a run of 'auto' or of a TemperedMove, or what anneal "
             f"returned, got a {chains.kind} of {chains.moves}"
         )
     log_prob = chains.log_prob

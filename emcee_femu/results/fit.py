@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -42,7 +41,7 @@ class Statement:
     reasons: tuple[str, ...] = ()
 
 
-def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
+def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
     """Say whether what was measured lies inside the posterior predictive.
 
     Args:
@@ -105,7 +104,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
     return Statement("does not fit", short, sentence)
 
 
-def _read(source: Any, chains: Chains, discard: int) -> InferenceData | None:
+def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData | None:
     """Return samples with their response, None where nothing is known of it."""
     if is_arviz(source):
         return source.isel(draw=slice(discard, None)) if discard else source

@@ -93,9 +93,8 @@ def measured_frequencies(
     if name not in by_name:
         joint = any("." in other for other in by_name)
         remedy = "; name one of the experiments with experiment=" if joint else ""
-        raise ValueError(
-            f"idata, experiment: no {name!r} among the measured {[*by_name]}{remedy}"
-        )
+        there = f"measured are {[*by_name]}{remedy}"
+        raise ValueError(f"idata, experiment: no term has measured {name!r}; {there}")
     return by_name[name]
 
 

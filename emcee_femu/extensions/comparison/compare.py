@@ -126,7 +126,8 @@ def compare_moves(
     if steps - dropped < FEWEST_STEPS:
         raise ValueError(
             f"discard: expected at least {FEWEST_STEPS} steps to judge, got "
-            f"{max(steps - dropped, 0)} of {steps}; run longer, or drop less"
+            f"{max(steps - dropped, 0)} of {steps} (discard={dropped}); run longer, "
+            "or drop less"
         )
     moments = _check_reference(reference, posterior.names)
     entries = []
@@ -223,7 +224,7 @@ def _check_reference(
         moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
         if moments[name].shape != (2,) or not moments[name][1] > 0:
             raise ValueError(
-                f"reference[{name!r}]: expected (mean, sd) with sd > 0, got {pair!r}"
+                f"reference[{name!r}]: expected (mean, sd), sd above zero, got {pair!r}"
             )
     return moments
 

@@ -164,10 +164,8 @@ def read_dmig(path: Path) -> list[Part]:
                 raise ValueError(fault) from None
             faults.setdefault(name, fault)
     if unknown := [name for name in entries if name not in forms]:
-        name = unknown[0]
-        raise ValueError(
-            f"{path}: no DMIG form of {name!r} before its columns; {AGAIN}"
-        )
+        what = f"no DMIG entry with the form of {unknown[0]!r} before its columns"
+        raise ValueError(f"{path}: {what}; {AGAIN}")
     check_once(path, square)
     parts = []
     for name, rows in entries.items():

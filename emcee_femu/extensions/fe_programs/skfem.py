@@ -72,7 +72,7 @@ def from_skfem(basis: Any, K: Matrix, M: Matrix, held: ArrayLike = ()) -> Matric
         if matrix.shape[0] != basis.N:
             raise ValueError(
                 f"{name}: expected {basis.N} rows, the DOFs of the basis, got "
-                f"{matrix.shape[0]}; take form.assemble(basis), not condensed"
+                f"{matrix.shape[0]}; take form.assemble(basis), no condensed one"
             )
         matrices[name] = csc_array(matrix[free][:, free])
     dofs, places = _name_dofs(basis)
