@@ -156,16 +156,12 @@ def _estimate(models: Mapping[str, object]) -> dict[str, Evidence]:
     evidences = {}
     for label, source in sources.items():
         try:
-            evidence = log_evidence(source)
+            evidences[label] = evidence = log_evidence(source)
+            found = evidence.log_evidence, evidence.log_evidence_error
+            if not np.isfinite(found[0]) or np.isnan(found[1]):
+                raise ValueError(f"expected a finite log evidence, got {found}")
         except (TypeError, ValueError) as error:
             raise type(error)(f"models[{label!r}]: {error}") from error
-        value, spread = evidence.log_evidence, evidence.log_evidence_error
-        if not np.isfinite(value) or np.isnan(spread):
-            found = f"{value} +- {spread}"
-            raise ValueError(
-                f"models[{label!r}]: expected finite evidence, got {found}"
-            )
-        evidences[label] = evidence
     return evidences
 
 
