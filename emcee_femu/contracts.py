@@ -150,8 +150,8 @@ def read(response: Response, name: str) -> Floats:
     if value is None:
         given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
         has = has or [k for k, v in given.items() if isinstance(v, np.ndarray)]
-        response = type(response).__name__
-        raise TypeError(f"model: its {response} has no {name!r}; there are {has}")
+        kind = type(response).__name__
+        raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
     values: Floats = value
     return values
 

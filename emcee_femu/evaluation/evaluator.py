@@ -199,7 +199,8 @@ class Evaluation:
         failed = [result for result in results if isinstance(result, Failure)]
         rejected = self.posterior.rejected()
         rows = [rejected if isinstance(r, Failure) else r for r in results]
-        stacked = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
+        width = max(map(len, rows), default=len(rejected))
+        stacked = np.full((len(rows), width), np.nan)
         for place, row in zip(stacked, rows, strict=True):
             place[: len(row)] = row
         return stacked, failed

@@ -42,7 +42,7 @@ class Sampler(emcee.EnsembleSampler):
     def __init__(
         self,
         nwalkers: int,
-        evaluator: "Evaluation | Replay",
+        evaluator: Evaluation,
         moves: list[tuple[Move, float]] | None = None,
         backend: emcee.backends.Backend | None = None,
     ) -> None:
@@ -189,11 +189,11 @@ def name_moves(moves: Iterator[object] | Sequence[object]) -> str:
     return ", ".join(dict.fromkeys(type(move).__name__ for move in moves))
 
 
-class Replay:
-    """An evaluator that gives again what was found, and refuses all else.
+class Replay(Evaluation):
+    """An evaluation that gives again what was found, and refuses all else.
 
     Args:
-        evaluation: What found it. Gradients are asked of it anew, and not counted.
+        evaluation: What found it. Gradients are evaluated anew, and not counted there.
         found: Points ``(n, d)`` and their rows, in the order of the calls.
 
     Attributes:
@@ -202,22 +202,18 @@ class Replay:
     """
 
     def __init__(
-        self, evaluation: "Evaluation | Replay", found: list[tuple[Floats, Floats]]
+        self, evaluation: Evaluation, found: list[tuple[Floats, Floats]]
     ) -> None:
         log = None if evaluation.failures is None else FailureLog(1.0)
-        self._anew = Evaluation(evaluation.solver, evaluation.pool, log)
+        super().__init__(evaluation.solver, evaluation.pool, log)
         self.left, self.strayed = found, False
-
-    def __getattr__(self, name: str) -> Any:
-        """Return what else an evaluator has."""
-        return getattr(self._anew, name)
 
     def rows(self, theta: Floats) -> Floats:
         """Return the rows that were found at these points, or those of a zero."""
         if self.left and np.array_equal(self.left[0][0], theta):
             return self.left.pop(0)[1]
         self.strayed = True
-        return np.tile(self._anew.posterior.rejected(), (len(theta), 1))
+        return np.tile(self.posterior.rejected(), (len(theta), 1))
 
 
 def moves_of(sampler: object) -> list[tuple[Move, float]]:
