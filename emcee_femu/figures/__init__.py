@@ -15,7 +15,7 @@ from .parameters import plot_correlation as plot_correlation
 from .parameters import plot_prior_posterior as plot_prior_posterior
 from .parameters import plot_scatter as plot_scatter
 from .predictive import plot_predictive as plot_predictive
-from .total_average_error import plot_tae as plot_tae
+from .predictive import plot_tae as plot_tae
 
 if TYPE_CHECKING:
     from ..extensions.comparison.figure import plot_comparison as plot_comparison
