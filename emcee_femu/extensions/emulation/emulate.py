@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -210,9 +209,9 @@ def emulate(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        progress_bar(display, solves, "emulate") as bar,
+        progress_bar(display, solves, "emulate") as evaluator.bar,
     ):
-        emulation = _Emulation(problem, evaluator, coordinates, bar, batch)
+        emulation = _Emulation(problem, evaluator, coordinates, batch)
         emulation.solve(first)
         return emulation.run(solves, max(batch, width), seed, tolerance)
 
@@ -225,7 +224,6 @@ class _Emulation:
         problem: What is emulated.
         evaluator: Solves in full.
         coordinates: Those in which the last fit sees the parameters.
-        bar: Shows the progress.
         few: Of so many points of a batch one is to find what is not yet seen.
         theta: Where it was solved, ``(N, d)``.
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
@@ -234,7 +232,6 @@ class _Emulation:
     problem: EmulationProblem
     evaluator: Evaluation
     coordinates: Coordinates
-    bar: Any
     few: int
     theta: Floats = field(init=False)
     rows: Floats = field(init=False)
@@ -291,9 +288,9 @@ class _Emulation:
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
             history.append((spent, draws.predicted, error, draws.size))
-            if hasattr(self.bar, "set_postfix_str"):
+            if hasattr(bar := self.evaluator.bar, "set_postfix_str"):
                 text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
-                self.bar.set_postfix_str(text)
+                bar.set_postfix_str(text)
         history.append((spent, draws.predicted, np.nan, draws.size))
         table = Table(
             "Errors at draws of the posterior, in units of measurement error",
@@ -315,7 +312,6 @@ class _Emulation:
         rows = np.empty((len(points), self.rows.shape[1]))
         for number, row in self.evaluator.each(points):
             rows[number] = row
-            self.bar.update(1)
         failures = self.evaluator.failures
         if failures is not None:  # by itself it begins at a hundred
             known = failures.evaluations, failures.max_failures
