@@ -61,6 +61,7 @@ Parameters: TypeAlias = Mapping[str, Floats]
 Batch: TypeAlias = Mapping[str, Floats]  # arrays (n, ...) by the name of a variable
 # What a model returns: an object with its variables as attributes, or a mapping.
 Response: TypeAlias = Any
+Places: TypeAlias = Sequence[Any]  # labels along a dimension
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
@@ -98,7 +99,7 @@ class Variable:
         (3,)
     """
 
-    coords: Mapping[str, Sequence[Any]]
+    coords: Mapping[str, Places]
     unit: str = ""
     stored: bool = True
 
@@ -233,12 +234,12 @@ class PairedSolution(NamedTuple):
         return self.frequencies
 
 
-def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variable]:
+def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
     """Return what a model with modal solutions declares.
 
     Args:
         n_modes: Number of natural frequencies.
-        dofs: Labels of the rows of the mode shapes; none if there are no shapes.
+        dofs: Places of the rows of the mode shapes; none if there are no shapes.
 
     Returns:
         ``frequency`` in Hz and, where there are dofs, ``shapes``, which are not stored.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..contracts import Floats, Variable
+from ..contracts import Floats, Places, Variable
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import (
@@ -348,19 +348,19 @@ def _fixed_groups(
 
 
 def name_apart(
-    coords: Mapping[str, Mapping[str, Sequence[Any]]],
-) -> dict[str, dict[str, list[Any]]]:
+    coords: Mapping[str, Mapping[str, Places]],
+) -> dict[str, dict[str, Places]]:
     """Return ``{variable: {dimension: labels}}`` with one meaning per dimension.
 
     Of dimensions that differ in their labels the longest keeps its name; xarray would
     fill up the others with NaN.
     """
-    longest: dict[str, list[Any]] = {}
+    longest: dict[str, Places] = {}
     for dims in coords.values():
         for dim, labels in dims.items():
             longest[dim] = max(longest.get(dim, []), list(labels), key=len)
 
-    def rename(name: str, dim: str, labels: Sequence[Any]) -> str:
+    def rename(name: str, dim: str, labels: Places) -> str:
         if list(labels) == longest[dim]:
             return dim
         measurement = name.removeprefix(f"{dim.rpartition('.')[0]}.")
