@@ -239,7 +239,7 @@ def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
 
     Args:
         n_modes: Number of natural frequencies.
-        dofs: Places of the rows of the mode shapes; none if there are no shapes.
+        dofs: Labels of the rows of the mode shapes; none if there are no shapes.
 
     Returns:
         ``frequency`` in Hz and, where there are dofs, ``shapes``, which are not stored.
