@@ -25,9 +25,6 @@ import numpy as np
 from ...contracts import Floats
 
 Named: TypeAlias = dict[str, Floats]
-# Share of a direction along which derivatives of moments are taken: they are numbers of
-# measurement errors, some 1e2 to 1e4, so that rounding leaves seven digits.
-MOMENT_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,11 +171,19 @@ class Symmetric:
         self, values: Floats, directions: Floats, finite: bool
     ) -> tuple[Named, Named]:
         """Return the eigenvalues of these moments, or the nearest real ones."""
-        step, here = 1.0 if finite else MOMENT_STEP, values[:, None]
-        moves = step * directions.swapaxes(1, 2)
-        change = (self._solve(here + moves) - self._solve(here - moves)) / (2.0 * step)
-        moved = {"eigenvalues": change.swapaxes(1, 2)}
-        return {"eigenvalues": self._solve(values)}, moved
+        eigenvalues = self._solve(values)
+        if finite:
+            moves, here = directions.swapaxes(1, 2), values[:, None]
+            change = (self._solve(here + moves) - self._solve(here - moves)) / 2.0
+            moved = change.swapaxes(1, 2)
+        else:
+            apart = eigenvalues - eigenvalues.mean(axis=1, keepdims=True)
+            # How the moments move with the eigenvalues, row by row
+            squares = apart**2 - (apart**2).mean(axis=1, keepdims=True)
+            rows = [np.ones_like(apart), 2.0 * apart, 3.0 * squares][: self.size]
+            forward = np.stack(rows, axis=1) / self.size / self.unit[:, None]
+            moved = np.linalg.pinv(forward) @ directions
+        return {"eigenvalues": eigenvalues}, {"eigenvalues": moved}
 
     def _solve(self, values: Floats) -> Floats:
         """Return the eigenvalues ``(..., r)`` that have the moments ``(..., r)``."""
