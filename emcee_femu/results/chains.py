@@ -90,7 +90,7 @@ def read_chains(
     weighted = moves_of(samplers[0])
     chains = read(backends, ladder_of([move for move, _ in weighted]))
     run = source if isinstance(source, Run) else None
-    posterior = posterior or (run.posterior if run else _sampled_by(samplers[0]))
+    posterior = posterior or _sampled_by(samplers[0])
     chains = replace(
         chains,
         names=_names(samplers[0], posterior, chains.draws.shape[-1]),

@@ -24,6 +24,22 @@ from ...sampling.judge import spread_out
 from .measurements import FRFMeasurements, frf_variable
 
 FRF_DRAWS = 200  # draws that are solved anew
+# In words and as a formula in HTML, for reports.
+BY_AMPLITUDE = (
+    "The deviations of the logarithms of the amplitudes from the measured ones are "
+    "Gaussian, line by line. s is the standard deviation of the measurement.",
+    "ln |<i>H<sub>l</sub></i>(θ)| − ln |<i>H<sub>l</sub></i><sup>m</sup>| ~ N(0, "
+    "<i>s<sub>l</sub></i><sup>2</sup> / |<i>H<sub>l</sub></i><sup>m</sup>|"
+    "<sup>2</sup> + σ<sub>d</sub><sup>2</sup>)",
+)
+BY_PARTS = (
+    "The deviations of the frequency response from the measured one are Gaussian, line "
+    "by line, in their real and imaginary parts. s is the standard deviation of the "
+    "measurement.",
+    "<i>H<sub>l</sub></i>(θ) − <i>H<sub>l</sub></i><sup>m</sup> ~ N(0, "
+    "<i>s<sub>l</sub></i><sup>2</sup> + (σ<sub>d</sub> "
+    "|<i>H<sub>l</sub></i><sup>m</sup>|)<sup>2</sup>)",
+)
 
 
 class FRFTerm(Term):
@@ -69,6 +85,7 @@ class FRFTerm(Term):
     """
 
     reads: Mapping[str, Variable]
+    symbol = MODEL_ERROR
 
     def __init__(
         self,
@@ -82,6 +99,7 @@ class FRFTerm(Term):
         self.measured = checks.instance("measured", measured, FRFMeasurements)
         self.label(name, discrepancy)
         self.amplitude = checks.flag("amplitude", amplitude)
+        self.statement, self.formula = BY_AMPLITUDE if self.amplitude else BY_PARTS
         if not (self.amplitude or measured.values.imag.any()):
             raise ValueError(
                 "measured: expected complex values with their phases, got real ones "
@@ -103,37 +121,6 @@ class FRFTerm(Term):
         self.sd = np.broadcast_to(0.0 if spread is None else spread, shape)
         kind, unit = measured.kind, measured.unit
         self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
-
-    symbol = MODEL_ERROR
-
-    @property
-    def statement(self) -> str:
-        """The likelihood in words, for a report."""
-        if self.amplitude:
-            return (
-                "The deviations of the logarithms of the amplitudes from the measured "
-                "ones are Gaussian, line by line. s is the standard deviation of the "
-                "measurement."
-            )
-        return (
-            "The deviations of the frequency response from the measured one are "
-            "Gaussian, line by line, in their real and imaginary parts. s is the "
-            "standard deviation of the measurement."
-        )
-
-    @property
-    def formula(self) -> str:
-        """The likelihood as a formula in HTML."""
-        H, error = "<i>H<sub>l</sub></i>", "<i>s<sub>l</sub></i><sup>2</sup>"
-        if self.amplitude:
-            return (
-                f"ln |{H}(θ)| − ln |{H}<sup>m</sup>| ~ N(0, {error} / |{H}<sup>m</sup>|"
-                "<sup>2</sup> + σ<sub>d</sub><sup>2</sup>)"
-            )
-        return (
-            f"{H}(θ) − {H}<sup>m</sup> ~ N(0, {error} + (σ<sub>d</sub> |{H}<sup>m"
-            "</sup>|)<sup>2</sup>)"
-        )
 
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each.
