@@ -157,11 +157,10 @@ def along_tangents(
     scores = []
     for part in solved:
         tangents = part.tangents | along
+        about = parameters, part.response, tangents, steps
         for term in part.terms:
             with np.errstate(all="ignore"):  # of rows that are -inf
-                slope, score = term.linearize(
-                    parameters, part.response, tangents, steps
-                )
+                slope, score = term.linearize(*about)
             gradient += slope
             scores.append(score)
     possible, hessian = rows[:, 0] > -np.inf, None

@@ -142,9 +142,8 @@ class LogPosterior(Report):
         self._recalled: dict[bytes, Floats] = {}
         self.experiments = tuple(Experiment(name, *pairs[name]) for name in pairs)
         self.terms = tuple(term for e in self.experiments for term in e.terms)
-        self.term_names = tuple(
-            e.full_name(name) for e in self.experiments for name in e.term_names
-        )
+        labels = [[e.full_name(n) for n in e.term_names] for e in self.experiments]
+        self.term_names = tuple(itertools.chain(*labels))
         self.variables = {
             e.full_name(name): Variable(
                 {e.full_name(dim): labels for dim, labels in variable.coords.items()},

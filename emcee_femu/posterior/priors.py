@@ -228,9 +228,8 @@ def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     """Return bounds as ``(d, 2)``, refusing NaN and low >= high by name."""
     array = checks.numeric_array("bounds", bounds)
-    checks.shaped(
-        "bounds", array.shape, (len(names), 2), remedy="(low, high) of each name"
-    )
+    shape = len(names), 2
+    checks.shaped("bounds", array.shape, shape, remedy="(low, high) of each name")
     for name, (low, high) in zip(names, array.tolist(), strict=True):
         if not low < high:
             raise ValueError(f"bounds: {name!r} has low >= high, ({low:g}, {high:g})")

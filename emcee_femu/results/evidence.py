@@ -194,9 +194,8 @@ def _climb_ladder(chains: Chains) -> tuple[float, float, tuple[str, ...], Floats
         )
     log_likelihood = chains.log_prob - blobs[..., 0]
     steps, ensembles, _ = log_likelihood.shape
-    by_rung = np.moveaxis(
-        log_likelihood.reshape(steps, ensembles, len(betas), -1), 2, 0
-    )
+    by_beta = log_likelihood.reshape(steps, ensembles, len(betas), -1)
+    by_rung = np.moveaxis(by_beta, 2, 0)
     if not (by_rung.var(axis=(1, 3)) > 0).all():
         raise ValueError(
             "source: the log-likelihoods of an ensemble never changed; see diagnose"

@@ -162,9 +162,8 @@ class EmulatedModel(Report):
         They are those of a standard deviation of one; outputs that err together share
         them. Beside them stands which processes each is of, ``(r,)``.
         """
-        squares, axes = zip(
-            *(np.linalg.eigh(each.covariance) for each in self.processes), strict=True
-        )
+        parts = [np.linalg.eigh(each.covariance) for each in self.processes]
+        squares, axes = zip(*parts, strict=True)
         owners = np.repeat(np.arange(len(squares)), [len(part) for part in squares])
         sizes = np.sqrt(np.maximum(np.concatenate(squares), 0.0))
         order = np.argsort(sizes, kind="stable")

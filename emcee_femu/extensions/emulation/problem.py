@@ -191,9 +191,7 @@ class EmulationProblem:
         response = {name: recorded[name] for name in self.variables}
         if not self.derivatives:
             return response, {}
-        tangents = {
-            name: recorded[name + SLOPES_SUFFIX].copy() for name in self.variables
-        }
+        tangents = {n: recorded[n + SLOPES_SUFFIX].copy() for n in self.variables}
         for tangent in tangents.values():
             tangent[recorded[DERIVATIVES_KNOWN] == 0] = np.nan
         return response, tangents
@@ -384,9 +382,8 @@ def first_points(
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
     if starts is None:
-        theta = coordinates.parameters(
-            np.vstack([mean, mean + DESIGN_SPREAD * (far - mean)])
-        )
+        inwards = mean + DESIGN_SPREAD * (far - mean)
+        theta = coordinates.parameters(np.vstack([mean, inwards]))
     else:
         near = coordinates.coordinates(starts[None]) + NEAR_SPREAD * (far - mean)
         theta = np.clip(coordinates.parameters(near), *prior.bounds.T)
@@ -402,10 +399,8 @@ def check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats 
         return None
     points, posterior = checks.real_array("starts", starts), problem.posterior
     posterior.check_inside("starts", np.atleast_2d(points))
-    alike = (
-        len(points) < FEWEST_FITTED or not np.ptp(points[..., problem.inputs], 0).all()
-    )
-    if points.ndim == 2 and alike:
+    enough = len(points) >= FEWEST_FITTED
+    if points.ndim == 2 and not (enough and np.ptp(points[:, problem.inputs], 0).all()):
         raise ValueError(
             f"starts: expected a point (d,), or at least {FEWEST_FITTED} points (n, d) "
             f"that differ in every parameter of the model, got {points.tolist()}"
