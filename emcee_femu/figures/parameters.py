@@ -127,12 +127,8 @@ def plot_scatter(
     figure.set_size_inches(side, side)
     finish(figure, idata)
     above = TITLE_INCHES if figure.get_suptitle() else RIGHT_INCHES
-    figure.subplots_adjust(
-        LEFT_INCHES / side,
-        LEFT_INCHES / side,
-        1 - RIGHT_INCHES / side,
-        1 - above / side,
-    )
+    edge = LEFT_INCHES / side
+    figure.subplots_adjust(edge, edge, 1 - RIGHT_INCHES / side, 1 - above / side)
     panels = np.array(figure.axes).reshape(d, d)
     chains = samples(idata, var_names)[1]
     sizes = np.fmax(np.nan_to_num(mean_sizes(chains)), FEWEST_INDEPENDENT)  # effective
@@ -368,10 +364,8 @@ def plot_prior_posterior(
     shown = [draws, np.where(known, before, draws.mean(axis=0))]
     labels, scale, limits, marks = scale_axes(idata, names, shown, units, truths)
     columns = min(len(names), HISTOGRAM_COLUMNS)
-    size = (
-        max(HISTOGRAM_PANEL[0] * columns, 3.4),
-        0.4 + HISTOGRAM_PANEL[1] * -(-len(names) // columns),
-    )
+    width, height = HISTOGRAM_PANEL
+    size = max(width * columns, 3.4), 0.4 + height * -(-len(names) // columns)
     figure, panels = subplots(len(names), columns, size)
     for i, axes in enumerate(panels):
         grid = np.linspace(limits[i, 0], limits[i, 1], AXIS_POINTS)

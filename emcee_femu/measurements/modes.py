@@ -89,7 +89,6 @@ def warn_about_complex(mpc: Floats) -> None:
         warnings.warn(
             f"shapes: phase collinearity below {COLLINEAR} for mode "
             f"{', '.join(which)}; a real shape describes it poorly",
-            UserWarning,
             stacklevel=3,
         )
 
@@ -146,7 +145,6 @@ def damping(value: ArrayLike | None, n_modes: int) -> Floats | None:
         warnings.warn(
             f"damping: expected ratios, mostly below {LARGE_DAMPING:g}, got "
             f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is damping=0.01",
-            UserWarning,
             stacklevel=3,
         )
     return ratios

@@ -70,7 +70,6 @@ def read_uff(
         warnings.warn(
             f"{path}: taken as not measured: zero in all modes, left out, {zero}; "
             f"absent in some modes, NaN there, {absent}; pass sensors= to choose",
-            UserWarning,
             stacklevel=3,
         )
     return {

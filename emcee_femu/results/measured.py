@@ -105,14 +105,10 @@ def read_measured(idata: InferenceData) -> list[Measured]:
         group: dataset(idata, group).data_vars if group in there else {}
         for group in GROUPS
     }
-    originals = {
-        str(name): original_name(str(name), held["response"])
-        for name in held["observed_data"]
-    }
     return [
-        _read(held, name, variable)
-        for name, variable in originals.items()
-        if variable in held["response"]
+        _read(held, str(name), variable)
+        for name in held["observed_data"]
+        if (variable := original_name(str(name), held["response"])) in held["response"]
     ]
 
 

@@ -197,11 +197,8 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
         "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
         "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
     }
-    datasets = {
-        name: _dataset(group, attributes, coords)
-        for name, group in groups.items()
-        if group
-    }
+    there = {name: group for name, group in groups.items() if group}
+    datasets = {name: _dataset(g, attributes, coords) for name, g in there.items()}
     if "new_measurement" in datasets:
         datasets["posterior_predictive"] = pick_some(datasets["new_measurement"])
     datasets["posterior"].attrs |= _attributes_of(chains)

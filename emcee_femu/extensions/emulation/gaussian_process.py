@@ -102,11 +102,8 @@ class Processes:
         expected = cls(
             points, values, lengths, rough, covariance, whitener, unknown, weights
         )
-        sd = np.maximum(
-            expected.amplitudes * expected.left_out_sd[:, None],
-            np.sqrt(LEAST_OF_OUTPUT),
-        )
-        ratios = expected.leave_out(values) / sd
+        sd = expected.amplitudes * expected.left_out_sd[:, None]
+        ratios = expected.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
         return replace(expected, covariance=covariance * np.outer(wider, wider))
 

@@ -156,7 +156,6 @@ class FRFMeasurements(Report):
         if len(hertz) and hertz[0] == 0:
             warnings.warn(
                 "lines: 0 Hz is left out, where an analyser has an offset and no FRF",
-                UserWarning,
                 stacklevel=2,
             )
             hertz, H = hertz[1:], np.atleast_1d(H)[..., 1:]
@@ -327,7 +326,6 @@ def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str,
         warnings.warn(
             f"{path}: FRFs are converted to SI by the file's units (data set 164), "
             f"with factors of length and force {factors}",
-            UserWarning,
             stacklevel=3,
         )
     fields = {
