@@ -5,7 +5,7 @@ Where every model has ``jacobian`` they take one solve per point
 priors are differenced without any.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -32,20 +32,15 @@ ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
 class _Differentiated(Protocol):
     """What derivatives ask of a posterior."""
 
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def ndim(self) -> int: ...
-    @property
-    def prior(self) -> Prior: ...
+    names: tuple[str, ...]
+    ndim: int
+    prior: Prior
+    terms: tuple[Term, ...]
+    columns: dict[str, slice]
+    row_size: int
+
     @property
     def scale(self) -> Floats: ...
-    @property
-    def terms(self) -> Sequence[Term]: ...
-    @property
-    def columns(self) -> Mapping[str, slice]: ...
-    @property
-    def row_size(self) -> int: ...
     def parameters(self, theta: Floats) -> Parameters: ...
     def split(self, stacked: Floats) -> tuple[slice, slice, slice]: ...
 

@@ -119,8 +119,7 @@ class Processes:
 
     def predict(self, points: Floats) -> Floats:
         """Return means ``(n, q)`` at points ``(n, d)``."""
-        predicted: Floats = np.hstack(self._basis(points, 1)) @ self._weights
-        return predicted
+        return np.asarray(np.hstack(self._basis(points, 1)) @ self._weights)
 
     def unit_sd(self, points: Floats) -> Floats:
         """Return the standard deviation ``(n,)`` of an output of amplitude one."""
@@ -174,8 +173,7 @@ class Processes:
         values = _with_slopes(values)
         stacked = _scale(self.points, values, self.lengths)[1]
         residuals = (self._projector @ stacked).reshape(values.shape)
-        left_out: Floats = (self._left_out[:, :1] @ residuals)[:, 0]
-        return left_out
+        return np.asarray((self._left_out[:, :1] @ residuals)[:, 0])
 
     @property
     def left_out_sd(self) -> Floats:
@@ -195,8 +193,7 @@ class Processes:
         """The precision of values and slopes, free of the trend, ``(M, M)``."""
         trend = _scale(self.points, self.values, self.lengths)[2]
         part = self._trend @ (self._whitener @ trend).T @ self._whitener
-        projector: Floats = self._whitener.T @ self._whitener - part.T @ part
-        return projector
+        return np.asarray(self._whitener.T @ self._whitener - part.T @ part)
 
     def _correlate(self, a: Floats, b: Floats, rows: int, columns: int) -> Floats:
         blocks = _correlate(a, b, self.lengths, self.rough, rows, columns)[0]

@@ -255,8 +255,7 @@ class EmulationProblem:
         parameters = emulated.parameters(theta)
         response, directions = emulated.model.spread(parameters)  # type: ignore[attr-defined]
         moves = tangents_of("spread", parameters, response, directions)
-        square: Floats = self._inform(parameters, response, moves).sum(axis=1)
-        return square
+        return np.asarray(self._inform(parameters, response, moves).sum(axis=1))
 
     def measurement_errors(self, theta: Floats, response: Named) -> Named:
         """Return the measurement error of each raw number, ``{variable: (*shape)}``.
@@ -359,8 +358,7 @@ def _average_units(relative: Floats, size: Floats) -> Floats:
     mean = np.nansum(relative, axis=0) / count
     there = mean > 0
     errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=there))
-    unit: Floats = size * np.where(there, errors, UNREAD * np.median(errors[there]))
-    return unit
+    return np.asarray(size * np.where(there, errors, UNREAD * np.median(errors[there])))
 
 
 def first_points(
