@@ -291,8 +291,8 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         if paired:
             remedy = f"name one of {paired} with experiment="
         raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
-    paired = (response[name].transpose("chain", "draw", ...) for name in names)
-    mac, model_mode = (values.values for values in paired)
+    both = (response[name].transpose("chain", "draw", ...) for name in names)
+    mac, model_mode = (values.values for values in both)
     n, m = mac.shape[0] * mac.shape[1], mac.shape[2]
     mac, numbers = mac.reshape(n, m), model_mode.reshape(n, m).astype(int)
     usual = np.array([np.bincount(column).argmax() for column in numbers.T])
