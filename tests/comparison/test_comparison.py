@@ -133,9 +133,10 @@ class OtherStream(ef.MetropolisMove):
         return super().propose(model, state)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("other", "winner"), [(1.0, "good"), (2.4, None)])
 def test_the_winner_has_converged_and_leads_by_two_combined_errors(other, winner):
-    """Of one parameter; a step of 2.4 standard deviations is the best."""
+    """Of one parameter; a step of 2.4 sds is the best. Nine ensembles to be judged."""
 
     def model(parameters):
         return ef.ModalSolution(parameters["a"][:, None])
