@@ -144,7 +144,10 @@ def test_the_winner_has_converged_and_leads_by_two_combined_errors(other, winner
     prior = ef.GaussianPrior(["a"], [10.0], [1.0])
     posterior = ef.LogPosterior(model, ef.FrequencyTerm([10.0], sd=1.0), prior)
     sd = 0.5**0.5
-    moves = {"other": OtherStream(sd=other * sd), "good": ef.MetropolisMove(sd=2.4 * sd)}
+    moves = {
+        "other": OtherStream(sd=other * sd),
+        "good": ef.MetropolisMove(sd=2.4 * sd),
+    }
     moves["crawling"] = ef.MetropolisMove(sd=0.02 * sd)
     found = ef.compare_moves(posterior, moves, 8, 1_000, ensembles=3, seed=2)
     assert not found.diagnoses["crawling"].converged

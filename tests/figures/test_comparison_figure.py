@@ -13,7 +13,9 @@ import emcee_femu as ef
 LONG = "a mixture of 90 % DE-MC and 10 % Metropolis-Hastings, as an engineer names it"
 PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 2.0], 0.3)
 MODEL = ef.FunctionModel(lambda p: [p["a"], p["a"] + p["b"]], n_modes=2)
-POSTERIOR = ef.LogPosterior(MODEL, ef.FrequencyTerm([1.0, 3.0], relative_sd=0.05), PRIOR)
+POSTERIOR = ef.LogPosterior(
+    MODEL, ef.FrequencyTerm([1.0, 3.0], relative_sd=0.05), PRIOR
+)
 MOVES = {"M-H": ef.MetropolisMove(sd=0.002), LONG: ef.DEMCMove()}
 MOVES["DE-MC"] = ef.DEMCMove()
 

@@ -172,7 +172,9 @@ def test_derived_quantities_are_drawn_when_asked_for():
     assert len(ef.figures.plot_scatter(idata).axes) == 4
     assert len(ef.figures.plot_correlation(idata).axes[0].texts) == 4
     chosen, units = {"var_names": ["p2", "p1"]}, {"p1": "%"}
-    axes = ef.figures.plot_scatter(idata, units=units, truths={"p0": 1.0}, **chosen).axes
+    axes = ef.figures.plot_scatter(
+        idata, units=units, truths={"p0": 1.0}, **chosen
+    ).axes
     assert [each.get_xlabel() for each in axes[2:]] == ["p2", "p1 [%]"]
     texts = ef.figures.plot_correlation(idata, **chosen).axes[0].texts
     assert [text.get_text() for text in texts] == 4 * ["1.00"]

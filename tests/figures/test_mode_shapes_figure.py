@@ -182,19 +182,6 @@ def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
 
 
-def test_a_model_without_measured_shapes_is_drawn_alone_in_space():
-    nodes = {0: (0, 0, 0), 1: (4, 0, 0), 2: (4, 3, 0), 3: (0, 3, 2)}
-    sensors = {i: (3, d) for i, d in enumerate(("ux", "uz"))}
-    geometry = ef.Geometry(nodes, [(0, 1), (1, 2), (2, 3)], sensors)
-    axes = ef.figures.plot_shapes(sample(MODEL, HERTZ), geometry=geometry).axes[0]
-    rest, moved = lines(axes, "at rest"), lines(axes, MOVED)
-    assert AT_SENSORS not in [line.get_label() for line in axes.lines]
-    # A parallel projection: x to the right, y to the right and up, z straight up.
-    x, y = rest[0, 1] - rest[0, 0], rest[1, 1] - rest[1, 0]
-    assert x[0] > 0 > x[1] and y[0] > 0 and y[1] > 0
-    assert (moved[2, 1] - rest[2, 1]).any()
-
-
 def test_the_matrix_has_the_mac_before_and_after_and_intervals_of_pairs(run):
     figure = ef.figures.plot_mac(run)
     mac = dataset(ef.to_inference_data(run), "response")["mac"].values.reshape(-1, 2)
@@ -225,19 +212,6 @@ def test_the_matrix_has_the_mac_before_and_after_and_intervals_of_pairs(run):
         if "–" in text.get_text():
             box = text.get_window_extent()
             assert any(f.x0 < box.x0 and box.x1 < f.x1 for f in boxes)
-
-
-def test_a_prior_mean_that_cannot_be_solved_is_left_out():
-    def solve(p):
-        if p["k1"] == 12.0:
-            raise ValueError("the model fails at the prior mean")
-        return ef.ModalSolution(HERTZ * p["k1"] / 10, SHAPES)
-
-    function = ef.FunctionModel(solve, n_modes=2)
-    paired = ef.PairedModel(function, TEST, candidates=2)
-    starts = PRIOR.sample(np.random.default_rng(1), 8)[None]
-    figure = ef.figures.plot_mac(sample(paired, TEST, starts=starts))
-    assert len(figure.axes) == 2  # one matrix, and its colours
 
 
 def test_what_close_modes_span_is_drawn_at_the_sensors_only():

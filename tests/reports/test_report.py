@@ -3,7 +3,6 @@
 import hashlib
 import html
 import re
-import shutil
 import sys
 
 import arviz
@@ -33,7 +32,6 @@ PLAIN = ef.LogPosterior(ROOT, TERM, NORMAL)
 ALWAYS = ["What was measured", "Model and parameters", "Likelihood", "Solves"]
 ALWAYS += ["Can the result be trusted?", "Parameters before and after"]
 ALWAYS += ["Prior and posterior", "How to repeat this"]
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 def sample(posterior):
@@ -79,7 +77,10 @@ def test_all_that_is_known_of_a_run_is_in_its_report_and_nothing_is_elsewhere(
     run, tmp_path
 ):
     """Its tables, statements, digests of the data, and pictures inside the page."""
-    page, idata = write(tmp_path, run, discard=10), ef.to_inference_data(run, discard=10)
+    page, idata = (
+        write(tmp_path, run, discard=10),
+        ef.to_inference_data(run, discard=10),
+    )
     for table in (
         ef.parameter_table(idata),
         ef.frequency_table(idata, run.posterior),
@@ -202,43 +203,3 @@ def test_without_jinja_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(ImportError, match=r"emcee_femu\[report\]"):
         ef.report(None, tmp_path / "report.html")
-
-
-@pytest.mark.slow
-def test_a_browser_shows_it_without_a_fault_on_a_phone_and_on_a4(run, tmp_path):
-    """A browser starts, and shows 14 parameters too."""
-    playwright = pytest.importorskip("playwright.sync_api", exc_type=ImportError)
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine")
-    springs = {f"k{i}": (i, i + 1, 10.0) for i in range(14)}
-    chain = ef.MassSpringModel([1.0] * 14, springs)
-    hertz = chain({}).frequencies[0]
-    prior = ef.GaussianPrior([*springs], [10.0] * 14, 1.0, [(1, 30)] * 14)
-    wide = ef.LogPosterior(chain, ef.FrequencyTerm(hertz, relative_sd=0.05), prior)
-    many = ef.run(wide, ef.DEMCMove(), 32, 60, ensembles=1, seed=1)
-    faults, asked = [], []
-    with playwright.sync_playwright() as running:
-        flags = ["--no-sandbox", "--disable-gpu"]
-        browser = running.chromium.launch(executable_path=CHROMIUM, args=flags)
-        page = browser.new_page()
-        page.on("console", lambda message: faults.append(message.text))
-        page.on("pageerror", lambda error: faults.append(str(error)))
-        page.on("request", lambda request: asked.append(request.url[:5]))
-        for source in (run, many):
-            path = ef.report(source, tmp_path / "report.html")
-            for media, width in (("screen", 390), ("screen", 1280), ("print", 658)):
-                page.set_viewport_size({"width": width, "height": 900})
-                page.emulate_media(media=media, color_scheme="dark")
-                page.goto(path.as_uri(), wait_until="load")
-                right = page.evaluate(
-                    """paper => Math.max(document.documentElement.scrollWidth,
-                    ...[...document.querySelectorAll(paper ? 'table, img' : 'img')]
-                    .map(e => e.getBoundingClientRect().right))""",
-                    media == "print",
-                )
-                assert right <= width + 1, (media, width)
-                colours = page.evaluate("getComputedStyle(document.body).color")
-                light = min(map(int, re.findall(r"\d+", colours))) > 128
-                assert light == (media == "screen")
-        browser.close()
-    assert faults == [] and {*asked} <= {"file:", "data:"}

@@ -78,21 +78,3 @@ def test_the_object_of_a_certified_posterior_is_its_chain_with_a_seal(tmp_path):
         np.testing.assert_allclose(group["lp"].values, true, rtol=1e-9)
         assert ef.diagnose(sealed).chains.status != "none"
     assert "certified" not in ef.parameter_table(idata).title  # given as it was
-
-
-@pytest.mark.slow
-def test_emulators_of_a_structure_get_the_verdict_that_they_deserve():
-    """Of the paper's mass-spring: many points, and a few of the prior."""
-    problem = ef.paper.mass_spring().posterior
-    run = ef.run(problem, ef.DEMCMove(), 20, 600, seed=1, ensembles=1)
-    chain, rng = run[0].get_chain(discard=300, flat=True), np.random.default_rng(2)
-    sampled = problem.prior.sample(rng, 20)
-    many = np.vstack([chain[rng.choice(len(chain), 40, replace=False)], sampled])
-    for points, verdict in ((many, "certified"), (sampled[:8], "refused")):
-        solves = len(points) + len(problem.names) // 2 + 1  # and a batch
-        emulated = ef.emulate(
-            problem, solves, seed=1, tolerance=0, derivatives=False, starts=points
-        )
-        # A shorter chain knows the lobe too badly for a verdict on the emulator.
-        sampler = ef.run(emulated.posterior, "auto", 40, 1_500, seed=2, ensembles=1)
-        assert ef.certify(sampler, problem, 100, seed=2).short == verdict

@@ -59,14 +59,14 @@ def shifted():
 def test_moments_are_the_exact_ones_and_errors_are_honest(emulated, true, phi):
     """Squares scatter about the true mean less than about the emulated one."""
     found = [
-        certify(emulated, true, n=3_000, seed=s, solves=180, phi=phi) for s in range(30)
+        certify(emulated, true, n=2_000, seed=s, solves=180, phi=phi) for s in range(20)
     ]
     z = np.array(
         [[*(c.mean / c.mean_error), *((c.sd - 1) / c.sd_error)] for c in found]
     )
     assert (np.abs(z.mean(axis=0)) < 4.5 / np.sqrt(len(z))).all()
     # All together: the mean square of a z-score is 1.
-    assert 0.6 < (z**2).mean() < 1.5
+    assert 0.55 < (z**2).mean() < 1.6
 
 
 @pytest.mark.slow
@@ -178,7 +178,9 @@ def test_walkers_that_exchange_places_know_no_more():
     worth = [c.effective / n for c in found]
     assert np.mean(worth) == pytest.approx(np.tanh(size / n), abs=0.14)  # the worst's
     errors = np.mean([[c.mean_error, c.sd_error] for c in found], axis=(0, 2))
-    np.testing.assert_allclose(errors, (size**-0.5, (2 * of_squares) ** -0.5), rtol=0.25)
+    np.testing.assert_allclose(
+        errors, (size**-0.5, (2 * of_squares) ** -0.5), rtol=0.25
+    )
 
 
 def stiffness(log_density, low=1e1, high=1e9):
@@ -339,7 +341,9 @@ def test_a_flat_part_that_the_emulator_lacks_is_refused():
         return np.logaddexp(AWAY(theta), -1.0 - 4.0 * beyond**2)
 
     true = free_posterior(log_density, WIDE_BOX)
-    found = ef.certify(sampled(posterior(AWAY), draws(AWAY, 4_000, 1)), true, 80, seed=0)
+    found = ef.certify(
+        sampled(posterior(AWAY), draws(AWAY, 4_000, 1)), true, 80, seed=0
+    )
     assert found.efficiency > 0.99 and found.short == "refused" and found.missed
 
 

@@ -294,7 +294,9 @@ def test_terms_on_different_numbers_of_modes_stay_apart(terms, prefix):
     target = ef.LogPosterior(Five(), terms, PRIOR)
     if prefix:
         target = ef.LogPosterior.joint({"test": (Five(), terms)}, PRIOR)
-    idata = ef.to_inference_data(ef.run(target, ef.DEMCMove(), 8, 20, ensembles=1, seed=1))
+    idata = ef.to_inference_data(
+        ef.run(target, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    )
     stored = {*dataset(idata, "log_likelihood")["data"].datum.values.tolist()}
     for term, name in zip(terms, ("", f"[{terms[1].name}]"), strict=True):
         observed = dataset(idata, "observed_data")[f"{prefix}frequency{name}"]

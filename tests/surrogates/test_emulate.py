@@ -155,7 +155,10 @@ def test_inferred_errors_are_no_inputs_of_the_emulator_nor_of_its_derivatives():
 @pytest.mark.parametrize("n_terms", [1, 2])
 def test_modes_that_are_paired_are_emulated_in_units_of_their_errors(n_terms):
     """Candidates, each with the error of its measured one; shapes tell the pairs."""
-    K = {"a": np.diag([1.0, 0, 0]), "b": np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])}
+    K = {
+        "a": np.diag([1.0, 0, 0]),
+        "b": np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]]),
+    }
     model = ef.MatrixModel(np.zeros((3, 3)), np.eye(3), K, n_modes=3, shapes=True)
     true = model({"a": np.array([1.1]), "b": np.array([0.9])})
     chosen = [2, 0]  # in another order than the model's, one of them not measured
@@ -444,7 +447,8 @@ def test_derivatives_save_solves_and_can_be_switched_off():
         return DESIGN + np.column_stack([steep, np.zeros(3)])
 
     on, off = (
-        ef.emulate(sloped(waves, slopes), 8, **ALL, derivatives=d) for d in (True, False)
+        ef.emulate(sloped(waves, slopes), 8, **ALL, derivatives=d)
+        for d in (True, False)
     )
     assert on.solves == off.solves == 8
     assert 3 * distance(on, waves) < 0.001 < distance(off, waves)
