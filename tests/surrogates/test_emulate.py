@@ -216,10 +216,10 @@ def draw_ridge(n, relative_sd):
 @SLOW
 def test_a_thin_ridge_is_emulated_right_or_the_history_tells():
     """Few members of a population ever come upon it, and they become copies."""
-    posterior = posed_slab(5e-4)
-    emulated, theta = ef.emulate(posterior, 60, seed=3), draw_ridge(400, 5e-4)
+    emulated, theta = ef.emulate(posed_slab(5e-4), 60, seed=3), draw_ridge(400, 5e-4)
+    data = slab([*TRUTH.values()])
     assert emulated.solves < 40
-    full = exact(slab, posterior.terms[0], SLAB_PRIOR, theta)
+    full = exact(slab, Gaussian(data, 5e-4 * data), SLAB_PRIOR, theta)
     apart = full - emulated.posterior(theta)[:, 0]
     assert apart.std() < 0.2  # as of errors of a tenth of the measurement's
     copies = ef.emulate(posed_slab(1e-6), 20, seed=1)
@@ -243,14 +243,13 @@ def swaying_slopes(x):
 
 
 @SLOW
-@pytest.mark.parametrize("derivatives", [True, False])
-def test_a_sharp_posterior_is_reached_in_stages(derivatives):
+def test_a_sharp_posterior_is_reached_in_stages():
     """A thousand times narrower than its prior; first errors are hundreds of sds."""
     truth = np.array([0.7, -0.5, 1.0, 0.2, -0.9, 0.4])
     term = Gaussian(swaying(truth), 1e-3)
     posterior = sloped(swaying, swaying_slopes, SIX_PRIOR, term)
-    emulated = ef.emulate(posterior, 90, seed=1, derivatives=derivatives)
-    assert emulated.solves < (30 if derivatives else 90)
+    emulated = ef.emulate(posterior, 90, seed=1)
+    assert emulated.solves < 30
     predicted = emulated.history.column("predicted error")
     assert predicted[0] > 100 and predicted[-1] < 0.5
     assert emulated.history.column("effective draws")[-1] > 50
