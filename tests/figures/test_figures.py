@@ -190,13 +190,6 @@ def test_correlation_map_shows_the_correlations():
     assert_nothing_is_clipped(figure, "p0", "p1")
 
 
-def test_the_error_of_the_running_mean_ends_at_that_of_the_table():
-    posterior = ef.paper.h_structure().posterior
-    run = ef.run(posterior, ef.DEMCMove(), 24, 30, seed=1, ensembles=1)
-    end = ef.frequency_table(run).column("error % ")[-1]
-    assert_nothing_is_clipped(ef.figures.plot_tae(run), f"ends at {end:.3g} %")
-
-
 MARGINALS = {"k": stats.norm(10.0, 2.0), "sigma": stats.halfnorm(scale=1e-3)}
 MARGINALS |= {"m": stats.lognorm(0.5, scale=3e6)}
 
