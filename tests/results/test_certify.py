@@ -85,7 +85,7 @@ def test_a_variance_is_never_below_zero():
 
 def test_where_all_weights_are_equal_all_is_that_of_the_whole_chain():
     """Its errors too, where squares forget sooner, by phi^2."""
-    n, phi = 20_000, 0.9
+    n, phi = 10_000, 0.9
     theta = draws(TRUE, n, 3, phi)
     found = certify(TRUE, n=n, phi=phi)
     np.testing.assert_allclose(found.mean, theta.mean(axis=0), atol=1e-12)
@@ -104,7 +104,7 @@ def test_where_all_weights_are_equal_all_is_that_of_the_whole_chain():
 def test_efficiency_and_weights_are_those_of_the_law():
     moved = LogGaussian(np.array([0.5, 0.0, 0.0]), np.eye(3))
     law = LogGaussian(np.zeros(3), np.eye(3), 40.0)
-    found = certify(moved, law, n=8_000, solves=1_500)
+    found = certify(moved, law, n=4_000, solves=1_000)
     assert found.efficiency == pytest.approx(np.exp(-(0.5**2)), abs=0.04)
     assert found.weights.mean() == pytest.approx(1.0)
     expected = np.exp(law(found.theta) - moved(found.theta))
