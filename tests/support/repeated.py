@@ -12,13 +12,14 @@ import numpy as np
 import xarray
 from scipy import stats
 
-from emcee_femu.posterior.priors import IndependentPrior
-from emcee_femu.results.arviz_objects import wrap
+import emcee_femu as ef
+
+from .chains import wrap
 
 NAMES = ("k1", "k2")
 MEAN, SPREAD = np.array([1.0, 1.1]), np.array([0.06, 0.04])
 NOISE = 0.02  # of ln f
-PRIOR = IndependentPrior(
+PRIOR = ef.IndependentPrior(
     {"k1": stats.lognorm(0.15, scale=0.9), "k2": stats.lognorm(0.12, scale=1.2)}
 )
 GRID = np.linspace(0.55, 1.75, 241)
