@@ -1,15 +1,16 @@
-"""Climbs in logarithms end at the maximum of their density, with its Gaussian."""
+"""Climbs end at the maximum of their density, with its Gaussian, however thin."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, box, density_term
+from support.free_posterior import FreeModel, box, free_posterior
 
 import emcee_femu as ef
 from emcee_femu.evaluation.evaluator import Evaluation, Solver
 from emcee_femu.sampling.climbing import Maximum, climb, distinct
 from emcee_femu.sampling.coordinates import Coordinates
+from emcee_femu.sampling.quadratic import log_integral, make_positive
 
 # Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
 PRIOR = ef.IndependentPrior(
@@ -22,14 +23,6 @@ PRIOR = ef.IndependentPrior(
 MEASURED, SD = np.array([12.0, 1.5, 0.5]), np.array([0.4, 0.3, 1.0])
 PRIOR_MEAN, PRIOR_SD = np.array([np.log(1e6), np.log(3.0), -1.0]), [2.0, 0.5, 2.0]
 EVIDENCE = stats.norm.logpdf(MEASURED, PRIOR_MEAN, np.hypot(PRIOR_SD, SD)).sum()
-
-
-class FreeSlopes(FreeModel):
-    """No FE model either, but one with derivatives."""
-
-    def jacobian(self, parameters):
-        """Return the frequency that nobody reads, which never changes."""
-        return self(parameters), {"frequency": {}}
 
 
 def log_density(theta):
@@ -53,31 +46,24 @@ class Logs:
         return self(p), {"y": by}
 
 
-def gaussian(model):
-    """Return the posterior by a term whose information is known."""
-    variables = Logs.variables
+class Term:
+    """A term whose information is known."""
 
-    class Term:
-        name, reads = "y", variables
+    name, reads = "y", Logs.variables
 
-        def deviations(self, parameters, response):
-            r = response["y"] - MEASURED
-            return r, np.broadcast_to(SD, r.shape)
+    def deviations(self, parameters, response):
+        r = response["y"] - MEASURED
+        return r, np.broadcast_to(SD, r.shape)
 
-        def __call__(self, parameters, response):
-            return stats.norm.logpdf(response["y"], MEASURED, SD).sum(axis=1)
-
-    return ef.LogPosterior(model, Term(), PRIOR)
+    def __call__(self, parameters, response):
+        return stats.norm.logpdf(response["y"], MEASURED, SD).sum(axis=1)
 
 
-def free(model):
-    """Return the posterior by a term of which only differences tell."""
-    return ef.LogPosterior(model, density_term(log_density, PRIOR.names), PRIOR)
-
-
-CASES = {"rows": free(FreeModel()), "gradients": free(FreeSlopes())}
-CASES["information"] = gaussian(lambda p: Logs()(p))
-CASES["jacobian"] = gaussian(Logs())
+CASES = {
+    "rows": free_posterior(log_density, PRIOR, FreeModel()),
+    "information": ef.LogPosterior(lambda p: Logs()(p), Term(), PRIOR),
+    "jacobian": ef.LogPosterior(Logs(), Term(), PRIOR),
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -140,3 +126,23 @@ def test_a_needle_is_another_maximum_than_what_is_as_high_beside_it():
         )
     ]  # the last is lower than the Gaussian about the first would have it
     assert sorted(map(sorted, distinct(maxima))) == [[0, 2], [1], [3]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_mass_of_a_very_thin_gaussian_is_that_of_its_draws(seed):
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+    values = np.array([1e14, 1e6, 1.0, 1.0])
+    curvature = make_positive((axes * values) @ axes.T)
+    draws = rng.standard_normal((20_000, 4)) / np.sqrt(values) @ axes.T
+    inside = (np.abs(draws) < 1.0).all(axis=1).mean()
+    expected = np.log(inside) + 0.5 * (4 * np.log(2 * np.pi) - np.log(values).sum())
+    found = log_integral(np.zeros(4), curvature, np.full(4, -1.0), np.full(4, 1.0))
+    assert_allclose(found, expected, atol=0.17)
+
+
+def test_a_saddle_keeps_its_scales():
+    turned = np.array([[0.8, -0.6], [0.6, 0.8]])
+    saddle = turned @ np.diag([-4.0, 9.0]) @ turned.T
+    expected = turned @ np.diag([4.0, 9.0]) @ turned.T
+    assert_allclose(make_positive(saddle), expected, atol=1e-12)
