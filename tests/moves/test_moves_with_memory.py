@@ -173,13 +173,3 @@ def test_what_cannot_be_copied_is_refused_by_name_before_a_solve():
     posterior = posed(model=ef.FunctionModel(forbidden, n_modes=3), term=lambda p, r: 0)
     with pytest.raises(TypeError, match="Locked.*lock"):
         ef.run(posterior, Locked(), seed=1)
-
-
-class Array(ArchiveMove):
-    def state(self):
-        return np.array(self.archive)
-
-
-def test_a_state_that_json_cannot_hold_is_refused_by_name_before_a_step(path):
-    with pytest.raises(TypeError, match=r"Array.*tolist"):
-        sampled(path, moves=Array())

@@ -70,54 +70,6 @@ def test_a_population_is_normalised_inside_the_bounds_and_impossible_beyond():
     assert likely[3] == pytest.approx(likely[4], abs=1e-6)  # no draw alone decides
 
 
-@pytest.mark.slow
-def test_two_parameter_structures_are_pooled_as_by_nested_quadrature():
-    """The law of the whole: draws of tests, weights, and the run of the population."""
-    rng, number = np.random.default_rng(20), 20
-    measured, _ = repeated.simulate(rng, number)
-    tests = {f"t{i}": repeated.make_test(rng, m, 3_000) for i, m in enumerate(measured)}
-    population = ef.population.NormalPopulation(repeated.NAMES)
-    found = ef.pool_tests(
-        tests, population, seed=1, draws=3_000, steps=150, ensembles=2
-    )
-    exact = repeated.quadrature(measured, found.population.hyperpriors)
-    posterior = found.idata["posterior"]
-    got = np.array([posterior[name].values.ravel() for name in found.model.names])
-    np.testing.assert_allclose((got.mean(axis=1) - exact.mean) / exact.sd, 0, atol=0.2)
-    np.testing.assert_allclose(got.std(axis=1) / exact.sd, 1, atol=0.1)
-    assert found.unreached == ()
-    mean, sd = exact.tests[:, :, 0], exact.tests[:, :, 1]
-    error = (found.theta.mean(axis=0) - mean) / sd  # by 1,000 draws of each
-    assert np.sqrt((error**2).mean()) < 0.1 and abs(error).max() < 0.4
-    ratio = found.theta.std(axis=0) / sd
-    assert np.sqrt(((ratio - 1) ** 2).mean()) < 0.1
-
-
-@pytest.mark.slow
-def test_the_monte_carlo_error_is_the_scatter_among_other_draws():
-    """Of likelihoods that are flat above a limit, which few draws know well."""
-    limits, grid = np.linspace(1.4, 2.4, 12), np.linspace(-9, 12, 20_001)
-    prior, means, claimed = stats.norm(1.5, 3.0), [], []
-    for seed in range(8):
-        rng, tests = np.random.default_rng(seed), {}
-        for i, limit in enumerate(limits):
-            likelihood = stats.norm(limit, 0.05).logcdf
-            weights = np.exp(likelihood(grid)) * prior.pdf(grid)
-            theta = rng.choice(grid, 1_000, p=weights / weights.sum())[:, None]
-            log_prior = prior.logpdf(theta)
-            lp = likelihood(theta[:, 0]) + log_prior[:, 0]
-            moments = np.array([[1.5], [3.0]])
-            tests[f"t{i}"] = repeated.as_idata(["k"], theta, lp, log_prior, moments)
-        population = ef.population.NormalPopulation(["k"])
-        options = {"draws": 250, "steps": 150, "ensembles": 2}
-        found = ef.pool_tests(tests, population, seed=seed, **options)
-        draws = found.idata["posterior"]["mean k"].values
-        means.append([draws.mean(), draws.std()])
-        claimed.append(found.monte_carlo[0, 0])
-    scatter = np.std(means, axis=0, ddof=1)[0] / np.mean(means, axis=0)[1]
-    assert 0.5 < np.mean(claimed) / scatter < 2.0
-
-
 HYPER = {
     "mean k1": stats.norm(1.0, 0.05),
     "mean k2": stats.norm(1.0, 0.1),

@@ -65,21 +65,6 @@ def test_weights_of_modes_are_exact_and_so_are_their_errors():
     assert abs(inside.mean() - SHARE) < LIMIT * inside.std() / np.sqrt(5)
 
 
-@pytest.mark.slow
-def test_a_valley_tells_a_mode_from_the_tail_that_it_stands_in():
-    """Most of what is unexplained is tail, from where climbs lead to the known mode."""
-
-    def log_density(x):
-        tail = -2.0 * np.log1p((x**2).sum(axis=1) / 2.0)
-        apart = ((x - [15.0, 0.0]) ** 2).sum(axis=1)
-        return np.logaddexp(tail, np.log(0.02) - 0.5 * apart / 1.5**2)
-
-    posterior = free_posterior(log_density, box(-40, 40, 2))
-    for seed in range(6):
-        found = ef.run(posterior, "auto", 16, 2, ensembles=2, seed=seed).search
-        assert len(found.weights) == 2 and found.found_by.sum(axis=0).all()
-
-
 @pytest.mark.parametrize("given", ["starts", "draws"])
 def test_a_needle_that_no_scan_can_hit_is_found_where_it_was_given(given):
     """One ensemble starts there, or the posterior brings draws; exactly weighed."""
@@ -218,13 +203,6 @@ def test_the_search_keeps_to_its_budget_whatever_lies_at_bounds(caplog):
         assert (sampler.acceptance_fraction > 0).mean() > 0.8
 
 
-def test_climbs_leave_the_budget_of_what_follows(monkeypatch):
-    monkeypatch.setattr("emcee_femu.sampling.auto.LEAST_BUDGET", 4_500)
-    posterior = free_posterior(ten_modes, box(-20, 20, 2))
-    search = ef.run(posterior, "auto", 16, 2, seed=1).search
-    assert search.solves < 4_500 and search.climbs == 4  # one of each, of ten modes
-
-
 # --- gradients --------------------------------------------------------------------
 
 GRID = np.linspace(-6.0, 3.0, 20_001)
@@ -260,35 +238,6 @@ def test_skew_parameters_are_moved_by_gradients_where_there_are_any():
     assert largest_z(samplers, MEAN, SPREAD, discard=20) < LIMIT
     x = np.concatenate([s.get_chain(flat=True, discard=20) for s in samplers])
     assert_allclose(x.std(axis=0) / SPREAD, 1.0, atol=0.15)
-
-
-class Square:
-    """A response of which the sign of a parameter is not known."""
-
-    names, variables = ("a", "b"), {"y": ef.Variable({"i": range(2)})}
-
-    def __call__(self, p):
-        return {"y": np.column_stack([p["a"] ** 2, p["b"]])}
-
-    def jacobian(self, p):
-        slopes = {"a": 2 * p["a"][:, None] * [1, 0], "b": np.ones_like(p["b"])[:, None]}
-        return self(p), {"y": slopes | {"b": slopes["b"] * [0, 1]}}
-
-
-def test_beside_gradients_there_are_jumps_between_modes(monkeypatch):
-    monkeypatch.setattr(
-        "emcee_femu.sampling.auto.POOR_ACCEPTANCE", 2.0
-    )  # gradients do better
-
-    def term(parameters, response):
-        return -50 * ((response["y"] - 1) ** 2).sum(axis=1)
-
-    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], 1.0)
-    posterior = ef.LogPosterior(Square(), term, prior)
-    run = ef.run(posterior, "auto", 16, 10, ensembles=2, seed=1)
-    assert len(run.search.weights) == 2
-    shares = {type(move).__name__: share for move, share in run.moves}
-    assert shares["HamiltonianMove"] > shares["IndependenceMove"] > 0
 
 
 # --- what it says and gains -------------------------------------------------------

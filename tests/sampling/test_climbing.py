@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, box, free_posterior
+from support.free_posterior import FreeModel, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.evaluation.evaluator import Evaluation, Solver
-from emcee_femu.sampling.climbing import Maximum, climb, distinct
+from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.sampling.climbing import climb
 from emcee_femu.sampling.coordinates import Coordinates
 from emcee_femu.sampling.quadratic import log_integral, make_positive
 
@@ -82,50 +82,6 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
             assert end.log_evidence == pytest.approx(EVIDENCE, abs=0.05)
             row = positive.rows(evaluator, end.theta[None])[0]
             assert_allclose(end.row, row, rtol=1e-9)
-
-
-class Jumping:
-    """A frequency that is x up to a jump, and says that its slope is one everywhere."""
-
-    names, variables = ("x1",), ef.modal_variables(1)
-
-    def __init__(self, edge):
-        self.edge = edge
-
-    def __call__(self, p):
-        """Return it."""
-        return ef.ModalSolution((p["x1"] + 100.0 * (p["x1"] > self.edge))[:, None])
-
-    def jacobian(self, p):
-        """Return it and its derivative."""
-        return self(p), {"frequency": {"x1": np.ones((len(p["x1"]), 1))}}
-
-
-@pytest.mark.parametrize("edge", [0.5, 0.7])
-def test_below_a_jump_a_steep_gradient_promises_no_evidence(edge):
-    """Such as where modes are paired otherwise, at a bound or not."""
-    term = ef.FrequencyTerm([1.0], relative_sd=0.01)
-    posterior = ef.LogPosterior(Jumping(edge), term, box(0.5, 3.0, 1))
-    (end,) = climb(Evaluation(Solver(posterior, False)), np.array([[0.5]]))
-    assert end.message == "no step gains" and end.at_bound == (edge == 0.5)
-    assert abs(end.theta - edge) < 1e-3
-    assert end.log_evidence < end.log_posterior + np.log(2.5)
-
-
-def test_a_needle_is_another_maximum_than_what_is_as_high_beside_it():
-    at_bound = np.zeros(2, dtype=bool)
-    maxima = [
-        Maximum(
-            np.array([x, 0.0]), np.full(1, top), v * np.eye(2), 0.0, at_bound, True, ""
-        )
-        for x, v, top in (
-            (0.0, 1.0, 0.0),
-            (0.5, 1e-4, 0.0),
-            (0.1, 1.0, 0.0),
-            (0.2, 1.0, -1.0),
-        )
-    ]  # the last is lower than the Gaussian about the first would have it
-    assert sorted(map(sorted, distinct(maxima))) == [[0, 2], [1], [3]]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -133,19 +133,6 @@ def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
     assert ef.find_map(posterior, 6, seed=1, check=60).solves == result.solves + 60
 
 
-def test_rounding_leaves_no_maximum_an_ulp_out_of_bounds():
-    rng = np.random.default_rng(4)
-    bounds = np.sort(rng.normal(size=(30, 2)) * 10.0 ** rng.integers(-9, 9, (30, 1)))
-    width = np.ptp(bounds, axis=1)
-    slopes = np.where(rng.random(30) < 0.5, -9, 9) / width
-    posterior = density_posterior(lambda x: x @ slopes, 3 * width, bounds)
-    (best,) = ef.find_map(posterior, 1, seed=1).maxima
-    assert best.converged and best.at_bound.all()
-    ends = np.where(slopes > 0, bounds[:, 1], bounds[:, 0])
-    assert_allclose((best.theta - ends) / width, 0, atol=1e-12)
-    assert ((best.theta >= bounds[:, 0]) & (best.theta <= bounds[:, 1])).all()
-
-
 @pytest.mark.parametrize("outside", [1.0, 5.0])
 def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     scale = np.diag([1.0, 2.0, 0.7])
@@ -288,29 +275,6 @@ def test_failures_follow_the_policy():
     assert all("solve" in reason and "failed" in reason for reason in result.lost)
     with pytest.raises(RuntimeError, match="starts: none of 2"):
         ef.find_map(posterior, starts[[0, 2]], **reject)
-
-
-class Pothole(NoModel):
-    """Cannot be solved near a point; it may have derivatives, which say nothing."""
-
-    at, failed = np.array([-1.0, -3.0]), 0
-
-    def __call__(self, parameters):
-        theta = np.column_stack([*parameters.values()])
-        if ((theta > self.at) & (theta < self.at + 0.3)).all(axis=1).any():
-            self.failed += 1
-            raise ArithmeticError("no equilibrium")
-        return super().__call__(parameters)
-
-
-def test_a_curvature_does_without_a_solve_that_failed():
-    target = stats.multivariate_normal([1.0, -1.0], [[1.0, 0.3], [0.3, 2.0]])
-    posterior = density_posterior(target.logpdf, [4.0, 4.0], model=Pothole())
-    reject = {"on_failure": "reject", "max_failures": 1.0}
-    (best,) = ef.find_map(posterior, [-1.0, -3.0], seed=1, **reject).maxima
-    assert posterior.model.failed and best.converged
-    assert_allclose(best.theta, target.mean, atol=0.1)
-    assert_allclose(best.covariance, target.cov, rtol=0.01)
 
 
 class WithoutDerivatives(Derived):

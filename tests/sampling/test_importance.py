@@ -7,7 +7,6 @@ from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.moves.mixture import Mixture
-from emcee_femu.sampling.auto import is_better
 from emcee_femu.sampling.importance import (
     bridge,
     find_acceptance,
@@ -51,28 +50,6 @@ def test_a_bridge_between_two_gaussians_has_the_ratio_of_their_constants(share):
         assert 0 < estimate.overlap <= 1
     assert abs(np.mean(ratios) - 3.7) < 5 * np.std(ratios) / np.sqrt(200)
     assert_allclose(np.mean(errors), np.std(ratios), rtol=0.2)
-
-
-def trial(weights, means, variance):
-    """Return the trial of a proposal of two modes at 0 and 20, of weights .3 and .7."""
-    matrices = np.full((len(means), 1, 1), variance)
-    proposal = Mixture(np.array(weights), np.array(means)[:, None], matrices, 50.0)
-    x = proposal.draw(np.random.default_rng(2), 4_000)
-    laws = np.log([0.3, 0.7]) + stats.norm([0.0, 20.0], 1.0).logpdf(x)
-    rows = np.logaddexp(*laws.T)[:, None]
-    return Trial(proposal, x, rows)
-
-
-def test_a_proposal_that_finds_more_is_better_though_it_is_less_efficient():
-    one = trial([1.0], [0.0], 1.0)
-    both = trial([0.5, 0.5], [0.0, 20.0], 3.0)
-    assert one.efficiency > 0.9 > 0.7 > both.efficiency
-    assert is_better(both, one) and not is_better(one, both)
-    near = trial([0.3, 0.7], [0.0, 20.0], 1.0)
-    assert near.log_evidence < both.log_evidence  # by chance, a little
-    assert is_better(near, both) and not is_better(both, near)
-    nothing = Trial(one.mixture, one.theta, np.full_like(one.rows, -np.inf))
-    assert is_better(one, nothing) and not is_better(nothing, one)
 
 
 # A Gaussian cut at zero, whose evidence is LOG_Z, and proposals that reach beyond.
