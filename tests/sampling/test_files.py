@@ -122,10 +122,18 @@ def test_workers_store_what_one_process_goes_on_with_and_emcee_too(path):
     assert_same(samplers, sampled(None, steps=12, workers=2))
 
 
-def test_what_auto_found_is_not_sought_again(whole, path):
+def test_what_auto_found_is_not_sought_again_and_no_other_search_goes_on(
+    whole, path, monkeypatch
+):
     first, _ = attempt("auto", path, steps=5)
     second, result = attempt("auto", path)
     assert second < first / 2 and result == whole("auto")[1]
+    path.unlink()
+    attempt("auto", path, stop=first // 2)
+    # Another version of the package asks for other points.
+    monkeypatch.setattr("emcee_femu.sampling.auto.FEWEST_SEARCHED", 500)
+    with pytest.raises(ValueError, match="search.*run.stored"):
+        sampled(path, moves="auto")
 
 
 # --- deaths ------------------------------------------------------------------------
@@ -275,8 +283,18 @@ def with_moves(share=0.9, **options):
     return {"moves": [(ef.DEMCMove(), share), (stretch, 1 - share)]}
 
 
+def strain(parameters, response):
+    """The term, of which nobody knows what was measured."""
+    return Gaussian()(parameters, response)
+
+
 CHANGES = {  # what was run, what is asked for, and what the message names
     "data": ({}, {"posterior": posed(Gaussian(DATA + [0, 0, 0.01]))}, "strain.*0.31"),
+    "observed": (
+        {"posterior": posed(strain)},
+        {"posterior": posed()},
+        "strain.*absent",
+    ),
     "covariance": (with_covariance(0.1), with_covariance(-0.1), "frequency"),
     "prior": ({}, with_prior(sd=1.01), "prior.*1.01"),
     "bounds": ({}, with_prior(bounds=[(-4, 4), (-4, 5)]), "bounds.*b.*5"),
