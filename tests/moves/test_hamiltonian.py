@@ -1,6 +1,5 @@
 """The Hamiltonian move: its target, its solves, runs of it, and its tuning."""
 
-import os
 from functools import cache
 
 import emcee
@@ -9,7 +8,6 @@ import pytest
 from emcee.model import Model
 from support.checks import LIMIT
 from support.gradients import Derived, Solver
-from support.pool_problems import forks, open_executor
 from support.smooth_laws import SmoothGaussian, SmoothTriangle
 
 import emcee_femu as ef
@@ -110,11 +108,6 @@ def test_rejections_fall_with_the_square_of_the_step(ndim):
 
 # In runs.
 
-POSTERIOR = ef.paper.mass_spring().posterior
-CENTRE = np.array([4010.0, 2210.0, 2130.0, 2595.0, 2398.0])
-COVARIANCE = np.linalg.inv(POSTERIOR.linearize(CENTRE).information[0]).round(3)
-MOVE = ef.moves.HamiltonianMove(COVARIANCE, steps=3, step_size=0.3)
-MIXED = [(MOVE, 0.6), (DEMCMove(), 0.4)]
 PRIOR = ef.GaussianPrior(["a", "b"], [1.0, 1.0], 0.1, [(0.9, 1.4), (0.5, 1.05)])
 TERM = ef.FrequencyTerm([1.02, 1.43, 2.1], relative_sd=0.05)
 
@@ -128,50 +121,9 @@ class Failing(Derived):
         return super().__call__(parameters)
 
 
-class AtWork(Derived):
-    """Solves in other processes only."""
-
-    def __init__(self):
-        super().__init__()
-        self.home = os.getpid()
-
-    def __call__(self, parameters):
-        assert os.getpid() != self.home
-        return super().__call__(parameters)
-
-
-def run(moves, posterior=POSTERIOR, nwalkers=12, steps=8, **options):
+def run(moves, posterior, nwalkers=12, steps=8, **options):
     options = {"seed": 5, "ensembles": 1, **options}
     return ef.run(posterior, moves, nwalkers, steps, **options)
-
-
-def chain(moves, **options):
-    """Return what a short run stores."""
-    (sampler,) = run(moves, **options)
-    rows = sampler.get_log_prob()[..., None], sampler.get_blobs()
-    return np.concatenate([sampler.get_chain(), *rows], axis=2)
-
-
-def test_the_chain_is_the_same_however_it_is_evaluated():
-    serial = chain(MIXED, steps=4)
-    with open_executor("threads") as pool:
-        pooled = chain(MIXED, steps=4, pool=pool)
-    np.testing.assert_allclose(pooled, serial, rtol=1e-6)
-    rows = serial.reshape(-1, serial.shape[2])
-    np.testing.assert_allclose(rows[:, 5:], POSTERIOR(rows[:, :5]), rtol=1e-9)
-
-
-@pytest.mark.slow
-@forks
-def test_gradients_are_solved_by_the_workers():
-    """The law of a run's own processes where a move asks for gradients."""
-    pooled = chain(MIXED, workers=2)
-    np.testing.assert_allclose(pooled, chain(MIXED), rtol=1e-6)
-    move, starts = ef.moves.HamiltonianMove([0.01] * 2), np.full((12, 2), [1.0, 0.95])
-    starts += 1e-3 * np.arange(12)[:, None]
-    posterior = ef.LogPosterior(AtWork(), TERM, PRIOR)
-    (sampler,) = run(move, posterior, 12, 3, starts=starts, workers=1)
-    assert sampler.acceptance_fraction.mean() > 0.3
 
 
 def test_a_run_that_was_stopped_goes_on_to_the_bit_though_solves_fail(tmp_path):
@@ -186,6 +138,9 @@ def test_a_run_that_was_stopped_goes_on_to_the_bit_though_solves_fail(tmp_path):
     for first, second in zip(whole, resumed, strict=True):
         np.testing.assert_array_equal(second.get_chain(), first.get_chain())
         np.testing.assert_array_equal(second.get_blobs(), first.get_blobs())
+    stored = first.get_log_prob(flat=True), first.get_blobs(flat=True)
+    rows = posterior(first.get_chain(flat=True))
+    np.testing.assert_allclose(np.column_stack(stored), rows, rtol=1e-9)
 
 
 def test_a_step_costs_one_solve_and_none_beyond_the_bounds():

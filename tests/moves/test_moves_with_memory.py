@@ -12,7 +12,6 @@ from support.archive import (
     Forgetful,
     GuidedByThePast,
     GuidedByWhatIsKept,
-    HalfForgetful,
     Impatient,
 )
 from support.free_posterior import box, free_posterior
@@ -42,8 +41,6 @@ REMEMBERING = {  # they say what
 FORGETFUL = {  # they do not
     "archive": Forgetful(),
     "beside another": [(ef.DEMCMove(), 0.5), (Forgetful(), 0.5)],
-    "late": Forgetful(every=9),
-    "half": HalfForgetful(),
     "factor": Impatient(),
     "inner": GuidedByThePast(),
     "screened": Delayed(GuidedByThePast(), cheap),

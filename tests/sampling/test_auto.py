@@ -89,17 +89,6 @@ def test_a_needle_that_no_scan_can_hit_is_found_where_it_was_given(given):
         assert [n[needle] > 0 for n in result.starts] == [False, True, False]
 
 
-@pytest.mark.slow
-def test_scans_about_the_wide_mode_hit_a_needle():
-    """Which draws of the prior hardly ever do."""
-    samplers = ef.run(two_modes(0.05, 2), "auto", 20, 1_000, ensembles=2, seed=0)
-    assert min(samplers.search.weights) == pytest.approx(SHARE, abs=0.05)
-    for sampler in samplers:  # jumps reach both ensembles, and every walker
-        inside = sampler.get_chain()[..., 0] > 5 - 5 * 0.05
-        assert inside.mean() == pytest.approx(SHARE, abs=0.05)
-        assert inside.any(axis=0).all() and (~inside).any(axis=0).all()
-
-
 # --- one mode ---------------------------------------------------------------------
 
 CORRELATED = np.array([[1.0, 0.9, 0], [0.9, 1, 0], [0, 0, 0.1]])

@@ -60,11 +60,6 @@ class Deriving(Counting):
         return self.model.jacobian(parameters)
 
 
-def paper_posterior(problem, kind):
-    model = kind(problem.model)
-    return ef.LogPosterior(model, problem.posterior.terms, problem.posterior.prior)
-
-
 # --- Gaussians, of which all is known ---------------------------------------------
 
 
@@ -219,7 +214,7 @@ def test_a_density_without_bound_is_told():
 def test_the_problem_of_the_paper_takes_few_solves():
     problem = ef.paper.mass_spring()
     for kind, each in ((Deriving, 5), (Counting, 5 * (1 + problem.posterior.ndim))):
-        posterior = paper_posterior(problem, kind)
+        posterior = problem.posterior.with_models(kind)
         result = ef.find_map(posterior, 8, seed=3)
         assert result.solves == posterior.model.solves <= 8 * each
         best = result.maxima[0]
@@ -232,7 +227,7 @@ def test_the_problem_of_the_paper_takes_few_solves():
 @forks
 @pytest.mark.parametrize("kind", [Counting, Deriving])
 def test_the_number_of_workers_changes_nothing(kind):
-    posterior = paper_posterior(ef.paper.mass_spring(), kind)
+    posterior = ef.paper.mass_spring().posterior.with_models(kind)
     serial, model, two = (
         ef.find_map(posterior, 4, seed=1, check=30, workers=n) for n in (None, 1, 2)
     )
