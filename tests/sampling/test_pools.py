@@ -35,7 +35,6 @@ from support.systems import KILL, inherits, need_start_method, posix
 
 import emcee_femu as ef
 from emcee_femu import EvaluationPool
-from emcee_femu.moves import HamiltonianMove
 
 SLOW = pytest.mark.slow
 spawn = pytest.param("spawn", marks=SLOW)  # starts processes anew
@@ -150,7 +149,10 @@ def test_half_of_each_ensemble_is_on_the_pool_at_once():
 
 def test_together_ensembles_are_what_they_are_one_after_another():
     posterior = in_step(InStep())
-    moves = [(HamiltonianMove([0.04, 0.04], steps=3), 0.6), (ef.DEMCMove(), 0.4)]
+    moves = [
+        (ef.moves.HamiltonianMove([0.04, 0.04], steps=3), 0.6),
+        (ef.DEMCMove(), 0.4),
+    ]
     with ThreadPoolExecutor(4) as threads:
         together, alone = (
             ef.run(posterior, moves, 6, 9, ensembles=3, seed=1, pool=pool)
