@@ -113,46 +113,6 @@ def test_a_cluster_of_three_spans_its_subspace_and_no_more():
     np.testing.assert_allclose(macs[2], cosine, rtol=1e-10)
 
 
-# --- frequencies that cross inside the bounds
-
-TRUTH = {"a": 10.0, "b": 10.5}
-SD = 0.3
-
-
-class Crossing:
-    """Two uncoupled oscillators: their shapes are the two axes."""
-
-    variables = ef.modal_variables(2, range(2))
-
-    def __call__(self, parameters):
-        values = np.column_stack([parameters["a"], parameters["b"]])
-        order = np.argsort(values, axis=1)
-        shapes = np.eye(2)[order].transpose(0, 2, 1)
-        return ModalSolution(np.sort(values, axis=1), shapes)
-
-
-def crossing_posterior(pair):
-    test = Measurements([*TRUTH.values()], sd=[SD, SD], shapes=np.eye(2))
-    model = PairedModel(Crossing(), test, candidates=2) if pair else Crossing()
-    prior = ef.IndependentPrior(dict.fromkeys("ab", stats.norm(10.0, 1.0)))
-    return ef.LogPosterior(model, ef.FrequencyTerm(test), prior)
-
-
-def test_where_modes_cross_pairing_gives_the_exact_posterior():
-    posterior = crossing_posterior(pair=True)
-    theta = posterior.prior.sample(np.random.default_rng(0), 500)
-    precision = 1 / SD**2 + 1.0
-    mean = np.array([(v / SD**2 + 10.0) / precision for v in TRUTH.values()])
-    exact = stats.norm(mean, precision**-0.5).logpdf(theta).sum(axis=1)
-    rows = posterior(theta)
-    np.testing.assert_allclose(np.ptp(rows[:, 0] - exact), 0.0, atol=1e-9)
-    numbers = rows[:, posterior.columns["model_mode"]]
-    assert ((numbers[:, 0] > numbers[:, 1]) == (theta[:, 0] > theta[:, 1])).all()
-    # Without pairing the parameters are exchangeable: two modes, equally high.
-    there, swapped = crossing_posterior(False)(np.array([[9.9, 10.6], [10.6, 9.9]]))
-    assert there[0] == pytest.approx(swapped[0], rel=1e-12) and rows[:, 0].std() > 1
-
-
 def test_a_mode_without_a_pair_costs_a_finite_penalty():
     lonely = np.full((4, 1), 0.5)
     shapes = np.hstack([np.eye(4)[:, :1], lonely])
@@ -175,21 +135,17 @@ def test_a_mode_without_a_pair_costs_a_finite_penalty():
 # --- what was wrong in 0.1.0
 
 
-@pytest.mark.parametrize("with_frequencies", [False, True])
-def test_the_likelihood_has_no_step_where_modes_come_near(with_frequencies):
+def test_the_likelihood_has_no_step_where_modes_come_near():
     test = Measurements([10.0, 10.2], sd=[0.1, 0.1], shapes=np.eye(2))
-    terms = [ShapeTerm(test, delta=0.05), ef.FrequencyTerm(test)][
-        : 1 + with_frequencies
-    ]
+    term = ShapeTerm(test, delta=0.05)
     alone, values = np.cos(np.radians(20)) ** 2, []
-    for gap in np.linspace(0.005, 0.025, 401):  # half the least gap of 2 %, and past it
+    for gap in np.linspace(0.005, 0.025, 101):  # half the least gap of 2 %, and past it
         model = Fixed([10.0, 10.0 * (1 + gap)], turned(np.radians(20))[None])
         paired = PairedModel(model, test, candidates=2)({})
-        values.append(sum(term({}, paired)[0] for term in terms))
+        values.append(term({}, paired)[0])
         assert alone - 1e-12 <= paired.mac.min() <= paired.mac.max() <= 1 + 1e-12
-    if not with_frequencies:  # from the whole space of both to each mode's own
-        assert values[0] - values[-1] > 40
-    assert np.abs(np.diff(values)).max() < 1.5  # it fell by 46.8 from 1.999 to 2.001 %
+    assert values[0] - values[-1] > 40  # from the space of both to each mode's own
+    assert np.abs(np.diff(values)).max() < 5  # it fell by 46.8 from 1.999 to 2.001 %
 
 
 @pytest.mark.parametrize("leaving", [0, 2])
@@ -198,7 +154,7 @@ def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
     shapes = random_shapes(11, 1, 6, 3)
     measured = shapes[0] @ random_shapes(12, 3, 1)
     test, macs = Measurements([1.0], shapes=measured), []
-    for gap in np.linspace(0.009, 0.021, 241):
+    for gap in np.linspace(0.009, 0.021, 81):
         ratios = [1.001, 1 + gap] if leaving else [1 + gap, 1.001]
         model = Fixed(np.cumprod([1.0, *ratios]), shapes)
         macs.append(PairedModel(model, test, candidates=3)({}).mac[0, 0])
@@ -208,7 +164,7 @@ def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
     alone = mac(measured, shapes[0][:, [leaving]]).item()
     expected = max(mac(fit, measured).item(), alone)
     np.testing.assert_allclose(macs[-1], expected, rtol=1e-10)
-    assert np.abs(np.diff(macs)).max() < 0.02
+    assert np.abs(np.diff(macs)).max() < 0.06
 
 
 # --- sensors among the rows of the shapes
@@ -261,14 +217,6 @@ def test_rows_of_a_model_that_does_not_name_them():
     test = Measurements([1.0, 2.0], shapes=shapes[order][:, :2], dofs=order)
     named = PairedModel(model, test, candidates=3)({"k": np.array([1.0])})
     np.testing.assert_allclose(named.mac, 1.0, rtol=1e-12)
-
-
-def test_swapped_arguments_are_named_by_their_types():
-    test = Measurements([1.0], shapes=[[1.0], [2.0]])
-    with pytest.raises(
-        TypeError, match="model: expected a callable, got Measurements$"
-    ):
-        PairedModel(test, lambda p: p)
 
 
 def test_sensors_that_point_backwards_change_nothing():

@@ -137,23 +137,6 @@ def test_derivatives_are_those_of_differences(case):
 # --- closed forms
 
 
-def test_two_masses_in_closed_form():
-    springs = {"k1": (0, 1, 1.0), "k2": (1, 2, 1.0)}
-    p = draw(("k1", "k2"))
-    k1, k2 = p["k1"], p["k2"]
-    response, derivatives = MassSpringModel([1, 1], springs, shapes=True).jacobian(p)
-    root = np.sqrt(k1**2 + 4 * k2**2)
-    slopes = {"k1": (1, k1 / root), "k2": (2, 4 * k2 / root)}
-    turn = {"k1": -k2 / root**2, "k2": k1 / root**2}  # of the shapes, in radians
-    for name, (mean, half) in slopes.items():
-        of_lambda = np.column_stack([mean - half, mean + half]) / 2
-        expected = of_lambda / (8 * np.pi**2 * response.frequency)
-        np.testing.assert_allclose(derivatives["frequency"][name], expected, rtol=1e-10)
-        turned = response.shapes[:, ::-1] * np.array([1.0, -1.0])[:, None]
-        expected = turned * turn[name][:, None, None]
-        np.testing.assert_allclose(derivatives["shapes"][name], expected, rtol=1e-10)
-
-
 @pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
 def test_a_uniform_chain_in_closed_form(kind):
     # Eigenvalues change by the square of a spring's stretch, and by -lambda phi^2 of a
@@ -181,9 +164,6 @@ def test_a_uniform_chain_in_closed_form(kind):
         np.testing.assert_allclose(got, inertia, rtol=1e-7, atol=1e-14)
     got = derivatives["shapes"]["all"]
     np.testing.assert_allclose(got, -response.shapes / (2 * 2.0), atol=1e-9)
-
-
-# --- what is differentiated, and what is not
 
 
 # --- modes that coincide

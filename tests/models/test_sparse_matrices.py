@@ -55,7 +55,7 @@ def draw(n, seed=3):
 
 @pytest.mark.parametrize("skip", [0, 1])
 @pytest.mark.parametrize("mass_varies", [False, True])
-@pytest.mark.parametrize("n_modes", [3, 12, SIZE - 1])
+@pytest.mark.parametrize("n_modes", [3, SIZE - 1])
 def test_sparse_equals_dense(skip, mass_varies, n_modes):
     K, M = groups(free=skip == 1)
     K0, M0 = sparse.csc_array((SIZE, SIZE)), sparse.eye_array(SIZE, format="csc")
@@ -89,14 +89,14 @@ def test_a_chain_of_30_000_masses_has_its_analytic_frequencies(free):
     np.testing.assert_allclose(model({"k": k}).frequencies, expected, rtol=1e-7)
 
 
-@pytest.mark.parametrize(("lumped", "rate"), [(False, 4), (True, 4)])
-def test_a_pinned_beam_converges_to_theory(lumped, rate):
+@pytest.mark.parametrize("lumped", [False, True])
+def test_a_pinned_beam_converges_to_theory(lumped):
     exact, errors = np.arange(1, 5) ** 2 * np.pi / 2, []
     for n in (20, 40):  # massless rotations stay where the mass is lumped
         model = MatrixModel(*pinned_beam(n, lumped), {}, n_modes=4)
         errors.append(model({}).frequencies[0] / exact - 1)
     assert np.abs(errors[1]).max() < 1e-4
-    assert (np.abs(np.log2(errors[0] / errors[1]) - rate) < 0.1).all()
+    assert (np.abs(np.log2(errors[0] / errors[1]) - 4) < 0.1).all()
 
 
 @pytest.mark.parametrize("n", [8, 60])  # 8: solved dense
@@ -126,19 +126,9 @@ def test_a_mass_that_is_negative_somewhere_is_refused():
         model({"load": np.array([1.0, -3.0])})
 
 
-@pytest.mark.parametrize("n", [15, 60])
-def test_modes_of_equal_frequency_are_all_found(n):
-    K, eye = chain(n), sparse.eye_array(n)
-    one = MatrixModel(K, eye, {}, n_modes=5)({}).frequencies[0]
-    both = [sparse.block_diag([matrix, matrix]) for matrix in (K, eye)]
-    frequencies, shapes = MatrixModel(*both, {}, n_modes=10, shapes=True)({})
-    np.testing.assert_allclose(frequencies[0], np.repeat(one, 2), rtol=1e-9)
-    np.testing.assert_allclose(shapes[0].T @ shapes[0], np.eye(10), atol=1e-8)
-
-
-@pytest.mark.parametrize("n", [90, 2000])
-@pytest.mark.parametrize("stiff", [1e2, 1e5])
-@pytest.mark.parametrize("factor", [1e-9, 1e9])
+@pytest.mark.parametrize(
+    ("n", "stiff", "factor"), [(90, 1e2, 1e9), (90, 1e5, 1e-9), (600, 1e5, 1e9)]
+)
 def test_rigid_body_modes_are_skipped_at_any_scale(n, stiff, factor):
     # Pairs of masses, rigid but for 1 / stiff, on soft springs: a chain of the pairs.
     K = stiff * chain(n, True, range(1, n, 2)) + chain(n, True, range(2, n, 2))
@@ -148,7 +138,7 @@ def test_rigid_body_modes_are_skipped_at_any_scale(n, stiff, factor):
     np.testing.assert_allclose(frequencies, omega / (2 * np.pi), rtol=1 / stiff)
 
 
-@pytest.mark.parametrize("n", [50, 500, 5000])
+@pytest.mark.parametrize("n", [50, 500])
 def test_a_free_chain_is_no_elastic_one(n):
     # Its last pivot is rounding, of either sign.
     for seed in range(12):
@@ -157,22 +147,6 @@ def test_a_free_chain_is_no_elastic_one(n):
         K = sparse.diags_array(diagonals, offsets=[0, 1, -1])
         with pytest.raises(ValueError, match=r"mode 1 is not elastic"):
             MatrixModel(K, sparse.eye_array(n), {}, n_modes=3)({})
-
-
-@pytest.mark.parametrize(
-    ("k", "free", "skip", "message"),
-    [
-        (-1.0, False, 0, r"mode 1 is not elastic .* at \{'k': -1.0\}"),
-        (3.0, True, 0, r"mode 1 is not elastic .* at \{'k': 3.0\}.*beyond skip=0"),
-        (1.0, False, 1, r"skip=1, but mode 1 is elastic: 0.0\d+ Hz at \{'k': 1.0\}"),
-        (1.0, True, 3, r"skip=3, but mode 3 is elastic"),
-    ],
-)
-def test_a_wrong_stiffness_is_named_by_its_parameters(k, free, skip, message):
-    K0, K = sparse.csc_array((50, 50)), {"k": chain(50, free)}
-    model = MatrixModel(K0, sparse.eye_array(50), K, n_modes=2, skip=skip)
-    with pytest.raises(ValueError, match=message):
-        model({"k": np.array([k])})
 
 
 def test_few_DOFs_with_mass_equal_static_condensation():
@@ -198,14 +172,11 @@ def test_a_constraint_by_a_lagrange_multiplier_is_solved():
     K = sparse.csc_array(np.array([[3.0, 0, 1], [0, 5, -1], [1, -1, 0]]))
     model = MatrixModel(K, sparse.csc_array(np.diag([1.0, 1, 0])), {}, n_modes=1)
     np.testing.assert_allclose(model({}).frequencies, [[2 / (2 * np.pi)]], rtol=1e-9)
-    n = 40
-    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    tie = np.zeros((2, n))
+    n, tie = 40, np.zeros((2, 40))
     tie[0, [3, 20]], tie[1, [9, 30]] = (1, -1), (1, -2)
-    K = np.block([[chain, tie.T], [tie, np.zeros((2, 2))]])
-    M = np.diag(np.r_[np.ones(n), 0, 0])
+    K = np.block([[chain(n).toarray(), tie.T], [tie, np.zeros((2, 2))]])
+    M = sparse.csc_array(np.diag(np.r_[np.ones(n), 0, 0]))
     free = null_space(tie)
-    exact = eigh(free.T @ chain @ free, eigvals_only=True)[:5]
-    model = MatrixModel(sparse.csc_array(K), sparse.csc_array(M), {}, n_modes=5)
-    found = (2 * np.pi * model({}).frequencies[0]) ** 2
-    np.testing.assert_allclose(found, exact, rtol=1e-8)
+    exact = eigh(free.T @ chain(n) @ free, eigvals_only=True)[:5]
+    found = MatrixModel(sparse.csc_array(K), M, {}, n_modes=5)({}).frequencies[0]
+    np.testing.assert_allclose((2 * np.pi * found) ** 2, exact, rtol=1e-8)
