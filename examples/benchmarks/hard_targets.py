@@ -14,7 +14,7 @@ its standard errors, none has a mode's weight off by more than 0.05, and z scatt
 separate column.
 
 Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/hard_targets.py --seeds 20
-and with --fresh for the targets of ``fresh_targets.py``.
+and with --fresh for twelve targets to which no setting was tuned.
 """
 
 import argparse
@@ -27,8 +27,7 @@ from typing import NamedTuple
 
 import arviz
 import numpy as np
-from fresh_targets import FRESH
-from hard_posteriors import TARGETS, Target, inside, posterior_of
+from hard_posteriors import FRESH, TARGETS, Target, inside, posterior_of
 
 import emcee_femu as ef
 from emcee_femu.table import Table
@@ -36,8 +35,6 @@ from emcee_femu.table import Table
 Floats = np.ndarray
 MOST_DRAWS, MOST_NUMBERS = 1_000_000, 10_000_000  # of a target, exact
 MOST_TAILS = 10  # parameters whose quantiles are compared
-
-
 ALL = TARGETS | FRESH
 
 
