@@ -225,3 +225,20 @@ def test_large_model(monkeypatch, capsys):
     (row,) = table.rows
     assert row[:2] == (384, "SuperLU")
     assert 0 < table.column("error")[0] < 1e-4 and table.column("basis")[0] < 100
+
+
+def test_buildings(capsys):
+    """A uniform chain has its closed form; data scatter as is said."""
+    module = load("buildings")
+    measured = module.main()
+    assert str(measured) in capsys.readouterr().out and measured.n_modes == 5
+    model, prior = module.shear_building([*"abcd"], 2.0, 4, (1, 3))
+    nominal = dict(zip("abcd", prior.mean[:, None], strict=True))
+    i = np.arange(1, 5)
+    expected = np.sqrt(2e8 / 2.0) / np.pi * np.sin((2 * i - 1) * np.pi / 18)
+    np.testing.assert_allclose(model(nominal).frequencies[0], expected)
+    rng = np.random.default_rng(1)
+    tests = [module.measure(model, nominal, 4, rng) for _ in range(200)]
+    ratios = [test.frequencies / expected - 1 for test in tests]
+    assert np.std(ratios) == pytest.approx(module.RELATIVE_SD, rel=0.1)
+    assert tests[0].shapes.shape == (2, 4) and tests[0].dofs.tolist() == [1, 3]
