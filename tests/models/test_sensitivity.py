@@ -25,14 +25,8 @@ def draw(names, n=4, seed=5):
 
 def chain(n, first=True):
     """The unit matrices of the springs of a chain that stands on the ground."""
-    units = {}
-    for i in range(0 if first else 1, n):
-        b = np.zeros(n)
-        b[i] = 1.0
-        if i:
-            b[i - 1] = -1.0
-        units[f"k{i + 1}"] = np.outer(b, b)
-    return units
+    ends = np.eye(n) - np.eye(n, k=-1)
+    return {f"k{i + 1}": np.outer(ends[i], ends[i]) for i in range(not first, n)}
 
 
 def masses(n):
@@ -42,12 +36,12 @@ def masses(n):
 FREE = [*chain(7, first=False), *masses(7)]
 
 
-def mass_spring(shapes=(2, 0)):
+def mass_spring():
     springs = {
         "k1": (0, 1, 1.0), "k2": (1, 2, 0.5), "k3": (2, 3, 0.7), "k4": (3, 4, 0.3),
         "k5": (1, 4, "k2"),
     }  # fmt: skip
-    return MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=shapes)
+    return MassSpringModel([1.0, 2.0, 3.0, 1.5], springs, shapes=[2, 0])
 
 
 def frame(supports, skip=0):

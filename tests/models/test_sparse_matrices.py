@@ -68,8 +68,6 @@ def test_sparse_equals_dense(skip, mass_varies, n_modes):
     np.testing.assert_allclose(ours.frequencies, theirs.frequencies, rtol=1e-7)
     signs = np.sign((ours.shapes * theirs.shapes).sum(axis=1, keepdims=True))
     np.testing.assert_allclose(ours.shapes, signs * theirs.shapes, atol=1e-6, rtol=0)
-    with pytest.raises(TypeError, match="M0: a sparse matrix beside a dense"):
-        MatrixModel(K0.toarray(), M0, K, n_modes=2)
     mixed = MatrixModel(K0, M0.toarray(), dense(K), dense(M), **options)(draw(4))
     np.testing.assert_allclose(mixed.frequencies, ours.frequencies, rtol=1e-12)
 
@@ -99,33 +97,6 @@ def test_a_pinned_beam_converges_to_theory(lumped):
     assert (np.abs(np.log2(errors[0] / errors[1]) - 4) < 0.1).all()
 
 
-@pytest.mark.parametrize("n", [8, 60])  # 8: solved dense
-@pytest.mark.parametrize("free", [False, True])
-def test_a_mass_of_reduced_integration_may_be_singular(n, free):
-    # Two-node bars with all mass at their middle: M = B^T B has fewer rows than DOFs.
-    K = chain(n + 1, free)
-    B = 0.5 * sparse.eye_array(n, n + 1) + 0.5 * sparse.eye_array(n, n + 1, k=1)
-    M = sparse.csc_array(B.T @ B)
-    frequencies = MatrixModel(K, M, {}, n_modes=3, skip=int(free))({}).frequencies[0]
-    shift = 1e-3 if free else 0
-    flexibility = np.linalg.inv(K.toarray() + shift * M.toarray())
-    inverse = np.linalg.eigvalsh((B @ flexibility) @ B.T)[::-1]
-    eigenvalues = 1 / inverse[int(free) : 3 + int(free)] - shift
-    np.testing.assert_allclose(
-        frequencies, np.sqrt(eigenvalues) / (2 * np.pi), rtol=1e-8
-    )
-
-
-def test_a_mass_that_is_negative_somewhere_is_refused():
-    K, M = chain(30), sparse.eye_array(30) - 1.02 * sparse.eye_array(30, k=1)
-    with pytest.raises(ValueError, match=r"M0 is not positive definite"):
-        MatrixModel(K, 0.5 * (M + M.T), {}, n_modes=3)
-    _, M = groups()
-    model = MatrixModel(chain(SIZE), sparse.eye_array(SIZE), {}, M, n_modes=2)
-    with pytest.raises(ValueError, match=r"mass matrix at \{'load': -3.0\} is not pos"):
-        model({"load": np.array([1.0, -3.0])})
-
-
 @pytest.mark.parametrize(
     ("n", "stiff", "factor"), [(90, 1e2, 1e9), (90, 1e5, 1e-9), (600, 1e5, 1e9)]
 )
@@ -147,24 +118,6 @@ def test_a_free_chain_is_no_elastic_one(n):
         K = sparse.diags_array(diagonals, offsets=[0, 1, -1])
         with pytest.raises(ValueError, match=r"mode 1 is not elastic"):
             MatrixModel(K, sparse.eye_array(n), {}, n_modes=3)({})
-
-
-def test_few_DOFs_with_mass_equal_static_condensation():
-    K, m, at = chain(80).toarray(), np.zeros(80), [9, 33, 34, 71]
-    m[at] = [1.0, 2.0, 0.5, 3.0]
-    rest = np.delete(np.arange(80), at)
-    inner = np.linalg.solve(K[np.ix_(rest, rest)], K[np.ix_(rest, at)])
-    condensed = K[np.ix_(at, at)] - K[np.ix_(at, rest)] @ inner
-    expected = MatrixModel(condensed, np.diag(m[at]), {}, n_modes=4, shapes=True)({})
-    model = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=4, shapes=True)
-    frequencies, shapes = model({})
-    np.testing.assert_allclose(frequencies, expected.frequencies, rtol=1e-10)
-    overlap = shapes[0, at].T @ np.diag(m[at]) @ expected.shapes[0]
-    np.testing.assert_allclose(np.abs(overlap), np.eye(4), atol=1e-9)
-    np.testing.assert_allclose(shapes[0, rest], -inner @ shapes[0, at], atol=1e-9)
-    many = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=5)
-    with pytest.raises(ValueError, match=r"<= 4.*rank.*got 5"):
-        many({})
 
 
 def test_a_constraint_by_a_lagrange_multiplier_is_solved():
