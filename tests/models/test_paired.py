@@ -144,6 +144,19 @@ def test_the_likelihood_has_no_step_where_modes_come_near():
     assert np.abs(np.diff(values)).max() < 5  # it fell by 46.8 from 1.999 to 2.001 %
 
 
+def test_where_sharing_fades_the_shape_is_weighted_by_the_weakest_link():
+    """Three modes at two equal gaps, half-way: each neighbour counts by a half."""
+    measured, weights = np.array([0.9, 0.3, 0.3]), np.array([1.0, 0.5, 0.5])
+    model = Fixed(np.cumprod([1.0, 1.015, 1.015]), np.eye(3)[None])
+    paired = PairedModel(model, Measurements([1.0], measured[:, None]), candidates=3)(
+        {}
+    )
+    expected = mac(measured[:, None], (weights * measured)[:, None]).item()
+    np.testing.assert_allclose(paired.mac, [[expected]], rtol=1e-12)
+    found = paired.shapes[0, :, 0]
+    np.testing.assert_allclose(found / found[0], weights * measured / 0.9, rtol=1e-12)
+
+
 @pytest.mark.parametrize("leaving", [0, 2])
 def test_neighbours_that_drift_apart_take_nothing_with_them(leaving):
     # Three modes in a row: the last or the first leaves, while the others stay.
