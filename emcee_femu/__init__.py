@@ -13,7 +13,7 @@ evaluation    what solves, stores and counts; failed solves, pools, files
 moves         proposals: plain emcee moves
 sampling      run emcee: starts, seeds, independent ensembles; anneal a population
 results       emcee -> ArviZ; diagnostics, evidence, tables, what the data say
-figures       one figure per file
+figures       by what they show
 extensions    subjects that few need, each on the stages above and on none other:
               emulation, reduction, fe_files, fe_programs, frf, tempering, population,
               comparison, report, paper

@@ -13,7 +13,7 @@ from .contracts import Floats, Parameters
 T = TypeVar("T")
 
 
-def set_fields(record: Any, **fields: Any) -> None:
+def set_fields(record: object, **fields: object) -> None:
     """Set the fields of a frozen record, from its own ``__init__``."""
     for name, value in fields.items():
         object.__setattr__(record, name, value)
@@ -47,6 +47,26 @@ def positive_array(argument: str, value: ArrayLike, ndim: int | None = None) -> 
     return array
 
 
+def shaped(
+    argument: str, got: tuple[int, ...], *shapes: tuple[int, ...], remedy: str = ""
+) -> None:
+    """Refuse an array of another shape than one of these; ``()`` is one number."""
+    if got not in shapes:
+        expected = " or ".join(f"shape {s}" if s else "one number" for s in shapes)
+        words = f"{argument}: expected {expected}, got {got}"
+        raise ValueError(f"{words}; {remedy}" if remedy else words)
+
+
+def chosen_numbers(argument: str, values: ArrayLike | None, count: int) -> list[int]:
+    """Return some of the numbers from 1 to ``count``, each once; all for None."""
+    some = range(1, count + 1) if values is None else np.atleast_1d(values)
+    numbers = [whole_number(argument, number, 1) for number in some]
+    if not numbers or len({*numbers}) < len(numbers) or max(numbers) > count:
+        expected = f"numbers from 1 to {count}, each once"
+        raise ValueError(f"{argument}: expected {expected}, got {values!r}")
+    return numbers
+
+
 def covariance_factor(argument: str, covariance: Floats) -> Floats:
     """Return L with ``L L^T = covariance``, exact for scales that differ by 1e11.
 
@@ -63,10 +83,8 @@ def covariance_factor(argument: str, covariance: Floats) -> Floats:
     except np.linalg.LinAlgError:
         factor = None
     if factor is None or np.abs(correlation - correlation.T).max() > 1e-8:
-        raise ValueError(
-            f"{argument}: expected a symmetric, positive definite matrix, got "
-            f"{covariance.tolist()}"
-        )
+        what = "a symmetric, positive definite matrix"
+        raise ValueError(f"{argument}: expected {what}, got {covariance.tolist()}")
     return np.asarray(scale[:, None] * factor)
 
 
@@ -84,7 +102,9 @@ def _numbers(argument: str, value: ArrayLike, kinds: str, described: str) -> Any
     return raw
 
 
-def _refuse(argument: str, array: Any, wrong: Any, expected: str) -> None:
+def _refuse(
+    argument: str, array: Floats, wrong: NDArray[np.bool_], expected: str
+) -> None:
     """Refuse an array that is wrong somewhere, with the first such number."""
     if wrong.any():
         where = tuple(int(i) for i in np.argwhere(wrong)[0])
@@ -93,7 +113,7 @@ def _refuse(argument: str, array: Any, wrong: Any, expected: str) -> None:
 
 
 def real_number(
-    argument: str, value: Any, low: float = -math.inf, high: float = math.inf
+    argument: str, value: ArrayLike, low: float = -math.inf, high: float = math.inf
 ) -> float:
     """Return ``value`` as a finite float from ``low`` to ``high``."""
     number = real_array(argument, value, 0).item()
@@ -104,7 +124,7 @@ def real_number(
     return number
 
 
-def whole_number(argument: str, value: Any, low: int = 0) -> int:
+def whole_number(argument: str, value: object, low: int = 0) -> int:
     """Return ``value`` as an int that is at least ``low``; floats are refused."""
     if type(value) is bool or not isinstance(value, int | np.integer):
         raise TypeError(f"{argument}: expected a whole number, got {value!r}")
@@ -113,7 +133,7 @@ def whole_number(argument: str, value: Any, low: int = 0) -> int:
     return int(value)
 
 
-def flag(argument: str, value: Any) -> bool:
+def flag(argument: str, value: object) -> bool:
     """Return True or False; nothing else will do, not even 0 or "no"."""
     if type(value) not in (bool, np.bool_):
         raise TypeError(f"{argument}: expected True or False, got {value!r}")
@@ -137,14 +157,14 @@ def mapping(argument: str, value: object, form: str) -> Mapping[Any, Any]:
     return value
 
 
-def group(argument: str, value: Any, form: str, size: int) -> tuple[Any, ...]:
+def group(argument: str, value: object, form: str, size: int) -> tuple[Any, ...]:
     """Return a sequence of ``size`` things, refusing others; ``form`` names them."""
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != size:
         raise TypeError(f"{argument}: expected {form}, got {value!r}")
     return tuple(value)
 
 
-def text(argument: str, value: Any) -> str:
+def text(argument: str, value: object) -> str:
     """Return text that is not empty."""
     if not isinstance(value, str) or not value:
         raise TypeError(f"{argument}: expected a non-empty string, got {value!r}")
@@ -157,20 +177,19 @@ def units_by_name(argument: str, units: object, names: Sequence[str]) -> dict[st
     return {name: text(f"{argument}[{name!r}]", unit) for name, unit in by.items()}
 
 
-def file_name(argument: str, value: Any) -> str | PathLike[str]:
+def file_name(argument: str, value: object) -> str | PathLike[str]:
     """Return the name of a file; a number would be an open file, such as stdin."""
     if not isinstance(value, str | PathLike) or not str(value):
         raise TypeError(f"{argument}: expected the name of a file, got {value!r}")
     return value
 
 
-def by_name(argument: str, values: Any, names: Sequence[str]) -> dict[str, Any]:
+def by_name(argument: str, values: object, names: Sequence[str]) -> dict[str, Any]:
     """Return a mapping as a dict, refusing names that are not among ``names``."""
-    mapping(argument, values, "{name: value}")
-    unknown = [name for name in values if name not in names]
-    if unknown:
+    given = dict(mapping(argument, values, "{name: value}"))
+    if unknown := [name for name in given if name not in names]:
         raise ValueError(f"{argument}: no parameter {unknown}; there are {list(names)}")
-    return dict(values)
+    return given
 
 
 def by_label(argument: str, values: object, example: str) -> dict[str, Any]:

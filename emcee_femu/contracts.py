@@ -61,6 +61,7 @@ Parameters: TypeAlias = Mapping[str, Floats]
 Batch: TypeAlias = Mapping[str, Floats]  # arrays (n, ...) by the name of a variable
 # What a model returns: an object with its variables as attributes, or a mapping.
 Response: TypeAlias = Any
+Places: TypeAlias = Sequence[Any]  # labels along a dimension
 # {variable: {parameter: (n, *shape)}}, of a model's jacobian
 Derivatives: TypeAlias = dict[str, dict[str, Floats]]
 
@@ -98,7 +99,7 @@ class Variable:
         (3,)
     """
 
-    coords: Mapping[str, Sequence[Any]]
+    coords: Mapping[str, Places]
     unit: str = ""
     stored: bool = True
 
@@ -150,10 +151,8 @@ def read(response: Response, name: str) -> Floats:
     if value is None:
         given = {k: getattr(response, k) for k in dir(response) if k[0] != "_"}
         has = has or [k for k, v in given.items() if isinstance(v, np.ndarray)]
-        raise TypeError(
-            f"model: its response ({type(response).__name__}) has no {name!r}; there "
-            f"are {has}"
-        )
+        kind = type(response).__name__
+        raise TypeError(f"model: its {kind} has no {name!r}; there are {has}")
     values: Floats = value
     return values
 
@@ -235,7 +234,7 @@ class PairedSolution(NamedTuple):
         return self.frequencies
 
 
-def modal_variables(n_modes: int, dofs: Sequence[Any] = ()) -> dict[str, Variable]:
+def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
     """Return what a model with modal solutions declares.
 
     Args:

@@ -18,7 +18,7 @@ def in_one_mode(nwalkers):
 
 def test_without_tempering_the_start_decides_which_mode_is_seen():
     (run,) = ef.run(
-        BECK_AU, DEMCMove(), 100, 500, seed=1, starts=in_one_mode(100), ensembles=1
+        BECK_AU, DEMCMove(), 40, 200, seed=1, starts=in_one_mode(40), ensembles=1
     )
     assert (run.get_chain()[..., 0] < 1).mean() < 0.05  # the truth is 0.531
 

@@ -57,12 +57,6 @@ def test_move_model_and_term_work_together(modules):
     assert "deflection" in idata["observed_data"]
 
 
-def test_the_commands_are_those_of_ci():
-    ci = (Path(__file__).parents[1] / ".ci" / "run").read_text(encoding="utf-8")
-    for command in ("ruff check .", "mypy", "python -m pytest -q"):
-        assert command in TEXT and command in ci
-
-
 def test_files_that_are_named_exist():
     root = Path(__file__).parents[1]
     named = re.findall(r"`((?:tests|docs|\.github|\.ci)/[\w./-]+)`", TEXT)

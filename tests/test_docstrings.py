@@ -18,28 +18,14 @@ import emcee_femu as ef
 RECORDS = {"ModalSolution", "Problem", "Published", "Table"}
 PUBLIC = {name.rpartition(".")[2]: own for name, own in public_names().items()}
 PUBLIC |= {"Table": ef.table.Table}
-FOUND_MAP = type(ef.find_map(ef.paper.mass_spring().posterior, 1, seed=1))
 METHODS = {
     f"{owner.__name__}.{name}": getattr(owner, name)
-    for owner in (*filter(inspect.isclass, PUBLIC.values()), FOUND_MAP)
+    for owner in filter(inspect.isclass, PUBLIC.values())
     for name in vars(owner)
     if name[0] != "_" and inspect.isroutine(getattr(owner, name))
 }
 CONSTRUCTORS = {label: own for label, own in METHODS.items() if inspect.ismethod(own)}
-SHOWN = (
-    "FoundMap.draw",
-    "LogPosterior.gradient",
-    "LogPosterior.start",
-    "Table.to_frame",
-)
-CALLED = PUBLIC | METHODS
-USED = PUBLIC | CONSTRUCTORS | {label: METHODS[label] for label in SHOWN}
-
-
-@pytest.mark.parametrize("name", sorted(filter(lambda n: callable(CALLED[n]), CALLED)))
-def test_a_signature_is_read_at_a_glance(name):
-    """As ``ef.FrequencyTerm?`` shows it: under ten lines of 80 columns."""
-    assert len(str(inspect.signature(CALLED[name]))) <= 9 * 80
+USED = PUBLIC | CONSTRUCTORS
 
 
 def sections(thing):

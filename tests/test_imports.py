@@ -10,8 +10,6 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-import pytest
-
 import emcee_femu
 
 PACKAGE = Path(emcee_femu.__file__).parent
@@ -135,24 +133,6 @@ def test_importing_the_package_loads_no_plotting_no_arviz_and_no_program():
     assert "emcee_femu.results.tables" in loaded
     assert not {"arviz", "corner", "matplotlib", "xarray", "pandas"} & set(loaded)
     assert not {"openseespy", "Pynite", "skfem"} & set(loaded)
-
-
-@pytest.mark.parametrize(
-    ("library", "folders"),
-    [
-        ("arviz", {"results", "sampling"}),  # there Pareto k
-        ("xarray", {"results", "sampling"}),
-        ("matplotlib", {"figures"}),
-        ("corner", {"figures"}),
-    ],
-)
-def test_no_other_folder_of_the_core_uses_a_heavy_library(library, folders):
-    users = {
-        p.relative_to(PACKAGE).with_suffix("").parts[0]
-        for p in PACKAGE.rglob("*.py")
-        if re.search(rf"(import|from) {library}\b", p.read_text(encoding="utf-8"))
-    }
-    assert users <= folders | {"extensions"}
 
 
 def test_the_version_is_that_of_the_installed_package():

@@ -21,8 +21,9 @@ def frequencies(problem, values):
         (MASS_SPRING.initial, [3.57645, 5.37087, 7.23927, 9.03010, 9.41166]),
         (
             MASS_SPRING.published.parameters["paper mean"],
-            [3.50750, 5.14937, 7.08152, 8.89450, 9.42578],
+            MASS_SPRING.published.frequencies["paper Hz"],
         ),
+        (MASS_SPRING.target, MASS_SPRING.measured),
         (MASS_SPRING.nominal, [3.508, 5.154, 7.088, 8.897, 9.434]),
     ],
 )
@@ -30,20 +31,6 @@ def test_mass_spring_rows(values, expected):
     digits = 1e-5 if len(f"{expected[0]}") > 5 else 6e-4
     np.testing.assert_allclose(
         frequencies(MASS_SPRING, values), expected, rtol=0, atol=digits
-    )
-
-
-def test_mass_spring_rows_round_to_the_printed_ones():
-    printed = MASS_SPRING.published.frequencies["paper Hz"]
-    at_mean = MASS_SPRING.published.parameters["paper mean"]
-    np.testing.assert_allclose(
-        frequencies(MASS_SPRING, at_mean), printed, rtol=0, atol=6e-4
-    )
-    np.testing.assert_allclose(
-        frequencies(MASS_SPRING, MASS_SPRING.target),
-        MASS_SPRING.measured,
-        rtol=0,
-        atol=6e-4,
     )
 
 
@@ -71,38 +58,6 @@ def test_h_structure_rows(values, expected, printed):
     computed = frequencies(H, values)
     np.testing.assert_allclose(computed, expected, rtol=0, atol=0.02)
     np.testing.assert_allclose(computed, printed, rtol=0.005)
-
-
-def test_beta_is_the_inverse_square_of_the_relative_sd():
-    (term,) = ef.paper.mass_spring(beta=4e4).posterior.terms
-    assert np.allclose(term.beta**-0.5, 0.005, rtol=1e-12)
-
-
-def test_published_tae_is_the_mean_of_the_published_errors():
-    *errors, tae = H.published.frequencies["error %  "]
-    assert np.mean(errors) == pytest.approx(tae, abs=0.006)
-
-
-@pytest.mark.slow
-def test_mass_spring_posterior_is_the_reconstructed_one():
-    # Reference: 40 walkers, 10,000 generations of an independent implementation.
-    samplers = ef.run(
-        MASS_SPRING.posterior, ef.DEMCMove(), 40, 10_000, seed=4, ensembles=1
-    )
-    draws = samplers[0].get_chain(discard=2_000, flat=True)
-    mean, cov = draws.mean(axis=0), 100 * draws.std(axis=0) / draws.mean(axis=0)
-    sd = draws.std(axis=0)
-    reference = np.array([4001.2, 2202.3, 2102.5, 2600.7, 2409.2])
-    assert (np.abs(mean - reference) < 0.06 * sd).all()
-    # By importance sampling of 140,000 effective draws. k4 mixes slowly between body
-    # and lobe, which gives it half of its variance: 2.65 to 2.95 with other seeds.
-    exact = [1.07, 1.876, 2.745, 2.443, 2.0]
-    np.testing.assert_allclose(cov, exact, rtol=0.1)
-    lobe = (draws[:, 2] < 1_980).mean()
-    assert 0.012 < lobe < 0.036
-    correlation = np.corrcoef(draws, rowvar=False)
-    for i, j, value in [(0, 1, -0.72), (1, 4, -0.60), (0, 4, 0.58), (1, 3, -0.57)]:
-        assert correlation[i, j] == pytest.approx(value, abs=0.06)  # by the lobe
 
 
 @pytest.mark.slow

@@ -1,15 +1,14 @@
 """One table as text, HTML and a frame: each shows the same cells."""
 
 import html
-import pkgutil
 import re
-from importlib import import_module
 
 import numpy as np
 import pytest
 
-import emcee_femu
-from emcee_femu.table import Report, Table
+import emcee_femu as ef
+
+Report, Table = ef.table.Report, ef.table.Table
 
 MIXED = Table.from_columns(
     "Of all <kinds> & more",
@@ -63,9 +62,6 @@ def test_html_is_escaped_and_has_the_same_cells(table):
     ]
     assert rows == [list(table.columns), *shown(table)]
     assert "<E>" not in text and "<kinds>" not in text
-    assert text.count("<thead><tr><th ") == text.count("<th ") == 1
-    assert text.count("<td ") == len(rows) - 1  # the first column, to the left
-    assert "color" not in text and "background" not in text  # dark themes
 
 
 def test_html_of_a_report_has_tables_and_escaped_sentences():
@@ -85,28 +81,16 @@ def test_a_frame_keeps_every_digit():
             assert cell == value or (np.isnan(cell) and np.isnan(value))
 
 
-def own_classes():
-    modules = pkgutil.walk_packages(emcee_femu.__path__, "emcee_femu.")
-    found = [c for m in modules for c in vars(import_module(m.name)).values()]
-    return {c for c in found if isinstance(c, type) and "emcee_femu" in c.__module__}
-
-
-def test_a_prompt_shows_what_print_shows():
-    posterior = emcee_femu.paper.mass_spring().posterior
-    found = emcee_femu.find_map(posterior, 1, seed=1, check=0)
+def test_a_prompt_and_a_notebook_show_what_print_shows():
+    posterior = ef.paper.mass_spring().posterior
+    found = ef.find_map(posterior, 1, seed=1, check=0)
     for shown_twice in (MIXED, posterior, found):
         assert repr(shown_twice) == str(shown_twice)
-    reports = {c for c in own_classes() if issubclass(c, (Report, Table))}
-    as_code = {emcee_femu.moves.DelayedAcceptanceMove}  # as all moves
-    dataclass_like = {c for c in reports - as_code if c.__repr__ is not Report.__repr__}
-    assert len(reports) > 20 and dataclass_like == {Table}
-
-
-def test_whatever_prints_itself_is_shown_by_notebooks_too():
-    own = own_classes()
-    printing = {c for c in own if c.__str__ not in (object.__str__, Exception.__str__)}
-    only_text = {c.__name__ for c in printing if not hasattr(c, "_repr_html_")}
-    assert len(printing) > 15 and only_text == {"SolveError", "Entry"}  # of rankings
+        assert "<table" in shown_twice._repr_html_()
+    frame = ef.FunctionModel(lambda p: [1.0], n_modes=1)
+    noisy = ef.FrequencyTerm([3.0, 9.0], discrepancy="noise")
+    for thing, part in ((frame, "frequency [1]"), (noisy, "noise")):
+        assert part in repr(thing) and "0x" not in repr(thing)
 
 
 def test_a_wide_table_is_printed_in_blocks_with_the_names_of_the_rows():

@@ -93,17 +93,16 @@ class Evaluation:
         return Evaluation(self.solver, self.pool, log, self)
 
     @property
-    def evaluation(self) -> "Evaluation":
-        """What solves: this; another one of what stores solves."""
-        return self
-
-    @property
     def posterior(self) -> LogPosterior:
         """What is evaluated."""
         return self.solver.posterior
 
     def stack(self, theta: Floats, kind: Kind) -> Floats:
         """Return what is asked for of ``theta (n, d)``, side by side in one array."""
+        return self.solve(theta, kind)
+
+    def solve(self, theta: Floats, kind: Kind) -> Floats:
+        """Return the same, and never from a file."""
         if kind in DERIVED:
             return self._linearize(theta, kind)
         return self._count(self._results(theta, kind))
@@ -129,7 +128,7 @@ class Evaluation:
         """Yield number and row of each point of ``theta (n, d)`` as it is solved."""
         if self.pool is None:
             for number in range(len(theta)):
-                yield number, self.rows(theta[number : number + 1])[0]
+                yield number, self.solve(theta[number : number + 1], "rows")[0]
             return
         requests: list[Request] = [("rows", point) for point in theta]
         for number, result in self.pool.each(self.solver, requests):
@@ -137,7 +136,7 @@ class Evaluation:
 
     def again(self, theta: Floats) -> Floats:
         """Return rows for a comparison: neither solves nor failures are counted."""
-        return self._fill(self._results(theta, "rows"))
+        return self._fill(self._results(theta, "rows"))[0]
 
     @property
     def differentiable(self) -> bool:
@@ -183,8 +182,7 @@ class Evaluation:
 
     def _count(self, results: Sequence[Result]) -> Floats:
         """Count solves and failures, and return rows for all."""
-        stacked = self._fill(results)
-        failed = [result for result in results if isinstance(result, Failure)]
+        stacked, failed = self._fill(results)
         # Outside the prior's support nothing is solved, and the log-prior is -inf.
         solves = len(failed) + int(np.count_nonzero(stacked[:, 1] > -np.inf))
         for evaluation in filter(None, (self, self.whole)):
@@ -194,24 +192,23 @@ class Evaluation:
             self.failures.count(len(results), failed)
         return stacked
 
-    def _fill(self, results: Sequence[Result]) -> Floats:
-        """Return the results as an array; of a failure its row is -inf, then NaN."""
+    def _fill(self, results: Sequence[Result]) -> tuple[Floats, list[Failure]]:
+        """Return the results as an array, a failure as -inf and NaN, and failures."""
         if isinstance(results, np.ndarray):
-            return results
+            return results, []
+        failed = [result for result in results if isinstance(result, Failure)]
         rejected = self.posterior.rejected()
-        solved = [result for result in results if not isinstance(result, Failure)]
-        width = max(map(len, solved), default=len(rejected))
-        stacked = np.full((len(results), width), np.nan)
-        stacked[:, : len(rejected)] = rejected
-        for row, result in zip(stacked, results, strict=True):
-            if not isinstance(result, Failure):
-                row[: len(result)] = result
-        return stacked
+        rows = [rejected if isinstance(r, Failure) else r for r in results]
+        width = max(map(len, rows), default=len(rejected))
+        stacked = np.full((len(rows), width), np.nan)
+        for place, row in zip(stacked, rows, strict=True):
+            place[: len(row)] = row
+        return stacked, failed
 
     def _linearize(self, theta: Floats, kind: Kind) -> Floats:
         """Return rows, gradients and perhaps information, side by side."""
         information, d = kind == "linearization", self.posterior.ndim
-        width = len(self.posterior.rejected())
+        width = self.posterior.row_size
         stacked = np.full((len(theta), width + d + information * d * d), np.nan)
         stacked[:, :width] = self.posterior.rejected()
         failed = self.posterior.support(theta)[1]
@@ -222,13 +219,13 @@ class Evaluation:
             stacked[~failed, : solved.shape[1]] = solved
             # Derivatives may fail where the model itself does not.
             if failed.any():
-                stacked[failed, :width] = self.rows(theta[failed])
+                stacked[failed, :width] = self.solve(theta[failed], "rows")
                 failed &= stacked[:, 0] > -np.inf
         if failed.any():
             stacked[failed] = difference(
                 self.posterior,
                 theta[failed],
-                lambda points: self.stack(points, "deviations"),
+                lambda points: self.solve(points, "deviations"),
                 information,
                 searching=True,
             )

@@ -227,9 +227,7 @@ def open_pool(
         function: What will be evaluated, which forked processes inherit.
     """
     if workers is None:
-        if pool is not None and not isinstance(pool, EvaluationPool):
-            pool = EvaluationPool(pool, chunksize=1)
-        yield pool
+        yield _as_pool(pool)
         return
     workers = checks.whole_number("workers", workers, 1)
     if pool is not None:
@@ -259,9 +257,14 @@ def count_workers(pool: object, workers: int | None) -> int:
     """Return how many evaluations :func:`open_pool` runs at once; 1 if unknown."""
     if workers is not None:
         return checks.whole_number("workers", workers, 1)
-    if pool is not None and not isinstance(pool, EvaluationPool):
-        pool = EvaluationPool(pool)
-    return max(1, pool.n_workers) if isinstance(pool, EvaluationPool) else 1
+    opened = _as_pool(pool)
+    return 1 if opened is None else max(1, opened.n_workers)
+
+
+def _as_pool(pool: object) -> EvaluationPool | None:
+    if pool is None or isinstance(pool, EvaluationPool):
+        return pool
+    return EvaluationPool(pool, chunksize=1)
 
 
 def _check_executor(executor: object) -> None:

@@ -79,13 +79,11 @@ def check_path(backend: object, resume: bool) -> str | None:
         raise ValueError(f"backend: expected the name of a file, got {backend!r}")
     if os.path.lexists(path) and not resume:
         raise ValueError(
-            f"backend: {path} exists; continue it with resume=True, or give a new file "
-            "name"
+            f"backend: {path} exists; continue it with resume=True, or take a new name"
         )
     if not os.access(os.path.dirname(path), os.W_OK | os.X_OK):
         raise ValueError(
-            f"backend: there is no directory for {path}, or none that takes files; "
-            "make it"
+            f"backend: {path} is in no directory, or in none that takes files; make it"
         )
     return path
 
@@ -102,7 +100,7 @@ def open_evaluator(
     backend: object = None,
     resume: bool = False,
     probe_tolerance: float = 1e-6,
-) -> Iterator[Evaluation | StoredEvaluation]:
+) -> Iterator[Evaluation]:
     """Yield what evaluates, and stores it in a file or reads it there, if there is one.
 
     Args:
@@ -182,7 +180,7 @@ def probe(evaluation: Evaluation, store: Store, tolerance: float) -> None:
         return
     logger.info("resume: %d points of %s are solved again", len(points), store.path)
     theta = np.array([point for point, _ in points])
-    was = np.array([row[: len(posterior.rejected())] for _, row in points])
+    was = np.array([row[: posterior.row_size] for _, row in points])
     now = evaluation.again(theta)
     if difference := _first_difference(was, now, theta, posterior, tolerance):
         again = evaluation.again(theta)

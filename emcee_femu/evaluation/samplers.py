@@ -1,13 +1,21 @@
-"""emcee's samplers: all that is known here of their insides is known in this file."""
+"""emcee's samplers: all that is known here of their insides is known in this file.
 
+And what moves remember. Of each ensemble they have their own memory, kept in the file
+of a run. A run that is resumed knows the walkers, the random stream, and what the moves
+say that they remember. With a file, each step is therefore made again from what that
+holds.
+"""
+
+import json
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from copy import deepcopy
 from importlib.util import find_spec
 from inspect import signature
 from threading import Lock
-from typing import Any
+from typing import Any, TypeAlias
 
 import emcee
 import numpy as np
@@ -16,18 +24,13 @@ from emcee.pbar import get_progress_bar
 from .. import checks
 from ..contracts import Floats, Move
 from .evaluator import Evaluation
-from .memory import (
-    Replay,
-    Weighted,
-    copy_moves,
-    foreign_moves,
-    name_moves,
-    remember,
-    restore,
-)
+from .failures import FailureLog
 from .pools import EvaluationPool, Function
 
 LONGEST_REPR = 200  # characters of a move that are printed
+PACKAGE = __name__.partition(".")[0]
+
+Weighted: TypeAlias = Sequence[tuple[Move, float]]
 
 
 class Sampler(emcee.EnsembleSampler):
@@ -39,7 +42,7 @@ class Sampler(emcee.EnsembleSampler):
     def __init__(
         self,
         nwalkers: int,
-        evaluator: Evaluation | Replay,
+        evaluator: Evaluation,
         moves: list[tuple[Move, float]] | None = None,
         backend: emcee.backends.Backend | None = None,
     ) -> None:
@@ -119,17 +122,105 @@ class Sampler(emcee.EnsembleSampler):
         if replay.strayed or replay.left or not same:
             raise ValueError(
                 f"moves: {name_moves(foreign_moves(fresh))} made step "
-                f"{self.iteration} by something that the file does not hold, so that "
-                "resume=True would give another chain; give the move that remembers "
-                "state() and restore(state) (see emcee_femu.contracts), or sample "
-                "without a file"
+                f"{self.iteration} by what the file does not hold, so that resume=True "
+                "would give another chain; give the move state() and restore(state), "
+                "see emcee_femu.contracts, or sample without a file"
             )
+
+
+def copy_moves(weighted: Weighted) -> list[tuple[Move, float]]:
+    """Return moves for one ensemble, which share no memory with those of others.
+
+    Raises:
+        TypeError: If one cannot be copied.
+    """
+    try:
+        return deepcopy([*weighted])
+    except TypeError as error:
+        raise TypeError(
+            "moves: every ensemble has moves of its own, but "
+            f"{name_moves(move for move, _ in weighted)} cannot be copied ({error}); "
+            "a move that holds such an object needs __deepcopy__(memo)"
+        ) from error
+
+
+def foreign_moves(weighted: Weighted) -> Iterator[Any]:
+    """Yield the moves, and those inside of others, that are not of this package.
+
+    What its own ones keep, counts and what saves evaluations, changes no proposal.
+    """
+    move: Any
+    for move, _ in weighted:
+        while hasattr(move, "propose"):
+            if type(move).__module__.partition(".")[0] != PACKAGE:
+                yield move
+            move = getattr(move, "inner", None)
+
+
+def remember(weighted: Weighted) -> str:
+    """Return what moves say that they remember, as JSON.
+
+    Raises:
+        TypeError: If JSON cannot hold it.
+    """
+    moves = _moves_with_state(weighted)
+    try:
+        return json.dumps([move.state() for move in moves])
+    except TypeError as error:
+        raise TypeError(
+            f"moves: expected state() of {name_moves(moves)} to return what JSON can "
+            f"hold, such as array.tolist() ({error})"
+        ) from error
+
+
+def restore(weighted: Weighted, remembered: str) -> None:
+    """Let moves remember what :func:`remember` returned."""
+    states = json.loads(remembered)
+    for move, state in zip(_moves_with_state(weighted), states, strict=True):
+        move.restore(state)
+
+
+def _moves_with_state(weighted: Weighted) -> list[Any]:
+    return [move for move in foreign_moves(weighted) if hasattr(move, "state")]
+
+
+def name_moves(moves: Iterator[object] | Sequence[object]) -> str:
+    """Return the classes of moves in words."""
+    return ", ".join(dict.fromkeys(type(move).__name__ for move in moves))
+
+
+class Replay(Evaluation):
+    """An evaluation that gives again what was found, and refuses all else.
+
+    Args:
+        evaluation: What found it. Gradients are evaluated anew, and not counted there.
+        found: Points ``(n, d)`` and their rows, in the order of the calls.
+
+    Attributes:
+        left: What was not asked for again.
+        strayed: Whether something else was asked for.
+    """
+
+    def __init__(
+        self, evaluation: Evaluation, found: list[tuple[Floats, Floats]]
+    ) -> None:
+        log = None if evaluation.failures is None else FailureLog(1.0)
+        super().__init__(evaluation.solver, evaluation.pool, log)
+        self.left, self.strayed = found, False
+
+    def rows(self, theta: Floats) -> Floats:
+        """Return the rows that were found at these points, or those of a zero."""
+        if self.left and np.array_equal(self.left[0][0], theta):
+            return self.left.pop(0)[1]
+        self.strayed = True
+        return np.tile(self.posterior.rejected(), (len(theta), 1))
 
 
 def moves_of(sampler: object) -> list[tuple[Move, float]]:
     """Return the weighted moves of a sampler; none of a backend, which has none."""
-    moves = getattr(sampler, "_moves", ())
-    return list(zip(moves, getattr(sampler, "_weights", ()), strict=True))
+    if not isinstance(sampler, emcee.EnsembleSampler):
+        return []
+    return list(zip(sampler._moves, sampler._weights, strict=True))
 
 
 def describe_moves(weighted: Sequence[tuple[object, float]]) -> str:

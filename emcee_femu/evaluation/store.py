@@ -22,12 +22,10 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import Floats, Linearization
-from ..posterior.derivatives import unstack
-from ..posterior.log_posterior import Kind, LogPosterior
+from ..contracts import Floats
+from ..posterior.log_posterior import Kind
 from .evaluator import Evaluation
-from .failures import FailureLog
-from .memory import Weighted, remember, restore
+from .samplers import Weighted, remember, restore
 
 FORMAT = 1
 ENTRY = "INSERT OR REPLACE INTO entry VALUES (?, ?, ?)"
@@ -327,10 +325,8 @@ class StoredChain(emcee.backends.Backend):
 
     def reset(self, nwalkers: int, ndim: int) -> None:
         """Refuse to clear the chain: a file is for one run."""
-        raise ValueError(
-            f"backend: the steps in {self._store.path} are never cleared; give a new "
-            "file name"
-        )
+        path = self._store.path
+        raise ValueError(f"backend: steps in {path} are never cleared; take a new name")
 
     def grow(self, ngrow: int, blobs: object) -> None:
         """Do nothing: the file grows by itself."""
@@ -350,77 +346,45 @@ class StoredChain(emcee.backends.Backend):
         self.iteration, self.accepted = self.iteration + 1, total
 
 
-class StoredEvaluation:
-    """An evaluator that stores each batch, or finds it in the file.
+class StoredEvaluation(Evaluation):
+    """An evaluation that stores each batch, or finds it in the file.
 
     A search is replayed from the file: it asks for the same batches in the same order,
     until the file ends.
     """
 
     def __init__(self, evaluation: Evaluation, store: Store) -> None:
-        self.evaluation, self.store = evaluation, store
-        self._number, self._end = 0, store.lengths().get(0, 0)
-
-    @property
-    def posterior(self) -> LogPosterior:
-        """What is evaluated."""
-        return self.evaluation.posterior
-
-    @property
-    def solves(self) -> int:
-        """Solves so far, those of the file included."""
-        return self.evaluation.solves
+        super().__init__(evaluation.solver, evaluation.pool, evaluation.failures)
+        self.store, self._number, self._end = store, 0, store.lengths().get(0, 0)
 
     def rows(self, theta: Floats) -> Floats:
         """Return the rows of the posterior at ``theta (n, d)``, part by part."""
-        parts = [theta[i : i + MOST_LOST] for i in range(0, len(theta), MOST_LOST)] or [
-            theta
-        ]
-        return np.concatenate([self.stack(part, "rows") for part in parts])
-
-    @property
-    def failed(self) -> int:
-        """How many solves failed so far."""
-        return self.evaluation.failed
-
-    @property
-    def failures(self) -> FailureLog | None:
-        """The log of failures, None where a failure is raised."""
-        return self.evaluation.failures
-
-    def gradient(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return rows and gradients."""
-        return self.linearize(theta)[:2]
-
-    def linearize(self, theta: Floats) -> Linearization:
-        """Return rows, gradients and information."""
-        return unstack(self.posterior, self.stack(theta, "linearization"))
+        starts = range(0, max(len(theta), 1), MOST_LOST)
+        parts = [self.stack(theta[i : i + MOST_LOST], "rows") for i in starts]
+        return np.concatenate(parts)
 
     def each(self, theta: Floats) -> Iterator[tuple[int, Floats]]:
         """Yield number and row of each point, in the order in which they came."""
         waiting = list(range(len(theta)))
         while waiting and (record := self._next()) is not None:
             same = [i for i in waiting if np.array_equal(theta[i], record.theta[0])]
-            if record.kind != "rows" or not same:
-                raise self._other_way()
-            self._go_on(record)
+            self._go_on(record, record.kind == "rows" and bool(same))
             waiting.remove(same[0])
             yield same[0], record.values[0]
-        for number, row in self.evaluation.each(theta[waiting]):
+        for number, row in super().each(theta[waiting]):
             place = waiting[number]
-            self._append(Record("rows", theta[place : place + 1], row[None], ()))
+            self._append("rows", theta[place : place + 1], row[None])
             yield place, row
 
     def stack(self, theta: Floats, kind: Kind) -> Floats:
         """Return what is asked for of ``theta (n, d)``, side by side in one array."""
         record = self._next()
         if record is None:
-            values = self.evaluation.stack(theta, kind)
-            self._append(Record(kind, theta, values, ()))
+            values = self.solve(theta, kind)
+            self._append(kind, theta, values)
             return values
-        if record.kind != kind or not np.array_equal(record.theta, theta):
-            raise self._other_way()
-        self._go_on(record)
+        same = record.kind == kind and np.array_equal(record.theta, theta)
+        self._go_on(record, same)
         return record.values
 
     def _next(self) -> Record | None:
@@ -429,20 +393,19 @@ class StoredEvaluation:
             return None
         return next(self.store.read(0, range(self._number, self._number + 1)))
 
-    def _go_on(self, record: Record) -> None:
-        """Count what a record has spent, and pass it."""
+    def _go_on(self, record: Record, same: bool) -> None:
+        """Count what a record has spent, and pass it; refuse one of another search."""
+        if not same:
+            raise ValueError(
+                "resume: the search differs from the one recorded in "
+                f"{self.store.path}, although the posterior is the same: another "
+                "version of a library, or another machine, computes other digits. "
+                "Continue where it began, or give another file name"
+            )
         self._number += 1
-        self.evaluation.restore(record.counts)
+        self.restore(record.counts)
 
-    def _append(self, record: Record) -> None:
-        record = record._replace(counts=self.evaluation.counts)
+    def _append(self, kind: Kind, theta: Floats, values: Floats) -> None:
+        record = Record(kind, theta, values, self.counts)
         self.store.append(0, self._number, record)
         self._number = self._end = self._number + 1
-
-    def _other_way(self) -> ValueError:
-        return ValueError(
-            f"resume: the search differs from the one recorded in {self.store.path}, "
-            "although the posterior is the same: another version of a library, or "
-            "another machine, computes other digits. Continue where it began, or give "
-            "another file name"
-        )

@@ -9,18 +9,16 @@ imports them when they are first asked for. pyplot holds the figures, so that
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from .modal_assurance import plot_mac as plot_mac
+from .mode_shapes import plot_mac as plot_mac
 from .mode_shapes import plot_shapes as plot_shapes
 from .parameters import plot_correlation as plot_correlation
+from .parameters import plot_prior_posterior as plot_prior_posterior
 from .parameters import plot_scatter as plot_scatter
 from .predictive import plot_predictive as plot_predictive
-from .prior_posterior import plot_prior_posterior as plot_prior_posterior
-from .total_average_error import plot_tae as plot_tae
+from .predictive import plot_tae as plot_tae
 
 if TYPE_CHECKING:
-    from ..extensions.comparison.figure import (
-        plot_comparison as plot_comparison,
-    )
+    from ..extensions.comparison.figure import plot_comparison as plot_comparison
     from ..extensions.comparison.figure import (
         plot_model_comparison as plot_model_comparison,
     )

@@ -1,4 +1,4 @@
-"""The structure, its sensors, and the mode shapes that were measured and predicted."""
+"""Mode shapes that were measured and predicted: on the structure, and by their MAC."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -8,13 +8,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from .. import checks
 from ..contracts import Floats, read_declared
 from ..models.geometry import Geometry
 from ..posterior.log_posterior import LogPosterior
-from ..results.arviz_objects import samples
-from ..results.shapes import ModeShapes, PairedShapes, choose_experiment, solve_shapes
+from ..posterior.priors import prior_centre
+from ..results.arviz_objects import dataset, samples
+from ..results.measured import ModeShapes, PairedShapes, choose_experiment, solve_shapes
+from ..results.tables import summarize
 from ..results.to_arviz import read_samples
 from .style import BELOW, BLUE, GREY, RED, Style, finish, subplots
 
@@ -27,6 +30,8 @@ SHAPE_MARGIN = 0.17  # around the structure, of its size
 SIDE, ABOVE = math.radians(30), math.radians(22)
 ROTATION_DOFS = ":rx", ":ry", ":rz"  # of a node, which move none
 NO_EXTENT = 1e-9
+FEW_MODES = 3  # modes of the model up to which the two panels are beside each other
+ROW, COLUMN = 0.42, 0.66  # inches of a measured mode, and at least of the model's
 
 
 def plot_shapes(
@@ -100,12 +105,7 @@ def plot_shapes(
     checks.instance("geometry", geometry, Geometry)
     solved = solve_shapes(posterior, test, samples(idata)[1].mean(axis=(0, 1)))
     hertz = solved.hertz if isinstance(solved, PairedShapes) else solved.frequencies
-    some = range(1, len(hertz) + 1) if modes is None else np.atleast_1d(modes)
-    numbers = [checks.whole_number("modes", mode, 1) for mode in some]
-    if not numbers or max(numbers) > len(hertz) or len({*numbers}) < len(numbers):
-        raise ValueError(
-            f"modes: expected numbers from 1 to {len(hertz)}, each once, got {numbers}"
-        )
+    numbers = checks.chosen_numbers("modes", modes, len(hertz))
     drawn = [_displace(solved, geometry, number - 1) for number in numbers]
     nodes = np.array([*geometry.nodes.values()])
     view = _choose_view(nodes, [x for m in drawn for part in m for x in part.values()])
@@ -243,10 +243,9 @@ def _title(modes: ModeShapes, i: int) -> str:
     if not isinstance(modes, PairedShapes):
         return f"mode {i + 1}: {modes.frequencies[i]:.4g} Hz updated"
     k = modes.chosen[i]
-    mac = f"{modes.mac[i, k]:.3f}".removeprefix("0")
     return (
         f"mode {i + 1}: {modes.hertz[i]:.4g} Hz measured,\n"
-        f"{modes.frequencies[k]:.4g} Hz updated, MAC {mac}"
+        f"{modes.frequencies[k]:.4g} Hz updated, MAC {_short(modes.mac[i, k], 3)}"
     )
 
 
@@ -259,3 +258,95 @@ def _draw_directions(axes: Axes, view: Floats, at: Floats, length: float) -> Non
             middle: Style = {"ha": "center", "va": "center", "color": GREY}
             x, y = at + 1.4 * length * direction
             axes.text(x, y, name, fontsize=8, **middle)
+
+
+def plot_mac(
+    idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
+) -> Figure:
+    """Draw the MAC of measured and model modes, before and after updating.
+
+    Before is the model at the prior mean, left out where it cannot be solved; after, at
+    the posterior mean: two solves. Columns are those of the model's modes among which
+    pairs were sought; a red frame is a pair. Below its number stands the 95 % interval
+    of the pair's MAC over the samples.
+
+    Args:
+        idata: What :func:`run` or :func:`to_inference_data` returns.
+        posterior: The sampled posterior, with a :class:`PairedModel`; known of a run.
+        experiment: Name of one experiment of a joint posterior.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior, or needed.
+        ValueError: If its model pairs no modes, it has other parameters, or there is no
+            such experiment.
+
+    Examples:
+        >>> import emcee_femu as ef
+        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
+        >>> model = ef.MassSpringModel([1.0, 1.0], springs, shapes=True)
+        >>> test = ef.Measurements([0.27, 0.66], shapes=[[1.0, 1.9], [1.6, -1.0]])
+        >>> term = ef.FrequencyTerm(test, relative_sd=0.01)
+        >>> bounds = [(5.0, 15.0), (2.0, 8.0)]
+        >>> prior = ef.GaussianPrior(["k1", "k2"], [10.0, 5.0], 1.0, bounds)
+        >>> paired = ef.PairedModel(model, test, candidates=2)
+        >>> posterior = ef.LogPosterior(paired, term, prior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 20, 50, ensembles=1, seed=1)
+        >>> [axes.get_title() for axes in ef.figures.plot_mac(run).axes[:2]]
+        ['before: at the prior mean', 'after: at the posterior mean']
+    """
+    idata, posterior = read_samples(idata, posterior)
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    test = choose_experiment(posterior, experiment)
+    means = {"after: at the posterior mean": samples(idata)[1].mean(axis=(0, 1))}
+    if np.isfinite(posterior.initial).all():
+        means = {"before: at the prior mean": prior_centre(posterior.prior)} | means
+    solved: dict[str, PairedShapes] = {}
+    for title, theta in means.items():
+        modes = solve_shapes(posterior, test, theta)
+        if not isinstance(modes, PairedShapes):
+            raise ValueError(
+                "posterior: its model pairs no modes; wrap the model in a PairedModel"
+            )
+        solved[title] = after = modes
+    mac = dataset(idata, "response")[test.full_name("mac")].values
+    ends = summarize(mac.reshape(-1, mac.shape[-1]))[1:]
+    m, q = after.mac.shape
+    across = len(solved) if q <= FEW_MODES else 1
+    down = len(solved) // across
+    size = max(7.0, 1.8 + COLUMN * q), 0.3 + down * (1.1 + ROW * m)
+    figure, panels = subplots(len(solved), across, size)
+    for axes, (title, modes) in zip(panels, solved.items(), strict=True):
+        _draw_matrix(axes, modes, ends if modes is after else None)
+        axes.set_title(title, fontsize=10)
+    figure.colorbar(axes.images[0], ax=panels, label="MAC (1: same shape)")
+    return finish(figure, idata)
+
+
+def _draw_matrix(axes: Axes, modes: PairedShapes, ends: Floats | None) -> None:
+    """Draw a matrix with its numbers, and the intervals of pairs if there are some."""
+    m, q = modes.mac.shape
+    axes.imshow(modes.mac, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for (i, j), value in np.ndenumerate(modes.mac):
+        text, size = _short(value), 7.0
+        if modes.chosen[i] == j:
+            style: Style = {"fill": False, "ec": RED, "lw": 1.6}
+            axes.add_patch(Rectangle((j - 0.47, i - 0.45), 0.94, 0.9, **style))
+            if ends is not None:
+                size = 6.5
+                text += "\n" + "–".join(_short(end, 3) for end in ends[:, i])
+        color = "white" if value > 0.6 else "black"
+        axes.text(j, i, text, ha="center", va="center", color=color, fontsize=size)
+    by_model = [f"{k}\n{f:.4g} Hz" for k, f in enumerate(modes.frequencies[:q], 1)]
+    by_test = [f"{k}: {f:.4g} Hz" for k, f in enumerate(modes.hertz, 1)]
+    axes.set_xticks(range(q), by_model)
+    axes.set_yticks(range(m), by_test)
+    axes.set(xlabel="the model's modes", ylabel="measured modes")
+    axes.tick_params(labelsize=8, length=0)
+
+
+def _short(value: float, digits: int = 2) -> str:
+    """Return a MAC as 1.00 or .98."""
+    return f"{value:.{digits}f}".removeprefix("0")

@@ -191,7 +191,6 @@ def _principal_axes(covariance: ArrayLike, hertz: Floats) -> tuple[Floats, Float
     variances, axes = np.linalg.eigh(C / np.outer(hertz, hertz))
     if not variances[0] > 1e-12 * variances[-1]:
         raise ValueError(
-            "covariance: expected a positive definite matrix; that of repeats needs "
-            "more of them than modes"
+            "covariance: expected positive definite; repeats must outnumber the modes"
         )
     return 1 / variances, axes

@@ -127,9 +127,8 @@ class ShapeTerm(Term):
             )
         n_sensors, self.n_modes = shapes.shape
         self.delta = self.sd = None
-        self.statement, self.formula, self.symbol = (
-            BY_SENSOR if sd is not None else BY_MAC
-        )
+        words = BY_MAC if sd is None else BY_SENSOR
+        self.statement, self.formula, self.symbol = words
         if delta is not None:
             self.delta = np.ones(self.n_modes)
             self.delta *= error_array("delta", delta, (self.n_modes,))

@@ -247,16 +247,10 @@ def choose_error(
 def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Floats:
     """Return positive numbers: one, or an array of one of the shapes."""
     numbers = checks.positive_array(argument, value)
-    if numbers.shape not in ((), *shapes):
-        expected = " or ".join(map(str, shapes))
-        raise ValueError(
-            f"{argument}: expected one number or shape {expected}, got {numbers.shape}"
-        )
+    checks.shaped(argument, numbers.shape, (), *shapes)
     if argument == "relative_sd" and numbers.max() > MOST_RELATIVE:
-        raise ValueError(
-            f"{argument}: expected at most {MOST_RELATIVE}, got {numbers.max():g}; "
-            "0.02 is 2 %"
-        )
+        got = f"got {numbers.max():g}; 0.02 is 2 %"
+        raise ValueError(f"{argument}: expected at most {MOST_RELATIVE}, {got}")
     return numbers
 
 

@@ -3,13 +3,12 @@
 import csv
 import io
 import re
-from collections.abc import Mapping
 from os import PathLike
-from typing import Any
 
 import numpy as np
 
 from .. import checks
+from .modes import Fields
 
 Path = str | PathLike[str]
 CSV_HEADER = ["quantity", "sensor", "dof"]
@@ -41,7 +40,7 @@ PER_SENSOR = ("shapes", "shape_sd")
 PARTLY = (*PER_SENSOR, "sd", "damping", "damping_sd")  # a blank: not known
 
 
-def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
+def write_csv(path: Path, fields: Fields) -> None:
     """Write the fields of :class:`Measurements` with all digits."""
     checks.file_name("path", path)
     sensors, dofs = fields["sensors"], fields["dofs"]
@@ -61,7 +60,7 @@ def write_csv(path: Path, fields: Mapping[str, Any]) -> None:
                 writer.writerow([quantity, sensor, dof, *cells])
 
 
-def read_csv(path: Path) -> dict[str, Any]:
+def read_csv(path: Path) -> Fields:
     """Return the arguments of :class:`Measurements` that the file holds."""
     checks.file_name("path", path)
     try:
@@ -83,7 +82,7 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"separated by commas, semicolons or tabs, got {','.join(titles)!r}; "
             "modes are columns, and Measurements.to_csv writes an example"
         )
-    fields: dict[str, Any] = {}
+    fields: Fields = {}
     sensors: dict[str, list[str]] = {field: [] for field in PER_SENSOR}
     dofs = []
     for place, row in rows[1:]:
@@ -150,10 +149,8 @@ def _read_title(place: str, title: str) -> tuple[str, float]:
     else:
         fits = unit in ("", "-") or f"[{unit}]" in known.lower()
     if field is None or not fits:
-        raise ValueError(
-            f"{place}, column 'quantity': expected one of {[*QUANTITIES]}, got "
-            f"{title!r}"
-        )
+        one = f"one of {[*QUANTITIES]}, got {title!r}"
+        raise ValueError(f"{place}, column 'quantity': expected {one}")
     return field, 0.01 if percent else 1.0
 
 
@@ -171,13 +168,11 @@ def _read_numbers(
         try:
             numbers.append(float(cell))
         except ValueError:
+            remedy = "a mode that was not identified has no column"
+            if field in PARTLY:
+                remedy = "leave the cell blank where it is not known"
             raise ValueError(
-                f"{place}, column {title!r}: expected a number, got {cell!r}"
-                + (
-                    "; leave the cell blank where it is not known"
-                    if field in PARTLY
-                    else "; a mode that was not identified has no column"
-                )
+                f"{place}, column {title!r}: expected a number, got {cell!r}; {remedy}"
             ) from None
     return numbers
 

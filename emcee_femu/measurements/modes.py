@@ -3,7 +3,7 @@
 import re
 import warnings
 from collections.abc import Hashable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,23 +18,20 @@ LARGE_DAMPING = 0.2  # of structures, but for dampers; 0.2 is also a usual perce
 SIGNED = re.compile(r"(.+:)([-+])(u?[xyz]|r[xyz])")  # a DOF such as "2:-ux"
 OTHER_MODE = 0.5  # a shape with a smaller MAC with the mean belongs to another mode
 Shapes = NDArray[np.float64] | NDArray[np.complex128]
+Fields: TypeAlias = dict[str, Any]  # of Measurements, by the names of arguments
 
 
 def frequencies(value: ArrayLike) -> Floats:
     """Return measured frequencies in Hz; errors name the mode, 1 = the first."""
     hertz = checks.numeric_array("frequencies", value)
     if hertz.ndim != 1 or not hertz.size:
-        raise ValueError(
-            "frequencies: expected at least one frequency and one dimension, got "
-            f"shape {hertz.shape}"
-        )
+        raise ValueError(f"frequencies: expected (n_modes >= 1,), got {hertz.shape}")
     expected = "Hz above zero (leave out what was not identified)"
     _refuse("frequencies", hertz, expected, ~((hertz > 0) & np.isfinite(hertz)))
     for i in np.flatnonzero(np.diff(hertz) < 0):
         raise ValueError(
             f"frequencies: expected ascending ones, but mode {i + 2} ({hertz[i + 1]} "
-            f"Hz) is below mode {i + 1} ({hertz[i]} Hz); reorder all that you give by "
-            "np.argsort(frequencies)"
+            f"Hz) is below mode {i + 1} ({hertz[i]} Hz); sort all by np.argsort"
         )
     return hertz
 
@@ -49,10 +46,8 @@ def shapes(
     raw = checks.complex_array(argument, value)
     if raw.ndim < 2 or raw.shape[-1] != n_modes or not raw.size:
         turned = "; transpose them" if raw.shape[:1] == (n_modes,) else ""
-        raise ValueError(
-            f"{argument}: expected (n_sensors, {n_modes}), one column per frequency, "
-            f"got {raw.shape}{turned}"
-        )
+        expected = f"(n_sensors, {n_modes}), one column per frequency"
+        raise ValueError(f"{argument}: expected {expected}, got {raw.shape}{turned}")
     wrong = np.isinf(raw) if missing else ~np.isfinite(raw)
     _refuse(argument, raw, "finite numbers", wrong)
     for index in np.argwhere(~np.nan_to_num(raw).any(axis=-2)):
@@ -94,7 +89,6 @@ def warn_about_complex(mpc: Floats) -> None:
         warnings.warn(
             f"shapes: phase collinearity below {COLLINEAR} for mode "
             f"{', '.join(which)}; a real shape describes it poorly",
-            UserWarning,
             stacklevel=3,
         )
 
@@ -132,8 +126,7 @@ def deviations(
     if partly and isinstance(value, Sequence):
         value = [np.nan if number is None else number for number in value]
     sd = checks.numeric_array(argument, value)
-    if sd.shape != shape:
-        raise ValueError(f"{argument}: expected shape {shape}, got {sd.shape}")
+    checks.shaped(argument, sd.shape, shape)
     if partly:
         there = ~np.isnan(sd)
         if not there.any():
@@ -152,7 +145,6 @@ def damping(value: ArrayLike | None, n_modes: int) -> Floats | None:
         warnings.warn(
             f"damping: expected ratios, mostly below {LARGE_DAMPING:g}, got "
             f"{largest:.3g}, which is {100 * largest:.3g} %; 1 % is damping=0.01",
-            UserWarning,
             stacklevel=3,
         )
     return ratios
@@ -163,9 +155,7 @@ def covariance(value: ArrayLike | None, n_modes: int) -> Floats | None:
     if value is None:
         return None
     matrix = checks.real_array("covariance", value, 2)
-    shape = (n_modes, n_modes)
-    if matrix.shape != shape:
-        raise ValueError(f"covariance: expected shape {shape}, got {matrix.shape}")
+    checks.shaped("covariance", matrix.shape, (n_modes, n_modes))
     deviations("covariance (diagonal)", np.diag(matrix), (n_modes,))
     checks.covariance_factor("covariance", matrix)
     return 0.5 * (matrix + matrix.T)  # printed digits are rounded
@@ -202,19 +192,16 @@ def dofs(value: ArrayLike | None, n_sensors: int) -> tuple[NDArray[Any] | None, 
         raise TypeError(
             f"dofs: expected whole numbers, or labels such as '3:uy', got {value!r}"
         )
-    if places.shape != (n_sensors,):
-        raise ValueError(f"dofs: expected {n_sensors} DOFs, got {places.shape}")
+    checks.shaped("dofs", places.shape, (n_sensors,))
     turned = [along_axis(place) for place in places.tolist()]
     places = np.array([place for place, _ in turned])
     if len({*places.tolist()}) < n_sensors or (not labels and places.min() < 0):
-        raise ValueError(
-            f"dofs: expected distinct DOFs, numbers from 0, got {places.tolist()}; "
-            "average sensors at one DOF first"
-        )
+        got = f"{places.tolist()}; average sensors at one DOF first"
+        raise ValueError(f"dofs: expected distinct DOFs, numbers from 0, got {got}")
     return places, np.array([sign for _, sign in turned])
 
 
-def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
+def frequency_scatter(value: ArrayLike, correlated: bool) -> Fields:
     """Return mean and covariance, or sd, of frequencies ``(n_tests, n_modes)``."""
     tests, correlated = _read_tests(value), checks.flag("correlated", correlated)
     n_tests, n_modes = tests.shape
@@ -239,10 +226,9 @@ def frequency_scatter(value: ArrayLike, correlated: bool) -> dict[str, Any]:
     for i in np.flatnonzero(np.nanmax(tests, axis=0) == np.nanmin(tests, axis=0)):
         raise ValueError(
             f"frequencies: mode {i + 1} is {np.nanmax(tests[:, i])} Hz in all tests, "
-            "which says "
-            "nothing about its scatter; give more digits, or Measurements(.., sd=..)"
+            "so its scatter is not known; give more digits, or Measurements(.., sd=..)"
         )
-    scatter: dict[str, Any] = {"frequencies": np.nanmean(tests, axis=0)}
+    scatter: Fields = {"frequencies": np.nanmean(tests, axis=0)}
     if correlated:
         return scatter | {"covariance": np.atleast_2d(np.cov(tests, rowvar=False))}
     return scatter | {"sd": np.nanstd(tests, axis=0, ddof=1)}
@@ -266,7 +252,7 @@ def _read_tests(value: ArrayLike) -> Floats:
     return tests
 
 
-def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
+def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> Fields:
     """Return mean and sample sd of shapes ``(n_tests, n_sensors, n_modes)``.
 
     Of those that were found, ``(n_tests, n_modes)``.
@@ -277,10 +263,8 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
         raw = np.where(found[:, None], raw, 1.0)
     tests = shapes(raw, n_modes)
     if tests.ndim != 3 or len(tests) != n_tests:
-        raise ValueError(
-            f"shapes: expected ({n_tests} tests, n_sensors, {n_modes} modes), got "
-            f"{tests.shape}"
-        )
+        expected = f"({n_tests} tests, n_sensors, {n_modes} modes)"
+        raise ValueError(f"shapes: expected {expected}, got {tests.shape}")
     tests = tests / np.linalg.norm(tests, axis=1, keepdims=True)
     mean, sd = np.zeros_like(tests[0]), np.zeros(tests[0].shape)
     for mode in range(n_modes):
@@ -291,8 +275,7 @@ def shape_scatter(value: ArrayLike, found: NDArray[np.bool_]) -> dict[str, Any]:
         for test in np.flatnonzero(np.abs(product) ** 2 < OTHER_MODE):
             raise ValueError(
                 f"shapes: mode {mode + 1} of test {there[test] + 1} has a MAC of "
-                f"{abs(product[test]) ** 2:.2f} with the mean of all tests; are its "
-                "modes out of order?"
+                f"{abs(product[test]) ** 2:.2f} with the mean; are modes out of order?"
             )
         columns = columns * (product.conj() / np.abs(product))
         mean[:, mode] = columns.mean(axis=1)

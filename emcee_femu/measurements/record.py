@@ -106,10 +106,8 @@ class Measurements(Report):
         if shapes is not None:
             raw = modes.shapes(shapes, n_modes, missing=True)
             if raw.ndim > 2:
-                raise ValueError(
-                    f"shapes: expected (n_sensors, {n_modes}), got {raw.shape}; for "
-                    "repeated tests see from_repeats"
-                )
+                got = f"{raw.shape}; for repeated tests see from_repeats"
+                raise ValueError(f"shapes: expected (n_sensors, {n_modes}), got {got}")
             self.n_sensors, there = len(raw), ~np.isnan(raw)
             raw[~there] = 0.0
             real = (raw * modes.phases(raw)).real

@@ -1,8 +1,8 @@
-"""Modes and FRFs as other programs hand them over: universal files, pyOMA2."""
+"""Modes as other programs hand them over: universal files, pyOMA2."""
 
 import re
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from typing import Any, NamedTuple, TypeAlias
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from .. import checks
 from ..contracts import Floats
+from .modes import Fields
 
 Path = str | PathLike[str]
 Indices: TypeAlias = NDArray[np.intp]
-DataSet: TypeAlias = Mapping[str, Any]  # as pyuff reads it
 END = "    -1"  # the line before and after a data set
 BINARY = "    58b"  # begins one whose values END follows on the same line
 # Types of analysis: modes, and complex ones of two orders.
@@ -24,13 +24,7 @@ MOTIONS = (0, 1, 8, 11, 12)
 COMPLEX_DATA = (5, 6)  # of single and double precision
 # Widths of columns are not relied on: numbers may touch, "1.0E+00-2.0E+00".
 UFF_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[ED][-+]?\d+)?", re.I)
-FRF, COHERENCE = 4, 6  # types of functions
-UNKNOWN_ORDINATES = (0, 1)  # types of ordinates: unknown and general
-ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
-FORCE, FREQUENCY, IEEE = 13, 18, 2
 UFF_AXES = ("x", "y", "z", "rx", "ry", "rz")
-UFF_DIRECTIONS = range(-6, 7)  # 0: not stated, or a scalar
-ENDS = "rsp", "ref"
 
 
 # Where a data set has what: the line of six numbers that say what the values are; the
@@ -55,7 +49,7 @@ class Mode(NamedTuple):
 
 def read_uff(
     path: Path, sensors: Sequence[str] | None, numbers: Sequence[int] | None
-) -> dict[str, Any]:
+) -> Fields:
     """Return the arguments of :class:`Measurements` that a universal file holds."""
     found = _find_modes(path)
     hertz = np.array([mode.hertz for mode in found])
@@ -76,7 +70,6 @@ def read_uff(
         warnings.warn(
             f"{path}: taken as not measured: zero in all modes, left out, {zero}; "
             f"absent in some modes, NaN there, {absent}; pass sensors= to choose",
-            UserWarning,
             stacklevel=3,
         )
     return {
@@ -87,9 +80,7 @@ def read_uff(
     }
 
 
-def read_pyoma2(
-    result: Any, shape_sd: bool, numbers: Sequence[int] | None
-) -> dict[str, Any]:
+def read_pyoma2(result: Any, shape_sd: bool, numbers: Sequence[int] | None) -> Fields:
     """Return the arguments of :class:`Measurements` that a pyOMA2 result holds."""
     if not (hasattr(result, "Fn") and hasattr(result, "Phi")):
         raise TypeError(
@@ -102,10 +93,8 @@ def read_pyoma2(
     if checks.flag("shape_sd", shape_sd):
         names["shape_sd"] = "Phi_std"
         if getattr(result, "Phi_std", None) is None:
-            raise ValueError(
-                "result: no Phi_std; run pyOMA2 with calc_unc=True, or leave shape_sd "
-                "out"
-            )
+            remedy = "run pyOMA2 with calc_unc=True, or leave shape_sd out"
+            raise ValueError(f"result: no Phi_std; {remedy}")
     of_damping = {"damping": "Xi", "damping_sd": "Xi_std"}
     fields = {
         field: checks.complex_array(f"result.{name}", value)
@@ -130,13 +119,7 @@ def _choose_modes(
         numbers: Those that a user asks for, 1 = the first; None for all.
         places: Where each comes from, for messages.
     """
-    count = len(hertz)
-    some = range(1, count + 1) if numbers is None else np.atleast_1d(numbers)
-    wanted = [checks.whole_number("modes", number, 1) - 1 for number in some]
-    if not wanted or len({*wanted}) < len(wanted) or max(wanted) >= count:
-        raise ValueError(
-            f"modes: expected numbers from 1 to {count}, each once, got {numbers}"
-        )
+    wanted = [i - 1 for i in checks.chosen_numbers("modes", numbers, len(hertz))]
     good = (hertz > 0) & np.isfinite(hertz)
     for i in wanted:
         if not good[i]:
@@ -186,11 +169,8 @@ def _read_header(place: str, kind: str, lines: list[str]) -> Mode | None:
     except (IndexError, ValueError):
         raise ValueError(f"{place}: its header is not that of type {kind}") from None
     at_nodes = kind == "55" or lines[3].strip() == "1"
-    if (
-        analysis not in (NORMAL_MODES, *COMPLEX_MODES)
-        or motion not in MOTIONS
-        or not at_nodes
-    ):
+    of_modes = analysis in (NORMAL_MODES, *COMPLEX_MODES) and motion in MOTIONS
+    if not (at_nodes and of_modes):
         return None
     reals = np.append(_read_numbers(place, lines[of_reals]), np.zeros(12))
     if analysis == NORMAL_MODES:
@@ -240,142 +220,3 @@ def _nodal_values(mode: Mode) -> dict[str, complex]:
         for node, row in zip(nodes, values.tolist(), strict=True)
         for axis, value in zip(UFF_AXES, row, strict=False)
     }
-
-
-def read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str, Any]:
-    """Return the arguments of :class:`FRFMeasurements`, in SI, of a universal file."""
-    file, types = _open_uff(path)
-    units: DataSet = {"length": 1.0, "force": 1.0}
-    read: dict[int, dict[tuple[str, str], Any]] = {FRF: {}, COHERENCE: {}}
-    lines, kinds, others = None, {}, set()
-    for i, number in enumerate(types):
-        place = f"{path}, data set {i + 1}"
-        if number == 164:
-            units = _read_set(place, file, i)
-        if number != 58:
-            continue
-        function = _read_set(place, file, i, header_only=True)["func_type"]
-        if function != FRF and (function != COHERENCE or averages is None):
-            others.add(function)
-            continue
-        data = _read_set(place, file, i)
-        _check_function(place, data)
-        if lines is None:
-            lines = np.asarray(data["x"], dtype=float)
-        if not np.array_equal(data["x"], lines):
-            raise ValueError(f"{place}: other lines than the functions before it")
-        channel, factor = _find_channel(data, units)
-        if channel in read[function]:
-            raise ValueError(
-                f"{place}: {'/'.join(channel)} appears twice; give a file with one"
-            )
-        if function == FRF:
-            kinds[i + 1] = _find_kind(place, data, kind)
-            read[FRF][channel] = factor * np.asarray(data["data"], dtype=complex)
-        else:
-            read[COHERENCE][channel] = np.asarray(data["data"]).real
-    if not kinds:
-        raise ValueError(
-            f"{path}: expected data sets 58 of type 4 (FRF), got "
-            f"{types.count(58)} data sets 58, of types {sorted(others)}"
-        )
-    if len({*kinds.values()}) > 1:
-        raise ValueError(f"{path}: expected FRFs of one kind, got {kinds} by data set")
-    factors = units["length"], units["force"]
-    if factors != (1.0, 1.0):
-        warnings.warn(
-            f"{path}: FRFs are converted to SI by the file's units (data set 164), "
-            f"with factors of length and force {factors}",
-            UserWarning,
-            stacklevel=3,
-        )
-    fields = {
-        "lines": lines,
-        "values": np.array([*read[FRF].values()]),
-        "channels": [*read[FRF]],
-        "kind": kinds.popitem()[1],
-    }
-    if averages is None:
-        return fields
-    missing = ["/".join(channel) for channel in read[FRF].keys() - read[COHERENCE]]
-    if missing:
-        raise ValueError(f"averages: {path} has no coherence of {missing}; omit it")
-    coherence = np.array([read[COHERENCE][channel] for channel in read[FRF]])
-    return {**fields, "coherence": coherence, "averages": averages}
-
-
-def _open_uff(path: Path) -> tuple[Any, list[int]]:
-    """Return a universal file, opened by pyuff, and the types of its data sets."""
-    checks.file_name("path", path)
-    try:
-        import pyuff
-    except ImportError:
-        raise ImportError(
-            'FRFs of universal files need pyuff: pip install "emcee_femu[uff]"'
-        ) from None
-    with open(path, "rb"):  # Python's message for a missing file, not pyuff's
-        pass
-    try:
-        file = pyuff.UFF(str(path))
-        return file, [int(number) for number in file.get_set_types()]
-    except Exception as error:  # the class that pyuff raises for whatever goes wrong
-        raise ValueError(f"{path}: pyuff cannot read it ({error})") from error
-
-
-def _read_set(place: str, file: Any, i: int, **options: bool) -> DataSet:
-    """Return data set i of a file."""
-    try:
-        data: DataSet = file.read_sets(i, **options)
-    except Exception as error:
-        raise ValueError(f"{place}: pyuff cannot read it ({error})") from error
-    return data
-
-
-def _check_function(place: str, data: DataSet) -> None:
-    """Refuse a function that is not what is read, or not wholly there."""
-    for what, got, expected in (
-        ("binary numbers of format", data.get("fp_format", IEEE), (IEEE,)),
-        (
-            "an abscissa of type",
-            data["abscissa_spec_data_type"],
-            (*UNKNOWN_ORDINATES, FREQUENCY),
-        ),
-        ("a response direction of", data["rsp_dir"], UFF_DIRECTIONS),
-        ("a reference direction of", data["ref_dir"], UFF_DIRECTIONS),
-        ("a number of values of", len(data["data"]), (data["num_pts"],)),
-    ):
-        if got not in expected:
-            raise ValueError(f"{place}: expected {what} {expected}, got {got}")
-
-
-def _find_kind(place: str, data: DataSet, kind: str | None) -> str:
-    """Return the kind of an FRF: that of the file, or else the one that was given."""
-    above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
-    stated = ORDINATES.get(above, kind)
-    if (
-        kind not in (None, stated)
-        or above not in (*UNKNOWN_ORDINATES, *ORDINATES)
-        or below not in (*UNKNOWN_ORDINATES, FORCE)
-    ):
-        raise ValueError(
-            f"{place}: type {above} over {below} is not kind={kind!r}; expected one of "
-            f"{ORDINATES} over force ({FORCE})"
-        )
-    if stated is None or (kind is None and below != FORCE):
-        raise ValueError(
-            f"{place}: it does not say what was measured, type {above} over {below}; "
-            f"if you know, give kind=, one of {[*ORDINATES.values()]}"
-        )
-    return stated
-
-
-def _find_channel(data: DataSet, units: DataSet) -> tuple[tuple[str, str], float]:
-    """Return labels of DOFs, and the factor to SI and to directions along the axes."""
-    response, reference = directions = [int(data[f"{end}_dir"]) for end in ENDS]
-    first, second = (
-        f"{int(data[f'{end}_node'])}" + (f":{UFF_AXES[abs(x) - 1]}" if x else "")
-        for end, x in zip(ENDS, directions, strict=True)
-    )
-    sign = -1.0 if (response < 0) != (reference < 0) else 1.0
-    power = (abs(response) > 3) + (abs(reference) > 3) - 1  # rotations, moments
-    return (first, second), sign * units["force"] * units["length"] ** power

@@ -83,9 +83,8 @@ def _check_bounds(
     if least < low or most > high:
         raise ValueError(
             f"prior: {name!r} has bounds ({least:g}, {most:g}), but the model holds "
-            f"within ({low:g}, {high:g}); give the prior such bounds, as in "
-            f"IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, {high:g})}}), "
-            "or widen the model"
+            f"within ({low:g}, {high:g}); widen the model, or cut the prior: "
+            f"IndependentPrior({{...}}, bounds={{{name!r}: ({low:g}, {high:g})}})"
         )
 
 
@@ -148,10 +147,8 @@ def _compare(needed: Variable, returned: Variable) -> str:
     for dim, labels in needed.coords.items():
         there = list(returned.coords[dim])
         if len(labels) > len(there):
-            return (
-                f"at {len(labels)} {dim}s, but the model returns {len(there)}; ask it "
-                "for more"
-            )
+            at = f"at {len(labels)} {dim}s"
+            return f"{at}, but the model returns {len(there)}; ask it for more"
         # Terms read by place, the first of the modes for instance; only DOFs that are
         # all there are picked by their numbers. None is known by its place only.
         picked = dim == "dof" and there == list(range(len(there)))

@@ -5,19 +5,13 @@ Where every model has ``jacobian`` they take one solve per point
 priors are differenced without any.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..contracts import (
-    Floats,
-    Linearization,
-    Parameters,
-    Prior,
-    SolveError,
-)
+from ..contracts import Floats, Linearization, Parameters, Prior, SolveError
 from ..likelihoods.term import Term, linearize_normal
 from .experiments import Solved
 
@@ -38,20 +32,17 @@ ONE_SIDE: Sides = ((1.0,), (-1.0,))  # half as many solves, enough to search by
 class _Differentiated(Protocol):
     """What derivatives ask of a posterior."""
 
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def ndim(self) -> int: ...
-    @property
-    def prior(self) -> Prior: ...
+    names: tuple[str, ...]
+    ndim: int
+    prior: Prior
+    terms: tuple[Term, ...]
+    columns: dict[str, slice]
+    row_size: int
+
     @property
     def scale(self) -> Floats: ...
-    @property
-    def terms(self) -> Sequence[Term]: ...
-    @property
-    def columns(self) -> Mapping[str, slice]: ...
     def parameters(self, theta: Floats) -> Parameters: ...
-    def rejected(self) -> Floats: ...
+    def split(self, stacked: Floats) -> tuple[slice, slice, slice]: ...
 
 
 class Stencil(NamedTuple):
@@ -161,11 +152,10 @@ def along_tangents(
     scores = []
     for part in solved:
         tangents = part.tangents | along
+        about = parameters, part.response, tangents, steps
         for term in part.terms:
             with np.errstate(all="ignore"):  # of rows that are -inf
-                slope, score = term.linearize(
-                    parameters, part.response, tangents, steps
-                )
+                slope, score = term.linearize(*about)
             gradient += slope
             scores.append(score)
     possible, hessian = rows[:, 0] > -np.inf, None
@@ -193,23 +183,21 @@ def difference(
         law: Prior and scale of the coordinates that the points are in, and that
             evaluate takes; None for parameters.
     """
-    n, width = len(theta), len(posterior.rejected())
     law = law or (posterior.prior, posterior.scale)
     how = (COARSE, ONE_SIDE) if searching else (SMALL_STEP, SIDES)
     stencil = place(law[0], theta, law[1], *how)
     evaluated = evaluate(stencil.points)
-    if searching and is_printed(posterior, evaluated[:, :width]):
+    rows, r, sd = posterior.split(evaluated)
+    if searching and is_printed(posterior, evaluated[:, rows]):
         stencil = place(law[0], theta, law[1], GRAINED, ONE_SIDE)
         evaluated = evaluate(stencil.points)
     slopes = stencil.derive(evaluated)  # (n, columns, d)
-    values = evaluated.reshape(n, -1, evaluated.shape[1])
+    values = evaluated.reshape(len(theta), -1, evaluated.shape[1])
     gradient = prior_gradient(law[0], theta, law[1])
     others = [column for column, t in enumerate(posterior.terms, 2) if not t.gaussian]
     gradient += slopes[:, others].sum(axis=1)
     scores: list[Floats | None] = [None] * len(others)
-    if len(others) < len(posterior.terms) and values.shape[2] > width:
-        half = (values.shape[2] - width) // 2
-        r, sd = slice(width, width + half), slice(width + half, None)
+    if len(others) < len(posterior.terms) and values.shape[2] > posterior.row_size:
         with np.errstate(all="ignore"):  # of rows that are -inf
             parts = values[:, 0, r], values[:, 0, sd], slopes[:, r], slopes[:, sd]
             slope, score = linearize_normal(*parts)
@@ -220,7 +208,7 @@ def difference(
     possible &= ~np.isnan(stencil.steps).any(axis=(1, 2))
     hessian = prior_hessian(law[0], theta, law[1]) if information else None
     rest = _side_by_side(posterior, theta, possible, gradient, scores, hessian)
-    return np.hstack([values[:, 0, :width], rest])
+    return np.hstack([values[:, 0, rows], rest])
 
 
 def _side_by_side(
@@ -262,7 +250,7 @@ def _side_by_side(
 
 def unstack(posterior: _Differentiated, stacked: Floats) -> Linearization:
     """Return rows, gradient and information; None where a term's is not known."""
-    width, d, n = len(posterior.rejected()), posterior.ndim, len(stacked)
+    width, d, n = posterior.row_size, posterior.ndim, len(stacked)
     rows, gradient = stacked[:, :width], stacked[:, width : width + d]
     information = stacked[:, width + d :]
     if not gradient.shape[1]:  # nothing but failures

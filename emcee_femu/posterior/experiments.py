@@ -96,9 +96,8 @@ class Experiment:
             names: All parameters of the posterior, in its order.
             derivatives: Whether to ask the model's jacobian for derivatives.
         """
-        response, tangents, directions, stored = self._respond(
-            parameters, names, derivatives
-        )
+        solved = self._respond(parameters, names, derivatives)
+        response, tangents, directions, stored = solved
         values = [
             self._evaluate(term, name, parameters, response)
             for term, name in zip(self.terms, self.term_names, strict=True)
@@ -124,9 +123,8 @@ class Experiment:
             if derivatives and self.jacobian is not None:
                 response, slopes = self.jacobian(copies())
                 reads = {name for term in self.terms for name in term.reads or ()}
-                tangents = gather_tangents(
-                    f"{label}: jacobian", response, slopes, names, reads
-                )
+                who = f"{label}: jacobian"
+                tangents = gather_tangents(who, response, slopes, names, reads)
             if self.spread is not None:  # an emulator: its second call costs nothing
                 response, directions = self.spread(copies())
             elif not derivatives:
@@ -157,10 +155,7 @@ class Experiment:
             value = checks.numeric_array(f"terms ({self.full_name(name)!r})", value)
         n = len(next(iter(parameters.values())))
         if value.shape != (n,):  # one number would do for all rows, unseen
-            raise ValueError(
-                f"terms: expected {n} log-likelihoods of {self.full_name(name)!r}, got "
-                f"shape {value.shape}"
-            )
+            checks.shaped(f"terms ({self.full_name(name)!r})", value.shape, (n,))
         return value
 
     def _average(

@@ -142,9 +142,8 @@ class LogPosterior(Report):
         self._recalled: dict[bytes, Floats] = {}
         self.experiments = tuple(Experiment(name, *pairs[name]) for name in pairs)
         self.terms = tuple(term for e in self.experiments for term in e.terms)
-        self.term_names = tuple(
-            e.full_name(name) for e in self.experiments for name in e.term_names
-        )
+        labels = [[e.full_name(n) for n in e.term_names] for e in self.experiments]
+        self.term_names = tuple(itertools.chain(*labels))
         self.variables = {
             e.full_name(name): Variable(
                 {e.full_name(dim): labels for dim, labels in variable.coords.items()},
@@ -155,10 +154,11 @@ class LogPosterior(Report):
         }
         check_names(prior, self.variables, self.term_names)
         check_parameters([e.model for e in self.experiments], self.terms, prior)
-        end = 2 + len(self.terms)
-        self.columns = {"densities": slice(0, end)}
+        self.row_size = 2 + len(self.terms)
+        self.columns = {"densities": slice(0, self.row_size)}
         for name, variable in self.variables.items():
-            self.columns[name] = slice(end, end := end + variable.size)
+            begin, self.row_size = self.row_size, self.row_size + variable.size
+            self.columns[name] = slice(begin, self.row_size)
 
     def _parts(self) -> Parts:
         yield tabulate_prior("Log-posterior", self.prior, self.units)
@@ -209,6 +209,11 @@ class LogPosterior(Report):
     def parameters(self, theta: Floats) -> Parameters:
         """Return the columns of ``theta (n, d)`` by parameter name."""
         return dict(zip(self.prior.names, theta.T, strict=True))
+
+    def split(self, stacked: Floats) -> tuple[slice, slice, slice]:
+        """Return where rows, r and sd are in what "deviations" stacked, by columns."""
+        middle = (self.row_size + stacked.shape[-1]) // 2
+        return slice(self.row_size), slice(self.row_size, middle), slice(middle, None)
 
     def unfold(self, rows: Floats) -> dict[str, Floats]:
         """Return the stored variables of ``rows (..., columns)``, by name."""
@@ -333,8 +338,7 @@ class LogPosterior(Report):
 
     def rejected(self) -> Floats:
         """Return the row of a point that is not evaluated: -inf, then NaN."""
-        *_, last = self.columns.values()
-        row = np.full(last.stop, np.nan)
+        row = np.full(self.row_size, np.nan)
         row[self.columns["densities"]] = -np.inf
         return row
 
@@ -414,19 +418,17 @@ class LogPosterior(Report):
         try:
             rng = np.random.default_rng(seed)
         except (TypeError, ValueError) as error:
+            taken = "what numpy.random.default_rng takes"
             raise type(error)(
-                f"seed: expected what numpy.random.default_rng takes, got {seed!r} "
-                f"({error})"
+                f"seed: expected {taken}, got {seed!r} ({error})"
             ) from None
         return self.prior.sample(rng, nwalkers)
 
     def check_inside(self, argument: str, theta: Floats) -> None:
         """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
         if theta.ndim != 2 or theta.shape[1] != self.ndim:
-            raise ValueError(
-                f"{argument}: expected one number for each of {self.names}, "
-                f"got shape {theta.shape}"
-            )
+            each = f"one number for each of {self.names}"
+            raise ValueError(f"{argument}: expected {each}, got shape {theta.shape}")
         low, high = self.prior.bounds.T
         outside = np.argwhere(~((theta >= low) & (theta <= high)))
         for row, column in outside[:1]:

@@ -59,11 +59,8 @@ class GaussianPrior(Report):
         self.mean = mean = checks.real_array("mean", mean, 1)
         sd = checks.positive_array("sd", sd)
         d = len(self.names)
-        if mean.shape != (d,) or sd.shape not in ((), (d,)):
-            raise ValueError(
-                f"mean, sd: expected {d} numbers, one for each of names, got shapes "
-                f"{mean.shape} and {sd.shape}"
-            )
+        checks.shaped("mean", mean.shape, (d,), remedy="one for each of names")
+        checks.shaped("sd", sd.shape, (), (d,), remedy="one for each of names")
         self.sd = sd = np.broadcast_to(sd, (d,)).copy()
         free = np.tile([-np.inf, np.inf], (d, 1))
         self.bounds = check_bounds(free if bounds is None else bounds, self.names)
@@ -75,10 +72,15 @@ class GaussianPrior(Report):
         self._log_constant = float(constant)
 
     @property
+    def marginals(self) -> dict[str, Any]:
+        """The marginals by name, before they are cut."""
+        moments = zip(self.names, self.mean, self.sd, strict=True)
+        return {name: stats.norm(mean, sd) for name, mean, sd in moments}
+
+    @property
     def distributions(self) -> list[str]:
         """The marginals before they are cut, as scipy writes them."""
-        pairs = zip(self.mean, self.sd, strict=True)
-        return [f"norm({mean:.4g}, {sd:.4g})" for mean, sd in pairs]
+        return [describe_marginal(marginal) for marginal in self.marginals.values()]
 
     def _parts(self) -> Parts:
         return (tabulate_prior("Prior", self),)
@@ -153,9 +155,8 @@ class IndependentPrior(Report):
             methods = {"logpdf", "rvs", "support", "freeze"} & {*dir(marginal)}
             if methods != {"logpdf", "rvs", "support"}:  # what can be frozen is not
                 raise TypeError(
-                    f"marginals[{name!r}]: expected a frozen continuous distribution "
-                    "such as scipy.stats.norm(0, 1), or a pair (low, high), got "
-                    f"{marginal!r}"
+                    f"marginals[{name!r}]: expected a frozen continuous distribution, "
+                    f"scipy.stats.norm(0, 1), or a pair (low, high), got {marginal!r}"
                 )
             if name in ends:
                 marginal = _Cut(name, marginal, *ends[name])
@@ -227,11 +228,8 @@ def _standardize(bounds: Floats, mean: Floats, sd: Floats) -> Floats:
 def check_bounds(bounds: ArrayLike, names: tuple[str, ...]) -> Floats:
     """Return bounds as ``(d, 2)``, refusing NaN and low >= high by name."""
     array = checks.numeric_array("bounds", bounds)
-    if array.shape != (len(names), 2):
-        raise ValueError(
-            f"bounds: expected (low, high) for each of {len(names)} parameters, "
-            f"shape ({len(names)}, 2), got shape {array.shape}"
-        )
+    shape = len(names), 2
+    checks.shaped("bounds", array.shape, shape, remedy="(low, high) of each name")
     for name, (low, high) in zip(names, array.tolist(), strict=True):
         if not low < high:
             raise ValueError(f"bounds: {name!r} has low >= high, ({low:g}, {high:g})")
@@ -276,9 +274,9 @@ def tabulate_prior(
 
 def describe_marginal(marginal: Any) -> str:
     """Write a frozen distribution as scipy does: its name and arguments."""
-    whole = getattr(marginal, "marginal", marginal)  # of one that is cut
-    kind = getattr(whole, "dist", whole)
-    arguments = [f"{value:.4g}" for value in getattr(whole, "args", ())]
-    keywords = getattr(whole, "kwds", {}).items()
-    arguments += [f"{key}={value:.4g}" for key, value in keywords]
-    return f"{getattr(kind, 'name', type(kind).__name__)}({', '.join(arguments)})"
+    whole = marginal.marginal if isinstance(marginal, _Cut) else marginal
+    if not hasattr(whole, "dist"):  # of a class of the user's own
+        return f"{type(whole).__name__}()"
+    arguments = [f"{value:.4g}" for value in whole.args]
+    arguments += [f"{key}={value:.4g}" for key, value in whole.kwds.items()]
+    return f"{whole.dist.name}({', '.join(arguments)})"

@@ -27,7 +27,7 @@ def is_arviz(source: object) -> bool:
     return hasattr(source, "children") or hasattr(source, "groups")
 
 
-def wrap(datasets: Mapping[str, Any]) -> Any:
+def wrap(datasets: Mapping[str, Dataset]) -> InferenceData:
     """Return xarray Datasets as the installed ArviZ's own container."""
     import xarray
 
@@ -37,7 +37,7 @@ def wrap(datasets: Mapping[str, Any]) -> Any:
     return xarray.DataTree.from_dict(dict(datasets))
 
 
-def dataset(idata: InferenceData, group: str) -> Any:
+def dataset(idata: InferenceData, group: str) -> Dataset:
     """Return a group as an xarray Dataset, whatever ArviZ made of it.
 
     Weighted draws, which :func:`certify` makes, are repeated as their weights say:
@@ -48,10 +48,8 @@ def dataset(idata: InferenceData, group: str) -> Any:
         ValueError: If it lacks the group.
     """
     if not is_arviz(idata):
-        raise TypeError(
-            "idata: expected what to_inference_data returns, got "
-            f"{type(idata).__name__}"
-        )
+        got = type(idata).__name__
+        raise TypeError(f"idata: expected what to_inference_data returns, got {got}")
     try:
         values = _group(idata, group)
     except KeyError:
@@ -88,7 +86,7 @@ def prior_draws(idata: InferenceData, names: Sequence[str]) -> Floats:
     return np.asarray(prior.to_dataframe().reindex(columns=list(names)))
 
 
-def groups(idata: InferenceData) -> dict[str, Any]:
+def groups(idata: InferenceData) -> dict[str, Dataset]:
     """Return all groups as xarray Datasets."""
     tree = hasattr(idata, "children")
     names = list(idata.children) if tree else [*idata.groups()]
@@ -101,7 +99,7 @@ def describe_certificate(idata: InferenceData) -> str:
     return f" ({text})" if text else ""
 
 
-def _group(idata: InferenceData, group: str) -> Any:
+def _group(idata: InferenceData, group: str) -> Dataset:
     values = idata[group]
     return values.to_dataset() if hasattr(values, "to_dataset") else values
 
@@ -160,7 +158,7 @@ def unit_of(idata: InferenceData, name: str) -> str:
     return "" if inherited else unit
 
 
-def original_name(name: str, known: Iterable[Any]) -> str:
+def original_name(name: str, known: Iterable[object]) -> str:
     """Return which of the ``known`` names a name is, or is with brackets; else it."""
     candidates = [str(k) for k in known if f"{name}[".startswith(f"{k}[")]
     return max(candidates, key=len, default=name)

@@ -90,7 +90,7 @@ def read_chains(
     weighted = moves_of(samplers[0])
     chains = read(backends, ladder_of([move for move, _ in weighted]))
     run = source if isinstance(source, Run) else None
-    posterior = posterior or (run.posterior if run else _sampled_by(samplers[0]))
+    posterior = posterior or _sampled_by(samplers[0])
     chains = replace(
         chains,
         names=_names(samplers[0], posterior, chains.draws.shape[-1]),
@@ -126,10 +126,8 @@ def _read(
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
     shapes = {backend.shape for backend in backends}
     if len(shapes) > 1:
-        raise ValueError(
-            "source: expected ensembles of one shape (walkers, parameters), got "
-            f"{sorted(shapes)}"
-        )
+        shape = "one shape (walkers, parameters)"
+        raise ValueError(f"source: expected ensembles of {shape}, got {sorted(shapes)}")
     kept = slice(0, backends[0].shape[0] // (1 if hot else len(betas)))
 
     def gather(name: str) -> Floats:

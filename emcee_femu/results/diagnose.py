@@ -306,9 +306,13 @@ def judge_search(modes: ModeWeights | None) -> Statement:
         return Statement(NOT_SEARCHED, "none", sentence)
     count = len(modes.importance)
     short = "one maximum" if count == 1 else f"{count} maxima"
+    climbs, from_prior = modes.climbs
+    few = from_prior // HITS
+    reached = f", and at which fewer than one climb in {few:,} ends," if few else ""
     sentence = (
-        f"{short}, by {modes.searched:,} points. A maximum so small that fewer than "
-        f"one point in {modes.searched // HITS:,} falls near it may be missing."
+        f"{short}, by {modes.searched:,} points and {climbs:,} climbs. A maximum so "
+        f"small that fewer than one point in {modes.searched // HITS:,} falls near it"
+        f"{reached} may be missing."
     )
     return Statement(SEARCHED, short, sentence)
 

@@ -126,16 +126,14 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(
-            "source: expected a run of 'auto' or of a TemperedMove, from which the "
-            f"evidence can be had, got a {chains.kind} of {chains.moves}; give what "
-            "run or anneal returned"
+            "source: expected a run of 'auto' or of a TemperedMove, or what anneal "
+            f"returned, got a {chains.kind} of {chains.moves}"
         )
     log_prob = chains.log_prob
     check_length(log_prob)
     if not np.isfinite(log_prob).all():
         raise ValueError(
-            "source: a log-posterior after discard is not finite; start where it is "
-            "finite, or discard more"
+            "source: a log-posterior is not finite; start elsewhere, or discard more"
         )
     failed = sum(chains.failures.values())
     overlaps, method = np.empty(0), "by a bridge from the frozen proposal"
@@ -196,9 +194,8 @@ def _climb_ladder(chains: Chains) -> tuple[float, float, tuple[str, ...], Floats
         )
     log_likelihood = chains.log_prob - blobs[..., 0]
     steps, ensembles, _ = log_likelihood.shape
-    by_rung = np.moveaxis(
-        log_likelihood.reshape(steps, ensembles, len(betas), -1), 2, 0
-    )
+    by_beta = log_likelihood.reshape(steps, ensembles, len(betas), -1)
+    by_rung = np.moveaxis(by_beta, 2, 0)
     if not (by_rung.var(axis=(1, 3)) > 0).all():
         raise ValueError(
             "source: the log-likelihoods of an ensemble never changed; see diagnose"

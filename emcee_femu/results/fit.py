@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -12,7 +11,7 @@ from ..sampling.first_solve import doubt_units, is_constant, same_response
 from ..sampling.record import Chains
 from .arviz_objects import InferenceData, is_arviz
 from .identifiability import describe_samples
-from .measured import Measured, read_measured
+from .measured import read_measured
 from .to_arviz import read_samples
 
 ENOUGH_PREDICTED = 4_000  # samples
@@ -42,7 +41,7 @@ class Statement:
     reasons: tuple[str, ...] = ()
 
 
-def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
+def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
     """Say whether what was measured lies inside the posterior predictive.
 
     Args:
@@ -87,7 +86,8 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
     pressed = about.find_pressed()
     if not missed:
         doubts = [*about.find_followed(), *_recall(chains)]
-        if np.ptp(chains.draws) and (still := [p for p in parts if _is_still(p)]):
+        still = [p for p in parts if is_constant(p.predicted)]
+        if np.ptp(chains.draws) and still:
             label = ", ".join(part.name for part in still)
             doubts.append(same_response(label, len(still[0].predicted)))
         status, short = "fits", "inside"
@@ -104,7 +104,7 @@ def judge_fit(source: Any, chains: Chains, discard: int) -> Statement:
     return Statement("does not fit", short, sentence)
 
 
-def _read(source: Any, chains: Chains, discard: int) -> InferenceData | None:
+def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData | None:
     """Return samples with their response, None where nothing is known of it."""
     if is_arviz(source):
         return source.isel(draw=slice(discard, None)) if discard else source
@@ -117,11 +117,6 @@ def _read(source: Any, chains: Chains, discard: int) -> InferenceData | None:
 def _recall(chains: Chains) -> list[str]:
     """Return what was warned of before the run, which a file outlives."""
     return [f"Before the run: {doubt.rstrip('.?')}?" for doubt in chains.doubts]
-
-
-def _is_still(part: Measured) -> bool:
-    """Return whether a prediction is the same at all samples."""
-    return part.predicted is not None and is_constant(part.predicted)
 
 
 def _outvoted(posterior: LogPosterior | None, missed: Collection[str]) -> Iterator[str]:

@@ -379,10 +379,9 @@ def _describe_maximum(maxima: FoundMap) -> Identifiability:
     is_error = np.isin(posterior.names, posterior.error_names)
     stencil = place(posterior.prior, best.theta[None], posterior.scale)
     stacked = posterior.stack(stencil.points, "deviations")
-    rows, rest = np.split(stacked, [len(posterior.rejected())], axis=1)
+    rows, r, sd = (stacked[:, part] for part in posterior.split(stacked))
     modes, log_eigenvalues = by_mode(posterior.unfold(rows))
     slopes = stencil.derive(log_eigenvalues)[0]
-    r, sd = np.split(rest, 2, axis=1)
     effect = np.linalg.norm(stencil.derive(r)[0] / sd[0][:, None], axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.log(mean), np.sqrt(np.diag(covariance)) / mean

@@ -1,20 +1,25 @@
-"""What was measured, and what an ArviZ object holds at the same places."""
+"""What was measured, and what an ArviZ object holds at the same places.
 
-from collections.abc import Iterator, Mapping
+And the mode shapes of a model at one parameter set, paired with the measured ones.
+"""
+
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..contracts import Floats, Variable
+from ..contracts import Floats, Variable, read, read_declared
 from ..likelihoods.term import Term
+from ..models.paired import PairedModel
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
 from .arviz_objects import Dataset, InferenceData, dataset, groups, original_name
 
+ROUNDING = 1e-9  # by which the MAC of a shape with itself may be off
 GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
-
 
 ONE_NUMBER = Variable({})
 
@@ -87,11 +92,9 @@ def measured_frequencies(
     by_name = {measured.name: measured for measured in read_measured(idata)}
     if name not in by_name:
         joint = any("." in other for other in by_name)
-        raise ValueError(
-            f"idata, experiment: no term has measured {name!r}; measured are "
-            f"{list(by_name)}"
-            + ("; name one of the experiments with experiment=" if joint else "")
-        )
+        remedy = "; name one of the experiments with experiment=" if joint else ""
+        there = f"measured are {[*by_name]}{remedy}"
+        raise ValueError(f"idata, experiment: no term has measured {name!r}; {there}")
     return by_name[name]
 
 
@@ -102,14 +105,10 @@ def read_measured(idata: InferenceData) -> list[Measured]:
         group: dataset(idata, group).data_vars if group in there else {}
         for group in GROUPS
     }
-    originals = {
-        str(name): original_name(str(name), held["response"])
-        for name in held["observed_data"]
-    }
     return [
-        _read(held, name, variable)
-        for name, variable in originals.items()
-        if variable in held["response"]
+        _read(held, str(name), variable)
+        for name in held["observed_data"]
+        if (variable := original_name(str(name), held["response"])) in held["response"]
     ]
 
 
@@ -242,3 +241,123 @@ def _label(
         coords[experiment.full_name(dim)] = list(labels)[:size]
     unit = variable.unit or (returned.unit if returned else "")
     return Labelled(values.reshape(*lead, *shape), Variable(coords, unit))
+
+
+@dataclass(frozen=True, eq=False)
+class ModeShapes:
+    """The modes of a model at one parameter set.
+
+    Attributes:
+        frequencies: In Hz, ``(q,)``.
+        shapes: At all DOFs that the model returns, ``(n_dof, q)``.
+        dofs: The labels of these DOFs; their numbers where the model does not tell.
+        complete: Whether these are all the DOFs that the model has.
+    """
+
+    frequencies: Floats
+    shapes: Floats
+    dofs: Sequence[Hashable]
+    complete: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PairedShapes(ModeShapes):
+    """The modes of a model beside the m measured ones that they are paired with.
+
+    Attributes:
+        measured: Measured shapes ``(n_sensors, m)``.
+        hertz: Measured frequencies, ``(m,)``.
+        sensors: The DOF of each sensor, or its name where that is not known.
+        chosen: The model's mode that is paired with each, from 0, ``(m,)``.
+        paired: Its shape at the sensors, ``(n_sensors, m)``; of close modes that which
+            they span nearest to the measured one.
+        shared: Whether it is that of close modes, ``(m,)``.
+        mac: Measured modes against the model's, ``(m, q)``.
+    """
+
+    measured: Floats
+    hertz: Floats
+    sensors: Sequence[Hashable]
+    chosen: NDArray[np.intp]
+    paired: Floats
+    shared: NDArray[np.bool_]
+    mac: Floats
+
+
+def choose_experiment(posterior: LogPosterior, name: str | None) -> Experiment:
+    """Return an experiment by its name, which is needed if there are several."""
+    names = [experiment.name for experiment in posterior.experiments]
+    if name is None and len(names) == 1:
+        return posterior.experiments[0]
+    if name not in names:
+        raise ValueError(f"experiment: expected one of {names}, got {name!r}")
+    return posterior.experiments[names.index(name)]
+
+
+def solve_shapes(
+    posterior: LogPosterior, experiment: Experiment, theta: Floats
+) -> ModeShapes:
+    """Return the modes of an experiment at ``theta (d,)``, by one solve.
+
+    Raises:
+        ValueError: If the model returns no shapes.
+    """
+    paired = experiment.model if isinstance(experiment.model, PairedModel) else None
+    model = experiment.model if paired is None else paired.model
+    response = model(posterior.parameters(theta[None]))
+    try:
+        hertz, shapes = (read(response, name)[0] for name in ("frequency", "shapes"))
+    except TypeError as error:
+        raise ValueError(f"{error}; let it return mode shapes (shapes=True)") from None
+    variables = read_declared(model, "variables") or {}
+    declared = variables.get("shapes", Variable({})).coords.get("dof", ())
+    dofs: Sequence[Hashable] = [*declared] or range(len(shapes))
+    complete = len(shapes) == len(read_declared(model, "dofs") or ())
+    if paired is None:
+        return ModeShapes(hertz, shapes, dofs, complete)
+    measured, solution = paired.measurements, paired.pair(response)
+    assert measured.shapes is not None
+    at_sensors = paired.read_candidates(response)[1][0]
+    chosen = solution.model_mode[0] - 1
+    mac = modal_assurance(measured.shapes, at_sensors)
+    mac[np.arange(len(chosen)), chosen] = solution.mac[0]
+    itself = modal_assurance(solution.shapes[0], at_sensors[:, chosen]).diagonal()
+    sensors: Sequence[Hashable] = dofs if declared else measured.sensors
+    if measured.dofs is not None:
+        sensors = measured.dofs.tolist()
+    if not declared and len(sensors) == len(shapes):  # its rows are the sensors
+        dofs = sensors
+    return PairedShapes(
+        hertz,
+        shapes,
+        dofs,
+        complete,
+        measured.shapes,
+        measured.frequencies,
+        sensors,
+        chosen,
+        solution.shapes[0],
+        itself < 1 - ROUNDING,
+        mac,
+    )
+
+
+def modal_assurance(measured: Floats, shapes: Floats) -> Floats:
+    r"""Return the MAC of shapes ``(n_sensors, m)`` with others ``(n_sensors, q)``.
+
+    .. math:: MAC_{ij} = \frac{(\phi_i^T \phi_j)^2}
+        {\phi_i^T \phi_i \; \phi_j^T \phi_j}
+
+    Over the sensors that have measured i: a missing one is NaN. Zero for a shape that
+    is zero at all of them.
+
+    Examples:
+        >>> measured = np.array([[1.0], [2.0], [np.nan]])
+        >>> modal_assurance(measured, np.array([[1.0], [2.0], [9.0]])).tolist()
+        [[1.0]]
+    """
+    there = np.isfinite(measured)
+    known = np.where(there, measured, 0.0)
+    products = (known.T @ shapes) ** 2
+    sizes = (known**2).sum(axis=0)[:, None] * (there.T.astype(float) @ shapes**2)
+    return np.asarray(products / np.maximum(sizes, np.finfo(float).tiny))

@@ -40,6 +40,7 @@ class ModeWeights(Report):
         efficiency: Effective share of its draws.
         share: Share of the steps that propose from it.
         searched: Points of the search for modes.
+        climbs: How many climbs there were, and how many of them from the prior.
     """
 
     weights: Floats
@@ -54,6 +55,7 @@ class ModeWeights(Report):
     efficiency: float
     share: float
     searched: int = 0
+    climbs: tuple[int, int] = (0, 0)
 
     def _parts(self) -> Parts:
         return (self.table,)
@@ -115,4 +117,5 @@ def weigh_modes(chains: Chains) -> ModeWeights | None:
         efficiency=search.efficiency,
         share=search.share * search.screened,
         searched=search.points,
+        climbs=(search.climbs, search.from_prior),
     )

@@ -162,11 +162,8 @@ def frequency_table(
     ]
     for title, values in _columns(published):
         column = checks.numeric_array(f"published[{title!r}]", values)
-        if column.shape not in ((m,), (m + 1,)):
-            raise ValueError(
-                f"published[{title!r}]: expected {m} numbers, or {m + 1} with the "
-                f"TAE, got shape {column.shape}"
-            )
+        shapes, argument = ((m,), (m + 1,)), f"published[{title!r}]"
+        checks.shaped(argument, column.shape, *shapes, remedy="the last is the TAE")
         columns.append((title, ".4g", column if len(column) > m else pad(column)))
     words = f" of {experiment!r}" if experiment else ""
     words += describe_certificate(idata)
@@ -294,9 +291,8 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         if paired:
             remedy = f"name one of {paired} with experiment="
         raise ValueError(f"idata, experiment: there is no {names[0]!r}; {remedy}")
-    mac, model_mode = (
-        response[name].transpose("chain", "draw", ...).values for name in names
-    )
+    both = (response[name].transpose("chain", "draw", ...) for name in names)
+    mac, model_mode = (values.values for values in both)
     n, m = mac.shape[0] * mac.shape[1], mac.shape[2]
     mac, numbers = mac.reshape(n, m), model_mode.reshape(n, m).astype(int)
     usual = np.array([np.bincount(column).argmax() for column in numbers.T])
@@ -342,9 +338,7 @@ def _name_rows(parts: list[Measured]) -> tuple[str, list[str], str]:
     if len(parts) == 1:
         (only,) = parts
         return only.dims or "quantity", list(only.labels), f" {only.unit}".rstrip()
-    labels = [
-        f"{part.name}[{place}] {part.unit}" for part in parts for place in part.labels
-    ]
+    labels = [f"{p.name}[{place}] {p.unit}" for p in parts for place in p.labels]
     return "quantity", [label.rstrip().replace("[]", "") for label in labels], ""
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import checks
-from ..contracts import Floats, Variable
+from ..contracts import Floats, Places, Variable
 from ..posterior.compatibility import RESERVED
 from ..posterior.log_posterior import LogPosterior
 from ..posterior.priors import (
@@ -197,11 +197,8 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
         "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
         "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
     }
-    datasets = {
-        name: _dataset(group, attributes, coords)
-        for name, group in groups.items()
-        if group
-    }
+    there = {name: group for name, group in groups.items() if group}
+    datasets = {name: _dataset(g, attributes, coords) for name, g in there.items()}
     if "new_measurement" in datasets:
         datasets["posterior_predictive"] = pick_some(datasets["new_measurement"])
     datasets["posterior"].attrs |= _attributes_of(chains)
@@ -294,7 +291,7 @@ def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
 def _rows(chains: Chains, posterior: LogPosterior) -> Floats:
     """Return what the posterior returned, ``(steps, ensembles, walkers, columns)``."""
     blobs, d = chains.blobs, chains.draws.shape[-1]
-    width = len(posterior.rejected()) - 1  # emcee takes the first one as log_prob
+    width = posterior.row_size - 1  # emcee takes the first one as log_prob
     if blobs is None or d != posterior.ndim or blobs.shape[3:] != (width,):
         shape = None if blobs is None else blobs.shape[3:]
         raise ValueError(
@@ -348,19 +345,19 @@ def _fixed_groups(
 
 
 def name_apart(
-    coords: Mapping[str, Mapping[str, Sequence[Any]]],
-) -> dict[str, dict[str, list[Any]]]:
+    coords: Mapping[str, Mapping[str, Places]],
+) -> dict[str, dict[str, Places]]:
     """Return ``{variable: {dimension: labels}}`` with one meaning per dimension.
 
     Of dimensions that differ in their labels the longest keeps its name; xarray would
     fill up the others with NaN.
     """
-    longest: dict[str, list[Any]] = {}
+    longest: dict[str, Places] = {}
     for dims in coords.values():
         for dim, labels in dims.items():
             longest[dim] = max(longest.get(dim, []), list(labels), key=len)
 
-    def rename(name: str, dim: str, labels: Sequence[Any]) -> str:
+    def rename(name: str, dim: str, labels: Places) -> str:
         if list(labels) == longest[dim]:
             return dim
         measurement = name.removeprefix(f"{dim.rpartition('.')[0]}.")

@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 
 from .. import checks
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..evaluation.resume import open_evaluator
 from ..moves.independence import ComponentWalk, IndependenceMove
 from ..moves.proposing import temper
@@ -244,13 +244,13 @@ def anneal(
 
 
 def anneal_population(
-    evaluator: Evaluator,
+    evaluator: Evaluation,
     coordinates: Coordinates,
     rng: np.random.Generator,
     size: int,
     thorough: bool = False,
     most: float = np.inf,
-    begin: tuple[Evaluator, Floats] | None = None,
+    begin: tuple[Evaluation, Floats] | None = None,
 ) -> Annealed:
     """Return the population at the power 1, in coordinates; see :func:`anneal`.
 

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..moves import HamiltonianMove
 from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
 from .importance import find_acceptance, normalise, resample
-from .proposals import Trial, refine, uncover
+from .proposals import Trial, add_components, carry, cover, refine, uncover
 from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
@@ -33,6 +33,8 @@ SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
 POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
 TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
+TAIL_ROUNDS = 5  # of climbs in the tails
+TAIL_SOLVES = 0.2  # that each may spend, of those of a refinement
 EVIDENCE_MISSED = 1.0  # log evidence by which one proposal finds more than another
 # Share of independence proposals by their expected acceptance.
 INDEPENDENCE_SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
@@ -48,7 +50,7 @@ def budget_of(evaluations: int) -> int:
 
 
 def search_and_start(
-    evaluator: Evaluator,
+    evaluator: Evaluation,
     nwalkers: int,
     ensembles: int,
     seed: int,
@@ -142,6 +144,7 @@ def search_and_start(
         log_weights=trial.log_weights[:: -(-len(trial.log_weights) // KEPT_WEIGHTS)],
         points=len(search.theta),
         climbs=search.climbs,
+        from_prior=search.from_prior,
         annealed=bool(populations),
         solves=evaluator.solves,
         share=share,
@@ -175,6 +178,14 @@ def _find_proposal(
 
     def attempt(mixture: Mixture) -> Trial:
         refined = refine(search.draws, mixture, size, most, propose)
+        for _ in range(TAIL_ROUNDS):
+            spent = search.evaluator.solves
+            tails = search.climb_tails(min(last, spent + TAIL_SOLVES * most))
+            if not tails:
+                break
+            refined = cover(add_components(uncover(refined), tails))
+            search.draws.add(*propose(refined, size * max(1, len(tails) // 4)), refined)
+        refined = carry(search.draws, refined, size, propose)
         return Trial(refined, *propose(refined, judged))
 
     trial = attempt(search.mixture())
@@ -219,7 +230,7 @@ def is_better(second: Trial, first: Trial) -> bool:
 
 
 def _tune_trajectories(
-    evaluator: Evaluator, mixture: Mixture, draws: Floats
+    evaluator: Evaluation, mixture: Mixture, draws: Floats
 ) -> dict[str, object]:
     """Return the arguments of Hamiltonian moves."""
     narrow = uncover(mixture)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..likelihoods.term import ERROR_PRIOR
 from ..posterior.derivatives import is_printed
 from .coordinates import Coordinates
@@ -190,12 +190,13 @@ class Climb:
 
 
 def climb(
-    evaluator: Evaluator,
+    evaluator: Evaluation,
     starts: Floats,
     guess: Floats | None = None,
     most: float = np.inf,
     coordinates: Coordinates | None = None,
     masses: bool = False,
+    box: Floats | None = None,
 ) -> list[Maximum]:
     r"""Climb from every start ``(n, d)`` to a maximum inside the prior's bounds.
 
@@ -214,12 +215,13 @@ def climb(
             and maxima are in them. None for the parameters.
         masses: Whether a climb to a density without bound that has a finite integral
             gives the point on its way around which most of that lies.
+        box: Narrower bounds ``(d, 2)`` of the coordinates, inside which they climb.
 
     Raises:
         ValueError: If the density grows without bound, and masses do not help.
     """
     coordinates = coordinates or Coordinates.plain(evaluator.posterior.prior)
-    space = _Space(evaluator, guess, coordinates)
+    space = _Space(evaluator, guess, coordinates, box)
     before = evaluator.solves
     climbs = [Climb(local) for local in space.look(starts / space.scale)]
     for ascent in climbs:
@@ -276,11 +278,16 @@ class _Space:
     """Coordinates in standard deviations of the prior, and quadratics in them."""
 
     def __init__(
-        self, evaluator: Evaluator, guess: Floats | None, coordinates: Coordinates
+        self,
+        evaluator: Evaluation,
+        guess: Floats | None,
+        coordinates: Coordinates,
+        box: Floats | None,
     ) -> None:
         self.evaluator, self.posterior = evaluator, evaluator.posterior
         self.coordinates, self.scale = coordinates, coordinates.scale
-        self.box = coordinates.bounds / self.scale[:, None]
+        bounds = coordinates.bounds if box is None else box
+        self.box = bounds / self.scale[:, None]
         self.guess: Floats | None = None
         if guess is not None:
             curvature = guess / np.outer(self.scale, self.scale)

@@ -9,7 +9,7 @@ from scipy.special import expit
 from scipy.stats import logistic
 
 from ..contracts import Floats, Prior
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..posterior.derivatives import difference, unstack
 
 QUANTILE_DRAWS = 20_000  # of the prior, for its quantiles
@@ -120,7 +120,7 @@ class Coordinates:
         lifted[:, :2] += self.log_volume(x)[:, None]
         return lifted
 
-    def rows(self, evaluator: Evaluator, x: Floats) -> Floats:
+    def rows(self, evaluator: Evaluation, x: Floats) -> Floats:
         """Return rows at coordinates ``(n, d)``, with the densities of these."""
         return self.lift(evaluator.rows(self.parameters(x)), x)
 
@@ -129,7 +129,7 @@ class Coordinates:
         return np.clip(self.parameters(x), *self.prior.bounds.T)
 
     def linearize(
-        self, evaluator: Evaluator, x: Floats
+        self, evaluator: Evaluation, x: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Return rows, gradients and information, with the densities of coordinates.
 
@@ -157,7 +157,7 @@ class Coordinates:
             information = np.full((*x.shape, x.shape[1]), np.nan)
         return rows, gradient, information
 
-    def compare(self, evaluator: Evaluator, other: Evaluator, x: Floats) -> Floats:
+    def compare(self, evaluator: Evaluation, other: Evaluation, x: Floats) -> Floats:
         """Return rows, the density of another posterior in place of the prior's."""
         rows = self.rows(evaluator, x)
         rows[:, 1] = self.rows(other, x)[:, 0]

@@ -21,9 +21,7 @@ NARROW_PRIOR = 9e-5  # sd by mean of a prior, 1e-4 less the error of both by sam
 SAME_RESPONSE = 1e-9
 
 
-def check_first_solve(
-    evaluator: Evaluation | StoredEvaluation,
-) -> tuple[float, list[str]]:
+def check_first_solve(evaluator: Evaluation) -> tuple[float, list[str]]:
     """Solve at the prior mean, and warn where that is far from all that was measured.
 
     The solve is counted. Only where it looks wrong the model is solved at some draws of
@@ -34,18 +32,17 @@ def check_first_solve(
     Returns:
         The seconds that the solve took, by the number of workers, and the warnings.
     """
-    evaluation = evaluator.evaluation
-    posterior = evaluation.posterior
+    posterior = evaluator.posterior
     if isinstance(evaluator, StoredEvaluation):
         store = evaluator.store
-        outcome = store["first solve"] or _compare(evaluation)
+        outcome = store["first solve"] or _compare(evaluator)
         row = store["first row"] or posterior.initial.tolist()
         posterior.initial = np.array(row)
         store["first row"], store["first solve"] = row, outcome
     else:
-        outcome = _compare(evaluation)
+        outcome = _compare(evaluator)
     solves, doubts, seconds = outcome
-    evaluation.solves += solves
+    evaluator.solves += solves
     for doubt in doubts:
         warnings.warn(doubt, stacklevel=3)
     return float(seconds), doubts

@@ -1,6 +1,6 @@
 """Adaptive importance sampling: a proposal refined by the weights of its own draws."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -28,9 +28,17 @@ NEW_WEIGHT = 0.2
 STRESSED = 10  # iterations
 LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
 COVERS = ((0.05, 1.5), (0.05, 3.0))  # weights and widths of those that fill gaps
+MOST_ADDED = 0.5  # weight of all components that are added at once
+# The variance of a parameter is known where its ten largest terms hold no more of it
+# (a Gaussian's hold .06 of 1,500 draws); else what carries it gets a component, of so
+# much weight, about draws whose ln(p / q) is above what a good proposal leaves.
+TERMS, HELD, CARRIER_WEIGHT, CARRIER_LACK = 10, 0.08, 0.05, 0.3
+CARRIER_RIDGE = 0.3  # of the nearest component, in its matrix
+CARRYING_ROUNDS = 4
 RELEVANT = 8.0  # a draw whose log-weight is so far below the largest carries no mass
 
 # Draws from a mixture, and evaluates: draws (size, d) and their rows.
+Component: TypeAlias = tuple[float, Floats, Floats]  # weight, mean (d,), matrix (d, d)
 Propose: TypeAlias = Callable[[Mixture, int], tuple[Floats, Floats]]
 
 
@@ -170,6 +178,52 @@ def refine(
             break
         mixture = _refit(draws, mixture)
     return wide
+
+
+def add_components(mixture: Mixture, added: Sequence[Component]) -> Mixture:
+    """Return a mixture with more components: weights, means and matrices."""
+    weights, means, matrices = map(np.array, zip(*added, strict=True))
+    weights = weights * min(1.0, MOST_ADDED / weights.sum())
+    return Mixture(
+        np.append((1 - weights.sum()) * mixture.weights, weights),
+        np.vstack([mixture.means, means]),
+        np.concatenate([mixture.matrices, matrices]),
+        mixture.df,
+    )
+
+
+def carry(draws: Draws, mixture: Mixture, size: int, propose: Propose) -> Mixture:
+    """Return a proposal with components where few draws carry a variance."""
+    for _ in range(CARRYING_ROUNDS):
+        carriers = list(_carriers(draws, mixture))
+        if not carriers:
+            break
+        mixture = cover(add_components(uncover(mixture), carriers))
+        draws.add(*propose(mixture, size), mixture)
+    return mixture
+
+
+def _carriers(draws: Draws, mixture: Mixture) -> Iterator[Component]:
+    """Yield a component for draws that carry the variance of a parameter."""
+    x, shares = draws.x, draws.shares
+    if len(x) <= TERMS:
+        return
+    lack = draws.log_p - draws.log_evidence - mixture.log_density(x)
+    squares = shares[:, None] * (x - shares @ x) ** 2
+    for terms in squares.T / squares.sum(axis=0)[:, None]:
+        held = np.partition(terms, -TERMS)[-TERMS:].sum()
+        if not held > HELD:  # also of a parameter that never changes
+            continue
+        part = np.where(lack > CARRIER_LACK, terms, 0.0)
+        if not part.sum() > 0:
+            continue
+        part /= part.sum()
+        mean = part @ x
+        nearest = np.argmin(mixture.squared_distances(mean[None])[0])
+        centred = x - mean
+        matrix = (part * centred.T) @ centred
+        matrix += CARRIER_RIDGE * mixture.matrices[nearest]
+        yield CARRIER_WEIGHT, mean, matrix
 
 
 def cover(mixture: Mixture) -> Mixture:

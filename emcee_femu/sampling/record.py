@@ -157,6 +157,7 @@ class SearchRecord(Report):
         log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
         points: How many points were searched.
         climbs: How many climbs there were.
+        from_prior: How many of them began at draws of the prior, whatever their height.
         annealed: Whether an annealed population was asked.
         solves: Evaluations in all.
         share: The share of independence proposals among the moves.
@@ -176,6 +177,7 @@ class SearchRecord(Report):
     log_weights: Floats
     points: int
     climbs: int
+    from_prior: int
     annealed: bool
     solves: int
     share: float

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..contracts import Floats, Prior
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..likelihoods.term import log_normal
 from ..moves import DEMCMove, IndependenceMove
 from ..moves.mixture import Mixture
@@ -154,7 +154,7 @@ def fit_surface(
 
 
 def learn_surface(
-    evaluator: Evaluator, mixture: Mixture, rng: np.random.Generator
+    evaluator: Evaluation, mixture: Mixture, rng: np.random.Generator
 ) -> tuple[ResponseSurface, Mixture] | None:
     """Return a surface that is refined where its own draws are, and what proposes.
 
@@ -168,7 +168,7 @@ def learn_surface(
         None where walkers on it are no sample.
     """
     posterior = evaluator.posterior
-    d, prior, width = posterior.ndim, posterior.prior, len(posterior.rejected())
+    d, prior, width = posterior.ndim, posterior.prior, posterior.row_size
     degree = max(k for k in DEGREES if comb(d + k, k) <= MOST_TERMS)
 
     def solve(theta: Floats) -> Floats:

@@ -15,9 +15,16 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.evaluator import Evaluation
-from ..evaluation.memory import Weighted, copy_moves, foreign_moves
 from ..evaluation.resume import logger, open_evaluator
-from ..evaluation.samplers import Sampler, check_progress, progress_bar, take_turns
+from ..evaluation.samplers import (
+    Sampler,
+    Weighted,
+    check_progress,
+    copy_moves,
+    foreign_moves,
+    progress_bar,
+    take_turns,
+)
 from ..evaluation.store import Store, StoredChain, StoredEvaluation
 from ..moves.proposing import ladder_of
 from ..posterior.log_posterior import LogPosterior
@@ -189,7 +196,6 @@ def run(
         resume=resume,
         probe_tolerance=probe_tolerance,
     ) as evaluator:
-        solver = evaluator.evaluation  # stored are steps, no proposals
         store = evaluator.store if isinstance(evaluator, StoredEvaluation) else None
         seconds, doubts = check_first_solve(evaluator)
         shape = nwalkers, ensembles, seed
@@ -202,10 +208,10 @@ def run(
             weighted = search.moves(posterior.prior)
         else:
             states = _draw_starts(evaluator, *shape, points)
-        parts = [solver.part() for _ in range(ensembles)]
+        parts = [evaluator.part() for _ in range(ensembles)]
         own = [copy_moves(weighted) for _ in parts]
         if store is not None:
-            chains = _open_chains(store, solver, parts, own, states, steps)
+            chains = _open_chains(store, evaluator, parts, own, states, steps)
             if search is not None:  # after the starts, which it promises
                 store["search"] = search.to_json()
             states, backends = [one.get_last_sample() for one in chains], [*chains]
@@ -220,14 +226,14 @@ def run(
             own[0],
             search,
             nwalkers * ensembles if search is None else search.solves,
-            solver.failures,
+            evaluator.failures,
             # "auto" only searches from them too.
             points is not None and search is None,
             doubts,
         )
         # emcee's own backends may be parts of one file.
         together = ensembles > 1 and (backend is None or in_file)
-        together &= solver.pool is not None and solver.pool.takes_turns
+        together &= evaluator.pool is not None and evaluator.pool.takes_turns
         doubted = store is not None and any(foreign_moves(weighted))
         try:
             _sample(
@@ -246,7 +252,7 @@ def run(
 
 
 def _search(
-    evaluator: Evaluation | StoredEvaluation,
+    evaluator: Evaluation,
     store: Store | None,
     shape: tuple[int, int, int],
     evaluations: int,
@@ -277,10 +283,9 @@ def _search(
     places = points if points is None else [*points]
     if places is None and posterior.draws is not None:
         places = [posterior.draws[i::ensembles] for i in range(ensembles)]
-    solver, bar = evaluator.evaluation, progress_bar(progress, most, text)
-    with bar as solver.bar:
+    with progress_bar(progress, most, text) as evaluator.bar:
         found = search_and_start(evaluator, *shape, evaluations, places)
-    solver.bar = Evaluation.bar
+    evaluator.bar = Evaluation.bar
     return found
 
 
@@ -348,7 +353,7 @@ def _open_chains(
 
 
 def _draw_starts(
-    evaluator: Evaluation | StoredEvaluation,
+    evaluator: Evaluation,
     nwalkers: int,
     ensembles: int,
     seed: int,

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ..contracts import Floats
-from ..evaluation import Evaluator
+from ..evaluation.evaluator import Evaluation
 from ..moves.mixture import GAUSSIAN, Mixture
 from ..posterior.priors import summarize_prior
 from .climbing import Maximum, climb, distinct
 from .first_solve import doubt_reach
-from .proposals import Draws
+from .proposals import Component, Draws
 
 UNEXPLAINED = 2.0  # log-density beyond what Gaussians at the modes say
 WAY_POINTS = np.array([0.2, 0.4, 0.6, 0.8])  # of the way from a mode to a point
@@ -29,11 +29,22 @@ TESTED = 8  # points per ensemble in a round, by weight and by what is unexplain
 SHARE_TESTED = 0.2  # of the points of a search are spent on the ways
 UNTESTED = 2  # climbs to known modes after which valleys are asked for
 FRUITLESS = 4  # climbs in a row to known modes that end the search
-MOST_CLIMBS = 60
+MOST_CLIMBS = 60  # from such points
+# Of the points of a search, spent on climbs from the prior with derivatives, when one
+# takes a few solves; so many at once.
+CLIMBED_SHARE, AT_ONCE = 0.5, 24
 NEGLIGIBLE = 12.0  # log evidence below the largest without a component
 SCAN_WIDENS = 2.0  # ratio of the widths of scans about the modes
 MOST_SCANS = 6
 FIRST_DF = 8.0
+# A tail begins at a value that so large a share of the draws pass. Its slabs are so
+# wide, in sds, and go on while they hold so much of the variance. One is missed that
+# holds so many times what the draws have seen there.
+TAIL_SHARE, TAIL_WIDTH = 0.003, 0.8
+TAIL_MATTERS, TAIL_MISSED, MOST_SLABS = 1e-3, 1.5, 40
+TAIL_PART = 0.1  # of a variance, below which a standard deviation is right to 5 %
+# Beside errors of what was seen; in how many errors it needs no climb.
+ERRORS_MISSED, WELL_SEEN = 2.0, 4.5
 
 
 class Search:
@@ -51,18 +62,19 @@ class Search:
         maxima: Of all climbs, distinct.
         found_by: The climbs of each ensemble that ended there, by maximum.
         climbs: How many there were.
+        from_prior: How many of them began at a draw of the prior, whatever its height.
         most: Solves at which they end.
     """
 
     def __init__(
-        self, evaluator: Evaluator, streams: Sequence[np.random.Generator]
+        self, evaluator: Evaluation, streams: Sequence[np.random.Generator]
     ) -> None:
         self.evaluator, self.streams = evaluator, streams
         self.theta = np.empty((0, evaluator.posterior.ndim))
         self.rows, self.owner = np.empty((0, 2)), np.empty(0, dtype=np.intp)
         self.maxima: list[Maximum] = []
         self.found_by: list[list[int]] = []
-        self.climbs = 0
+        self.climbs = self.from_prior = 0
 
     def run(self, size: int, starts: Sequence[Floats] | None, most: float) -> None:
         """Climb, and scan the prior and the surroundings of the modes for others.
@@ -101,6 +113,8 @@ class Search:
                 "moves: 'auto' could not climb to any maximum: solves or "
                 "their derivatives fail at every start; fix them, or use DEMCMove()"
             )
+        if self.evaluator.posterior.differentiable:
+            self._climb_from_prior(len(theta), CLIMBED_SHARE * size)
         self._follow(size)
         scans = self._wider_mixtures()
         for mixture in scans:
@@ -119,6 +133,69 @@ class Search:
             np.array([self.maxima[i].covariance for i in kept]),
             FIRST_DF,
         )
+
+    def climb_tails(self, most: float) -> list[Component]:
+        """Return components for slabs that hold more than the draws have seen there.
+
+        A thin arm begins where a posterior seems to end. From a value of a parameter
+        that few draws pass, slabs outwards are climbed in turn, to where nothing
+        matters to its variance: Laplace's evidence of a slab is what lies in it.
+
+        Args:
+            most: Solves after which no climb begins.
+        """
+        x, shares = self.draws.x, self.draws.shares
+        mean, ndim = shares @ x, x.shape[1]
+        matrix = np.cov(x.T, aweights=shares, ddof=0).reshape(ndim, ndim)
+        for j in range(ndim):
+            sides = [self._follow_tail(j, i, mean, matrix, most) for i in (0, 1)]
+            if missed := sides[0] + sides[1]:
+                return missed  # which other parameters may see too
+        return []
+
+    def _follow_tail(
+        self, j: int, side: int, mean: Floats, matrix: Floats, most: float
+    ) -> list[Component]:
+        """Return components for missed slabs of a tail, by their share of variance."""
+        draws, found, sd = self.draws, [], np.sqrt(matrix[j, j])
+        x, shares, sign = draws.x, draws.shares, 2 * side - 1
+        bounds = self.evaluator.posterior.prior.bounds
+        order = np.argsort(x[:, j])[::-sign]
+        first = order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]
+        value, place, guess, way = x[first, j], x[first], matrix, 0.0 * mean
+        for _ in range(MOST_SLABS):
+            further = np.clip(value + sign * TAIL_WIDTH * sd, *bounds[j])
+            if further == value or self.evaluator.solves > most:
+                break
+            box = bounds.copy()
+            box[j] = sorted([value, further])
+            inside = np.flatnonzero((x[:, j] > box[j, 0]) & (x[:, j] < box[j, 1]))
+            mass = seen = shares[inside].sum()
+            error = np.sqrt((shares[inside] ** 2).sum())
+            square = ((value - mean[j]) / sd) ** 2
+            if seen > WELL_SEEN * error:
+                way = x[inside[np.argmax(draws.log_p[inside])]] - place
+            else:
+                start = np.clip(place + way, *box.T)[None]
+                (top,) = climb(self.evaluator, start, guess, box=box, masses=True)
+                mass = float(np.exp(top.log_evidence - draws.log_evidence))
+                way, guess = top.theta - place, top.covariance
+                missed = mass - TAIL_MISSED * seen - ERRORS_MISSED * error
+                if missed > 0 and mass * square > TAIL_MATTERS:
+                    centre, spread = _within(top, j, box)
+                    spread += np.outer(way, way) / 6  # twice that of a uniform law
+                    centre -= np.where(
+                        top.at_bound & (np.arange(len(mean)) != j), 0.0, way / 2
+                    )
+                    found.append((mass * square, centre, spread))
+            if not max(mass, seen) * square > TAIL_MATTERS:
+                break
+            value, place = further, place + way
+        total = sum(part for part, *_ in found)
+        if total < TAIL_PART:
+            return []
+        # Alike, since a slab that is hardly met says little of what it holds.
+        return [(total / len(found), *where) for _, *where in found]
 
     def _evaluate(self, points: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Evaluate points of each ensemble, and keep them."""
@@ -152,7 +229,7 @@ class Search:
         fruitless = 0
         tested = np.zeros(len(self.theta), dtype=bool)
         waiting: list[int] = []
-        while fruitless < FRUITLESS and self.climbs < MOST_CLIMBS:
+        while fruitless < FRUITLESS and self.climbs - self.from_prior < MOST_CLIMBS:
             if self.evaluator.solves > self.most:
                 return
             excess = self._find_excess()
@@ -173,6 +250,18 @@ class Search:
                 tested[waiting] = True
                 waiting = self._find_valleys(waiting)
             waiting.sort(key=lambda i: self.rows[i, 0])
+
+    def _climb_from_prior(self, draws: int, budget: float) -> None:
+        """Climb from draws of the prior while they are cheap: many, at once."""
+        spent = self.evaluator.solves
+        for first in range(0, draws, AT_ONCE):
+            if self.evaluator.solves > min(self.most, spent + budget):
+                return
+            numbers = range(first, min(first + AT_ONCE, draws))
+            finite = [i for i in numbers if np.isfinite(self.rows[i, 0])]
+            if finite:
+                self._climb(finite)
+                self.from_prior += len(finite)
 
     def _find_excess(self) -> Floats:
         """Return the log-densities beyond those of Gaussians at the modes."""
@@ -239,3 +328,16 @@ class Search:
             replace(mixture, matrices=mixture.matrices * factor**2)
             for factor in factors[factors < ratio]
         ]
+
+
+def _within(top: Maximum, j: int, box: Floats) -> tuple[Floats, Floats]:
+    """Return mean and matrix of what is in a slab of parameter j, by its maximum.
+
+    At a bound the density is an exponential, whose mean is one spread inside.
+    """
+    mean, matrix = top.theta.copy(), top.covariance.copy()
+    low, high = box.T
+    others = top.at_bound & (np.arange(len(mean)) != j)
+    sds = np.minimum(np.sqrt(np.diag(matrix)), (high - low) / 2)
+    mean += np.where(others, np.where(mean == low, sds, -sds), 0.0)
+    return mean, matrix

@@ -12,17 +12,22 @@ Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/annealed_evidence.py --see
 
 import argparse
 import functools
-import sys
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from evidence import Problem, funnel, gaussian, in_box, two_modes
+from evidence import (
+    Problem,
+    anneal,
+    funnel,
+    gaussian,
+    in_box,
+    summarize,
+    tabulate,
+    two_modes,
+)  # fmt: skip
 from hard_posteriors import Target, box, posterior_of
 from scipy import stats
-
-import emcee_femu as ef
-from emcee_femu.table import Table
 
 Floats = np.ndarray
 
@@ -52,22 +57,16 @@ PROBLEMS: dict[tuple[str, int], Callable[[], Problem]] = {
 }
 
 
+FORMATS = {
+    "target": "", "d": "d", "rms z": ".2f", "claimed %": ".0f", "rms error": ".3f",
+    "evaluations": ".0f",
+}  # fmt: skip
+
+
 def measure(name: str, d: int, size: int, seeds: range) -> dict[str, Any]:
     """Return what the seeds of a problem say of errors, claims and cost."""
-    problem = PROBLEMS[name, d]()
-    populations = [ef.anneal(problem.posterior, size, seed=seed) for seed in seeds]
-    off = np.array([p.log_evidence for p in populations]) - problem.exact
-    claimed = np.array([p.log_evidence_error for p in populations])
-    able = np.isfinite(claimed)
-    z = off[able] / claimed[able]
-    return {
-        "target": name,
-        "d": d,
-        "rms z": np.sqrt(np.mean(z**2)) if able.any() else np.nan,
-        "claimed %": 100 * able.mean(),
-        "rms error": np.sqrt(np.mean(off**2)),
-        "evaluations": np.mean([p.solves for p in populations]),
-    }
+    method = functools.partial(anneal, size=size)
+    return {"target": name, "d": d} | summarize(PROBLEMS[name, d], method, seeds)
 
 
 def main() -> None:
@@ -79,17 +78,9 @@ def main() -> None:
     parser.add_argument("--target", action="append", choices={n for n, _ in PROBLEMS})
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.seeds)
-    rows = []
-    for name, d in PROBLEMS:
-        if name in (asked.target or [name]):
-            rows.append(measure(name, d, asked.size, seeds))
-            print(*rows[-1].values(), file=sys.stderr, flush=True)
-    formats = ("", "d", ".2f", ".0f", ".3f", ".0f")
-    columns = [
-        (column, form, [row[column] for row in rows])
-        for column, form in zip(rows[0], formats, strict=True)
-    ]
-    print(Table.from_columns(f"Annealed evidence, {len(seeds)} seeds each", columns))
+    chosen = [key for key in PROBLEMS if key[0] in (asked.target or key)]
+    rows = (measure(*key, asked.size, seeds) for key in chosen)
+    tabulate(f"Annealed evidence, {len(seeds)} seeds each", FORMATS, rows)
 
 
 if __name__ == "__main__":

@@ -22,9 +22,9 @@ from typing import Any
 import emcee
 import numpy as np
 from hard_posteriors import FreeModel
-from scipy import stats
 
 import emcee_femu as ef
+from emcee_femu.moves.mixture import Mixture
 
 Floats = np.ndarray
 
@@ -72,24 +72,14 @@ def fe5() -> Target:
     prior = ef.GaussianPrior(names, centre, 0.2 * centre, bounds)
     posterior = ef.LogPosterior(model, ef.FrequencyTerm(measured, beta=4.5e5), prior)
     (pilot,) = ef.run(posterior, ef.DEMCMove(), 40, 4_000, seed=1, ensembles=1)
-    law = ef.IndependenceMove.fit(
-        pilot.get_chain(discard=1_000, flat=True), "auto", df=5
-    )
-    draws = np.vstack(
-        [
-            stats.multivariate_t(m, S, df=5, seed=i).rvs(round(400_000 * w))
-            for i, (w, m, S) in enumerate(
-                zip(law.weights, law.means, law.scale_matrices, strict=True)
-            )
-        ]
-    )
-    log_weights = np.concatenate(
-        [posterior(x)[:, 0] - law.log_density(x) for x in np.array_split(draws, 80)]
-    )
-    weights = np.exp(log_weights - log_weights.max())
-    weights /= weights.sum()
-    mean = weights @ draws
-    sd = np.sqrt(weights @ (draws - mean) ** 2)
+    fit = ef.IndependenceMove.fit(pilot.get_chain(discard=1_000, flat=True), "auto", 5)
+    law = Mixture(fit.weights, fit.means, fit.scale_matrices, 5)
+    draws = law.draw(np.random.default_rng(1), 400_000)
+    parts = np.array_split(draws, 80)
+    logs = np.concatenate([posterior(x)[:, 0] - law.log_density(x) for x in parts])
+    weights = np.exp(logs - logs.max())
+    mean = np.average(draws, axis=0, weights=weights)
+    sd = np.sqrt(np.average((draws - mean) ** 2, axis=0, weights=weights))
     return Target("fe5", posterior, mean, sd)
 
 
@@ -119,14 +109,9 @@ def bim5() -> Target:
     return free_target("bim5", log_density, np.full(5, 4.0), mean, sd)
 
 
-@dataclass(frozen=True)
-class Result:
-    """A sampler, what it drops as burn-in, and what the rest and all of it cost."""
-
-    sampler: emcee.EnsembleSampler
-    burn_in: int
-    evaluations: int
-    all_evaluations: int
+Result = tuple[
+    emcee.EnsembleSampler, int, int, int
+]  # burn-in, then evaluations kept, all
 
 
 def with_emcee(move: Any, target: Target, start: Floats, steps: int) -> Result:
@@ -136,53 +121,36 @@ def with_emcee(move: Any, target: Target, start: Floats, steps: int) -> Result:
         nwalkers, d, lambda x: target.posterior(x)[:, 0], moves=move, vectorize=True
     )
     burn_in = steps // 4
-    state = sampler.run_mcmc(start, burn_in)
-    sampler.run_mcmc(state, steps - burn_in)
-    kept = nwalkers * (steps - burn_in)
-    return Result(sampler, burn_in, kept, nwalkers * (1 + steps))
+    sampler.run_mcmc(sampler.run_mcmc(start, burn_in), steps - burn_in)
+    return sampler, burn_in, nwalkers * (steps - burn_in), nwalkers * (1 + steps)
 
 
 def automatic(target: Target, start: Floats, steps: int, seed: int) -> Result:
     """Run "auto"; its search is extra and counts end to end."""
-    steps -= steps // 4
-    run = ef.run(
-        target.posterior, "auto", len(start), steps, ensembles=1, seed=seed,
-        starts=start,
-    )  # fmt: skip
-    kept = len(start) * steps
-    return Result(run[0], 0, kept, run.evaluations + kept)
+    kept, options = steps - steps // 4, {"ensembles": 1, "seed": seed, "starts": start}
+    run = ef.run(target.posterior, "auto", len(start), kept, **options)
+    return run[0], 0, len(start) * kept, run.evaluations + len(start) * kept
 
 
-def samplers() -> dict[str, Callable[[Target, Floats, int, int], Result]]:
-    """Return what is compared: ours, stock emcee, and the peer if it is installed."""
+MOVES: dict[str, Callable[[], Any]] = {  # "auto" is no move
+    "DEMCMove (ours)": ef.DEMCMove,
+    "emcee DEMove": emcee.moves.DEMove,
+    "emcee StretchMove": emcee.moves.StretchMove,
+}
+if importlib.util.find_spec("dime_sampler"):
+    from dime_sampler import DIMEMove
 
-    def plain(move: Callable[[], Any]) -> Callable[..., Result]:
-        return lambda target, start, steps, _: with_emcee(move(), target, start, steps)
-
-    compared: dict[str, Callable[..., Result]] = {
-        "auto (ours)": automatic,
-        "DEMCMove (ours)": plain(ef.DEMCMove),
-        "emcee DEMove": plain(emcee.moves.DEMove),
-        "emcee StretchMove": plain(emcee.moves.StretchMove),
-    }
-    if importlib.util.find_spec("dime_sampler"):
-        from dime_sampler import DIMEMove
-
-        compared["dime-sampler"] = plain(DIMEMove)
-    return compared
+    MOVES["dime-sampler"] = DIMEMove
 
 
 def measured(result: Result, target: Target) -> tuple[float, ...]:
     """Return ESS /1000, end to end /1000, errors, and share x1 < 0."""
-    ess = ef.diagnose(result.sampler, discard=result.burn_in).ess_bulk.min()
-    draws = result.sampler.get_chain(discard=result.burn_in, flat=True)
-    return (
-        1000 * ess / result.evaluations,
-        1000 * ess / result.all_evaluations,
-        float(np.abs((draws.mean(axis=0) - target.mean) / target.sd).max()),
-        float(100 * np.abs(draws.std(axis=0) / target.sd - 1).max()),
-        float((draws[:, 0] < 0).mean()),
-    )
+    sampler, burn_in, kept, every = result
+    ess = 1000 * ef.diagnose(sampler, discard=burn_in).ess_bulk.min()
+    draws = sampler.get_chain(discard=burn_in, flat=True)
+    off = np.abs((draws.mean(axis=0) - target.mean) / target.sd).max()
+    spread = 100 * np.abs(draws.std(axis=0) / target.sd - 1).max()
+    return ess / kept, ess / every, off, spread, (draws[:, 0] < 0).mean()
 
 
 def main(
@@ -193,25 +161,25 @@ def main(
     for make, nwalkers in ((fe5, 32), (g20, 64), (bim5, 32)):
         if only and make.__name__ != only:
             continue
-        target = make()
-        runs: dict[str, list[tuple[float, ...]]] = {name: [] for name in samplers()}
+        target, runs = make(), {name: [] for name in ("auto (ours)", *MOVES)}
         for seed in range(repeats):
             start = target.posterior.start(nwalkers, seed)
-            for name, sample in samplers().items():
+            for name, rows in runs.items():
                 np.random.seed(seed)  # noqa: NPY002 - emcee and the peer use it
-                result = sample(target, start.copy(), steps, seed)
-                runs[name].append(measured(result, target))
+                if name in MOVES:
+                    result = with_emcee(MOVES[name](), target, start.copy(), steps)
+                else:
+                    result = automatic(target, start.copy(), steps, seed)
+                rows.append(measured(result, target))
         print(
             f"\n{target.name}, {nwalkers} walkers, {steps} generations, medians of "
             f"{repeats} paired runs\n{'sampler':<18} ESS /1000  end to end "
             " mean error (sd)  sd error %  share x1 < 0"
         )
         for name, rows in runs.items():
-            row = np.median(rows, axis=0)
-            medians[target.name, name] = row
+            row = medians[target.name, name] = np.median(rows, axis=0)
             print(
-                f"{name:<18} {row[0]:9.1f} {row[1]:11.1f} {row[2]:16.3f} "
-                f"{row[3]:11.1f} {row[4]:13.3f}"
+                "{:<18} {:9.1f} {:11.1f} {:16.3f} {:11.1f} {:13.3f}".format(name, *row)
             )
     return medians
 

@@ -17,40 +17,25 @@ import argparse
 import time
 
 import numpy as np
+from buildings import SPREAD, STIFFNESS, draw, measure, shear_building, terms_of
 from scipy import stats
 
 import emcee_femu as ef
 from emcee_femu.table import Table
 
+SENSORS = [2, 4, 7, 9, 12, 14, 17]  # floors of the tower
 Problem = tuple[ef.LogPosterior, dict[str, float]]  # and the true parameters
 
 
-def shear_building(seed: int, storeys: int, floors: list[int], modes: int) -> Problem:
-    """Return a building of storeys, with shapes at some floors or without."""
-    names = [f"k{i}" for i in range(1, storeys + 1)]
-    drift = np.eye(storeys) - np.eye(storeys, k=-1)
-    stiffness = {name: np.outer(b, b) for name, b in zip(names, drift, strict=True)}
-    model = ef.MatrixModel(
-        np.zeros((storeys, storeys)),
-        2e5 * np.eye(storeys),
-        K=stiffness,
-        n_modes=modes,
-        shapes=floors or False,
-    )
-    rng = np.random.default_rng(seed)
-    nominal = np.full(storeys, 2e8)
-    prior = ef.GaussianPrior(names, nominal, 0.2 * nominal, np.outer(nominal, [0.1, 3]))
+def storeys(seed: int, number: int, floors: list[int], modes: int) -> Problem:
+    """Return a building, with shapes at some floors or without."""
+    names, rng = [f"k{i}" for i in range(1, number + 1)], np.random.default_rng(seed)
+    model, prior = shear_building(names, 2e5, modes, floors)
     if floors:
-        laws = dict.fromkeys(names, stats.lognorm(0.2, scale=2e8))
+        laws = dict.fromkeys(names, stats.lognorm(SPREAD, scale=STIFFNESS))
         prior = ef.IndependentPrior(laws)
-    truth = dict(zip(names, prior.sample(rng, 1).T, strict=True))
-    solved = model(truth)
-    noise = 1 + 0.005 * rng.standard_normal(modes)
-    terms = [ef.FrequencyTerm(solved.frequencies[0] * noise, relative_sd=0.005)]
-    if floors:
-        shapes = solved.shapes[0] / np.linalg.norm(solved.shapes[0], axis=0)
-        shapes = shapes + 0.02 * rng.standard_normal(shapes.shape)
-        terms.append(ef.ShapeTerm(shapes, delta=0.02))
+    truth = draw(prior, rng)
+    terms = terms_of(measure(model, truth, modes, rng))
     posterior = ef.LogPosterior(model, terms, prior)
     return posterior, {name: value.item() for name, value in truth.items()}
 
@@ -86,12 +71,7 @@ def footbridge(seed: int, bays: int = 22) -> Problem:
     laws["density"] = stats.lognorm(0.1, scale=9_000.0)
     rng = np.random.default_rng(seed)
     truth = {name: law.rvs(1, random_state=rng) for name, law in laws.items()}
-    solved = model(truth)
-    frequencies = solved.frequencies[0, :5] * (1 + 0.005 * rng.standard_normal(5))
-    shapes = solved.shapes[0, :, :5]
-    shapes = shapes / np.linalg.norm(shapes, axis=0)
-    shapes += 0.008 * rng.standard_normal(shapes.shape)
-    measured = ef.Measurements(frequencies, shapes=shapes, dofs=sensors)
+    measured = measure(model, truth, 5, rng, delta=0.008)
     paired = ef.PairedModel(model, measured, candidates=7)
     laws["frequency error"] = stats.halfnorm(scale=0.02)
     laws["shape error"] = stats.halfnorm(scale=0.1)
@@ -110,43 +90,30 @@ def springs(seed: int) -> Problem:
 
 
 PROBLEMS = {  # and steps, walkers of each ensemble, ensembles
-    "building": (lambda seed: shear_building(seed, 10, [], 8), 1_000, 40, 4),
-    "tower": (
-        lambda seed: shear_building(seed, 18, [2, 4, 7, 9, 12, 14, 17], 4),
-        450,
-        40,
-        4,
-    ),
+    "building": (lambda seed: storeys(seed, 10, [], 8), 1_000, 40, 4),
+    "tower": (lambda seed: storeys(seed, 18, SENSORS, 4), 450, 40, 4),
     "footbridge": (footbridge, 400, 36, 2),
     "springs": (springs, 10, 50, 4),
 }
 
 
-def measure(name: str, seed: int, steps: int | None = None) -> tuple[object, ...]:
+def run(name: str, seed: int, steps: int | None = None) -> tuple[object, ...]:
     """Return a row of the table."""
-    problem, usual, nwalkers, ensembles = PROBLEMS[name]
+    problem, usual, nwalkers, number = PROBLEMS[name]
     posterior, truth = problem(seed)
     begun = time.process_time()
-    number = steps or usual
-    run = ef.run(posterior, "auto", nwalkers, number, ensembles=ensembles, seed=seed)
+    found = ef.run(
+        posterior, "auto", nwalkers, steps or usual, ensembles=number, seed=seed
+    )
     seconds = time.process_time() - begun
-    diagnosis = ef.diagnose(run)
-    samples = np.concatenate([sampler.get_chain(flat=True) for sampler in run])
+    diagnosis = ef.diagnose(found)
+    samples = np.concatenate([sampler.get_chain(flat=True) for sampler in found])
     low, high = np.quantile(samples, [0.025, 0.975], axis=0)
     true = np.array([truth.get(name, np.nan) for name in posterior.names])
-    inside = np.sum((low < true) & (true < high))
+    inside = f"{np.sum((low < true) & (true < high))}/{len(truth)}"
     ess = diagnosis.ess_bulk.min()
-    efficiency = 1e3 * ess / run.solves
-    words = diagnosis.chains.short
-    return (
-        seed,
-        run.solves,
-        ess,
-        efficiency,
-        words,
-        f"{inside}/{len(truth)}",
-        seconds,
-    )
+    efficiency, said = 1e3 * ess / found.solves, diagnosis.chains.short
+    return seed, found.solves, ess, efficiency, said, inside, seconds
 
 
 def main() -> None:
@@ -156,13 +123,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--steps", type=int)
     asked = parser.parse_args()
-    heads = ("seed", ""), ("solves", ",d"), ("ESS", ",.0f"), ("ESS/1000", ".1f")
-    heads += ("chains", ""), ("truths inside", ""), ("s", ".0f")
+    heads = "seed", "solves", "ESS", "ESS/1000", "chains", "truths inside", "s"
+    formats = "", ",d", ",.0f", ".1f", "", "", ".0f"
     for name in asked.problem:
-        rows = [measure(name, seed, asked.steps) for seed in range(asked.seeds)]
-        columns = zip(heads, zip(*rows, strict=True), strict=True)
-        listed = [(head, form, list(values)) for (head, form), values in columns]
-        print(Table.from_columns(name, listed), flush=True)
+        rows = tuple(run(name, seed, asked.steps) for seed in range(asked.seeds))
+        print(Table(name, heads, formats, rows), flush=True)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,9 @@ Run it:  OMP_NUM_THREADS=1 python examples/benchmarks/evidence.py --seeds 20
 
 import argparse
 import functools
+import itertools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, NamedTuple
 
@@ -152,40 +153,59 @@ def automatic(problem: Problem, seed: int) -> tuple[Any, int]:
     return ef.log_evidence(run), run.evaluations + 2 * 400 * run[0].nwalkers
 
 
-def anneal(problem: Problem, seed: int) -> tuple[Any, int]:
+def anneal(problem: Problem, seed: int, size: int = 1_000) -> tuple[Any, int]:
     """Return the evidence of an annealed population."""
-    population = ef.anneal(problem.posterior, seed=seed)
+    population = ef.anneal(problem.posterior, size, seed=seed)
     return ef.log_evidence(population), population.solves
 
 
 METHODS = {"tempered": temper, "auto": automatic, "anneal": anneal}
 
 
-def estimate(name: str, method: str, seed: int) -> tuple[float, float, int]:
+def estimate(make: Callable[[], Problem], method: Any, seed: int) -> tuple[float, ...]:
     """Return error, claimed standard error and evaluations of one seed."""
-    problem = PROBLEMS[name]()
-    found, evaluations = METHODS[method](problem, seed)
+    problem = make()
+    found, evaluations = method(problem, seed)
     return found.log_evidence - problem.exact, found.log_evidence_error, evaluations
 
 
-def measure(
-    name: str, method: str, seeds: int, mapping: Callable[..., Any] = map
-) -> dict[str, Any]:
-    """Return what the seeds of a problem say of bias, spread and claims."""
-    jobs = [(name, method, seed) for seed in range(1, seeds + 1)]
+def summarize(
+    make: Callable[[], Problem], method: Any, seeds: range, mapping: Any = map
+) -> dict[str, float]:
+    """Return what the seeds of a problem say of bias, spread, claims and cost."""
+    jobs = [(make, method, seed) for seed in seeds]
     results = np.array(list(mapping(estimate, *zip(*jobs, strict=True))))
     off, claimed, evaluations = results.T
     able = np.isfinite(claimed)
+    z = off[able] / claimed[able]
     return {
-        "problem": name,
-        "method": method,
         "evaluations": evaluations.mean(),
         "bias": off.mean(),
         "spread": off.std(ddof=1),
         "claimed": np.sqrt(np.mean(claimed[able] ** 2)) if able.any() else np.nan,
-        "|z| > 3": int((np.abs(off[able]) > 3 * claimed[able]).sum()),
+        "|z| > 3": int((np.abs(z) > 3).sum()),
         "no claim": int((~able).sum()),
+        "rms z": np.sqrt(np.mean(z**2)) if able.any() else np.nan,
+        "claimed %": 100 * able.mean(),
+        "rms error": np.sqrt(np.mean(off**2)),
     }
+
+
+def tabulate(title: str, formats: Mapping[str, str], rows: Any) -> Table:
+    """Print each row as it is there, then the table of those columns."""
+    found = []
+    for row in rows:
+        found.append(tuple(row[column] for column in formats))
+        print(*found[-1], file=sys.stderr, flush=True)
+    table = Table(title, tuple(formats), tuple(formats.values()), tuple(found))
+    print(table)
+    return table
+
+
+FORMATS = {
+    "problem": "", "method": "", "evaluations": ".0f", "bias": "+.3f", "spread": ".3f",
+    "claimed": ".3f", "|z| > 3": "d", "no claim": "d",
+}  # fmt: skip
 
 
 def main() -> None:
@@ -196,18 +216,15 @@ def main() -> None:
     parser.add_argument("--problem", action="append", choices=list(PROBLEMS))
     parser.add_argument("--method", action="append", choices=list(METHODS))
     given = parser.parse_args()
+    cases = itertools.product(given.problem or PROBLEMS, given.method or METHODS)
+    seeds = range(1, given.seeds + 1)
     with ProcessPoolExecutor(given.processes) as pool:
-        rows = []
-        for name in given.problem or PROBLEMS:
-            for method in given.method or METHODS:
-                rows.append(measure(name, method, given.seeds, pool.map))
-                print(*rows[-1].values(), file=sys.stderr, flush=True)
-    formats = ("", "", ".0f", "+.3f", ".3f", ".3f", "d", "d")
-    columns = [
-        (column, form, [row[column] for row in rows])
-        for column, form in zip(rows[0], formats, strict=True)
-    ]
-    print(Table.from_columns(f"Log evidence, {given.seeds} seeds each", columns))
+        rows = (
+            {"problem": name, "method": method}
+            | summarize(PROBLEMS[name], METHODS[method], seeds, pool.map)
+            for name, method in cases
+        )
+        tabulate(f"Log evidence, {given.seeds} seeds each", FORMATS, rows)
 
 
 if __name__ == "__main__":

@@ -39,9 +39,11 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from buildings import draw, measure, shear_building, terms_of
 from evidence import beck_au as beck_au_exactly
 
 import emcee_femu as ef
@@ -58,6 +60,12 @@ WIDER, ROUNDS = 4 / 3, 6  # times as many solves, and rounds at most, by workers
 SOLVED = 400  # draws that certify
 DF, FEWEST = 8.0, 15  # of the mixture; draws per dimension that a fit takes
 MEAN, SD, WEIGHT, EFFICIENCY = 0.05, 0.05, 0.02, 0.75
+COLUMNS = {
+    "problem": "", "learned": "", "solves": "d", "rounds": "d", "meet the bar": "",
+    "mean off": ".3f", "worst": ".3f", "sd off": ".3f", "worst ": ".3f",
+    "efficiency": ".3f", "least": ".3f", "worst k": ".2f", "certified": "d",
+    "seconds": ".0f",
+}  # fmt: skip
 KINDS = {False: "values only", True: "with derivatives"}
 
 
@@ -113,19 +121,12 @@ class RatioTerm:
 
 
 class Problem(NamedTuple):
-    """A posterior and how many solves it may take.
+    """A posterior and how many solves it may take."""
 
-    Attributes:
-        posterior: The true one.
-        box: Its black box, which counts.
-        solves: The bar, values only and with derivatives.
-        first: Whether a draw ``(n, d)`` is in the first of two modes; None for one.
-    """
-
-    posterior: ef.LogPosterior
-    box: BlackBox
-    solves: tuple[int, int]
-    first: Callable[[Floats], Floats] | None = None
+    posterior: ef.LogPosterior  # the true one
+    box: BlackBox  # which counts
+    solves: tuple[int, int]  # the bar, values only and with derivatives
+    first: Callable[[Floats], Floats] | None = None  # is a draw in that of two modes?
 
 
 def beck_au() -> Problem:
@@ -165,73 +166,43 @@ def h_structure(beta: float = 500.0) -> Problem:
 
 
 STOREYS, FLOORS = 10, (0, 2, 4, 7, 9)  # all, and those with a sensor
-SPREAD, RELATIVE_SD, DELTA = 0.2, 0.005, 0.02
+HEIGHT, SENSORS = 8, (1, 3, 5, 7)  # of the tower
+COUPLING = 2e5  # N/m, between the directions of each storey of the tower
+MASS = 1e5  # kg
 
 
 def shear() -> Problem:
     """Return a shear building of ten storeys, five of whose floors were measured."""
     names = [f"s{i}" for i in range(1, STOREYS + 1)]
-    drift = np.eye(STOREYS) - np.eye(STOREYS, k=-1)
-    model = ef.MatrixModel(
-        np.zeros((STOREYS, STOREYS)),
-        1e5 * np.eye(STOREYS),  # kg
-        K={n: 2e8 * np.outer(b, b) for n, b in zip(names, drift, strict=True)},  # N/m
-        n_modes=7,
-        shapes=FLOORS,
-    )
-    ones = np.ones(STOREYS)
-    prior = ef.GaussianPrior(names, ones, SPREAD * ones, np.outer(ones, [0.1, 3.0]))
-    return _measure(model, prior, 5, 7, (80, 30))
-
-
-HEIGHT, SENSORS = 8, (1, 3, 5, 7)  # storeys, and floors with sensors
-COUPLING = 2e5  # N/m, between the directions of each storey
+    return _paired(*shear_building(names, MASS, 7, FLOORS, 1.0), 5, 7, (80, 30))
 
 
 def tower() -> Problem:
     """Return a tower whose two directions have nearly the same stiffness."""
     names = [f"{axis}{i}" for axis in "xy" for i in range(1, HEIGHT + 1)]
-    drift = np.eye(HEIGHT) - np.eye(HEIGHT, k=-1)
-    along, nothing = [np.outer(b, b) for b in drift], np.zeros((HEIGHT, HEIGHT))
-    x = [2e8 * np.block([[k, nothing], [nothing, nothing]]) for k in along]  # N/m
-    y = [2.04e8 * np.block([[nothing, nothing], [nothing, k]]) for k in along]
-    across = COUPLING * sum(along)
+    along = [np.outer(b, b) for b in np.eye(HEIGHT) - np.eye(HEIGHT, k=-1)]
+    K = {
+        name: np.kron(np.diag([axis, 1 - axis]), (2e8 * axis + 2.04e8 * (1 - axis)) * k)
+        for name, (axis, k) in zip(names, product((1, 0), along), strict=True)
+    }  # N/m
+    _, prior = shear_building(names, MASS, 1, (), 1.0)
     model = ef.MatrixModel(
-        np.block([[nothing, across], [across, nothing]]),
-        1e5 * np.eye(2 * HEIGHT),  # kg
-        K=dict(zip(names, x + y, strict=True)),
-        n_modes=6,
+        np.kron([[0.0, 1.0], [1.0, 0.0]], COUPLING * sum(along)),
+        MASS * np.eye(2 * HEIGHT), K, n_modes=6,
         shapes=[*SENSORS, *(HEIGHT + floor for floor in SENSORS)],
-    )
-    ones = np.ones(len(names))
-    prior = ef.GaussianPrior(names, ones, SPREAD * ones, np.outer(ones, [0.1, 3.0]))
-    return _measure(model, prior, 4, 6, (250, 90))
+    )  # fmt: skip
+    return _paired(model, prior, 4, 6, (250, 90))
 
 
-def _measure(
-    model: ef.MatrixModel,
-    prior: ef.GaussianPrior,
-    n_modes: int,
-    candidates: int,
+def _paired(
+    model: ef.MatrixModel, prior: ef.GaussianPrior, n_modes: int, candidates: int,
     bar: tuple[int, int],
-) -> Problem:
+) -> Problem:  # fmt: skip
     """Return the problem of a draw of the prior, whose modes are measured."""
-    names, truth = prior.names, prior.sample(np.random.default_rng(3), 1)
-    modes, rng = model(dict(zip(names, truth.T, strict=True))), np.random.default_rng(4)
-    f = modes.frequencies[0, :n_modes]
-    f = f * (1 + RELATIVE_SD * rng.standard_normal(n_modes))
-    shapes = modes.shapes[0, :, :n_modes]
-    shapes = shapes / np.linalg.norm(shapes, axis=0)
-    shapes = shapes + DELTA * rng.standard_normal(shapes.shape)
-    dofs = model.variables["shapes"].coords["dof"]
-    measured = ef.Measurements(f, shapes=shapes, dofs=dofs)
-    terms = [
-        ef.FrequencyTerm(measured, relative_sd=RELATIVE_SD),
-        ef.ShapeTerm(measured, delta=DELTA),
-    ]
-    box = BlackBox(model)
+    truth, box = draw(prior, np.random.default_rng(3)), BlackBox(model)
+    measured = measure(model, truth, n_modes, np.random.default_rng(4))
     paired = ef.PairedModel(box, measured, candidates=candidates)
-    return Problem(ef.LogPosterior(paired, terms, prior), box, bar)
+    return Problem(ef.LogPosterior(paired, terms_of(measured), prior), box, bar)
 
 
 PROBLEMS: dict[str, Callable[..., Problem]] = {
@@ -295,12 +266,8 @@ def weigh(
             p for p in (theta[inside], theta[~inside]) if len(p) > FEWEST * p.shape[1]
         ]
     fits = [ef.IndependenceMove.fit(part, "auto", DF) for part in parts]
-    mixture = Mixture(
-        np.concatenate([fit.weights / len(fits) for fit in fits]),
-        np.concatenate([fit.means for fit in fits]),
-        np.concatenate([fit.scale_matrices for fit in fits]),
-        DF,
-    )
+    laws = [(f.weights / len(fits), f.means, f.scale_matrices) for f in fits]
+    mixture = Mixture(*map(np.concatenate, zip(*laws, strict=True)), DF)
     rng, x, log_weights = np.random.default_rng(seed), [], []
     for _ in range(BATCHES):
         x.append(mixture.draw(rng, BATCH))
@@ -322,31 +289,18 @@ def average(x: Floats, weights: Floats, problem: Problem) -> Moments:
 
 
 class Seed(NamedTuple):
-    """What one seed gave.
+    """What one seed gave."""
 
-    Attributes:
-        solves: Spent by ``emulate``, counted by the model.
-        rounds: In which it solved, the first design among them.
-        mean: The worst error of a mean, in posterior standard deviations.
-        sd: The worst relative error of a standard deviation.
-        weight: Error of the weight of the first mode, or of the lobe; 0 without one.
-        efficiency: Effective share of weights of full solves.
-        pareto_k: Of these weights.
-        verdict: Of ``certify``.
-        seconds: Overhead.
-        error: The emulator's own opinion, the last true error of its history.
-    """
-
-    solves: int
-    rounds: int
-    mean: float
-    sd: float
-    weight: float
-    efficiency: float
-    pareto_k: float
-    verdict: str
-    seconds: float
-    error: float
+    solves: int  # spent by ``emulate``, counted by the model
+    rounds: int  # in which it solved, the first design among them
+    mean: float  # the worst error of a mean, in posterior standard deviations
+    sd: float  # the worst relative error of a standard deviation
+    weight: float  # error of that of the first mode, or of the lobe; 0 without one
+    efficiency: float  # effective share of weights of full solves
+    pareto_k: float  # of these weights
+    verdict: str  # of ``certify``
+    seconds: float  # overhead
+    error: float  # the emulator's own opinion, the last true error of its history
 
     def good(self, name: str) -> bool:
         """Return whether the posterior meets the bar."""
@@ -393,38 +347,21 @@ def judge(
 
 def tabulate(results: dict[tuple[str, bool], list[Seed]]) -> Table:
     """Return one row a problem: all its seeds, or the worst or the median of them."""
-    found = list(results.items())
-
-    def worst(field: str) -> list[float]:
-        return [max(getattr(one, field) for one in seeds) for _, seeds in found]
-
-    def middle(field: str) -> list[float]:
-        return [np.median([getattr(s, field) for s in seeds]) for _, seeds in found]
-
-    met = [
-        f"{sum(s.good(name) for s in seeds)} of {len(seeds)}"
-        for (name, _), seeds in found
-    ]
-    certified = [sum(s.verdict == "certified" for s in seeds) for _, seeds in found]
-    return Table.from_columns(
-        "Posteriors in few solves; medians of the seeds, and the worst of them",
-        [
-            ("problem", "", [name for (name, _), _ in found]),
-            ("learned", "", [KINDS[kind] for (_, kind), _ in found]),
-            ("solves", "d", worst("solves")),
-            ("rounds", "d", worst("rounds")),
-            ("meet the bar", "", met),
-            ("mean off", ".3f", middle("mean")),
-            ("worst", ".3f", worst("mean")),
-            ("sd off", ".3f", middle("sd")),
-            ("worst ", ".3f", worst("sd")),
-            ("efficiency", ".3f", middle("efficiency")),
-            ("least", ".3f", [min(s.efficiency for s in v) for _, v in found]),
-            ("worst k", ".2f", worst("pareto_k")),
-            ("certified", "d", certified),
-            ("seconds", ".0f", middle("seconds")),
-        ],
-    )
+    rows = []
+    for (name, kind), seeds in results.items():
+        worst, median, least = (
+            Seed(*map(pick, zip(*(s._replace(verdict=0) for s in seeds), strict=True)))
+            for pick in (max, np.median, min)
+        )
+        met = f"{sum(s.good(name) for s in seeds)} of {len(seeds)}"
+        sure = sum(s.verdict == "certified" for s in seeds)
+        rows.append((
+            name, KINDS[kind], worst.solves, worst.rounds, met, median.mean, worst.mean,
+            median.sd, worst.sd, median.efficiency, least.efficiency, worst.pareto_k,
+            sure, median.seconds,
+        ))  # fmt: skip
+    title = "Posteriors in few solves; medians of the seeds, and the worst of them"
+    return Table(title, tuple(COLUMNS), tuple(COLUMNS.values()), tuple(rows))
 
 
 def main() -> dict[tuple[str, bool], list[Seed]]:
@@ -437,10 +374,9 @@ def main() -> dict[tuple[str, bool], list[Seed]]:
     parser.add_argument("--workers", type=int, default=1, help="points of a round")
     parser.add_argument("--learned", choices=list(KINDS.values()), help="one of them")
     given = parser.parse_args()
-    names = given.problem or list(PROBLEMS)
     kinds = [kind for kind in KINDS if given.learned in (None, KINDS[kind])]
     results: dict[tuple[str, bool], list[Seed]]
-    results = {(name, kind): [] for name in names for kind in kinds}
+    results = {key: [] for key in product(given.problem or PROBLEMS, kinds)}
     for seed in range(given.first, given.first + given.seeds):
         for name, kind in results:
             with warnings.catch_warnings():

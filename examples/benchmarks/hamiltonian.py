@@ -18,43 +18,21 @@ import argparse
 from typing import Any
 
 import numpy as np
+from buildings import draw, measure, shear_building, terms_of
 
 import emcee_femu as ef
 from emcee_femu.table import Table
 
-MODES, SPREAD, RELATIVE_SD, DELTA = 12, 0.2, 0.005, 0.02
-MASS, STIFFNESS = 1e5, 2e8  # kg, N/m
+MODES, MASS = 12, 1e5  # kg
 SAMPLES = 24  # on which the steps are tried out
 
 
-def shear_building(storeys: int, seed: int) -> ef.LogPosterior:
+def simulate(storeys: int, seed: int) -> ef.LogPosterior:
     """Return the posterior of the storey stiffnesses of a simulated test."""
-    names = [f"k{i}" for i in range(1, storeys + 1)]
-    drift = np.eye(storeys) - np.eye(storeys, k=-1)
-    floors = list(range(1, storeys, 2))
-    model = ef.MatrixModel(
-        np.zeros((storeys, storeys)),
-        MASS * np.eye(storeys),
-        K={name: np.outer(b, b) for name, b in zip(names, drift, strict=True)},
-        n_modes=MODES,
-        shapes=floors,
-    )
-    rng = np.random.default_rng(seed)
-    nominal = np.full(storeys, STIFFNESS)
-    prior = ef.GaussianPrior(
-        names, nominal, SPREAD * nominal, np.outer(nominal, [0.1, 3.0])
-    )
-    truth = dict(zip(names, prior.sample(rng, 1).T, strict=True))
-    modes = model(truth)
-    frequencies = modes.frequencies[0]
-    frequencies = frequencies * (1 + RELATIVE_SD * rng.standard_normal(MODES))
-    shapes = modes.shapes[0] / np.linalg.norm(modes.shapes[0], axis=0)
-    shapes += DELTA * rng.standard_normal(shapes.shape)
-    terms = [
-        ef.FrequencyTerm(frequencies, relative_sd=RELATIVE_SD),
-        ef.ShapeTerm(shapes, delta=DELTA),
-    ]
-    return ef.LogPosterior(model, terms, prior)
+    names, rng = [f"k{i}" for i in range(1, storeys + 1)], np.random.default_rng(seed)
+    model, prior = shear_building(names, MASS, MODES, range(1, storeys, 2))
+    measured = measure(model, draw(prior, rng), MODES, rng)
+    return ef.LogPosterior(model, terms_of(measured), prior)
 
 
 def efficiency(
@@ -81,7 +59,7 @@ def main(
     rows = []
     for d in storeys:
         for building in range(1, buildings + 1):
-            posterior = shear_building(d, building)
+            posterior = simulate(d, building)
             laplace = ef.find_map(
                 posterior, posterior.prior.mean[None], seed=building, check=2_000
             )

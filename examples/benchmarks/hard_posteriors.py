@@ -1,19 +1,22 @@
-"""Eighteen posteriors that are hard for samplers but can be sampled exactly.
+"""Thirty posteriors that are hard for samplers but can be sampled exactly.
 
-Every target is a density inside a box, with a uniform prior there: unequal modes, a
-ring, a funnel, heavy tails, a banana, ten modes, a corner, a ridge, exchangeable
-labels, ill-conditioned Gaussians, a speck in a wide prior, and unknown noise.
-Run it:  python examples/benchmarks/hard_targets.py
+Every target is a density inside a box, with a uniform prior there. TARGETS: unequal
+modes, a ring, a funnel, heavy tails, a banana, ten modes, a corner, a ridge,
+exchangeable labels, ill-conditioned Gaussians, a speck in a wide prior, and unknown
+noise. FRESH, to which no setting was tuned: modes of unequal widths and weights, some
+of which a search of this size misses, heavy tails, flat and skew densities, and shells.
+
+Run it:  python examples/benchmarks/hard_targets.py, with --fresh for the latter
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 from scipy import stats
-from scipy.special import logsumexp
+from scipy.special import gammaln, logsumexp
 
 import emcee_femu as ef
 
@@ -102,16 +105,35 @@ def gaussians(
             result[which == k] = mean + result[which == k] @ factor.T
         return result
 
-    label = None if len(weights) == 1 else lambda x: parts(x).argmax(axis=0)
-    return Target(lambda x: logsumexp(parts(x), axis=0), draw, box, label, steps)
+    found = replace(labelled(parts, draw, box), steps=steps)
+    return replace(found, label=None) if len(weights) == 1 else found
+
+
+def labelled(parts: Callable[[Floats], Floats], draw: Any, box: Floats) -> Target:
+    """Return a mixture of log-densities ``(k, n)``, labelled by the largest."""
+    return Target(
+        lambda x: logsumexp(parts(x), axis=0), draw, box,
+        lambda x: parts(x).argmax(axis=0),
+    )  # fmt: skip
+
+
+def pair(d: int, mean: Any, weight: float, width: float, limits: Floats) -> Target:
+    """Return a unit Gaussian at 0 and a narrower, lighter one."""
+    means = [np.zeros(d), np.broadcast_to(mean, d)]
+    return gaussians(
+        [1 - weight, weight], means, [np.eye(d), width * np.eye(d)], limits
+    )
 
 
 def needle(d: int, apart: float, weight: float, width: float) -> Target:
     """Return a unit Gaussian at 0 and a narrow one ``apart`` along the diagonal."""
-    mean = np.full(d, apart / np.sqrt(d))
-    factors = [np.eye(d), width * np.eye(d)]
-    limits = box(d, -6, 6 + mean[0])
-    return gaussians([1 - weight, weight], [np.zeros(d), mean], factors, limits)
+    mean = apart / np.sqrt(d)
+    return pair(d, mean, weight, width, box(d, -6, 6 + mean))
+
+
+def unequal(d: int, apart: float, weight: float, width: float) -> Target:
+    """Return the same along the first axis, in a larger box."""
+    return pair(d, np.eye(d)[0] * apart, weight, width, box(d, -apart, 2 * apart))
 
 
 def turned(d: int, steps: float) -> Target:
@@ -121,26 +143,49 @@ def turned(d: int, steps: float) -> Target:
     return gaussians([1], np.zeros((1, d)), [factor], box(d, -8, 8), steps)
 
 
-def equicorrelated(d: int, correlation: float, sd: float, limits: Floats) -> Target:
-    """Return a Gaussian centred at a third of the box."""
-    matrix = sd**2 * ((1 - correlation) * np.eye(d) + correlation)
-    centre = limits[:, 0] + np.diff(limits)[:, 0] / 3
-    return gaussians([1], [centre], [np.linalg.cholesky(matrix)], limits)
+def correlated(correlation: float, sd: float, limits: Floats, centre: Any) -> Target:
+    """Return a Gaussian with one correlation of all parameters."""
+    d = len(limits)
+    factor = sd * np.linalg.cholesky((1 - correlation) * np.eye(d) + correlation)
+    return gaussians([1], [np.broadcast_to(centre, d)], [factor], limits)
 
 
-def ring(radius: float = 5.0, width: float = 0.2) -> Target:
-    """Return a thin ring: the radius is Gaussian, weighted by itself."""
+def radial(d: int, log_density: Any, inverse: Any, half: float) -> Target:
+    """Return a density of the radius alone; ``inverse`` draws radii ``(rng, n)``."""
 
     def draw(rng: np.random.Generator, n: int) -> Floats:
-        r = rng.normal(radius, width, 2 * n)
-        r = r[rng.random(2 * n) < r / (radius + 8 * width)][:n]
-        turn = rng.uniform(0, 2 * np.pi, len(r))
-        return np.stack([r * np.cos(turn), r * np.sin(turn)], axis=1)
+        r = inverse(rng, n)
+        direction = rng.normal(size=(len(r), d))
+        return direction * (r / np.linalg.norm(direction, axis=1))[:, None]
 
-    def log_density(x: Floats) -> Floats:
-        return -0.5 * ((np.hypot(*x.T) - radius) / width) ** 2
+    def density(x: Floats) -> Floats:
+        return log_density(np.linalg.norm(x, axis=1))
 
-    return Target(log_density, draw, box(2, -10, 10))
+    return Target(density, draw, box(d, -half, half))
+
+
+def shell(d: int, radius: float, width: float, half: float) -> Target:
+    """Return a ring or a shell: the radius is Gaussian, weighted by its surface."""
+    grid = np.linspace(0.01, radius + 8 * width, 100_000)
+
+    def log_density(r: Floats) -> Floats:
+        return -0.5 * ((r - radius) / width) ** 2
+
+    density = grid ** (d - 1) * np.exp(log_density(grid))
+    share = density.cumsum() / density.sum()
+    return radial(
+        d, log_density, lambda g, n: np.interp(g.random(n), share, grid), half
+    )
+
+
+def student(d: int = 10, df: float = 3.0) -> Target:
+    """Return a multivariate t law."""
+    return radial(
+        d,
+        lambda r: -0.5 * (df + d) * np.log1p(r**2 / df),
+        lambda rng, n: np.sqrt(rng.chisquare(d, n) * df / rng.chisquare(df, n)),
+        100,
+    )
 
 
 def funnel(d: int = 5) -> Target:
@@ -157,42 +202,29 @@ def funnel(d: int = 5) -> Target:
     return Target(log_density, draw, np.vstack([box(1, -12, 12), box(d - 1, -99, 99)]))
 
 
-def student(d: int = 10, df: float = 3.0) -> Target:
-    """Return a multivariate t law."""
-
-    def draw(rng: np.random.Generator, n: int) -> Floats:
-        return rng.normal(size=(n, d)) * np.sqrt(df / rng.chisquare(df, (n, 1)))
-
-    def log_density(x: Floats) -> Floats:
-        return -0.5 * (df + d) * np.log1p((x**2).sum(axis=1) / df)
-
-    return Target(log_density, draw, box(d, -100, 100))
-
-
 def banana(d: int = 4, bend: float = 0.03) -> Target:
     """Return Haario's twisted Gaussian: x1 has sd 10, x2 is bent along x1^2."""
 
-    def draw(rng: np.random.Generator, n: int) -> Floats:
-        x = rng.normal(size=(n, d))
-        x[:, 0] *= 10
-        x[:, 1] -= bend * (x[:, 0] ** 2 - 100)
+    def bent(x: Floats, sign: int) -> Floats:
+        x = x.copy()
+        x[:, 1] += sign * bend * (x[:, 0] ** 2 - 100)
         return x
 
-    def log_density(x: Floats) -> Floats:
-        straight = x[:, 1] + bend * (x[:, 0] ** 2 - 100)
-        rest = straight**2 + (x[:, 2:] ** 2).sum(axis=1)
-        return -0.5 * (x[:, 0] ** 2 / 100 + rest)
-
-    return Target(log_density, draw, box(d, -60, 60))
+    sd = np.array([10.0, *[1.0] * (d - 1)])
+    return Target(
+        lambda x: -0.5 * ((bent(x, 1) / sd) ** 2).sum(axis=1),
+        lambda rng, n: bent(sd * rng.normal(size=(n, d)), -1),
+        box(d, -60, 60),
+    )
 
 
 def corner(d: int = 4, scale: float = 0.02) -> Target:
     """Return exponentials that press into the corner at zero of the unit box."""
-
-    def draw(rng: np.random.Generator, n: int) -> Floats:
-        return rng.exponential(scale, (n, d))
-
-    return Target(lambda x: -x.sum(axis=1) / scale, draw, box(d, 0, 1))
+    return Target(
+        lambda x: -x.sum(axis=1) / scale,
+        lambda rng, n: rng.exponential(scale, (n, d)),
+        box(d, 0, 1),
+    )
 
 
 def noise(pairs: int = 2, shape: float = 3.0, rate: float = 3.0) -> Target:
@@ -212,15 +244,16 @@ def noise(pairs: int = 2, shape: float = 3.0, rate: float = 3.0) -> Target:
     return Target(log_density, draw, np.array(limits))
 
 
-def ten_modes() -> Target:
-    """Return ten Gaussians in the plane, weights 0.04 to 0.16, sds 0.3 to 1."""
-    rng = np.random.default_rng(10)
-    means = np.array([(i, j) for i in range(-10, 15, 5) for j in (-5, 5)]) * 1.0
-    factors = rng.uniform(0.3, 1, 10)[:, None, None] * np.eye(2)
-    return gaussians(
-        np.linspace(4, 16, 10) / 100, means + rng.normal(size=(10, 2)), factors,
-        box(2, -20, 20),
-    )  # fmt: skip
+def round_modes(seed: int, d: int, sds: Any, limits: Floats, weights: Any, means: Any):
+    """Return ten round Gaussians; weights and means by a generator."""
+    rng = np.random.default_rng(seed)
+    weights = weights(rng)
+    factors = rng.uniform(*sds, 10)[:, None, None] * np.eye(d)
+    return gaussians(weights, means(rng), factors, limits)
+
+
+GRID = np.array([(i, j) for i in range(-10, 15, 5) for j in (-5, 5)]) * 1.0
+CUT = np.array([[-0.5, 6.0], [-0.5, 6.0], [-6.0, 6.0], [-6.0, 6.0]])  # two by bounds
 
 
 def labels() -> Target:
@@ -229,23 +262,104 @@ def labels() -> Target:
     return gaussians(np.full(6, 1 / 6), means, [np.eye(3)] * 6, box(3, -12, 12))
 
 
+def balls(d: int = 4, apart: float = 6.0, power: int = 8) -> Target:
+    """Return two flat unit balls with soft edges, of weights .6 and .4."""
+    means = np.array([[0.0] * d, [apart] * d])
+
+    def parts(x: Floats) -> Floats:
+        r = np.linalg.norm(x - means[:, None], axis=2)
+        return np.log([[0.6], [0.4]]) - r**power
+
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        direction = rng.normal(size=(n, d))
+        direction /= np.linalg.norm(direction, axis=1)[:, None]
+        r = rng.gamma(d / power, size=(n, 1)) ** (1 / power)
+        return means[(rng.random(n) < 0.4).astype(int)] + r * direction
+
+    return labelled(parts, draw, box(d, -4, 10))
+
+
+def skewed(d: int = 4, shape: float = 1.5) -> Target:
+    """Return Gamma laws whose scales grow with the sum of those before them."""
+
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        x = rng.gamma(shape, size=(n, d))
+        for j in range(1, d):
+            x[:, j] *= 1 + 0.3 * x[:, :j].sum(axis=1)
+        return x
+
+    def log_density(x: Floats) -> Floats:
+        before = np.maximum(x, 1e-12).cumsum(axis=1)[:, :-1]
+        scale = 1 + 0.3 * np.column_stack([0 * x[:, :1], before])
+        return stats.gamma.logpdf(x, shape, scale=scale).sum(axis=1)
+
+    return Target(log_density, draw, box(d, 0, 200))
+
+
+def heavy_modes(d: int = 3, df: float = 4.0) -> Target:
+    """Return two t laws of 4 degrees of freedom, of weights .75 and .25."""
+    means, scales = np.array([[-4.0] * d, [5.0] * d]), np.array([1.0, 0.5])
+    weights = np.array([0.75, 0.25])
+    constant = gammaln((df + d) / 2) - gammaln(df / 2)
+
+    def parts(x: Floats) -> Floats:
+        r2 = ((x - means[:, None]) ** 2).sum(axis=2) / scales[:, None] ** 2
+        front = np.log(weights) - d * np.log(scales) + constant
+        return front[:, None] - 0.5 * (df + d) * np.log1p(r2 / df)
+
+    def draw(rng: np.random.Generator, n: int) -> Floats:
+        which = (rng.random(n) < weights[1]).astype(int)
+        z = rng.normal(size=(n, d)) * np.sqrt(df / rng.chisquare(df, (n, 1)))
+        return means[which] + scales[which, None] * z
+
+    return labelled(parts, draw, box(d, -40, 40))
+
+
 TARGETS: dict[str, Callable[[], Target]] = {
     "needle, d=4, 5 sd, .2": lambda: needle(4, 5, 0.2, 0.2),
     "needle, d=5, 20 sd, .2": lambda: needle(5, 20, 0.2, 0.2),
     "needle, d=2, 10 sd, .05": lambda: needle(2, 10, 0.05, 0.5),
     "needle, d=3, 20 sd, .3": lambda: needle(3, 20, 0.3, 0.2),
     "needle, d=6, 10 sd, .1": lambda: needle(6, 10, 0.1, 0.3),
-    "ring": ring,
+    "ring": lambda: shell(2, 5.0, 0.2, 10.0),
     "funnel, d=5": funnel,
     "t, 3 dof, d=10": student,
     "banana, d=4": banana,
-    "ten modes": ten_modes,
+    "ten modes": lambda: round_modes(
+        10,
+        2,
+        (0.3, 1),
+        box(2, -20, 20),
+        lambda _: np.linspace(4, 16, 10) / 100,
+        lambda rng: GRID + rng.normal(size=(10, 2)),
+    ),  # fmt: skip
     "corner of the box": corner,
-    "ridge .9999, d=4": lambda: equicorrelated(4, 0.9999, 1.0, box(4, -10, 20)),
+    "ridge .9999, d=4": lambda: correlated(0.9999, 1.0, box(4, -10, 20), 0.0),
     "labels": labels,
     "condition 1e4, d=20": lambda: turned(20, 1.0),
     "condition 1e4, d=50": lambda: turned(50, 0.5),
     "condition 1e4, d=100": lambda: turned(100, 0.2),
-    "1e-4 of the prior, d=4": lambda: equicorrelated(4, 0.5, 3e-5, box(4, 0, 1)),
+    "1e-4 of the prior, d=4": lambda: correlated(0.5, 3e-5, box(4, 0, 1), 1 / 3),
     "unknown noise": noise,
+}
+FRESH: dict[str, Callable[[], Target]] = {
+    "unequal, d=5, width .15": lambda: unequal(5, 6.0, 0.3, 0.15),
+    "unequal, d=8, width .3": lambda: unequal(8, 8.0, 0.4, 0.3),
+    "flat balls, d=4": balls,
+    "ten modes, d=5": lambda: round_modes(
+        77,
+        5,
+        (0.4, 0.8),
+        box(5, -10, 10),
+        lambda rng: rng.dirichlet(np.full(10, 4.0)),
+        lambda rng: rng.uniform(-7, 7, (10, 5)),
+    ),  # fmt: skip
+    "needle inside, d=4": lambda: pair(4, 0.7, 0.2, 0.05, box(4, -6, 6)),
+    "t, 2.2 dof, d=4": lambda: student(4, 2.2),
+    "two t, 4 dof, d=3": heavy_modes,
+    "shell, d=5": lambda: shell(5, 4.0, 0.3, 9.0),
+    "gamma ridge, d=4": skewed,
+    "cut by bounds, d=4": lambda: correlated(0.6, 1.0, CUT, 0.0),
+    "close modes, d=6": lambda: unequal(6, 4.0, 0.5, 0.7),
+    "narrow pair, d=3": lambda: unequal(3, 30.0, 0.15, 0.5),
 }

@@ -76,9 +76,9 @@ ef.parameter_table(certificates["a little off"].idata)
 #
 # Pareto k describes the tail of the largest weights: above 0.7 their mean cannot be
 # estimated. If weights are nearly equal (efficiency above 0.9), k does not matter, and
-# the sentence leaves it out. With fewer than 100 weights k scatters by 0.2. It is
-# therefore the larger of two values: ArviZ's, and the one implied by the curvature of
-# ln w over all draws. Efficiency and the largest weight decide with it.
+# the sentence leaves it out. With fewer than 100 weights k scatters by 0.2, so that the
+# limit is lower there: 1 - 1 / log10(n). Efficiency and the largest weight decide with
+# it.
 #
 # Means and standard deviations use the whole chain: a fit to ln w, made at other draws,
 # predicts the weights everywhere, and the solved draws correct it. So the errors of a

@@ -1,5 +1,9 @@
 """What users write in their first hour: each is refused with what to write."""
 
+import sys
+
+import emcee
+import numpy as np
 import pytest
 
 import emcee_femu as ef
@@ -26,8 +30,51 @@ class Emulated:
         (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),
         (lambda: ef.MetropolisMove([[1.0, 0.0], [0.0, 1.0]]), ValueError, "cov="),
         (lambda: ef.report(None, "tower.pdf"), ValueError, "tower.html"),
+        (lambda: ef.frf.FRFMeasurements.from_uff("a"), ImportError, r"femu\[uff\]"),
     ],
 )
-def test_the_message_has_the_cure(call, error, cure):
+def test_the_message_has_the_cure(call, error, cure, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyuff", None)
     with pytest.raises(error, match=cure):
         call()
+
+
+STOREYS = {"k1": np.diag([1.0, 0.0]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
+BOUNDS = [(20, 90), (1, 15)]
+
+
+def storeys(measured=(0.53, 1.08), bounds=BOUNDS):
+    model = ef.MatrixModel(np.zeros((2, 2)), np.eye(2), STOREYS, n_modes=2)
+    term = ef.FrequencyTerm(measured, relative_sd=0.1)
+    prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [30, 10], bounds)
+    return ef.LogPosterior(model, term, prior)
+
+
+@pytest.mark.parametrize("moves", ["auto", ef.DEMCMove()], ids=["auto", "DE-MC"])
+@pytest.mark.parametrize(
+    ("posed", "options", "named"),
+    [
+        ({}, {"nwalkers": 3}, "nwalkers"),
+        ({"bounds": None}, {}, "bounds"),
+        ({"measured": [0.53, 1.08, 1.4]}, {}, r"3 modes|got \(\d+, 2\)"),
+        ({}, {"starts": [[10.0, 5.0]] * 16}, "starts: k1"),
+    ],
+)
+def test_a_first_mistake_is_named_and_no_page_of_emcee_printed(
+    moves, posed, options, named, capsys
+):
+    options = {"steps": 5, "ensembles": 1, "seed": 1} | options
+    with pytest.raises((ValueError, RuntimeError), match=named):
+        ef.run(storeys(**posed), moves, **options)
+    assert capsys.readouterr() == ("", "")  # emcee would print sixty lines
+
+
+def test_a_start_outside_the_bounds_is_refused_also_in_a_script_of_emcee():
+    target = storeys()
+    start = target.start(8, seed=1)
+    sampler = emcee.EnsembleSampler(8, 2, target, moves=ef.DEMCMove(), vectorize=True)
+    with pytest.raises(ValueError, match="initial_state"):
+        sampler.run_mcmc(np.full((8, 2), [10.0, 5.0]) + start / 100, 5)
+    start[0] = [10.0, 5.0]  # one alone goes on
+    sampler.run_mcmc(start, 50)
+    assert np.isfinite(sampler.get_log_prob()[-1]).all()

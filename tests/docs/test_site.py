@@ -153,33 +153,6 @@ def test_pages_have_no_fault_and_their_text_can_be_read(tab, half):
     assert {path: page for path, page in faults.items() if page} == {}
 
 
-@pytest.mark.parametrize("words, page", [("delayed acceptance", "DelayedAcceptance")])
-def test_search_finds(tab, words, page):
-    tab.goto(f"{tab.own}/search.html?q={words.replace(' ', '+')}")
-    tab.wait_for_selector("#search-results li a", timeout=10_000)
-    links = tab.eval_on_selector_all("#search-results li a", "e => e.map(a => a.href)")
-    assert any(page in link for link in links)
-
-
-@pytest.mark.parametrize(
-    "html, fault",
-    [
-        ("<img src='gone.png' alt='x'>", "broken"),
-        ("<img src='data:image/gif;base64,R0lGODlhAQABAAAAACw='>", "textless"),
-        ("<div style='width: 3000px; height: 1px'></div>", "overflow"),
-        ("<script>console.error('no')</script>", "console"),
-        ("<script>undefined.x</script>", "console"),
-    ],
-)
-def test_each_fault_would_be_seen(tab, html, fault):
-    page = f"<!doctype html><body>{html}</body>"
-    tab.route(
-        "**/faulty.html",
-        lambda route: route.fulfill(body=page, content_type="text/html"),
-    )
-    assert any(fault in name for name in faults_of(tab, "faulty.html", DESKTOP))
-
-
 def test_every_figure_is_a_picture():
     texts = {path: (SITE / path).read_text(encoding="utf-8") for path in PAGES}
     assert [path for path, text in texts.items() if "&lt;Figure size" in text] == []

@@ -1,6 +1,5 @@
 """From pyOMA2's records to a posterior of the storeys' stiffnesses."""
 
-import builtins
 import logging
 import runpy
 
@@ -48,20 +47,14 @@ def test_the_identified_shapes_are_those_of_the_model(example, pyoma2):
     records, _, (frequencies, _, shapes) = example.load_pyoma2()[2]()
     np.testing.assert_allclose(frequencies, EXACT, rtol=1e-12)
     result = example.identify(records, example.RATE, example.PEAKS)
-    measured = example.ef.Measurements.from_pyoma2(result)
+    measured = example.ef.Measurements.from_pyoma2(result, shape_sd=True)
+    np.testing.assert_array_equal(measured.shape_sd, result.Phi_std)
     model = example.posterior(measured).model
     mine = model({f"k{i}": np.array([1e4]) for i in range(1, 6)}).shapes[0]
     for i in range(5):  # of the generator, of the model, of the identification
         assert abs(np.corrcoef(shapes[:, i], mine[:, i])[0, 1]) > 1 - 1e-9
         unit = [s[:, i] / np.linalg.norm(s[:, i]) for s in (mine, measured.shapes)]
         assert abs(unit[0] @ unit[1]) > 0.999
-
-
-def test_phi_std_can_be_taken_too(example, pyoma2):
-    records = example.load_pyoma2()[2]()[0]
-    result = example.identify(records, example.RATE, example.PEAKS)
-    measured = example.ef.Measurements.from_pyoma2(result, shape_sd=True)
-    np.testing.assert_array_equal(measured.shape_sd, result.Phi_std)
 
 
 @pytest.mark.slow
@@ -84,16 +77,3 @@ def test_deviations_of_frequencies_are_their_scatter_and_those_of_shapes_are_not
     # 30 records: the scatter has a standard error of 13 %.
     assert (np.abs(np.log(ratio)) < 0.45).all()
     assert np.median(shape_sd[:, 0]) > 2 * shape[:, 0].std(ddof=1)
-
-
-def test_without_pyoma2_the_example_says_what_to_install(example, monkeypatch):
-    load = builtins.__import__
-
-    def no_pyoma2(name, *args, **kwargs):
-        if name.startswith("pyoma2"):
-            raise ImportError("No module named 'pyoma2'")
-        return load(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", no_pyoma2)
-    with pytest.raises(ImportError, match=r'pip install "emcee_femu\[oma\]"'):
-        example.identify(np.zeros((9, 5)), example.RATE, example.PEAKS)

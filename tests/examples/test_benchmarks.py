@@ -62,19 +62,11 @@ def test_damage_alarms(capsys):
 HARD = load("hard_targets")
 
 
-@pytest.mark.parametrize("name", HARD.TARGETS)
+@pytest.mark.parametrize("name", HARD.ALL)
 def test_hard_posteriors(name):
-    assert_draws_are_exact(HARD.TARGETS[name]())
-
-
-@pytest.mark.parametrize("name", HARD.FRESH)
-def test_fresh_targets(name):
-    assert_draws_are_exact(HARD.FRESH[name]())
-
-
-def assert_draws_are_exact(target):
     """A reversible step from exact draws may not change centre, spread or density."""
-    x = HARD.inside(target, 600_000 // max(10, len(target.box)), seed=3)
+    target = HARD.ALL[name]()
+    x = HARD.inside(target, 200_000 // max(10, len(target.box)), seed=3)
     rng = np.random.default_rng(4)
     # Along differences of draws, so that ridges are followed, some of them short.
     pairs = x[rng.permutation(len(x))] - x[rng.permutation(len(x))]
@@ -164,31 +156,26 @@ def test_cluster_scaling(capsys):
     *tables, measured = scaling.main(most=8, solve=1e-3)
     shown = capsys.readouterr().out
     assert all(str(table) in shown for table in (*tables, measured))
-    assert measured.column("workers") == [2] and measured.column("ratio")[0] < 3
-    assert 0 < measured.column("efficiency %")[0] <= 100
+    assert measured.column("workers") == [2]
     for table in tables:
         assert table.column("workers") == [1, 2, 8]
         for row in table.rows:
             assert (np.diff(row[1:]) > -1).all()  # a larger ensemble is used better
-    # Equal times: as many rounds as it takes.
-    for workers, jobs in [(1, 5), (4, 4), (4, 5), (7, 30), (1_000, 1_500)]:
-        rounds = -(-jobs // workers)
-        expected = jobs / (workers * rounds)
+    for workers, jobs in [(1, 5), (4, 5), (7, 30), (1_000, 1_500)]:  # equal times
+        expected = jobs / (workers * -(-jobs // workers))
         assert scaling.efficiency(workers, jobs, 0.0) == pytest.approx(expected)
     # One job a worker: the mean time over the expected longest one.
     sigma = np.sqrt(np.log1p(0.5**2))
     law = stats.lognorm(sigma, scale=np.exp(-0.5 * sigma**2))
-    for workers in (2, 20, 200):
+    for n in (2, 200):
         longest, _ = integrate.quad(
-            lambda t, n=workers: -np.expm1(n * law.logcdf(t)), 0, 60, limit=200
+            lambda t, n=n: -np.expm1(n * law.logcdf(t)), 0, 60, limit=200
         )
-        found = scaling.efficiency(workers, workers, 0.5, repeats=4_000)
+        found = scaling.efficiency(n, n, 0.5, repeats=4_000)
         assert found == pytest.approx(1 / longest, rel=0.03)
     # A master that hands out nothing else: its own time is the limit.
-    assert scaling.efficiency(1_000, 4_000, 0.0, dispatch=0.1) == pytest.approx(
-        4_000 / (1_000 * (4_000 * 0.1 + 1))
-    )
-    assert scaling.makespan([3.0, 1.0, 1.0, 2.0], 2) == 4.0  # 3 | 1, 1, 2 in turn
+    limited = scaling.efficiency(1_000, 4_000, 0.0, dispatch=0.1)
+    assert limited == pytest.approx(4_000 / (1_000 * (4_000 * 0.1 + 1)))
 
 
 @pytest.mark.slow
@@ -235,8 +222,25 @@ def test_large_model(monkeypatch, capsys):
     monkeypatch.setattr(
         module, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1)
     )
-    table = module.main(dofs=(750,))
+    table = module.main(dofs=(300,))
     assert str(table) in capsys.readouterr().out
     (row,) = table.rows
-    assert row[:2] == (750, "SuperLU")
+    assert row[:2] == (384, "SuperLU")
     assert 0 < table.column("error")[0] < 1e-4 and table.column("basis")[0] < 100
+
+
+def test_buildings(capsys):
+    """A uniform chain has its closed form; data scatter as is said."""
+    module = load("buildings")
+    measured = module.main()
+    assert str(measured) in capsys.readouterr().out and measured.n_modes == 5
+    model, prior = module.shear_building([*"abcd"], 2.0, 4, (1, 3))
+    nominal = dict(zip("abcd", prior.mean[:, None], strict=True))
+    i = np.arange(1, 5)
+    expected = np.sqrt(2e8 / 2.0) / np.pi * np.sin((2 * i - 1) * np.pi / 18)
+    np.testing.assert_allclose(model(nominal).frequencies[0], expected)
+    rng = np.random.default_rng(1)
+    tests = [module.measure(model, nominal, 4, rng) for _ in range(200)]
+    ratios = [test.frequencies / expected - 1 for test in tests]
+    assert np.std(ratios) == pytest.approx(module.RELATIVE_SD, rel=0.1)
+    assert tests[0].shapes.shape == (2, 4) and tests[0].dofs.tolist() == [1, 3]

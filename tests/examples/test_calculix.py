@@ -61,22 +61,9 @@ def calculix(driver):
         pytest.skip(str(error))
 
 
-workers = pytest.mark.parametrize("workers", [None, pytest.param(2, marks=inherits)])
-
-
 def shell(script):
     """Return the command of a program that is a script: a stand-in for CalculiX."""
     return ["sh", "-c", script]
-
-
-def test_the_table_of_a_dat_file_is_read(driver):
-    expected = [6.812013, 11.99526, 45.38504]
-    np.testing.assert_allclose(driver.read_frequencies(DAT, 3), expected, rtol=1e-6)
-    # Seven digits of the eigenvalue are more than those of a frequency that begins
-    # with a 1.
-    assert driver.read_frequencies(DAT, 1) == pytest.approx(
-        np.sqrt(1831.938) / 2 / np.pi
-    )
 
 
 @pytest.mark.parametrize(
@@ -86,7 +73,6 @@ def test_the_table_of_a_dat_file_is_read(driver):
         (DAT[DAT.index("      3 ") :], "", r"modes 1 to 3, got \[1, 2\]"),
         ("0.8131771E+05", "*************", r"modes 1 to 3, got \[1, 2\]"),
         ("      2   0.56", "     12   0.56", r"modes 1 to 3, got \[1, 12, 3\]"),
-        ("0.8131771E+05", "0.8131771E+06", "do not fit"),
         ("0.7536844E+02", "0.7536944E+02", "do not fit"),
         ("0.1831938E+04   0.4280114E+02   0.6812013E+01", HIGH, "do not fit"),
         (" 0.1831938E+04", "-0.1831938E+04", "positive eigenvalues"),
@@ -94,7 +80,8 @@ def test_the_table_of_a_dat_file_is_read(driver):
     ],
 )
 def test_a_damaged_dat_file_is_refused(driver, old, new, message):
-    assert old in DAT
+    expected = np.sqrt([1831.938, 5680.402, 81317.71]) / (2 * np.pi)
+    np.testing.assert_allclose(driver.read_frequencies(DAT, 3), expected, rtol=1e-9)
     with pytest.raises(ValueError, match=message):
         driver.read_frequencies(DAT.replace(old, new, 1), 3)
 
@@ -117,8 +104,7 @@ def test_a_job_has_a_folder_of_its_own_which_is_removed(driver, tmp_path, monkey
     ("script", "error", "message"),
     [
         ("echo no convergence; exit 3", RuntimeError, "status 3: no convergence"),
-        ("echo to stderr >&2; exit 201", RuntimeError, "status 201: to stderr"),
-        ("kill -SEGV $$", RuntimeError, "status -11"),
+        ("echo to stderr >&2; kill -SEGV $$", RuntimeError, "status -11: to stderr"),
         (r"printf '\377 diverged'; exit 2", RuntimeError, "status 2: . diverged"),
         ("true", FileNotFoundError, "job.dat"),
         ("printf half > job.dat", ValueError, "one table"),
@@ -148,14 +134,13 @@ def test_a_missing_licence_is_waited_for(driver, tmp_path):
 
 @posix
 @pytest.mark.parametrize(
-    ("command", "options", "message"),
+    ("workers", "command", "options", "message"),
     [
-        (shell("echo License is not available; exit 1"), {}, "no licence in 0.1 s"),
-        (["no-such-program"], {}, "no-such-program did not run"),
-        (shell("true"), {"scratch": "/no/such/disk"}, "no scratch folder"),
+        (None, shell("echo License is not available; exit 1"), {}, "no licence in 0.1"),
+        pytest.param(2, ["no-such-program"], {}, "no-such-program", marks=inherits),
+        (None, shell("true"), {"scratch": "/no/such/disk"}, "no scratch folder"),
     ],
 )
-@workers
 def test_a_machine_that_cannot_solve_rejects_no_point_but_stops_the_run(
     driver, tmp_path, command, options, message, workers
 ):
@@ -196,33 +181,6 @@ def test_a_run_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
     assert solves.read_text().count("\n") < 20 + 16 + 3 * 8
 
 
-@posix
-def test_an_emulation_without_a_licence_goes_on_when_there_is_one(driver, tmp_path):
-    free, started = tmp_path / "free", []
-    script = f"[ -e {shlex.quote(str(free))} ] || {{ echo No license; exit 1; }}"
-
-    def solve(p):
-        started.append(p)
-        command = shell("true" if len(started) < 4 else script)
-        with driver.finished_job("", command, patience=0.0):
-            return [6.8 * np.sqrt(p["k"])]
-
-    def emulate(function, backend=None):
-        stored = {"backend": backend, "resume": backend is not None}
-        options = {"on_failure": "reject", "tolerance": 0.0}
-        return ef.emulate(posterior_of(function), 6, seed=1, **options, **stored)
-
-    with pytest.raises(driver.Unavailable, match="no licence"):
-        emulate(solve, tmp_path / "run.sqlite")
-    free.touch()
-    before = len(started)
-    resumed = emulate(solve, tmp_path / "run.sqlite")
-    assert resumed.solves == 6 and len(started) - before <= 6  # three are probed
-    theta = {"k": np.array([0.7, 1.2])}
-    expected = emulate(lambda p: [6.8 * np.sqrt(p["k"])])(theta)
-    np.testing.assert_array_equal(resumed(theta).frequencies, expected.frequencies)
-
-
 def posterior_of(solve):
     prior = ef.GaussianPrior(["k"], [1.0], [0.3], [(0.1, 2.0)])
     term = ef.FrequencyTerm([6.8], sd=[0.1])
@@ -230,7 +188,7 @@ def posterior_of(solve):
 
 
 @posix
-@workers
+@pytest.mark.parametrize("workers", [None, pytest.param(2, marks=inherits)])
 def test_every_solve_has_its_folder_and_those_that_fail_are_rejected(
     driver, tmp_path, workers
 ):

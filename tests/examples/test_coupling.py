@@ -51,6 +51,7 @@ def test_opensees_frame(capsys):
     assert "sd/prior sd" in shown and "TAE" in shown and "upper columns" in shown
 
 
+@pytest.mark.slow
 def test_pynite_frame():
     pytest.importorskip("Pynite", reason="pip install 'emcee_femu[pynite]'")
     check_update("pynite")
@@ -66,15 +67,6 @@ def test_a_page_can_be_imported_without_its_program(name, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, PROGRAMS[name], None)
     load(f"how_to/{name}")
     assert capsys.readouterr().out == ""
-
-
-def test_where_opensees_does_not_import_the_example_says_what_to_do(monkeypatch):
-    frame = load("how_to/opensees")
-    monkeypatch.setattr(frame.metadata, "files", lambda name: None)
-    monkeypatch.setitem(sys.modules, "openseespy", None)
-    monkeypatch.setitem(sys.modules, "openseespy.opensees", None)
-    with pytest.raises(ImportError, match=r"pip install .*\[opensees\].*apt install"):
-        frame.load_opensees()
 
 
 def test_strips_and_mass_of_the_plate_have_their_closed_forms(plate):

@@ -18,9 +18,9 @@ import emcee_femu as ef
 K, M, DOFS = cantilever()
 
 
-def write_market(folder, symmetry="symmetric"):
+def write_market(folder, symmetry="symmetric", kind=sparse.coo_array):
     for name, matrix in (("K", K), ("M", M)):
-        mmwrite(folder / f"{name}.mtx", sparse.coo_array(matrix), symmetry=symmetry)
+        mmwrite(folder / f"{name}.mtx", kind(matrix), "a beam", symmetry=symmetry)
     return {"K": folder / "K.mtx", "M": folder / "M.mtx"}
 
 
@@ -33,6 +33,7 @@ def write_npz(folder):
 WRITERS = {
     "Matrix Market": write_market,
     "Matrix Market, general": lambda folder: write_market(folder, "general"),
+    "Matrix Market, array": lambda folder: write_market(folder, "symmetric", np.array),
     "SciPy": write_npz,
     "Abaqus": lambda folder: write_abaqus(folder, K, M, DOFS),
     "Abaqus, labels": lambda folder: write_abaqus(folder, K, M, DOFS, "labels"),
@@ -86,10 +87,10 @@ def test_a_cut_file_is_refused_or_a_matrix_is_missing(tmp_path, program):
     given = WRITERS[program](tmp_path)
     path = given["K"] if isinstance(given, dict) else given
     whole = path.read_bytes()
-    for end in range(0, len(whole) - 1, max(1, len(whole) // 40)):
+    for end in range(0, len(whole) - 1, max(1, len(whole) // 16)):
         path.write_bytes(whole[:end])
         if program == "Nastran DMIG" and whole[end - 1 : end] == b"\n":
-            continue  # it has no end mark: see tests/fe_files/test_nastran.py
+            continue  # it has no end mark: see test_nastran.py
         try:
             read = ef.read_matrices(given)
         except ValueError as error:
@@ -99,8 +100,10 @@ def test_a_cut_file_is_refused_or_a_matrix_is_missing(tmp_path, program):
             np.testing.assert_allclose(read.K.toarray(), K, rtol=6e-10)
 
 
-@pytest.mark.parametrize("program", [p for p in WRITERS if "SciPy" not in p])
-@pytest.mark.parametrize("wrong", ["nan", "x", "1e999"])
+@pytest.mark.parametrize(
+    "program", [p for p in WRITERS if p not in ("SciPy", "Matrix Market, array")]
+)
+@pytest.mark.parametrize("wrong", ["nan", "1e999"])
 def test_an_entry_that_is_no_number_is_refused(tmp_path, program, wrong):
     given = WRITERS[program](tmp_path)
     path = given["K"] if isinstance(given, dict) else given
@@ -114,24 +117,6 @@ def test_an_entry_that_is_no_number_is_refused(tmp_path, program, wrong):
     path.write_text("".join(lines))
     with pytest.raises(ValueError, match=str(path)):
         ef.read_matrices(given)
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0",
-        b"<html>\n",
-        bytes(999),
-        b"1.5\n",
-        b"\n",
-    ],
-)
-def test_a_foreign_file_is_refused_by_its_name(tmp_path, content):
-    path = tmp_path / "matrices.bin"
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=rf"{path}: .*(empty|CalculiX)"):
-        ef.read_matrices(path)
 
 
 def test_labels_of_a_file_are_for_formats_that_have_none(tmp_path):
@@ -148,50 +133,58 @@ def test_labels_of_a_file_are_for_formats_that_have_none(tmp_path):
         ef.read_matrices({"K": path, "M": path, "dofs": dofs})
 
 
-def rewrite_npz(path, **changed):
-    """Write a csr matrix of three rows, with some of its arrays replaced."""
-    sparse.save_npz(path, sparse.csr_array(np.eye(3)))
-    arrays = dict(np.load(path)) | changed
-    np.savez_compressed(path, **arrays)
-    return path
+MARKET = b"%%MatrixMarket matrix "
+FOREIGN = {
+    "empty": (b"", "empty"),
+    "picture": (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0", "CalculiX"),
+    "page": (b"<html>\n", "CalculiX"),
+    "zeros": (bytes(999), "CalculiX"),
+    "a number": (b"1.5\n", "CalculiX"),
+    "complex": (MARKET + b"coordinate complex hermitian\n", "line 1"),
+    "vector": (b"%%MatrixMarket vector coordinate real general\n", "line 1"),
+    "sizes": (MARKET + b"coordinate real general\n3 3\n", "line 2"),
+    "row": (MARKET + b"coordinate real general\n2 2 1\n3 1 1.0\n", "line 2.*row 3"),
+    "value": (MARKET + b"array real general\n2 2\n1\n0\n0\nx\n", "line 6"),
+    "rows": (MARKET + b"coordinate real general\n900000000 900000000 1\n1 1 1\n", ""),
+    "array": (MARKET + b"array real general\n900000000 900000000\n1.0\n", ""),
+}
 
 
-@pytest.mark.parametrize(
-    "changed",
-    [
-        {"indices": np.array([0, 1, 2_000_000])},
-        {"indices": np.array([0, 1, -5])},
-        {"indptr": np.array([0, 1, 2, 2**40])},
-        {"indptr": np.array([0, 2, 1, 3])},
-        {"shape": np.array([900_000_000, 900_000_000])},
-    ],
-    ids=["beyond", "below", "pointer", "order", "announced"],
-)
-def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path, changed):
-    path = rewrite_npz(tmp_path / "K.npz", **changed)
-    with pytest.raises(ValueError, match=r"K\.npz: .*(write|export) it again"):
-        ef.read_matrices({"K": path})
-
-
-def test_a_file_that_fills_the_memory_is_refused(tmp_path):
-    path = rewrite_npz(tmp_path / "K.npz")
-    content = bytearray(path.read_bytes())
-    member = content.find(b"PK\x01\x02")  # its entry in the directory, with its size
-    content[member + 24 : member + 28] = (4 * 10**9).to_bytes(4, "little")
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_foreign_file_is_refused_by_its_name(tmp_path, name):
+    content, words = FOREIGN[name]
+    path = tmp_path / "matrices.bin"
     path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"K\.npz: .*its 4\.0e\+09 bytes are a bomb"):
+    with pytest.raises(ValueError, match=rf"{path}.*{words}"):
         ef.read_matrices({"K": path})
 
 
-def test_rows_that_are_only_announced_are_refused(tmp_path):
-    places = np.array([0]), np.array([0])
-    wide = sparse.coo_array((np.ones(1), places), shape=(900_000_000, 900_000_000))
-    sparse.save_npz(tmp_path / "K.npz", wide)
-    with pytest.raises(ValueError, match="900000000 rows are announced, and 1 entries"):
-        ef.read_matrices({"K": tmp_path / "K.npz"})
-    for kind, sizes in (("coordinate", "900000000 900000000 1\n1 1 1.0\n"),
-                        ("array", "900000000 900000000\n1.0\n")):  # fmt: skip
-        path = tmp_path / f"{kind}.mtx"
-        path.write_text(f"%%MatrixMarket matrix {kind} real general\n{sizes}")
-        with pytest.raises(ValueError, match=rf"{kind}\.mtx.*it again"):
-            ef.read_matrices({"K": path})
+ANNOUNCED = sparse.coo_array(
+    (np.ones(1), (np.zeros(1, int), np.zeros(1, int))), shape=(900_000_000,) * 2
+)
+CRASHING = {  # the interpreter, or the memory
+    "beyond": {"indices": np.array([0, 1, 2_000_000])},
+    "below": {"indices": np.array([0, 1, -5])},
+    "pointer": {"indptr": np.array([0, 1, 2, 2**40])},
+    "order": {"indptr": np.array([0, 2, 1, 3])},
+    "shape": {"shape": np.array([900_000_000, 900_000_000])},
+    "announced": ANNOUNCED,
+    "bomb": (4 * 10**9).to_bytes(4, "little"),  # the size of a member
+}
+
+
+@pytest.mark.parametrize("name", CRASHING)
+def test_npz_files_that_crash_the_interpreter_are_refused(tmp_path, name):
+    wrong, path = CRASHING[name], tmp_path / "K.npz"
+    sparse.save_npz(path, sparse.csr_array(np.eye(3)))
+    if isinstance(wrong, dict):
+        np.savez_compressed(path, **(dict(np.load(path)) | wrong))
+    elif isinstance(wrong, bytes):
+        content = bytearray(path.read_bytes())
+        member = content.find(b"PK\x01\x02")  # its entry in the directory
+        content[member + 24 : member + 28] = wrong
+        path.write_bytes(content)
+    else:
+        sparse.save_npz(path, wrong)
+    with pytest.raises(ValueError, match=r"K\.npz"):
+        ef.read_matrices({"K": path})

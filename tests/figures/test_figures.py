@@ -1,194 +1,239 @@
+"""Figures of parameters: what ellipses and regions hold, axes, units, densities."""
+
 import numpy as np
 import pytest
 import xarray
-from matplotlib.patches import Ellipse
-from numpy.testing import assert_allclose, assert_array_equal
+from matplotlib.contour import ContourSet
+from matplotlib.patches import Ellipse, StepPatch
+from numpy.testing import assert_allclose
 from scipy import stats
 from support.chains import dataset, wrap
-from support.figures import assert_nothing_is_clipped, legend
+from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped, legend
 
 import emcee_femu as ef
 
-PROBLEM = ef.paper.h_structure()
-CORRELATED = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
-MIXED = {"stiff": 1e3, "alpha": 2e-8, "x": 3.0, "big": 4e6, "long_name": 1e-3}
-
-
+CHAINS, STEPS = 8, 500
 MOST_POINTS = 4_000  # drawn in a panel
+RNG = np.random.default_rng(4)
+NORMAL = RNG.normal(size=(CHAINS, STEPS, 2))
+SIDE = RNG.choice([-1.0, 1.0], (CHAINS, STEPS, 1))
+LAWS = {  # draws, and whether they are Gaussian
+    "correlated": (NORMAL @ [[1.0, 0.99], [0.0, 0.02]], True),
+    "two clouds": (0.1 * NORMAL + SIDE, False),
+    "banana": (NORMAL * [1.0, 0.3] + [0, 1] * NORMAL[..., :1] ** 2, False),
+    "heavy tails": (RNG.standard_t(2, (CHAINS, STEPS, 2)), False),
+    "reaches below zero": (
+        np.exp(NORMAL * [0.6, 0.0]) + NORMAL * [0.0, 1.0],
+        False,
+    ),
+    "flat": (RNG.random((CHAINS, STEPS, 2)), False),
+}
 
 
-@pytest.fixture(scope="module")
-def run():
-    return ef.run(PROBLEM.posterior, ef.DEMCMove(), 24, 100, seed=1, ensembles=1)
-
-
-def samples(idata):
-    """Return names and draws ``(n, d)``."""
-    group = dataset(idata, "posterior")
-    names = list(group.attrs.get("sampled", group.data_vars))
-    return names, np.column_stack([group[name].values.ravel() for name in names])
-
-
-def made(values, bounds=None, **attributes):
-    """Return an ArviZ object of samples ``(chain, draw)``."""
-    posterior = {name: (("chain", "draw"), value) for name, value in values.items()}
-    attributes["sample_dims"] = ["chain", "draw"]
-    groups = {"posterior": xarray.Dataset(posterior, attrs=attributes)}
-    if bounds:
-        low, high = np.transpose(list(bounds.values()))
+def made(draws, bounds=None, **attributes):
+    """Return an ArviZ object of draws ``(chain, draw, d)``, of p0, p1, ..."""
+    names = [f"p{i}" for i in range(draws.shape[-1])]
+    values = {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)}
+    attributes = {"sampled": names, "sample_dims": ["chain", "draw"]} | attributes
+    groups = {"posterior": xarray.Dataset(values, attrs=attributes)}
+    if bounds is not None:
+        low, high = np.transpose(bounds)
         constants = {"lower": ("parameter", low), "upper": ("parameter", high)}
-        coords = {"parameter": list(bounds)}
-        groups["constant_data"] = xarray.Dataset(constants, coords)
+        groups["constant_data"] = xarray.Dataset(constants, {"parameter": names})
     return wrap(groups)
 
 
-def gaussian(d, n=60):
-    rng = np.random.default_rng(d)
-    mix = np.eye(d)
-    mix[: min(d, 3), : min(d, 3)] = CORRELATED[: min(d, 3), : min(d, 3)]
-    draws = 5 + rng.normal(size=(4, n, d)) @ mix
-    return made({k: MIXED[k] * draws[:, :, i] for i, k in enumerate(list(MIXED)[:d])})
+def panels(figure):
+    d = round(len(figure.axes) ** 0.5)
+    return np.array(figure.axes).reshape(d, d)
 
 
-def ellipses(figure, d):
-    panels = np.array(figure.axes).reshape(d, d)
-    found = {}
-    for (row, column), panel in np.ndenumerate(panels):
-        patches = [patch for patch in panel.patches if isinstance(patch, Ellipse)]
-        if patches:
-            (found[row, column],) = patches
-    return found
+def drawn(figure, panel=(1, 0)):
+    """Return a panel, its ellipses and its contours."""
+    axes = panels(figure)[panel]
+    ellipses = [patch for patch in axes.patches if isinstance(patch, Ellipse)]
+    return axes, ellipses, [c for c in axes.collections if isinstance(c, ContourSet)]
 
 
-def powers(draws):
-    return 10.0 ** np.floor(np.log10(np.abs(draws).max(axis=0)))
+def inside(contours, level, points):
+    """Return which points an odd number of the outlines of a level go round."""
+    polygons = contours.get_paths()[level].to_polygons()
+    shapes = [type(contours.get_paths()[level])(polygon) for polygon in polygons]
+    return sum(shape.contains_points(points).astype(int) for shape in shapes) % 2 == 1
 
 
-def share_inside(points, ellipse):
-    angle = np.radians(ellipse.angle)
-    axes = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    semi_axes = np.array([ellipse.width, ellipse.height]) / 2
-    along = (points - ellipse.center) @ axes.T / semi_axes
-    return ((along * along).sum(axis=1) <= 1).mean()
-
-
-@pytest.mark.parametrize("d", [1, 2, 4])
-def test_every_pair_has_the_covariance_ellipse_of_all_samples(d):
-    idata = gaussian(d, n=1500)  # more samples than points are drawn
-    figure = ef.figures.plot_scatter(idata)
-    draws = samples(idata)[1]
-    assert len(draws) > MOST_POINTS
-    draws = draws / np.where([k in (1, 3, 4) for k in range(d)], powers(draws), 1)
-    found = ellipses(figure, d)
-    assert set(found) == {(row, left) for row in range(d) for left in range(row)}
-    for (row, left), patch in found.items():
-        pair = draws[:, [left, row]]
+def test_every_pair_has_the_covariance_ellipse_of_all_samples():
+    mix = np.array([[1.0, 0.7, -0.97], [0.0, 1.0, 0.2], [0.0, 0.0, 0.3]])
+    scale = np.array([1.0, 2e-8, 3.0])
+    draws = scale * (5 + np.random.default_rng(3).normal(size=(4, 1500, 3)) @ mix)
+    figure = ef.figures.plot_scatter(made(draws))
+    flat = draws.reshape(-1, 3) / [1.0, 1e-7, 1.0]
+    labels = [axes.get_xlabel() for axes in panels(figure)[-1]]
+    assert labels == ["p0", "p1 [$10^{-7}$]", "p2"]
+    for row, left in ((1, 0), (2, 0), (2, 1)):
+        axes, (patch,), _ = drawn(figure, (row, left))
+        pair = flat[:, [left, row]]
         assert_allclose(patch.center, pair.mean(axis=0), rtol=1e-12)
-        covariance = np.cov(pair.T)
-        radius = stats.chi2.ppf(0.95, 2)
-        sizes = [patch.height, patch.width]
-        expected = 2 * np.sqrt(radius * np.linalg.eigvalsh(covariance))
-        assert_allclose(sizes, expected, rtol=1e-6)
-        # Mahalanobis distances, without angle and axes
-        offsets = pair - pair.mean(axis=0)
-        squares = np.einsum("ni,ij,nj->n", offsets, np.linalg.inv(covariance), offsets)
-        inside = (squares <= radius).mean()
-        assert abs(share_inside(pair, patch) - inside) < 1e-3
-        assert abs(inside - 0.95) < 0.05  # a Gaussian
-        assert not patch.get_fill()
-        assert patch.get_edgecolor()[0] > 0.7 > 0.3 > patch.get_edgecolor()[1]  # red
-        points = set(map(tuple, figure.axes[row * d + left].lines[0].get_xydata()))
+        values, vectors = np.linalg.eigh(np.cov(pair.T))
+        expected = 2 * np.sqrt(stats.chi2.ppf(0.95, 2) * values)
+        assert_allclose(sorted([patch.height, patch.width]), expected, rtol=1e-6)
+        angle = np.radians(patch.angle) + (patch.height > patch.width) * np.pi / 2
+        assert abs(vectors[:, 1] @ [np.cos(angle), np.sin(angle)]) > 1 - 1e-6
+        points = set(map(tuple, axes.lines[0].get_xydata()))
         assert len(points) == MOST_POINTS and points <= set(map(tuple, pair))
-    if d > 1:
-        assert legend(figure) == ["samples", "95 % ellipse"]
 
 
-def test_axes_carry_names_units_and_powers_of_ten_and_nothing_is_clipped(run):
-    idata, units = ef.to_inference_data(run), PROBLEM.units
-    names, draws = samples(idata)
-    figure = ef.figures.plot_scatter(idata, units=units, truths=PROBLEM.nominal)
-    panels = np.array(figure.axes).reshape(6, 6)
-    exponents = np.log10(powers(draws)).round().astype(int)
-    assert set(exponents[:3]) <= {-8, -7} and set(exponents[3:]) <= {-4, -3}
-    labels = [
-        f"{name} [$10^{{{exponent}}}$ {units[name].replace('^', '$^{')}}}$]"
-        for name, exponent in zip(names, exponents, strict=True)
-    ]
-    assert [panel.get_xlabel() for panel in panels[-1]] == labels
-    assert [panel.get_ylabel() for panel in panels[1:, 0]] == labels[1:]
-    assert_nothing_is_clipped(figure, "samples")
-    assert_nothing_is_clipped(ef.figures.plot_correlation(idata), "1.00", *names)
-    assert_array_equal(samples(idata)[1], draws)
-    plain = ef.figures.plot_scatter(gaussian(3), units={"stiff": "N/m"})
-    labels = [axes.get_xlabel() for axes in plain.axes[-3:]]
-    assert labels == ["stiff [N/m]", "alpha [$10^{-7}$]", "x"]
+@pytest.mark.parametrize("label", LAWS)
+def test_an_ellipse_where_samples_are_gaussian_and_regions_elsewhere(label):
+    draws, gaussian = LAWS[label]
+    _, ellipses, contours = drawn(ef.figures.plot_scatter(made(draws)))
+    assert (len(ellipses), len(contours)) == ((1, 0) if gaussian else (0, 2))
+    asked = ef.figures.plot_scatter(made(draws), ellipse=not gaussian)
+    assert len(drawn(asked)[1]) == (not gaussian)
+    if not gaussian and label not in ("two clouds", "banana"):
+        return
+    lines = (drawn(asked)[2] if gaussian else contours)[-1]
+    for level, share in enumerate((0.95, 0.5)):
+        held = inside(lines, level, draws.reshape(-1, 2)).mean()
+        assert held == pytest.approx(share, abs=0.01)
+    if label == "two clouds":  # and no region between them
+        places = [[0.0, 0.0], [1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]
+        assert inside(lines, 0, places).tolist() == [False, True, True, False]
 
 
-def test_the_error_of_the_running_mean_ends_at_that_of_the_table(run):
-    end = ef.frequency_table(run).column("error % ")[-1]
-    figure = ef.figures.plot_tae(run)
-    assert_nothing_is_clipped(figure, "generation", f"ends at {end:.3g} %")
+@pytest.mark.parametrize(("steps", "memory"), [(7, 0.0), (STEPS, 0.995)])
+def test_few_or_slow_gaussian_samples_have_ellipses_in_every_panel(steps, memory):
+    """Outlines of 56 draws, or of as many as 4,000 slow ones are worth, are ragged."""
+    x = np.random.default_rng(5).normal(size=(CHAINS, steps, 4))
+    for step in range(1, steps):
+        x[:, step] = memory * x[:, step - 1] + np.sqrt(1 - memory**2) * x[:, step]
+    figure = ef.figures.plot_scatter(made(x))
+    patches = [patch for axes in figure.axes for patch in axes.patches]
+    assert sum(isinstance(patch, Ellipse) for patch in patches) == 6
 
 
-def test_truths_are_marked_on_the_scaled_axes():
-    figure = ef.figures.plot_scatter(gaussian(3), truths={"alpha": 1.1e-7, "x": 14.0})
-    panels = np.array(figure.axes).reshape(3, 3)
-    marks = [
-        [list(np.ravel(line.get_xdata())) for line in panels[k, k].lines]
-        for k in range(3)
-    ]
-    assert marks[0] == []
-    assert_allclose(marks[1], [[1.1, 1.1]], rtol=1e-12)
-    assert_allclose(marks[2], [[14.0, 14.0]], rtol=1e-12)
-    assert legend(figure)[-1] == "reference"
+def test_clouds_in_a_row_stay_separate():
+    row = 0.1 * NORMAL + RNG.integers(5, size=(CHAINS, STEPS, 1)) * [1.0, 0.0]
+    _, _, (_, lines) = drawn(ef.figures.plot_scatter(made(row)))
+    places = np.column_stack([np.arange(0, 4.5, 0.5), np.zeros(9)])
+    assert inside(lines, 0, places).tolist() == [True, False] * 4 + [True]
 
 
-@pytest.mark.parametrize("d", [1, 2, 5])
-def test_correlation_map_shows_the_correlations(d):
-    idata = gaussian(d)
-    axes = ef.figures.plot_correlation(idata).axes[0]
-    names, draws = samples(idata)
-    expected = np.corrcoef(draws.T).reshape(d, d)
-    assert_allclose(axes.images[0].get_array(), expected, rtol=0, atol=1e-12)
-    assert axes.images[0].get_clim() == (-1, 1)
-    found = {text.get_position(): text.get_text() for text in axes.texts}
-    cells = np.ndindex(d, d)
-    assert found == {(j, i): f"{expected[i, j]:.2f}" for i, j in cells}
-    for axis in (axes.xaxis, axes.yaxis):
-        assert [label.get_text() for label in axis.get_ticklabels()] == names
+def test_a_density_that_leans_on_a_bound_does_not_fade_there():
+    bounds = [(0.0, np.inf), (-np.inf, np.inf)]
+    leaning = made(np.abs(NORMAL) * [1, 0] + NORMAL * [0, 1], bounds)
+    axes, _, (_, lines) = drawn(ef.figures.plot_scatter(leaning, ellipse=False))
+    assert axes.get_xlim()[0] == 0.0
+    # Half of a half Gaussian lies within a radius of 1.18, at the bound as elsewhere.
+    along = np.column_stack([np.full(200, 0.02), np.linspace(0, 3, 200)])
+    reach = along[inside(lines, 1, along), 1].max()
+    assert reach == pytest.approx(1.18, abs=0.15)
 
 
-@pytest.fixture
-def positive():
-    """Draws of a standard deviation near zero, as of HalfNormal, and a derived one."""
-    rng = np.random.default_rng(3)
-    error = np.abs(rng.normal(size=(4, 200))).clip(max=2.5)
-    values = {"x": rng.normal(size=(4, 200)), "error": error, "twice": 2 * error}
-    bounds = {"x": (-np.inf, np.inf), "error": (0.0, 2.5)}
-    return made(values, bounds, sampled=["x", "error"])
+def test_axes_show_where_the_mass_is_and_end_at_bounds():
+    tails = RNG.standard_t(1.5, (CHAINS, STEPS, 2))
+    axes = drawn(ef.figures.plot_scatter(made(tails)))[0]
+    for values, ends in zip(tails.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
+        low, high = np.quantile(values, [0.005, 0.995])
+        assert values.min() < low - 0.25 * (high - low) <= ends[0] < low
+        assert high < ends[1] <= high + 0.25 * (high - low)
+    bounds = [(5.0, np.inf), (-np.inf, -5.0)]
+    leaning = made(np.abs(NORMAL) * [1, -1] + [5, -5], bounds)
+    axes = drawn(ef.figures.plot_scatter(leaning, truths={"p0": 19.0}))[0]
+    assert axes.get_xlim() == (5.0, 19.0) and axes.get_ylim()[1] == -5.0
+    axes = drawn(ef.figures.plot_scatter(made(np.exp(NORMAL))))[0]  # positive
+    assert axes.get_xlim()[0] == axes.get_ylim()[0] == 0.0
 
 
-def test_axes_and_histograms_end_at_the_priors_bounds(positive):
-    figure = ef.figures.plot_scatter(positive, truths={"x": 9.0}, ellipse=True)
-    panels = np.array(figure.axes).reshape(2, 2)
-    assert panels[1, 0].get_ylim() == panels[1, 1].get_xlim() == (0.0, 2.5)
-    edges = np.concatenate([p.get_xy()[:, 0] for p in panels[1, 1].patches])
-    assert edges.min() == 0 and edges.max() == 2.5
-    assert panels[0, 0].get_xlim()[0] < -2 and panels[0, 0].get_xlim()[1] == 9
-    (ellipse,) = (p for p in panels[1, 0].patches if isinstance(p, Ellipse))
-    lowest = ellipse.get_window_extent().y0
-    assert lowest < panels[1, 0].get_window_extent().y0  # it is cut there,
-    assert ellipse.get_clip_box() is not None  # and not drawn beyond
+def test_six_parameters_of_all_sizes_are_readable_at_page_width():
+    draws = RNG.normal(size=(CHAINS, 60, 6)) * [2e-3, 1, 1e-3, 1e4, 7e9, 0.3]
+    draws += [5e-2, 0, 1234, 9e4, 2.1e11, 3]
+    units = dict.fromkeys([f"p{i}" for i in range(6)], "kg m^2")
+    idata = made(draws, certificate="certified by 60 full solves")
+    figure = ef.figures.plot_scatter(idata, units=units, truths={"p4": 2.2e11})
+    assert figure.get_size_inches().tolist() == [7.0, 7.0]
+    assert_nothing_is_clipped(figure, "p4 [$10^{11}$ kg m$^{2}$]")
+    title = figure._suptitle.get_window_extent()
+    assert title.y0 > figure.axes[0].get_window_extent().y1
+    outer = panels(figure)[-1]
+    for axes in outer:
+        texts = [t for t in axes.xaxis.get_ticklabels() if t.get_text()]
+        assert len(texts) >= 2 and min(t.get_fontsize() for t in texts) >= 8
+        assert not axes.xaxis.get_offset_text().get_text()
+    labels = [axes.xaxis.label.get_window_extent() for axes in outer]
+    assert all(a.x1 < b.x0 for a, b in zip(labels, labels[1:], strict=False))
+    (mark,) = panels(figure)[4, 4].lines  # on the scaled axis
+    assert_allclose(np.ravel(mark.get_xdata()), 2.2)
 
 
-def test_derived_quantities_are_drawn_when_asked_for(positive):
-    units = {"error": "%"}
-    assert len(ef.figures.plot_scatter(positive, units=units).axes) == 4
-    assert len(ef.figures.plot_correlation(positive).axes[0].texts) == 4
-    chosen = {"var_names": ["twice", "error"]}
-    panels = ef.figures.plot_scatter(
-        positive, units=units, truths={"x": 1.0}, **chosen
+def test_derived_quantities_are_drawn_when_asked_for():
+    draws = np.dstack([NORMAL, 2 * NORMAL[..., 1]])
+    idata = made(draws, sampled=["p0", "p1"])
+    assert len(ef.figures.plot_scatter(idata).axes) == 4
+    assert len(ef.figures.plot_correlation(idata).axes[0].texts) == 4
+    chosen, units = {"var_names": ["p2", "p1"]}, {"p1": "%"}
+    axes = ef.figures.plot_scatter(
+        idata, units=units, truths={"p0": 1.0}, **chosen
     ).axes
-    assert [axes.get_xlabel() for axes in panels[2:]] == ["twice", "error [%]"]
-    texts = ef.figures.plot_correlation(positive, **chosen).axes[0].texts
+    assert [each.get_xlabel() for each in axes[2:]] == ["p2", "p1 [%]"]
+    texts = ef.figures.plot_correlation(idata, **chosen).axes[0].texts
     assert [text.get_text() for text in texts] == 4 * ["1.00"]
+
+
+def test_correlation_map_shows_the_correlations():
+    draws = NORMAL @ [[1.0, 0.7], [0.0, 1.0]]
+    figure = ef.figures.plot_correlation(made(draws))
+    axes, expected = figure.axes[0], np.corrcoef(draws.reshape(-1, 2).T)
+    assert_allclose(axes.images[0].get_array(), expected, rtol=0, atol=1e-12)
+    found = {text.get_position(): text.get_text() for text in axes.texts}
+    assert found == {(j, i): f"{expected[i, j]:.2f}" for i, j in np.ndindex(2, 2)}
+    assert_nothing_is_clipped(figure, "p0", "p1")
+
+
+MARGINALS = {"k": stats.norm(10.0, 2.0), "sigma": stats.halfnorm(scale=1e-3)}
+MARGINALS |= {"m": stats.lognorm(0.5, scale=3e6)}
+
+
+def histograms(axes):
+    return [p.get_data() for p in axes.patches if isinstance(p, StepPatch) and p.fill]
+
+
+def middle(bars):
+    places = bars.edges[:-1] + np.diff(bars.edges) / 2
+    return np.average(places, weights=bars.values)
+
+
+def test_prior_densities_stand_beside_histograms_of_the_samples():
+    """Of three parameters, of which only k is learned."""
+    model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
+    term = ef.FrequencyTerm([10.5], sd=0.1)
+    posterior = ef.LogPosterior(model, term, ef.IndependentPrior(MARGINALS))
+    run = ef.run(posterior, ef.DEMCMove(), 24, 200, ensembles=1, seed=1)
+    figure = ef.figures.plot_prior_posterior(run, units={"sigma": "m", "m": "kg"})
+    idata, scales = ef.to_inference_data(run), [1.0, 1e-3, 1e7]
+    for axes, name, scale in zip(figure.axes, MARGINALS, scales, strict=True):
+        x, y = axes.lines[0].get_data()
+        density = MARGINALS[name].pdf(x * scale)
+        assert_allclose(y, density / density.max(), rtol=1e-9)
+        (bars,) = histograms(axes)
+        values = dataset(idata, "posterior")[name].values.ravel() / scale
+        counts = np.histogram(values, bars.edges)[0]
+        assert_allclose(bars.values, counts / counts.max())
+        assert counts.sum() >= 0.99 * len(values) and (counts > 0).sum() >= 20
+    assert np.ptp(figure.axes[0].get_xlim()) > 8  # twenty times wider than the samples
+    assert [axes.get_xlim()[0] for axes in figure.axes[1:]] == [0.0, 0.0]
+    assert figure.axes[1].get_xlabel().endswith("10^{-3}$ m]")
+    assert_nothing_is_clipped(figure)
+    assert_no_texts_overlap(figure)
+    marked = {"truths": {"k": 25.0}, "var_names": ["m", "k"]}
+    figure = ef.figures.plot_prior_posterior(run, **marked)
+    assert figure.axes[1].get_xlim()[1] == 25.0
+    assert legend(figure) == ["prior", "posterior", "reference"]
+    # Without the posterior the prior is a histogram of its draws.
+    idata["posterior"]["ratio"] = idata["posterior"]["m"] / idata["posterior"]["k"]
+    names = ["k", "ratio"]  # the second has no prior
+    first, second = ef.figures.plot_prior_posterior(idata, var_names=names).axes
+    before, after = histograms(first)
+    assert middle(before) == pytest.approx(10.0, abs=0.3)
+    assert middle(after) == pytest.approx(10.5, abs=0.05)
+    assert len(histograms(second)) == 1

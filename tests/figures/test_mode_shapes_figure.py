@@ -6,7 +6,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Rectangle
 from numpy.testing import assert_allclose
 from support.chains import dataset
-from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped, legend
+from support.figures import assert_no_texts_overlap, assert_nothing_is_clipped
 
 import emcee_femu as ef
 
@@ -24,30 +24,33 @@ TOWER = ef.Geometry(
 )
 MODEL = ef.MassSpringModel([1.0, 1.0], SPRINGS, shapes=True)
 TEST = ef.Measurements(HERTZ, shapes=MEASURED, dofs=[0, 1])
+MOVED, AT_SENSORS = "updated model", "updated model at the sensors"
 
 
-def run_of(model, measured, **pairing):
-    paired = ef.PairedModel(model, measured, **pairing)
-    terms = [ef.FrequencyTerm(measured, relative_sd=0.01)]
-    posterior = ef.LogPosterior(paired, terms, PRIOR)
-    return ef.run(posterior, ef.DEMCMove(), 8, 40, ensembles=1, seed=1)
+def sample(model, measured, **options):
+    term = ef.FrequencyTerm(measured, relative_sd=0.01)
+    posterior = ef.LogPosterior(model, term, PRIOR)
+    return ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1, **options)
+
+
+def run_of(model, measured, candidates=2):
+    return sample(ef.PairedModel(model, measured, candidates=candidates), measured)
 
 
 @pytest.fixture(scope="module")
 def run():
-    return run_of(MODEL, TEST, candidates=2)
+    return run_of(MODEL, TEST)
 
 
-def at_mean(run):
-    """Return frequencies and shapes at the posterior mean, from closed forms."""
-    draws = dataset(ef.to_inference_data(run), "posterior")
-    k1, k2 = (float(draws[name].mean()) for name in ("k1", "k2"))
+def solved(k1, k2):
+    """Return frequencies and shapes, from closed forms."""
     squares, shapes = np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])
     return np.sqrt(squares) / (2 * np.pi), shapes
 
 
-def short(value, digits=2):
-    return f"{value:.{digits}f}".removeprefix("0")
+def at_mean(run):
+    draws = dataset(ef.to_inference_data(run), "posterior")
+    return solved(*(float(draws[name].mean()) for name in ("k1", "k2")))
 
 
 def lines(axes, label):
@@ -70,12 +73,12 @@ def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
     for i, axes in enumerate(figure.axes):
         rest = [[[0, 0], [0, 3]], [[0, 3], [0, 6]]]
         assert_allclose(lines(axes, "at rest"), rest, atol=1e-12)
-        moved = lines(axes, "updated model")
+        moved = lines(axes, MOVED)
         # The largest displacement is 15 % of the structure; the foot stands still.
         assert_allclose(moved[:, :, 1], [[0, 3], [3, 6]], atol=1e-12)
         assert_allclose(moved[0, 0], [0, 0], atol=1e-12)
         measured = points(axes, "measured")[:, 0]
-        sensors = points(axes, "updated model at the sensors")[:, 0]
+        sensors = points(axes, AT_SENSORS)[:, 0]
         assert_allclose(sensors, moved[:, 1, 0], rtol=1e-9)
         largest = max(np.abs(measured).max(), np.abs(sensors).max())
         assert largest == pytest.approx(0.15 * 6)
@@ -84,80 +87,64 @@ def test_the_structure_moves_as_the_updated_model_does_in_its_plane(run):
         assert_allclose(measured[1] / measured[0], MEASURED[1, i] / MEASURED[0, i])
         assert (measured - sensors) @ measured == pytest.approx(0, abs=1e-9)
         mac = (MEASURED[:, i] @ shapes[:, i]) ** 2 / (MEASURED[:, i] ** 2).sum()
-        assert axes.get_title() == (
-            f"mode {i + 1}: {HERTZ[i]:.4g} Hz measured,\n"
-            f"{hertz[i]:.4g} Hz updated, MAC {short(mac, 3)}"
-        )
-    names = ["at rest", "updated model", "updated model at the sensors", "measured"]
-    assert legend(figure) == names
-    assert_nothing_is_clipped(figure, "x", "y")
+        for number in (f"{HERTZ[i]:.4g}", f"{hertz[i]:.4g}", f"MAC {mac:.3f}"):
+            assert number.replace(" 0.", " .") in axes.get_title()
+    assert_nothing_is_clipped(figure)
     assert_no_texts_overlap(figure)
+    assert len(ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes) == 1
 
 
-def test_modes_are_chosen_and_others_refused(run):
-    (axes,) = ef.figures.plot_shapes(run, geometry=TOWER, modes=2).axes
-    assert axes.get_title().startswith("mode 2: ")
-    for modes, message in (([3], "from 1 to 2"), ([], "from 1 to 2"), ([0], "least 1")):
-        with pytest.raises(ValueError, match=f"modes: .*{message}"):
-            ef.figures.plot_shapes(run, geometry=TOWER, modes=modes)
-
-
-def test_without_a_geometry_or_its_sensors_it_says_what_to_give(run):
-    with pytest.raises(ValueError, match=r"geometry: .*Geometry\(nodes, lines, sens"):
-        ef.figures.plot_shapes(run)
+def test_what_cannot_be_drawn_says_what_to_give(run):
     bare = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)], {0: (1, "ux")})
-    with pytest.raises(ValueError, match=r"geometry: it does not know the DOFs \[1\]"):
-        ef.figures.plot_shapes(run, geometry=bare)
-    with pytest.raises(TypeError, match="geometry: expected a Geometry"):
-        ef.figures.plot_shapes(run, geometry={0: (0, 0)})
-    with pytest.raises(TypeError, match="posterior: expected a LogPosterior"):
-        ef.figures.plot_shapes(ef.to_inference_data(run), geometry=TOWER)
+    for wrong, message in (
+        ({"modes": [3]}, "modes: .*from 1 to 2"),
+        ({"modes": []}, "modes"),
+        ({"geometry": None}, "geometry"),
+        ({"geometry": bare}, r"geometry: .*\[1\]"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ef.figures.plot_shapes(run, **{"geometry": TOWER} | wrong)
+    plain = sample(ef.MassSpringModel([1.0, 1.0], SPRINGS), HERTZ)
+    for plot in (ef.figures.plot_shapes, ef.figures.plot_mac):
+        with pytest.raises(ValueError, match="shapes=True"):
+            plot(plain, **{"geometry": TOWER} if plot is ef.figures.plot_shapes else {})
+    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
+    paired = ef.PairedModel(MODEL, TEST, candidates=2)
+    tests = {"empty": (paired, term), "plain": (MODEL, term)}
+    joint = ef.LogPosterior.joint(tests, PRIOR)
+    both = ef.run(joint, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
+    assert len(ef.figures.plot_mac(both, experiment="empty").axes) == 3
+    for options, message in (({}, "experiment"), ({"experiment": "plain"}, "pairs no")):
+        with pytest.raises(ValueError, match=message):
+            ef.figures.plot_mac(both, **options)
 
 
-def cantilever(shapes):
+@pytest.mark.parametrize("shapes", [True, ["3:uy", "2:uy"]])
+def test_lines_move_only_where_the_model_knows_its_nodes(shapes):
+    """The bending of a cantilever along y, with sensors at two of five nodes."""
     bar = ef.Section(E="k1", GJ=700.0, rho=1.0, A=1.0, Iy=1.0, Iz="k2")
-    nodes = [(x, 0, 0) for x in range(5)]
-    beams = [(i, i + 1, "bar") for i in range(4)]
-    return ef.FrameModel(
-        nodes, beams, {"bar": bar}, {0: "all"}, n_modes=4, shapes=shapes
+    beam = [(x, 0, 0) for x in range(5)], [(i, i + 1, "bar") for i in range(4)]
+    full, frame = (
+        ef.FrameModel(*beam, {"bar": bar}, {0: "all"}, n_modes=4, shapes=which)
+        for which in (True, shapes)
     )
-
-
-BEAM = ef.Geometry({i: (i, 0, 0) for i in range(5)}, [(i, i + 1) for i in range(4)])
-
-
-@pytest.fixture(scope="module")
-def solved():
-    """The third mode of a cantilever bends along y; sensors at two of five nodes."""
-    return cantilever(True)({"k1": np.array([12.0]), "k2": np.array([8.0])})
-
-
-def beam_run(solved, shapes):
-    full = cantilever(True)
-    sensors = ["2:uy", "3:uy"]
+    modes, sensors = full({"k1": [12.0], "k2": [8.0]}), ["2:uy", "3:uy"]
     rows = [full.shape_dofs.index(sensor) for sensor in sensors]
-    bending = np.abs(solved.shapes[0, rows]).sum(axis=0).argmax()
-    measured = ef.Measurements(
-        solved.frequencies[0, [bending]],
-        shapes=solved.shapes[0][np.ix_(rows, [bending])],
-        dofs=sensors,
-    )
-    return run_of(cantilever(shapes), measured, candidates=4)
-
-
-def test_lines_move_only_where_the_model_knows_its_nodes(solved):
-    everywhere = beam_run(solved, True)
-    (axes,) = ef.figures.plot_shapes(everywhere, geometry=BEAM).axes
-    moved = lines(axes, "updated model")
+    bending = [np.abs(modes.shapes[0, rows]).sum(axis=0).argmax()]
+    shape = modes.shapes[0][np.ix_(rows, bending)]
+    test = ef.Measurements(modes.frequencies[0, bending], shapes=shape, dofs=sensors)
+    run, nodes = run_of(frame, test, 4), {i: (i, 0, 0) for i in range(5)}
+    geometry = ef.Geometry(nodes, [(i, i + 1) for i in range(4)])
+    (axes,) = ef.figures.plot_shapes(run, geometry=geometry).axes
+    moved = lines(axes, MOVED)
+    if shapes is not True:
+        assert moved[0, :, 0].tolist() == [2, 3] and len(moved) == 1
+        assert_allclose(moved[0], points(axes, AT_SENSORS))
+        return
     assert len(moved) == 4
     assert_allclose(moved[0, 0], [0, 0], atol=1e-12)  # it is clamped
     assert_allclose(moved[1:, 0], moved[:-1, 1])
     assert np.abs(moved[-1, 1, 1]) == pytest.approx(0.15 * 4)  # the tip moves most
-    sensors = beam_run(solved, ["3:uy", "2:uy"])
-    (axes,) = ef.figures.plot_shapes(sensors, geometry=BEAM).axes
-    (only,) = lines(axes, "updated model")
-    assert only[:, 0].tolist() == [2, 3]
-    assert_allclose(only, points(axes, "updated model at the sensors"))
 
 
 @pytest.mark.parametrize(
@@ -168,165 +155,75 @@ def test_a_floor_without_a_sensor_is_not_drawn_at_rest(shapes, supports, count):
     storey = np.eye(4) - np.eye(4, k=-1)
     k = {"k1": storey[:2].T @ storey[:2], "k2": storey[2:].T @ storey[2:]}
     model = ef.MatrixModel(np.zeros((4, 4)), np.eye(4), k, n_modes=1, shapes=shapes)
-    shape = np.array([[0.35], [0.65], [1.0]])
-    run = run_of(
-        model, ef.Measurements([0.18], shapes=shape, dofs=[0, 1, 3]), candidates=1
-    )
+    test = ef.Measurements([0.18], shapes=[[0.35], [0.65], [1.0]], dofs=[0, 1, 3])
     storeys = [(str(i), str(i + 1)) for i in range(4)]
     sensors = {i: (str(i + 1), "ux") for i in range(4)}
     nodes = {str(i): (0, 3 * i) for i in range(5)}
     geometry = ef.Geometry(nodes, storeys, sensors, supports)
-    (axes,) = ef.figures.plot_shapes(run, geometry=geometry).axes
-    moved = lines(axes, "updated model")
-    assert len(moved) == count
-    assert moved[0, 0].tolist() == [0, 0]
+    (axes,) = ef.figures.plot_shapes(run_of(model, test, 1), geometry=geometry).axes
+    moved = lines(axes, MOVED)
+    assert len(moved) == count and moved[0, 0].tolist() == [0, 0]
     assert (np.diff(moved[:, :, 0]) > 0).all()  # the first mode has no kink to rest
 
 
 def test_sensors_across_each_other_add_up_and_a_skew_one_is_not_counted_twice():
     """Three sensors at one node, one at 45 degrees: the node moves as it does."""
-    nodes, half = {0: (0, 0), 1: (0, 1)}, 0.5**0.5
+    half, move = 0.5**0.5, np.array([0.6, 0.2])
     directions = {"a": (1, "ux"), "b": (1, "uy"), "c": (1, [half, half, 0.0])}
-    move = np.array([0.6, 0.2])
     shape = np.array([[move[0]], [move[1]], [half * move.sum()]])
     model = ef.FunctionModel(
         lambda p: ef.ModalSolution(np.array([p["k1"]]), shape), n_modes=1
     )
-    measured = ef.Measurements([12.0], shapes=shape, sensors=["a", "b", "c"])
-    run = run_of(model, measured, candidates=1)
-    geometry = ef.Geometry(nodes, [(0, 1)], directions)
-    (axes,) = ef.figures.plot_shapes(run, geometry=geometry).axes
-    (end,) = points(axes, "updated model at the sensors")
+    test = ef.Measurements([12.0], shapes=shape, sensors=["a", "b", "c"])
+    geometry = ef.Geometry({0: (0, 0), 1: (0, 1)}, [(0, 1)], directions)
+    (axes,) = ef.figures.plot_shapes(run_of(model, test, 1), geometry=geometry).axes
+    (end,) = points(axes, AT_SENSORS)
     along = (end - [0, 1]) / np.linalg.norm(end - [0, 1])
     assert_allclose(along, move / np.linalg.norm(move), rtol=1e-9)
 
 
-def test_a_model_without_measured_shapes_is_drawn_alone_in_space():
-    nodes = {0: (0, 0, 0), 1: (4, 0, 0), 2: (4, 3, 0), 3: (0, 3, 2)}
-    sensors = {i: (3, d) for i, d in enumerate(("ux", "uz"))}
-    geometry = ef.Geometry(nodes, [(0, 1), (1, 2), (2, 3)], sensors)
-    term = ef.FrequencyTerm(HERTZ, relative_sd=0.01)
-    posterior = ef.LogPosterior(MODEL, term, PRIOR)
-    run = ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
-    figure = ef.figures.plot_shapes(run, geometry=geometry)
-    assert legend(figure) == ["at rest", "updated model"]
-    rest = lines(figure.axes[0], "at rest")
-    # A parallel projection: x to the right, y to the right and up, z straight up.
-    x, y = rest[0, 1] - rest[0, 0], rest[1, 1] - rest[1, 0]
-    up = lines(figure.axes[0], "updated model")[2, 1] - rest[2, 1]
-    assert x[0] > 0 > x[1] and y[0] > 0 and y[1] > 0 and up.any()
-    assert figure.axes[1].get_title().endswith("Hz updated")
-    assert {text.get_text() for text in figure.axes[0].texts} == {"x", "y", "z"}
-
-
-def test_a_model_without_shapes_says_how_to_get_them():
-    model = ef.MassSpringModel([1.0, 1.0], SPRINGS)
-    posterior = ef.LogPosterior(model, ef.FrequencyTerm(HERTZ, relative_sd=0.01), PRIOR)
-    run = ef.run(posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
-    with pytest.raises(ValueError, match=r"shapes=True"):
-        ef.figures.plot_shapes(run, geometry=TOWER)
-    with pytest.raises(ValueError, match=r"shapes=True"):
-        ef.figures.plot_mac(run)
-
-
-def mac_of(measured, shapes):
-    return np.array(
-        [[(m @ s) ** 2 / ((m @ m) * (s @ s)) for s in shapes.T] for m in measured.T]
-    )
-
-
 def test_the_matrix_has_the_mac_before_and_after_and_intervals_of_pairs(run):
     figure = ef.figures.plot_mac(run)
-    before, after, _ = figure.axes
-    k1, k2 = PRIOR.mean
-    hertz, shapes = np.linalg.eigh([[k1 + k2, -k2], [-k2, k2]])
-    modes = {before: (np.sqrt(hertz) / (2 * np.pi), shapes), after: at_mean(run)}
     mac = dataset(ef.to_inference_data(run), "response")["mac"].values.reshape(-1, 2)
     low, high = np.quantile(mac, [0.025, 0.975], axis=0)
-    for axes, (hertz, shapes) in modes.items():
-        expected = mac_of(MEASURED, shapes)
+    before_and_after = solved(*PRIOR.mean), at_mean(run)
+    for axes, (_, shapes) in zip(figure.axes, before_and_after, strict=False):
+        expected = (MEASURED.T @ shapes) ** 2 / (MEASURED**2).sum(axis=0)[:, None]
         assert_allclose(axes.images[0].get_array(), expected, rtol=1e-9)
         texts = {text.get_position(): text.get_text() for text in axes.texts}
         for (i, j), value in np.ndenumerate(expected):
-            pair = i == j and axes is after
-            ends = f"\n{short(low[i], 3)}–{short(high[i], 3)}" if pair else ""
-            assert texts[j, i] == f"{short(value)}{ends}"
-        ticks = [label.get_text() for label in axes.get_xticklabels()]
-        assert ticks == [f"{k}\n{f:.4g} Hz" for k, f in enumerate(hertz, 1)]
+            assert texts[j, i].startswith(f"{value:.2f}".removeprefix("0"))
+            ends = f"{low[i]:.3f}–{high[i]:.3f}".replace("0.", ".")
+            assert (ends in texts[j, i]) == (i == j and axes is figure.axes[1])
         frames = [p for p in axes.patches if isinstance(p, Rectangle)]
-        centres = [np.mean([p.get_corners()], axis=1)[0] for p in frames]
+        centres = [np.mean(p.get_corners(), axis=0) for p in frames]
         assert_allclose(centres, [[0, 0], [1, 1]], atol=1e-12)
-    assert low[0] < high[0] < 1
-    assert_nothing_is_clipped(figure, "MAC (1: same shape)")
+    assert_nothing_is_clipped(figure)
     assert_no_texts_overlap(figure)
-
-
-def test_a_pair_out_of_order_is_framed_where_it_is():
+    # A pair out of order is framed where it is, around its interval.
     turned = ef.Measurements(HERTZ, shapes=SHAPES[:, ::-1], dofs=[0, 1])
-    after = ef.figures.plot_mac(run_of(MODEL, turned, candidates=2)).axes[1]
-    centres = [np.mean(p.get_corners(), axis=0) for p in after.patches]
+    figure = ef.figures.plot_mac(run_of(MODEL, turned))
+    figure.canvas.draw()
+    frames = figure.axes[1].patches
+    centres = [np.mean(p.get_corners(), axis=0) for p in frames]
     assert_allclose(centres, [[1, 0], [0, 1]], atol=1e-12)
-
-
-def test_a_prior_mean_that_cannot_be_solved_is_left_out():
-    def solve(p):
-        if p["k1"] == 12.0:
-            raise ValueError("the model fails at the prior mean")
-        return ef.ModalSolution(HERTZ * p["k1"] / 10, SHAPES)
-
-    function = ef.FunctionModel(solve, n_modes=2)
-    paired = ef.PairedModel(
-        function, ef.Measurements(HERTZ, shapes=MEASURED), candidates=2
-    )
-    posterior = ef.LogPosterior(paired, ef.FrequencyTerm(HERTZ, sd=0.03), PRIOR)
-    draws = posterior.start(8, 1)
-    run = ef.run(
-        posterior, ef.DEMCMove(), 8, 20, ensembles=1, seed=1, starts=draws[None]
-    )
-    titles = [axes.get_title() for axes in ef.figures.plot_mac(run).axes]
-    assert titles == ["after: at the posterior mean", ""]
-
-
-def test_experiments_are_named():
-    paired = ef.PairedModel(MODEL, TEST, candidates=2)
-    term = ef.FrequencyTerm(TEST, relative_sd=0.01)
-    tests = {
-        "empty": (paired, term),
-        "plain": (MODEL, ef.FrequencyTerm(HERTZ, sd=0.03)),
-    }
-    joint = ef.LogPosterior.joint(tests, PRIOR)
-    run = ef.run(joint, ef.DEMCMove(), 8, 20, ensembles=1, seed=1)
-    assert len(ef.figures.plot_mac(run, experiment="empty").axes) == 3
-    with pytest.raises(ValueError, match=r"experiment: expected one of \['empty', 'pl"):
-        ef.figures.plot_mac(run)
-    with pytest.raises(ValueError, match="pairs no modes; wrap the model"):
-        ef.figures.plot_mac(run, experiment="plain")
+    boxes = [p.get_window_extent() for p in frames]
+    for text in figure.axes[1].texts:
+        if "–" in text.get_text():
+            box = text.get_window_extent()
+            assert any(f.x0 < box.x0 and box.x1 < f.x1 for f in boxes)
 
 
 def test_what_close_modes_span_is_drawn_at_the_sensors_only():
     """Two modes of one frequency: the model's own shapes are turned by 45 degrees."""
     half = 0.5**0.5
+    shapes = np.array([[half, half], [half, -half], [2, 3]])
     model = ef.FunctionModel(
-        lambda p: ef.ModalSolution(
-            np.array([p["k1"], p["k1"]]),
-            np.array([[half, half], [half, -half], [2, 3]]),
-        ),
+        lambda p: ef.ModalSolution(np.array([p["k1"], p["k1"]]), shapes),
         variables=ef.modal_variables(2, ["1:ux", "1:uy", "2:ux"]),
     )
-    measured = ef.Measurements([12.0], shapes=[[1.0], [0.0]], dofs=["1:ux", "1:uy"])
-    run = run_of(model, measured, candidates=2)
+    test = ef.Measurements([12.0], shapes=[[1.0], [0.0]], dofs=["1:ux", "1:uy"])
     geometry = ef.Geometry({0: (0, 0), 1: (1, 0), 2: (2, 0)}, [(0, 1), (1, 2)])
-    (axes,) = ef.figures.plot_shapes(run, geometry=geometry).axes
-    predicted = points(axes, "updated model at the sensors")
-    assert_allclose(predicted, points(axes, "measured"), atol=1e-9)
-    assert not [c for c in axes.collections if c.get_label() == "updated model"]
-    assert "MAC 1.000" in axes.get_title()
-
-
-def test_intervals_are_inside_their_frames(solved):
-    figure = ef.figures.plot_mac(beam_run(solved, True))
-    figure.canvas.draw()
-    after = figure.axes[1]
-    (frame,) = (patch.get_window_extent() for patch in after.patches)
-    (box,) = (t.get_window_extent() for t in after.texts if "–" in t.get_text())
-    assert frame.x0 < box.x0 and box.x1 < frame.x1
+    (axes,) = ef.figures.plot_shapes(run_of(model, test), geometry=geometry).axes
+    assert_allclose(points(axes, AT_SENSORS), points(axes, "measured"), atol=1e-9)
+    assert not [c for c in axes.collections if c.get_label() == MOVED]

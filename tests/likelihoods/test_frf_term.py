@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy import stats
 from support.calibration import auto_ranks, p_values, shorten_search
-from support.gradients import numerical
 
 import emcee_femu as ef
 
@@ -68,7 +67,7 @@ MODEL = ef.frf.FRFModel(chain(), GRID, PAIRS, damping="zeta")
 SD = 0.002  # m/N, of each part; peaks are ten times that
 
 
-def simulated(rng, stated=1.0):
+def simulated(rng):
     """Return the posterior of a simulated data set, and the truth ``(1, 4)``."""
     truth = PRIOR.sample(rng, 1)
     true = MODEL(dict(zip(PRIOR.names, truth.T, strict=True)))["receptance"][0]
@@ -76,24 +75,14 @@ def simulated(rng, stated=1.0):
     measured = ef.frf.FRFMeasurements(
         GRID, noisy[..., 0] + 1j * noisy[..., 1], PAIRS, kind="receptance"
     )
-    term = ef.frf.FRFTerm(measured, sd=stated * SD)
+    term = ef.frf.FRFTerm(measured, sd=SD)
     return ef.LogPosterior(MODEL, term, PRIOR), truth
-
-
-LEVEL = 0.001 / 5
 
 
 @pytest.mark.slow
 def test_the_truth_ranks_uniformly_among_the_draws(monkeypatch):
     shorten_search(monkeypatch)
-    assert p_values(auto_ranks(simulated, 48, seed=31)).min() > LEVEL
-
-
-@pytest.mark.slow
-def test_ranks_under_errors_stated_too_small_are_not_uniform(monkeypatch):
-    shorten_search(monkeypatch)
-    found = auto_ranks(lambda rng: simulated(rng, 0.5), 12, seed=32)
-    assert p_values(found).min() < LEVEL
+    assert p_values(auto_ranks(simulated, 48, seed=31)).min() > 0.001 / 5
 
 
 def test_magnitudes_are_no_complex_values():
@@ -103,45 +92,3 @@ def test_magnitudes_are_no_complex_values():
     both = [ef.frf.FRFTerm(own, sd=0.1, amplitude=True) for own in (sizes, MEASURED)]
     values = [term({}, RESPONSE) for term in both]
     np.testing.assert_allclose(*values)
-
-
-@pytest.mark.parametrize("amplitude", [True, False])
-def test_the_gradient_and_its_scores(amplitude):
-    """Of H = H0 + theta dH and sigma; information by expected second derivatives."""
-    term = ef.frf.FRFTerm(MEASURED, amplitude=amplitude, discrepancy="sigma")
-    slope = RNG.normal(size=(2, 3, 2))
-    theta = np.column_stack([0.1 * RNG.normal(size=5), SIGMA])
-    start = RESPONSE["receptance"][0]
-
-    def response(at):
-        return {"receptance": start + at[:, 0, None, None, None] * slope}
-
-    def value(at):
-        return term({"sigma": at[:, 1]}, response(at))
-
-    tangents = {
-        "receptance": np.stack([slope, 0 * slope], axis=-1)[None].repeat(5, 0),
-        "sigma": np.tile([0.0, 1.0], (5, 1)),
-    }
-    steps = np.full((5, 2), 1e-4)
-    gradient, scores = term.linearize(
-        {"sigma": theta[:, 1]}, response(theta), tangents, steps
-    )
-    np.testing.assert_allclose(gradient, numerical(value, theta), rtol=2e-5)
-
-    def standard(at):
-        r, sd = term.deviations({"sigma": at[:, 1]}, response(at))
-        return r, sd
-
-    unit = np.array([1e-6, 0.0])
-    r1, r0 = standard(theta + unit)[0], standard(theta - unit)[0]
-    d_r = (r1 - r0) / 2e-6 / standard(theta)[1]
-    np.testing.assert_allclose(
-        (scores[:, :, 0] ** 2).sum(axis=1), (d_r**2).sum(axis=1), rtol=1e-5
-    )
-    unit = np.array([0.0, 1e-6])
-    s1, s0 = standard(theta + unit)[1], standard(theta - unit)[1]
-    d_s = (s1 - s0) / 2e-6 / standard(theta)[1]
-    np.testing.assert_allclose(
-        (scores[:, :, 1] ** 2).sum(axis=1), 2 * (d_s**2).sum(axis=1), rtol=1e-5
-    )

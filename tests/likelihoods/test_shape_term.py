@@ -1,4 +1,4 @@
-"""Mode shapes against scipy.stats, quadrature and the normalisation on the sphere."""
+"""Mode shapes against scipy.stats, formulas and the normalisation on the sphere."""
 
 import numpy as np
 import pytest
@@ -13,6 +13,9 @@ MEASURED = RNG.normal(size=(7, 3))
 SHAPES = MEASURED + 0.05 * RNG.normal(size=(20, 7, 3))
 MODES = {"shapes": SHAPES}
 MORE = {"shapes": np.dstack([SHAPES, RNG.normal(size=(20, 7))])}  # one not measured
+TRIED = np.linspace(0.01, 0.2, 20)
+GAPS = MEASURED.copy()  # the first sensor is missing in a mode, two in another
+GAPS[0, 0] = GAPS[2, 1] = GAPS[5, 1] = np.nan
 
 
 def mac(measured, shapes):
@@ -21,26 +24,20 @@ def mac(measured, shapes):
     return products / ((measured**2).sum(axis=-2) * (shapes**2).sum(axis=-2))
 
 
-@pytest.mark.parametrize("delta", [0.05, [0.03, 0.05, 0.1]])
+@pytest.mark.parametrize("delta", [0.05, [0.03, 0.05, 0.1], "inferred"])
 def test_the_mac_form_is_its_formula(delta):
-    squares = np.square(delta)
+    options, parameters, value = {"delta": delta}, {}, delta
+    if delta == "inferred":
+        options, parameters = {"discrepancy": "delta"}, {"delta": TRIED}
+        value = TRIED[:, None]
+    squares = np.square(value)
     expected = -(1 - mac(MEASURED, SHAPES)) / (2 * squares)
     expected = (expected - 6 / 2 * np.log(2 * np.pi * squares)).sum(axis=1)
-    term = ef.ShapeTerm(MEASURED, delta=delta)
-    assert_allclose(term({}, MODES), expected, rtol=1e-12)
-    assert_term(term, {}, MODES, expected)
-    assert_allclose(term({}, MORE), term({}, MODES), rtol=1e-12)
-
-
-def test_an_inferred_delta_is_the_number_of_that_value():
-    term = ef.ShapeTerm(MEASURED, discrepancy="delta")
-    assert term.names == ("delta",)
-    values = np.linspace(0.01, 0.2, 20)
-    fixed = [
-        ef.ShapeTerm(MEASURED, delta=v)({}, MODES)[i] for i, v in enumerate(values)
-    ]
-    assert_allclose(term({"delta": values}, MODES), fixed, rtol=1e-12)
-    assert_term(term, {"delta": values}, MODES, np.array(fixed))
+    term = ef.ShapeTerm(MEASURED, **options)
+    assert term.names == tuple(parameters)
+    for modes in (MODES, MORE):
+        assert_allclose(term(parameters, modes), expected, rtol=1e-12)
+    assert_term(term, parameters, MODES, expected)
 
 
 @pytest.mark.parametrize(
@@ -76,19 +73,7 @@ def test_the_density_of_measured_directions_integrates_to_one(n_sensors):
     assert abs(total - 1) < 2e-3  # curvature of the sphere: of the order delta^2
 
 
-def test_the_noise_of_unit_shapes_has_the_deviation_delta():
-    # Shapes of unit length plus noise: delta found by maximum likelihood is the noise.
-    rng, delta, n_sensors = np.random.default_rng(1), 0.03, 10
-    truth = np.linalg.qr(rng.normal(size=(n_sensors, n_sensors)))[0]
-    noisy = np.hstack([truth + delta * rng.normal(size=truth.shape) for _ in range(40)])
-    trial = np.linspace(0.8, 1.2, 81) * delta
-    model = {"shapes": np.tile(np.hstack([truth] * 40), (81, 1, 1))}
-    total = ef.ShapeTerm(noisy, discrepancy="s")({"s": trial}, model)
-    best = trial[np.argmax(total)]
-    assert abs(best / delta - 1) < 4 / np.sqrt(2 * 400 * (n_sensors - 1)) + 0.005
-
-
-def test_close_to_one_a_mac_keeps_its_digits():
+def test_a_mac_keeps_its_digits_close_to_one_and_is_zero_without_motion():
     nudge = np.zeros((7, 1))
     nudge[2] = 1e-9
     first, delta = MEASURED[:, :1], 1e-9
@@ -96,61 +81,35 @@ def test_close_to_one_a_mac_keeps_its_digits():
     term = ef.ShapeTerm(first, delta=delta)({}, {"shapes": (first + nudge)[None]})[0]
     constant = -3 * np.log(2 * np.pi * delta**2)
     assert_allclose(term - constant, -gap[0] / (2 * delta**2), rtol=1e-5)
+    still = ef.ShapeTerm(first, delta=0.1)({}, {"shapes": np.zeros((1, 7, 1))})[0]
+    assert_allclose(still, -1 / 0.02 - 3 * np.log(2 * np.pi * 0.01))
 
 
-def test_a_shape_with_no_motion_at_the_sensors_has_mac_zero():
-    still = {"shapes": np.zeros((1, 7, 1))}
-    value = ef.ShapeTerm(MEASURED[:, :1], delta=0.1)({}, still)[0]
-    assert_allclose(value, -1 / 0.02 - 3 * np.log(2 * np.pi * 0.01))
-
-
-GAPS = MEASURED.copy()  # the first sensor is missing in a mode, two in another
-GAPS[0, 0] = GAPS[2, 1] = GAPS[5, 1] = np.nan
-
-
-@pytest.mark.parametrize(
-    "errors",
-    [{"delta": [0.03, 0.05, 0.1]}, {"sd": 0.02 + RNG.random((7, 3))}],
-    ids=["delta", "sd"],
-)
-def test_a_missing_sensor_drops_out_of_its_mode_alone(errors):
-    ((name, values),) = errors.items()
+@pytest.mark.parametrize("name", ["delta", "sd"])
+def test_a_missing_sensor_drops_out_of_its_mode_alone(name):
+    values = {"delta": [0.03, 0.05, 0.1], "sd": 0.02 + RNG.random((7, 3))}[name]
     expected = 0.0
     for mode in range(3):
         at = ~np.isnan(GAPS[:, mode])
-        alone = GAPS[at, mode][:, None]
         own = values[mode] if name == "delta" else values[at, mode][:, None]
-        term = ef.ShapeTerm(alone, **{name: own})
+        term = ef.ShapeTerm(GAPS[at, mode][:, None], **{name: own})
         expected = expected + term({}, {"shapes": SHAPES[:, at][:, :, [mode]]})
-    term = ef.ShapeTerm(GAPS, **errors)
+    term = ef.ShapeTerm(GAPS, **{name: values})
     assert_term(term, {}, MODES, expected)
     assert_allclose(term({}, MODES), expected, rtol=1e-12)
+    with pytest.raises(ValueError, match="at least two sensors"):
+        ef.ShapeTerm(np.where(np.arange(7)[:, None] < 6, np.nan, GAPS), delta=0.1)
 
 
 def test_modes_with_missing_sensors_are_paired_and_counted_one_by_one():
-    test = ef.Measurements([1.0, 2.0, 3.0], GAPS)
+    sd = 0.1 + RNG.random(GAPS.shape)
+    test = ef.Measurements([1.0, 2.0, 3.0], GAPS, shape_sd=sd)
     names = {"frequency": np.tile([1.0, 2.0, 3.0], (20, 1)), "shapes": SHAPES}
     paired = ef.PairedModel(lambda p: names, test, candidates=3)({})
-    sd = 0.1 + RNG.random(GAPS.shape)
-    known = ef.ShapeTerm(ef.Measurements([1.0, 2.0, 3.0], GAPS, shape_sd=sd))
+    known = ef.ShapeTerm(test)
     assert_array_equal(known({}, paired), ef.ShapeTerm(GAPS, sd=sd)({}, paired))
     at = ~np.isnan(GAPS)
     assert_allclose(paired.mac, mac(np.nan_to_num(GAPS), SHAPES * at), rtol=1e-12)
-    term = ef.ShapeTerm(test, discrepancy="delta")
-    delta = {"delta": np.linspace(0.02, 0.2, 20)}
+    term, delta = ef.ShapeTerm(GAPS, discrepancy="delta"), {"delta": TRIED}
     each = term.pointwise(delta, {"mac": paired.mac})["mac"]
     assert_allclose(each.sum(axis=1), term(delta, paired), rtol=1e-11)
-
-
-def test_a_mode_at_one_sensor_alone_is_no_shape():
-    shapes = MEASURED.copy()
-    shapes[1:, 2] = np.nan
-    with pytest.raises(ValueError, match="at least two sensors"):
-        ef.ShapeTerm(shapes, delta=0.1)
-
-
-def test_a_delta_that_may_be_in_percent_is_doubted():
-    with pytest.warns(
-        UserWarning, match="delta: .*which is 200 %; .*1 % is delta=0.01"
-    ):
-        ef.ShapeTerm(MEASURED, delta=2.0)

@@ -11,6 +11,12 @@ import emcee_femu as ef
 SD = np.diag([0.02, 0.03, 0.05])
 COVARIANCE = SD @ (0.6 + 0.4 * np.eye(3)) @ SD
 SENSORS = np.random.default_rng(1).uniform(0.1, 0.3, SHAPES.shape)
+FRF = ef.frf.FRFMeasurements(
+    [1.0, 2.0, 3.0],
+    (SHAPES[::2] + 1j * SHAPES[1::2]),
+    [(0, 1), (1, 1)],
+    kind="mobility",
+)
 SOME = ef.Measurements(MEASURED, shapes=SHAPES[[2, 0]], dofs=[2, 0])
 TERMS = {
     "beta": ef.FrequencyTerm(MEASURED, beta=[1e4, 2e4, 5e3]),
@@ -30,17 +36,20 @@ TERMS = {
     "some sensors": ef.ShapeTerm(SOME, delta=0.1),
     "displacement": ef.DisplacementTerm(SHAPES.T, sd=0.2),
     "displacement, discrepancy": ef.DisplacementTerm(SHAPES.T, discrepancy="s"),
+    "FRF": ef.frf.FRFTerm(FRF, sd=0.1, discrepancy="s"),
+    "amplitudes": ef.frf.FRFTerm(FRF, sd=0.1, amplitude=True, discrepancy="s"),
 }
 THETA = np.random.default_rng(2).uniform([0.8, 0.8, 0.05], [1.3, 1.3, 0.2], (5, 3))
 FLAT = {"a": (0.5, 2.0), "b": (0.5, 2.0), "s": (1e-3, 1.0)}
 
 
 class Scaled:
-    """Shapes times a factor, which does not matter, and shapes as displacements."""
+    """Shapes times a factor, which does not matter; as displacements and as an FRF."""
 
     names = ("a", "b", "s")
     variables = ef.modal_variables(3, range(4)) | {
-        "displacement": ef.Variable({"load_case": range(3), "point": range(4)})
+        "displacement": ef.Variable({"load_case": range(3), "point": range(4)}),
+        **TERMS["FRF"].reads,
     }
 
     def __init__(self, sign):
@@ -55,7 +64,9 @@ class Scaled:
         def extended(frequency, shapes):
             moved = shapes.swapaxes(1, 2)
             scaled = self.sign * shapes
-            return {"frequency": frequency, "shapes": scaled, "displacement": moved}
+            parts = np.stack([shapes[:, ::2], shapes[:, 1::2]], axis=-1)
+            found = {"frequency": frequency, "shapes": scaled, "displacement": moved}
+            return found | {"mobility": parts}
 
         by_name = {n: extended(*(by[n] for by in slopes.values())) for n in "ab"}
         by_variable = {

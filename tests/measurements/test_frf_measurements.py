@@ -47,6 +47,18 @@ def test_lines_between():
     assert measured(coherence=None, averages=None).between(1, 2).sd is None
     with pytest.raises(ValueError, match="no line between 5 and 6 Hz"):
         measured().between(5.0, 6.0)
+    zero = np.array([[0.0], [0.0]])
+    with pytest.warns(UserWarning, match="0 Hz is left out"):
+        found = ef.frf.FRFMeasurements(
+            [0.0, *LINES],
+            np.hstack([zero, H]),
+            CHANNELS,
+            kind="accelerance",
+            coherence=np.hstack([zero, COHERENCE]),
+            averages=50,
+        )
+    np.testing.assert_array_equal(found.lines, LINES)
+    np.testing.assert_array_equal(found.sd, measured().sd)
 
 
 def write(path, *, signs=(1, 1), **changes):
@@ -75,33 +87,11 @@ def write(path, *, signs=(1, 1), **changes):
     return path
 
 
-def test_a_line_at_zero_hertz_is_left_out_and_that_is_said():
-    lines, values = [0.0, *LINES], np.hstack([np.zeros((2, 1)), H])
-    coherence = np.hstack([np.zeros((2, 1)), COHERENCE])
-    given = {"kind": "accelerance", "coherence": coherence, "averages": 50}
-    with pytest.warns(UserWarning, match="0 Hz is left out"):
-        found = ef.frf.FRFMeasurements(lines, values, CHANNELS, **given)
-    np.testing.assert_array_equal(found.lines, LINES)
-    np.testing.assert_array_equal(found.values, H)
-    np.testing.assert_array_equal(found.sd, measured().sd)
-
-
 def test_a_direction_against_the_axis_turns_the_sign():
     channels = [("4:-x", "7:z"), ("12:-y", "7:-z")]
     found = ef.frf.FRFMeasurements(LINES, H, channels, kind="mobility")
     assert found.channels == tuple(map(tuple, CHANNELS))
     np.testing.assert_array_equal(found.values, H * [[-1], [1]])
-
-
-def test_a_zero_needs_an_error_that_is_not_relative():
-    """Analysers of 12 bits return zeros."""
-    values = H.copy()
-    values[1, 2] = 0.0
-    found = ef.frf.FRFMeasurements(LINES, values, CHANNELS, kind="mobility")
-    ef.frf.FRFTerm(found, sd=0.1)
-    for given in ({"discrepancy": "d"}, {"sd": 0.1, "amplitude": True}):
-        with pytest.raises(ValueError, match="measured: 12:y/7:z is 0 at 3 Hz"):
-            ef.frf.FRFTerm(found, **given)
 
 
 @pytest.mark.parametrize("spacing", [0, 1])
@@ -136,31 +126,15 @@ def test_every_form_of_binary_data(tmp_path, number):
         ef.frf.FRFMeasurements.from_uff(path)
 
 
-def test_only_lines_between_are_checked(tmp_path):
-    lines, values = np.arange(3.0), H.copy()
-    path = write(tmp_path / "frf.uff", x=lines)
-    with pytest.warns(UserWarning, match="0 Hz is left out"):
-        found = ef.frf.FRFMeasurements.from_uff(path)
-    np.testing.assert_allclose(found.values, values[:, 1:], rtol=1e-4)
-    found = ef.frf.FRFMeasurements.from_uff(path, between=(0.5, 2.0), averages=9)
-    np.testing.assert_allclose(found.coherence, COHERENCE[:, 1:], rtol=1e-4)
-    with pytest.raises(ValueError, match="no line between 5 and 6 Hz"):
-        ef.frf.FRFMeasurements.from_uff(path, between=(5.0, 6.0))
-
-
 @pytest.mark.parametrize(
     ("above", "below", "kind", "expected"),
     [
         (8, 13, None, "receptance"),
         (11, 13, "mobility", "mobility"),
-        (12, 0, "accelerance", "accelerance"),
         (1, 0, "mobility", "mobility"),
-        (0, 13, "receptance", "receptance"),
         (12, 0, None, "data set 1: .*give kind="),
-        (1, 1, None, "data set 1: .*give kind="),
         (12, 13, "mobility", "data set 1: .*12 over 13 .*kind=.mobility"),
         (12, 12, "accelerance", "data set 1: .*12 over 12"),  # a transmissibility
-        (13, 12, None, "data set 1: .*13 over 12"),
     ],
 )
 def test_the_kind_is_what_the_file_says_or_else_given(
@@ -197,20 +171,15 @@ def test_values_are_converted_to_si(tmp_path, response, reference, factor):
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("old", "new", "message"),
     [
-        ({"abscissa_spec_data_type": 17}, "data set 1: .*abscissa .*17"),
-        ({"rsp_dir": 7}, "data set 1: .*response direction .*7"),
-        ({"num_pts": 5}, r"data set 1: .*\(5,\), got 3"),
+        ("\n        18 ", "\n        17 ", "data set 1: .*abscissa .*17"),
+        ("         4   1", "         4   7", "data set 1: .*response direction .*7"),
+        ("    3         1", "    5         1", r"data set 1: .*\(5,\), got 3"),
     ],
 )
-def test_a_function_that_is_not_read_is_named(tmp_path, changes, message):
+def test_a_function_that_is_not_read_is_named(tmp_path, old, new, message):
     path = write(tmp_path / "frf.uff", abscissa_spec_data_type=18)
-    old, new = {
-        "abscissa_spec_data_type": ("\n        18 ", "\n        17 "),
-        "rsp_dir": ("         4   1", "         4   7"),
-        "num_pts": ("         3         1", "         5         1"),
-    }[[*changes][0]]
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
@@ -228,3 +197,10 @@ def test_universal_files(tmp_path, signs):
     np.testing.assert_allclose(found.values, H, rtol=1e-4)
     np.testing.assert_allclose(found.coherence, COHERENCE, rtol=1e-4)
     assert ef.frf.FRFMeasurements.from_uff(path).coherence is None
+    for given, message in (((1, 2), None), ((5, 6), "no line between 5 and 6 Hz")):
+        if message is None:
+            part = ef.frf.FRFMeasurements.from_uff(path, between=given)
+            np.testing.assert_allclose(part.values, H[:, :2], rtol=1e-4)
+            continue
+        with pytest.raises(ValueError, match=message):
+            ef.frf.FRFMeasurements.from_uff(path, between=given)

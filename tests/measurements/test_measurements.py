@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-import emcee_femu as ef
 from emcee_femu import Measurements
 
 RNG = np.random.default_rng(20)
@@ -17,9 +16,6 @@ def complex_shapes(n_sensors=5, n_modes=3, scatter=0.1):
     return (shapes + scatter * (noise[0] + 1j * noise[1])) * turn
 
 
-# Complex shapes
-
-
 def test_a_real_shape_seen_at_any_phase_and_scale_is_found_again():
     factors = np.array([1e-17, 2.5, 1e17]) * np.exp(1j * np.array([0.7, 2.4, -1.9]))
     m = Measurements(F, shapes=SHAPES * factors)
@@ -30,42 +26,6 @@ def test_a_real_shape_seen_at_any_phase_and_scale_is_found_again():
     )
 
 
-@pytest.mark.filterwarnings("ignore:shapes. phase collinearity")
-@pytest.mark.parametrize("scatter", [0.02, 0.3, 1.0])
-def test_no_other_phase_has_a_larger_real_part(scatter):
-    shapes = complex_shapes(scatter=scatter)
-    m = Measurements(F, shapes=shapes)
-    phases = np.linspace(0, np.pi, 2_001)
-    turned = (shapes[:, :, None] * np.exp(1j * phases)).real
-    largest = (turned**2).sum(axis=0).max(axis=1)
-    np.testing.assert_allclose((m.shapes**2).sum(axis=0), largest, rtol=1e-5)
-    assert ((m.shapes**2).sum(axis=0) >= largest * (1 - 1e-12)).all()
-
-
-@pytest.mark.filterwarnings("ignore:shapes. phase collinearity")
-@pytest.mark.parametrize("scatter", [0.02, 0.3, 1.0])
-def test_collinearity_is_the_flatness_of_the_scatter_in_the_complex_plane(scatter):
-    shapes = complex_shapes(scatter=scatter)
-    mpc = Measurements(F, shapes=shapes).phase_collinearity
-    for column, value in zip(shapes.T, mpc, strict=True):
-        plane = np.array([column.real, column.imag])
-        low, high = np.linalg.eigvalsh(plane @ plane.T)
-        assert value == pytest.approx(((high - low) / (high + low)) ** 2, rel=1e-10)
-        own = abs(np.vdot(column, column.conj())) ** 2 / np.vdot(column, column) ** 2
-        assert value == pytest.approx(own.real, rel=1e-12)  # the MAC with its conjugate
-
-
-def test_there_is_no_deviation_of_a_missing_sensor():
-    shapes = [[1.0, np.nan], [0.5, -1.0]]
-    measured = Measurements([1.0, 2.0], shapes, shape_sd=np.full((2, 2), 0.1))
-    assert np.isnan(measured.shape_sd).tolist() == [[False, True], [False, False]]
-
-
-def test_shapes_come_second():
-    shapes = [[1.0, 0.5], [0.5, -1.0]]
-    assert Measurements([1.0, 2.0], shapes).shapes.tolist() == shapes
-
-
 def test_modes_of_low_collinearity_are_named_in_a_warning():
     shapes = np.array([[1.0, 1.0, 1.0], [2.0, 0.2j, 1j], [-1.0, 0.5, -1.0]])
     expected = np.array([1, (1.21 / 1.29) ** 2, 1 / 9])
@@ -74,44 +34,6 @@ def test_modes_of_low_collinearity_are_named_in_a_warning():
     np.testing.assert_allclose(m.phase_collinearity, expected, rtol=1e-12)
     with pytest.warns(UserWarning, match=r"for mode 3 \(MPC 0.50\);"):
         Measurements(F, shapes=SHAPES, phase_collinearity=[1.0, 0.9, 0.5])
-    with pytest.warns(
-        UserWarning, match=r"for mode 2 \(MPC 0.00\)"
-    ):  # a travelling wave
-        Measurements([1.0, 2.0], shapes=[[1.0, 1.0], [0.5, 1j]])
-
-
-# What is refused
-
-
-@pytest.mark.parametrize(
-    ("frequencies", "options", "message"),
-    [
-        ([3.1, 0.0, 9.8], {}, r"leave out .*mode 2 has 0.0"),
-        ([3.1, 20.4, 9.8], {}, r"mode 3 \(9.8 Hz\) is below mode 2 .*argsort"),
-        (F, {"covariance": np.triu(COVARIANCE)}, "covariance: .*symmetric"),
-        (F, {"shapes": SHAPES.T}, r"shapes: .*got \(3, 4\); transpose them"),
-        (F, {"shapes": SHAPES * [1, 0, 1]}, "mode 2 is zero at all sensors"),
-        (F, {"shapes": SHAPES, "dofs": [0, 1, 2, 2]}, "dofs: .*distinct"),
-        (F, {"shapes": 1j * SHAPES, "phase_collinearity": F}, "complex shapes give it"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_by_mode(frequencies, options, message):
-    with pytest.raises(ValueError, match=message):
-        Measurements(frequencies, **options)
-
-
-def test_a_mode_identified_twice_is_refused_by_number():
-    twice = np.column_stack([SHAPES, -1.7 * SHAPES[:, 2] + 0.01])
-    with pytest.raises(ValueError, match=r"modes 3 and 4 are the same .*20.41 Hz.*MAC"):
-        Measurements([*F, 20.41], shapes=twice)
-    Measurements([*F, 20.6], shapes=twice)  # 1 % apart: close modes of a few sensors
-    Measurements([*F, 20.4], shapes=np.column_stack([SHAPES, [0.4, 0.9, -1.0, 0.2]]))
-    Measurements([3.0, 3.0], shapes=[[1.0, -2.0]])  # one sensor cannot tell
-
-
-def test_a_symmetric_structure_has_equal_frequencies():
-    found = Measurements([5.2, 5.2, 8.1])
-    assert found.frequencies.tolist() == [5.2, 5.2, 8.1]
 
 
 @pytest.mark.parametrize("turn", [1.0, np.exp(0.7j)])
@@ -124,39 +46,8 @@ def test_a_sensor_that_points_backwards_is_turned(turn):
     assert backwards.dofs.tolist() == dofs
     side = np.sign((plain.shapes * backwards.shapes).sum(axis=0))
     np.testing.assert_allclose(side * backwards.shapes, plain.shapes, atol=1e-12)
-    with pytest.raises(ValueError, match="dofs: .*distinct"):
-        Measurements(F, SHAPES, dofs=["1:ux", "1:-ux", "3:z", "4:rx"])
     places = ["floor:-1", "b", "c", "d"]  # a storey is no direction
     assert Measurements(F, SHAPES, dofs=places).dofs.tolist() == places
-
-
-def test_a_covariance_printed_with_nine_digits_is_symmetric_enough():
-    printed = COVARIANCE * (1 + 1e-10 * RNG.standard_normal((3, 3)))
-    m = Measurements(F, covariance=printed)
-    np.testing.assert_array_equal(m.covariance, m.covariance.T)
-    np.testing.assert_allclose(m.covariance, COVARIANCE, rtol=1e-9)
-
-
-# Printing
-
-
-def test_the_table_shows_the_standard_deviations_of_a_covariance():
-    m = Measurements(F, covariance=COVARIANCE, shapes=SHAPES)
-    rule = "-" * 28
-    assert str(m).splitlines() == [
-        "Measured modes: 3, sensors: 4 (s1, s2, s3, s4)",
-        rule,
-        "mode  f [Hz]  sd [Hz]    MPC",
-        rule,
-        "1        3.1     0.02  1.000",
-        "2        9.8     0.03  1.000",
-        "3       20.4   0.0316  1.000",
-        rule,
-    ]
-    frame = m.to_frame()
-    assert [*frame.columns] == ["mode", "f [Hz]", "sd [Hz]", "MPC"]
-    np.testing.assert_array_equal(frame["sd [Hz]"], np.sqrt(np.diag(COVARIANCE)))
-    assert "<td>0.0316</td>" in m._repr_html_()
 
 
 @pytest.mark.parametrize("known", ["sd", "damping", "damping_sd"])
@@ -171,21 +62,59 @@ def test_what_is_known_of_some_modes_only_can_be_given(known):
         Measurements([3.0, 9.0], **(given | {known: [0.02, -1.0]}))
 
 
-def test_damping_in_percent_is_doubted():
-    with pytest.warns(UserWarning, match=r"damping: .* 110 %"):
+@pytest.mark.filterwarnings("ignore:shapes. phase collinearity")
+@pytest.mark.parametrize("scatter", [0.02, 0.3, 1.0])
+def test_the_real_part_is_the_largest_and_collinearity_the_flatness(scatter):
+    shapes = complex_shapes(scatter=scatter)
+    m = Measurements(F, shapes=shapes)
+    for column, real, value in zip(
+        shapes.T, m.shapes.T, m.phase_collinearity, strict=True
+    ):
+        plane = np.array([column.real, column.imag])
+        low, high = np.linalg.eigvalsh(plane @ plane.T)  # over all phases
+        assert real @ real == pytest.approx(high, rel=1e-10)
+        assert value == pytest.approx(((high - low) / (high + low)) ** 2, rel=1e-10)
+        own = abs(np.vdot(column, column.conj())) ** 2 / np.vdot(column, column) ** 2
+        assert value == pytest.approx(own.real, rel=1e-12)  # the MAC with its conjugate
+
+
+TWICE = np.column_stack([SHAPES, -1.7 * SHAPES[:, 2] + 0.01])
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "options", "message"),
+    [
+        ([3.1, 0.0, 9.8], {}, "mode 2 has 0.0"),
+        ([3.1, 20.4, 9.8], {}, r"mode 3 \(9.8 Hz\) is below mode 2"),
+        (F, {"covariance": np.triu(COVARIANCE)}, "covariance: .*symmetric"),
+        (F, {"shapes": SHAPES.T}, r"shapes: .*got \(3, 4\)"),
+        (F, {"shapes": SHAPES * [1, 0, 1]}, "mode 2 is zero at all sensors"),
+        (F, {"shapes": SHAPES, "dofs": [0, 1, 2, 2]}, "dofs: .*distinct"),
+        (F, {"shapes": SHAPES, "dofs": ["1:x", "1:-x", "2", "3"]}, "dofs: .*distinct"),
+        (F, {"shapes": 1j * SHAPES, "phase_collinearity": F}, "complex shapes"),
+        ([*F, 20.41], {"shapes": TWICE}, "modes 3 and 4 .*20.41 Hz.*MAC"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_by_mode(frequencies, options, message):
+    with pytest.raises(ValueError, match=message):
+        Measurements(frequencies, **options)
+
+
+def test_what_is_only_unusual_is_measured():
+    Measurements([*F, 20.6], shapes=TWICE)  # 1 % apart: close modes of a few sensors
+    Measurements([*F, 20.4], shapes=np.column_stack([SHAPES, [0.4, 0.9, -1.0, 0.2]]))
+    Measurements([3.0, 3.0], [[1.0, -2.0]])  # one sensor cannot tell
+    printed = COVARIANCE * (1 + 1e-10 * RNG.standard_normal((3, 3)))
+    m = Measurements(F, covariance=printed)
+    np.testing.assert_array_equal(m.covariance, m.covariance.T)
+    np.testing.assert_allclose(m.covariance, COVARIANCE, rtol=1e-9)
+    with pytest.warns(UserWarning, match="damping: .* 110 %"):
         Measurements([3.0, 9.0], damping=[0.8, 1.1])
-    Measurements([3.0, 9.0], damping=[0.008, None])
 
 
-def test_dofs_may_be_named_by_digits():
-    shapes = [[1.0, 1.6], [1.6, -1.0]]
-    named = Measurements([0.1, 0.2], shapes, dofs=["1", "2"])
-    assert named.dofs.tolist() == ["1", "2"]
-    K = [[3.0, -1.0], [-1.0, 1.0]]
-    model = ef.MatrixModel(
-        np.zeros((2, 2)), np.eye(2), {"k": K}, n_modes=2, shapes={"2": 1, "1": 0}
-    )
-    paired = ef.PairedModel(model, named, candidates=2)
-    shape = paired({"k": np.ones(1)}).shapes[0]
-    whole = np.linalg.eigh(K)[1]
-    np.testing.assert_allclose(np.abs(shape), np.abs(whole), rtol=1e-12)
+def test_the_table_shows_the_standard_deviations_of_a_covariance():
+    m = Measurements(F, covariance=COVARIANCE, shapes=SHAPES)
+    frame = m.to_frame()
+    assert [*frame.columns] == ["mode", "f [Hz]", "sd [Hz]", "MPC"]
+    np.testing.assert_array_equal(frame["sd [Hz]"], np.sqrt(np.diag(COVARIANCE)))
+    assert "0.0316" in str(m) and "<td>0.0316</td>" in m._repr_html_()

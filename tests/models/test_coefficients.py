@@ -57,10 +57,6 @@ def test_functions_of_parameters_multiply_matrices(kind):
         mac = np.abs(np.diagonal(solution.shapes[i].T @ exact.shapes[0]))
         own = (exact.shapes[0] ** 2).sum(axis=0)
         np.testing.assert_allclose(mac, own, rtol=1e-6)
-
-
-@KINDS
-def test_derivatives_by_what_functions_read(kind):
     assert_jacobian(plate(kind, shapes=[2, 7]), arrays(AT))
 
 
@@ -109,29 +105,18 @@ def test_the_flexibility_of_frfs_takes_them():
 
 
 @pytest.mark.parametrize(
-    ("unit", "error", "message"),
+    ("unit", "message"),
     [
-        ((MASS, np.sqrt), TypeError, r"K\['a'\]: expected \(matrix, function\) with"),
-        ((MASS, lambda: 1.0), TypeError, "whose arguments are parameters"),
-        ((MASS, lambda *x: 1.0), TypeError, "whose arguments are parameters"),
-        ((MASS, bending, 1.0), TypeError, r"expected \(matrix, function\), got"),
-    ],
-)
-def test_functions_without_named_arguments_are_refused(unit, error, message):
-    with pytest.raises(error, match=message):
-        ef.MatrixModel(MASS, MASS, {"a": unit}, n_modes=1)
-
-
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (lambda t: 1.0, r"function of 'a': expected numbers \(2,\).*got \(\)"),
-        (lambda t: np.log(t - 1.0), r"finite numbers, got -?(nan|inf) at \{'t': 0\.8"),
-        (lambda t: t + 1j, "function of 'a': expected real numbers"),
+        ((MASS, np.sqrt), r"K\['a'\]: .*arguments are parameters"),
+        ((MASS, lambda: 1.0), "arguments are parameters"),
+        ((MASS, lambda *x: 1.0), "arguments are parameters"),
+        ((MASS, bending, 1.0), r"expected \(matrix, function\), got"),
+        ((MASS, lambda t: 1.0), r"function of 'a': expected numbers \(2,\).*got \(\)"),
+        ((MASS, lambda t: np.log(t - 1.0)), r"got -?(nan|inf) at \{'t': 0\.8"),
+        ((MASS, lambda t: t + 1j), "function of 'a': expected real numbers"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:(invalid|divide)")  # which is what is tested
-def test_what_functions_may_not_return(function, message):
-    model = ef.MatrixModel(MASS, MASS, {"a": (MASS, function)}, n_modes=1)
+def test_functions_of_other_forms_are_refused(unit, message):
     with pytest.raises((ValueError, TypeError), match=message):
-        model({"t": np.array([0.8, 1.2])})
+        ef.MatrixModel(MASS, MASS, {"a": unit}, n_modes=1)({"t": np.array([0.8, 1.2])})

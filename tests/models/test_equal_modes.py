@@ -5,11 +5,9 @@ import pytest
 from scipy import sparse
 from scipy.linalg import eigh
 from support.beams import assemble, bending, inertia
+from support.examples import load
 
 from emcee_femu import MatrixModel
-from emcee_femu.models.eigen_sparse import _krylov, lowest_modes
-
-CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
 
 
 def planes(n, lumped=False, copies=2):
@@ -18,29 +16,6 @@ def planes(n, lumped=False, copies=2):
     one = [assemble(bending(1 / n), n, half)[2:, 2:] for half in halves]
     M = assemble(inertia(1 / n, lumped), n)[2:, 2:]
     return [np.kron(np.eye(copies), A) for A in (*one, M)], 0
-
-
-def mast(n):
-    """Return a square lattice mast of n bays: its legs, its bracing, its mass."""
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    points = [(*at, z) for z in range(n + 1) for at in square]
-    legs, rest = [], []
-    for low in range(0, 4 * n, 4):
-        for i in range(4):
-            a, up, beside = low + i, low + 4 + i, low + 4 + (i + 1) % 4
-            legs.append((a, up))
-            rest += [(a, beside), (low + (i + 1) % 4, up), (up, beside)]
-        rest += [(low + 4, low + 6), (low + 5, low + 7)]
-    K = [np.zeros((12 * n + 12, 12 * n + 12)) for _ in "ab"]
-    for total, bars in zip(K, (legs, rest), strict=True):
-        for bar in bars:
-            first, second = np.array(points, dtype=float)[list(bar)]
-            along = (second - first) / np.linalg.norm(second - first)
-            at = np.ravel([[3 * i, 3 * i + 1, 3 * i + 2] for i in bar])
-            pull = np.r_[along, -along]
-            length = np.linalg.norm(second - first)
-            total[np.ix_(at, at)] += np.outer(pull, pull) / length
-    return [A[12:, 12:] for A in (*K, np.eye(12 * n + 12))], 0
 
 
 def ring(n):
@@ -57,29 +32,19 @@ def plate(n):
 
 
 def cube(n, free):
-    """Return a cube of n^3 bricks, with the stiffness by its two Lame constants."""
-    lame = np.zeros((2, 6, 6))
-    lame[0, :3, :3] = 1.0
-    lame[1] = np.diag([2.0, 2, 2, 1, 1, 1])
-    bricks = np.zeros((2, 24, 24))
-    for point in CORNERS / np.sqrt(3):  # of Gauss
-        f = 1 + CORNERS * point
-        slopes = CORNERS * f[:, [1, 0, 0]] * f[:, [2, 2, 1]] / 4
-        B = np.zeros((6, 24))
-        for row, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)]):
-            B[row, i::3] = slopes[:, j]
-            B[row, j::3] = slopes[:, i]
-        bricks += B.T @ lame @ B
+    """Return a cube of n^3 bricks, held at its faces or free."""
+    brick = load("large_model").brick(np.ones(3)) / 1e10
     node = np.arange((n + 1) ** 3).reshape(n + 1, n + 1, n + 1)
-    K, m = np.zeros((2, 3 * node.size, 3 * node.size)), np.zeros(3 * node.size)
-    for origin in np.ndindex(n, n, n):
-        nodes = node[tuple((np.array(origin) + (CORNERS + 1) // 2).T)]
-        at = (3 * nodes[:, None] + np.arange(3)).ravel()
-        K[:, at[:, None], at] += bricks
+    K, m = np.zeros((3 * node.size, 3 * node.size)), np.zeros(3 * node.size)
+    for x, y, z in np.ndindex(n, n, n):
+        nodes = node[z : z + 2, y : y + 2, x : x + 2].reshape(-1, 1)
+        at = (3 * nodes + np.arange(3)).ravel()
+        K[np.ix_(at, at)] += brick
         m[at] += 1.0
     kept = node if free else node[1:-1, 1:-1, 1:-1]
     at = (3 * kept.reshape(-1, 1) + np.arange(3)).ravel()
-    return [*K[:, at[:, None], at], np.diag(m[at])], 6 if free else 0
+    K = K[np.ix_(at, at)]
+    return [K, K @ K, np.diag(m[at])], 6 if free else 0
 
 
 def middles(n):
@@ -109,7 +74,6 @@ STRUCTURES = {
     "pole": planes(30),
     "pole, massless rotations": planes(50, lumped=True),
     "three planes": planes(20, copies=3),
-    "mast": mast(12),
     "ring": ring(150),
     "plate": plate(13),
     "cube, clamped": cube(5, free=False),
@@ -152,10 +116,10 @@ def wrong(name, n_modes, draws, seed):
 @pytest.mark.parametrize("n_modes", [5, 8])  # one of them ends amid equal modes
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_the_lowest_modes_are_all_found(name, n_modes):
-    assert wrong(name, n_modes, 8, seed=1) == 0
+    assert wrong(name, n_modes, 3, seed=1) == 0
 
 
-@pytest.mark.slow  # 13,000 solves, each beside LAPACK: minutes
+@pytest.mark.slow  # 12,000 solves, each beside LAPACK: minutes
 @pytest.mark.parametrize("n_modes", [4, 6, 7, 9, 20])
 @pytest.mark.parametrize("name", STRUCTURES)
 def test_the_lowest_modes_are_all_found_everywhere(name, n_modes):
@@ -168,17 +132,13 @@ def test_a_scaled_stiffness_scales_all_frequencies():
     pairs = np.repeat((i + 0.19 * (i == 1)) ** 4, 2)
     squares = np.sort(np.r_[pairs, 124 * i[:20] ** 2, 320 * i[:20] ** 2])
     K = sparse.csc_array(sparse.diags_array(squares))
-    unit = sparse.csc_array(sparse.eye_array(len(squares)))
-    model = MatrixModel(0 * K, unit, {"k": K}, n_modes=8)
-    k = np.geomspace(0.1, 10.0, 60)
+    model = MatrixModel(0 * K, sparse.eye_array(len(squares)), {"k": K}, n_modes=8)
+    k = np.geomspace(0.1, 10.0, 12)
     expected = np.sqrt(np.outer(k, squares[:8])) / (2 * np.pi)
     np.testing.assert_allclose(model({"k": k}).frequencies, expected, rtol=1e-9)
-    with pytest.raises(ValueError, match="n_modes: .* <= 25 "):
-        few = np.kron(np.eye(25), np.ones((3, 3)))
-        MatrixModel(0 * K[:75, :75], few, {"k": K[:75, :75]}, n_modes=26)({"k": k})
 
 
-@pytest.mark.parametrize("gap", [0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4])
+@pytest.mark.parametrize("gap", [0, 1e-12, 1e-8, 1e-4])
 @pytest.mark.parametrize("copies", [2, 3, 4, 6, 11])
 def test_modes_that_nearly_coincide_are_all_found(copies, gap):
     rng = np.random.default_rng(copies)
@@ -187,32 +147,41 @@ def test_modes_that_nearly_coincide_are_all_found(copies, gap):
     axes = np.linalg.qr(rng.normal(size=(100, 100)))[0]
     K, M = sparse.csc_array(axes * squares @ axes.T), sparse.csc_array(np.eye(100))
     for count in (5, 4 + copies - 1, 4 + copies, 5 + copies):
-        found = lowest_modes(K, M, count, 0, "here")[0]
-        np.testing.assert_allclose(found, np.sort(squares)[:count], rtol=1e-9)
+        found = (2 * np.pi * MatrixModel(K, M, {}, n_modes=count)({}).frequencies) ** 2
+        np.testing.assert_allclose(found[0], np.sort(squares)[:count], rtol=1e-9)
 
 
-def test_many_equal_modes_of_few_masses_are_all_found():
-    M = sparse.csc_array(np.diag(np.r_[np.ones(9), np.zeros(30)]))
-    K = sparse.csc_array(4.0 * np.eye(39))
-    values, vectors = lowest_modes(K, M, 9, 0, "here")
-    np.testing.assert_allclose(values, 4.0)
-    np.testing.assert_allclose(vectors.T @ (M @ vectors), np.eye(9), atol=1e-12)
+@pytest.mark.parametrize("rank", [9, 25])
+def test_many_equal_modes_of_few_masses_are_all_found(rank):
+    mass = np.kron(np.eye(rank), np.ones((3, 3)) if rank == 25 else np.eye(1))
+    M = sparse.csc_array(np.pad(mass, (0, 30)))
+    K = sparse.csc_array(4.0 * np.eye(len(mass) + 30))
+    omega = 2.0 / np.sqrt(len(mass) / rank)
+    model = MatrixModel(0 * K, M, {"k": K}, n_modes=rank, shapes=True)
+    frequencies, shapes = model({"k": np.ones(1)})
+    np.testing.assert_allclose(frequencies, omega / (2 * np.pi))
+    np.testing.assert_allclose(shapes[0].T @ M @ shapes[0], np.eye(rank), atol=1e-12)
+    with pytest.raises(ValueError, match=f"n_modes: .* <= {rank} "):
+        MatrixModel(0 * K, M, {"k": K}, n_modes=rank + 1)({"k": np.ones(1)})
 
 
-class Counted:
-    """The factors of a diagonal matrix, and how often they were asked."""
+def test_an_eigenvalue_that_rounding_made_negative_ends_no_later_than_others(
+    monkeypatch,
+):
+    calls, pivots = [], np.r_[-1e-9, np.linspace(20.0, 400.0, 399)]
 
-    def __init__(self, diagonal):
-        self.diagonal, self.calls = diagonal, 0
+    class Counted:
+        negative = 0
 
-    def solve(self, X):
-        self.calls += 1
-        return X / self.diagonal[:, None]
+        def solve(self, X):
+            calls.append(X)
+            return X / pivots[:, None]
 
-
-def test_an_eigenvalue_that_rounding_made_negative_ends_no_later_than_others():
-    diagonal = np.r_[-1e-9, np.arange(1.0, 400.0)]
-    counted, M = Counted(diagonal), sparse.csc_array(sparse.eye_array(400))
-    values, _ = _krylov(counted, M, 3, 0)
-    np.testing.assert_allclose(values, 1 / diagonal[:3], rtol=1e-6)
-    assert counted.calls < 50  # of 100 that fill the space
+    module = "emcee_femu.models.eigen_sparse"
+    monkeypatch.setattr(f"{module}.factor_definite", lambda A: Counted())
+    K = sparse.csc_array(sparse.diags_array(np.abs(pivots)))
+    model = MatrixModel(0 * K, sparse.eye_array(400), {"k": K}, n_modes=2, skip=1)
+    shift = 1e-6 * np.median(pivots[1:])
+    found = (2 * np.pi * model({"k": np.ones(1)}).frequencies[0]) ** 2
+    np.testing.assert_allclose(found, pivots[1:3] - shift, rtol=1e-6)
+    assert len(calls) < 50  # of 100 that fill the space

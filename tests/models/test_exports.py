@@ -57,7 +57,6 @@ def test_exports_show_which_powers_of_a_parameter_there_are():
     def plate(t):
         return np.diag(np.full(16, 5e4)) + 3e4 * t * membrane + t**3 * bent, t * M
 
-    build({"t": {1.3: plate(1.3)}}, plate(1.0))  # two are on a line, whatever they are
     with pytest.raises(ValueError, match=r"changes\['t'\]: K is no polynomial.*2 exp"):
         build({"t": {t: plate(t) for t in values[:2]}}, plate(1.0))
     for start in (1.0, -0.5):
@@ -79,11 +78,10 @@ def test_exports_show_which_powers_of_a_parameter_there_are():
 def test_a_parameter_of_which_a_matrix_is_no_polynomial_is_refused():
     K, M = PLAIN
     changes = {"a": {3.0: (3 * K, M), 2.0: (2 * K, 1.1 * M)}}
-    message = r"changes\['a'\]: M is no polynomial.*off by [0-9]+\.[0-9]% of a change"
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=r"changes\['a'\]: M is no polynomial"):
         build(changes)
     roots = {t: t**0.5 * K for t in (0.25, 0.5, 1.5, 2.0, 3.0)}
-    with pytest.raises(ValueError, match=r"K is no polynomial.*c1 x\^1 \+ c2 x\^2"):
+    with pytest.raises(ValueError, match=r"changes\['t'\]: K is no polynomial"):
         build({"t": roots})
 
 

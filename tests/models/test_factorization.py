@@ -1,4 +1,4 @@
-"""Factors by SuperLU and by PARDISO: against dense algebra, and against each other."""
+"""Models by SuperLU and by PARDISO: against closed forms, and against each other."""
 
 import gc
 import pickle
@@ -12,7 +12,7 @@ from scipy import sparse
 from support.examples import load
 
 import emcee_femu as ef
-from emcee_femu.models.factorization import factor_definite, factor_indefinite
+from emcee_femu.models.factorization import factor_indefinite
 
 MODULE = "emcee_femu.models.factorization"
 SOLVERS = ["SuperLU", "PARDISO"]
@@ -31,7 +31,12 @@ def choose(solver, monkeypatch):
 @pytest.fixture(params=SOLVERS)
 def solver(request, monkeypatch):
     choose(request.param, monkeypatch)
-    return request.param
+
+
+@pytest.fixture
+def pardiso(monkeypatch):
+    choose("PARDISO", monkeypatch)
+    return sys.modules["pypardiso"].ps
 
 
 def membrane(n):
@@ -45,163 +50,151 @@ def membrane(n):
     return sparse.csc_array(K), np.sort(np.add.outer(*lines).ravel())
 
 
-@pytest.mark.parametrize("columns", [None, 1, 5])
-def test_a_factor_solves_and_counts_negative_eigenvalues(solver, columns):
+def sprung(n):
+    """Return a static model of a membrane on springs k, and its forces."""
+    K, _ = membrane(n)
+    forces = np.random.default_rng(1).normal(size=(2, K.shape[0]))
+    cases = dict(zip("ab", forces, strict=True))
+    return ef.StaticModel(K, cases, {"k": sparse.eye_array(K.shape[0])}), forces
+
+
+def test_displacements_and_modes_are_exact_where_the_stiffness_is_positive(solver):
     K, eigenvalues = membrane(12)
-    b = np.random.default_rng(1).normal(size=(156, columns) if columns else 156)
-    for count in (0, 1, 40, 156):
-        shift = np.r_[0.0, eigenvalues, 9.0][count : count + 2].mean()
-        A = sparse.csc_array(K - shift * sparse.eye_array(156))
-        factor, given = factor_indefinite(A), b.copy()
-        assert factor.negative == count
-        np.testing.assert_allclose(A @ factor.solve(b), b, atol=1e-9)
-        np.testing.assert_array_equal(b, given)
-        definite = factor_definite(A)
-        if count:
-            assert definite is None
-        else:
-            np.testing.assert_allclose(definite.solve(b), factor.solve(b), rtol=1e-9)
+    model, forces = sprung(12)
+    for k in (0.0, -0.9 * eigenvalues[0], 9.0):
+        u = model({"k": np.array([k])})["displacement"][0]
+        found = u @ (K + k * sparse.eye_array(156))
+        np.testing.assert_allclose(found, forces, atol=1e-9)
+    found = ef.MatrixModel(K, sparse.eye_array(156), {}, n_modes=40)({}).frequencies
+    np.testing.assert_allclose(found[0], np.sqrt(eigenvalues[:40]) / 2 / np.pi)
+    for k in -eigenvalues[[0, 39, 155]] - 1e-6:
+        with pytest.raises(ValueError, match="not positive definite at .*'k': -"):
+            model({"k": np.array([k])})
 
 
-def test_a_matrix_that_is_not_positive_is_not_definite(solver):
-    K, eigenvalues = membrane(12)
-    empty = sparse.csc_array(([1.0], ([0], [0])), shape=(2, 2))
-    swap = sparse.csc_array(np.array([[0.0, 2.0], [2.0, 0.0]]))
-    weak = sparse.csc_array(K - eigenvalues[:2].mean() * sparse.eye_array(156))
-    assert (weak.diagonal() > 0).all()
-    for matrix in (empty, swap, -K, weak):
-        assert factor_definite(matrix) is None
+@pytest.mark.parametrize("matrix", [[[1.0, 0], [0, 0]], [[0, 2.0], [2.0, 0]]])
+def test_a_matrix_without_a_diagonal_is_not_definite(solver, matrix):
+    K = sparse.csc_array(matrix)
+    with pytest.raises(ValueError, match="not positive definite"):
+        ef.StaticModel(0 * K, {"a": np.ones(2)}, {"k": K})({"k": np.ones(1)})
 
 
-def test_a_matrix_without_a_stored_diagonal_is_factored(monkeypatch):
-    monkeypatch.setattr(f"{MODULE}.LARGE_DOFS", 1)  # PARDISO would read beyond its rows
-    swap = sparse.csc_array(np.array([[0.0, 2.0], [2.0, 0.0]]))
-    np.testing.assert_allclose(factor_indefinite(swap, 0.01).solve(np.ones(2)), 0.5)
+def modal():
+    """Return a model of a membrane, half of whose stiffness is unknown, and values."""
+    K, _ = membrane(14)
+    half = {"k": sparse.csc_array(K[:105].T @ K[:105])}
+    model = ef.MatrixModel(K, sparse.eye_array(210), half, n_modes=4, shapes=[3])
+    return model, {"k": np.array([0.2, 0.7])}
+
+
+def tied():
+    """Return a chain with two multipliers, and one whose K - lambda M has zeros."""
+    n, tie = 40, np.zeros((2, 40))
+    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    tie[0, [3, 20]], tie[1, [9, 30]] = (1, -1), (1, -2)
+    K = sparse.csc_array(np.block([[chain, tie.T], [tie, np.zeros((2, 2))]]))
+    M = sparse.diags_array(np.r_[np.ones(n), 0, 0])
+    part = sparse.diags_array(1.0 * (np.arange(n + 2) < 7))
+    model = ef.MatrixModel(K, M, {"k": part}, n_modes=4, shapes=[3])
+    return model, {"k": np.array([0.2, 0.7])}
+
+
+def answers_of(kind):
+    if kind == "static":
+        model, values = sprung(14)[0], {"k": np.array([0.2, 0.7])}
+        response, slopes = model.jacobian(values)
+        return response["displacement"], slopes["displacement"]["k"]
+    response, slopes = (modal if kind == "modal" else tied)()[0].jacobian(
+        {"k": np.array([0.2, 0.7])}
+    )
+    shapes = np.abs(response.shapes), np.abs(slopes["shapes"]["k"])
+    return response.frequencies, slopes["frequency"]["k"], *shapes
+
+
+@pytest.mark.parametrize("kind", ["modal", "static", "tied"])
+def test_models_answer_alike_with_either_solver(kind, monkeypatch):
+    pytest.importorskip("pypardiso", reason="pip install 'emcee_femu[pardiso]'")
+    results = []
+    for pardiso in (False, True):
+        with monkeypatch.context() as chosen:
+            if pardiso:  # which leaves to SuperLU what it cannot do
+                chosen.setattr(f"{MODULE}.LARGE_DOFS", 1)
+            results.append(answers_of(kind))
+            for first, again in zip(results[-1], answers_of(kind), strict=True):
+                np.testing.assert_array_equal(first, again)
+    for ours, theirs in zip(*results, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-12)
 
 
 def test_a_pivot_that_pardiso_would_replace_is_left_to_superlu(monkeypatch):
     pytest.importorskip("pypardiso", reason="pip install 'emcee_femu[pardiso]'")
     monkeypatch.setattr(f"{MODULE}.LARGE_DOFS", 1)
     small = 2.0**-33  # what is left of the second pivot
-    factor = factor_indefinite(
-        sparse.csc_array(np.array([[1, 1, 0], [1, 1 + small, 0], [0, 0, -3]]))
-    )
+    A = np.array([[1, 1, 0], [1, 1 + small, 0], [0, 0, -3]])
+    factor = factor_indefinite(sparse.csc_array(A))
     assert factor.negative == 1
     solution = factor.solve(np.array([0.0, 1.0, 3.0]))
     np.testing.assert_allclose(solution, [-1 / small, 1 / small, -1.0])
 
 
-def test_superlu_swaps_rows_where_it_may():
-    A = sparse.csc_array(np.array([[1e-20, 1.0], [1.0, 2e-20]]))
-    solution = factor_indefinite(A, 0.01).solve(np.array([1.0, 2.0]))
-    np.testing.assert_allclose(solution, [2.0, 1.0])
-
-
-# --- models -----------------------------------------------------------------------
-
-
-def plate(cls, *args, **options):
-    """Return a model of a membrane, half of whose stiffness is unknown, and values."""
-    K, _ = membrane(14)
-    half = sparse.csc_array(K[:105].T @ K[:105])
-    return cls(K, *args, {"k": half}, **options), {"k": np.array([0.2, 0.7])}
-
-
-def modal_answers():
-    model, values = plate(ef.MatrixModel, sparse.eye_array(210), n_modes=4, shapes=[3])
-    response, slopes = model.jacobian(values)
-    shapes = np.abs(response.shapes), np.abs(slopes["shapes"]["k"])
-    return response.frequencies, slopes["frequency"]["k"], *shapes
-
-
-def static_answers():
-    model, values = plate(ef.StaticModel, {"mid": {100: 1.0}, "all": np.ones(210)})
-    response, slopes = model.jacobian(values)
-    return response["displacement"], slopes["displacement"]["k"]
-
-
-@pytest.mark.parametrize("answers", [modal_answers, static_answers])
-def test_models_answer_alike_with_either_solver(answers, monkeypatch):
-    results = []
-    for solver in SOLVERS:
-        with monkeypatch.context() as chosen:
-            choose(solver, chosen)
-            results.append(answers())
-            for first, again in zip(results[-1], answers(), strict=True):
-                np.testing.assert_array_equal(first, again)
-    for ours, theirs in zip(*results, strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-12)
-
-
 def test_models_refuse_alike_with_either_solver(solver):
-    model, _ = plate(ef.MatrixModel, sparse.eye_array(210), n_modes=2)
     with pytest.raises(ValueError, match=r"mode 1 is not elastic .* \{'k': -1.0\}"):
-        model({"k": np.array([-1.0])})
-    model, _ = plate(ef.StaticModel, {"all": np.ones(210)})
-    with pytest.raises(ValueError, match="not positive definite at .*'k': -1.0"):
-        model({"k": np.array([-1.0])})
+        modal()[0]({"k": np.array([-1.0])})
     K, _ = membrane(14)
     off = sparse.diags_array([np.ones(209), np.ones(209)], offsets=[1, -1])
     with pytest.raises(ValueError, match="M0 is not positive definite"):
         ef.MatrixModel(K, sparse.csc_array(off + sparse.eye_array(210)), {}, n_modes=2)
 
 
-# --- PARDISO's memory, threads and processes --------------------------------------
+# --- PARDISO's memory, threads and processes
 
 
-@pytest.fixture
-def pardiso(monkeypatch):
-    choose("PARDISO", monkeypatch)
-    return sys.modules["pypardiso"].ps
-
-
-def test_memory_lasts_as_long_as_a_factor(pardiso):
-    K, _ = membrane(40)
+def test_memory_lasts_as_long_as_a_solve(pardiso):
+    (model, _), K = sprung(40), membrane(40)[0]
 
     def held():
         gc.collect()
         return int(pardiso.libmkl.MKL_Mem_Stat(byref(c_int())))
 
-    factor_definite(K)
+    model({"k": np.ones(1)})
     before = held()
-    solve = factor_definite(K).solve  # is all that is kept
-    size = held() - before
-    assert size > sparse.triu(K).data.nbytes  # L fills in
-    np.testing.assert_allclose(K @ solve(np.ones(1640)), 1.0)
-    del solve
-    for _ in range(5):
-        assert factor_definite(-K) is None and factor_indefinite(-K).negative == 1640
-    assert held() - before < size / 2  # of MKL's own, whatever the processor wants
+    for k in (1.0, 2.0, -9.0, -9.0, 3.0):
+        if k > 0:
+            model({"k": np.array([k])})
+        else:
+            with pytest.raises(ValueError, match="not positive definite"):
+                model({"k": np.array([k])})
+    assert held() - before < sparse.triu(K).data.nbytes / 2  # of one factor, at most
 
 
 def test_threads_have_factors_of_their_own(pardiso):
-    K, eigenvalues = membrane(30)
-    shifts = eigenvalues[:-1:40] + np.diff(eigenvalues)[::40] / 2
+    model, _ = sprung(30)
 
-    def count(shift):
-        A = sparse.csc_array(K - shift * sparse.eye_array(930))
-        return [factor_indefinite(A).negative for _ in range(5)]
+    def solve(k):
+        rows = np.full(5, k)
+        return model({"k": rows})["displacement"]
 
-    expected = [5 * [int((eigenvalues < shift).sum())] for shift in shifts]
+    values = np.linspace(0.0, 3.0, 16)
+    expected = [solve(k) for k in values]
     with ThreadPoolExecutor(4) as executor:
-        assert [*executor.map(count, shifts)] == expected
+        np.testing.assert_array_equal([*executor.map(solve, values)], expected)
 
 
 def test_the_number_of_threads_changes_no_bit(pardiso):
     M, parts = load("large_model").solid(6_000)
-    K, solutions = sparse.csc_array(sum(parts.values())), []
+    model = ef.StaticModel(sum(parts.values()), {"weight": M.diagonal()}, {})
     try:
-        for threads in (1, 2, 2):
+        solutions = []
+        for threads in (1, 2):
             pardiso.libmkl.MKL_Set_Num_Threads_Local(threads)
-            solutions.append(factor_definite(K).solve(M.diagonal()))
+            solutions.append(model({})["displacement"])
     finally:
         pardiso.libmkl.MKL_Set_Num_Threads_Local(0)  # as many as before
-    for solution in solutions:
-        np.testing.assert_array_equal(solution, solutions[0])
+    np.testing.assert_array_equal(*solutions)
 
 
 def test_a_model_that_was_solved_is_sent_to_other_processes(pardiso):
-    model, values = plate(ef.MatrixModel, sparse.eye_array(210), n_modes=4)
+    model, values = modal()
     before = model(values).frequencies
     after = pickle.loads(pickle.dumps(model))(values).frequencies
     np.testing.assert_array_equal(before, after)

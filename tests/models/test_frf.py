@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.sparse import csc_array
+from support.derivatives import differences
 
 import emcee_femu as ef
 
@@ -30,10 +31,10 @@ def test_one_degree_of_freedom(kind):
     np.testing.assert_allclose(found[:, 0, :, 1], exact.imag, rtol=1e-9)
 
 
-def chain(kind=np.array, n_modes=3, skip=0):
+def chain(kind=np.array, n_modes=3):
     """Return three masses on a chain of springs k1, k2, k3."""
-    ends = [np.array([1.0, 0, 0]), np.array([-1.0, 1, 0]), np.array([0, -1.0, 1])]
-    K = {f"k{i}": kind(np.outer(e, e)) for i, e in enumerate(ends, 1)}
+    ends = np.eye(3) - np.eye(3, k=1)
+    K = {f"k{i}": kind(np.outer(e, e)) for i, e in enumerate(ends.T, 1)}
     M = kind(np.diag([2.0, 1.5, 1.0]))
     return ef.MatrixModel(kind(np.zeros((3, 3))), M, K, n_modes=n_modes, shapes=True)
 
@@ -86,42 +87,25 @@ def test_the_residual_of_modes_that_were_left_out():
 
 
 DAMPINGS = {
-    "one": ("zeta", ("zeta",)),
-    "each": (["z1", 0.02, "z3"], ("z1", "z3")),
-    "proportional": ({"mass": "a", "stiffness": "b"}, ("a", "b")),
+    "one": ("zeta", {"zeta": 0.02}),
+    "each": (["z1", 0.02], {"z1": 0.03}),
+    "proportional": ({"mass": "a", "stiffness": "b"}, {"a": 0.7, "b": 5e-4}),
 }
 
 
 @pytest.mark.parametrize("residual", [True, False])
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_derivatives(damping, residual):
-    given, names = DAMPINGS[damping]
-    given = given[:2] if damping == "each" else given
-    names = names[:1] if damping == "each" else names
-    model = ef.frf.FRFModel(
-        chain(n_modes=2),
-        LINES,
-        CHANNELS,
-        damping=given,
-        kind="accelerance",
-        residual=residual,
-    )
-    own = np.tile([0.7, 5e-4] if damping == "proportional" else [0.02, 0.03], (4, 1))
-    theta = np.hstack([THETA, own[:, : len(names)]])
-    every = ("k1", "k2", "k3", *names)
-
-    def solve(at, key):
-        return model(dict(zip(every, at.T, strict=True)))[key]
-
-    response, slopes = model.jacobian(dict(zip(every, theta.T, strict=True)))
+    given, values = DAMPINGS[damping]
+    options = {"damping": given, "kind": "accelerance", "residual": residual}
+    model = ef.frf.FRFModel(chain(n_modes=2), LINES, CHANNELS, **options)
+    own = {name: np.full(4, value) for name, value in values.items()}
+    parameters = named(THETA) | own
+    response, slopes = model.jacobian(parameters)
+    called = model(parameters)
     for key, value in response.items():
-        np.testing.assert_array_equal(value, solve(theta, key))
-        steps = [1e-3] * 3 + [1e-6] * len(names)
-        for j, (name, step) in enumerate(zip(every, steps, strict=True)):
-            unit = np.eye(len(every))[j] * step
-            difference = (solve(theta + unit, key) - solve(theta - unit, key)) / (
-                2 * step
-            )
-            scale = np.abs(difference).max() + 1e-12
-            found = slopes[key].get(name, np.zeros_like(value))
-            np.testing.assert_allclose(found / scale, difference / scale, atol=1e-6)
+        np.testing.assert_array_equal(value, called[key])
+    for name in parameters:
+        expected = differences(model, parameters, name, "accelerance", 1e-4)
+        found, scale = slopes["accelerance"][name], np.abs(expected).max()
+        np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)

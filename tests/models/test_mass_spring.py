@@ -32,8 +32,9 @@ def matrices_by_hand(parameters, row):
     return K[1:, 1:], np.diag(FIVE_MASSES)
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, 20])
-@pytest.mark.parametrize(("k", "m"), [(1.0, 1.0), (3.7e6, 0.42)])
+@pytest.mark.parametrize(
+    ("n", "k", "m"), [(1, 1.0, 1.0), (2, 9.0, 4.0), (20, 3.7e6, 0.42)]
+)
 def test_a_chain_between_walls_has_the_textbook_frequencies(n, k, m):
     springs = {f"k{i}": (i, (i + 1) % (n + 1), k) for i in range(1, n + 1)}
     springs["k0"] = (0, 1, k)
@@ -67,19 +68,9 @@ def test_a_parameter_overrides_the_default_of_its_spring_only():
     frequencies = five_masses()(parameters).frequencies
     np.testing.assert_allclose(frequencies, expected, rtol=1e-12)
     assert not np.allclose(five_masses()({}).frequencies, expected, rtol=1e-3)
-
-
-def test_a_prior_names_the_springs_that_it_likes():
     model = five_masses(shapes=[3, 0])
-    springs = tuple(name for name in TEN_SPRINGS if name != "k7")
-    assert model.names == () and tuple(model.bounds) == springs
+    assert model.names == () and {*model.bounds} == {*TEN_SPRINGS} - {"k7"}
     assert model.variables == ef.modal_variables(5, (3, 0))
-    term = ef.FrequencyTerm(np.ones(5), relative_sd=0.1)
-    ef.LogPosterior(model, term, ef.IndependentPrior({"k3": (0.0, 9e3)}))
-    with pytest.raises(ValueError, match=r"no model or term reads \['k7'\]"):
-        ef.LogPosterior(model, term, ef.IndependentPrior({"k7": (1.0, 9e3)}))
-    with pytest.raises(ValueError, match=r"'k3' must stay above zero .*low >= 0"):
-        ef.LogPosterior(model, term, ef.IndependentPrior({"k3": (-1.0, 9e3)}))
 
 
 @pytest.mark.parametrize("shapes", [False, True])
@@ -96,21 +87,8 @@ def test_a_free_chain_has_the_textbook_frequencies_and_masses_as_parameters(shap
     assert_jacobian(model, parameters | {"k1": np.array([k, 2 * k])})
 
 
-def test_one_mass_overrides_its_default():
-    model = MassSpringModel(
-        {"m1": 9.0, "m2": 1.0}, {"k1": (0, 1, 9.0), "k2": (1, 2, 4.0)}
-    )
-    K, M = np.array([[13.0, -4.0], [-4.0, 4.0]]), np.diag([5.0, 1.0])
-    expected = np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi)
-    np.testing.assert_allclose(model({"m1": np.array([5.0])}).frequencies[0], expected)
-
-
-def test_a_chain_held_or_free_otherwise_than_it_says_is_refused():
+def test_masses_below_zero_and_more_rigid_modes_than_masses_are_refused():
     chain = {"k1": (1, 2, 5.0)}
-    with pytest.raises(ValueError, match="skip=0"):
-        MassSpringModel([1.0, 2.0], chain)({})
-    with pytest.raises(ValueError, match="skip=1"):
-        MassSpringModel([1.0, 2.0], chain | {"k0": (0, 1, 5.0)}, skip=1)({})
     with pytest.raises(ValueError, match="masses: .* skip=2"):
         MassSpringModel([1.0, 2.0], chain, skip=2)
     with pytest.raises(ValueError, match="m1"):

@@ -79,30 +79,6 @@ def test_a_free_chain_skips_its_rigid_body_mode(n, mass_varies):
     np.testing.assert_allclose(frequencies, omega / (2 * np.pi), rtol=1e-11)
 
 
-@pytest.mark.parametrize(
-    ("skip", "message"),
-    [
-        (0, r"mode 1 is not elastic.*at \{'k': 4.0\}.*beyond skip=0"),
-        (2, r"skip=2, but mode 2 is elastic: 0\.\d+ Hz at \{'k': 4.0\}"),
-    ],
-)
-def test_a_wrong_count_of_rigid_body_modes_is_refused(skip, message):
-    K = {"k": free_chain(5)}
-    model = MatrixModel(np.zeros((5, 5)), np.eye(5), K, n_modes=2, skip=skip)
-    with pytest.raises(ValueError, match=message):
-        model({"k": np.array([4.0])})
-
-
-def test_parameters_that_make_a_matrix_indefinite_are_named():
-    K, M = {"k": np.eye(2)}, {"m": np.diag([1.0, 0.0])}
-    model = MatrixModel(np.eye(2), np.eye(2), K, n_modes=1)
-    with pytest.raises(ValueError, match=r"omega\^2 = -1 .*at \{'k': -2.0\}"):
-        model({"k": np.array([1.0, -2.0, 3.0])})
-    model = MatrixModel(np.eye(2), np.eye(2), K, M, n_modes=1)
-    with pytest.raises(ValueError, match=r"mass .* at \{'k': 8.0, 'm': -3.0\}"):
-        model({"k": np.array([7.0, 8.0, 9.0]), "m": np.array([-0.5, -3.0, 2.0])})
-
-
 def test_the_model_says_what_it_reads_and_returns():
     K0, M0, K, M = matrices("a name in both K and M")
     model = MatrixModel(K0, M0, K, M, n_modes=np.int64(3))
@@ -128,50 +104,53 @@ def test_an_asymmetry_of_printed_digits_is_averaged_out(kind):
         MatrixModel(kind(nearly), kind(np.eye(30)), {}, n_modes=1)
 
 
-def test_swapped_matrices_are_suspected():
-    free = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    with pytest.raises(ValueError, match="or are K0 and M0 swapped?"):
-        MatrixModel(np.eye(2), free, {}, n_modes=1)
+FREE = {"k": free_chain(5)}
+ONE, INDEFINITE = {"k": np.eye(5)}, {"m": np.diag([1.0, 1, 1, 1, 0])}
 
 
-def with_held(kind):
-    """Return a free chain of four with two rows that an export kept, and a part."""
-    K = np.pad(free_chain(4), (1, 1))
-    K += np.diag([1.0, 0, 0.5, 0, 0, 1.0])
-    return kind(K), kind(np.eye(6))
+@pytest.mark.parametrize(
+    ("K0", "K", "M", "skip", "message"),
+    [
+        (0, FREE, {}, 0, r"mode 1 is not elastic.*at \{'k': 4.0\}.*beyond skip=0"),
+        (0, FREE, {}, 2, r"skip=2, but mode 2 is elastic: 0\.\d+ Hz at \{'k': 4.0\}"),
+        (1, ONE, {}, 1, r"skip=1, but mode 1 is elastic: 0\.\d+ Hz at \{'k': 4.0\}"),
+        (-5, ONE, {}, 0, r"omega\^2 = -1 .*at \{'k': 4.0\}"),
+        (1, ONE, INDEFINITE, 0, r"mass .* at \{'k': 8.0, 'm': -3.0\}"),
+    ],
+)
+@pytest.mark.parametrize("kind", [np.asarray, sparse.csc_array])
+def test_wrong_matrices_are_named_by_their_parameters(kind, K0, K, M, skip, message):
+    K, M = ({n: kind(A) for n, A in units.items()} for units in (K, M))
+    model = MatrixModel(
+        kind(K0 * np.eye(5)), kind(np.eye(5)), K, M, n_modes=2, skip=skip
+    )
+    if kind is not np.asarray and K0 < 0:  # a pivot says no more
+        message = r"mode 1 is not elastic .*at \{'k': 4.0\}"
+    with pytest.raises(ValueError, match=message):
+        model({"k": np.array([4.0, 8.0]), "m": np.array([2.0, -3.0])})
+    with pytest.raises(ValueError, match="K0 and M0 swapped"):
+        MatrixModel(np.eye(5), FREE["k"], {}, n_modes=1)
 
 
 @pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
 def test_rows_of_held_dofs_are_named(kind):
-    K, M = with_held(kind)
-    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
-        MatrixModel(0 * K, M, {"E": K}, n_modes=2)
-    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
-        MatrixModel.from_differences((K, M), {"E": {2.0: (2 * K, M)}}, n_modes=2)
-    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
-        MatrixModel(K, 0 * M, {}, {"rho": M}, n_modes=2)
-    part = kind(np.diag([0.0, 0, 1.0, 0, 0, 0]))
-    with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
-        MatrixModel(K, M, {"k": part}, n_modes=2)
-    with pytest.warns(UserWarning, match=r"rows \[0\]"):
-        MatrixModel(
-            kind(np.diag([1.0, 1e4])),
-            kind(np.eye(2)),
-            {"k": kind(np.diag([0.0, 1.0]))},
-            n_modes=1,
-        )
-
-
-@pytest.mark.parametrize("kind", [np.array, sparse.csc_array])
-def test_rows_that_parameters_scale_or_that_have_no_mass_are_not_doubted(kind):
+    """A free chain of four with two rows that an export kept, and parts of it."""
+    held = np.pad(free_chain(4), (1, 1)) + np.diag([1.0, 0, 0.5, 0, 0, 1.0])
+    K, M, part = kind(held), kind(np.eye(6)), kind(np.diag([0.0, 0, 1, 0, 0, 0]))
+    makers = [
+        lambda: MatrixModel(0 * K, M, {"E": K}, n_modes=2),
+        lambda: MatrixModel(K, 0 * M, {}, {"rho": M}, n_modes=2),
+        lambda: MatrixModel(K, M, {"k": part}, n_modes=2),
+        lambda: MatrixModel.from_differences((K, M), {"E": {2: (2 * K, M)}}, n_modes=2),
+    ]
+    for make in makers:
+        with pytest.warns(UserWarning, match=r"rows \[0, 5\]"):
+            make()
     K = kind(np.diag([1.0, 4.0, 9.0]))
     MatrixModel(0 * K, kind(np.eye(3)), {"k": K}, n_modes=2)  # modal coordinates
-    K, M = with_held(kind)
-    if kind is sparse.csc_array:  # a mode at infinity
-        MatrixModel(0 * K, kind(np.diag([0, 1.0, 1, 1, 1, 0])), {"E": K}, n_modes=2)
 
 
-@pytest.mark.parametrize("held", [1e13, 1e20, 1e36])
+@pytest.mark.parametrize("held", [1e13, 1e36])
 @pytest.mark.parametrize("lumped", [True, False])
 def test_dofs_that_a_large_stiffness_holds_are_held(held, lumped):
     """A dense solver rounds all eigenvalues to a share of the largest one."""
@@ -183,13 +162,8 @@ def test_dofs_that_a_large_stiffness_holds_are_held(held, lumped):
     options = {"n_modes": 4, "shapes": kept}
     model = MatrixModel(0 * K, M, {"k": K, "g": ground, "p": penalty}, **options)
     inner = np.ix_(kept, kept)
-    exact = MatrixModel(
-        0 * K[inner],
-        M[inner],
-        {"k": K[inner], "g": ground[inner]},
-        n_modes=4,
-        shapes=True,
-    )
+    K1, M1, g1 = K[inner], M[inner], ground[inner]
+    exact = MatrixModel(0 * K1, M1, {"k": K1, "g": g1}, n_modes=4, shapes=True)
     given = {"k": np.array([1.0, 0.7]), "g": np.array([0.5, 2.0])}
     firmly = given | {"p": np.full(2, held)}
     solution, slopes = model.jacobian(firmly)
@@ -211,7 +185,9 @@ def test_dofs_that_a_large_stiffness_holds_are_held(held, lumped):
     np.testing.assert_allclose(
         assembled(firmly).frequencies, model(firmly).frequencies, rtol=1e-12
     )
-    both = {"k": np.ones(2), "g": np.ones(2), "p": np.array([1e3, held])}
-    alone = [model({k: v[[i]] for k, v in both.items()}) for i in (0, 1)]
-    for i, single in enumerate(alone):  # others in the batch change nothing
-        np.testing.assert_array_equal(model(both).frequencies[i], single.frequencies[0])
+    both = firmly | {"p": np.array([1e3, held])}
+    for i, row in enumerate(
+        model(both).frequencies
+    ):  # others in a batch change nothing
+        alone = model({name: value[[i]] for name, value in both.items()})
+        np.testing.assert_array_equal(row, alone.frequencies[0])

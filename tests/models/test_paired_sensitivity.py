@@ -86,24 +86,6 @@ def test_modes_that_always_coincide_share_a_space_that_has_a_derivative():
     assert_jacobian(model, parameters, step=1e-3, **CLOSE)
 
 
-def test_the_frequencies_of_crossed_modes_are_in_the_order_of_the_measured_ones():
-    K = {"a": np.diag([1.0, 0.0]), "b": np.diag([0.0, 1.0])}
-    model = MatrixModel(np.zeros((2, 2)), np.eye(2), K, n_modes=2, shapes=True)
-    test = Measurements([1.0, 2.0], shapes=np.eye(2))
-    model = PairedModel(model, test, candidates=2)
-    p = {"a": np.array([1.0, 9.0]), "b": np.array([4.0, 4.0])}
-    response, derivatives = model.jacobian(p)
-    assert response.model_mode.tolist() == [[1, 2], [2, 1]]
-    f = response.frequency
-    expected = {"a": f * [1, 0] / (2 * p["a"][:, None])}
-    expected["b"] = f * [0, 1] / (2 * p["b"][:, None])
-    for name in "ab":
-        np.testing.assert_allclose(
-            derivatives["frequency"][name], expected[name], rtol=1e-12
-        )
-        np.testing.assert_allclose(derivatives["mac"][name], 0.0, atol=1e-12)
-
-
 def test_only_a_model_with_derivatives_passes_them_on():
     with_them = paired(oscillators(GAPS["apart"], 2))
     copy = pickle.loads(pickle.dumps(with_them))

@@ -55,7 +55,7 @@ def draw(n, seed=3):
 
 @pytest.mark.parametrize("skip", [0, 1])
 @pytest.mark.parametrize("mass_varies", [False, True])
-@pytest.mark.parametrize("n_modes", [3, 12, SIZE - 1])
+@pytest.mark.parametrize("n_modes", [3, SIZE - 1])
 def test_sparse_equals_dense(skip, mass_varies, n_modes):
     K, M = groups(free=skip == 1)
     K0, M0 = sparse.csc_array((SIZE, SIZE)), sparse.eye_array(SIZE, format="csc")
@@ -68,8 +68,6 @@ def test_sparse_equals_dense(skip, mass_varies, n_modes):
     np.testing.assert_allclose(ours.frequencies, theirs.frequencies, rtol=1e-7)
     signs = np.sign((ours.shapes * theirs.shapes).sum(axis=1, keepdims=True))
     np.testing.assert_allclose(ours.shapes, signs * theirs.shapes, atol=1e-6, rtol=0)
-    with pytest.raises(TypeError, match="M0: a sparse matrix beside a dense"):
-        MatrixModel(K0.toarray(), M0, K, n_modes=2)
     mixed = MatrixModel(K0, M0.toarray(), dense(K), dense(M), **options)(draw(4))
     np.testing.assert_allclose(mixed.frequencies, ours.frequencies, rtol=1e-12)
 
@@ -89,56 +87,19 @@ def test_a_chain_of_30_000_masses_has_its_analytic_frequencies(free):
     np.testing.assert_allclose(model({"k": k}).frequencies, expected, rtol=1e-7)
 
 
-@pytest.mark.parametrize(("lumped", "rate"), [(False, 4), (True, 4)])
-def test_a_pinned_beam_converges_to_theory(lumped, rate):
+@pytest.mark.parametrize("lumped", [False, True])
+def test_a_pinned_beam_converges_to_theory(lumped):
     exact, errors = np.arange(1, 5) ** 2 * np.pi / 2, []
     for n in (20, 40):  # massless rotations stay where the mass is lumped
         model = MatrixModel(*pinned_beam(n, lumped), {}, n_modes=4)
         errors.append(model({}).frequencies[0] / exact - 1)
     assert np.abs(errors[1]).max() < 1e-4
-    assert (np.abs(np.log2(errors[0] / errors[1]) - rate) < 0.1).all()
+    assert (np.abs(np.log2(errors[0] / errors[1]) - 4) < 0.1).all()
 
 
-@pytest.mark.parametrize("n", [8, 60])  # 8: solved dense
-@pytest.mark.parametrize("free", [False, True])
-def test_a_mass_of_reduced_integration_may_be_singular(n, free):
-    # Two-node bars with all mass at their middle: M = B^T B has fewer rows than DOFs.
-    K = chain(n + 1, free)
-    B = 0.5 * sparse.eye_array(n, n + 1) + 0.5 * sparse.eye_array(n, n + 1, k=1)
-    M = sparse.csc_array(B.T @ B)
-    frequencies = MatrixModel(K, M, {}, n_modes=3, skip=int(free))({}).frequencies[0]
-    shift = 1e-3 if free else 0
-    flexibility = np.linalg.inv(K.toarray() + shift * M.toarray())
-    inverse = np.linalg.eigvalsh((B @ flexibility) @ B.T)[::-1]
-    eigenvalues = 1 / inverse[int(free) : 3 + int(free)] - shift
-    np.testing.assert_allclose(
-        frequencies, np.sqrt(eigenvalues) / (2 * np.pi), rtol=1e-8
-    )
-
-
-def test_a_mass_that_is_negative_somewhere_is_refused():
-    K, M = chain(30), sparse.eye_array(30) - 1.02 * sparse.eye_array(30, k=1)
-    with pytest.raises(ValueError, match=r"M0 is not positive definite"):
-        MatrixModel(K, 0.5 * (M + M.T), {}, n_modes=3)
-    _, M = groups()
-    model = MatrixModel(chain(SIZE), sparse.eye_array(SIZE), {}, M, n_modes=2)
-    with pytest.raises(ValueError, match=r"mass matrix at \{'load': -3.0\} is not pos"):
-        model({"load": np.array([1.0, -3.0])})
-
-
-@pytest.mark.parametrize("n", [15, 60])
-def test_modes_of_equal_frequency_are_all_found(n):
-    K, eye = chain(n), sparse.eye_array(n)
-    one = MatrixModel(K, eye, {}, n_modes=5)({}).frequencies[0]
-    both = [sparse.block_diag([matrix, matrix]) for matrix in (K, eye)]
-    frequencies, shapes = MatrixModel(*both, {}, n_modes=10, shapes=True)({})
-    np.testing.assert_allclose(frequencies[0], np.repeat(one, 2), rtol=1e-9)
-    np.testing.assert_allclose(shapes[0].T @ shapes[0], np.eye(10), atol=1e-8)
-
-
-@pytest.mark.parametrize("n", [90, 2000])
-@pytest.mark.parametrize("stiff", [1e2, 1e5])
-@pytest.mark.parametrize("factor", [1e-9, 1e9])
+@pytest.mark.parametrize(
+    ("n", "stiff", "factor"), [(90, 1e2, 1e9), (90, 1e5, 1e-9), (600, 1e5, 1e9)]
+)
 def test_rigid_body_modes_are_skipped_at_any_scale(n, stiff, factor):
     # Pairs of masses, rigid but for 1 / stiff, on soft springs: a chain of the pairs.
     K = stiff * chain(n, True, range(1, n, 2)) + chain(n, True, range(2, n, 2))
@@ -148,7 +109,7 @@ def test_rigid_body_modes_are_skipped_at_any_scale(n, stiff, factor):
     np.testing.assert_allclose(frequencies, omega / (2 * np.pi), rtol=1 / stiff)
 
 
-@pytest.mark.parametrize("n", [50, 500, 5000])
+@pytest.mark.parametrize("n", [50, 500])
 def test_a_free_chain_is_no_elastic_one(n):
     # Its last pivot is rounding, of either sign.
     for seed in range(12):
@@ -159,53 +120,16 @@ def test_a_free_chain_is_no_elastic_one(n):
             MatrixModel(K, sparse.eye_array(n), {}, n_modes=3)({})
 
 
-@pytest.mark.parametrize(
-    ("k", "free", "skip", "message"),
-    [
-        (-1.0, False, 0, r"mode 1 is not elastic .* at \{'k': -1.0\}"),
-        (3.0, True, 0, r"mode 1 is not elastic .* at \{'k': 3.0\}.*beyond skip=0"),
-        (1.0, False, 1, r"skip=1, but mode 1 is elastic: 0.0\d+ Hz at \{'k': 1.0\}"),
-        (1.0, True, 3, r"skip=3, but mode 3 is elastic"),
-    ],
-)
-def test_a_wrong_stiffness_is_named_by_its_parameters(k, free, skip, message):
-    K0, K = sparse.csc_array((50, 50)), {"k": chain(50, free)}
-    model = MatrixModel(K0, sparse.eye_array(50), K, n_modes=2, skip=skip)
-    with pytest.raises(ValueError, match=message):
-        model({"k": np.array([k])})
-
-
-def test_few_DOFs_with_mass_equal_static_condensation():
-    K, m, at = chain(80).toarray(), np.zeros(80), [9, 33, 34, 71]
-    m[at] = [1.0, 2.0, 0.5, 3.0]
-    rest = np.delete(np.arange(80), at)
-    inner = np.linalg.solve(K[np.ix_(rest, rest)], K[np.ix_(rest, at)])
-    condensed = K[np.ix_(at, at)] - K[np.ix_(at, rest)] @ inner
-    expected = MatrixModel(condensed, np.diag(m[at]), {}, n_modes=4, shapes=True)({})
-    model = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=4, shapes=True)
-    frequencies, shapes = model({})
-    np.testing.assert_allclose(frequencies, expected.frequencies, rtol=1e-10)
-    overlap = shapes[0, at].T @ np.diag(m[at]) @ expected.shapes[0]
-    np.testing.assert_allclose(np.abs(overlap), np.eye(4), atol=1e-9)
-    np.testing.assert_allclose(shapes[0, rest], -inner @ shapes[0, at], atol=1e-9)
-    many = MatrixModel(chain(80), sparse.diags_array(m), {}, n_modes=5)
-    with pytest.raises(ValueError, match=r"<= 4.*rank.*got 5"):
-        many({})
-
-
 def test_a_constraint_by_a_lagrange_multiplier_is_solved():
     """Two masses that a multiplier ties: k = 3 + 5 and m = 2; then on a chain."""
     K = sparse.csc_array(np.array([[3.0, 0, 1], [0, 5, -1], [1, -1, 0]]))
     model = MatrixModel(K, sparse.csc_array(np.diag([1.0, 1, 0])), {}, n_modes=1)
     np.testing.assert_allclose(model({}).frequencies, [[2 / (2 * np.pi)]], rtol=1e-9)
-    n = 40
-    chain = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    tie = np.zeros((2, n))
+    n, tie = 40, np.zeros((2, 40))
     tie[0, [3, 20]], tie[1, [9, 30]] = (1, -1), (1, -2)
-    K = np.block([[chain, tie.T], [tie, np.zeros((2, 2))]])
-    M = np.diag(np.r_[np.ones(n), 0, 0])
+    K = np.block([[chain(n).toarray(), tie.T], [tie, np.zeros((2, 2))]])
+    M = sparse.csc_array(np.diag(np.r_[np.ones(n), 0, 0]))
     free = null_space(tie)
-    exact = eigh(free.T @ chain @ free, eigvals_only=True)[:5]
-    model = MatrixModel(sparse.csc_array(K), sparse.csc_array(M), {}, n_modes=5)
-    found = (2 * np.pi * model({}).frequencies[0]) ** 2
-    np.testing.assert_allclose(found, exact, rtol=1e-8)
+    exact = eigh(free.T @ chain(n) @ free, eigvals_only=True)[:5]
+    found = MatrixModel(sparse.csc_array(K), M, {}, n_modes=5)({}).frequencies[0]
+    np.testing.assert_allclose((2 * np.pi * found) ** 2, exact, rtol=1e-8)

@@ -11,10 +11,7 @@ from emcee_femu import DEMCMove, IndependenceMove, MetropolisMove
 TARGETS = {"gaussian": Gaussian, "bounded": BoundedTriangle}
 UNIT, FAR = (1.0, 1.0, 1.0), (1e-8, 1.0, 1e8)  # areas beside stiffnesses
 BOLD = {"live_dangerously": True}
-
-
-def metropolis(target):
-    return MetropolisMove(sd=0.6 * target.scale)
+SLOW = pytest.mark.slow  # of a small bias
 
 
 def correlated(target):
@@ -48,23 +45,19 @@ def walk(target):
 
 
 CASES = [  # move, or what makes it for a target; walkers; dimension; scale
-    *[(DEMCMove(**BOLD), n, 3, UNIT) for n in (4, 6, 32)],
+    (DEMCMove(**BOLD), 4, 3, UNIT),
     (DEMCMove(**BOLD), 10, 3, FAR),
-    (DEMCMove([0.0, 0.02, 0.3], **BOLD), 6, 3, UNIT),
-    (DEMCMove(0.0, gamma0=0.4, **BOLD), 6, 3, UNIT),
-    (DEMCMove(mode_jump=0.5, **BOLD), 6, 3, UNIT),
-    *[(DEMCMove(nsplits=n, **BOLD), 6, 3, UNIT) for n in (4, 6)],
-    (DEMCMove(randomize_split=False, **BOLD), 6, 3, UNIT),
+    (DEMCMove([0.0, 0.02, 0.3], gamma0=0.4, mode_jump=0.5, **BOLD), 6, 3, UNIT),
+    (DEMCMove(nsplits=4, randomize_split=False, **BOLD), 6, 3, UNIT),
     *[
         (make, n, 3, scale)
-        for make in (metropolis, correlated, badly_fitted(1), badly_fitted(3), walk)
+        for make in (correlated, badly_fitted(3), walk)
         for n, scale in ((1, UNIT), (6, FAR))
     ],
     (unequal, 6, 3, UNIT),
-    (walk, 99, 3, UNIT),  # a wrong factor has a small bias
     # In one dimension, where constants have values of their own.
     (DEMCMove(), 6, 1, UNIT),
-    *[(make, 3, 1, UNIT) for make in (correlated, badly_fitted(1), badly_fitted(3))],
+    *[(make, 3, 1, UNIT) for make in (correlated, badly_fitted(1))],
 ]
 
 
@@ -78,15 +71,14 @@ def z_of(case, kind, **effort):
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("case", CASES)
 def test_the_move_keeps_the_target(case, target):
-    assert z_of(case, target) < LIMIT
+    assert z_of(case, target, ensembles=80, steps=8) < LIMIT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("target", TARGETS)
-def test_demc_keeps_the_target_at_high_power(target):
-    # Ten times the power, before which a bias of the synchronous kind cannot hide.
-    case = DEMCMove(**BOLD), 4, 3, UNIT
-    assert z_of(case, target, ensembles=1_000, steps=30) < LIMIT
+@pytest.mark.parametrize("case", [(DEMCMove(**BOLD), 4, 3, UNIT), (walk, 99, 3, UNIT)])
+def test_the_target_is_kept_at_high_power(case):
+    """The law at a power before which a bias of the synchronous kind cannot hide."""
+    assert z_of(case, "gaussian", ensembles=600, steps=30) < LIMIT
 
 
 # Mutants: each breaks a move in one way, and the exact start must see it.
@@ -136,14 +128,15 @@ SHIFTED = Gaussian().sample(np.random.default_rng(1), (2_000,)) + 0.3
 MUTANTS = {  # move, walkers, ensembles, steps
     # The bias of the first is the smallest, and grows for 30 steps.
     "all from one generation": (Synchronous(**BOLD), 4, 450, 30),
-    "guided by itself": (GuidedByItself(**BOLD), 4, 100, 12),
-    "differences of one sign": (OneSign(), 6, 50, 12),
-    "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 50, 12),
+    "guided by itself": (GuidedByItself(**BOLD), 4, 80, 8),
+    "differences of one sign": (OneSign(), 6, 80, 8),
+    "no density": (NoHastingsFactor.fit(SHIFTED, df=3.0), 6, 80, 8),
 }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("mutant", MUTANTS)
+@pytest.mark.parametrize(
+    "mutant", [pytest.param(m, marks=SLOW) if m[:3] == "all" else m for m in MUTANTS]
+)
 def test_the_check_catches_a_broken_move(mutant):
     move, *effort = MUTANTS[mutant]
     assert exact_start(move, Gaussian(), *effort) > LIMIT

@@ -22,8 +22,7 @@ def shifted(theta):
 TARGETS = {"gaussian": GaussianLaw(), "bounded": BoundedLaw()}
 INNER = {  # each with the walkers of a block; those of the package move together
     "DE-MC, few walkers": (DEMCMove(live_dangerously=True), 4),
-    "DE-MC with mode jumps": (DEMCMove(mode_jump=0.3), 8),
-    "DE-MC, one after another": (DEMCMove(nsplits=6, gamma0=0.5), 6),
+    "DE-MC, in three parts": (DEMCMove(nsplits=3, mode_jump=0.3), 6),
     "Metropolis": (MetropolisMove(sd=0.3), 1),
     "delayed": (ef.moves.DelayedAcceptanceMove(MetropolisMove(sd=0.3), shifted), 3),
 }
@@ -51,8 +50,7 @@ class Blocks:
         return np.column_stack(values).reshape(n, walkers // len(self.betas), -1)
 
 
-def largest_z(move, target, block=8, ensembles=100, steps=8):
-    """Return the largest |z|; infinite if a row is not that of its walker."""
+def largest_z(move, target, block=8, ensembles=50, steps=6):
     n = block * len(move.betas)
     return exact_start(move, Blocks(target, move.betas), n, ensembles, steps)
 
@@ -62,14 +60,7 @@ def largest_z(move, target, block=8, ensembles=100, steps=8):
 def test_every_block_keeps_its_tempered_target(target, inner):
     move, block = INNER[inner]
     tempered = ef.moves.TemperedMove(move, BETAS)
-    assert largest_z(tempered, TARGETS[target], block, ensembles=60) < LIMIT
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("target", TARGETS)
-def test_every_block_keeps_its_target_at_high_power(target):
-    move = ef.moves.TemperedMove(DEMCMove(mode_jump=0.1), [1.0, 0.4, 0.1, 0.0])
-    assert largest_z(move, TARGETS[target], ensembles=400, steps=13) < LIMIT
+    assert largest_z(tempered, TARGETS[target], block, ensembles=50) < LIMIT
 
 
 def test_each_block_accepts_by_its_own_power_of_the_likelihood():
@@ -93,7 +84,7 @@ def nowhere(theta):
     return np.full(len(theta), -np.inf), np.zeros((len(theta), 2))
 
 
-@pytest.mark.parametrize("betas", [[1.0, 0.3], [1.0, 0.3, 0.0], [1.0, 0.6, 0.2, 0.0]])
+@pytest.mark.parametrize("betas", [[1.0, 0.3], [1.0, 0.6, 0.2, 0.0]])
 def test_every_pair_of_blocks_exchanges_by_the_ratio_of_its_likelihoods(betas):
     """Only one pair may exchange, with one ratio, whose power is accepted."""
     block = 1_000
@@ -151,29 +142,21 @@ def test_conversion_tables_and_diagnosis_use_the_cold_walkers_alone():
 OTHER = ef.moves.TemperedMove(DEMCMove(mode_jump=1.0), [1, 0.3, 0])
 
 
-@pytest.mark.parametrize("moves", [[MOVE, DEMCMove()], [(MOVE, 0.5), (OTHER, 0.5)]])
-def test_walkers_without_one_temperature_are_refused(moves):
-    with pytest.raises(ValueError, match="every move .* same betas"):
-        sampled(moves=moves)
-
-
 @pytest.mark.parametrize(
-    ("options", "error", "match"),
+    ("options", "error", "named"),
     [
-        ({"nwalkers": 35}, ValueError, "nwalkers: expected a multiple of 3"),
-        ({"nwalkers": 24}, RuntimeError, "than 24, .* 8 for each of 3 .* 60 would"),
+        ({"moves": [MOVE, DEMCMove()]}, ValueError, "betas"),
+        ({"moves": [(MOVE, 0.5), (OTHER, 0.5)]}, ValueError, "betas"),
+        ({"nwalkers": 35}, ValueError, "nwalkers: .* 3"),
+        ({"nwalkers": 24}, RuntimeError, "24, .* 8 for each of 3"),
     ],
 )
-def test_ensembles_that_do_not_fit_are_refused(options, error, match):
-    with pytest.raises(error, match=match):
+def test_what_does_not_fit_the_temperatures_is_refused(options, error, named):
+    with pytest.raises(error, match=named):
         sampled(**options)
-
-
-def test_a_log_probability_without_blobs_is_refused():
     sampler = emcee.EnsembleSampler(36, 2, lambda x: -0.5 * x @ x, moves=MOVE)
-    start = np.random.default_rng(1).normal(size=(36, 2))
-    with pytest.raises(ValueError, match="log-prior .* got no blobs"):
-        sampler.run_mcmc(start, 1)
+    with pytest.raises(ValueError, match="blobs"):  # they have the log-prior
+        sampler.run_mcmc(np.random.default_rng(1).normal(size=(36, 2)), 1)
 
 
 def cut(parameters, modes):

@@ -1,5 +1,6 @@
+"""Pooled tests: quadrature, what is shown, tests out of reach, and refusals."""
+
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -11,42 +12,24 @@ from support.repeated import as_idata
 import emcee_femu as ef
 
 POPULATION = ef.population.NormalPopulation(["k1", "k2"])
-QUICK = {"seed": 1, "steps": 80, "ensembles": 2}
+HEAT = np.linspace(-5, 30, 6)
+WARMER = np.array([10.0, 5.0]) + np.outer(0.05 * (HEAT - HEAT.mean()), [1, 0])
+GIVEN = {"sd k2": stats.lognorm(0.5, scale=0.3)}
 
 
 @pytest.fixture(scope="module")
 def pooled():
-    """Two parameters at eight temperatures: the first depends on them."""
-    tests, measured = many(1)
-    heat = np.linspace(-5, 30, 8)
-    shifted = {
-        name: shift(test, 0.05 * (t - heat.mean()))
-        for (name, test), t in zip(tests.items(), heat, strict=True)
-    }
+    """Two parameters at six temperatures: the first depends on them."""
+    tests, measured = many(1, 6, WARMER, number=250)
     population = ef.population.NormalPopulation(
-        ["k1", "k2"], covariates={"T": dict(zip(tests, heat.tolist(), strict=True))}
-    )
-    found = ef.pool_tests(shifted, population, seed=1, steps=300, ensembles=2)
-    return found, measured + np.outer(0.05 * (heat - heat.mean()), [1, 0]), heat
-
-
-def shift(test, by):
-    """Return a test whose likelihood lies elsewhere, drawn from anew."""
-    posterior = test["posterior"]
-    theta = np.column_stack([posterior[k].values.ravel() for k in ("k1", "k2")])
-    lp, log_prior = (
-        test["sample_stats"][k].values.ravel() for k in ("lp", "log_prior")
-    )
-    moved = theta + [by, 0.0]
-    mean, sd = (test["constant_data"][k].values for k in ("prior_mean", "prior_sd"))
-    law = stats.norm(mean + [by, 0.0], sd)  # the prior moves with the draws
-    return as_idata(
         ["k1", "k2"],
-        moved,
-        lp - log_prior + law.logpdf(moved).sum(axis=1),
-        law.logpdf(moved),
-        (mean, sd),
+        covariates={"T": dict(zip(tests, HEAT.tolist(), strict=True))},
+        hyperpriors=GIVEN,
     )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("emcee_femu.sampling.auto.BENT", 0.0)  # no surface: it costs 8 s
+        found = ef.pool_tests(tests, population, seed=1, steps=120, ensembles=2)
+    return found, measured
 
 
 def exact_population(measured, error, design, hyperpriors):
@@ -54,7 +37,7 @@ def exact_population(measured, error, design, hyperpriors):
     *linear, sd_law = hyperpriors
     prior = np.diag([law.var() for law in linear])
     centre = np.array([law.mean() for law in linear])
-    spreads = np.linspace(0.004, 1.6, 400)
+    spreads = np.linspace(0.004, 1.6, 200)
     weights, means, variances = [], [], []
     for s in spreads:
         noise = (s**2 + error**2) * np.eye(len(measured))
@@ -71,20 +54,20 @@ def exact_population(measured, error, design, hyperpriors):
 
 
 def test_means_slopes_and_spreads_are_those_of_quadrature(pooled):
-    found, measured, heat = pooled
-    design = np.column_stack([np.ones(8), heat - heat.mean()])
+    found, measured = pooled
+    design = np.column_stack([np.ones(6), HEAT - HEAT.mean()])
     for i, name in enumerate(["k1", "k2"]):
         keys = [f"mean {name}", f"{name} per T", f"sd {name}"]
         laws = [found.population.hyperpriors[key] for key in keys]
         mean, sd = exact_population(measured[:, i], 0.2, design, laws)
         drawn = np.array([found.idata["posterior"][key].values.ravel() for key in keys])
-        np.testing.assert_allclose((drawn.mean(axis=1) - mean) / sd, 0, atol=0.12)
-        np.testing.assert_allclose(drawn.std(axis=1) / sd, 1, atol=0.12)
+        np.testing.assert_allclose((drawn.mean(axis=1) - mean) / sd, 0, atol=0.15)
+        np.testing.assert_allclose(drawn.std(axis=1) / sd, 1, atol=0.15)
 
 
 def test_each_test_shrinks_towards_the_population(pooled):
-    found, measured, heat = pooled
-    centred = heat - heat.mean()
+    found, measured = pooled
+    centred = HEAT - HEAT.mean()
     hyper = found.hyperdraws
     for i, name in enumerate(["k1", "k2"]):
         location = hyper[f"mean {name}"] + centred[:, None] * hyper[f"{name} per T"]
@@ -93,43 +76,46 @@ def test_each_test_shrinks_towards_the_population(pooled):
         expected = means.mean(axis=1)
         sd = np.sqrt((0.04 * gain).mean() + means.var(axis=1))
         error = (found.theta[:, :, i].mean(axis=0) - expected) / sd
-        assert abs(error).max() < 0.25  # 1,000 draws, and 400 of each test
+        assert abs(error).max() < 0.25  # 1,000 draws, and 250 of each test
         np.testing.assert_allclose(found.theta[:, :, i].std(axis=0) / sd, 1, atol=0.2)
     np.testing.assert_array_equal(found.draws("test 3")["k2"], found.theta[:, 2, 1])
 
 
-def test_tables_and_conclusion_say_what_was_found(pooled):
-    found, _, _ = pooled
-    text = str(found)
-    assert "at T = 12.5" in text and "next test's k2" in text
-    assert all(test in found.conclusion for test in found.unreached)
-    assert found.test_table.column("test") == [f"test {i}" for i in range(1, 9)]
+def test_tables_say_what_was_found_and_hyperpriors_are_stated_or_replaced(pooled):
+    found, _ = pooled
+    assert "T = 12.5" in str(found)
+    assert found.test_table.column("test") == [f"test {i}" for i in range(1, 7)]
     names = ef.parameter_table(found.idata).column("parameter")
-    assert (*names,) == found.population.parameters
-    assert found.idata["log_likelihood"]["tests"].shape[2:] == (8,)  # for loo
-    assert found.run.posterior.names == (*names,)
+    assert (*names,) == found.population.parameters == found.run.posterior.names
+    assert found.idata["log_likelihood"]["tests"].shape[2:] == (6,)  # for loo
+    theta = np.array([[9.5, 5.0, 0.01, 0.02, 1.0, 0.4]])
+    values = dict(zip(names, theta[0], strict=True))
+    laws = found.population.hyperpriors
+    expected = sum(laws[name].logpdf(value) for name, value in values.items())
+    assert found.run.posterior.prior.logpdf(theta)[0] == pytest.approx(expected)
+    assert laws["sd k2"].logpdf(0.4) == GIVEN["sd k2"].logpdf(0.4)
+    assert "lognorm(0.5, scale=0.3)" in str(found.population)
 
 
 def test_few_effective_draws_with_a_heavy_tail_are_out_of_reach(pooled):
-    k, effective = np.full(8, 0.8), np.full(8, 300.0)
+    k, effective = np.full(6, 0.8), np.full(6, 300.0)
     k[0], effective[[0, 3]] = 0.6, 50.0
     found = dataclasses.replace(pooled[0], pareto_k=k, effective=effective)
-    assert found.unreached == ("test 4",)
+    assert found.unreached == ("test 4",) and "test 4" in found.conclusion
 
 
 def test_the_figures_show_each_test_twice_and_the_population(pooled):
-    found, _, _ = pooled
+    found, _ = pooled
     figure = ef.figures.plot_population(found)
     assert [axes.get_xlabel() for axes in figure.axes] == ["k1", "k2"]
     labels = [tick.get_text() for tick in figure.axes[0].get_yticklabels()]
-    assert labels == [*found.tests, "population's mean", "next test"]
+    assert labels[:6] == [*found.tests]
     grey, blue = figure.axes[1].collections[:2]
     alone, together = (np.array(c.get_segments())[:, :, 0] for c in (grey, blue))
     assert np.ptp(alone, axis=1).mean() > np.ptp(together, axis=1).mean()
     expected = np.quantile(found.theta[:, 0, 1], [0.025, 0.975])
     np.testing.assert_allclose(together[0], expected)
-    (text,) = [c for c in figure.legends[0].get_texts() if "next" in c.get_text()]
-    assert text.get_text() == "next test, T = 12.5"
+    assert any("T = 12.5" in text for text in legend(figure))
     along = ef.figures.plot_population(found, "T")
     line = along.axes[0].lines[0]
     slope = np.polyfit(*line.get_data(), 1)[0]
@@ -137,55 +123,36 @@ def test_the_figures_show_each_test_twice_and_the_population(pooled):
     assert along.axes[0].get_xlabel() == "T"
 
 
-def _three_solutions(parameters, response):
+def three_solutions(parameters, response):
     k = parameters["k1"][:, None]
     distance = (k - [1.0, 2.4, 5.2]) / [0.1, 0.1, 0.2]
     return np.logaddexp.reduce(-0.5 * distance**2, axis=1)
 
 
-def beside_an_odd_one(measured):
-    """Return tests of one parameter, the odd one's posterior, and a population.
+@pytest.mark.slow
+def test_a_test_out_of_reach_is_named_and_reached_when_it_is_sampled_again():
+    """The law of ``posteriors``: draws in two wrong ones of three solutions.
 
-    Of the odd one's three solutions its draws hold the two wrong ones, for which the
-    population is too narrow.
+    They drag the population, and so far that another test, 4.5 sds off, is lost too.
     """
     rng, names, prior = np.random.default_rng(2), ["k1"], np.array([[3.0], [3.0]])
     tests = {
         f"t{i}": normal_test(rng, np.array([m]), np.array([[0.04]]), prior, names=names)
-        for i, m in enumerate(measured)
+        for i, m in enumerate(5 + 0.1 * np.arange(6))
     }
     gaussian = ef.GaussianPrior(names, *prior)
     model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
-    posterior = ef.LogPosterior(model, _three_solutions, gaussian)
+    posterior = ef.LogPosterior(model, three_solutions, gaussian)
     theta = rng.normal(np.repeat([1.0, 2.4], 200), 0.1)[:, None]
     log_prior = gaussian.logpdfs(theta)
-    lp = _three_solutions({"k1": theta[:, 0]}, None) + log_prior[:, 0]
+    lp = three_solutions({"k1": theta[:, 0]}, None) + log_prior[:, 0]
     tests["odd"] = as_idata(names, theta, lp, log_prior, prior)
     narrow = {"sd k1": stats.uniform(0.0, 0.2)}
     population = ef.population.NormalPopulation(names, hyperpriors=narrow)
-    return tests, posterior, population
-
-
-@pytest.mark.slow
-def test_a_test_out_of_reach_is_named():
-    """It drags the population from 5.2 to 4.8, where the draws of the others reach."""
-    tests, _, population = beside_an_odd_one(np.linspace(5.1, 5.3, 10))
-    found = ef.pool_tests(tests, population, **QUICK)
-    assert found.unreached == ("odd",) and found.pareto_k[-1] > 1
-    assert found.hyperdraws["mean k1"].mean() < 4.95
-    assert re.search("odd: do not trust.*Sample these tests again", found.conclusion)
-    figure = ef.figures.plot_population(found)
-    assert "to be sampled again" in legend(figure)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_test_sampled_again_is_reached(seed):
-    """And so is the one that it had dragged the population off from, as 4.5 sds are."""
-    tests, posterior, population = beside_an_odd_one(5 + 0.1 * np.arange(6))
-    options = QUICK | {"steps": 300, "seed": seed}
+    options = {"seed": 1, "steps": 300, "ensembles": 2}
     dragged = ef.pool_tests(tests, population, **options)
     assert dragged.unreached == ("odd", "t5") and dragged.effective[-2] < 15
+    assert "odd" in dragged.conclusion and dragged.pareto_k[-1] > 1
     options["posteriors"] = {"odd": posterior}
     mended = ef.pool_tests(tests, population, **options)
     assert mended.unreached == ()
@@ -193,30 +160,26 @@ def test_a_test_sampled_again_is_reached(seed):
     assert mended.hyperdraws["sd k1"].mean() < dragged.hyperdraws["sd k1"].mean()
 
 
-@pytest.mark.slow
-def test_the_prior_of_parameters_that_are_not_pooled_stays():
+def posed(prior):
+    model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
+    return ef.LogPosterior(model, lambda p, r: np.zeros(len(r.frequencies)), prior)
+
+
+def test_the_prior_of_parameters_that_are_not_pooled_stays(pooled):
+    found, _ = pooled
     prior = ef.IndependentPrior({"k1": stats.norm(5, 2), "noise": stats.expon(scale=2)})
-    tests, _ = many(1, tests=3)
-    found = ef.pool_tests(tests, POPULATION, seed=1, steps=30, ensembles=1)
-    with pytest.raises(ValueError, match=r"posterior: it has no parameter \['k2'\]"):
-        found.under_population("test 1", _posterior(prior))
+    with pytest.raises(ValueError, match=r"posterior: .*\['k2'\]"):
+        found.under_population("test 1", posed(prior))
     both = ef.IndependentPrior({**prior.marginals, "k2": stats.norm(4, 1)})
-    under = found.under_population("test 1", _posterior(both))
+    under = found.under_population("test 1", posed(both))
     assert under.names == ("k1", "noise", "k2")
     assert under.prior.marginals["noise"].mean() == 2.0
-    new = found.next_test()["k2"]
-    assert under.prior.marginals["k2"].marginal.std() == pytest.approx(1.2 * new.std())
     gaussian = ef.GaussianPrior(["k1", "k2", "e"], [9.0, 5.0, 0.1], 1.0, [(0, 20)] * 3)
-    under = found.under_population("test 1", _posterior(gaussian))
+    under = found.under_population("test 1", posed(gaussian))
     grid = np.linspace(0.1, 3, 5)
     cut = stats.truncnorm(-0.1, 19.9, 0.1, 1.0).logpdf(grid)
     np.testing.assert_allclose(under.prior.marginals["e"].logpdf(grid), cut)
     assert under.prior.bounds.tolist() == [[0, 20]] * 3
-
-
-def _posterior(prior):
-    model = ef.FunctionModel(lambda p: [1.0], n_modes=1)
-    return ef.LogPosterior(model, lambda p, r: np.zeros(len(r.frequencies)), prior)
 
 
 TESTS, _ = many(3, tests=3, number=120)
@@ -227,33 +190,14 @@ BOX = np.array([[0.0, 20.0], [0.0, 9.0]])
 
 
 @pytest.mark.parametrize(
-    ("test", "population", "message"),
+    ("test", "population", "named"),
     [
         (TESTS["test 1"], ef.population.NormalPopulation(["k1", "E"]), r"\['E'\]"),
-        (LACKING, ONE, "lacks the log-prior"),
-        (
-            many(1, number=50)[0]["test 1"],
-            POPULATION,
-            "100 different draws, got 50",
-        ),
-        (many(1, bounds=BOX)[0]["test 1"], POPULATION, r"have the bounds \[\[0.0, 20"),
+        (LACKING, ONE, "log-prior"),
+        (many(1, number=50)[0]["test 1"], POPULATION, "got 50"),
+        (many(1, bounds=BOX)[0]["test 1"], POPULATION, r"bounds \[\[0.0, 20"),
     ],
 )
-def test_tests_that_do_not_fit_are_named(test, population, message):
-    with pytest.raises(ValueError, match=rf"tests\['.*'\]: .*{message}"):
+def test_tests_that_do_not_fit_are_named(test, population, named):
+    with pytest.raises(ValueError, match=rf"tests\['.*'\]: .*{named}"):
         ef.pool_tests({**TESTS, "b": test}, population, seed=1)
-
-
-def test_hyperpriors_are_stated_and_can_be_replaced():
-    given = {"sd k2": stats.lognorm(0.5, scale=0.3), "mean k2": (3.0, 7.0)}
-    population = ef.population.NormalPopulation(["k1", "k2"], hyperpriors=given)
-    assert "by the tests" in str(population)
-    pooled = ef.pool_tests(TESTS, population, seed=1, steps=10, ensembles=1)
-    text = str(pooled.population)
-    assert "norm(10.3, 1)" in text and "halfnorm(scale=1)" in text
-    assert "lognorm(0.5, scale=0.3)" in text
-    theta = np.array([[9.5, 5.0, 1.0, 0.4]])
-    expected = stats.norm(10.3, 1).logpdf(9.5) + np.log(1 / 4)
-    expected += stats.halfnorm(scale=1).logpdf(1.0)
-    expected += stats.lognorm(0.5, scale=0.3).logpdf(0.4)
-    assert pooled.run.posterior.prior.logpdf(theta)[0] == pytest.approx(expected)

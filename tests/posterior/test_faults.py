@@ -1,7 +1,5 @@
 """A solve that fails, however it does: what is raised, and where it was."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from support.faulty import FAULTS, MODELS, is_as_raised, posterior
@@ -11,9 +9,8 @@ import emcee_femu as ef
 
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("column", [0, 1])
-def test_an_evaluation_says_what_was_wrong_and_where(model, fault, column):
-    log_posterior = posterior(model, fault, column)
+def test_an_evaluation_says_what_was_wrong_and_where(model, fault):
+    log_posterior = posterior(model, fault, column=1)
     with pytest.raises((ValueError, RuntimeError, ArithmeticError)) as caught:
         log_posterior([1.5, 0.75])
     assert is_as_raised(caught.value, fault)
@@ -30,54 +27,35 @@ TERM = ef.FrequencyTerm([10.0, 20.0], sd=[0.5, 0.5])
 PRIOR = ef.GaussianPrior(["a", "b"], [0, 0], [1, 1])
 
 
-def test_a_batch_that_fails_names_its_parameter_sets_but_not_hundreds():
-    batch = ef.LogPosterior(broken, TERM, PRIOR)
+@pytest.mark.parametrize("number", [2, 256])
+def test_a_batch_that_fails_names_its_parameter_sets_but_not_hundreds(number):
     with pytest.raises(ArithmeticError, match="singular") as caught:
-        batch([[0.0, 0.0], [1.5, 0.25]])
-    assert "'a': 1.5, 'b': 0.25" in caught.value.__notes__[0]
-    with pytest.raises(ArithmeticError) as caught:
-        batch([[1.5, 0.25]] * 256)
-    assert 1 < caught.value.__notes__[0].count("'a': 1.5") < 20
-    assert "more" in caught.value.__notes__[0]
-
-
-def one_set(parameters):
-    return [float(parameters["a"]), 2.0]
+        ef.LogPosterior(broken, TERM, PRIOR)([[1.5, 0.25]] * number)
+    assert 1 < caught.value.__notes__[0].count("'a': 1.5, 'b': 0.25") < 20
 
 
 @pytest.mark.parametrize(
-    "function", [one_set, lambda p: [p["a"], p["b"]], partial(list)]
+    "function",
+    [lambda p: [float(p["a"]), 2.0], lambda p: [p["a"], p["b"]]],
 )
-def test_a_function_of_one_parameter_set_is_no_model_and_says_how_it_becomes_one(
-    function,
-):
-    posterior = ef.LogPosterior(function, TERM, PRIOR)
+def test_a_function_of_one_parameter_set_is_told_how_it_becomes_a_model(function):
     with pytest.raises(TypeError) as caught:
-        posterior([[0.0, 0.0], [1.5, 0.25]])
+        ef.LogPosterior(function, TERM, PRIOR)([[0.0, 0.0], [1.5, 0.25]])
     text = "\n".join([str(caught.value), *caught.value.__notes__])
-    assert "becomes a model by FunctionModel(function)" in text
-
-
-class Typo:
-    variables = ef.modal_variables(2)
-
-    def __call__(self, parameters):
-        return parameters["A"]
+    assert "FunctionModel(function)" in text
 
 
 @pytest.mark.parametrize(
-    ("model", "remedied"),
+    ("function", "remedied"),
     [
-        (ef.FunctionModel(lambda p: p["A"]), True),
-        (Typo(), True),
-        (ef.FunctionModel(lambda p: [p[0], p[1]]), True),
-        (ef.FunctionModel(lambda p: {}["a"]), False),  # a fault of another kind
-        (ef.FunctionModel(lambda p: {}[3]), False),
+        (lambda p: p["A"], True),
+        (lambda p: [p[0], p[1]], True),
+        (lambda p: {}["a"], False),  # a fault of another kind
     ],
 )
-def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(model, remedied):
+def test_a_model_that_asks_for_a_wrong_name_is_told_the_right_ones(function, remedied):
     with pytest.raises(KeyError) as caught:
-        ef.LogPosterior(model, TERM, PRIOR)([1.0, 1.0])
+        ef.LogPosterior(ef.FunctionModel(function), TERM, PRIOR)([1.0, 1.0])
     place, *names = caught.value.__notes__
     assert "'a': 1.0" in place
     assert ["a, b" in note for note in names] == [True] * remedied

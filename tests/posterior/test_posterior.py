@@ -61,15 +61,14 @@ def test_row_is_posterior_prior_terms_frequencies():
         "frequency[2]",
     )
     assert_array_equal(rows[:, posterior.columns["frequency"]], rows[:, 4:])
+    same = pickle.loads(pickle.dumps(posterior))
+    assert_array_equal(same(theta), rows)
 
 
-@pytest.mark.parametrize("shape", [(), (0,), (1,), (4,)])
-def test_one_vector_gives_one_row_and_a_batch_gives_rows(shape):
-    posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
-    assert posterior(np.full((*shape, 2), 0.1)).shape == (*shape, 5)
-
-
-def test_a_batch_in_any_memory_order_equals_a_loop():
+def test_a_batch_of_any_size_and_memory_order_equals_a_loop():
+    for shape in ((), (0,), (1,), (4,)):
+        small = ef.LogPosterior(Linear(), TERM, PRIOR)
+        assert small(np.full((*shape, 2), 0.1)).shape == (*shape, 5)
     posterior = ef.paper.mass_spring().posterior
     theta = posterior.start(60, 1) * np.random.default_rng(2).uniform(0.9, 1.1, (60, 5))
     rows = posterior(theta)
@@ -92,7 +91,7 @@ def test_rows_outside_are_rejected_and_never_reach_the_model():
     assert model.rows == [2, 2]
 
 
-@pytest.mark.parametrize("batch", [[INSIDE] * 3, [INSIDE, OUTSIDE], INSIDE])
+@pytest.mark.parametrize("batch", [[INSIDE, OUTSIDE], INSIDE])
 def test_theta_and_other_models_survive_one_that_overwrites_its_input(batch):
     theta = np.array(batch, order="F")
     rows = ef.LogPosterior(Linear(overwrite=True), TERM, PRIOR)(theta)
@@ -133,12 +132,14 @@ class Within:
     [
         (SPRINGS, ONE, {"k3": (1, 9)}, "k3"),  # which no spring has
         (MATRICES, ONE, {"s": (1, 9)}, "t"),  # which the prior lacks
-        (SPRINGS, ONE, {"k2": stats.norm(5, 1)}, "k2.*above zero"),
+        (SPRINGS, ONE, {"k2": stats.norm(5, 1)}, "k2"),  # it may be below zero
         (ef.FunctionModel(abs, 2), ef.FrequencyTerm([1, 2, 3.0], sd=0.1),
          {"k1": (1, 9)}, "3 .*2"),
         (Linear(), [TERM, TERM], {"a": (0, 0.1), "b": (0, 0.1)}, "frequency"),
         (Within(), ONE, {"k": (0.9, 2.0)}, "k.*1, 2"),
         (Within(), ONE, {"k": (1.0, 2.1)}, "k.*1, 2"),
+        (SPRINGS, ef.FrequencyTerm([1.0], discrepancy="noise"), {"k1": (1, 9)},
+         "'noise'"),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_together_is_named(model, terms, marginals, named):
@@ -160,17 +161,11 @@ def test_a_model_that_returns_a_wrong_shape_is_refused(frequencies):
         posterior([INSIDE] * 3)
 
 
-def test_a_pickled_posterior_gives_the_same_bits():
-    posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
-    theta, copy = posterior.start(20, 1), pickle.loads(pickle.dumps(posterior))
-    assert_array_equal(copy(theta), posterior(theta))
-
-
 def test_starts_are_draws_of_the_prior_and_repeat_with_their_seed():
     posterior = ef.LogPosterior(Linear(), TERM, PRIOR)
     first, again, other = (posterior.start(500, seed) for seed in (3, 3, 4))
     assert first.shape == (500, 2) and np.isfinite(PRIOR.logpdf(first)).all()
     assert_array_equal(first, again)
     assert not np.isin(first, other).any()
-    sd = PRIOR.sample(np.random.default_rng(9), 50_000).std(axis=0)
+    sd = PRIOR.sample(np.random.default_rng(9), 20_000).std(axis=0)
     assert_allclose(first.std(axis=0), sd, rtol=0.15)

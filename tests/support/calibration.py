@@ -1,8 +1,6 @@
-"""Simulation-based calibration of two posteriors, and its check.
+"""Simulation-based calibration, and its check.
 
-The paper's mass-spring system: five stiffnesses by five frequencies. And a mass on a
-spring that carries two oscillators, whose modes may cross, with three frequencies and
-shapes, paired, and an inferred discrepancy.
+The paper's mass-spring system: five stiffnesses by five frequencies.
 
 Parameters are drawn from the prior and measured frequencies are simulated with them.
 The parameters are then themselves a draw of the posterior given these frequencies, so
@@ -16,10 +14,6 @@ exp(-beta (f / fm - 1)^2 / 2) / fm. With u = f / fm this is exp(-beta (u - 1)^2 
 whatever f is, so that its constant does not depend on the parameters: fm = f / u with u
 drawn from this density, cut at 8 standard deviations from 1. f (1 + noise) resembles it
 to first order only.
-
-Of a discrepancy the constant depends on it: by the factor 1 + sigma^2, 0.25 % at most,
-which no 200 data sets can show. A measured shape errs by the angle a from the true one,
-with a density proportional to exp(-sin^2 a / 2 delta^2) on the sphere.
 
 Sources: Talts, Betancourt, Simpson, Vehtari and Gelman (2018), arXiv:1804.06788;
 Modrak et al. (2023), arXiv:2211.02383, on the log-likelihood as a test quantity.
@@ -38,25 +32,6 @@ PRIOR = PROBLEM.posterior.prior
 BETA = PROBLEM.posterior.terms[0].beta[0]
 QUANTITIES = (*PRIOR.names, "log-likelihood")
 AUTO_WALKERS, SNAPSHOTS, AUTO_APART = 16, 4, 10  # about four autocorrelation times
-
-RELATIVE_SD, DELTA = 0.005, 0.05
-PAIRED_PRIOR = ef.GaussianPrior(
-    ["k1", "k2", "k3", "error"],
-    [400.0, 40.0, 40.0, 0.0],
-    [100.0, 8.0, 8.0, 0.01],
-    [(100.0, 800.0), (15.0, 65.0), (15.0, 65.0), (0.0, 0.05)],
-)
-CARRIED = ef.MatrixModel(
-    np.zeros((3, 3)),
-    np.diag([10.0, 1.0, 1.0]),
-    {
-        "k1": np.diag([1.0, 0.0, 0.0]),
-        "k2": np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 0.0, 0.0]]),
-        "k3": np.array([[1.0, 0.0, -1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 1.0]]),
-    },
-    n_modes=3,
-    shapes=True,
-)
 
 
 def shorten_search(monkeypatch):
@@ -81,18 +56,6 @@ def simulated(frequencies, beta, rng):
     return measured
 
 
-def simulated_shape(shape, rng):
-    """Draw a measured shape ``(3,)`` from the law that the likelihood states."""
-    while True:  # the density of s = sin a, by rejection from Rayleigh's
-        s = DELTA * np.sqrt(2 * rng.standard_exponential())
-        if s < 0.5 and rng.random() < np.sqrt(0.75 / (1 - s**2)):
-            break
-    unit = shape / np.linalg.norm(shape)
-    across = rng.standard_normal(3)
-    across -= unit * (unit @ across)
-    return unit * np.sqrt(1 - s**2) + s * across / np.linalg.norm(across)
-
-
 def mass_spring(rng, stated_beta=BETA):
     """Return the posterior of a simulated data set, and the truth ``(1, 5)``."""
     truth = PRIOR.sample(rng, 1)
@@ -100,25 +63,6 @@ def mass_spring(rng, stated_beta=BETA):
     measured = simulated(modes.frequencies[0], BETA, rng)
     term = ef.FrequencyTerm(measured, beta=stated_beta)
     return ef.LogPosterior(PROBLEM.model, term, PRIOR), truth
-
-
-def paired(rng, stated_delta=DELTA):
-    """Return the posterior of a simulated data set, and the truth ``(1, 4)``."""
-    truth = PAIRED_PRIOR.sample(rng, 1)
-    *stiffnesses, error = truth[0]
-    modes = CARRIED({f"k{i}": np.array([k]) for i, k in enumerate(stiffnesses, 1)})
-    beta = 1 / (RELATIVE_SD**2 + error**2)
-    frequencies = simulated(modes.frequencies[0], beta, rng)
-    shapes = [simulated_shape(shape, rng) for shape in modes.shapes[0].T]
-    order = np.argsort(frequencies)
-    test = ef.Measurements(frequencies[order], shapes=np.transpose(shapes)[:, order])
-    terms = [
-        ef.FrequencyTerm(test, relative_sd=RELATIVE_SD, discrepancy="error"),
-        ef.ShapeTerm(test, delta=stated_delta),
-    ]
-    # Sharing the space of close modes would be another law than the simulated one.
-    model = ef.PairedModel(CARRIED, test, candidates=3, min_gap=0.0)
-    return ef.LogPosterior(model, terms, PAIRED_PRIOR), truth
 
 
 def rank(run, posterior, truth):

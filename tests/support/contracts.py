@@ -9,7 +9,7 @@ import pickle
 import numpy as np
 from scipy import stats
 
-from emcee_femu.contracts import read, read_declared
+import emcee_femu as ef
 
 
 def _row(values, i):
@@ -24,7 +24,7 @@ def assert_model(model, parameters, rtol=1e-9):
         parameters: ``{name: (n,)}``, of at least two different sets.
         rtol: How far a batch may be from its rows, as a share of the largest number.
     """
-    declared = read_declared(model, "variables")
+    declared = ef.contracts.read_declared(model, "variables")
     assert declared, "the model must have variables"
     before = {name: np.array(value) for name, value in parameters.items()}
     batch = model(parameters)
@@ -36,13 +36,15 @@ def assert_model(model, parameters, rtol=1e-9):
     for name, variable in declared.items():
         if not (variable.coords or variable.stored):
             continue  # of a shape that is not known, or not there
-        value = np.asarray(read(batch, name))
+        value = np.asarray(ef.contracts.read(batch, name))
         expected = (n, *variable.shape)
         assert value.shape == expected, f"{name}: {value.shape}, declared {expected}"
         assert np.isfinite(value).all(), f"{name} is not finite"
         assert np.ptp(value, axis=0).any(), f"{name} is the same for all parameters"
-        assert np.array_equal(read(copied, name), value), f"{name} of a pickled copy"
-        single = np.concatenate([read(one, name) for one in singles])
+        assert np.array_equal(ef.contracts.read(copied, name), value), (
+            f"{name} of a pickled copy"
+        )
+        single = np.concatenate([ef.contracts.read(one, name) for one in singles])
         atol = rtol * np.abs(value).max()
         np.testing.assert_allclose(single, value, rtol, atol, err_msg=f"{name}, alone")
 

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from emcee_femu.contracts import read
+import emcee_femu as ef
+
+read = ef.contracts.read
 
 STENCIL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}  # exact to the fourth power
 CENTRAL = {-1: -1 / 2, 1: 1 / 2}

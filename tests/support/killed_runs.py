@@ -81,27 +81,6 @@ def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
 
 
-def die_at(kind, path, size):
-    """Run until a file is that large: the system ends us in the middle of a write."""
-    signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    limit(size)
-    KINDS[kind](path, steps=STEPS)
-
-
-def deaths_in_writes(kind, path, number):
-    """Let runs die in writes all over their files; return how often they did."""
-    KINDS[kind](path, steps=STEPS)
-    size, deaths = os.path.getsize(path), 0
-    for part in range(number):
-        os.remove(path)
-        # In the first write, and at odd numbers, so that no other one ends there.
-        end = size * part // number | 41
-        deaths += ended_by(forked(die_at, kind, path, end)) == signal.SIGXFSZ
-        check_same(kind, path)
-    return deaths
-
-
 def full_disks(kind, path, number):
     """Let files find no room; return how often this was told by the file's name."""
     KINDS[kind](path, steps=STEPS)

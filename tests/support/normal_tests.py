@@ -32,14 +32,16 @@ def normal_test(rng, measured, error, prior, number=400, names=None, bounds=None
 
 
 def many(seed, tests=8, mean=(10.0, 5.0), sd=(0.4, 0.2), error=0.2, **options):
-    """Return ``{name: ArviZ object}`` and what was measured, ``(tests, d)``."""
-    rng = np.random.default_rng(seed)
-    theta = rng.normal(mean, sd, (tests, len(mean)))
+    """Return ``{name: ArviZ object}`` and what was measured, ``(tests, d)``.
+
+    ``mean`` may be that of each test.
+    """
+    rng, mean = np.random.default_rng(seed), np.broadcast_to(mean, (tests, len(sd)))
+    theta = rng.normal(mean, sd)
     measured = theta + error * rng.standard_normal(theta.shape)
-    prior = np.array(mean) + 0.3, np.full(len(mean), 1.0)
-    noise = error**2 * np.eye(len(mean))
+    noise, ones = error**2 * np.eye(len(sd)), np.ones(len(sd))
     found = {
-        f"test {t + 1}": normal_test(rng, own, noise, prior, **options)
+        f"test {t + 1}": normal_test(rng, own, noise, (mean[t] + 0.3, ones), **options)
         for t, own in enumerate(measured)
     }
     return found, measured

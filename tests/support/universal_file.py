@@ -1,13 +1,9 @@
 """Universal files of three modes at three nodes."""
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 import pytest
-
-import emcee_femu as ef
 
 F = [3.1, 9.8, 20.4]
 NODES = [4, 12, 7]
@@ -44,9 +40,3 @@ def write_modes(path: Path) -> Path:
     modes = [a_mode(pyuff, i, r3=np.ones(3)) for i in (1, 2, 3)]
     pyuff.UFF(str(path)).write_sets(modes, "overwrite")
     return path
-
-
-def read_universal(**given: Any) -> ef.Measurements:
-    with TemporaryDirectory() as folder:
-        path = write_modes(Path(folder) / "modes.uff")
-        return ef.Measurements.from_uff(path, **given)

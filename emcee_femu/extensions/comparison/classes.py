@@ -11,12 +11,7 @@ from ...results.evidence import Evidence, log_evidence
 from ...table import Column, Parts, Report, Table
 
 CLASS_LEAD = 2.0  # combined standard errors by which a class must be ahead
-STRENGTH_WORDS = (
-    (5.0, "very strong"),
-    (3.0, "strong"),
-    (1.0, "positive"),
-    (0.0, "weak"),
-)
+STRENGTH_WORDS = {5.0: "very strong", 3.0: "strong", 1.0: "positive", 0.0: "weak"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +35,8 @@ class Standing:
     @property
     def strength(self) -> str:
         """The word of Kass and Raftery for the evidence against it."""
-        return next(word for least, word in STRENGTH_WORDS if self.lead >= least)
+        known = STRENGTH_WORDS.items()
+        return next(word for least, word in known if self.lead >= least)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,16 +156,12 @@ def _estimate(models: Mapping[str, object]) -> dict[str, Evidence]:
     evidences = {}
     for label, source in sources.items():
         try:
-            evidence = log_evidence(source)
+            evidences[label] = evidence = log_evidence(source)
+            found = evidence.log_evidence, evidence.log_evidence_error
+            if not np.isfinite(found[0]) or np.isnan(found[1]):
+                raise ValueError(f"expected a finite log evidence, got {found}")
         except (TypeError, ValueError) as error:
             raise type(error)(f"models[{label!r}]: {error}") from error
-        value, spread = evidence.log_evidence, evidence.log_evidence_error
-        if not np.isfinite(value) or np.isnan(spread):
-            raise ValueError(
-                f"models[{label!r}]: expected a finite log evidence and an error, got "
-                f"{value} +- {spread}"
-            )
-        evidences[label] = evidence
     return evidences
 
 

@@ -224,8 +224,7 @@ def _check_reference(
         moments[name] = checks.real_array(f"reference[{name!r}]", pair, 1)
         if moments[name].shape != (2,) or not moments[name][1] > 0:
             raise ValueError(
-                f"reference[{name!r}]: expected a pair (mean, sd) with sd above zero, "
-                f"got {pair!r}"
+                f"reference[{name!r}]: expected (mean, sd), sd above zero, got {pair!r}"
             )
     return moments
 

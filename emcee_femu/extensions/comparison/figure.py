@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from ... import checks
+from ...figures.predictive import draw_errors, running_tae
 from ...figures.style import BLUE, GREY, RED, Style, finish, subplots
-from ...figures.total_average_error import draw_errors, running_tae
 from .classes import CLASS_LEAD, ModelComparison
 from .compare import Comparison
 

@@ -36,8 +36,6 @@ class Certificate(Report):
         efficiency: Effective share of the weights (Kish): 1 where all are equal.
         effective: Independent draws of the posterior that the weighted ones are worth.
         pareto_k: Of the weights; infinite where there are fewer than 25.
-        curvature_k: The Pareto k that the curvature of the logarithms of all weights
-            implies, which few weights tell better.
         largest: The largest weight, over the mean weight.
         mean: Of the true posterior, ``(d,)``.
         mean_error: Standard errors of the means, ``(d,)``.
@@ -66,7 +64,6 @@ class Certificate(Report):
     efficiency: float
     effective: float
     pareto_k: float
-    curvature_k: float
     largest: float
     mean: Floats
     mean_error: Floats
@@ -103,7 +100,7 @@ class Certificate(Report):
         equal = self.efficiency >= EQUAL_WEIGHTS  # whose tail is no matter
         facts = (
             f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, "
-            f"{'' if equal else f'Pareto k {self._k:.2f}, '}"
+            f"{'' if equal else f'Pareto k {self.pareto_k:.2f}, '}"
             f"largest weight {self.largest:.2g} times the mean"
         )
         if reasons := self._reasons:
@@ -139,10 +136,6 @@ class Certificate(Report):
         return float(shift.max()), float(off[worst]), float(error[worst])
 
     @property
-    def _k(self) -> float:
-        return max(self.pareto_k, self.curvature_k)
-
-    @property
     def _reasons(self) -> list[str]:
         """Why the emulated posterior is refused, the plainest first."""
         weakness = self._find_weakness()
@@ -152,12 +145,10 @@ class Certificate(Report):
         """Return why the weights cannot be trusted, the plainest reason; or nothing."""
         n, heavy = len(self.weights), self.efficiency < EQUAL_WEIGHTS
         better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
-        if n < FEWEST_CERTIFIED:
-            words = f"too few solves: {FEWEST_CERTIFIED} draws are needed"
-            return f"{words}; certify with more"
         if not self.largest < np.inf:
             return f"the true posterior is zero at all draws; {better}"
-        if heavy and self._k > min(GOOD_K, 1 - 1 / np.log10(n)):
+        known = heavy and n >= FEWEST_CERTIFIED  # of fewer weights no tail is known
+        if known and self.pareto_k > min(GOOD_K, 1 - 1 / np.log10(n)):
             return (
                 f"the weights have such a heavy tail that no mean over {n} of them "
                 f"can be trusted; {better}"

@@ -11,15 +11,11 @@ from os import PathLike
 import numpy as np
 
 from ... import checks
-from ...evaluation import Evaluator
+from ...evaluation.evaluator import Evaluation
 from ...evaluation.resume import open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
 from ...posterior.log_posterior import LogPosterior
-from ...results.arviz_objects import (
-    InferenceData,
-    dataset,
-    samples,
-)
+from ...results.arviz_objects import InferenceData, dataset, samples
 from ...results.diagnose import (
     NOT_CONVERGED,
     NOT_SEARCHED,
@@ -37,7 +33,6 @@ from .emulated_chain import (
     EmulatedChain,
     compare_bounds,
     correct_moments,
-    curvature_k,
     find_missed,
 )
 
@@ -170,7 +165,7 @@ def certify(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        progress_bar(display, solves, "certify") as evaluator.evaluation.bar,
+        progress_bar(display, solves, "certify") as evaluator.bar,
     ):
         if evaluator.failures is not None:
             evaluator.failures.max_failures = 1.0  # judged below, no reason to stop
@@ -182,8 +177,7 @@ def certify(
         by_number = dict(evaluator.each(theta))
         rows = np.array([by_number[i] for i in range(len(theta))])
     n, log_posterior = len(theta), rows[:, 0]
-    log_weights = log_posterior - emulated
-    counted = log_weights + np.log(counts)
+    counted = log_posterior - emulated + np.log(counts)
     efficiency = kish_share(counted)
     smoothed, pareto_k = smooth_tail(counted)
     if efficiency < EQUAL_WEIGHTS and pareto_k <= GOOD_K:
@@ -203,7 +197,6 @@ def certify(
         efficiency=efficiency,
         effective=n * efficiency / chain.excess(n),
         pareto_k=pareto_k,
-        curvature_k=curvature_k(chain, theta, log_weights),
         largest=float(n * weights.max()) if possible else np.inf,
         **dict(zip(MOMENTS, moments, strict=True)),
         emulated_mean=chain.draws.mean(axis=0),
@@ -221,7 +214,7 @@ def certify(
 
 
 def _look_elsewhere(
-    chain: EmulatedChain, evaluator: Evaluator, most: int, rng: np.random.Generator
+    chain: EmulatedChain, evaluator: Evaluation, most: int, rng: np.random.Generator
 ) -> tuple[list[Maximum], list[str]]:
     """Return where climbs end that start from the prior away from the chain's draws.
 

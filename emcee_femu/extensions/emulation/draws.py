@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...contracts import Floats
-from ...evaluation import Evaluator
 from ...evaluation.evaluator import Evaluation, Solver
 from ...moves.proposing import temper
 from ...sampling.anneal import Annealed, anneal_population, fewest_members
@@ -76,7 +75,7 @@ class Explorer:
 
     def __init__(self, problem: EmulationProblem) -> None:
         self.problem, self._looked = problem, 0
-        self._last: tuple[tuple[Evaluator, Floats], ...] | None = None
+        self._last: tuple[tuple[Evaluation, Floats], ...] | None = None
 
     def draw(
         self,
@@ -101,7 +100,7 @@ class Explorer:
         number = max(MEMBERS, fewest_members(posterior.ndim))
 
         def carry(
-            evaluator: Evaluator, begin: tuple[Evaluator, Floats] | None
+            evaluator: Evaluation, begin: tuple[Evaluation, Floats] | None
         ) -> Annealed:
             if begin is not None:
                 halves = np.array_split(begin[1], 2)

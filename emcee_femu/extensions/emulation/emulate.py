@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,13 +18,11 @@ from ...evaluation.evaluator import Evaluation
 from ...evaluation.pools import count_workers
 from ...evaluation.resume import describe, open_evaluator
 from ...evaluation.samplers import check_progress, progress_bar
-from ...evaluation.store import StoredEvaluation
 from ...posterior.log_posterior import LogPosterior
 from ...sampling.coordinates import Coordinates
 from ...table import Table
 from .draws import GROWN, EmulatedDraws, Explorer
-from .emulated import EmulatedModel
-from .experiments import EmulatedExperiments, emulate_each
+from .emulated import EmulatedExperiments, EmulatedModel, emulate_each
 from .gaussian_process import NUGGET
 from .partition import fit_outputs
 from .problem import FEWEST_FITTED, EmulationProblem, check_starts, first_points
@@ -212,9 +209,9 @@ def emulate(
             resume=resume,
             probe_tolerance=probe_tolerance,
         ) as evaluator,
-        progress_bar(display, solves, "emulate") as bar,
+        progress_bar(display, solves, "emulate") as evaluator.bar,
     ):
-        emulation = _Emulation(problem, evaluator, coordinates, bar, batch)
+        emulation = _Emulation(problem, evaluator, coordinates, batch)
         emulation.solve(first)
         return emulation.run(solves, max(batch, width), seed, tolerance)
 
@@ -227,16 +224,14 @@ class _Emulation:
         problem: What is emulated.
         evaluator: Solves in full.
         coordinates: Those in which the last fit sees the parameters.
-        bar: Shows the progress.
         few: Of so many points of a batch one is to find what is not yet seen.
         theta: Where it was solved, ``(N, d)``.
         rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
     """
 
     problem: EmulationProblem
-    evaluator: Evaluation | StoredEvaluation
+    evaluator: Evaluation
     coordinates: Coordinates
-    bar: Any
     few: int
     theta: Floats = field(init=False)
     rows: Floats = field(init=False)
@@ -244,14 +239,12 @@ class _Emulation:
     _compared: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        inputs, positive = (
-            self.problem.inputs,
-            Coordinates.positive(self.coordinates.prior),
-        )
+        inputs = self.problem.inputs
+        positive = Coordinates.positive(self.coordinates.prior)
         same = (positive.logs == self.coordinates.logs)[inputs].all()
         self._maps = [self.coordinates] if same else [self.coordinates, positive]
         self.theta = np.empty((0, self.problem.posterior.ndim))
-        self.rows = np.empty((0, len(self.evaluator.posterior.rejected())))
+        self.rows = np.empty((0, self.evaluator.posterior.row_size))
 
     def run(
         self, solves: int, batch: int, seed: int, tolerance: float
@@ -278,11 +271,9 @@ class _Emulation:
             rng = np.random.default_rng([seed, len(history)])
             number = int(self._solved.sum())
             if history:
-                true = np.array([error for _, _, error, _ in history[-SETTLED:]])
-                wanted = (
-                    LARGE_TRUE_ERROR
-                    / true[np.isfinite(true)].max(initial=LARGE_TRUE_ERROR)
-                ) ** 2
+                true = [error for _, _, error, _ in history[-SETTLED:]]
+                largest = max([LARGE_TRUE_ERROR, *filter(np.isfinite, true)])
+                wanted = (LARGE_TRUE_ERROR / largest) ** 2
                 power = min(max(wanted, STAGE * power), 1.0)
             draws = explorer.draw(  # at first no error is known
                 emulator, self.coordinates, number, rng, power=power or 1.0
@@ -297,9 +288,9 @@ class _Emulation:
             error = self._true_error(number, emulator, draws.predicted)
             settled = settled + 1 if error <= tolerance else 0
             history.append((spent, draws.predicted, error, draws.size))
-            if hasattr(self.bar, "set_postfix_str"):
+            if hasattr(bar := self.evaluator.bar, "set_postfix_str"):
                 text = f"error {draws.predicted:.2g} predicted, {error:.2g} true"
-                self.bar.set_postfix_str(text)
+                bar.set_postfix_str(text)
         history.append((spent, draws.predicted, np.nan, draws.size))
         table = Table(
             "Errors at draws of the posterior, in units of measurement error",
@@ -321,7 +312,6 @@ class _Emulation:
         rows = np.empty((len(points), self.rows.shape[1]))
         for number, row in self.evaluator.each(points):
             rows[number] = row
-            self.bar.update(1)
         failures = self.evaluator.failures
         if failures is not None:  # by itself it begins at a hundred
             known = failures.evaluations, failures.max_failures
@@ -366,16 +356,8 @@ class _Emulation:
             for known in (slopes, {}) if slopes else ({},):
                 if last is not None and same and bool(known) != start[0].sloped:
                     continue
-                outputs, processes, cost = fit_outputs(
-                    points,
-                    response,
-                    known,
-                    units,
-                    weights,
-                    bool(logs.any()),
-                    start,
-                    same,
-                )
+                how = units, weights, bool(logs.any()), start, same
+                outputs, processes, cost = fit_outputs(points, response, known, *how)
                 emulator = EmulatedModel(
                     bounds=bounds,
                     variables={name: problem.variables[name] for name in units},
@@ -418,9 +400,8 @@ class _Emulation:
         known = emulator.coordinates(self.theta[:, inputs])
         at = emulator.coordinates(theta[:, inputs])
         fails = ~self._solved[cdist(at, known).argmin(axis=1)]
-        traces = (
-            np.array([each.covariance.trace() for each in processes]) + LEAST_VARIANCE
-        )
+        traces = np.array([each.covariance.trace() for each in processes])
+        traces += LEAST_VARIANCE
         shares = traces / traces.sum()  # of the error, by processes
         variance = sum(
             share * each.unit_sd(at) ** 2

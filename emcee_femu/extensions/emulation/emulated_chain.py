@@ -20,7 +20,6 @@ from .certificate import FOUND, MISSED_SHARE
 
 GAPS = 1.5  # times the largest gap between draws: farther than any of them
 GAP_DRAWS = 2_000  # draws of the chain that are compared
-DRAWS_PER_TERM = 5  # draws for each term of a quadratic with products
 ALONE = 1e-9  # weight beside that of one draw, below which it has no spread
 PRIOR_FREE_DRAWS = 20_000  # which cost no solve
 LEFT_OUT = 0.01  # of the prior's probability, of which nothing would be known
@@ -191,28 +190,6 @@ def correct_moments(
     return np.array([centre + shift, mean_error, sd, *errors])
 
 
-def curvature_k(chain: "EmulatedChain", theta: Floats, log_weights: Floats) -> float:
-    """Return the Pareto k that the curvature of ln w implies: its largest eigenvalue.
-
-    Where the chain is standard normal, weights ``exp(k z^2 / 2)`` have the tail of a
-    Pareto distribution of shape k. All weights tell of it, not the largest ones alone;
-    -inf where there are too few.
-    """
-    possible, d = np.isfinite(log_weights), theta.shape[1]
-    i, j = np.triu_indices(d)
-    if len(theta) < DRAWS_PER_TERM * (1 + d + len(i)):
-        i = j = np.arange(d)  # squares alone
-    z = chain.whiten(theta[possible])
-    terms = np.column_stack([np.ones(len(z)), z, z[:, i] * z[:, j]])
-    if len(z) < 2 * terms.shape[1]:
-        return -np.inf
-    fit = np.linalg.lstsq(terms, log_weights[possible])[0][1 + d :]
-    hessian = np.zeros((d, d))
-    hessian[i, j] += fit
-    hessian[j, i] += fit
-    return float(np.linalg.eigvalsh(hessian)[-1])
-
-
 def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     """Return what is wrong with the emulated posterior's bounds, without a solve."""
     faults = []
@@ -222,9 +199,8 @@ def compare_bounds(chain: "EmulatedChain", prior: Prior) -> list[str]:
     if left_out > LEFT_OUT:
         faults.append(
             f"the emulated posterior's bounds leave out {100 * left_out:.2g} % of the "
-            "prior, where the emulator knows nothing; emulate within the bounds "
-            "of the prior, or certify against a posterior whose prior is cut at those "
-            "of the emulator"
+            "prior, where the emulator knows nothing; emulate within the prior's, or "
+            "certify against a posterior whose prior is cut at the emulator's"
         )
     near = NEAR_A_BOUND * chain.draws.std(axis=0)
     for end, sign in ((0, 1.0), (1, -1.0)):

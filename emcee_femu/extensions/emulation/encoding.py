@@ -66,8 +66,7 @@ class Aligned:
         if self.usual is not None:
             eigenvalues = np.log(eigenvalues)
         if self.inverse is None:
-            scaled: Floats = eigenvalues / self._scale.diagonal()
-            return scaled
+            return np.asarray(eigenvalues / self._scale.diagonal())
         shapes = response["shapes"][:, :, members]
         left, _, right = np.linalg.svd(self.inverse @ shapes)
         turn = (left @ right).swapaxes(1, 2)
@@ -200,8 +199,7 @@ class Symmetric:
             thirds = 2.0 * np.pi / 3.0 * np.array([-1.0, 1.0, 0.0])
             apart = np.sqrt(2.0) * spread[..., None] * np.cos(angle + thirds)
             apart.sort(axis=-1)
-        solved: Floats = moments[..., :1] + apart
-        return solved
+        return np.asarray(moments[..., :1] + apart)
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,5 +315,4 @@ def _join(parts: Sequence[Named]) -> Named:
 
 def eigenvalues_of(response: Named) -> Floats:
     """Return the eigenvalues ``(n, m)`` of frequencies in Hz."""
-    eigenvalues: Floats = (2 * np.pi * response["frequency"]) ** 2
-    return eigenvalues
+    return np.asarray((2 * np.pi * response["frequency"]) ** 2)

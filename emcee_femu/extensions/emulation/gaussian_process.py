@@ -102,11 +102,8 @@ class Processes:
         expected = cls(
             points, values, lengths, rough, covariance, whitener, unknown, weights
         )
-        sd = np.maximum(
-            expected.amplitudes * expected.left_out_sd[:, None],
-            np.sqrt(LEAST_OF_OUTPUT),
-        )
-        ratios = expected.leave_out(values) / sd
+        sd = expected.amplitudes * expected.left_out_sd[:, None]
+        ratios = expected.leave_out(values) / np.maximum(sd, np.sqrt(LEAST_OF_OUTPUT))
         wider = np.sqrt(np.maximum((ratios**2).mean(axis=0), 1.0))
         return replace(expected, covariance=covariance * np.outer(wider, wider))
 
@@ -122,8 +119,7 @@ class Processes:
 
     def predict(self, points: Floats) -> Floats:
         """Return means ``(n, q)`` at points ``(n, d)``."""
-        predicted: Floats = np.hstack(self._basis(points, 1)) @ self._weights
-        return predicted
+        return np.asarray(np.hstack(self._basis(points, 1)) @ self._weights)
 
     def unit_sd(self, points: Floats) -> Floats:
         """Return the standard deviation ``(n,)`` of an output of amplitude one."""
@@ -177,8 +173,7 @@ class Processes:
         values = _with_slopes(values)
         stacked = _scale(self.points, values, self.lengths)[1]
         residuals = (self._projector @ stacked).reshape(values.shape)
-        left_out: Floats = (self._left_out[:, :1] @ residuals)[:, 0]
-        return left_out
+        return np.asarray((self._left_out[:, :1] @ residuals)[:, 0])
 
     @property
     def left_out_sd(self) -> Floats:
@@ -198,8 +193,7 @@ class Processes:
         """The precision of values and slopes, free of the trend, ``(M, M)``."""
         trend = _scale(self.points, self.values, self.lengths)[2]
         part = self._trend @ (self._whitener @ trend).T @ self._whitener
-        projector: Floats = self._whitener.T @ self._whitener - part.T @ part
-        return projector
+        return np.asarray(self._whitener.T @ self._whitener - part.T @ part)
 
     def _correlate(self, a: Floats, b: Floats, rows: int, columns: int) -> Floats:
         blocks = _correlate(a, b, self.lengths, self.rough, rows, columns)[0]
@@ -274,21 +268,15 @@ def fit_processes(
 
     bounds = np.log(np.outer(spread, [0.1, LONGEST_LENGTH]))
     common = [np.log(scale * spread) for scale in SCALES]
+    how = {"method": "L-BFGS-B", "jac": True, "bounds": bounds}
+    how["options"] = {"maxiter": 100}
     best, lengths, kind = np.inf, spread, False
     for rough in kinds:
         starts = common
         if start is not None:  # and a common one, lest a valley holds the last ones
             starts = [np.log(start), min(common, key=lambda x: cost(x, rough)[0])]
         for first in starts:
-            climb = minimize(
-                cost,
-                np.clip(first, *bounds.T),
-                (rough,),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": 100},
-            )
+            climb = minimize(cost, np.clip(first, *bounds.T), (rough,), **how)
             if climb.fun < best:
                 best, lengths, kind = climb.fun, np.exp(climb.x), rough
     return Processes.condition(points, values, lengths, kind)

@@ -154,9 +154,8 @@ def _choose_modes(
     usual = np.maximum(np.median(frequencies, axis=0), frequency_unit)
     unit, m = 8 * np.pi**2 * usual * frequency_unit, len(usual)
     least = LEAST_EIGENVALUE * (2 * np.pi * usual) ** 2
-    scale = None
-    if logs and (eigenvalues > least).all():
-        scale = (2 * np.pi * usual) ** 2
+    by_logs = logs and (eigenvalues > least).all()
+    scale = (2 * np.pi * usual) ** 2 if by_logs else None
     centre = int(np.argmax(weights))
 
     def make(first: int, last: int) -> Aligned | Symmetric:

@@ -117,14 +117,12 @@ class Recorder:
             for j in columns
         ]
         for name in self.raw:
-            recorded[name + SLOPES_SUFFIX] = np.stack(
-                [move[name] for move in moves], axis=-1
-            )
-            if not np.isfinite(recorded[name + SLOPES_SUFFIX]).all():
+            tangent = np.stack([move[name] for move in moves], axis=-1)
+            if not np.isfinite(tangent).all():
                 raise ValueError(f"jacobian: derivatives of {name} are not finite")
-        return recorded | {
-            DERIVATIVES_KNOWN: np.ones(len(next(iter(recorded.values()))))
-        }
+            recorded[name + SLOPES_SUFFIX] = tangent
+        recorded[DERIVATIVES_KNOWN] = np.ones(len(tangent))
+        return recorded
 
     def _read(self, response: Response) -> Named:
         """Return the raw variables of a response, or of its derivatives."""
@@ -193,9 +191,7 @@ class EmulationProblem:
         response = {name: recorded[name] for name in self.variables}
         if not self.derivatives:
             return response, {}
-        tangents = {
-            name: recorded[name + SLOPES_SUFFIX].copy() for name in self.variables
-        }
+        tangents = {n: recorded[n + SLOPES_SUFFIX].copy() for n in self.variables}
         for tangent in tangents.values():
             tangent[recorded[DERIVATIVES_KNOWN] == 0] = np.nan
         return response, tangents
@@ -259,8 +255,7 @@ class EmulationProblem:
         parameters = emulated.parameters(theta)
         response, directions = emulated.model.spread(parameters)  # type: ignore[attr-defined]
         moves = tangents_of("spread", parameters, response, directions)
-        square: Floats = self._inform(parameters, response, moves).sum(axis=1)
-        return square
+        return np.asarray(self._inform(parameters, response, moves).sum(axis=1))
 
     def measurement_errors(self, theta: Floats, response: Named) -> Named:
         """Return the measurement error of each raw number, ``{variable: (*shape)}``.
@@ -363,8 +358,7 @@ def _average_units(relative: Floats, size: Floats) -> Floats:
     mean = np.nansum(relative, axis=0) / count
     there = mean > 0
     errors = np.sqrt(np.divide(1.0, mean, out=np.zeros_like(mean), where=there))
-    unit: Floats = size * np.where(there, errors, UNREAD * np.median(errors[there]))
-    return unit
+    return np.asarray(size * np.where(there, errors, UNREAD * np.median(errors[there])))
 
 
 def first_points(
@@ -386,9 +380,8 @@ def first_points(
     columns = zip(draws.T, places.T, strict=True)
     far = np.column_stack([np.quantile(*pair) for pair in columns])
     if starts is None:
-        theta = coordinates.parameters(
-            np.vstack([mean, mean + DESIGN_SPREAD * (far - mean)])
-        )
+        inwards = mean + DESIGN_SPREAD * (far - mean)
+        theta = coordinates.parameters(np.vstack([mean, inwards]))
     else:
         near = coordinates.coordinates(starts[None]) + NEAR_SPREAD * (far - mean)
         theta = np.clip(coordinates.parameters(near), *prior.bounds.T)
@@ -404,10 +397,8 @@ def check_starts(starts: ArrayLike | None, problem: EmulationProblem) -> Floats 
         return None
     points, posterior = checks.real_array("starts", starts), problem.posterior
     posterior.check_inside("starts", np.atleast_2d(points))
-    alike = (
-        len(points) < FEWEST_FITTED or not np.ptp(points[..., problem.inputs], 0).all()
-    )
-    if points.ndim == 2 and alike:
+    enough = len(points) >= FEWEST_FITTED
+    if points.ndim == 2 and not (enough and np.ptp(points[:, problem.inputs], 0).all()):
         raise ValueError(
             f"starts: expected a point (d,), or at least {FEWEST_FITTED} points (n, d) "
             f"that differ in every parameter of the model, got {points.tolist()}"

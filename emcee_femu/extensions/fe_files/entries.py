@@ -131,10 +131,8 @@ def check(label: Path | str, matrix: coo_array | csc_array) -> csc_array:
             are empty, with the file's name.
     """
     if matrix.shape[0] > EMPTY * (matrix.nnz + 1):
-        raise ValueError(
-            f"{label}: {matrix.shape[0]} rows are announced, and {matrix.nnz} entries "
-            f"are there; {AGAIN}"
-        )
+        announced = f"{matrix.shape[0]} rows are announced, and {matrix.nnz} entries"
+        raise ValueError(f"{label}: {announced} are there; {AGAIN}")
     return csc_array(read_matrix(str(label), csc_array(matrix), sparse=True))
 
 

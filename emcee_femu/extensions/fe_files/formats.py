@@ -135,11 +135,9 @@ def read_matrix_market(path: Path) -> list[Part]:
         count = rows * (rows + 1) // 2 if symmetric else rows**2
         _, values = read_columns(path, "value", 0, skip=skip + 1)
         filled = rows if len(values) == count else 0  # 1e9 rows are only announced
-        j, i = (
-            np.triu_indices(filled)
-            if symmetric
-            else np.divmod(np.arange(filled**2), max(filled, 1))
-        )
+        j, i = np.triu_indices(filled)
+        if not symmetric:
+            j, i = np.divmod(np.arange(filled**2), max(filled, 1))
     if len(values) != count or max(i.max(initial=0), j.max(initial=0)) >= rows:
         raise ValueError(
             f"{path}: expected {count} entries of {rows} rows, as line {skip + 1} "

@@ -164,10 +164,8 @@ def read_dmig(path: Path) -> list[Part]:
                 raise ValueError(fault) from None
             faults.setdefault(name, fault)
     if unknown := [name for name in entries if name not in forms]:
-        raise ValueError(
-            f"{path}: no DMIG entry with the form of {unknown[0]!r} before its "
-            f"columns; {AGAIN}"
-        )
+        what = f"no DMIG entry with the form of {unknown[0]!r} before its columns"
+        raise ValueError(f"{path}: {what}; {AGAIN}")
     check_once(path, square)
     parts = []
     for name, rows in entries.items():
@@ -180,15 +178,10 @@ def read_dmig(path: Path) -> list[Part]:
             faults.setdefault(name, f"{path}: no entry in a column of {name}; {AGAIN}")
         table = np.array(rows).reshape(-1, 5)
         j, i = table[:, :4].astype(np.int64).reshape(-1, 2, 2).swapaxes(0, 1)
-        read = partial(
-            build_labelled, name, path, i, j, table[:, 4], mirror=form == SYMMETRIC
-        )
-        known = faults.get(name)
-        parts.append(
-            Part(name, path, NOTHING, fault=known)
-            if known
-            else try_part(name, path, read)
-        )
+        entries_of = name, path, i, j, table[:, 4]
+        read = partial(build_labelled, *entries_of, mirror=form == SYMMETRIC)
+        part = Part(name, path, NOTHING, fault=faults.get(name, ""))
+        parts.append(part if part.fault else try_part(name, path, read))
     if not parts:
         raise ValueError(
             f"{path}: no square DMIG matrix; ask for stiffness and mass, such as "
@@ -234,9 +227,8 @@ def check_once(path: Path, names: list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise ValueError(
-                f"{path}: {names.count(name)} matrices are called {name}, so which is "
-                "meant is not known; export the one that you need, or each to a file "
-                "of its own"
+                f"{path}: {names.count(name)} matrices are called {name}; export the "
+                "one that is meant, or each to a file of its own"
             )
 
 

@@ -62,10 +62,8 @@ def from_pynite(
         raise TypeError(f"model: expected an FEModel3D, got {type(model).__name__}")
     checks.text("mass_combo_name", mass_combo_name)
     if mass_combo_name not in model.load_combos:
-        raise ValueError(
-            f"mass_combo_name: no load combination {mass_combo_name!r}; there are "
-            f"{[*model.load_combos]}"
-        )
+        there = f"{mass_combo_name!r}; there are {[*model.load_combos]}"
+        raise ValueError(f"mass_combo_name: no load combination {there}")
     if mass_direction not in ("X", "Y", "Z"):
         raise ValueError(f"mass_direction: expected X, Y or Z, got {mass_direction!r}")
     g = checks.positive_array("gravity", gravity, 0).item()

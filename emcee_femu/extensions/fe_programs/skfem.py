@@ -71,9 +71,8 @@ def from_skfem(basis: Any, K: Matrix, M: Matrix, held: ArrayLike = ()) -> Matric
         matrix = read_matrix(name, given, sparse=True)
         if matrix.shape[0] != basis.N:
             raise ValueError(
-                f"{name}: expected {basis.N} rows, the DOFs of the basis, as "
-                "form.assemble(basis) returns them (no condensed matrix), got "
-                f"{matrix.shape[0]}"
+                f"{name}: expected {basis.N} rows, the DOFs of the basis, got "
+                f"{matrix.shape[0]}; take form.assemble(basis), no condensed one"
             )
         matrices[name] = csc_array(matrix[free][:, free])
     dofs, places = _name_dofs(basis)

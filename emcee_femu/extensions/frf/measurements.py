@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from copy import copy
 from os import PathLike
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from ... import checks
 from ...contracts import Floats, Variable
 from ...measurements.modes import along_axis
-from ...measurements.uff import read_uff58
+from ...measurements.uff import UFF_AXES, Path
 from ...table import Column, Parts, Report, Table
 
 # Times i omega, and the unit in SI.
@@ -23,6 +23,14 @@ FRF_KINDS = {
     "mobility": (1, "m/(N s)"),
     "accelerance": (2, "m/(N s2)"),
 }
+# Of data sets 58 of universal files.
+FRF, COHERENCE = 4, 6  # types of functions
+UNKNOWN_ORDINATES = (0, 1)  # types of ordinates: unknown and general
+ORDINATES = {8: "receptance", 11: "mobility", 12: "accelerance"}
+FORCE, FREQUENCY, IEEE = 13, 18, 2
+UFF_DIRECTIONS = range(-6, 7)  # 0: not stated, or a scalar
+ENDS = "rsp", "ref"
+DataSet: TypeAlias = Mapping[str, Any]  # as pyuff reads it
 
 
 class Channel(NamedTuple):
@@ -148,7 +156,6 @@ class FRFMeasurements(Report):
         if len(hertz) and hertz[0] == 0:
             warnings.warn(
                 "lines: 0 Hz is left out, where an analyser has an offset and no FRF",
-                UserWarning,
                 stacklevel=2,
             )
             hertz, H = hertz[1:], np.atleast_1d(H)[..., 1:]
@@ -156,11 +163,7 @@ class FRFMeasurements(Report):
                 coherence = np.atleast_1d(coherence)[..., 1:]
         numbers = read_lines(hertz)
         shape = (len(pairs), len(numbers))
-        if H.shape != shape:
-            raise ValueError(
-                f"values: expected shape {shape}, one for each channel and line, got "
-                f"{H.shape}"
-            )
+        checks.shaped("values", H.shape, shape, remedy="one for each channel and line")
         if (wrong := ~np.isfinite(H)).any():
             i, j = np.argwhere(wrong)[0].tolist()
             raise ValueError(
@@ -234,7 +237,7 @@ class FRFMeasurements(Report):
         """
         if kind is not None:
             read_kind(kind)
-        fields = read_uff58(path, averages, kind)
+        fields = _read_uff58(path, averages, kind)
         if between is not None:
             low, high = checks.group("between", between, "(low, high) in Hz", 2)
             kept = _find_lines(fields["lines"], low, high)
@@ -279,3 +282,134 @@ def _find_lines(lines: Floats, low: float, high: float) -> NDArray[np.bool_]:
             f"{lines[0]:g} to {lines[-1]:g}"
         )
     return np.asarray(kept)
+
+
+def _read_uff58(path: Path, averages: int | None, kind: str | None) -> dict[str, Any]:
+    """Return the arguments of :class:`FRFMeasurements`, in SI, of a universal file."""
+    file, types = _open_uff(path)
+    units: DataSet = {"length": 1.0, "force": 1.0}
+    read: dict[int, dict[tuple[str, str], Any]] = {FRF: {}, COHERENCE: {}}
+    lines, kinds, others = None, {}, set()
+    for i, number in enumerate(types):
+        place = f"{path}, data set {i + 1}"
+        if number == 164:
+            units = _read_set(place, file, i)
+        if number != 58:
+            continue
+        function = _read_set(place, file, i, header_only=True)["func_type"]
+        if function != FRF and (function != COHERENCE or averages is None):
+            others.add(function)
+            continue
+        data = _read_set(place, file, i)
+        _check_function(place, data)
+        if lines is None:
+            lines = np.asarray(data["x"], dtype=float)
+        if not np.array_equal(data["x"], lines):
+            raise ValueError(f"{place}: other lines than the functions before it")
+        channel, factor = _find_channel(data, units)
+        if channel in read[function]:
+            raise ValueError(
+                f"{place}: {'/'.join(channel)} appears twice; give a file with one"
+            )
+        if function == FRF:
+            kinds[i + 1] = _find_kind(place, data, kind)
+            read[FRF][channel] = factor * np.asarray(data["data"], dtype=complex)
+        else:
+            read[COHERENCE][channel] = np.asarray(data["data"]).real
+    if not kinds:
+        got = f"{types.count(58)} data sets 58, of types {sorted(others)}"
+        raise ValueError(f"{path}: expected data sets 58 of type 4 (FRF), got {got}")
+    if len({*kinds.values()}) > 1:
+        raise ValueError(f"{path}: expected FRFs of one kind, got {kinds} by data set")
+    factors = units["length"], units["force"]
+    if factors != (1.0, 1.0):
+        warnings.warn(
+            f"{path}: FRFs are converted to SI by the file's units (data set 164), "
+            f"with factors of length and force {factors}",
+            stacklevel=3,
+        )
+    fields = {
+        "lines": lines,
+        "values": np.array([*read[FRF].values()]),
+        "channels": [*read[FRF]],
+        "kind": kinds.popitem()[1],
+    }
+    if averages is None:
+        return fields
+    missing = ["/".join(channel) for channel in read[FRF].keys() - read[COHERENCE]]
+    if missing:
+        raise ValueError(f"averages: {path} has no coherence of {missing}; omit it")
+    coherence = np.array([read[COHERENCE][channel] for channel in read[FRF]])
+    return {**fields, "coherence": coherence, "averages": averages}
+
+
+def _open_uff(path: Path) -> tuple[Any, list[int]]:
+    """Return a universal file, opened by pyuff, and the types of its data sets."""
+    checks.file_name("path", path)
+    try:
+        import pyuff
+    except ImportError:
+        raise ImportError(
+            'FRFs of universal files need pyuff: pip install "emcee_femu[uff]"'
+        ) from None
+    with open(path, "rb"):  # Python's message for a missing file, not pyuff's
+        pass
+    try:
+        file = pyuff.UFF(str(path))
+        return file, [int(number) for number in file.get_set_types()]
+    except Exception as error:  # the class that pyuff raises for whatever goes wrong
+        raise ValueError(f"{path}: pyuff cannot read it ({error})") from error
+
+
+def _read_set(place: str, file: Any, i: int, **options: bool) -> DataSet:
+    """Return data set i of a file."""
+    try:
+        data: DataSet = file.read_sets(i, **options)
+    except Exception as error:
+        raise ValueError(f"{place}: pyuff cannot read it ({error})") from error
+    return data
+
+
+def _check_function(place: str, data: DataSet) -> None:
+    """Refuse a function that is not what is read, or not wholly there."""
+    abscissa = data["abscissa_spec_data_type"]
+    for what, got, expected in (
+        ("binary numbers of format", data.get("fp_format", IEEE), (IEEE,)),
+        ("an abscissa of type", abscissa, (*UNKNOWN_ORDINATES, FREQUENCY)),
+        ("a response direction of", data["rsp_dir"], UFF_DIRECTIONS),
+        ("a reference direction of", data["ref_dir"], UFF_DIRECTIONS),
+        ("a number of values of", len(data["data"]), (data["num_pts"],)),
+    ):
+        if got not in expected:
+            raise ValueError(f"{place}: expected {what} {expected}, got {got}")
+
+
+def _find_kind(place: str, data: DataSet, kind: str | None) -> str:
+    """Return the kind of an FRF: that of the file, or else the one that was given."""
+    above, below = data["ordinate_spec_data_type"], data["orddenom_spec_data_type"]
+    stated = ORDINATES.get(above, kind)
+    known = above in (*UNKNOWN_ORDINATES, *ORDINATES)
+    known &= below in (*UNKNOWN_ORDINATES, FORCE)
+    if not known or kind not in (None, stated):
+        raise ValueError(
+            f"{place}: type {above} over {below} is not kind={kind!r}; expected one of "
+            f"{ORDINATES} over force ({FORCE})"
+        )
+    if stated is None or (kind is None and below != FORCE):
+        raise ValueError(
+            f"{place}: it does not say what was measured, type {above} over {below}; "
+            f"if you know, give kind=, one of {[*ORDINATES.values()]}"
+        )
+    return stated
+
+
+def _find_channel(data: DataSet, units: DataSet) -> tuple[tuple[str, str], float]:
+    """Return labels of DOFs, and the factor to SI and to directions along the axes."""
+    response, reference = directions = [int(data[f"{end}_dir"]) for end in ENDS]
+    first, second = (
+        f"{int(data[f'{end}_node'])}" + (f":{UFF_AXES[abs(x) - 1]}" if x else "")
+        for end, x in zip(ENDS, directions, strict=True)
+    )
+    sign = -1.0 if (response < 0) != (reference < 0) else 1.0
+    power = (abs(response) > 3) + (abs(reference) > 3) - 1  # rotations, moments
+    return (first, second), sign * units["force"] * units["length"] ** power

@@ -1,12 +1,14 @@
-"""The likelihood of measured frequency response functions."""
+"""The likelihood of measured frequency response functions, and their figure."""
 
 from collections.abc import Mapping
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ... import checks
 from ...contracts import Parameters, Response, Variable, read
+from ...figures.style import BELOW, BLUE, Style, finish, subplots
 from ...likelihoods.term import (
     MODEL_ERROR,
     Deviations,
@@ -14,7 +16,30 @@ from ...likelihoods.term import (
     add_discrepancy,
     error_array,
 )
+from ...posterior.log_posterior import LogPosterior
+from ...results.arviz_objects import samples
+from ...results.tables import INTERVAL
+from ...results.to_arviz import read_samples
+from ...sampling.judge import spread_out
 from .measurements import FRFMeasurements, frf_variable
+
+FRF_DRAWS = 200  # draws that are solved anew
+# In words and as a formula in HTML, for reports.
+BY_AMPLITUDE = (
+    "The deviations of the logarithms of the amplitudes from the measured ones are "
+    "Gaussian, line by line. s is the standard deviation of the measurement.",
+    "ln |<i>H<sub>l</sub></i>(θ)| − ln |<i>H<sub>l</sub></i><sup>m</sup>| ~ N(0, "
+    "<i>s<sub>l</sub></i><sup>2</sup> / |<i>H<sub>l</sub></i><sup>m</sup>|"
+    "<sup>2</sup> + σ<sub>d</sub><sup>2</sup>)",
+)
+BY_PARTS = (
+    "The deviations of the frequency response from the measured one are Gaussian, line "
+    "by line, in their real and imaginary parts. s is the standard deviation of the "
+    "measurement.",
+    "<i>H<sub>l</sub></i>(θ) − <i>H<sub>l</sub></i><sup>m</sup> ~ N(0, "
+    "<i>s<sub>l</sub></i><sup>2</sup> + (σ<sub>d</sub> "
+    "|<i>H<sub>l</sub></i><sup>m</sup>|)<sup>2</sup>)",
+)
 
 
 class FRFTerm(Term):
@@ -60,6 +85,7 @@ class FRFTerm(Term):
     """
 
     reads: Mapping[str, Variable]
+    symbol = MODEL_ERROR
 
     def __init__(
         self,
@@ -73,6 +99,7 @@ class FRFTerm(Term):
         self.measured = checks.instance("measured", measured, FRFMeasurements)
         self.label(name, discrepancy)
         self.amplitude = checks.flag("amplitude", amplitude)
+        self.statement, self.formula = BY_AMPLITUDE if self.amplitude else BY_PARTS
         if not (self.amplitude or measured.values.imag.any()):
             raise ValueError(
                 "measured: expected complex values with their phases, got real ones "
@@ -95,37 +122,6 @@ class FRFTerm(Term):
         kind, unit = measured.kind, measured.unit
         self.reads = {kind: frf_variable(measured.channels, measured.lines, kind, unit)}
 
-    symbol = MODEL_ERROR
-
-    @property
-    def statement(self) -> str:
-        """The likelihood in words, for a report."""
-        if self.amplitude:
-            return (
-                "The deviations of the logarithms of the amplitudes from the measured "
-                "ones are Gaussian, line by line. s is the standard deviation of the "
-                "measurement."
-            )
-        return (
-            "The deviations of the frequency response from the measured one are "
-            "Gaussian, line by line, in their real and imaginary parts. s is the "
-            "standard deviation of the measurement."
-        )
-
-    @property
-    def formula(self) -> str:
-        """The likelihood as a formula in HTML."""
-        H, error = "<i>H<sub>l</sub></i>", "<i>s<sub>l</sub></i><sup>2</sup>"
-        if self.amplitude:
-            return (
-                f"ln |{H}(θ)| − ln |{H}<sup>m</sup>| ~ N(0, {error} / |{H}<sup>m</sup>|"
-                "<sup>2</sup> + σ<sub>d</sub><sup>2</sup>)"
-            )
-        return (
-            f"{H}(θ) − {H}<sup>m</sup> ~ N(0, {error} + (σ<sub>d</sub> |{H}<sup>m"
-            "</sup>|)<sup>2</sup>)"
-        )
-
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each.
 
@@ -147,3 +143,78 @@ class FRFTerm(Term):
             sd = add_discrepancy(sd**2, sigma * scale)
         sd = np.broadcast_to(sd[..., None], r.shape)
         return r.reshape(len(r), -1), sd.reshape(len(r), -1)
+
+
+def plot_frf(
+    idata: object,
+    posterior: LogPosterior | None = None,
+    *,
+    experiment: str | None = None,
+) -> Figure:
+    """Draw measured and predicted amplitudes.
+
+    One panel per channel: the measured amplitude is points, the updated model its 95 %
+    interval, from 200 draws that are solved anew, since FRFs are not stored.
+
+    Args:
+        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        posterior: The sampled posterior, one of its terms an :class:`FRFTerm`; known of
+            a run.
+        experiment: Which one, where a joint posterior has several.
+
+    Returns:
+        The matplotlib Figure.
+
+    Raises:
+        TypeError: If posterior is not a LogPosterior.
+        ValueError: If there is no FRFTerm or more than one, or posterior has other
+            parameters than idata.
+
+    Examples:
+        >>> import numpy as np
+        >>> import emcee_femu as ef
+        >>> zero, unit = np.zeros((1, 1)), np.eye(1)
+        >>> model = ef.MatrixModel(zero, unit, {"k": unit}, n_modes=1, shapes=True)
+        >>> lines = np.linspace(0.2, 0.5, 20)
+        >>> model = ef.frf.FRFModel(model, lines, [(0, 0)], damping=0.05)
+        >>> H = model({"k": np.array([4.0])})["receptance"][0] @ [1, 1j]
+        >>> measured = ef.frf.FRFMeasurements(lines, H, [(0, 0)], kind="receptance")
+        >>> prior = ef.GaussianPrior(["k"], [4.0], [0.5], [(1.0, 9.0)])
+        >>> posterior = ef.LogPosterior(model, ef.frf.FRFTerm(measured, sd=0.1), prior)
+        >>> run = ef.run(posterior, ef.DEMCMove(), 16, 50, ensembles=1, seed=1)
+        >>> len(ef.frf.plot_frf(run).axes)  # one channel
+        1
+    """
+    idata, posterior = read_samples(idata, posterior)
+    posterior = checks.instance("posterior", posterior, LogPosterior)
+    pairs = [
+        (measured_in.model, term.measured, term.reads)
+        for measured_in in posterior.experiments
+        for term in measured_in.terms
+        if isinstance(term, FRFTerm) and experiment in (None, measured_in.name)
+    ]
+    if len(pairs) != 1:
+        names = [measured_in.name for measured_in in posterior.experiments]
+        raise ValueError(
+            f"posterior, experiment: expected one FRFTerm, found {len(pairs)}; name "
+            f"one of the experiments {names} with experiment="
+        )
+    ((model, measured, reads),) = pairs
+    theta = samples(idata)[1].reshape(-1, posterior.ndim)
+    some = theta[spread_out(len(theta), FRF_DRAWS)]
+    H = model(posterior.parameters(some))[measured.kind]
+    ends = np.quantile(np.sqrt((H**2).sum(axis=-1)), INTERVAL, axis=0)
+    rows = len(measured.channels)
+    figure, panels = subplots(rows, 1, (8.0, 1.0 + 2.3 * rows), sharex=True)
+    unit, label = reads[measured.kind].unit, "updated model, 95 %"
+    for i, (axes, channel) in enumerate(zip(panels, measured.channels, strict=True)):
+        style: Style = {"color": BLUE, "alpha": 0.6, "lw": 0.8, "label": label}
+        axes.fill_between(measured.lines, *ends[:, i], **style)
+        style = {"color": "black", "ms": 3, "label": "measured"}
+        axes.plot(measured.lines, np.abs(measured.values[i]), ".", **style)
+        axes.set_yscale("log")
+        axes.grid(True, alpha=0.25)
+        axes.set_ylabel(f"{channel.label}\n{measured.kind} ({unit})")
+    panels[-1].set_xlabel("frequency (Hz)")
+    figure.legend(handles=panels[0].get_legend_handles_labels()[0], **BELOW)
+    return finish(figure, idata)

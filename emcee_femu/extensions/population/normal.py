@@ -1,16 +1,38 @@
-"""The normal distribution of a structure's parameters, test after test."""
+r"""The normal distribution of a structure's parameters, test after test.
 
-from collections.abc import Mapping, Sequence
+And its likelihood, from the draws of each test's own posterior.
+
+.. math:: p(D_t | \phi) \propto
+    \frac1S \sum_s \frac{N(\theta_{ts}; \phi)}{\pi_t(\theta_{ts})}
+
+with theta_ts the draws under the prior pi_t. As a model its response is the logarithm
+of that for each test, and no FE solve is needed. It is consistent: the more draws, the
+smaller its error, whatever the likelihood.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy import stats
+from scipy.special import ndtr
 
 from ... import checks
-from ...contracts import Floats, Parameters
+from ...contracts import Floats, Parameters, Response, Variable
+from ...likelihoods.term import Term
 from ...posterior.priors import IndependentPrior, describe_marginal
+from ...results.arviz_objects import InferenceData, dataset, samples
+from ...sampling.judge import spread_out
 from ...table import Parts, Report, Table
+
+FEWEST_OF_A_TEST = 100  # draws of a test
+RESOLVED = 20  # draws that lie within the narrowest population that they can tell
+LEAST_DENSITY = 1e-300
+# The share of each parameter's population that lies inside the bounds, at least: what
+# is left of less would hang on the bound.
+LEAST_INSIDE = 0.1
+STEEP = 1_000.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,9 +99,8 @@ class NormalPopulation(Report):
             hyperpriors[name] = prior.marginals[name]
             if name in spreads and prior.bounds[0, 0] < 0:
                 raise ValueError(
-                    f"hyperpriors[{name!r}]: a spread is not negative, but this "
-                    f"distribution begins at {prior.bounds[0, 0]:g}; take halfnorm or "
-                    "lognorm"
+                    f"hyperpriors[{name!r}]: expected a spread from zero on, got one "
+                    f"from {prior.bounds[0, 0]:g}; take halfnorm or lognorm"
                 )
         checks.set_fields(self, hyperpriors=hyperpriors)
 
@@ -180,3 +201,188 @@ def _check_covariates(covariates: object) -> dict[str, dict[str, float]]:
             )
         checked[name] = dict(zip(tests, numbers, strict=True))
     return checked
+
+
+class Draws(NamedTuple):
+    """The draws of one test's pooled parameters.
+
+    Attributes:
+        theta: The draws, ``(S, d)``.
+        log_prior: Of these parameters alone, ``(S,)``.
+        bounds: Theirs, ``(d, 2)``.
+        prior: Their mean and standard deviation under the prior, ``(2, d)``.
+    """
+
+    theta: Floats
+    log_prior: Floats
+    bounds: Floats
+    prior: Floats
+
+    @property
+    def resolved(self) -> Floats:
+        """The spread below which some few draws alone would decide, ``(d,)``.
+
+        A narrower population counts as one of this spread: a small part of what the
+        test itself leaves open, the smaller the more draws there are.
+        """
+        number, d = self.theta.shape
+        share = min(1.0, RESOLVED / number) ** (1 / d)
+        return np.asarray(self.theta.std(axis=0) * share)
+
+
+def read_tests(
+    tests: Mapping[str, InferenceData], names: tuple[str, ...], number: int
+) -> dict[str, Draws]:
+    """Return the draws of each test, thinned evenly to a number.
+
+    Raises:
+        TypeError: If tests is no mapping of ArviZ objects.
+        ValueError: If there are fewer than two, or one does not fit; with its name.
+    """
+    tests = checks.by_label("tests", tests, "what to_inference_data returns")
+    if len(tests) < 2:
+        raise ValueError(f"tests: expected at least two, got {[*tests]}")
+    draws: dict[str, Draws] = {}
+    for test, idata in tests.items():
+        try:
+            draws[test] = _read_test(idata, names, number)
+        except (TypeError, ValueError) as error:
+            raise type(error)(f"tests[{test!r}]: {error}") from None
+        bounds = next(iter(draws.values())).bounds
+        if not np.array_equal(draws[test].bounds, bounds):
+            raise ValueError(
+                f"tests[{test!r}]: its parameters {list(names)} have the bounds "
+                f"{draws[test].bounds.tolist()}, but others have {bounds.tolist()}; "
+                "sample all within the same bounds, since they share one population"
+            )
+    return draws
+
+
+def _read_test(idata: InferenceData, names: tuple[str, ...], number: int) -> Draws:
+    sampled, chains = samples(idata)
+    missing = [name for name in names if name not in sampled]
+    if missing:
+        raise ValueError(f"it has no parameter {missing}; there are {sampled}")
+    flat = chains.reshape(-1, len(sampled))
+    if (different := len(np.unique(flat, axis=0))) < FEWEST_OF_A_TEST:
+        least = f"at least {FEWEST_OF_A_TEST} different draws"
+        raise ValueError(f"expected {least}, got {different}; run it longer")
+    kept = spread_out(len(flat), number)
+    # Of parameters that are not pooled the prior stays, and must not be divided out.
+    whole = len(names) == len(sampled)
+    group, parts = ("sample_stats", ["log_prior"]) if whole else ("log_prior", names)
+    try:
+        stored = dataset(idata, group)[list(parts)].transpose("chain", "draw")
+    except (KeyError, ValueError):
+        raise ValueError(
+            "it lacks the log-prior of its draws, in sample_stats, or by parameter, in "
+            "the group log_prior, where some parameters are not pooled; convert its "
+            "run with to_inference_data, from a GaussianPrior or IndependentPrior"
+        ) from None
+    log_prior = sum(stored[name].values.ravel()[kept] for name in parts)
+    constant = dataset(idata, "constant_data").reindex(parameter=list(names))
+    return Draws(
+        theta=flat[kept][:, [sampled.index(name) for name in names]],
+        log_prior=np.asarray(log_prior),
+        bounds=constant[["lower", "upper"]].to_array().values.T,
+        prior=constant[["prior_mean", "prior_sd"]].to_array().values,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class PopulationModel:
+    """The parameters of a population to the log-likelihood of each test.
+
+    Attributes:
+        population: With all hyperpriors.
+        tests: The draws of each test, by its name.
+    """
+
+    population: NormalPopulation
+    tests: Mapping[str, Draws]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The population's own parameters."""
+        return self.population.parameters
+
+    @property
+    def variables(self) -> dict[str, Variable]:
+        """The log-likelihood of each test, and the least share inside the bounds."""
+        by_test = Variable({"test": tuple(self.tests)})
+        return {"log_marginal": by_test, "inside": Variable({}, stored=False)}
+
+    @property
+    def bounds_of(self) -> Floats:
+        """The bounds of the pooled parameters, ``(d, 2)``."""
+        return next(iter(self.tests.values())).bounds
+
+    def __call__(self, parameters: Parameters) -> dict[str, Floats]:
+        """Return ``log_marginal (n, T)``, each known but for a constant."""
+        location = self._locate(parameters)
+        sd = np.maximum(self.population.spread(parameters), LEAST_DENSITY)[:, None]
+        low, high = (self.bounds_of.T[:, None, None] - location) / sd
+        mass = np.maximum(ndtr(high) - ndtr(low), LEAST_DENSITY)
+        log_marginal = -np.log(mass).sum(axis=2)
+        for t, weights in enumerate(self.log_weights(parameters)):
+            top = weights.max(axis=1)
+            weights -= top[:, None]
+            np.exp(weights, out=weights)
+            log_marginal[:, t] += top + np.log(weights.sum(axis=1))
+        return {"log_marginal": log_marginal, "inside": mass.min(axis=(1, 2))}
+
+    def log_weights(self, parameters: Parameters) -> Iterator[Floats]:
+        """Yield the logarithm of density over prior at each test's draws ``(n, S)``."""
+        location, spread = self._locate(parameters), self.population.spread(parameters)
+        for t, test in enumerate(self.tests.values()):
+            sd = np.maximum(spread, test.resolved)
+            # About the draws' middle, where the squares hardly cancel.
+            middle = test.theta.mean(axis=0)
+            theta, away = test.theta - middle, location[:, t] - middle
+            coefficients = np.hstack([away, np.full_like(sd, -0.5)]) / np.tile(sd**2, 2)
+            log_density = coefficients @ np.hstack([theta, theta**2]).T
+            log_density -= (np.log(sd) + (away / sd) ** 2 / 2).sum(axis=1)[:, None]
+            log_density -= test.log_prior
+            yield log_density
+
+    def _locate(self, parameters: Parameters) -> Floats:
+        """Return the population's means at every test, ``(n, T, d)``."""
+        covariates = {
+            name: np.array([values[test] for test in self.tests])
+            for name, values in self.population.covariates.items()
+        }
+        location = self.population.locate(parameters, covariates)
+        n, _, d = location.shape
+        return np.broadcast_to(location, (n, len(self.tests), d))
+
+
+@dataclass(frozen=True)
+class PopulationTerm(Term):
+    """The sum of what the tests say; the tests are its data, one by one.
+
+    Next to nothing where less than a tenth of a parameter's population is inside the
+    bounds, but by a slope that leads a search back.
+    """
+
+    statement = (
+        "Each test has parameters of its own, drawn from the population; φ are the "
+        "parameters of the population."
+    )
+    formula = (
+        "ln <i>p</i> = Σ<sub><i>t</i></sub> ln ∫ <i>L<sub>t</sub></i>(θ) "
+        "<i>p</i>(θ | φ) dθ"
+    )
+    reads: Mapping[str, Variable]
+    name: str = "tests"
+    names: tuple[str, ...] = ()
+
+    def __call__(self, parameters: Parameters, response: Response) -> Floats:
+        """Return the log-likelihood ``(n,)``."""
+        outside = np.maximum(np.log(LEAST_INSIDE / response["inside"]), 0.0)
+        return np.asarray(response["log_marginal"].sum(axis=1) - STEEP * outside)
+
+    def pointwise(
+        self, parameters: Parameters, stored: Mapping[str, Floats]
+    ) -> Mapping[str, Floats]:
+        """Return the log-likelihood of each test, so that one may be left out."""
+        return {"log_marginal": stored["log_marginal"]}

@@ -18,8 +18,14 @@ from ...sampling.importance import GOOD_K, kish_share, normalise, pareto_k
 from ...sampling.record import Run
 from ...sampling.run import run
 from ...table import Column, Parts, Report, Table
-from .marginal import LEAST_DENSITY, Draws, PopulationModel, PopulationTerm, read_tests
-from .normal import NormalPopulation
+from .normal import (
+    LEAST_DENSITY,
+    Draws,
+    NormalPopulation,
+    PopulationModel,
+    PopulationTerm,
+    read_tests,
+)
 
 SMALL_SHIFT = 0.1  # posterior sds by which estimates may be off for want of draws
 ENOUGH_EFFECTIVE = 100  # effective draws of a test, whatever the tail of their weights
@@ -147,24 +153,17 @@ class PooledTests(Report):
         """
         self.draws(test)  # refuses another
         prior = checks.instance("posterior", posterior, LogPosterior).prior
-        missing = [name for name in self.population.names if name not in prior.names]
-        if missing:
-            raise ValueError(
-                f"posterior: it has no parameter {missing}; there are {prior.names}"
-            )
-        cut: Sequence[str] = self.population.names
-        if isinstance(prior, IndependentPrior):
-            marginals = dict(prior.marginals)
-        elif isinstance(prior, GaussianPrior):
-            moments = zip(prior.names, prior.mean, prior.sd, strict=True)
-            marginals = {name: stats.norm(mean, sd) for name, mean, sd in moments}
-            cut = prior.names
-        else:
+        names: Sequence[str] = prior.names
+        if missing := [name for name in self.population.names if name not in names]:
+            raise ValueError(f"posterior: no parameter {missing}; there are {names}")
+        cut = self.population.names if isinstance(prior, IndependentPrior) else names
+        if not isinstance(prior, GaussianPrior | IndependentPrior):
             raise TypeError(
                 "posterior: expected a GaussianPrior or an IndependentPrior, whose "
                 f"marginals are known, got {type(prior).__name__}; sample the test "
                 "again under a prior of your own like the population's, and pool again"
             )
+        marginals = dict(prior.marginals)
         covariates = self.population.covariates.items()
         drawn = self.next_test(**{name: values[test] for name, values in covariates})
         for name, values in drawn.items():
@@ -214,19 +213,16 @@ class PooledTests(Report):
     def conclusion(self) -> str:
         """What to do about tests out of reach, and about the chains."""
         worst = f"{self.pareto_k.max():.2f}"
-        reach = (
-            "The draws of every test reach where the population puts it (Pareto k up "
-            f"to {worst})."
-        )
+        reach = "The draws of every test reach where the population puts it (Pareto k "
+        reach += f"up to {worst})."
         if self.unreached:
             first, more = self.unreached[0], len(self.unreached) - 5
             shown = ", ".join(self.unreached[:5]) + f" and {more} more" * (more > 0)
             reach = (
                 f"{shown}: do not trust this result. The draws do not reach where the "
                 f"population puts them (Pareto k up to {worst}). Sample these "
-                f"tests again under the population: posteriors={{{first!r}: "
-                f"posterior}}, or run under_population({first!r}, posterior), and pool "
-                "again."
+                f"tests again under the population, posteriors={{{first!r}: posterior}}"
+                f" or run under_population({first!r}, posterior), and pool again."
             )
         if (error := self.monte_carlo.max()) > SMALL_SHIFT:
             name = self.model.names[int(self.monte_carlo.max(axis=0).argmax())]
@@ -368,9 +364,8 @@ def _pool(
     names, chains = samples(idata)
     flat = chains.reshape(-1, len(names))
     rng = np.random.default_rng(seed)
-    chosen = flat[
-        rng.choice(len(flat), POPULATION_DRAWS, replace=len(flat) < POPULATION_DRAWS)
-    ]
+    few = len(flat) < POPULATION_DRAWS
+    chosen = flat[rng.choice(len(flat), POPULATION_DRAWS, replace=few)]
     hyperdraws = dict(zip(names, chosen.T, strict=True))
     theta = np.empty((POPULATION_DRAWS, len(tests), len(population.names)))
     k, effective = np.empty((2, len(tests)))

@@ -42,12 +42,7 @@ from ...results.tables import (
 )
 from ...results.to_arviz import read_samples
 from ...sampling.record import Run
-from ...table import (
-    Column,
-    Report,
-    Table,
-    unit_column,
-)
+from ...table import Column, Report, Table, unit_column
 
 Figure: TypeAlias = Any  # of matplotlib, which figures import
 
@@ -233,18 +228,15 @@ def _tabulate_shapes(experiment: Experiment) -> Iterator[Table]:
         test = experiment.model.measurements
         assert test.shapes is not None
         of_terms, sensors = [test.shapes], test.sensors
+    title = f"Measured mode shapes {experiment.name}".rstrip()
     for shapes in of_terms:
+        if len(shapes) > MOST_ROWS:
+            continue
         sensors = sensors or [*map(str, range(1, 1 + len(shapes)))]
-        for start in range(
-            0, shapes.shape[1] * (len(shapes) <= MOST_ROWS), SHAPES_BESIDE
-        ):
-            columns: list[Column] = [("sensor", "", sensors)]
-            for i, shape in enumerate(
-                shapes.T[start : start + SHAPES_BESIDE], start + 1
-            ):
-                columns.append((f"mode {i}", ".3f", shape))
-            title = f"Measured mode shapes {experiment.name}".rstrip()
-            yield Table.from_columns(title, columns)
+        modes = [(f"mode {i}", ".3f", shape) for i, shape in enumerate(shapes.T, 1)]
+        for start in range(0, len(modes), SHAPES_BESIDE):
+            shown = modes[start : start + SHAPES_BESIDE]
+            yield Table.from_columns(title, [("sensor", "", sensors), *shown])
 
 
 def _tabulate_priors(idata: InferenceData, posterior: LogPosterior | None) -> Table:
@@ -277,9 +269,7 @@ def _draw_own(result: object, own: Reported | None) -> dict[str, list[Figure]]:
 
 
 def _draw_all(
-    idata: InferenceData,
-    posterior: LogPosterior | None,
-    measured: list[Measured],
+    idata: InferenceData, posterior: LogPosterior | None, measured: list[Measured]
 ) -> Iterator[tuple[str, list[Figure]]]:
     """Yield the figures of each section that has some."""
     from ... import figures
