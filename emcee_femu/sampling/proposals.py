@@ -28,7 +28,7 @@ NEW_WEIGHT = 0.2
 STRESSED = 10  # iterations
 LACK, CARRIES = 2.5, 1e-5  # ln(p / q) that is let pass, share of draws that it counts
 COVERS = ((0.05, 1.5), (0.05, 3.0))  # weights and widths of those that fill gaps
-MOST_ADDED = 0.5  # weight of all components that are added at once
+MOST_ADDED = 0.35  # weight of all components that are added at once
 # The variance of a parameter is known where its ten largest terms hold no more of it
 # (a Gaussian's hold .06 of 1,500 draws); else what carries it gets a component, of so
 # much weight, about draws whose ln(p / q) is above what a good proposal leaves.

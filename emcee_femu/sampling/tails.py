@@ -16,7 +16,10 @@ from .proposals import Component, Draws
 # are less than what the draws say of one, it is climbed.
 TAIL_SHARE, TAIL_WIDTH, TAIL_MATTERS, MOST_SLABS = 0.003, 0.8, 1e-3, 40
 WELL_SEEN = 4.5  # 20 effective draws
+# So many errors will do, 5 effective draws, where Laplace says at most so much more.
+SEEN, AGREE = 2.2, 2.0
 TAIL_PART = 0.1  # of a variance, below which a standard deviation is right to 5 %
+WIDEST = 2.0  # a component, in sds of the posterior
 STRETCHED = 1 / 6  # of the squared way through a slab: twice the variance along it
 
 
@@ -46,7 +49,7 @@ def _follow(
     bounds, sign = evaluator.posterior.prior.bounds, 2 * side - 1
     x, shares, found = draws.x, draws.shares, []
     mean, guess = shares @ x, np.atleast_2d(np.cov(x.T, aweights=shares, ddof=0))
-    sd = np.sqrt(guess[j, j])
+    sd, widest = np.sqrt(guess[j, j]), WIDEST * np.sqrt(np.diag(guess))
     order = np.argsort(x[:, j])[::-sign]
     place = x[order[int(np.searchsorted(shares[order].cumsum(), TAIL_SHARE))]]
     value, way = place[j], 0.0 * place
@@ -65,13 +68,15 @@ def _follow(
         else:
             start = np.clip(place + way, *box.T)
             (top,) = climb(evaluator, start[None], guess, box=box, masses=True)
-            part = square * float(np.exp(top.log_evidence - draws.log_evidence))
+            mass = float(np.exp(top.log_evidence - draws.log_evidence))
+            part = mass * square
             end, guess = top.theta, top.covariance
             way = end - place
             if way @ before < 0:  # from one arm to another
                 way = 0.0 * way
-            if part > TAIL_MATTERS:
-                found.append((part, *_within(top, j, box, way)))
+            agree = seen > SEEN * error and mass < AGREE * seen
+            if part > TAIL_MATTERS and not agree:
+                found.append((part, *_within(top, j, box, way, widest)))
         if not max(part, seen * square) > TAIL_MATTERS:
             break
         value, place = further, end
@@ -82,15 +87,20 @@ def _follow(
     return [(total / len(found), mean, matrix) for _, mean, matrix in found]
 
 
-def _within(top: Maximum, j: int, box: Floats, way: Floats) -> tuple[Floats, Floats]:
+def _within(
+    top: Maximum, j: int, box: Floats, way: Floats, widest: Floats
+) -> tuple[Floats, Floats]:
     """Return mean and matrix of what is in a slab of parameter j.
 
     It is stretched along the way through the slab. At a bound of another parameter the
-    density is an exponential, whose mean is one spread inside.
+    density is an exponential, whose mean is one spread inside. A kink, or a density
+    that hardly bends, has a curvature that says nothing.
     """
     low, high = box.T
     pressed = top.at_bound & (np.arange(len(low)) != j)
-    sds = np.minimum(np.sqrt(np.diag(top.covariance)), (high - low) / 2)
+    known = np.sqrt(np.diag(top.covariance))
+    sds = np.minimum(known, np.minimum(widest, (high - low) / 2))
+    matrix = top.covariance * np.outer(sds / known, sds / known)
     inwards = np.where(top.theta == low, sds, -sds)
     mean = top.theta + np.where(pressed, inwards, -way / 2)
-    return mean, top.covariance + STRETCHED * np.outer(way, way)
+    return mean, matrix + STRETCHED * np.outer(way, way)
