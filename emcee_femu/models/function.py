@@ -278,7 +278,7 @@ class DensityModel:
         """Return log-likelihood and blobs at each of ``theta (n, d)``."""
         if not self.vectorize:
             return [self._ask_one(point) for point in theta]
-        results = self.call(theta, *self.args, **self.kwargs)
+        results: Any = self.call(theta, *self.args, **self.kwargs)
         if not np.iterable(results) or len(results) != len(theta):
             raise SolveError(
                 "wrong shape",

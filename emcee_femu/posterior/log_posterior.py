@@ -196,14 +196,14 @@ class LogPosterior(Report):
             >>> posterior([1.5, 2.0]).round(3).tolist()
             [-5.906, -5.781, -0.125, 0.5]
         """
-        in_box = isinstance(prior, Mapping)
-        known: Prior = IndependentPrior(prior) if isinstance(prior, Mapping) else prior
+        by_name = dict(prior) if isinstance(prior, Mapping) else {}
+        known = IndependentPrior(prior) if isinstance(prior, Mapping) else prior
         check_prior(known)
         named = {} if kwargs is None else kwargs
         bare = DensityModel(log_likelihood, known.names, vectorize, args, named)
         draws = known.sample(np.random.default_rng(0), TRIED_DRAWS)
         self = cls(bare.declare_blobs(draws), bare.density, known)
-        if in_box:
+        if by_name and all(np.shape(ends) == (2,) for ends in by_name.values()):
             self.log_volume = float(np.log(np.diff(known.bounds)).sum())
         return self
 

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -51,6 +51,32 @@ MOST_LONGER = 10.0  # times longer, above which it is not length that lacks
 # In a few words, in a sentence, and how many times longer a chain would mend it; 0
 # where none would, and the sentence says what does.
 Complaint: TypeAlias = tuple[str, str, float]
+
+
+class Cures(NamedTuple):
+    """What mends chains, in the words of what made them."""
+
+    steps: str
+    ensembles: str
+    modes: str
+    search: str
+    stuck: str
+
+
+OF_RUN = Cures(
+    "run steps={:,}",
+    "run ensembles=4",
+    'run moves="auto"',
+    'run(posterior, "auto") searches',
+    "look at starts and at failed solves",
+)
+OF_EMCEE = Cures(
+    "run {:,} steps",
+    "diagnose four samplers, each from starts of its own",
+    "LogPosterior.from_function makes it something for run, which searches for them",
+    "run searches, of what LogPosterior.from_function makes of it",
+    "look at their starts",
+)
 NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
 
@@ -91,6 +117,7 @@ class Diagnosis(Report):
         fit: Whether what was measured lies inside the posterior predictive: "fits",
             "doubtful" (it does, but parameters are far from their prior, or the model
             or the prior was warned of), "at a bound", "does not fit" or "not checked".
+        plain: Whether it is of emcee alone, whose user has no LogPosterior to run.
     """
 
     names: tuple[str, ...]
@@ -110,11 +137,17 @@ class Diagnosis(Report):
     chains: Statement = NOT_JUDGED
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
+    plain: bool = False
 
     @property
     def converged(self) -> bool:
         """Whether several ensembles of independent starts agree, each well mixed."""
         return self.chains.status == CONVERGED
+
+    @property
+    def cures(self) -> Cures:
+        """What the user of these chains can do."""
+        return OF_EMCEE if self.plain else OF_RUN
 
     @property
     def short(self) -> str:
@@ -207,7 +240,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     if chains.kind == "chain":
         diagnosis = measure(chains)
         about = judge_chains(diagnosis, chains.starts_given, discard)
-        search = judge_search(diagnosis.modes)
+        search = judge_search(diagnosis.modes, diagnosis.cures)
     else:
         about, search = judge_without_chains(source, chains)
         nan: Any = np.full((1, len(chains.names)), np.nan)
@@ -263,6 +296,7 @@ def measure(chains: Chains) -> Diagnosis:
         scatter=scatter,
         modes=weigh_modes(chains),
         failures=chains.failures,
+        plain=chains.plain,
     )
 
 
@@ -279,7 +313,8 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
             longer = max(factor for *_, factor in complaints)
             steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
-            sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
+            needed = unit * int(np.ceil(steps / unit))
+            sentence += f"; {diagnosis.cures.steps.format(needed)}"
         sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
         reasons = tuple(reason for reason, *_ in complaints)
         return Statement(NOT_CONVERGED, short, sentence, reasons)
@@ -289,7 +324,7 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
         words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
     if starts_given or count == 1:
         status, short = MIXED, "starts given" if count > 1 else "one ensemble"
-        cure = "leave starts out" if count > 1 else "run ensembles=4"
+        cure = "leave starts out" if count > 1 else diagnosis.cures.ensembles
         words = f"{status}, but other modes would not be seen ({short}): {cure}"
     sentence = (
         f"{words}; {diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at "
@@ -298,11 +333,11 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
     return Statement(status, short, sentence)
 
 
-def judge_search(modes: ModeWeights | None) -> Statement:
+def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
     """Say what a search found, and how small a maximum it may have missed."""
     if modes is None:
         sentence = "none: a maximum that no walker started near is not seen; "
-        sentence += 'run(posterior, "auto") searches.'
+        sentence += f"{cures.search}."
         return Statement(NOT_SEARCHED, "none", sentence)
     count = len(modes.importance)
     short = "one maximum" if count == 1 else f"{count} maxima"
@@ -337,7 +372,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
     names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
     places = f"(ensemble, walker): {list(stuck[:5])}"
-    sentence = f"they never moved, {places}; look at starts and at failed solves"
+    sentence = f"they never moved, {places}; {diagnosis.cures.stuck}"
     complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
     moving = diagnosis.acceptance[diagnosis.acceptance > 0]
     # So many of the others would be still there by chance after as many steps.
@@ -360,7 +395,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
             bound = f"at {'least' if power < 0 else 'most'} {limit}"
             sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
             if best and longer > MOST_LONGER:
-                cure = "take a TemperedMove" if modes else 'run moves="auto"'
+                cure = "take a TemperedMove" if modes else diagnosis.cures.modes
                 sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
             yield short, sentence, longer
     if stuck and by_chance >= STUCK_BY_CHANCE:

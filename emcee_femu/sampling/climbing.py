@@ -369,8 +369,9 @@ class _Space:
         a, b = ahead / first, behind / second
         # Where a solve on one side failed, the slope of the other one is taken.
         a, b = np.where(np.isfinite(a), a, b), np.where(np.isfinite(b), b, a)
-        gradient = (a * second - b * first) / (second - first)
-        diagonal = -2 * (b - a) / (second - first)
+        with np.errstate(invalid="ignore"):  # none where both sides are impossible
+            gradient = (a * second - b * first) / (second - first)
+            diagonal = -2 * (b - a) / (second - first)
         return local._replace(gradient=gradient, ahead=ahead, diagonal=diagonal)
 
     def fit(self, local: Local) -> Local:

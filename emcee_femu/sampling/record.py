@@ -116,6 +116,8 @@ class Chains:
         starts_given: Whether the walkers started where a user said.
         doubts: What was warned of before the run, of the model or the prior.
         initial: The row at the prior mean, as of a file; None where not known.
+        plain: Whether they are of emcee alone, and of nothing that :func:`run` takes.
+        log_volume: Of the box that is the prior of a bare log-likelihood; else NaN.
     """
 
     names: tuple[str, ...]
@@ -135,6 +137,8 @@ class Chains:
     starts_given: bool = False
     doubts: Sequence[str] = ()
     initial: Floats | None = None
+    plain: bool = False
+    log_volume: float = np.nan
 
 
 @dataclass(frozen=True, eq=False, repr=False)
