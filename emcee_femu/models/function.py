@@ -236,16 +236,16 @@ class DensityModel:
         """Return the model with the blobs that it returns at a possible point.
 
         Raises:
-            ValueError: If it is -inf at all points.
+            ValueError: If it is finite at none of the points.
         """
         for point in points:
             row = self._ask(point[None])[0]
-            if row[DENSITY] > -np.inf:
+            if np.isfinite(row[DENSITY]):
                 break
         else:
             raise ValueError(
                 f"{DENSITY}: expected a finite number at some of {len(points)} draws "
-                "of the prior, got -inf at all; narrow the prior to where it is finite"
+                "of the prior, got none; narrow the prior to where it is finite"
             )
         axes = {
             name: {f"{name}_dim_{i}": range(size) for i, size in enumerate(blob.shape)}
@@ -278,15 +278,16 @@ class DensityModel:
         """Return log-likelihood and blobs at each of ``theta (n, d)``."""
         if not self.vectorize:
             return [self._ask_one(point) for point in theta]
-        results: Any = self.call(theta, *self.args, **self.kwargs)
-        if not np.iterable(results) or len(results) != len(theta):
+        results = self.call(theta, *self.args, **self.kwargs)
+        rows = [*results] if np.iterable(results) else []
+        if len(rows) != len(theta):
             raise SolveError(
                 "wrong shape",
                 f"{DENSITY}: expected {len(theta)} numbers, or rows of a number and "
                 f"blobs, got {results!r}; leave vectorize out for a function of one "
                 "point",
             )
-        return [_read_density(result) for result in results]
+        return [_read_density(row) for row in rows]
 
     def _ask_one(self, point: Floats) -> Arrays:
         try:
@@ -301,7 +302,7 @@ def _read_density(result: Response) -> Arrays:
     """Return a log-likelihood by name, and its blobs where it is finite, as emcee."""
     try:
         value, *blobs = result
-    except TypeError:  # one number has no length
+    except (TypeError, ValueError):  # one number has no length
         value, blobs = result, []
     row = {DENSITY: checks.numeric_array(DENSITY, value)}
     checks.shaped(DENSITY, row[DENSITY].shape, (), (1,))

@@ -183,7 +183,7 @@ class LogPosterior(Report):
             TypeError: If an argument is of a wrong type, or a log-likelihood or a blob
                 is no number.
             ValueError: If the function returns more than one number for a point, or it
-                is -inf at all of 256 draws of the prior.
+                is finite at none of 256 draws of the prior.
 
         Examples:
             >>> import emcee_femu as ef

@@ -66,6 +66,14 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
     return values
 
 
+def response_of(idata: InferenceData) -> Dataset:
+    """Return what the model returned, which of a bare log-likelihood may be nothing."""
+    held = groups(idata)
+    if "response" not in held and "constant_data" in held:
+        return held["constant_data"][[]]
+    return dataset(idata, "response")
+
+
 def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:
     """Return what is known of the prior by parameter, NaN where there is none."""
     import xarray

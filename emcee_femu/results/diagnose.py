@@ -73,8 +73,8 @@ OF_RUN = Cures(
 OF_EMCEE = Cures(
     "run {:,} steps",
     "diagnose four samplers, each from starts of its own",
-    "LogPosterior.from_function makes it something for run, which searches for them",
-    "run searches, of what LogPosterior.from_function makes of it",
+    "run(LogPosterior.from_function(...), seed=1) finds them",
+    "run(LogPosterior.from_function(...), seed=1) searches",
     "look at their starts",
 )
 NOT_JUDGED = Statement("not judged", "not judged", "not judged.")

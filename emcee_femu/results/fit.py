@@ -22,7 +22,10 @@ OUTVOTED = 5  # times as many values in another term
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured, as of a bare log-likelihood"
-NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
+NOT_KNOWN = (
+    "the data are not known; to_inference_data(source, posterior) has those of a "
+    "LogPosterior"
+)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,6 @@ from .chains import STORED, TOLD, read_chains
 from .measured import ONE_NUMBER, Labelled, gather_by_terms, gather_observed
 
 PRIOR_STORED = 1_000
-RESPONSE = "response"
 PREDICTIVE_DRAWS = 500  # which ArviZ draws in seconds
 
 
@@ -183,7 +182,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
             densities = posterior.prior.logpdfs(draws.reshape(-1, posterior.ndim))
             densities = densities.reshape(draws.shape)
             groups["log_prior"] = _by_parameter(chains.names, densities, {})
-        groups[RESPONSE] = {
+        groups["response"] = {
             name: Labelled(value, posterior.variables[name])
             for name, value in posterior.unfold(rows).items()
         }
@@ -198,8 +197,7 @@ def convert(chains: Chains, discard: int = 0, thin: int = 1) -> InferenceData:
         "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers)),
         "walker": ("chain", np.tile(np.arange(walkers), ensembles)),
     }
-    # A response without variables is one, too, as of a bare log-likelihood.
-    there = {name: group for name, group in groups.items() if group or name == RESPONSE}
+    there = {name: group for name, group in groups.items() if group}
     datasets = {name: _dataset(g, attributes, coords) for name, g in there.items()}
     if "new_measurement" in datasets:
         datasets["posterior_predictive"] = pick_some(datasets["new_measurement"])
