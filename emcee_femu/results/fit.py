@@ -1,7 +1,6 @@
 """Whether the posterior predicts what was measured, and what speaks against its fit."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -9,6 +8,7 @@ from scipy import stats
 from ..posterior.log_posterior import LogPosterior
 from ..sampling.first_solve import doubt_units, is_constant, same_response
 from ..sampling.record import Chains
+from ..sampling.verdict import Statement
 from .arviz_objects import InferenceData, is_arviz
 from .identifiability import describe_samples
 from .measured import read_measured
@@ -26,23 +26,6 @@ NOT_KNOWN = (
     "the data are not known; to_inference_data(source, posterior) has those of a "
     "LogPosterior"
 )
-
-
-@dataclass(frozen=True)
-class Statement:
-    """One of the three statements of a diagnosis.
-
-    Attributes:
-        status: A word or two that never vary, such as "converged".
-        short: The status in a few words, with its reason.
-        sentence: The same at length, and what to do.
-        reasons: All that speaks against chains, in a word or two each.
-    """
-
-    status: str
-    short: str
-    sentence: str
-    reasons: tuple[str, ...] = ()
 
 
 def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:

@@ -26,7 +26,7 @@ ROUND = 300  # draws of a round of the refinement, at least
 TRIED = 800  # draws by which a proposal is judged, at least
 LAST_ROUND = 6  # times a round's draws, that the last round of a refinement may have
 REFINED = 1_500  # draws for a refinement, or half as many as the chain has
-BENT = 0.6  # acceptance of a mixture below which polynomials may do better
+BENT = 0.5  # acceptance of a mixture below which polynomials may do better
 MOST_QUADRATIC = 30  # parameters of which there are quadratic ones
 GAINED = 1.5  # acceptance by polynomials, relative to that of the mixture
 SCREENED, MOST_SCREENED = 10, 100  # proposals that polynomials accept, and see
@@ -55,6 +55,7 @@ def search_and_start(
     ensembles: int,
     seed: int,
     evaluations: int,
+    budget: int,
     starts: Sequence[Floats] | None,
 ) -> tuple[SearchRecord, list[emcee.State]]:
     """Search for the modes, refine a proposal, and draw the starts from it.
@@ -70,7 +71,8 @@ def search_and_start(
         nwalkers: Walkers per ensemble.
         ensembles: How many there are.
         seed: Of the run.
-        evaluations: Those of the chain, by which the search may spend.
+        evaluations: Those of the chain.
+        budget: Solves that the search may take.
         starts: Points ``(n, d)`` of each ensemble that are searched too.
 
     Returns:
@@ -79,7 +81,6 @@ def search_and_start(
     """
     seeds = np.random.SeedSequence(seed).spawn(ensembles)
     streams = [np.random.default_rng(child.spawn(1)[0]) for child in seeds]
-    budget = budget_of(evaluations)
     most = max(REFINED, evaluations // 2)
     size = max(ROUND, 10 * evaluator.posterior.ndim)
     judged = max(TRIED, 2 * size, min(4 * nwalkers * ensembles, budget // 8))
