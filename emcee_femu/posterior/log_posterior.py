@@ -67,7 +67,7 @@ class LogPosterior(Report):
         variables: All stored variables, ``{name: Variable}``.
         columns: Where they are in a row, ``{name: slice}``, after "densities".
         draws: Points ``(n, d)`` that "auto" searches too, those of :func:`emulate`.
-        log_volume: Of a box that :meth:`from_function` was given as prior, the natural
+        log_box: Of a box that :meth:`from_function` was given as prior, the natural
             logarithm of its volume; NaN else.
 
     Raises:
@@ -93,7 +93,7 @@ class LogPosterior(Report):
     """
 
     draws: Floats | None = None
-    log_volume: float = np.nan
+    log_box: float = np.nan
 
     def __init__(
         self, model: Model, terms: Terms, prior: Prior, units: Units = None
@@ -204,7 +204,7 @@ class LogPosterior(Report):
         draws = known.sample(np.random.default_rng(0), TRIED_DRAWS)
         self = cls(bare.declare_blobs(draws), bare.density, known)
         if by_name and all(np.shape(ends) == (2,) for ends in by_name.values()):
-            self.log_volume = float(np.log(np.diff(known.bounds)).sum())
+            self.log_box = float(np.log(np.diff(known.bounds)).sum())
         return self
 
     def _set(self, pairs: Tests, prior: Prior, units: Units) -> None:
@@ -276,7 +276,7 @@ class LogPosterior(Report):
         other = type(self).__new__(type(self))
         pairs = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
         other._set(pairs, self.prior, self.units)
-        other.log_volume = self.log_volume
+        other.log_box = self.log_box
         return other
 
     def parameters(self, theta: Floats) -> Parameters:

@@ -16,7 +16,7 @@ from emcee.backends import Backend
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.pools import unwrap
-from ..evaluation.resume import LOG_VOLUME
+from ..evaluation.resume import LOG_BOX
 from ..evaluation.samplers import Sampler, describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
@@ -28,7 +28,7 @@ from .arviz_objects import InferenceData, dataset, is_arviz, samples
 TOLD = "kind", "moves", "seed", "origin", "stopped"
 # The same as JSON.
 STORED = (
-    "acceptance betas doubts failures log_volume plain search solves starts_given"
+    "acceptance betas doubts failures log_box plain search solves starts_given"
 ).split()
 
 
@@ -101,7 +101,7 @@ def read_chains(
         posterior=posterior,
         moves=describe_moves(weighted) or Chains.moves,
         plain=posterior is None,
-        log_volume=posterior.log_volume if posterior else np.nan,
+        log_box=posterior.log_box if posterior else np.nan,
     )
     if run is None:
         return chains
@@ -172,7 +172,7 @@ def _of_file(
         doubts=doubts,
         stopped=store["stopped"] or "",
         initial=row and np.array(row),
-        log_volume=manifest.get(LOG_VOLUME, np.nan),
+        log_box=manifest.get(LOG_BOX, np.nan),
     )
 
 

@@ -31,7 +31,7 @@ class Evidence(Report):
         overlaps: Of neighbouring betas, 1 where their distributions are the same,
             ``(n_betas - 1,)``; empty for other methods.
         failed_solves: Number of solves that were rejected because they failed.
-        log_volume: Natural logarithm of the volume of the box between whose bounds a
+        log_box: Natural logarithm of the volume of the box between whose bounds a
             bare log-likelihood was sampled (:meth:`LogPosterior.from_function`); NaN
             for other priors.
     """
@@ -42,7 +42,7 @@ class Evidence(Report):
     problems: tuple[str, ...] = ()
     overlaps: Floats = field(default_factory=lambda: np.empty(0))
     failed_solves: int = 0
-    log_volume: float = np.nan
+    log_box: float = np.nan
 
     def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.4f}"
@@ -51,10 +51,10 @@ class Evidence(Report):
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."
-        if np.isfinite(self.log_volume):
+        if np.isfinite(self.log_box):
             yield (
                 "The prior is uniform in the box. For the integral of a function that "
-                f"holds its prior already add {self.log_volume:.4f}, ln of its volume."
+                f"holds its prior already add {self.log_box:.4f}, ln of its volume."
             )
         if self.failed_solves:
             meaning = (
@@ -139,7 +139,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
             *found,
             source.problems,
             failed_solves=source.failed_solves,
-            log_volume=source.log_volume,
+            log_box=source.log_box,
         )
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
@@ -167,7 +167,7 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     if about.status == NOT_CONVERGED:
         problems = (*problems, f"the chains are {about.sentence.rstrip('.')}")
     error = np.inf if problems else error
-    volume = chains.log_volume
+    volume = chains.log_box
     return Evidence(value, error, method, problems, overlaps, failed, volume)
 
 

@@ -71,7 +71,7 @@ class Annealed(Report):
         problems: Why no standard error can be claimed; usually none.
         units: Of the parameters that have one, by name.
         doubts: What was warned of before.
-        log_volume: Of the box that is the prior of a bare log-likelihood; else NaN.
+        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
     """
 
     names: tuple[str, ...]
@@ -88,7 +88,7 @@ class Annealed(Report):
     problems: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     doubts: Sequence[str] = ()
-    log_volume: float = np.nan
+    log_box: float = np.nan
 
     def as_chains(self) -> Chains:
         """Return the members as one walker, in the order of their lineages."""
@@ -339,7 +339,7 @@ def anneal_population(
         solves=evaluator.solves - before,
         problems=problems,
         units=evaluator.posterior.units,
-        log_volume=evaluator.posterior.log_volume,
+        log_box=evaluator.posterior.log_box,
     )
 
 

@@ -132,7 +132,7 @@ class Chains:
         stopped: Why the run ended, as in :class:`Run`.
         initial: The row at the prior mean, as of a file; None where not known.
         plain: Whether they are of emcee alone, and of nothing that :func:`run` takes.
-        log_volume: Of the box that is the prior of a bare log-likelihood; else NaN.
+        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
     """
 
     names: tuple[str, ...]
@@ -154,7 +154,7 @@ class Chains:
     stopped: str = ""
     initial: Floats | None = None
     plain: bool = False
-    log_volume: float = np.nan
+    log_box: float = np.nan
 
 
 @dataclass(frozen=True, eq=False, repr=False)
