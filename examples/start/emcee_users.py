@@ -31,7 +31,7 @@ def log_likelihood(theta, x, y):
     return value, intercept + 10 * slope
 
 
-box = {"intercept": (-10, 10), "slope": (-5, 5), "sigma": (-1, 3)}
+box = {"intercept": (0, 4), "slope": (0, 2), "sigma": (0, 1)}
 posterior = ef.LogPosterior.from_function(log_likelihood, box, args=(x, y))
 posterior
 
@@ -83,7 +83,7 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-comparison = ef.compare_moves(posterior, moves, steps=400, seed=1)
+comparison = ef.compare_moves(posterior, moves, 12, 1_000, discard=150, seed=1)
 comparison
 
 # %% [markdown]
@@ -155,17 +155,17 @@ plain
 # A flat prior of a line: sigma by its exact marginal, the evidence by its integral.
 design = np.column_stack([np.ones_like(x), x])
 best, squares = np.linalg.lstsq(design, y)[:2]
-grid = np.linspace(0.05, 3, 5_000)
+grid = np.linspace(0.05, 1, 5_000)
 log_density = -18 * np.log(grid) - squares / (2 * grid**2)
 weights = np.exp(log_density - log_density.max())
 log_integral = np.log(weights.sum() * (grid[1] - grid[0])) + log_density.max()
 log_integral -= 9 * np.log(2 * np.pi) + 0.5 * np.linalg.slogdet(design.T @ design)[1]
-exact = log_integral - np.log(20 * 10 * 4)
+exact = log_integral - np.log(4 * 2 * 1)
 assert abs(evidence.log_evidence - exact) < 5 * evidence.log_evidence_error < 0.5
-assert f"{np.log(20 * 10 * 4):.4f}" in str(evidence)
+assert f"{np.log(4 * 2 * 1):.4f}" in str(evidence)
 sigma = idata["posterior"]["sigma"].values
 assert abs(sigma.mean() / np.average(grid, weights=weights) - 1) < 0.03
 assert abs(float(at_ten.mean()) - best @ [1, 10]) < 0.1
 assert ef.diagnose(run).converged and plain.converged and plain.plain
 by_move = {label: value for label, (value, _) in comparison.efficiency.items()}
-assert by_move["auto"] > by_move["DE-MC"] > by_move["stretch"]
+assert by_move["auto"] > 3 * max(by_move["DE-MC"], by_move["stretch"])
