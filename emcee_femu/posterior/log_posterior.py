@@ -179,6 +179,9 @@ class LogPosterior(Report):
             args: Its further arguments, as a tuple.
             kwargs: The same by name.
 
+        Returns:
+            The posterior; its one term is called "density".
+
         Raises:
             TypeError: If an argument is of a wrong type, or a log-likelihood or a blob
                 is no number.

@@ -83,12 +83,13 @@ moves = {
     "DE-MC": ef.DEMCMove(),
     "auto": "auto",
 }
-comparison = ef.compare_moves(posterior, moves, 12, 1_000, discard=150, seed=1)
+comparison = ef.compare_moves(posterior, moves, 12, 500, discard=100, seed=1)
 comparison
 
 # %% [markdown]
 # "ESS per 1000" is the number of effective samples per 1,000 evaluations; "end to end"
-# counts the search and the burn-in too. [Moves
+# counts the search and the burn-in too. A move that is "too short" has not had 50
+# autocorrelation times, so that its numbers are rough. [Moves
 # measured](../explanation/moves_measured.md) has more targets, and other packages.
 #
 # ## ArviZ
