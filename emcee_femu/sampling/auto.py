@@ -13,10 +13,11 @@ from ..moves.mixture import Mixture
 from .anneal import anneal_population, fewest_members
 from .coordinates import Coordinates
 from .importance import find_acceptance, normalise, resample
-from .proposals import Trial, add_components, carry, cover, refine, uncover
+from .proposals import Component, Trial, add_components, carry, cover, refine, uncover
 from .record import SearchRecord, label, separate, weigh
 from .response_surface import LEARNED, ResponseSurface, learn_surface
 from .search import Search
+from .tails import climb_tails
 
 # Evaluations by those of the chain; of a short one.
 CHAIN_BUDGET, LEAST_BUDGET = 2.0, 30_000
@@ -34,7 +35,8 @@ POPULATION, POPULATION_DF = 1_000, 5.0  # members of all ensembles
 POOR_ACCEPTANCE = 0.2  # acceptance below which gradients do better
 TUNED, TUNING = 24, 14_000  # draws from which Hamiltonian moves are tuned, and solves
 TAIL_ROUNDS = 5  # of climbs in the tails
-TAIL_SOLVES = 0.2  # that each may spend, of those of a refinement
+SLABS_PER_ROUND = 4  # of a tail, for which a round has its usual draws
+TAIL_SOLVES = 0.6  # that each may spend, of those of a refinement
 EVIDENCE_MISSED = 1.0  # log evidence by which one proposal finds more than another
 # Share of independence proposals by their expected acceptance.
 INDEPENDENCE_SHARES = ((0.2, 0.9), (0.05, 0.6), (0.0, 0.2))
@@ -177,16 +179,23 @@ def _find_proposal(
         theta = np.concatenate([mixture.draw(rng, each) for rng in streams])
         return theta, evaluator.rows(theta)
 
+    added: list[Component] = []  # for tails, which no refinement keeps
+
     def attempt(mixture: Mixture) -> Trial:
-        refined = refine(search.draws, mixture, size, most, propose)
+        draws = search.draws
+        refined = refine(draws, mixture, size, most, propose)
+        new = [*added]
         for _ in range(TAIL_ROUNDS):
-            spent = search.evaluator.solves
-            tails = search.climb_tails(min(last, spent + TAIL_SOLVES * most))
-            if not tails:
+            if new:
+                refined = cover(add_components(uncover(refined), new))
+                number = size * max(1, len(new) // SLABS_PER_ROUND)
+                draws.add(*propose(refined, number), refined)
+            limit = min(last, evaluator.solves + TAIL_SOLVES * most)
+            new = climb_tails(evaluator, draws, limit)
+            added.extend(new)
+            if not new:
                 break
-            refined = cover(add_components(uncover(refined), tails))
-            search.draws.add(*propose(refined, size * max(1, len(tails) // 4)), refined)
-        refined = carry(search.draws, refined, size, propose)
+        refined = carry(draws, refined, size, propose)
         return Trial(refined, *propose(refined, judged))
 
     trial = attempt(search.mixture())

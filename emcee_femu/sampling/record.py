@@ -177,13 +177,13 @@ class SearchRecord(Report):
         log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
         points: How many points were searched.
         climbs: How many climbs there were.
-        from_prior: How many of them began at draws of the prior, whatever their height.
         annealed: Whether an annealed population was asked.
         solves: Evaluations in all.
         share: The share of independence proposals among the moves.
         trajectories: Arguments of a Hamiltonian move, where that pays; else None.
         screened: Independence proposals for each solve, by a response surface.
         surface: Arguments of that surface, where there is one and it is kept.
+        from_prior: How many climbs began at draws of the prior, whatever their height.
     """
 
     mixture: Mixture
@@ -197,13 +197,13 @@ class SearchRecord(Report):
     log_weights: Floats
     points: int
     climbs: int
-    from_prior: int
     annealed: bool
     solves: int
     share: float
     trajectories: Mapping[str, Any] | None = None
     screened: int = 1
     surface: Mapping[str, Any] | None = None
+    from_prior: int = 0
 
     @property
     def proposal(self) -> IndependenceMove:

@@ -97,7 +97,7 @@ def run(
             "emcee_femu") and head the bar of ``progress``. The stored chain starts
             after that; ``run.search`` has what was found, and prints it.
         nwalkers: Walkers per ensemble; None for 4 per parameter, at least 16, or
-            without ``steps`` for 2 per parameter and 2 more, at least 8; as many for
+            without ``steps`` for 2 per parameter, at least 8; as many for
             each temperature of a :class:`~.moves.TemperedMove`.
         steps: Stored steps; ``steps * thin_by`` generations are run. None: the run ends
             by its own verdict, as soon as :func:`diagnose` calls the chains converged

@@ -48,7 +48,7 @@ def check_walkers(
     """
     ndim = posterior.ndim
     moves = [DEMCMove()] if weighted is None else [move for move, _ in weighted]
-    usual = max(8, 2 * ndim + 2) if few else max(16, 4 * ndim)
+    usual = max(8, 2 * ndim) if few else max(16, 4 * ndim)
     usual *= len(ladder_of(moves))
     number = checks.whole_number("nwalkers", usual if nwalkers is None else nwalkers, 1)
     for move in moves:

@@ -85,16 +85,13 @@ def test_hard_posteriors(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["needle, d=5, 20 sd", "banana"])
+@pytest.mark.parametrize("name", ["needle, d=5, 20 sd", "arm, d=5", "crossed, d=6"])
 def test_hard_targets(name, capsys):
-    """What is called converged is right, and z says how far off it is."""
-    (runs,) = HARD.main(seeds=3, targets=name, steps=1_000).values()
+    """What is called converged is right, and most of what is right is converged."""
+    (runs,) = HARD.main(seeds=3, targets=name, first=70).values()
     assert "called converged" in capsys.readouterr().out
-    good = [run for run in runs if run.short == "converged"]
-    for run in good:
-        assert np.abs(run.mean_z).max() < 5 and run.weight_error < 0.05
-    assert not good or HARD.rms(run.mean_z for run in good) < 2
-    assert len(good) > 1 or name == "banana"
+    assert not any(run.wrong for run in runs if run.converged)
+    assert sum(run.converged for run in runs) >= 2
 
 
 # --- few solves -------------------------------------------------------------------
