@@ -238,11 +238,9 @@ class DensityModel:
         Raises:
             ValueError: If it is finite at none of the points.
         """
-        for point in points:
-            row = self._ask(point[None])[0]
-            if np.isfinite(row[DENSITY]):
-                break
-        else:
+        rows = (self._ask(point[None])[0] for point in points)
+        row = next((row for row in rows if np.isfinite(row[DENSITY])), None)
+        if row is None:
             raise ValueError(
                 f"{DENSITY}: expected a finite number at some of {len(points)} draws "
                 "of the prior, got none; narrow the prior to where it is finite"

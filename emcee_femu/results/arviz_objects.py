@@ -53,6 +53,8 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
     try:
         values = _group(idata, group)
     except KeyError:
+        if group == "response" and "constant_data" in groups(idata):
+            return groups(idata)["constant_data"][[]]  # of a bare log-likelihood
         raise ValueError(
             f"idata: it has no group {group!r}, for it was made without the posterior, "
             "as by arviz.from_emcee; convert the samplers with "
@@ -64,14 +66,6 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
         # So often that rounding is none.
         values = values.isel(draw=resample(weights, size, 0.5))
     return values
-
-
-def response_of(idata: InferenceData) -> Dataset:
-    """Return what the model returned, which of a bare log-likelihood may be nothing."""
-    held = groups(idata)
-    if "response" not in held and "constant_data" in held:
-        return held["constant_data"][[]]
-    return dataset(idata, "response")
 
 
 def prior_constants(idata: InferenceData, names: Sequence[str]) -> Dataset:

@@ -85,7 +85,7 @@ def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
     """Say what a search found, and how small a maximum it may have missed."""
     if modes is None:
         sentence = "none: a maximum that no walker started near is not seen; "
-        sentence += f"{cures.search}."
+        sentence += f"{cures.search} searches."
         return Statement(NOT_SEARCHED, "none", sentence)
     count = len(modes.importance)
     short = "one maximum" if count == 1 else f"{count} maxima"

@@ -134,13 +134,9 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     if isinstance(source, Evidence):
         return source
     if isinstance(source, Annealed):
-        found = source.log_evidence, source.log_evidence_error, "as it was given"
-        return Evidence(
-            *found,
-            source.problems,
-            failed_solves=source.failed_solves,
-            log_box=source.log_box,
-        )
+        error, problems = source.log_evidence_error, source.problems
+        found = source.log_evidence, error, "as it was given", problems, np.empty(0)
+        return Evidence(*found, source.failed_solves, source.log_box)
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(

@@ -22,10 +22,7 @@ OUTVOTED = 5  # times as many values in another term
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
 NO_DATA = "no term says what was measured, as of a bare log-likelihood"
-NOT_KNOWN = (
-    "the data are not known; to_inference_data(source, posterior) has those of a "
-    "LogPosterior"
-)
+NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
 
 
 def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:

@@ -16,14 +16,7 @@ from ..likelihoods.term import Term
 from ..models.paired import PairedModel
 from ..posterior.experiments import Experiment
 from ..posterior.log_posterior import LogPosterior
-from .arviz_objects import (
-    Dataset,
-    InferenceData,
-    dataset,
-    groups,
-    original_name,
-    response_of,
-)
+from .arviz_objects import Dataset, InferenceData, dataset, groups, original_name
 
 ROUNDING = 1e-9  # by which the MAC of a shape with itself may be off
 GROUPS = ("observed_data", "response", "constant_data", "new_measurement")
@@ -82,7 +75,7 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     if not (every := read_measured(idata)):
         raise ValueError(
             "idata: there are no data, for no likelihood term says what it measured of "
-            f"the response {list(response_of(idata).data_vars)}"
+            f"the response {list(dataset(idata, 'response').data_vars)}"
         )
     return every
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..contracts import Floats
 from ..sampling.judge import spread_out
-from .arviz_objects import InferenceData, dataset, response_of
+from .arviz_objects import InferenceData, dataset
 
 FLAT = 1e-9  # sd of ln(lambda) of a mode that no parameter changes, but rounding
 ENOUGH_REGRESSED = 10_000  # samples in a fit; 3,000 gave the same gradients as 72,000
@@ -29,7 +29,7 @@ def fit_sensitivities(
     n = len(draws)
     by_variable = {
         str(name): v.transpose("chain", "draw", ...).values.reshape(n, -1)
-        for name, v in response_of(idata).data_vars.items()
+        for name, v in dataset(idata, "response").data_vars.items()
     }
     modes, log_eigenvalues = by_mode(by_variable or {"none": np.empty((n, 0))})
     log_likelihood = np.full(n, np.nan)

@@ -11,9 +11,9 @@ from ..contracts import Floats
 from ..posterior.log_posterior import LogPosterior
 from ..table import Column, Table, unit_column
 from .arviz_objects import (
+    dataset,
     describe_certificate,
     prior_constants,
-    response_of,
     samples,
     unit_of,
 )
@@ -283,7 +283,7 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         ['2', '']
     """
     idata, _ = read_samples(idata)
-    response = response_of(idata)
+    response = dataset(idata, "response")
     names = [f"{experiment}.{v}" if experiment else v for v in ("mac", "model_mode")]
     if not set(names) <= set(response.data_vars):
         paired = [v[: -len(".mac")] for v in map(str, response) if v.endswith(".mac")]

@@ -72,24 +72,14 @@ class Cures(NamedTuple):
 
     steps: str
     ensembles: str
-    modes: str
     search: str
-    stuck: str
 
 
-OF_RUN = Cures(
-    "run steps={:,}",
-    "run ensembles=4",
-    'run moves="auto"',
-    'run(posterior, "auto") searches',
-    "look at starts and at failed solves",
-)
+OF_RUN = Cures("run steps={:,}", "run ensembles=4", 'run(posterior, "auto")')
 OF_EMCEE = Cures(
     "run {:,} steps",
     "diagnose four samplers, each from starts of its own",
-    "run(LogPosterior.from_function(...), seed=1) finds them",
-    "run(LogPosterior.from_function(...), seed=1) searches",
-    "look at their starts",
+    "run(LogPosterior.from_function(...), seed=1)",
 )
 NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
@@ -295,7 +285,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
     """Yield what speaks against the chains, the plainest first."""
     names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
     places = f"(ensemble, walker): {list(stuck[:5])}"
-    sentence = f"they never moved, {places}; {diagnosis.cures.stuck}"
+    sentence = f"they never moved, {places}; look at starts and at failed solves"
     complaint = f"{len(stuck)} walkers stuck", sentence, 0.0
     moving = diagnosis.acceptance[diagnosis.acceptance > 0]
     # So many of the others would be still there by chance after as many steps.
@@ -318,7 +308,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
             bound = f"at {'least' if power < 0 else 'most'} {limit}"
             sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
             if best and longer > MOST_LONGER:
-                cure = "take a TemperedMove" if modes else diagnosis.cures.modes
+                cure = "take a TemperedMove" if modes else diagnosis.cures.search
                 sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
             yield short, sentence, longer
     if stuck and by_chance >= STUCK_BY_CHANCE:
