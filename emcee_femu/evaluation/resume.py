@@ -27,6 +27,7 @@ SHOWN_NUMBERS = 64  # numbers of an array; of a larger one the digest is kept
 PROBED = 16  # stored points solved again, at most
 # Of the largest value of a variable, to which the tolerance is relative.
 LEAST_DIFFERENCE = 1e-3
+LOG_BOX = "logarithm of the volume of the box"
 
 
 def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, Any]:
@@ -41,6 +42,8 @@ def describe(posterior: LogPosterior, asked: Mapping[str, object]) -> dict[str, 
         "terms": posterior.term_names,
         "stored": {name: v.shape for name, v in posterior.variables.items()},
     }
+    if np.isfinite(posterior.log_box):  # the box is the prior of a bare function
+        entries[LOG_BOX] = posterior.log_box
     for name, bounds in zip(posterior.names, prior.bounds, strict=True):
         entries[f"bounds of {name}"] = bounds
     for name, term in zip(posterior.term_names, posterior.terms, strict=True):

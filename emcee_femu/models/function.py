@@ -1,8 +1,9 @@
-"""Any Python callable or external solver as a model."""
+"""Any Python callable or external solver as a model, and a bare log-likelihood too."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -25,6 +26,9 @@ Arrays: TypeAlias = dict[str, Floats]  # by the name of a variable or parameter
 # One response, and its derivatives, {variable: {parameter: (*shape)}}.
 Result: TypeAlias = tuple[Arrays, dict[str, Arrays]]
 Read: TypeAlias = Callable[[Response], Result]
+
+DENSITY = "log_likelihood"  # the variable that is what a DensityModel was given
+UNSTORED = Variable({}, stored=False)
 
 
 class FunctionModel:
@@ -194,3 +198,113 @@ def _check_shapes(
         raise SolveError(
             "wrong shape", f"{label}: expected arrays of shape {expected}, got {shapes}"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class DensityModel:
+    """A log-likelihood as emcee takes one, in place of a model; its blobs are stored.
+
+    Attributes:
+        call: From ``(d,)``, or from ``(n, d)`` with vectorize, to a number for each
+            point, or to a number and blobs.
+        names: The parameters, in the order of the array.
+        vectorize: Whether it takes all points at once.
+        args: Its further arguments.
+        kwargs: The same by name.
+        variables: What its response holds: the log-likelihood, and each blob.
+    """
+
+    call: Callable[..., Any]
+    names: tuple[str, ...]
+    vectorize: bool
+    args: Sequence[Any]
+    kwargs: Mapping[str, Any]
+    variables: dict[str, Variable] = field(default_factory=dict)
+
+    __repr__ = show_declared
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        if not callable(self.call):
+            raise TypeError(f"{DENSITY}: expected a callable, got {self.call!r}")
+        if not isinstance(self.args, list | tuple):
+            raise TypeError(f"args: expected a tuple, as (data,), got {self.args!r}")
+        checks.mapping("kwargs", self.kwargs, "{name: value}")
+        checks.flag("vectorize", self.vectorize)
+
+    def declare_blobs(self, points: Floats) -> Self:
+        """Return the model with the blobs that it returns at a possible point.
+
+        Raises:
+            ValueError: If it is finite at none of the points.
+        """
+        rows = (self._ask(point[None])[0] for point in points)
+        row = next((row for row in rows if np.isfinite(row[DENSITY])), None)
+        if row is None:
+            raise ValueError(
+                f"{DENSITY}: expected a finite number at some of {len(points)} draws "
+                "of the prior, got none; narrow the prior to where it is finite"
+            )
+        axes = {
+            name: {f"{name}_dim_{i}": range(size) for i, size in enumerate(blob.shape)}
+            for name, blob in row.items()
+        }
+        variables = {name: Variable(coords) for name, coords in axes.items()}
+        return replace(self, variables=variables | {DENSITY: UNSTORED})
+
+    @property
+    def one_by_one(self) -> bool:
+        """Whether it takes one point after another."""
+        return not self.vectorize
+
+    def __call__(self, parameters: Parameters) -> Response:
+        """Return log-likelihoods ``(n,)``, and blobs, of NaN where it is -inf."""
+        rows = self._ask(np.stack([parameters[n] for n in self.names], axis=1))
+        shapes = {name: variable.shape for name, variable in self.variables.items()}
+        for row in rows:
+            if np.isfinite(row[DENSITY]):
+                _check_shapes(DENSITY, row, shapes)
+        absent = {name: np.full(shape, np.nan) for name, shape in shapes.items()}
+        return {k: np.array([row.get(k, absent[k]) for row in rows]) for k in shapes}
+
+    @staticmethod
+    def density(parameters: Parameters, response: Response) -> Floats:
+        """Return the log-likelihoods ``(n,)`` in a response: the term of this model."""
+        return np.asarray(response[DENSITY])
+
+    def _ask(self, theta: Floats) -> list[Arrays]:
+        """Return log-likelihood and blobs at each of ``theta (n, d)``."""
+        if not self.vectorize:
+            return [self._ask_one(point) for point in theta]
+        results = self.call(theta, *self.args, **self.kwargs)
+        rows = [*results] if np.iterable(results) else []
+        if len(rows) != len(theta):
+            raise SolveError(
+                "wrong shape",
+                f"{DENSITY}: expected {len(theta)} numbers, or rows of a number and "
+                f"blobs, got {results!r}; leave vectorize out for a function of one "
+                "point",
+            )
+        return [_read_density(row) for row in rows]
+
+    def _ask_one(self, point: Floats) -> Arrays:
+        try:
+            return _read_density(self.call(point, *self.args, **self.kwargs))
+        except (Exception, SystemExit) as error:
+            place = dict(zip(self.names, point.tolist(), strict=True))
+            add_place(error, place, self.names)
+            raise
+
+
+def _read_density(result: Response) -> Arrays:
+    """Return a log-likelihood by name, and its blobs where it is finite, as emcee."""
+    try:
+        value, *blobs = result
+    except (TypeError, ValueError):  # one number has no length
+        value, blobs = result, []
+    row = {DENSITY: checks.numeric_array(DENSITY, value)}
+    checks.shaped(DENSITY, row[DENSITY].shape, (), (1,))
+    row[DENSITY] = row[DENSITY].reshape(())
+    for i, blob in enumerate(blobs if np.isfinite(row[DENSITY]) else ()):
+        row[f"blob{i}"] = checks.numeric_array(f"{DENSITY} (its blob {i})", blob)
+    return row

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Literal, Self, TypeAlias
+from typing import Any, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,14 +19,16 @@ from ..contracts import (
     Variable,
     read_declared,
 )
+from ..models.function import DensityModel
 from ..table import Parts, Report
 from .compatibility import check_names, check_parameters, check_prior
 from .derivatives import along_tangents, difference, unstack
 from .experiments import Experiment, Solved, Terms, Tests, check_joint, name_sets
-from .priors import prior_centre, tabulate_prior
+from .priors import IndependentPrior, prior_centre, tabulate_prior
 
 Units: TypeAlias = Mapping[str, str] | None  # by the names of parameters
 SCALE_DRAWS = 256  # of the prior, for the scales of derivatives
+TRIED_DRAWS = 256  # of the prior, of which one must be possible to know the blobs
 
 # What is evaluated at a point, side by side in one row that a pool or a file can hold:
 # its row; with the gradient behind it; with the information behind that; or the row
@@ -65,6 +67,8 @@ class LogPosterior(Report):
         variables: All stored variables, ``{name: Variable}``.
         columns: Where they are in a row, ``{name: slice}``, after "densities".
         draws: Points ``(n, d)`` that "auto" searches too, those of :func:`emulate`.
+        log_box: Of a box that :meth:`from_function` was given as prior, the natural
+            logarithm of its volume; NaN else.
 
     Raises:
         TypeError: If model or a term is not callable, prior is not a prior, or a unit
@@ -89,6 +93,7 @@ class LogPosterior(Report):
     """
 
     draws: Floats | None = None
+    log_box: float = np.nan
 
     def __init__(
         self, model: Model, terms: Terms, prior: Prior, units: Units = None
@@ -133,6 +138,76 @@ class LogPosterior(Report):
         check_joint(experiments)
         self = cls.__new__(cls)
         self._set(experiments, prior, units)
+        return self
+
+    @classmethod
+    def from_function(
+        cls,
+        log_likelihood: Callable[..., Any],
+        prior: Prior | Mapping[str, tuple[float, float]],
+        vectorize: bool = False,
+        args: Sequence[Any] = (),
+        kwargs: Mapping[str, Any] | None = None,
+    ) -> Self:
+        r"""Return the posterior of a bare log-likelihood, a function as emcee takes it.
+
+        There is neither model nor data: :func:`run`, "auto", :func:`find_map`,
+        :func:`anneal`, :func:`log_evidence`, :func:`compare_moves`, :func:`diagnose`
+        and ArviZ objects do without; tables of measured quantities say that there are
+        none, and :func:`emulate` has no response to learn.
+
+        A ``log_probability`` that holds its prior already is given with bounds alone.
+        The samples are then its own, inside of the box. **Its evidence is that of the
+        box**: the integral of ``exp(log_probability)`` over the box, divided by the
+        volume V of the box, since the uniform prior there multiplies it by 1 / V. Add
+        ln V, which :func:`log_evidence` prints, for the integral itself:
+
+        .. math:: \ln \int p(D | \theta) \, p(\theta) \, d\theta = \ln Z + \ln V
+
+        Args:
+            log_likelihood: A function of ``(d,)`` that returns a number or, with blobs,
+                ``log_likelihood, blob0, ...``; -inf is a likelihood of zero, and no
+                failure, whatever the blobs there. Blobs are numbers, or arrays of one
+                shape each; they are stored as the variables ``blob0``, ``blob1``, ...
+                (of ArviZ objects in the group ``response``). They are known from one
+                evaluation more, at a draw of the prior that is possible. For
+                ``workers=`` it must be a function of a module.
+            prior: Any prior, whose names are those of the array's elements in their
+                order; or ``{name: (low, high)}``, uniform between these bounds.
+            vectorize: Whether the function takes all points at once, ``(n, d)``, and
+                returns ``(n,)``, or n rows of a number and blobs.
+            args: Its further arguments, as a tuple.
+            kwargs: The same by name.
+
+        Returns:
+            The posterior; its one term is called "density".
+
+        Raises:
+            TypeError: If an argument is of a wrong type, or a log-likelihood or a blob
+                is no number.
+            ValueError: If the function returns more than one number for a point, or it
+                is finite at none of 256 draws of the prior.
+
+        Examples:
+            >>> import emcee_femu as ef
+            >>> def log_likelihood(x, centre):
+            ...     r = x - centre
+            ...     return -0.5 * r @ r, r[0]
+            >>> box = {"a": (-9.0, 9.0), "b": (-9.0, 9.0)}
+            >>> posterior = ef.LogPosterior.from_function(
+            ...     log_likelihood, box, args=([1.0, 2.0],))
+            >>> posterior([1.5, 2.0]).round(3).tolist()
+            [-5.906, -5.781, -0.125, 0.5]
+        """
+        by_name = dict(prior) if isinstance(prior, Mapping) else {}
+        known = IndependentPrior(prior) if isinstance(prior, Mapping) else prior
+        check_prior(known)
+        named = {} if kwargs is None else kwargs
+        bare = DensityModel(log_likelihood, known.names, vectorize, args, named)
+        draws = known.sample(np.random.default_rng(0), TRIED_DRAWS)
+        self = cls(bare.declare_blobs(draws), bare.density, known)
+        if by_name and all(np.shape(ends) == (2,) for ends in by_name.values()):
+            self.log_box = float(np.log(np.diff(known.bounds)).sum())
         return self
 
     def _set(self, pairs: Tests, prior: Prior, units: Units) -> None:
@@ -204,6 +279,7 @@ class LogPosterior(Report):
         other = type(self).__new__(type(self))
         pairs = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
         other._set(pairs, self.prior, self.units)
+        other.log_box = self.log_box
         return other
 
     def parameters(self, theta: Floats) -> Parameters:
@@ -323,7 +399,9 @@ class LogPosterior(Report):
         if np.isfinite(rows[:, first:].sum()) and total.max() < np.inf:
             return rows
         wrong = ~(rows < np.inf)
-        wrong[:, first:] |= ~np.isfinite(rows[:, first:])
+        # What is impossible need not have been solved, as of blobs.
+        unsolved = np.isnan(rows[:, first:]) & (total == -np.inf)[:, None]
+        wrong[:, first:] = ~(np.isfinite(rows[:, first:]) | unsolved)
         if wrong.any():  # else the sum overflowed, not a number
             row = int(np.argmax(wrong.any(axis=1)))
             columns = zip(self.labels, rows[row].tolist(), wrong[row], strict=True)

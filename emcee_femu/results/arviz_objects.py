@@ -53,6 +53,8 @@ def dataset(idata: InferenceData, group: str) -> Dataset:
     try:
         values = _group(idata, group)
     except KeyError:
+        if group == "response" and "constant_data" in groups(idata):
+            return groups(idata)["constant_data"][[]]  # of a bare log-likelihood
         raise ValueError(
             f"idata: it has no group {group!r}, for it was made without the posterior, "
             "as by arviz.from_emcee; convert the samplers with "

@@ -16,6 +16,7 @@ from emcee.backends import Backend
 from .. import checks
 from ..contracts import Floats
 from ..evaluation.pools import unwrap
+from ..evaluation.resume import LOG_BOX
 from ..evaluation.samplers import Sampler, describe_moves, moves_of
 from ..evaluation.store import Store, StoredChain
 from ..moves.proposing import ladder_of
@@ -26,7 +27,9 @@ from .arviz_objects import InferenceData, dataset, is_arviz, samples
 # Attributes of ArviZ objects, in words.
 TOLD = "kind", "moves", "seed", "origin", "stopped"
 # The same as JSON.
-STORED = "acceptance betas doubts failures search solves starts_given".split()
+STORED = (
+    "acceptance betas doubts failures log_box plain search solves starts_given"
+).split()
 
 
 def read_chains(
@@ -97,6 +100,8 @@ def read_chains(
         names=_names(samplers[0], posterior, chains.draws.shape[-1]),
         posterior=posterior,
         moves=describe_moves(weighted) or Chains.moves,
+        plain=posterior is None,
+        log_box=posterior.log_box if posterior else np.nan,
     )
     if run is None:
         return chains
@@ -167,6 +172,7 @@ def _of_file(
         doubts=doubts,
         stopped=store["stopped"] or "",
         initial=row and np.array(row),
+        log_box=manifest.get(LOG_BOX, np.nan),
     )
 
 
@@ -195,6 +201,7 @@ def _of_arviz(
         raise ValueError(f"discard: no steps are left after {discard} (thin={thin})")
     told = {k: json.loads(group.attrs[k]) for k in STORED if k in group.attrs}
     told |= {name: group.attrs[name] for name in TOLD if name in group.attrs}
+    told = told or {"plain": True}
     fractions = np.array(told.pop("acceptance", []))
     if fractions.size != shape[0] * shape[1]:  # chains were selected
         fractions = np.full(shape, np.nan)

@@ -12,6 +12,7 @@ from ..sampling.verdict import (
     NO_CHAINS,
     NOT_SEARCHED,
     SEARCHED,
+    Cures,
     Diagnosis,
     Statement,
     judge_chains,
@@ -68,7 +69,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     if chains.kind == "chain":
         diagnosis = measure(chains)
         about = judge_chains(diagnosis, chains.starts_given, discard)
-        search = judge_search(diagnosis.modes)
+        search = judge_search(diagnosis.modes, diagnosis.cures)
     else:
         about, search = judge_without_chains(source, chains)
         nan: Any = np.full((1, len(chains.names)), np.nan)
@@ -80,11 +81,11 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
     return replace(diagnosis, chains=about, search=search, fit=fit)
 
 
-def judge_search(modes: ModeWeights | None) -> Statement:
+def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
     """Say what a search found, and how small a maximum it may have missed."""
     if modes is None:
         sentence = "none: a maximum that no walker started near is not seen; "
-        sentence += 'run(posterior, "auto") searches.'
+        sentence += f"{cures.search} searches."
         return Statement(NOT_SEARCHED, "none", sentence)
     count = len(modes.importance)
     short = "one maximum" if count == 1 else f"{count} maxima"

@@ -31,6 +31,9 @@ class Evidence(Report):
         overlaps: Of neighbouring betas, 1 where their distributions are the same,
             ``(n_betas - 1,)``; empty for other methods.
         failed_solves: Number of solves that were rejected because they failed.
+        log_box: Natural logarithm of the volume of the box between whose bounds a
+            bare log-likelihood was sampled (:meth:`LogPosterior.from_function`); NaN
+            for other priors.
     """
 
     log_evidence: float
@@ -39,6 +42,7 @@ class Evidence(Report):
     problems: tuple[str, ...] = ()
     overlaps: Floats = field(default_factory=lambda: np.empty(0))
     failed_solves: int = 0
+    log_box: float = np.nan
 
     def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.4f}"
@@ -47,6 +51,11 @@ class Evidence(Report):
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."
+        if np.isfinite(self.log_box):
+            yield (
+                "The prior is uniform in the box. For the integral of a function that "
+                f"holds its prior already add {self.log_box:.4f}, ln of its volume."
+            )
         if self.failed_solves:
             meaning = (
                 "it is for the solvable part of the prior; for the whole prior add "
@@ -76,6 +85,10 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     impossible, no walker goes at any beta: the evidence of a tempered run is that of
     the prior normalised over the rest. For the prior as given, multiply it by the prior
     probability of the rest. That of "auto" is for the prior as given.
+
+    Of a bare log-probability that holds its prior, and was given bounds alone
+    (:meth:`LogPosterior.from_function`), it is that of the box; ``print`` says what to
+    add.
 
     The standard errors come from one series per ensemble: the estimate, to first order,
     is a mean over generations of a sum over all walkers and betas, so that its
@@ -121,8 +134,9 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     if isinstance(source, Evidence):
         return source
     if isinstance(source, Annealed):
-        found = source.log_evidence, source.log_evidence_error, "as it was given"
-        return Evidence(*found, source.problems, failed_solves=source.failed_solves)
+        error, problems = source.log_evidence_error, source.problems
+        found = source.log_evidence, error, "as it was given", problems, np.empty(0)
+        return Evidence(*found, source.failed_solves, source.log_box)
     chains = read_chains(source, discard=discard, blobs=True, hot=True)
     if chains.kind != "chain" or (chains.search is None and len(chains.betas) < 2):
         raise ValueError(
@@ -149,7 +163,8 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     if about.status == NOT_CONVERGED:
         problems = (*problems, f"the chains are {about.sentence.rstrip('.')}")
     error = np.inf if problems else error
-    return Evidence(value, error, method, problems, overlaps, failed)
+    volume = chains.log_box
+    return Evidence(value, error, method, problems, overlaps, failed, volume)
 
 
 def _bridge(

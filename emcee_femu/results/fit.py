@@ -21,7 +21,8 @@ FAR_OUTSIDE = 4.0  # standard deviations, for a single value
 OUTVOTED = 5  # times as many values in another term
 WRONG = 2.0  # times what was measured, or its inverse: more than a model's error
 NOT_DRAWN = "no term draws new measurements of what the model stores"
-NOT_KNOWN = "the data are not known; to_inference_data(source, posterior) has them"
+NO_DATA = "no term says what was measured, as of a bare log-likelihood"
+NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior"
 
 
 def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
@@ -37,7 +38,7 @@ def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
     drawn = [(part, part.replicated) for part in parts if part.replicated is not None]
     if not drawn:
         known = idata is not None and "constant_data" in idata
-        reason = NOT_DRAWN if known else NOT_KNOWN
+        reason = (NOT_DRAWN if parts else NO_DATA) if known else NOT_KNOWN
         sentence = " ".join([f"not checked: {reason}.", *_recall(chains)])
         return Statement("not checked", "not checked", sentence)
     about = describe_samples(idata, fitted=False)

@@ -74,8 +74,8 @@ def measured_variables(idata: InferenceData) -> list[Measured]:
     """
     if not (every := read_measured(idata)):
         raise ValueError(
-            "idata: no likelihood term says what it measured of the response "
-            f"{list(dataset(idata, 'response').data_vars)}"
+            "idata: there are no data, for no likelihood term says what it measured of "
+            f"the response {list(dataset(idata, 'response').data_vars)}"
         )
     return every
 
@@ -89,7 +89,7 @@ def measured_frequencies(
         ValueError: If there are none.
     """
     name = "frequency" if experiment is None else f"{experiment}.frequency"
-    by_name = {measured.name: measured for measured in read_measured(idata)}
+    by_name = {measured.name: measured for measured in measured_variables(idata)}
     if name not in by_name:
         joint = any("." in other for other in by_name)
         remedy = "; name one of the experiments with experiment=" if joint else ""

@@ -27,12 +27,11 @@ def fit_sensitivities(
         the curvature of the log-likelihood, NaN where that is not known.
     """
     n = len(draws)
-    modes, log_eigenvalues = by_mode(
-        {
-            str(name): v.transpose("chain", "draw", ...).values.reshape(n, -1)
-            for name, v in dataset(idata, "response").data_vars.items()
-        }
-    )
+    by_variable = {
+        str(name): v.transpose("chain", "draw", ...).values.reshape(n, -1)
+        for name, v in dataset(idata, "response").data_vars.items()
+    }
+    modes, log_eigenvalues = by_mode(by_variable or {"none": np.empty((n, 0))})
     log_likelihood = np.full(n, np.nan)
     if "sample_stats" in idata and "log_prior" in dataset(idata, "sample_stats"):
         known = dataset(idata, "sample_stats").transpose("chain", "draw")

@@ -71,6 +71,7 @@ class Annealed(Report):
         problems: Why no standard error can be claimed; usually none.
         units: Of the parameters that have one, by name.
         doubts: What was warned of before.
+        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
     """
 
     names: tuple[str, ...]
@@ -87,6 +88,7 @@ class Annealed(Report):
     problems: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     doubts: Sequence[str] = ()
+    log_box: float = np.nan
 
     def as_chains(self) -> Chains:
         """Return the members as one walker, in the order of their lineages."""
@@ -337,6 +339,7 @@ def anneal_population(
         solves=evaluator.solves - before,
         problems=problems,
         units=evaluator.posterior.units,
+        log_box=evaluator.posterior.log_box,
     )
 
 

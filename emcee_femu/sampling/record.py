@@ -131,6 +131,8 @@ class Chains:
         doubts: What was warned of before the run, of the model or the prior.
         stopped: Why the run ended, as in :class:`Run`.
         initial: The row at the prior mean, as of a file; None where not known.
+        plain: Whether they are of emcee alone, and of nothing that :func:`run` takes.
+        log_box: Of the box that is the prior of a bare log-likelihood; else NaN.
     """
 
     names: tuple[str, ...]
@@ -151,6 +153,8 @@ class Chains:
     doubts: Sequence[str] = ()
     stopped: str = ""
     initial: Floats | None = None
+    plain: bool = False
+    log_box: float = np.nan
 
 
 @dataclass(frozen=True, eq=False, repr=False)

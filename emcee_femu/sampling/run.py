@@ -187,8 +187,9 @@ def run(
         getattr(posterior, "posterior", posterior), LogPosterior
     ):
         raise TypeError(
-            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; for "
-            "a bare log-probability function use emcee.EnsembleSampler"
+            f"posterior: expected a LogPosterior, got {type(posterior).__name__}; of a "
+            "bare log-probability make one: LogPosterior.from_function(log_likelihood, "
+            "{name: (low, high)})"
         )
     checks.instance("posterior", posterior, LogPosterior)
     weighted = None if moves == "auto" else copy_moves(weigh_moves(moves))
@@ -492,10 +493,9 @@ def _draw_starts(
 ) -> list[emcee.State]:
     """Return the evaluated start of each ensemble, with its own random stream.
 
-    Starts from the prior whose solve failed are drawn again.
+    Starts from the prior that are impossible, or failed, are drawn again.
     """
     posterior, states = evaluator.posterior, []
-    rejecting = evaluator.failures is not None
     for ensemble, stream in enumerate(np.random.SeedSequence(seed).spawn(ensembles)):
         if points is None:
             theta = posterior.start(nwalkers, stream.spawn(1)[0])
@@ -505,7 +505,7 @@ def _draw_starts(
         if points is None and not ensemble:
             for doubt in doubt_reach(posterior, rows):
                 warnings.warn(doubt, stacklevel=3)
-        for _ in range(MOST_START_DRAWS if rejecting and points is None else 0):
+        for _ in range(MOST_START_DRAWS if points is None else 0):
             again = np.flatnonzero(~np.isfinite(rows[:, 0]))
             if not len(again):
                 break

@@ -5,7 +5,7 @@ Below :func:`.run`, which may end by it.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -67,6 +67,20 @@ class Statement:
     reasons: tuple[str, ...] = ()
 
 
+class Cures(NamedTuple):
+    """What mends chains, in the words of what made them."""
+
+    steps: str
+    ensembles: str
+    search: str
+
+
+OF_RUN = Cures("run steps={:,}", "run ensembles=4", 'run(posterior, "auto")')
+OF_EMCEE = Cures(
+    "run {:,} steps",
+    "diagnose four samplers, each from starts of its own",
+    "run(LogPosterior.from_function(...), seed=1)",
+)
 NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
 
@@ -107,6 +121,7 @@ class Diagnosis(Report):
         fit: Whether what was measured lies inside the posterior predictive: "fits",
             "doubtful" (it does, but parameters are far from their prior, or the model
             or the prior was warned of), "at a bound", "does not fit" or "not checked".
+        plain: Whether it is of emcee alone, whose user has no LogPosterior to run.
     """
 
     names: tuple[str, ...]
@@ -126,11 +141,17 @@ class Diagnosis(Report):
     chains: Statement = NOT_JUDGED
     search: Statement = NOT_JUDGED
     fit: Statement = NOT_JUDGED
+    plain: bool = False
 
     @property
     def converged(self) -> bool:
         """Whether several ensembles of independent starts agree, each well mixed."""
         return self.chains.status == CONVERGED
+
+    @property
+    def cures(self) -> Cures:
+        """What the user of these chains can do."""
+        return OF_EMCEE if self.plain else OF_RUN
 
     @property
     def short(self) -> str:
@@ -223,6 +244,7 @@ def measure(chains: Chains) -> Diagnosis:
         scatter=scatter,
         modes=weigh_modes(chains),
         failures=chains.failures,
+        plain=chains.plain,
     )
 
 
@@ -239,7 +261,8 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
             longer = max(factor for *_, factor in complaints)
             steps = discard + LENGTH_MARGIN * longer * diagnosis.steps
             unit = 10 ** max(int(np.log10(steps)) - 1, 0)  # two digits, and zeros
-            sentence += f"; run steps={unit * int(np.ceil(steps / unit)):,}"
+            needed = unit * int(np.ceil(steps / unit))
+            sentence += f"; {diagnosis.cures.steps.format(needed)}"
         sentence = f"{NOT_CONVERGED}, {short}: {sentence}."
         reasons = tuple(reason for reason, *_ in complaints)
         return Statement(NOT_CONVERGED, short, sentence, reasons)
@@ -249,7 +272,7 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
         words += f" (R-hat at most {diagnosis.rhat_between.max():.3f})"
     if starts_given or count == 1:
         status, short = MIXED, "starts given" if count > 1 else "one ensemble"
-        cure = "leave starts out" if count > 1 else "run ensembles=4"
+        cure = "leave starts out" if count > 1 else diagnosis.cures.ensembles
         words = f"{status}, but other modes would not be seen ({short}): {cure}"
     sentence = (
         f"{words}; {diagnosis.steps_per_tau.min():.0f} autocorrelation times, ESS at "
@@ -285,7 +308,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
             bound = f"at {'least' if power < 0 else 'most'} {limit}"
             sentence = f"{what} of {names[worst]} is {values[worst]:.4g} ({bound})"
             if best and longer > MOST_LONGER:
-                cure = "take a TemperedMove" if modes else 'run moves="auto"'
+                cure = "take a TemperedMove" if modes else diagnosis.cures.search
                 sentence, longer = f"{sentence}, as between modes; {cure}", 0.0
             yield short, sentence, longer
     if stuck and by_chance >= STUCK_BY_CHANCE:

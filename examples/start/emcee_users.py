@@ -1,84 +1,147 @@
 # %% [markdown]
-# # The moves in your own emcee script
+# # I have a log-probability
 #
-# The moves of this package are plain emcee moves and work with any log-probability. In a
-# script with an `emcee.EnsembleSampler`, one line changes.
+# You use emcee, and have a function of an array; there need be no FE model. With names
+# and bounds it becomes a posterior, and a search for all modes, the evidence, a
+# comparison of moves and a verdict work as for any other.
 # `python examples/start/emcee_users.py` runs this page.
+#
+# ## The function
+#
+# Here a straight line is fitted to 20 points, with an error of unknown size. What the
+# function returns after its value is a blob, as in emcee: here the line at x = 10.
 
 # %%
 import emcee
 import numpy as np
 
-from emcee_femu import DEMCMove
+import emcee_femu as ef
 
-NDIM, NWALKERS = 5, 20
-covariance = 0.5 + 0.5 * np.eye(NDIM)  # all correlations 0.5
-precision = np.linalg.inv(covariance)
-
-
-def log_prob(x):  # yours: anything that emcee takes
-    return -0.5 * x @ precision @ x
+rng = np.random.default_rng(1)
+x = np.linspace(0, 5, 20)
+y = 1.5 + 0.8 * x + 0.3 * rng.normal(size=20)
 
 
-start = np.random.default_rng(1).normal(size=(NWALKERS, NDIM))
-sampler = emcee.EnsembleSampler(NWALKERS, NDIM, log_prob, moves=DEMCMove())
-sampler.random_state = np.random.RandomState(1).get_state()  # emcee's seed
-state = sampler.run_mcmc(start, 2_000)
-samples = sampler.get_chain(discard=500, flat=True)
-print(np.cov(samples.T).diagonal().round(2))
+def log_likelihood(theta, x, y):
+    intercept, slope, sigma = theta
+    if sigma <= 0:
+        return -np.inf, np.nan
+    residual = (y - intercept - slope * x) / sigma
+    value = -0.5 * residual @ residual - len(x) * np.log(sigma * np.sqrt(2 * np.pi))
+    return value, intercept + 10 * slope
+
+
+box = {"intercept": (0, 4), "slope": (0, 2), "sigma": (0, 1)}
+posterior = ef.LogPosterior.from_function(log_likelihood, box, args=(x, y))
+posterior
+
+# %% [markdown]
+# `box` holds uniform priors between bounds; {py:class}`~emcee_femu.IndependentPrior` has
+# others. If the function returns -inf, the likelihood is zero there; NaN is an error.
+# `vectorize=True` is for a function of all walkers at once, `(n, d)`.
+# {py:meth}`LogPosterior.from_function <emcee_femu.LogPosterior.from_function>` has all
+# arguments.
+#
+# ## Sample it
+#
+# {py:func}`~emcee_femu.run` searches for modes, then samples until the chains have
+# converged. It returns emcee's own samplers.
+
+# %%
+run = ef.run(posterior, seed=1)
+ef.parameter_table(run)
+
+# %%
+ef.diagnose(run)
+
+# %% [markdown]
+# The statement on the fit stays open, since the data are inside the function. Tables of
+# measured against predicted values say so, too. `workers=8` evaluates in eight
+# processes, for which the function must be defined in a module or script;
+# `backend="run.sqlite", resume=True` keeps the run in a file and goes on with it.
+#
+# ## The evidence
+
+# %%
+evidence = ef.log_evidence(run)
+evidence
+
+# %% [markdown]
+# It is that of this prior, uniform in the box. If your function is a `log_probability`
+# and holds its prior already, give it with bounds alone: the samples are its own, inside
+# the box. The evidence is then divided by the volume of the box, and the printed number
+# takes it back.
+#
+# ## The stretch move beside the others
+#
+# {py:func}`~emcee_femu.compare_moves` takes any emcee move, and starts all of them from
+# the same walkers.
+
+# %%
+moves = {
+    "stretch": emcee.moves.StretchMove(),
+    "DE-MC": ef.DEMCMove(),
+    "auto": "auto",
+}
+comparison = ef.compare_moves(posterior, moves, 12, 500, discard=100, seed=1)
+comparison
+
+# %% [markdown]
+# "ESS per 1000" is the number of effective samples per 1,000 evaluations; "end to end"
+# counts the search and the burn-in too. A move that is "too short" has not had 50
+# autocorrelation times, so that its numbers are rough. [Moves
+# measured](../explanation/moves_measured.md) has more targets, and other packages.
+#
+# ## ArviZ
+#
+# The blob is in the group `response`.
+
+# %% tags=["remove-stderr"]
+import arviz as az
+
+idata = ef.to_inference_data(run)
+az.summary(idata)
+
+# %%
+at_ten = idata["response"]["blob0"]
+print(f"the line at x = 10: {float(at_ten.mean()):.2f} +- {float(at_ten.std()):.2f}")
+
+# %% mystnb={"image": {"alt": "Scatter of intercept, slope and sigma; intercept and slope lie along a falling line"}}
+ef.figures.plot_scatter(idata)
+
+# %% [markdown]
+# {doc}`/how_to/with_arviz` has more. {py:func}`~emcee_femu.find_map` finds all maxima
+# without sampling, and {py:func}`~emcee_femu.anneal` a population by TMCMC. Only
+# {py:func}`~emcee_femu.emulate` refuses: it learns the response of a model, and a
+# log-probability has none.
+#
+# ## In your own emcee script
+#
+# The moves are plain emcee moves. One line changes, and
+# {py:func}`~emcee_femu.diagnose` takes the samplers; several, since the walkers of one
+# ensemble are not independent.
+
+# %%
+samplers = []
+for seed in (1, 2, 3, 4):
+    sampler = emcee.EnsembleSampler(
+        12, 3, log_likelihood, args=(x, y), moves=ef.DEMCMove()
+    )
+    sampler.random_state = np.random.RandomState(seed).get_state()  # emcee's seed
+    start = np.random.default_rng(seed).normal([1.5, 0.8, 0.5], 0.1, size=(12, 3))
+    sampler.run_mcmc(start, 1_500)
+    samplers.append(sampler)
+plain = ef.diagnose(samplers, discard=300)
+plain
 
 # %% [markdown]
 # `DEMCMove` replaces `emcee.moves.DEMove`. It proposes
 # $\theta_i + \gamma(\theta_a - \theta_b) + \epsilon$ with
 # $\gamma = 2.38/\sqrt{2d}$; emcee's move varies $\gamma$ at random and has no $\epsilon$.
+# An independence move, `[(ef.IndependenceMove.fit(samples), 0.8), (ef.DEMCMove(), 0.2)]`,
+# is more efficient if the posterior is close to the distribution fitted to the burn-in.
 # Mixtures, backends, pools, `vectorize=True`, blobs and `parameter_names` work as for
-# emcee's own moves.
-#
-# ## A verdict, ArviZ, figures
-#
-# {py:func}`~emcee_femu.diagnose` accepts plain samplers. The walkers of one ensemble are
-# not independent, so run several ensembles and pass all of them. A plain sampler holds no
-# search and no data, and the statements on both say so.
-
-# %%
-import emcee_femu as ef
-
-samplers = [sampler]
-for seed in (2, 3, 4):
-    other = emcee.EnsembleSampler(NWALKERS, NDIM, log_prob, moves=DEMCMove())
-    other.random_state = np.random.RandomState(seed).get_state()
-    other.run_mcmc(3 * np.random.default_rng(seed).normal(size=start.shape), 2_000)
-    samplers.append(other)
-ef.diagnose(samplers, discard=500)
-
-# %% [markdown]
-# ArviZ reads a sampler with `from_emcee`, and the figures of this package accept the
-# result:
-
-# %% tags=["remove-stderr"]
-import arviz as az
-
-idata = az.from_emcee(sampler, var_names=["a", "b", "c", "d", "e"])
-az.summary(idata.isel(draw=slice(500, None)))
-
-# %% mystnb={"image": {"alt": "Scatter of three parameters; their ellipses lean to the right, all correlations are 0.5"}}
-ef.figures.plot_scatter(idata.isel(draw=slice(500, None)), var_names=["a", "b", "c"])
-
-# %% [markdown]
-# {py:func}`~emcee_femu.parameter_table` accepts it too, without the columns of the prior.
-# A comparison with prior, data or model needs a {py:class}`~emcee_femu.LogPosterior`.
-# {doc}`/how_to/with_arviz` has more, such as names for the parameters of a sampler.
-#
-# ## Compared with emcee's moves
-#
-# With more than a few parameters, differential evolution is more efficient than the
-# stretch move. It is about as efficient as emcee's `DEMove`, with less overhead per
-# generation. An independence move, `[(ef.IndependenceMove.fit(samples), 0.8),
-# (DEMCMove(), 0.2)]`, is more efficient than both if the posterior is close to the
-# distribution fitted to the burn-in. [Moves measured](../explanation/moves_measured.md)
-# has the numbers, other packages included.
-#
-# Differences from emcee's own moves:
+# emcee's own moves. Differences from these:
 #
 # - fewer than 2 walkers per dimension raise an error, as in emcee
 #   (`live_dangerously=True` allows them);
@@ -90,5 +153,20 @@ ef.figures.plot_scatter(idata.isel(draw=slice(500, None)), var_names=["a", "b", 
 #   `gradient(theta)`; all others take any function.
 
 # %% tags=["remove-cell"]
-assert abs(np.cov(samples.T) - covariance).max() < 0.2
-assert ef.diagnose(samplers, discard=500).converged
+# A flat prior of a line: sigma by its exact marginal, the evidence by its integral.
+design = np.column_stack([np.ones_like(x), x])
+best, squares = np.linalg.lstsq(design, y)[:2]
+grid = np.linspace(0.05, 1, 5_000)
+log_density = -18 * np.log(grid) - squares / (2 * grid**2)
+weights = np.exp(log_density - log_density.max())
+log_integral = np.log(weights.sum() * (grid[1] - grid[0])) + log_density.max()
+log_integral -= 9 * np.log(2 * np.pi) + 0.5 * np.linalg.slogdet(design.T @ design)[1]
+exact = log_integral - np.log(4 * 2 * 1)
+assert abs(evidence.log_evidence - exact) < 5 * evidence.log_evidence_error < 0.5
+assert f"{np.log(4 * 2 * 1):.4f}" in str(evidence)
+sigma = idata["posterior"]["sigma"].values
+assert abs(sigma.mean() / np.average(grid, weights=weights) - 1) < 0.03
+assert abs(float(at_ten.mean()) - best @ [1, 10]) < 0.1
+assert ef.diagnose(run).converged and plain.converged and plain.plain
+by_move = {label: value for label, (value, _) in comparison.efficiency.items()}
+assert by_move["auto"] > 3 * max(by_move["DE-MC"], by_move["stretch"])

@@ -24,7 +24,7 @@ class Emulated:
         (lambda: ef.run(Emulated(), seed=1), TypeError, r"\.posterior"),
         (lambda: ef.find_map(Emulated(), seed=1), TypeError, r"\.posterior"),
         (lambda: ef.run(POSTERIOR, ef.DEMCMove, seed=1), TypeError, r"DEMCMove\(\)"),
-        (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "EnsembleSampler"),
+        (lambda: ef.run(lambda theta: 0.0, seed=1), TypeError, "from_function"),
         (lambda: ef.diagnose(Emulated()), TypeError, r"\.posterior"),
         (lambda: ef.GaussianPrior({"k1": (50, 9)}), TypeError, r"\['k1'\], mean, sd"),
         (lambda: ef.GaussianPrior(["k1"], [50.0]), ValueError, "sd"),

@@ -101,7 +101,7 @@ OUTSIDE[3, 2] = 9999.0
     [
         ({"nwalkers": 8}, RuntimeError, "2 \\* ndim"),
         ({"moves": "best"}, TypeError, "moves.*'best'"),
-        ({"posterior": len}, TypeError, "EnsembleSampler"),
+        ({"posterior": len}, TypeError, "from_function"),
         ({"seed": None}, TypeError, "seed"),
         ({"seed": np.random.default_rng(1)}, TypeError, "seed"),
         ({"moves": ef.DEMCMove(sigma=[1.0, 2.0])}, ValueError, "sigma"),

@@ -27,6 +27,7 @@ from ...contracts import (
     read,
     read_declared,
 )
+from ...models.function import DensityModel
 from ...models.paired import PairedModel
 from ...posterior.experiments import expand, tangents_of
 from ...posterior.log_posterior import LogPosterior
@@ -160,9 +161,16 @@ class EmulationProblem:
         """Return what is to be emulated of a posterior.
 
         Raises:
-            ValueError: If it cannot be told what the model returns.
+            ValueError: If it cannot be told what the model returns, or there is none.
         """
         errors, model = posterior.error_names, posterior.model
+        if isinstance(model, DensityModel):
+            raise ValueError(
+                "posterior: expected a model with a response, got a bare "
+                "log-likelihood, which spans too many orders of magnitude between "
+                "draws of the prior to be learned from few solves; give LogPosterior "
+                "the model and its terms apart, or sample it with workers="
+            )
         inputs = [i for i, name in enumerate(posterior.names) if name not in errors]
         paired = model if isinstance(model, PairedModel) else None
         if paired is None:

@@ -1,0 +1,206 @@
+"""A bare log-likelihood, as emcee takes it, with all that a posterior has."""
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+from support.runs import assert_same, failures
+
+import emcee_femu as ef
+
+CENTRE, SD = np.array([1.0, -2.0]), np.array([0.5, 2.0])
+BOX = {"a": (-9.0, 9.0), "b": (-30.0, 30.0)}
+LOG_BOX = np.log(18 * 60)
+LOWEST = CENTRE[0] - SD[0]  # where right_part begins
+CUT = stats.truncnorm(-1, np.inf)
+of = ef.LogPosterior.from_function
+DEMC = {"moves": ef.DEMCMove(), "nwalkers": 8, "steps": 30, "ensembles": 2, "seed": 1}
+
+
+def gaussian(x, centre=CENTRE, *, sd=SD):
+    """Return the density of a Gaussian, normalised, at one point."""
+    z = (x - centre) / sd
+    return -0.5 * (z[0] ** 2 + z[1] ** 2) - np.log(2 * np.pi * sd[0] * sd[1])
+
+
+def gaussians(x, centre=CENTRE, *, sd=SD):
+    """Return the same at many points."""
+    return gaussian(x.T, centre[:, None], sd=sd[:, None])[:, None].ravel()
+
+
+def right_part(x):
+    """Return it right of a line with two blobs, and zero elsewhere, without."""
+    if x[0] < LOWEST:
+        return -np.inf
+    return gaussian(x), x[0] * x[1], np.outer(x, x)
+
+
+@pytest.fixture(scope="module")
+def cut(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cut") / "run.sqlite"
+    return ef.run(of(right_part, BOX), seed=1, backend=path), path
+
+
+def test_moments_and_evidence_are_those_of_the_gaussian(cut):
+    """Cut one standard deviation below its centre."""
+    idata = ef.to_inference_data(cut[0])
+    z = (np.stack([idata["posterior"][n] for n in BOX], -1) - CENTRE) / SD
+    assert ef.diagnose(cut[0]).converged and (z[..., 0] >= -1).all()
+    mean, variance = np.transpose([law.stats("mv") for law in (CUT, stats.norm(0, 1))])
+    np.testing.assert_allclose(z.mean(axis=(0, 1)), mean, atol=0.12)
+    np.testing.assert_allclose(z.var(axis=(0, 1)), variance, rtol=0.2)
+    population = ef.anneal(of(right_part, BOX), 200, seed=1)
+    for source in (*cut, idata, population):
+        found = ef.log_evidence(source)
+        error = found.log_evidence - (stats.norm.logcdf(1.0) - LOG_BOX)
+        assert abs(error) < 4 * found.log_evidence_error < 1.0
+        assert found.log_box == pytest.approx(LOG_BOX)
+        assert f"{LOG_BOX:.4f}" in str(found)
+
+
+def test_a_prior_that_is_given_is_no_box():
+    prior = ef.IndependentPrior({"a": stats.norm(0, 3), "b": (-30.0, 30.0)})
+    posterior = of(gaussian, prior)
+    expected = gaussian(CENTRE) + stats.norm.logpdf(1.0, 0, 3) - np.log(60)
+    assert posterior(CENTRE)[0] == pytest.approx(expected)
+    evidence = ef.results.evidence.Evidence(1.0, 0.1, "", log_box=posterior.log_box)
+    assert np.isnan(posterior.log_box) and "box" not in str(evidence)
+    assert np.isnan(of(gaussian, prior.marginals).log_box)
+
+
+def test_blobs_are_stored_where_the_likelihood_is_not_zero(cut):
+    idata = ef.to_inference_data(cut[0])
+    a, b = (idata["posterior"][name] for name in BOX)
+    np.testing.assert_array_equal(idata["response"]["blob0"], a * b)
+    assert idata["response"]["blob1"].dims[2:] == ("blob1_dim_0", "blob1_dim_1")
+    np.testing.assert_array_equal(idata["response"]["blob1"][..., 1, 0], a * b)
+    row = of(right_part, BOX)([LOWEST - 0.1, 0.0])
+    assert row[0] == row[2] == -np.inf and np.isnan(row[3:]).all()
+
+
+def test_stock_moves_start_where_the_likelihood_is_not_zero():
+    moves = {"stretch": emcee.moves.StretchMove(), "DE-MC": ef.DEMCMove()}
+    options = {"steps": 20, "ensembles": 2, "seed": 1}
+    compared = ef.compare_moves(of(right_part, BOX), moves, **options)
+    for idata in compared.idata.values():
+        assert (idata["posterior"]["a"] >= LOWEST).all()
+
+
+def with_blob(x):
+    return np.column_stack([gaussians(x), x[:, 0]])
+
+
+def rows_with_blob(x):
+    return [(number, point[0]) for number, point in zip(gaussians(x), x, strict=True)]
+
+
+@pytest.mark.parametrize("function", [with_blob, rows_with_blob, gaussians])
+def test_all_points_at_once_are_the_points_one_by_one(function):
+    posterior = of(function, BOX, vectorize=True)
+    theta = posterior.start(7, 1)
+    rows, one_by_one = posterior(theta), of(gaussian, BOX)(theta)
+    np.testing.assert_allclose(rows[:, :3], one_by_one, rtol=1e-12)
+    np.testing.assert_array_equal(rows[:, 3:].ravel(), theta[:, 0][: rows[:, 3:].size])
+
+
+def test_arguments_reach_the_function():
+    posterior = of(gaussian, BOX, args=(CENTRE + 1,), kwargs={"sd": 2 * SD})
+    expected = gaussian(np.zeros(2), CENTRE + 1, sd=2 * SD)
+    assert posterior(np.zeros(2))[2] == expected
+
+
+def test_the_chain_is_the_same_on_workers_and_when_it_goes_on(tmp_path):
+    posterior, file = of(right_part, BOX), {"backend": tmp_path / "run"}
+    whole = ef.run(posterior, **DEMC)
+    assert_same(ef.run(posterior, **DEMC, workers=2), whole)
+    ef.run(posterior, **DEMC | {"steps": 10}, **file)
+    assert_same(ef.run(posterior, **DEMC, **file, resume=True), whole)
+
+
+def test_no_data_is_what_tables_and_the_emulator_say(cut, tmp_path):
+    """With blobs and without."""
+    bare = ef.run(of(gaussian, BOX), **DEMC)
+    for source in (cut[0], bare, ef.to_inference_data(bare)):
+        for table in (ef.frequency_table, ef.predictive_table):
+            with pytest.raises(ValueError, match="no data"):
+                table(source)
+        with pytest.raises(ValueError, match="'mac'"):
+            ef.pairing_table(source)
+        assert ef.diagnose(source).fit.status == "not checked"
+        assert len(ef.identifiability(source).names) == 2
+        assert ef.parameter_table(source).column("parameter") == ["a", "b"]
+    assert ef.report(bare, tmp_path / "report.html").exists()
+    with pytest.raises(ValueError, match="response"):
+        ef.emulate(of(gaussian, BOX), 20, seed=1)
+
+
+def test_find_map_climbs_to_the_centre():
+    found = ef.find_map(of(gaussian, BOX), seed=1)
+    np.testing.assert_allclose(found.maxima[0].theta, CENTRE, atol=0.01)
+
+
+def sometimes_nan(x):
+    return np.nan if x[0] > 0 else gaussian(x)
+
+
+def test_nan_is_a_failed_solve():
+    posterior = of(sometimes_nan, BOX)
+    with pytest.raises(ValueError, match="'a': 1"):
+        posterior([1.0, 0.0])
+    options = DEMC | {"on_failure": "reject", "max_failures": 0.9}
+    run = ef.run(posterior, **options)
+    assert set(failures(run)[1]) == {"not finite"}
+    assert all((sampler.get_chain()[..., 0] <= 0).all() for sampler in run)
+
+
+def growing(x):
+    """Return a blob of another shape elsewhere."""
+    return 0.0, np.zeros(1 if x[0] > 0 else 2)
+
+
+@pytest.mark.parametrize(
+    ("function", "options", "error", "named"),
+    [
+        (3, {}, TypeError, "log_likelihood.*3"),
+        (gaussian, {"args": CENTRE}, TypeError, "args"),
+        (gaussian, {"kwargs": [SD]}, TypeError, "kwargs"),
+        (gaussian, {"vectorize": "yes"}, TypeError, "vectorize"),
+        (gaussian, {"prior": [(0, 1)]}, TypeError, "prior"),
+        (gaussian, {"prior": {"a": (1, 0)}}, ValueError, "'a'"),
+        (lambda x: None, {}, TypeError, "log_likelihood.*None"),
+        (lambda x: (x, 1), {}, ValueError, r"log_likelihood.*\(2,\)"),
+        (lambda x: [], {}, ValueError, r"log_likelihood.*\(0,\)"),
+        (lambda x: (0.0, "left"), {}, TypeError, "blob 0"),
+        (lambda x: -np.inf, {}, ValueError, "256 draws"),
+        (lambda x: x[5], {}, IndexError, "5"),
+        (lambda x: 0.0, {"vectorize": True}, ValueError, "vectorize"),
+        (lambda x: np.zeros(3), {"vectorize": True}, ValueError, "vectorize"),
+    ],
+)
+def test_what_is_wrong_is_named_before_any_sampling(function, options, error, named):
+    with pytest.raises(error, match=named):
+        of(function, **{"prior": BOX} | options)
+
+
+def test_blobs_keep_their_shape():
+    posterior = of(growing, BOX)
+    with pytest.raises(ValueError, match="blob0"):
+        posterior([[-1.0, 0.0], [1.0, 0.0]])
+
+
+def test_a_plain_sampler_is_told_only_what_its_user_has():
+    """No argument of run; the run of a posterior is told these."""
+    texts = []
+    for target, nsteps in ((gaussian, 40), (gaussian, 2_000), (of(gaussian, BOX), 40)):
+        sampler = emcee.EnsembleSampler(8, 2, target, moves=ef.DEMCMove())
+        stream = np.random.RandomState(np.random.MT19937(1)).get_state()
+        start = CENTRE + SD * np.random.default_rng(1).normal(size=(8, 2))
+        sampler.run_mcmc(emcee.State(start, random_state=stream), nsteps)
+        found = ef.diagnose(sampler)
+        idata = ef.to_inference_data(sampler)
+        assert ef.diagnose(idata).verdict == found.verdict
+        texts.append(found.verdict)
+    assert ["steps=" in text for text in texts] == [False, False, True]
+    assert ["from_function" in text for text in texts] == [True, True, False]
+    for text in texts[:2]:
+        assert not any(word in text for word in ("moves=", "ensembles=", "starts out"))
