@@ -1,8 +1,9 @@
-r"""A model whose modes are in the order of the measured ones.
+"""A model whose modes are in the order of the measured ones.
 
-By MAC: one-to-one pairs, clusters of modes too close to tell, and all derivatives.
-Derivatives are differences along those of the modes, which cost no solve. Which mode is
-whose is fixed in them; all else is differentiated, the fading of the sharing too.
+Modes are paired one-to-one by MAC, and modes too close to distinguish are treated as a
+cluster. Derivatives of the paired modes are differences along the derivatives of the
+model's modes and cost no solve. The pairing is held fixed; everything else, including
+the blending of close modes, is differentiated.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,41 +45,43 @@ SHAPE_STEP = 1e-4
 
 
 class PairedModel:
-    r"""A model whose modes are put in the order of the measured ones, by their shapes.
+    r"""A model whose modes are sorted into the order of the measured ones, by MAC.
 
     .. math:: \max_{\pi} \sum_i MAC(\phi_i^m, \phi_{\pi(i)}), \qquad
         \pi \text{ one-to-one}
 
-    Every measured mode gets one mode of the model (the Hungarian method), out of the
-    lowest ``candidates``, for each parameter set anew: frequencies may cross inside the
-    bounds, and compared in ascending order they would then be those of other modes.
+    Use it whenever mode shapes were measured and modes may change places: compared in
+    ascending order, the frequencies would then belong to different modes. Each measured
+    mode :math:`\phi_i^m` is assigned one of the lowest ``candidates`` modes of the
+    model (Hungarian algorithm), separately for each parameter set. Pairing costs no
+    additional solve.
 
-    Shapes of close modes turn freely in the space that they span. Model modes nearer to
-    each other than half of ``min_gap`` therefore share one: the MAC is that of the
-    measured shape with its projection on their span, and this projection is returned as
-    the paired shape, so that a :class:`ShapeTerm` does not see the turning either. From
-    there to ``min_gap`` the sharing fades smoothly, so that shapes and MAC have no
-    step. Where two modes change places, their frequencies still do.
+    The shapes of close modes can be any combination of the shapes that they span. Model
+    modes closer to each other than half of ``min_gap`` are therefore treated as one
+    subspace: the MAC is computed between the measured shape and its projection onto the
+    subspace, and this projection is returned as the paired shape, so that a
+    :class:`ShapeTerm` is not affected either. Between half of ``min_gap`` and
+    ``min_gap`` the treatment fades out smoothly, so that shapes and MAC are continuous.
+    Where two modes change places, their frequencies still jump.
 
     Args:
         model: A model that returns shapes, such as ``MatrixModel(..., shapes=dofs)``.
-        measurements: Measured modes with shapes, each compared at the sensors that it
-            has. Their ``dofs`` are matched with those
-            at which the model returns shapes, in any order; where they are None, rows
-            and sensors correspond in order.
-        candidates: How many of the model's modes are searched; None for twice the
-            number of measured ones, as is usual.
-        min_mac: A pair below it counts as unpaired, which a
-            :class:`FrequencyTerm` answers with a finite penalty.
-        min_gap: Relative distance of two frequencies below which modes share their
-            space.
+        measurements: Measured modes with shapes. Each mode is compared at the sensors
+            where its shape was measured. Sensors are matched by ``dofs``, in any order;
+            without ``dofs`` the model's rows must be the sensors, in the same order.
+        candidates: Number of model modes to choose from; twice the number of measured
+            modes by default.
+        min_mac: MAC below which a pair counts as unpaired. A :class:`FrequencyTerm`
+            adds a finite penalty for each unpaired mode.
+        min_gap: Relative difference between two frequencies below which their modes
+            are treated as a subspace.
 
     Raises:
-        TypeError: If measurements are not Measurements, or model is not callable.
-        ValueError: If the measurements have no shapes, there are fewer model modes
-            than candidates, or fewer candidates than measured modes, or the model has
-            no shapes at a sensor. When called: if the model returns no shapes, or too
-            few modes or rows.
+        TypeError: If measurements is not a Measurements, or model is not callable.
+        ValueError: If the measurements have no shapes, the model returns fewer modes
+            than candidates, candidates is smaller than the number of measured modes, or
+            the model has no shapes at a sensor. When called: if the model returns no
+            shapes, too few modes or too few rows.
 
     Source: Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001;
     D'Ambrogio and Fregolent (2003) for the subspace MAC,
@@ -108,7 +111,7 @@ class PairedModel:
             raise TypeError(f"model: expected a callable, got {type(model).__name__}")
         checks.instance("measurements", measurements, Measurements)
         if measurements.shapes is None:
-            raise ValueError("measurements: no shapes, by which modes are paired")
+            raise ValueError("measurements: no shapes to pair the modes by")
         self.model, self.measurements = model, measurements
         n_modes = measurements.n_modes
         if candidates is None:
@@ -135,15 +138,15 @@ class PairedModel:
 
     @property
     def jacobian(self) -> Differentiate | None:
-        """The paired modes and their derivatives, None if the model has none.
+        """Paired modes and their derivatives; None if the model has no ``jacobian``.
 
-        Of frequency, shapes and MAC; numbers of modes change in steps.
+        Frequencies, shapes and MAC have derivatives; mode numbers change in steps.
         """
         return self._pass_on(read_declared(self.model, "jacobian"))
 
     @property
     def spread(self) -> Differentiate | None:
-        """The same along the directions in which an emulator is uncertain."""
+        """As ``jacobian``, for the directions in which an emulator is uncertain."""
         return self._pass_on(read_declared(self.model, "spread"))
 
     __repr__ = show_declared
@@ -153,7 +156,7 @@ class PairedModel:
         return self.pair(self.model(parameters))
 
     def pair(self, response: Response) -> PairedSolution:
-        """Return the modes that the model inside returned, in that order."""
+        """Return the modes of a response in the order of the measured ones."""
         modes = self.read_candidates(response)
         return self._solution(*_pair_modes(self._shapes, *modes, self.min_gap))
 
@@ -195,7 +198,7 @@ class PairedModel:
         return PairedSolution(f, shapes, mac, chosen + 1, mac < self.min_mac)
 
     def read_candidates(self, response: Response) -> tuple[Floats, Floats]:
-        """Return frequencies and shapes at the sensors of a response's candidates."""
+        """Return frequencies and sensor shapes of the candidates in a response."""
         try:
             frequencies, shapes = (
                 np.asarray(read(response, name), dtype=np.float64)
@@ -203,7 +206,7 @@ class PairedModel:
             )
         except TypeError as error:
             raise ValueError(
-                f"{error}; modes are paired by their shapes: ask for them (shapes=True)"
+                f"{error}; pairing needs mode shapes: ask for them (shapes=True)"
             ) from None
         if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
             raise ValueError(
@@ -216,14 +219,14 @@ class PairedModel:
         return frequencies[:, : self.candidates], self._at_sensors(shapes)
 
     def _check_count(self, available: int) -> None:
-        """Raise ValueError if the model returns fewer modes than are searched."""
+        """Raise ValueError if the model returns fewer modes than candidates."""
         wanted, measured = self.candidates, self.measurements.n_modes
         if available < wanted:
             enough = available >= measured
             remedy = f", or give PairedModel(candidates={available})" if enough else ""
             raise ValueError(
-                f"candidates: {wanted} modes are searched for {measured} measured "
-                f"ones, but the model returns {available}; let it return "
+                f"candidates: {measured} measured modes are paired with {wanted} "
+                f"candidates, but the model returns {available} modes; let it return "
                 f"{wanted}{remedy}"
             )
 
@@ -238,12 +241,12 @@ class PairedModel:
 def _match_rows(
     variables: Mapping[str, Variable] | None, measurements: Measurements
 ) -> Indices | None:
-    """Return where the sensors are among the model's rows, None if unknown."""
+    """Return the model rows that correspond to the sensors; None if unknown."""
     if variables is None:
         return None
     if "shapes" not in variables:
         raise ValueError(
-            "model: it returns no mode shapes, by which modes are paired; ask for them "
+            "model: it returns no mode shapes, which pairing needs; ask for them "
             "(shapes=True)"
         )
     labels = variables["shapes"].coords.get("dof")
@@ -261,7 +264,7 @@ def _match_rows(
 
 
 def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
-    """Return the rows of a model's shapes that belong to the sensors, in their order.
+    """Return the rows of a model's shapes at the sensors, in the sensors' order.
 
     Args:
         shapes: ``(..., n_rows, n_modes)``, at all DOFs of the model or at the sensors.
@@ -269,8 +272,8 @@ def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
         n_sensors: The number of sensors.
 
     Raises:
-        ValueError: If the rows cannot be told: too few, or dofs that reorder as many
-            rows as there are sensors.
+        ValueError: If the rows are ambiguous: there are too few, or dofs reorders as
+            many rows as there are sensors.
     """
     n_rows = shapes.shape[-2]
     numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
@@ -300,18 +303,18 @@ def _pair_modes(
     min_gap: float,
     chosen: Indices | None = None,
 ) -> tuple[Indices, dict[str, Floats]]:
-    """Return one of the candidates for each measured mode, one-to-one by their MAC.
+    """Return one candidate for each measured mode, one-to-one by MAC.
 
     Args:
         measured: Unit shapes ``(r, p)``, NaN where a sensor was missing.
-        frequencies: The candidates' ``(n, q)``.
+        frequencies: Frequencies of the candidates ``(n, q)``.
         shapes: Their shapes at the sensors ``(n, r, q)``.
         min_gap: See :class:`PairedModel`.
-        chosen: The choice, where it is made already, ``(n, p)``.
+        chosen: The assignment ``(n, p)``, if it is already known.
 
     Returns:
-        The number of each, 0 = the lowest, ``(n, p)``; their frequencies, shapes and
-        MAC in that order.
+        The candidate of each measured mode, 0 = the lowest, ``(n, p)``; frequencies,
+        shapes and MAC in that order.
     """
     there = ~np.isnan(measured)
     measured = np.where(there, measured, 0.0)

@@ -56,41 +56,44 @@ NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Report):
-    """What :func:`.diagnose` found; ``print`` it for a table and three statements.
+    """The result of :func:`.diagnose`; ``print`` it for a table and three statements.
 
     Attributes:
         names: Parameter names, ``d`` of them.
         steps: Stored steps per ensemble, after burn-in.
         tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
-            where no walker moved.
-        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``; from 50 on, tau
-            and ESS can be believed.
-        ess_bulk: Effective sample size for the centre, all ensembles, ``(d,)``.
+            if no walker moved.
+        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. Above 50, tau
+            and ESS are reliable.
+        ess_bulk: Effective sample size for the centre, from all ensembles, ``(d,)``.
         ess_tail: Effective sample size for the 5 % and 95 % quantiles, ``(d,)``.
-        acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN where
-            it is not known.
+        acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN if
+            unknown.
         stuck: ``(ensemble, walker)`` of each walker with a parameter that never
             changed.
-        rhat_within: R-hat over the walkers of one ensemble, the worst, ``(d,)``: a
-            mixing indicator, not convergence, since walkers depend on one another;
-            NaN for a single walker.
-        rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
-            test for a missed mode; NaN for a single ensemble.
-        sd_error: Relative standard error of the standard deviation, by the ESS of
-            squared deviations, ``(d,)``.
-        scatter: By how much the ensembles' means and variances scatter more than tau
-            allows (above 1), the worse of both, ``(d,)``; NaN for less than three.
+        rhat_within: R-hat over the walkers of one ensemble, for the worst ensemble,
+            ``(d,)``. It measures mixing, not convergence, because walkers depend on one
+            another; NaN for a single walker.
+        rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``. It
+            reveals modes that some ensembles missed; NaN for a single ensemble.
+        sd_error: Relative standard error of the standard deviation, from the ESS of
+            the squared deviations, ``(d,)``.
+        scatter: Scatter of the ensembles' means and variances, whichever is worse,
+            relative to the limit that tau allows, ``(d,)``. Values above 1 are too
+            large; NaN for fewer than three ensembles.
         failures: Number of rejected solves by cause (``run(on_failure="reject")``).
-        modes: Separated modes of the posterior and the frozen proposal, if "auto"
-            ran; printed where there are several.
-        chains: Whether they converged: "converged", "well mixed" (of one ensemble, or
-            from given starts) or "not converged", and how many steps it takes; "none"
-            of a population or of weighted draws, whose numbers are NaN.
-        search: "searched" or "not searched", what was there, and how small a mode may
-            be missing.
-        fit: Whether what was measured lies inside the posterior predictive: "fits",
-            "doubtful" (it does, but parameters are far from their prior, or the model
-            or the prior was warned of), "at a bound", "does not fit" or "not checked".
+        modes: The modes of the posterior and the quality of the frozen proposal, if
+            "auto" ran; printed if there are several modes.
+        chains: Whether the chains converged: "converged", "well mixed" (a single
+            ensemble, or given starts) or "not converged", with the number of steps to
+            run. For a population or weighted draws it is "none", and the numbers above
+            are NaN.
+        search: "searched" or "not searched"; the maxima found, and how small a mode
+            may have been missed.
+        fit: Whether the measurements lie inside the posterior predictive: "fits",
+            "doubtful" (they do, but parameters are far from their prior, or there were
+            warnings about the model or the prior), "at a bound", "does not fit" or "not
+            checked".
     """
 
     names: tuple[str, ...]
@@ -113,7 +116,7 @@ class Diagnosis(Report):
 
     @property
     def converged(self) -> bool:
-        """Whether several ensembles of independent starts agree, each well mixed."""
+        """Whether several ensembles from independent starts mixed well and agree."""
         return self.chains.status == CONVERGED
 
     @property
@@ -123,7 +126,7 @@ class Diagnosis(Report):
 
     @property
     def verdict(self) -> str:
-        """The three statements, one below the other."""
+        """The three statements, one per line."""
         return self._join("sentence", "\n")
 
     def _join(self, attribute: str, between: str) -> str:
@@ -132,7 +135,7 @@ class Diagnosis(Report):
 
     @property
     def table(self) -> Table:
-        """One row per parameter; tau is that of the worst ensemble."""
+        """One row per parameter, with the tau of the worst ensemble."""
         n_ensembles, n_walkers = self.acceptance.shape
         return Table.from_columns(
             f"Diagnosis: {n_ensembles} x {n_walkers} walkers, {self.steps} steps",
@@ -164,31 +167,32 @@ class Diagnosis(Report):
 
 
 def diagnose(source: object, discard: int = 0) -> Diagnosis:
-    """Say whether chains converged, what a search found, and whether the model fits.
+    """Judge a run: whether chains converged, what was searched, whether the model fits.
 
-    Three statements, each with its own status: converged chains may have missed a mode,
-    and may be those of a model that fits nothing.
+    Use it after every :func:`run`, before you read any result. It makes three separate
+    statements, because converged chains may have missed a mode, and a model may fit
+    badly although its chains converged. It takes no solve.
 
-    tau is emcee's, for each ensemble by itself. R-hat is rank-normalised and split.
-    One ensemble cannot show that it missed a mode: run several from
-    over-dispersed starts. For tempered runs only the cold walkers are judged, and tau
-    and ESS are those of the mean over these walkers: an exchange hands a state to
-    another walker, so that a walker forgets sooner than its ensemble. Populations and
-    the weighted draws of a certificate are no chains, which the first statement says,
-    and by what they are judged instead.
+    tau is emcee's integrated autocorrelation time, computed for each ensemble. R-hat is
+    rank-normalised and split. A single ensemble cannot show that it missed a mode; run
+    several from over-dispersed starts. For tempered runs only the cold walkers are
+    judged, and tau and ESS are those of the mean over these walkers: exchanges pass
+    states between walkers, so a single walker forgets its past sooner than the ensemble
+    does. The results of :func:`anneal` and :func:`certify` are not chains; the first
+    statement then says how to judge them instead.
 
     Args:
-        source: What :func:`run` returned, EnsembleSamplers of one target, or the name
-            of a run's file; what :func:`anneal` or :func:`certify` returned; or an
-            ArviZ object of them, with steps counted after its own ``discard`` and
-            ``thin``.
-        discard: Stored steps to drop as burn-in.
+        source: The result of :func:`run`, :func:`anneal` or :func:`certify`, the
+            EnsembleSamplers of one target, the name of a run's file, or an ArviZ
+            object made from any of these. The steps of an ArviZ object are those left
+            after its own ``discard`` and ``thin``.
+        discard: Number of stored steps to drop as burn-in.
 
     Returns:
         Numbers and three statements; ``print`` it.
 
     Raises:
-        TypeError: If source is something else, or discard not a whole number.
+        TypeError: If source is something else, or discard is not a whole number.
         ValueError: If fewer than 8 steps are left.
 
     Source: Goodman and Weare (2010), doi:10.2140/camcos.2010.5.65 (tau); Vehtari et
@@ -220,7 +224,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
 
 
 def measure(chains: Chains) -> Diagnosis:
-    """Return the numbers of chains, not judged."""
+    """Return the numbers of a diagnosis, without statements."""
     draws = chains.draws
     steps, n_ensembles, n_walkers, ndim = draws.shape
     check_length(draws)
@@ -272,7 +276,7 @@ def _as_chains(values: Floats) -> Floats:
 
 
 def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Statement:
-    """Say whether the chains converged; if not, what speaks first and what mends it."""
+    """Say whether the chains converged; if not, give the first reason and a remedy."""
     if complaints := list(_complaints(diagnosis)):
         short, sentence, longer = complaints[0]
         if longer:
@@ -299,7 +303,7 @@ def judge_chains(diagnosis: Diagnosis, starts_given: bool, discard: int) -> Stat
 
 
 def judge_search(modes: ModeWeights | None) -> Statement:
-    """Say what a search found, and how small a maximum it may have missed."""
+    """Say what the search found, and how small a maximum it may have missed."""
     if modes is None:
         sentence = "none: a maximum that no walker started near is not seen; "
         sentence += 'run(posterior, "auto") searches.'
@@ -318,7 +322,7 @@ def judge_search(modes: ModeWeights | None) -> Statement:
 
 
 def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statement]:
-    """Say by what draws are judged that are no chains, and what a search found."""
+    """Say how draws that are not chains are judged, and what a search found."""
     if chains.kind == "population":
         words = "an annealed population; anneal with other seeds and compare"
         found = (
@@ -334,7 +338,7 @@ def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statem
 
 
 def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
-    """Yield what speaks against the chains, the plainest first."""
+    """Yield the faults of the chains, the most obvious first."""
     names, stuck, modes = diagnosis.names, diagnosis.stuck, diagnosis.modes
     places = f"(ensemble, walker): {list(stuck[:5])}"
     sentence = f"they never moved, {places}; look at starts and at failed solves"
@@ -371,7 +375,7 @@ def _complaints(diagnosis: Diagnosis) -> Iterator[Complaint]:
 
 
 def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
-    """Yield modes that are lost, weigh otherwise than they should, or are not known."""
+    """Yield modes that are lost, have the wrong weight, or are poorly known."""
     chain, exact, error = modes.weights.mean(axis=0), modes.importance, modes.errors
     best, apart = np.fmin(error, modes.importance_errors), np.abs(chain - exact)
     both = np.hypot(error, modes.importance_errors)
@@ -391,7 +395,7 @@ def _weights(modes: ModeWeights, walkers: int) -> Iterator[Complaint]:
 
 
 def _proposal(modes: ModeWeights, steps: int) -> Iterator[Complaint]:
-    """Yield what is wrong with the frozen proposal, if steps are made with it."""
+    """Yield faults of the frozen proposal, if steps are made with it."""
     several, made = len(modes.importance) > 1, modes.share * steps
     k = float(np.fmax(modes.pareto_k, modes.chain_k))
     # Weights that are nearly equal have a tail too, but not one that matters.
