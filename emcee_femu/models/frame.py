@@ -55,21 +55,22 @@ Term: TypeAlias = tuple[float | str, ...]  # properties whose product varies
 
 @dataclass(frozen=True)
 class Section:
-    """Properties of a bar; each is a number, or the name of a parameter.
+    """Section and material of a bar; each property is a number or a parameter name.
 
     Args:
         E: Young's modulus, N/m2.
         GJ: Torsional stiffness, N m2.
         rho: Density, kg/m3.
         A: Area, m2.
-        Iy: Second moment of area that resists displacement along local z, m4.
-        Iz: Second moment of area that resists displacement along local y, m4.
-        orientation: A vector whose part normal to the bar is local y; local x runs
-            along the bar. The default is global z.
+        Iy: Second moment of area for displacements along local z, m4.
+        Iz: Second moment of area for displacements along local y, m4.
+        orientation: A vector whose component normal to the bar is local y; local x
+            runs along the bar. The default is global z.
 
     Raises:
         TypeError: If a property is neither a real number nor a name.
-        ValueError: If a number is not above zero, or orientation is not (3,) or zero.
+        ValueError: If a number is not positive, or orientation is not ``(3,)`` or is
+            zero.
 
     Examples:
         >>> from emcee_femu import Section
@@ -109,34 +110,36 @@ class Section:
 
 
 class FrameModel:
-    r"""A frame of straight Euler-Bernoulli elements in space, with consistent mass.
+    r"""A 3-D frame of straight Euler-Bernoulli elements with consistent mass.
 
     .. math:: K = \sum_e T_e^T (EA\,k_{EA} + GJ\,k_{GJ} + EI_z k_{EI_z}
         + EI_y k_{EI_y}) T_e, \qquad
         M = \sum_e T_e^T (\rho A\,m_{\rho A} + \rho (I_y + I_z)\,m_{\rho I}) T_e
 
-    Each section contributes at most four stiffness and two mass matrices, assembled
-    once; a batch of parameter sets is then a matrix product. Above 200 free DOFs each
-    set is solved by itself, with sparse matrices. In a plane frame supports hold uz, rx
-    and ry of every node.
+    Use it for beams and small frames that need no FE program. Each section contributes
+    at most four stiffness and two mass matrices, which are assembled once; a batch of
+    parameter sets is then a matrix product. Above 200 free DOFs, parameter sets are
+    solved one at a time with sparse matrices. For a plane frame in x and y, let the
+    supports hold uz, rx and ry at every node.
 
     Args:
         nodes: Coordinates in m, ``(n_nodes, 3)``.
         elements: ``(node, node, section name)`` each; nodes count from 0.
         sections: ``{name: Section}``.
         supports: ``{node: held DOFs}`` out of ux uy uz rx ry rz; ``"all"`` holds six.
-        n_modes: How many elastic modes to return, the lowest; or give
-        modes: Which elastic modes to return, 1 = the lowest, ascending.
+        n_modes: Number of elastic modes to return, starting with the lowest. Give
+            either n_modes or modes.
+        modes: The elastic modes to return, 1 = the lowest, ascending.
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
         shapes: Whether to return mass-normalised mode shapes too; or the DOFs at which
-            to return them, in the order given. A DOF is named by node and direction,
-            as in ``"3:uy"``; ``model.dofs`` are all that are free.
+            to return them, in the given order. A DOF is named by node and direction,
+            such as ``"3:uy"``; ``model.dofs`` lists the free ones.
 
     Raises:
         TypeError: If not exactly one of n_modes and modes is given.
-        ValueError: If nodes, elements, sections or supports do not fit together.
-            When called: if a property is not above zero, or the number of rigid-body
-            modes is not skip.
+        ValueError: If nodes, elements, sections or supports do not fit together. When
+            called: if a property is not positive, or the number of rigid-body modes is
+            not skip.
 
     Examples:
         >>> import numpy as np
@@ -203,12 +206,12 @@ class FrameModel:
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.
 
-        Exact also where one parameter multiplies another, as E and A do, or is in
-        several sections: the matrices are affine in the products.
+        They are exact even if one parameter multiplies another, such as E and A, or
+        occurs in several sections, because the matrices are affine in the products.
 
         Raises:
-            ValueError: As a call does, or if modes coincide that part as a parameter
-                changes; see :meth:`MatrixModel.jacobian`.
+            ValueError: As for a call, or if two modes coincide that separate as a
+                parameter changes; see :meth:`MatrixModel.jacobian`.
         """
         values, (k, m, where) = self._read(parameters)
 

@@ -1,4 +1,4 @@
-"""Whether the posterior predicts what was measured, and what speaks against its fit."""
+"""Whether the posterior predicts the measurements, and reasons to doubt its fit."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ class Statement:
     """One of the three statements of a diagnosis.
 
     Attributes:
-        status: A word or two that never vary, such as "converged".
+        status: One or two fixed words, such as "converged".
         short: The status in a few words, with its reason.
         sentence: The same at length, and what to do.
-        reasons: All that speaks against chains, in a word or two each.
+        reasons: All faults of the chains, in one or two words each.
     """
 
     status: str
@@ -42,12 +42,12 @@ class Statement:
 
 
 def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
-    """Say whether what was measured lies inside the posterior predictive.
+    """Say whether the measurements lie inside the posterior predictive.
 
     Args:
         source: What holds chains.
-        chains: The same, as they were read.
-        discard: Stored steps that were dropped.
+        chains: The chains that were read from it.
+        discard: Number of stored steps that were dropped.
     """
     idata = _read(source, chains, discard)
     parts = [] if idata is None else read_measured(idata)
@@ -115,7 +115,7 @@ def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData 
 
 
 def _recall(chains: Chains) -> list[str]:
-    """Return what was warned of before the run, which a file outlives."""
+    """Return the warnings before the run, which its file keeps."""
     return [f"Before the run: {doubt.rstrip('.?')}?" for doubt in chains.doubts]
 
 
