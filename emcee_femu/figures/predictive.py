@@ -182,7 +182,7 @@ def plot_tae(
 ) -> Figure:
     """Draw the total average error of the running mean (Figs 4.3, 5.4).
 
-    It shows how many generations the mean needs to settle. It takes 200 solves.
+    It shows how many generations the mean needs to settle, and takes up to 200 solves.
 
     Args:
         idata: The result of :func:`run` or :func:`to_inference_data`, with its burn-in.

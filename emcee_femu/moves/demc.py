@@ -15,15 +15,15 @@ DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
 
 
 class DEMCMove(ProposingMove):
-    r"""Differential evolution MCMC: steps along the difference of two walkers (Eq. 3.2).
+    r"""Differential evolution MCMC: step along the difference of two walkers.
 
     .. math:: \theta^* = \theta_i + \gamma (\theta_a - \theta_b) + \varepsilon,
         \qquad \varepsilon \sim N(0, \mathrm{diag}(\sigma^2)),
         \qquad r = \min\{1, p(\theta^*) / p(\theta_i)\}
 
-    a and b are distinct walkers among those at rest. This is the paper's sampler. It
-    replaces ``emcee.moves.DEMove``, with the paper's additive noise instead of a
-    relative jitter of gamma. A proposal costs one solve.
+    a and b are distinct walkers among those at rest. This is the paper's sampler (Eq.
+    3.2). It replaces ``emcee.moves.DEMove``, with the paper's additive noise instead of
+    a relative jitter of gamma. A proposal costs one solve.
 
     Args:
         sigma: Standard deviation of the noise **in parameter units**, one number or
