@@ -2,9 +2,9 @@
 
 Sherri, Boulkaibet, Marwala and Friswell, "A Differential Evaluation Markov Chain Monte
 Carlo algorithm for Bayesian Model Updating". The text does not include their drawings
-of the two structures: topology and geometry were inferred from the printed tables, and are the
-simplest that give the printed frequencies. beta_c and the prior of the first problem
-are not printed either; they follow from the printed c.o.v.
+of the two structures: topology and geometry were inferred from the printed tables, and
+are the simplest that give the printed frequencies. beta_c and the prior of the first
+problem are not printed either; they follow from the printed c.o.v.
 """
 
 from collections.abc import Mapping, Sequence

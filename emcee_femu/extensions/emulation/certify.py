@@ -305,8 +305,8 @@ def _judge_climbs(maxima: list[Maximum], lost: list[str]) -> Statement:
     ends, climbs = sum(m.converged for m in maxima), len(maxima) + len(lost)
     if climbs:
         sentence = (
-            f"{climbs} climbs started elsewhere, {ends} of them converged; regions "
-            "that neither they nor the draws reached stay unseen."
+            f"{ends} of {climbs} climbs from other places ended at a maximum; a region "
+            "that no climb or draw reached may still be missing."
         )
         return Statement(SEARCHED, SEARCHED, sentence)
     sentence = (
