@@ -211,7 +211,7 @@ def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_a
         if export.labels != base.labels:
             raise ValueError(
                 f"{argument}: expected the nodes and directions of the base, in its "
-                "order; was the mesh or a support changed, or the program numbers anew?"
+                "order; was the mesh or a support changed, or were nodes renumbered?"
             )
     matrices, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
     if not matrices or not size:
@@ -259,7 +259,7 @@ def _fit_powers(
             worst, powers, _ = min(misfits, key=lambda fit: fit[0])
             nearest = " + ".join(f"c{p} x^{p}" for p in powers)
             raise ValueError(
-                f"{argument}: {part} is no polynomial of this parameter, up to its "
+                f"{argument}: {part} is not a polynomial in this parameter, up to its "
                 f"cube, judging by {len(given)} exports besides the base: the "
                 f"nearest, c0 + {nearest}, is off by {worst:.1%} of a change; give "
                 "more exports, or take another parameter, such as E or I"
@@ -268,8 +268,8 @@ def _fit_powers(
     if not fitted:
         raise ValueError(
             f"{argument}: K and M are those of the base, to {UNCHANGED:g} of their "
-            "diagonal; was the parameter changed, and the right file read? If it has "
-            "little to do with them, change it more"
+            "diagonal; was the parameter changed, and the right file read? If they "
+            "hardly depend on it, change it more"
         )
     return fitted
 

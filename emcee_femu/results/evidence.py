@@ -43,7 +43,7 @@ class Evidence(Report):
     def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.4f}"
         if not np.isfinite(self.log_evidence_error):
-            error = "(no standard error can be claimed)"
+            error = "(no standard error can be given)"
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."

@@ -275,8 +275,8 @@ def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
             value = field
         if value.dtype == object:
             warnings.warn(
-                f"source: the blobs {name!r} are objects, which no file of ArviZ can "
-                "hold, and are left out; return numbers or arrays of one shape",
+                f"source: the blobs {name!r} are objects, which ArviZ cannot write to "
+                "a file, and are left out; return numbers or arrays of one shape",
                 stacklevel=2,
             )
             continue

@@ -123,7 +123,7 @@ class Annealed(Report):
     def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.3f}"
         if self.problems:
-            error = "(no standard error can be claimed)"
+            error = "(no standard error can be given)"
         yield self.table
         yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
         yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
@@ -366,9 +366,9 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
     k = max((pareto_k(w) for w in tried if kish_share(w) < FAIR_SHARE), default=0.0)
     if k > GOOD_K:
         return (
-            "a region of the posterior may be missing, for the weights of proposals "
-            f"fitted to the population have a heavy tail (Pareto k {k:.2f}, {GOOD_K} "
-            'is the limit); a larger size may find it, and "auto" does in some cases',
+            "a region of the posterior may be missing: the weights of proposals fitted "
+            f"to the population have a heavy tail (Pareto k {k:.2f}, the limit is "
+            f'{GOOD_K}); a larger size may find it, and so may "auto"',
         )
     last = tried[-1]
     direct = float(np.logaddexp.reduce(last)) - np.log(len(last))
@@ -376,8 +376,8 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
     if abs(value - direct) <= AGREED * apart:
         return ()
     return (
-        f"the log evidence along the powers, {value:.3f}, and that by the last "
-        f"proposals, {direct:.3f}, differ by more than chance does; give a larger size",
+        f"the log evidence along the powers, {value:.3f}, and that from the last "
+        f"proposals, {direct:.3f}, differ significantly; give a larger size",
     )
 
 

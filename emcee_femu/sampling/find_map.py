@@ -140,14 +140,14 @@ class FoundMap(Report):
         if k > SHOWN_MAXIMA:
             sentences.append(f"{k - SHOWN_MAXIMA} of smaller weight are not shown.")
         for reason, count in Counter(self.lost).items():
-            sentences.append(f"{count} of {n} starts led nowhere: {reason}.")
+            sentences.append(f"{count} of {n} starts failed: {reason}.")
         stopped = [maximum.message for maximum in self.maxima if not maximum.converged]
         for reason, count in Counter(stopped).items():
-            sentences.append(f"{count} of {k} are perhaps no maxima: {reason}.")
+            sentences.append(f"{count} of {k} may not be maxima: {reason}.")
         if self.printed:
             sentences.append(
-                f"The solver gives {DIGITS} digits or less: maxima near each other may "
-                "be steps of these, and standard deviations err. Let it give more."
+                f"The solver gives {DIGITS} digits or less: neighbouring maxima may be "
+                "rounding, and standard deviations are inaccurate. Let it give more."
             )
         return (*sentences, self._judge())
 

@@ -201,5 +201,5 @@ def _conclude(standings: Mapping[str, Standing]) -> str:
         lines = [f"Ahead: {first}; {', '.join(words)}."]
     for label, standing in standings.items():
         for problem in standing.evidence.problems:
-            lines.append(f"{label}: no error can be claimed, for {problem}.")
+            lines.append(f"{label}: no error can be given, because {problem}.")
     return "\n".join(lines)

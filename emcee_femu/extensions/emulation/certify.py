@@ -262,9 +262,9 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > RHAT_APART
     if diagnosis.stuck or apart:
         return [
-            "the chain of the emulated posterior is in several parts, which no weight "
-            "brings together; run it longer, without its burn-in, until diagnose finds "
-            "no walkers or ensembles apart"
+            "the chain of the emulated posterior is in several parts, which weights "
+            "cannot join; run it longer, without its burn-in, until diagnose finds that "
+            "walkers and ensembles agree"
         ], []
     if (about := diagnosis.chains).status != NOT_CONVERGED:
         return [], []
@@ -294,7 +294,7 @@ def _note(
             f"{n} solves: run it longer; the errors allow for it."
         )
     sentences += [
-        f"{count} of {arrived + len(lost)} climbs led nowhere: {reason}."
+        f"{count} of {arrived + len(lost)} climbs failed: {reason}."
         for reason, count in Counter(lost).items()
     ]
     return sentences
@@ -310,7 +310,7 @@ def _judge_climbs(maxima: list[Maximum], lost: list[str]) -> Statement:
         )
         return Statement(SEARCHED, SEARCHED, sentence)
     sentence = (
-        "No climb was made from elsewhere, as there were too few solves: a part of the "
-        "posterior far from all draws would be missed; find_map looks for one."
+        "There were too few solves to climb from other places: a part of the posterior "
+        "far from all draws may be missing; find_map can look for one."
     )
     return Statement(NOT_SEARCHED, NOT_SEARCHED, sentence)

@@ -193,8 +193,8 @@ def _at_rows(part: Part, first: Part) -> csc_array:
     unknown = [write_name(*dof) for dof in dofs if dof not in place]
     if unknown:
         raise ValueError(
-            f"{part.path}: {len(unknown)} DOFs, {unknown[0]} the first, which "
-            f"{first.name} of {first.path} has not; are they of the same job?"
+            f"{part.path}: {len(unknown)} DOFs, such as {unknown[0]}, are not in "
+            f"{first.name} of {first.path}; are the files from the same job?"
         )
     rows = [place[dof] for dof in dofs]
     there = (np.ones(len(dofs)), (rows, range(len(dofs))))

@@ -59,8 +59,8 @@ def from_opensees(ops: ModuleType) -> Matrices:
     nodes = ops.getNodeTags()
     if not nodes:
         raise ValueError(
-            "ops: no model stands in OpenSees; build it first, by ops.node and "
-            "ops.element, and take the matrices before ops.wipe()"
+            "ops: OpenSees holds no model; build it first, with ops.node and "
+            "ops.element, and read the matrices before ops.wipe()"
         )
     masters = {node: ops.getRetainedNodes(node) for node in ops.getConstrainedNodes()}
     for node, retained in masters.items():

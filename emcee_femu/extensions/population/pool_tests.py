@@ -231,9 +231,9 @@ class PooledTests(Report):
             name = self.model.names[int(self.monte_carlo.max(axis=0).argmax())]
             used = max(len(test.theta) for test in self.model.tests.values())
             reach += (
-                f" They are too few: drawn again they change {name!r} by {error:.2g} "
-                "posterior standard deviations; run the tests longer, and give "
-                f"draws={int(np.ceil((error / SMALL_SHIFT) ** 2)) * used}."
+                f" There are too few of them: other draws would change {name!r} by "
+                f"{error:.2g} posterior standard deviations; run the tests longer, and "
+                f"give draws={int(np.ceil((error / SMALL_SHIFT) ** 2)) * used}."
             )
         return f"{reach}\n{self.verdict}"
 
