@@ -323,6 +323,6 @@ def refuse_parting(
                 f"modes {first} and {first + c - 1} coincide "
                 f"({np.sqrt(eigenvalue) / (2 * np.pi):.6g} Hz) at {where} and separate "
                 f"as {name!r} changes: they change places there, and so have no "
-                "derivatives; move the parameters a little, by 1e-6 of their values, or "
+                "derivatives; move the parameters by 1e-6 of their values, or "
                 "replace those that make the two modes equal by one parameter"
             )

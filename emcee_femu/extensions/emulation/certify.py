@@ -263,7 +263,7 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     if diagnosis.stuck or apart:
         return [
             "the chain of the emulated posterior is in several parts, which weights "
-            "cannot join; run it longer, without its burn-in, until diagnose finds that "
+            "cannot join; run it longer, without its burn-in, until diagnose says that "
             "walkers and ensembles agree"
         ], []
     if (about := diagnosis.chains).status != NOT_CONVERGED:

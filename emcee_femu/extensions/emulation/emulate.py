@@ -112,7 +112,7 @@ def emulate(
             of workers must not, because it sets the batch size.
         tolerance: True error at which to stop; 0 to spend all solves.
         derivatives: Whether to use the model's ``jacobian``, if it has one.
-        starts: A point ``(d,)``, such as the result of :func:`find_map`: the first
+        starts: A point ``(d,)``, such as a maximum from :func:`find_map`: the first
             design then covers a quarter of the prior's spread around it. Or the points
             ``(n, d)`` of the first design. By default it covers the whole prior.
         cheap: Names of experiments whose models are fast enough to be solved at every
@@ -206,7 +206,7 @@ class _Emulation:
         problem: What is emulated.
         evaluator: Runs the full solves.
         coordinates: The coordinates in which the last fit sees the parameters.
-        few: Batch size per point that explores beyond the emulated posterior.
+        few: A batch has one point per ``few`` that explores beyond the posterior.
         theta: The solved points, ``(N, d)``.
         rows: Their rows ``(N, columns)``; -inf and NaN if a solve failed.
     """
@@ -370,7 +370,7 @@ class _Emulation:
     def _choose(
         self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
     ) -> Floats:
-        """Return the next points, each of which reduces the error most, given the last.
+        """Return the next points, each reducing the error most after those before.
 
         The error is the mean square error at draws of the emulated posterior. The first
         point of a batch, and a few more of a wide one, are chosen where the posterior
