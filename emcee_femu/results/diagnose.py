@@ -171,7 +171,7 @@ def diagnose(source: object, discard: int = 0) -> Diagnosis:
 
     Use it after every :func:`run`, before you read any result. It makes three separate
     statements, because converged chains may have missed a mode, and a model may fit
-    badly although its chains converged. It takes no solve.
+    badly although its chains converged. Judging a run takes no solve.
 
     tau is emcee's integrated autocorrelation time, computed for each ensemble. R-hat is
     rank-normalised and split. A single ensemble cannot show that it missed a mode; run
