@@ -294,7 +294,7 @@ def identifiability(idata: object) -> Identifiability:
     The findings list
 
     - what the data leave open: a parameter as uncertain as before (sd ratio above 0.9),
-      a pair of which only a combination is well known (absolute correlation above
+      a pair that is well known only in combination (absolute correlation above
       0.95), and, if three or more parameters are not determined, the best known
       combinations;
     - bounds that the posterior is pressed against: more than 5 % of the samples within

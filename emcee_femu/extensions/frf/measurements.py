@@ -112,7 +112,7 @@ class FRFMeasurements(Report):
         coherence: Ordinary coherence, above 0 and below 1, in the shape of values; None
             if unknown.
         averages: Number of independent averages; required with coherence.
-        unit: Unit of the values, if it is not that of SI.
+        unit: Unit of the values, if it is not SI.
 
     Attributes:
         sd: Standard deviation of real and imaginary part, ``(n_channels, n_lines)``;

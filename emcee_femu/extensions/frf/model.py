@@ -61,7 +61,7 @@ class FRFModel:
         kind: "receptance", "mobility" or "accelerance".
         residual: Whether to add R; the model must then be a :class:`MatrixModel`
             without rigid-body modes.
-        unit: Unit of the FRF, if it is not that of SI.
+        unit: Unit of the FRF, if it is not SI.
         stored: Whether FRFs are stored with each sample, 16 bytes per channel and line;
             :func:`plot_frf` does not need them.
 
