@@ -1,48 +1,46 @@
 """The contracts between the stages: model, response, term, prior, move.
 
-Everything between sampler and model carries a leading axis of ``n`` walkers. Outside
-the sampler parameters have names; only the prior owns their order. A plain function
-is enough for a model or a term. What either may say of itself, so that it is checked
-before the first FE solve, is optional:
+Everything between sampler and model has a leading axis of ``n`` walkers. Outside the
+sampler, parameters are addressed by name; only the prior defines their order. A plain
+function is enough for a model or a term. The attributes below are optional; those that
+are given are checked before the first FE solve:
 
 ========== ============= =============================================================
 attribute  of            meaning
 ========== ============= =============================================================
-variables  model         ``{name: Variable}``, what its response holds; those that are
-                         ``stored`` go with each sample. Without it the terms' ``reads``
-                         are stored.
-names      model, term   the parameters that it needs; None or absent: of a model,
-                         nobody knows
-bounds     model, term   ``{parameter: (low, high)}`` within which it holds, of these
-                         and of those that it reads where they are given; (0, inf):
-                         it must stay above zero
+variables  model         ``{name: Variable}``, the contents of its response; those that
+                         are ``stored`` are kept with each sample. Without it the terms'
+                         ``reads`` are stored.
+names      model, term   the parameters that it needs; None or absent: unknown (of a
+                         model)
+bounds     model, term   ``{parameter: (low, high)}`` within which it is valid, for
+                         these parameters and any others that it reads if given;
+                         (0, inf) means positive
 jacobian   model         ``jacobian(parameters)``: the response and its derivatives,
-                         ``{variable: {parameter: (n, *shape)}}``, from one solve; a
-                         parameter that is left out changes nothing. None or absent:
-                         no derivatives
-spread     model         ``spread(parameters)``: the response, and how far it moves by
-                         one standard deviation along each direction in which it is
+                         ``{variable: {parameter: (n, *shape)}}``, from one solve;
+                         omitted derivatives are zero. None or absent: no derivatives
+spread     model         ``spread(parameters)``: the response and its change by one
+                         standard deviation along each direction in which it is
                          uncertain, ``{variable: {direction: (n, *shape)}}``; the
-                         likelihood is then averaged over them. None or absent: it is
-                         certain
-one_by_one model         True: it solves one parameter set after another, so that a
-                         failure is known by itself
-geometry   model         its ``Geometry``, for pictures of mode shapes
-dofs       model         all its DOFs; nodes without any are supports in such pictures
+                         likelihood is then averaged over them. None or absent: no
+                         uncertainty
+one_by_one model         True: it solves parameter sets one at a time, so that a failed
+                         solve affects only its own set
+geometry   model         its ``Geometry``, for drawings of mode shapes
+dofs       model         all its DOFs; nodes without DOFs are drawn as supports
 name       term          the label under which its log-likelihood is stored
-reads      term          ``{name: Variable}``, what it needs of the response
-observed   term          ``{name: array}``, what was measured, by the name of a variable
+reads      term          ``{name: Variable}``, the variables that it needs
+observed   term          ``{name: array}``, the measured values by variable name
 deviations term          ``deviations(parameters, response)``: r and sd, each
-                         ``(n, m)``, if the log-likelihood is, but for a constant,
-                         the sum of those of N(r; 0, sd): then the Fisher information
-                         is known
-statement  term          for reports: the likelihood in a sentence; with ``formula``, in
-                         HTML, and ``symbol``, that of an inferred error
-state      move          ``state()``: what it remembers from one step to the next, as
-                         JSON can hold it (numbers, texts, lists, mappings). Absent: its
-                         proposals depend on the walkers and the random stream alone
-restore    move          ``restore(state)``: go on from what ``state()`` returned, as of
-                         a copy of the move as it was before the first step
+                         ``(n, m)``, if the log-likelihood is the sum of those of
+                         N(r; 0, sd) up to a constant; this gives the Fisher information
+statement  term          for reports: the likelihood in one sentence; with ``formula``,
+                         in HTML, and ``symbol``, that of an inferred error
+state      move          ``state()``: its memory from one step to the next, as JSON
+                         types (numbers, strings, lists, mappings). Absent: its
+                         proposals depend only on the walkers and the random stream
+restore    move          ``restore(state)``: continue from the result of ``state()``,
+                         called on a copy of the move as it was before the first step
 ========== ============= =============================================================
 
 ``parameters`` is ``{name: (n,)}``, and ``stored`` the stored variables of the response,
@@ -70,7 +68,7 @@ PLACED = "emcee_femu_place"  # attribute of an error whose parameters a note nam
 
 
 def add_place(error: BaseException, place: object, names: Sequence[str]) -> None:
-    """Note where a model raised, and which names there are if it asked for another."""
+    """Note where a model raised, and the known names if it asked for another."""
     error.add_note(f"raised by the model at {place}")
     vars(error)[PLACED] = place
     wrong = error.args[:1] if isinstance(error, KeyError) else ()
@@ -81,17 +79,20 @@ def add_place(error: BaseException, place: object, names: Sequence[str]) -> None
 
 @dataclass(frozen=True)
 class Variable:
-    """A quantity of a response: dimensions and coordinates, as in xarray.
+    """A quantity in a response: its dimensions and coordinates, as in xarray.
+
+    Use it to declare what a :class:`FunctionModel` returns or what a term of your own
+    reads.
 
     Args:
-        coords: ``{dimension: labels}``, in the order of the axes after that of the
-            walkers; the number of labels is the length of the axis. Empty for a
-            number, or for something unstored whose shape is not known beforehand.
-        unit: For tables and figures.
-        stored: Whether it is stored with each sample.
+        coords: ``{dimension: labels}``, in the order of the axes after the walker axis;
+            the number of labels is the length of the axis. Empty for a scalar, or for a
+            variable that is not stored and whose shape is not known in advance.
+        unit: The unit shown in tables and figures.
+        stored: Whether the variable is stored with each sample.
 
     Raises:
-        TypeError: If an argument is of another type.
+        TypeError: If an argument has the wrong type.
 
     Examples:
         >>> from emcee_femu import Variable
@@ -123,12 +124,12 @@ class Variable:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The shape for one parameter set."""
+        """The shape for one parameter set, without the walker axis."""
         return tuple(len(labels) for labels in self.coords.values())
 
     @property
     def size(self) -> int:
-        """How many numbers it has for one parameter set."""
+        """The number of values for one parameter set."""
         return int(np.prod(self.shape, dtype=int))
 
 
@@ -136,7 +137,7 @@ def read(response: Response, name: str) -> Floats:
     """Return a variable of a response, which is an object or a mapping.
 
     Raises:
-        TypeError: If the response has none of that name; it says what there is.
+        TypeError: If the response has no such variable; the message lists the others.
     """
     if isinstance(response, Mapping):
         value, has = response.get(name), list(response)
@@ -158,13 +159,14 @@ def read(response: Response, name: str) -> Floats:
 
 
 class Linearization(NamedTuple):
-    """A log-posterior to second order, at ``n`` points.
+    """A log-posterior to second order at ``n`` points.
 
     Attributes:
         rows: The rows of the posterior, ``(n, columns)``.
-        gradient: Of the log-posterior, ``(n, d)``; NaN where a row is -inf.
-        information: Fisher's of the likelihood minus the Hessian of the log-prior,
-            ``(n, d, d)``; None where a term does not tell.
+        gradient: The gradient of the log-posterior, ``(n, d)``; NaN where a row is
+            -inf.
+        information: The Fisher information of the likelihood minus the Hessian of the
+            log-prior, ``(n, d, d)``; None if a term does not provide it.
     """
 
     rows: Floats
@@ -173,12 +175,15 @@ class Linearization(NamedTuple):
 
 
 class ModalSolution(NamedTuple):
-    """The lowest natural frequencies, and mode shapes where they were asked for.
+    """The lowest natural frequencies and, if requested, the mode shapes.
+
+    Models of this package return it, and the function of a :class:`FunctionModel` may
+    return it to provide shapes as well.
 
     Attributes:
         frequencies: Natural frequencies in Hz, ascending, ``(n, n_modes)``.
-        shapes: Mode shapes ``(n, n_dof, n_modes)``, mass-normalised where the model
-            can, or None.
+        shapes: Mode shapes ``(n, n_dof, n_modes)``, mass-normalised if the model can do
+            so, or None.
 
     Examples:
         >>> import numpy as np
@@ -195,7 +200,7 @@ class ModalSolution(NamedTuple):
 
     @property
     def frequency(self) -> Floats:
-        """The frequencies, under the name by which they are stored."""
+        """The frequencies, under the name with which they are stored."""
         return self.frequencies
 
 
@@ -204,22 +209,12 @@ class PairedSolution(NamedTuple):
 
     Attributes:
         frequencies: Frequencies of the paired modes in Hz, ``(n, n_measured)``, in the
-            order of the measured ones.
+            order of the measured modes.
         shapes: Their shapes at the sensors, ``(n, n_sensors, n_measured)``.
-        mac: Modal assurance criterion of every pair, ``(n, n_measured)``.
-        model_mode: Numbers of the model's modes, 1 = the lowest, ``(n, n_measured)``.
-        unpaired: Where the MAC is too low for the pair to mean much,
+        mac: Modal assurance criterion of each pair, ``(n, n_measured)``.
+        model_mode: Mode numbers of the model, 1 = the lowest, ``(n, n_measured)``.
+        unpaired: Whether the MAC is too low for a meaningful pair,
             ``(n, n_measured)``.
-
-    Examples:
-        >>> import numpy as np
-        >>> from emcee_femu import MassSpringModel, Measurements, PairedModel
-        >>> springs = {"k1": (0, 1, 10.0), "k2": (1, 2, 5.0)}
-        >>> model = MassSpringModel([1.0, 1.0], springs, shapes=True)
-        >>> measured = Measurements([0.66], shapes=[[1.9], [-1.0]])
-        >>> solution = PairedModel(model, measured)({"k1": np.array([10.0])})
-        >>> solution.model_mode.tolist(), solution.mac.round(2).tolist()
-        ([[2]], [[0.99]])
     """
 
     frequencies: Floats
@@ -230,19 +225,21 @@ class PairedSolution(NamedTuple):
 
     @property
     def frequency(self) -> Floats:
-        """The frequencies, under the name by which they are stored."""
+        """The frequencies, under the name with which they are stored."""
         return self.frequencies
 
 
 def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
-    """Return what a model with modal solutions declares.
+    """Return the ``variables`` that a model with modal solutions declares.
+
+    Use it for a model class of your own that returns a :class:`ModalSolution`.
 
     Args:
         n_modes: Number of natural frequencies.
-        dofs: Labels of the rows of the mode shapes; none if there are no shapes.
+        dofs: Labels of the rows of the mode shapes; empty if there are no shapes.
 
     Returns:
-        ``frequency`` in Hz and, where there are dofs, ``shapes``, which are not stored.
+        ``frequency`` in Hz and, with dofs, ``shapes``, which are not stored.
 
     Raises:
         TypeError: If n_modes is not a whole number.
@@ -262,15 +259,15 @@ def modal_variables(n_modes: int, dofs: Places = ()) -> dict[str, Variable]:
 
 
 def read_declared(reader: object, attribute: str) -> Any:
-    """Return what a model or a term says of itself, None if it says nothing.
+    """Return an attribute that a model or a term declares, or None.
 
-    The attributes are those of the table on top of this file, and no others are read.
+    Only the attributes in the table at the top of this file are read.
     """
     return getattr(reader, attribute, None)
 
 
 def show_declared(stage: object) -> str:
-    """Return a model or a term in one line, which is its repr."""
+    """Return the one-line repr of a model or a term."""
     names, parts = ", ".join(read_declared(stage, "names") or ()), []
     for of in ("variables", "reads"):
         for name, variable in (read_declared(stage, of) or {}).items():
@@ -280,7 +277,7 @@ def show_declared(stage: object) -> str:
 
 
 class Model(Protocol):
-    """Parameters to response, for a batch of parameter sets.
+    """A map from parameters to response, for a batch of parameter sets.
 
     The response is an object with the declared variables as attributes, or a mapping
     with them as keys; each is an array ``(n, *shape)``.
@@ -298,7 +295,7 @@ class LikelihoodTerm(Protocol):
 
 
 class Prior(Protocol):
-    """A proper prior; it owns the parameters' names, order and bounds."""
+    """A proper prior, which defines the parameters' names, order and bounds."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -306,7 +303,7 @@ class Prior(Protocol):
 
     @property
     def bounds(self) -> Floats:
-        """Lower and upper bounds, ``(d, 2)``; infinite where there is none."""
+        """Lower and upper bounds, ``(d, 2)``; infinite if there is none."""
 
     def logpdf(self, theta: Floats) -> Floats:
         """Return the log density ``(n,)`` of ``theta (n, d)``, -inf out of bounds."""
@@ -316,29 +313,29 @@ class Prior(Protocol):
 
 
 class Move(Protocol):
-    """A proposal, as emcee takes it.
+    """A proposal with the interface of emcee's moves.
 
-    Every ensemble has a copy of its own. In the file of a run, ``state()`` is kept with
-    each step; a move that decides by more than that is refused there.
+    Every ensemble has its own copy. A run's file stores ``state()`` with each step. A
+    move that depends on anything else is refused if the run is stored.
     """
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
-        """Return the next state, and which walkers moved ``(nwalkers,)``."""
+        """Return the next state and which walkers moved, ``(nwalkers,)``."""
 
 
 @dataclass(frozen=True)
 class Reported:
-    """What a result of an extension adds to a report, as its ``reported()`` returns it.
+    """What a result of an extension adds to a report; returned by its ``reported()``.
 
     Attributes:
         name: What a user calls such a result.
         source: The samples to report on: a run or an ArviZ object.
-        title: Of a section in which the result prints itself; empty for none. Then the
-            samples are not those of a model's own parameters, so that the report
-            leaves the model out.
-        measured: Sentences on what was measured.
-        solved: A sentence on the evaluations, with "{}" for their number.
-        figure: Its function of ``figures``, which draws the result; empty for none.
+        title: Title of a section with the printed result; empty for none. A section
+            means that the samples are not those of a model's own parameters, and the
+            report leaves the model out.
+        measured: Sentences about the measurements.
+        solved: A sentence about the evaluations, with "{}" for their number.
+        figure: The function of ``figures`` that draws the result; empty for none.
         caption: What the figure shows.
     """
 
@@ -352,11 +349,11 @@ class Reported:
 
 
 class SolveError(ValueError):
-    """A solve that returned something other than finite numbers of the right shape.
+    """A solve that did not return finite numbers of the right shape.
 
     Args:
-        cause: In two or three words, under which failures are counted.
-        message: What was expected and what came.
+        cause: Two or three words under which such failures are counted.
+        message: What was expected and what was returned.
     """
 
     def __init__(self, cause: str, message: str) -> None:
@@ -369,10 +366,10 @@ class SolveError(ValueError):
 
 
 class RepeatedModes(ValueError):
-    """Two modes coincide, and have no derivatives where they part.
+    """Two modes coincide and separate as a parameter changes: no derivatives exist.
 
-    What a ``jacobian`` raises there. Climbs, ``run`` and ``find_map`` then take
-    differences of the response, which there is.
+    A ``jacobian`` raises it. Climbs, ``run`` and ``find_map`` then use differences of
+    the response instead.
     """
 
 
@@ -386,16 +383,16 @@ def gather_tangents(
     """Return the derivatives of each variable, ``(n, *shape, d)``.
 
     Args:
-        label: What returned them.
-        response: The model's.
-        derivatives: ``{variable: {name: (n, *shape)}}``; zero where one is left out.
-        names: The d names that there are.
-        needed: Variables that must be among them.
+        label: Name of the function that returned them, for messages.
+        response: The model's response.
+        derivatives: ``{variable: {name: (n, *shape)}}``; omitted ones are zero.
+        names: The d names that exist.
+        needed: Variables that must be included.
 
     Raises:
-        TypeError: If derivatives is no mapping.
+        TypeError: If derivatives is not a mapping.
         ValueError: If it has another name, or lacks a variable.
-        SolveError: If a derivative is not as large as its variable.
+        SolveError: If a derivative does not have the size of its variable.
     """
     if not isinstance(derivatives, Mapping):
         raise TypeError(

@@ -1,4 +1,4 @@
-"""The one table of this package, and reports: as text, as HTML, for pandas."""
+"""Tables and reports, printed as text or HTML, or exported to pandas."""
 
 import html
 import textwrap
@@ -49,7 +49,8 @@ class Table:
 
         Args:
             title: One line.
-            columns: ``(column title, format, list or array)`` of each, of one length.
+            columns: A ``(column title, format, list or array)`` triple for each column;
+                all have the same length.
 
         Returns:
             The table.
@@ -73,7 +74,7 @@ class Table:
         return [row[self.columns.index(title)] for row in self.rows]
 
     def __str__(self) -> str:
-        """Return aligned text, of a wide table the columns in blocks."""
+        """Return aligned text; the columns of a wide table are printed in blocks."""
         cells, widths = [self.columns, *self._cells()], self._widths()
         blocks = [[0]]
         for number, width in enumerate(widths[1:], 1):
@@ -97,28 +98,21 @@ class Table:
 
     @property
     def width(self) -> int:
-        """Characters of a line with all columns."""
+        """Number of characters in a line with all columns."""
         widths = self._widths()
         return sum(widths) + len(SPACE) * (len(widths) - 1)
 
     def to_frame(self) -> Any:
-        """Return a ``pandas.DataFrame`` with all digits.
+        """Return a ``pandas.DataFrame`` at full precision.
 
-        It has what a report needs: ``to_csv``, ``to_latex``, ``to_markdown``.
-
-        Examples:
-            >>> from emcee_femu.table import Table
-            >>> columns = [("mode", "d", [1]), ("f", ".2f", [3.128])]
-            >>> table = Table.from_columns("Modes", columns)
-            >>> table.to_frame()["f"].tolist()
-            [3.128]
+        Use it to export a table: ``to_csv``, ``to_latex``, ``to_markdown``.
         """
         import pandas
 
         return pandas.DataFrame(list(self.rows), columns=list(self.columns))
 
     def _repr_html_(self) -> str:
-        """Return the table as notebooks show it, in the colours of their theme."""
+        """Return the table as HTML for notebooks, in the colours of their theme."""
         titles = "</th><th>".join(map(html.escape, self.columns))
         rows = ["</td><td>".join(map(html.escape, row)) for row in self._cells()]
         return "\n".join(
@@ -156,7 +150,7 @@ Parts: TypeAlias = Iterable[Table | str]
 
 
 class Report:
-    """What prints itself: tables and sentences, as text and as notebooks show them."""
+    """A result that prints tables and sentences, as text and in notebooks."""
 
     def _parts(self) -> Parts:
         """Return tables and sentences, in the order in which they are shown."""
@@ -176,11 +170,11 @@ class Report:
         )
 
     def __repr__(self) -> str:
-        """Return the same at a prompt."""
+        """Return the same text at a prompt."""
         return str(self)
 
     def _repr_html_(self) -> str:
-        """Return the same as notebooks show it."""
+        """Return the same as HTML for notebooks."""
         return "\n".join(
             part._repr_html_() if isinstance(part, Table) else _paragraphs(part)
             for part in self._parts()

@@ -59,34 +59,36 @@ class Outcome(NamedTuple):
 
 
 class EvaluationPool:
-    """Evaluate walkers on many processes or machines; for ``pool=`` of emcee and run.
+    """Evaluate walkers on many processes or machines; pass it as ``pool=``.
 
-    Left to itself a pool gets the posterior again with every task. Here a worker gets
-    it once: tasks name it by a key, and a worker that does not have it (at first, or
-    new in a growing cluster) says so and is sent it. Points are evaluated one by one,
-    so that the number of workers changes no digit. A worker that dies is an error (dask
-    first tries others).
+    Use it with executors that :func:`run` does not start itself (dask, MPI, ray), to
+    share one executor between calls, or in emcee. An ordinary pool receives the
+    posterior with every task. Here each worker receives it once: tasks refer to it by a
+    key, and a worker that does not have it yet, such as a new one in a growing cluster,
+    asks for it. Points are evaluated one at a time, so the results do not depend on the
+    number of workers. If a worker dies, an error is raised (dask tries other workers
+    first).
 
-    An ensemble can keep at most ``nwalkers / nsplits`` workers busy, nsplits being that
-    of its moves (2 by default), and those of a run are on the pool together;
-    ``examples/benchmarks/cluster_scaling.py`` shows how they should grow. The function
-    must not change between calls. Start workers with one thread each for linear algebra
-    (``OMP_NUM_THREADS=1``). The owner of the executor closes it; processes of a
-    ``ProcessPoolExecutor`` that evaluated something also end if the run is killed.
+    An ensemble can keep at most ``nwalkers / nsplits`` workers busy, where nsplits is
+    that of its moves (2 by default); the ensembles of a run use the pool together.
+    ``examples/benchmarks/cluster_scaling.py`` shows how time falls with workers. The
+    function must not change between calls. Start workers with one thread each for
+    linear algebra (``OMP_NUM_THREADS=1``). Close the executor yourself; the worker
+    processes of a ``ProcessPoolExecutor`` end by themselves if the run is killed.
 
     Args:
         executor: A ``concurrent.futures`` executor: processes, threads, loky,
             ``mpi4py.futures.MPIPoolExecutor``, or a ``dask.distributed`` ``Client``
-            (wait for its workers first); or anything with a ``map``, such as
+            (wait for its workers first); or any object with a ``map``, such as
             schwimmbad's ``MPIPool`` or ``ray.util.multiprocessing.Pool``.
-        chunksize: Parameter sets per task. None for an equal share per worker (1 where
-            their number is unknown), which is best where all take the same time; 1
-            for a solver whose time varies, or a cluster that grows on demand.
+        chunksize: Parameter sets per task. By default each worker gets an equal share
+            (or 1 if their number is unknown), which is best if all solves take the same
+            time. Use 1 if the solve time varies, or if the cluster grows on demand.
 
     Raises:
-        TypeError, ValueError: If executor is none of these (``multiprocessing.Pool``
-            is not: it waits forever if a worker dies), chunksize is no whole
-            number >= 1, or (from ``map``) the function cannot be pickled.
+        TypeError, ValueError: If executor is none of these (``multiprocessing.Pool`` is
+            not accepted because it waits forever if a worker dies), chunksize is not a
+            whole number >= 1, or, from ``map``, the function cannot be pickled.
         RuntimeError: From ``map``, if a worker died or the executor was closed.
 
     Examples:
@@ -114,8 +116,8 @@ class EvaluationPool:
     def map(self, function: Function, iterable: Iterable[object]) -> list[Any]:
         """Return ``[function(point) for point in iterable]``, evaluated by the workers.
 
-        An exception of the function is raised here, with a note that holds the
-        point and the traceback of the worker.
+        An exception in the function is raised here, with a note that contains the
+        point and the worker's traceback.
         """
         points = list(iterable)
         share = -(-len(points) // self.n_workers) if self.n_workers else 1
@@ -125,9 +127,9 @@ class EvaluationPool:
         return [value for i in range(len(parts)) for value in results[i]]
 
     def each(self, function: Function, points: Sequence[object]) -> Results:
-        """Yield number and result of each point as soon as a worker has it.
+        """Yield the number and result of each point as soon as it is evaluated.
 
-        Where the executor has only a ``map`` they come in order.
+        If the executor only has a ``map``, they come in order.
         """
         for number, values in self._evaluate(function, [[p] for p in points]):
             yield number, values[0]
@@ -190,7 +192,7 @@ class EvaluationPool:
             ) from error
 
     def ship(self, function: Function) -> tuple[str, bytes]:
-        """Return the key of a function, and what a worker is sent of it."""
+        """Return the key of a function and the bytes that a worker needs."""
         for known, key, payload in self._shipped:
             if known is function:
                 return key, payload

@@ -86,7 +86,8 @@ def check_path(backend: object, resume: bool) -> str | None:
         )
     if not os.access(os.path.dirname(path), os.W_OK | os.X_OK):
         raise ValueError(
-            f"backend: {path} is in no directory, or in none that takes files; make it"
+            f"backend: the directory of {path} does not exist or is not writable; "
+            "create it, or give another path"
         )
     return path
 

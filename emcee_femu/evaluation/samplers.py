@@ -122,9 +122,9 @@ class Sampler(emcee.EnsembleSampler):
         if replay.strayed or replay.left or not same:
             raise ValueError(
                 f"moves: {name_moves(foreign_moves(fresh))} made step "
-                f"{self.iteration} by what the file does not hold, so that resume=True "
-                "would give another chain; give the move state() and restore(state), "
-                "see emcee_femu.contracts, or sample without a file"
+                f"{self.iteration} from memory that the file does not hold, so "
+                "resume=True would give another chain; give the move state() and "
+                "restore(state), see emcee_femu.contracts, or sample without a file"
             )
 
 

@@ -398,9 +398,9 @@ class StoredEvaluation(Evaluation):
         if not same:
             raise ValueError(
                 "resume: the search differs from the one recorded in "
-                f"{self.store.path}, although the posterior is the same: another "
-                "version of a library, or another machine, computes other digits. "
-                "Continue where it began, or give another file name"
+                f"{self.store.path}, although the posterior is the same: results "
+                "depend on the machine and on library versions. Continue where the "
+                "run began, or give another file name"
             )
         self._number += 1
         self.restore(record.counts)

@@ -1,10 +1,10 @@
-"""The two structures of the paper, ready to sample, and its published numbers.
+"""The two structures of the paper, ready to sample, with the published results.
 
 Sherri, Boulkaibet, Marwala and Friswell, "A Differential Evaluation Markov Chain Monte
-Carlo algorithm for Bayesian Model Updating". Their figures of the two structures are
-not reproduced in the text: topology and geometry were inferred from the printed
-tables, and are the simplest that give the printed frequencies. beta_c and the prior of
-the first problem are not printed either; they follow from the printed c.o.v.
+Carlo algorithm for Bayesian Model Updating". The text does not include their drawings
+of the two structures: topology and geometry were inferred from the printed tables, and
+are the simplest that give the printed frequencies. beta_c and the prior of the first
+problem are not printed either; they follow from the printed c.o.v.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,15 +45,14 @@ class Problem(Report):
     """An updating problem of the paper.
 
     Attributes:
-        posterior: Ready to sample.
+        posterior: The posterior, ready to sample.
         model: The FE model.
         measured: Measured natural frequencies in Hz, ``(5,)``.
         initial: Starting parameters theta_0, by name.
-        nominal: The printed nominal parameters, by name; None where unknown.
-        target: The parameters that reproduce the measured frequencies; None where
-            unknown.
+        nominal: The printed nominal parameters, by name; None if unknown.
+        target: The parameters that reproduce the measured frequencies; None if unknown.
         published: The printed results.
-        units: The parameters' units, by name.
+        units: Units by parameter name.
 
     Examples:
         >>> from emcee_femu import paper
@@ -88,9 +87,9 @@ class Problem(Report):
 def mass_spring(beta: float = 6.8e5) -> Problem:
     """Return Application 1: five masses, ten springs, five unknown stiffnesses.
 
-    Two readings differ from the print, and then only one topology fits every row of
-    Table 4.2: spring k7 follows k2, and the measured frequencies belong to the round
-    ``target``, not to the printed ``nominal`` values.
+    With two corrections to the printed text, exactly one topology agrees with every row
+    of Table 4.2: spring k7 follows k2, and the measured frequencies belong to the round
+    ``target`` values, not to the printed ``nominal`` values.
 
     Args:
         beta: Precision of the relative frequency error; the default reproduces the
@@ -100,7 +99,7 @@ def mass_spring(beta: float = 6.8e5) -> Problem:
         The problem, ready to sample.
 
     Raises:
-        TypeError, ValueError: If beta is not a number above zero.
+        TypeError, ValueError: If beta is not a positive number.
 
     Examples:
         >>> import numpy as np
@@ -159,8 +158,8 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
     """Return the model of Application 2, a free-free 3-D frame of 12 elements.
 
     Args:
-        modes: Which elastic modes to return; the default are those of the paper's
-            table, which leaves others out.
+        modes: The elastic modes to return; by default those in the paper's table, which
+            omits others.
         shapes: Whether to return mode shapes, over 13 nodes of six DOFs.
 
     Returns:
@@ -206,19 +205,20 @@ def h_frame(modes: Sequence[int] = (1, 2, 4, 5, 7), shapes: bool = False) -> Fra
 def h_structure(beta: float = 10.0) -> Problem:
     """Return Application 2: the unsymmetrical H-shaped aluminium structure.
 
-    A free-free 3-D frame of 12 elements; per bar the area and one second moment of
-    area are unknown. The geometry is inferred from the sensitivities of the printed
-    tables, and other members of a family fit as well: this one has round numbers.
+    It is a free-free 3-D frame of 12 elements; area and one second moment of area of
+    each bar are unknown. The geometry was inferred from the sensitivities in the
+    printed tables. A family of geometries fits equally well; this one has round
+    numbers.
 
     Args:
-        beta: Precision of the relative frequency error. 10 is printed; the printed
+        beta: Precision of the relative frequency error. The paper prints 10, but its
             DE-MC results need about 5e4.
 
     Returns:
         The problem, ready to sample.
 
     Raises:
-        TypeError, ValueError: If beta is not a number above zero.
+        TypeError, ValueError: If beta is not a positive number.
 
     Examples:
         >>> from emcee_femu import paper

@@ -1,7 +1,7 @@
-"""Parallel tempering: hot walkers cross between modes and hand them to the cold ones.
+"""Parallel tempering: hot walkers cross between modes and pass them to the cold ones.
 
-The state holds the posterior's own log-probability and blobs for the walkers of every
-temperature, and the move hides nothing: a run resumed from a file goes on to the bit.
+The state holds the posterior's own log-probability and blobs for the walkers of all
+temperatures. The move has no hidden state, so a resumed run is identical bit for bit.
 """
 
 import numpy as np
@@ -22,29 +22,31 @@ from ..moves.proposing import (
 
 
 class TemperedMove(Move):
-    r"""Move blocks of walkers at powers of the likelihood, and exchange between them.
+    r"""Parallel tempering: walkers at several temperatures that exchange their states.
 
     .. math:: p_t(\theta) \propto p(\theta) L(\theta)^{\beta_t}, \qquad
         r = \min\left\{1, \left(L(\theta_{t+1}) / L(\theta_t)\right)
         ^{\beta_t - \beta_{t+1}}\right\}
 
-    Walkers ``t * block .. (t + 1) * block - 1`` sample ``p_t``, with ``block = nwalkers
-    / len(betas)``. Each generation moves every block by the inner move, guided by its
-    own walkers, with one evaluation for all blocks. It then offers each walker an
-    exchange of places with one of the next block, the even and the odd pairs of
-    neighbouring blocks in random order. The log-probability must be a LogPosterior, or
-    return the log-prior as first blob; the log-probabilities and blobs stored are the
-    posterior's, whatever the beta.
+    Use it for posteriors with separate modes, or to compute the evidence with
+    :func:`log_evidence`. Walkers ``t * block .. (t + 1) * block - 1`` sample ``p_t``,
+    where ``block = nwalkers / len(betas)``. In each generation the inner move updates
+    every block, guided by the block's own walkers, in one batch of ``nwalkers``
+    evaluations. Each walker is then offered an exchange with one in the next block, for
+    even and odd pairs of neighbouring blocks in random order. The log-probability must
+    be a LogPosterior, or return the log-prior as its first blob. The stored
+    log-probabilities and blobs are those of the posterior at every beta.
 
-    Only the first block samples the posterior; conversion, tables and ``diagnose`` use
-    it alone. They know it from the sampler's moves, or from the file of a run; to read
-    a chain from another backend, make a sampler with the same moves and that backend.
+    Only the first block samples the posterior. Conversion, tables and ``diagnose`` use
+    it alone; they find it from the sampler's moves or from the file of a run. To read a
+    chain from another backend, make a sampler with the same moves and that backend.
 
     Args:
-        inner: The move of the walkers of a block, one of this package.
-        betas: Powers of the likelihood, descending from 1, at least two. Choose them
-            denser near zero: ``numpy.linspace(1, 0, 8) ** 4``. Down to 0 (the prior)
-            they allow :func:`log_evidence`, and hot walkers roam the prior.
+        inner: The move within each block, one of this package.
+        betas: Powers of the likelihood, descending from 1, at least two. Space them
+            more closely near zero: ``numpy.linspace(1, 0, 8) ** 4``. If they end at 0
+            (the prior), :func:`log_evidence` can use them, and the hottest walkers
+            cover the whole prior.
 
     Raises:
         TypeError: If inner is another kind of move, or betas are not real numbers.
@@ -79,7 +81,7 @@ class TemperedMove(Move):
         return slice(0, nwalkers // len(self.betas))
 
     def default_walkers(self, ndim: int) -> int:
-        """Return the usual number of walkers, all temperatures together."""
+        """Return the usual number of walkers over all temperatures."""
         return len(self.betas) * max(16, 4 * ndim)
 
     def check(self, nwalkers: int, ndim: int) -> None:
@@ -87,7 +89,8 @@ class TemperedMove(Move):
 
         Raises:
             ValueError: If nwalkers is not a multiple of len(betas).
-            Exception: What inner raises for a block; too few are told for all blocks.
+            Exception: Whatever inner raises for a block; a number of walkers that is
+                too small is given for all blocks.
         """
         rungs, usual = len(self.betas), self.default_walkers(ndim)
         block, rest = divmod(nwalkers, rungs)
@@ -105,7 +108,7 @@ class TemperedMove(Move):
             ) from error
 
     def propose(self, model: Model, state: State) -> tuple[State, NDArray[np.bool_]]:
-        """Move every block, then exchange; return the state and whom inner accepted."""
+        """Move every block, then exchange; return the state and what inner accepted."""
         nwalkers, ndim = state.coords.shape
         self.check(nwalkers, ndim)
         check_state(state)

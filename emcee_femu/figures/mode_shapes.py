@@ -1,4 +1,4 @@
-"""Mode shapes that were measured and predicted: on the structure, and by their MAC."""
+"""Measured and predicted mode shapes: on the structure, and as a MAC matrix."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -42,37 +42,37 @@ def plot_shapes(
     modes: int | Sequence[int] | None = None,
     experiment: str | None = None,
 ) -> Figure:
-    """Draw the structure with its measured mode shapes and those of the updated model.
+    """Draw the structure with measured mode shapes and those of the updated model.
 
-    One panel per mode. Grey is the structure at rest, blue the model at the posterior
-    mean (one solve), red lines that end in dots are what the sensors measured, in the
-    model's scale; a blue circle is the model at a sensor, along what it measures. Blue
-    lines move with their nodes. A node of which nothing is known stands still if it is
-    one of the geometry's supports, or if the model returns shapes at all its DOFs
-    (``shapes=True``), which a support has none of; else its blue lines are left out. Of
-    close modes, which turn with the least change, the shape is that which they span
-    next to the measured one, at the sensors only. Without measured shapes the model's
-    are drawn alone.
+    There is one panel per mode. The structure at rest is grey. The model at the
+    posterior mean (one solve) is blue; a blue circle is the model at a sensor, in the
+    direction of the sensor. Red lines that end in dots are the measurements, on the
+    model's scale. Blue lines follow their nodes. A node without DOFs does not move if
+    it is one of the geometry's supports, or if the model returns shapes at all its DOFs
+    (``shapes=True``); otherwise its lines are left out. For close modes, whose shapes
+    can be any combination of one another, the combination closest to the measured shape
+    is drawn, at the sensors only. Without measured shapes, the model's shapes are drawn
+    alone.
 
-    A structure in a plane that its modes do not leave is drawn in that plane, any other
-    in space, z upwards.
+    A plane structure whose modes stay in the plane is drawn in that plane, any other in
+    space, with z upwards.
 
     Args:
-        idata: What :func:`run` or :func:`to_inference_data` returns.
-        posterior: The sampled posterior; known of a run.
-        geometry: Nodes, lines and sensors; None for the model's own.
-        modes: Which mode or modes, 1 = the first measured one; None for all.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, if idata is an ArviZ object.
+        geometry: Nodes, lines and sensors; the model's own by default.
+        modes: The mode or modes to draw, 1 = the first measured one; None for all.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior, or needed, or geometry is no
-            Geometry.
-        ValueError: If no geometry is known, or it knows no DOF of the shapes; the model
-            returns no shapes; posterior has other parameters; there is no such mode or
-            experiment.
+        TypeError: If posterior is not a LogPosterior or is missing, or geometry is not
+            a Geometry.
+        ValueError: If no geometry is given, or it contains no DOF of the shapes; the
+            model returns no shapes; posterior has other parameters; or there is no such
+            mode or experiment.
 
     Examples:
         >>> import emcee_femu as ef
@@ -263,25 +263,26 @@ def _draw_directions(axes: Axes, view: Floats, at: Floats, length: float) -> Non
 def plot_mac(
     idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
 ) -> Figure:
-    """Draw the MAC of measured and model modes, before and after updating.
+    """Draw the MAC matrix of measured and model modes, before and after updating.
 
-    Before is the model at the prior mean, left out where it cannot be solved; after, at
-    the posterior mean: two solves. Columns are those of the model's modes among which
-    pairs were sought; a red frame is a pair. Below its number stands the 95 % interval
-    of the pair's MAC over the samples.
+    "Before" is the model at the prior mean, left out if it cannot be solved; "after" is
+    the model at the posterior mean. This takes two solves. Columns are the model modes
+    among which pairs were searched; a red frame marks a pair. The 95 % interval of the
+    pair's MAC over the samples stands below the number.
 
     Args:
-        idata: What :func:`run` or :func:`to_inference_data` returns.
-        posterior: The sampled posterior, with a :class:`PairedModel`; known of a run.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, with a :class:`PairedModel`, if idata is an
+            ArviZ object.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior, or needed.
-        ValueError: If its model pairs no modes, it has other parameters, or there is no
-            such experiment.
+        TypeError: If posterior is not a LogPosterior, or is missing.
+        ValueError: If its model does not pair modes, it has other parameters, or there
+            is no such experiment.
 
     Examples:
         >>> import emcee_femu as ef

@@ -1,7 +1,4 @@
-"""Parameters before and after updating, and all pairs of them.
-
-The pairs with where 95 % of the mass lies, and their correlation.
-"""
+"""Parameters before and after updating, and all pairs of them."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -65,30 +62,31 @@ def plot_scatter(
     truths: Mapping[str, float] | None = None,
     ellipse: bool | None = None,
 ) -> Figure:
-    """Draw all pairs of parameters, and where 95 % of their mass lies, in red.
+    """Draw all pairs of parameters, with regions that hold 95 % of the mass in red.
 
-    A covariance ellipse as in Figs 4.2 and 5.2, which holds 95 % of a Gaussian; where
-    the samples are none, the smallest regions that hold 95 % and 50 % of them.
-    Samples of a pair count as Gaussian if the region of 95 % and the ellipse share
-    four fifths of the area of both, and somewhat less of chains with few effective
-    samples, whose regions are ragged; and if the ellipse stays inside the axes. Axes
-    show the central 99 % of the samples and a tenth more to either side, and all
-    truths; they end at the prior's bounds, and at zero where all samples are positive.
+    If a pair is close to Gaussian, the region is the covariance ellipse that holds 95 %
+    of a Gaussian, as in Figs 4.2 and 5.2. Otherwise the smallest regions that hold 95 %
+    and 50 % of the samples are drawn. A pair counts as Gaussian if the 95 % region and
+    the ellipse share four fifths of the area of both (somewhat less if there are few
+    effective samples, whose regions are ragged), and if the ellipse stays inside the
+    axes. Axes show the central 99 % of the samples and a tenth more on either side, and
+    all truths. They end at the prior's bounds, and at zero if all samples are positive.
 
     Args:
-        idata: What :func:`to_inference_data` returns or takes, such as a run.
-        var_names: Variables of its ``posterior`` group; default: the sampled ones.
-        units: Units by parameter name, in place of those that the posterior was given.
+        idata: The result of :func:`run` or :func:`to_inference_data`, or anything that
+            the latter accepts.
+        var_names: Variables of its ``posterior`` group; the sampled ones by default.
+        units: Units by parameter name, instead of the posterior's own.
         truths: Values to mark by parameter name, such as the nominal ones.
-        ellipse: True for ellipses everywhere, False for regions everywhere; None as
-            above.
+        ellipse: True for ellipses everywhere, False for regions everywhere; None to
+            decide as above.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If units or truths is not such a mapping, or ellipse not None, True
-            or False.
+        TypeError: If units or truths is not such a mapping, or ellipse is not None,
+            True or False.
         ValueError: If units or truths name an unknown parameter, or a parameter has the
             same value in all samples.
 
@@ -201,11 +199,12 @@ def _fit_labels(figure: Figure, panels: NDArray[np.object_], panel: float) -> No
 def plot_correlation(
     idata: object, *, var_names: Sequence[str] | None = None
 ) -> Figure:
-    """Draw the correlation of the parameters as a map with numbers (Figs 4.4, 5.3).
+    """Draw the correlation matrix of the parameters with numbers (Figs 4.4, 5.3).
 
     Args:
-        idata: What :func:`to_inference_data` returns or takes, such as a run.
-        var_names: Variables of its ``posterior`` group; default: the sampled ones.
+        idata: The result of :func:`run` or :func:`to_inference_data`, or anything that
+            the latter accepts.
+        var_names: Variables of its ``posterior`` group; the sampled ones by default.
 
     Returns:
         The matplotlib Figure.
@@ -325,18 +324,20 @@ def plot_prior_posterior(
     units: Mapping[str, str] | None = None,
     truths: Mapping[str, float] | None = None,
 ) -> Figure:
-    """Draw the prior and the posterior density of every parameter.
+    """Draw the prior and posterior densities of every parameter.
 
-    Each density is divided by its maximum: that of a parameter which the data leave
-    alone has the prior's form, that of one they fix is a narrow peak. Axes show the
-    central 99 % of both and a tenth more to either side; they end at the prior's
-    bounds, and at zero where all samples are positive. Of priors of this package, which
-    a run knows, the density itself is drawn; of others a histogram of 1,000 draws.
+    Each density is divided by its maximum, so heights cannot be compared. If the data
+    say nothing about a parameter, both curves have the same form; if they determine it,
+    the posterior is a narrow peak. Axes show the central 99 % of both and a tenth more
+    on either side. They end at the prior's bounds, and at zero if all samples are
+    positive. The density is drawn for priors of this package if the posterior is known,
+    as it is to a run; for others, a histogram of 1,000 draws.
 
     Args:
-        idata: What :func:`to_inference_data` returns or takes, such as a run.
-        posterior: The sampled posterior, for its prior; known of a run.
-        var_names: Variables of its ``posterior`` group; default: the sampled ones.
+        idata: The result of :func:`run` or :func:`to_inference_data`, or anything that
+            the latter accepts.
+        posterior: The sampled posterior, for its prior, if idata is an ArviZ object.
+        var_names: Variables of its ``posterior`` group; the sampled ones by default.
         units: Units by parameter name, for the axes.
         truths: Values to mark by parameter name, such as the nominal ones.
 
@@ -344,7 +345,7 @@ def plot_prior_posterior(
         The matplotlib Figure.
 
     Raises:
-        TypeError: If units or truths is not such a mapping, or posterior not a
+        TypeError: If units or truths is not such a mapping, or posterior is not a
             LogPosterior.
         ValueError: If units or truths name an unknown parameter, a parameter has the
             same value in all samples, or posterior has other parameters.

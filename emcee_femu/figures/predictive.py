@@ -1,4 +1,4 @@
-"""How far predictions are from what was measured: at each place, and of the mean."""
+"""Deviations of predictions from the measurements: of each value, and of the mean."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -23,30 +23,30 @@ TAE_POINTS = 200  # generations at which the model is solved
 
 
 def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Figure:
-    """Draw how far predictions lie from what was measured, and the MAC.
+    """Draw the deviations of predictions from the measurements, and the MAC.
 
-    One panel per measured variable, with the deviations from its measured values: in
-    percent for frequencies, in its own unit for any other. The model before updating,
-    at the prior mean, is a diamond, or, where that would shrink all else, an arrow with
-    a number; the updated model is its mean and 95 % interval over the samples. A thin
-    line is the 95 % interval of a new measurement, with its error and any inferred
-    discrepancy. With ``posterior``, bands are measured frequencies +- 2 standard
-    deviations where its :class:`FrequencyTerm` knows them. Where modes are paired, a
-    panel below has the mean and 95 % interval of the MAC, and the model's mode that is
-    paired most often.
+    There is one panel per measured variable, with deviations in percent for frequencies
+    and in the variable's own unit otherwise. The model at the prior mean is a diamond,
+    or an arrow with a number if it is far off. The updated model is shown by its mean
+    and 95 % interval over the samples. A thin line is the 95 % interval of a new
+    measurement, with its error and any inferred discrepancy. With a posterior, bands
+    show the measured frequencies +- 2 standard deviations, if its
+    :class:`FrequencyTerm` has them. If modes are paired, a panel below shows mean and
+    95 % interval of the MAC, and the model mode that is paired most often. It takes no
+    solves.
 
     Args:
-        idata: What :func:`to_inference_data` returns, or :func:`run`.
-        posterior: The sampled posterior, or None for no measurement errors; known of a
-            run.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, if idata is an ArviZ object; None to leave out
+            measurement errors.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
         TypeError: If posterior is not a LogPosterior.
-        ValueError: If no measured variable is one of the response, or posterior has
-            other parameters.
+        ValueError: If no variable of the response was measured, or posterior has other
+            parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -182,18 +182,19 @@ def plot_tae(
 ) -> Figure:
     """Draw the total average error of the running mean (Figs 4.3, 5.4).
 
+    It shows how many generations the mean needs to settle, and takes up to 200 solves.
+
     Args:
-        idata: What :func:`run` or :func:`to_inference_data` returns, best without
-            burn-in removed.
-        posterior: The sampled posterior; known of a run.
+        idata: The result of :func:`run` or :func:`to_inference_data`, with its burn-in.
+        posterior: The sampled posterior, if idata is an ArviZ object.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior, or needed.
-        ValueError: If no term of it has measured frequencies, or it has other
+        TypeError: If posterior is not a LogPosterior, or is missing.
+        ValueError: If no term has measured frequencies, or posterior has other
             parameters.
 
     Examples:

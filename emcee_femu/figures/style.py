@@ -132,13 +132,13 @@ def subplots(
 
 
 def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
-    """Return a figure of pyplot, which a notebook will show once.
+    """Return a figure of pyplot in such a way that a notebook shows it once.
 
-    Above it stands what :func:`certify` said of its samples, if it did.
+    Its title is the verdict of :func:`certify` on the samples, if there is one.
 
-    When a cell ends a notebook shows the figures that pyplot holds, and before that
-    the value of the last line: what a function draws and returns would come twice. Our
-    figures leave pyplot when they are shown as a value. Scripts are left alone.
+    At the end of a cell, a notebook shows the value of the last line and then all
+    figures of pyplot, so a figure that is drawn and returned would appear twice. Our
+    figures leave pyplot when they are shown as a value. Scripts are not affected.
     """
     if idata is not None and (text := describe_certificate(idata).strip(" ()")):
         figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
@@ -150,7 +150,7 @@ def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
 
 
 def _leave_pyplot(figure: Figure) -> None:
-    """Close the figure, and leave it to IPython to show it as ever."""
+    """Close the figure, and let IPython show it as usual."""
     plt.close(figure)
     raise NotImplementedError  # how IPython is told so
 

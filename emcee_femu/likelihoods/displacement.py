@@ -22,35 +22,37 @@ from .term import (
 
 
 class DisplacementTerm(Term):
-    r"""Gaussian errors of the displacements of a static test.
+    r"""Gaussian likelihood of the displacements measured in a static test.
 
     .. math:: \ln p = \sum_{c,i} \ln N(u_{ci} - u_{ci}^m; 0, v_{ci}), \qquad
         v_{ci} = \sigma_{ci}^2 + (\sigma_d u_{ci}^m)^2
 
-    over load cases c and points i. :math:`\sigma_d` is the relative standard deviation
-    of what the model cannot represent; give the name of a parameter as ``discrepancy``
-    and a proper prior to infer it, as for a :class:`FrequencyTerm`.
+    Use it with a :class:`StaticModel`. The sum is over load cases c and points i; v is
+    the variance. :math:`\sigma_d` is the relative standard deviation of the
+    discrepancy, which the model cannot represent. To infer it, name a parameter as
+    ``discrepancy`` and give it a proper prior, as for a :class:`FrequencyTerm`.
 
     Args:
         measured: Measured displacements ``(cases, points)``, in the unit of the model.
-        sd: Their standard deviations in that unit: one number, one per point, or
+        sd: Standard deviations in that unit: one number, one per point, or
             ``(cases, points)``.
-        relative_sd: Instead: standard deviations over the measured displacements.
-        discrepancy: Name of the parameter :math:`\sigma_d`, or None for no such part.
-        cases: Names of the load cases, which the model's are then held against; None
-            where they correspond in order.
-        points: Labels of the points, likewise. Of a gauge that points backwards,
-            ``"2:-ux"``, the sign is turned and the label is ``"2:ux"``.
+        relative_sd: Standard deviations divided by the measured displacements; give
+            either sd or relative_sd.
+        discrepancy: Name of the parameter :math:`\sigma_d`; None for no discrepancy.
+        cases: Names of the load cases, which must match the model's. By default, cases
+            correspond by order.
+        points: Labels of the points, likewise. For a gauge that points backwards, write
+            ``"2:-ux"``: the sign is reversed and the label becomes ``"2:ux"``.
         name: The label under which the log-likelihood is stored.
 
     Raises:
-        TypeError: If not exactly one of sd and relative_sd is given (none at all is
-            possible with discrepancy).
-        ValueError: If a number is not finite, a standard deviation not above zero, a
-            relative one belongs to a displacement of zero, or shapes disagree.
+        TypeError: If not exactly one of sd and relative_sd is given (none is allowed
+            with a discrepancy).
+        ValueError: If a number is not finite, a standard deviation is not positive, a
+            relative one belongs to a displacement of zero, or shapes do not match.
 
     Source: Simoen, De Roeck and Lombaert (2015), doi:10.1016/j.ymssp.2014.11.001, for
-    errors of measurement and model side by side.
+    the sum of measurement and model errors.
 
     Examples:
         >>> import numpy as np
@@ -125,7 +127,7 @@ class DisplacementTerm(Term):
 def _read_labels(
     argument: str, labels: Sequence[Hashable] | None, size: int
 ) -> list[Hashable]:
-    """Return one label for each, None where they are known by their places."""
+    """Return one label for each; None if they correspond by position."""
     if labels is None:
         return [None] * size
     array = np.asarray(labels, dtype=object)

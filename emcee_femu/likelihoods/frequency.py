@@ -25,60 +25,63 @@ UNPAIRED = 8.0
 
 
 class FrequencyTerm(Term):
-    r"""Gaussian errors of the natural frequencies.
+    r"""Gaussian likelihood of measured natural frequencies.
 
     .. math:: \ln p = -\tfrac12 r^T (R + \sigma_d^2 I)^{-1} r
         - \tfrac12 \ln\det 2\pi (R + \sigma_d^2 I) - \sum_i \ln f_i^m, \qquad
         r_i = \frac{f_i - f_i^m}{f_i^m}
 
-    where :math:`f_i^m` are the measured and :math:`f_i` the model's frequencies, R is
-    the covariance of the relative measurement errors and :math:`\sigma_d` the relative
-    standard deviation of what the model cannot represent. In Eq. 2.2 of the paper R is
-    diagonal with :math:`1 / \beta_i`, so that :math:`\beta_i^{-1/2}` is the relative
-    standard deviation of mode i, and there is no :math:`\sigma_d`. A term
-    on eigenvalues, :math:`f^2 / f_m^2 - 1`, has about twice these deviations.
+    Here :math:`f_i^m` are the measured and :math:`f_i` the model's frequencies, R is
+    the covariance of the relative measurement errors, and :math:`\sigma_d` is the
+    relative standard deviation of the discrepancy, which the model cannot represent. In
+    Eq. 2.2 of the paper R is diagonal with elements :math:`1 / \beta_i`, so that
+    :math:`\beta_i^{-1/2}` is the relative standard deviation of mode i, and there is no
+    :math:`\sigma_d`. For eigenvalues, the relative deviations
+    :math:`f_i^2 / (f_i^m)^2 - 1` are about twice as large.
 
-    The lowest ``n_modes`` frequencies of the model are compared, in ascending order,
-    or those of the paired modes, if the model is a :class:`PairedModel`. A mode without
-    a pair costs 8 (four standard deviations) on top of its residual.
+    The lowest ``n_modes`` frequencies of the model are compared in ascending order. If
+    the model is a :class:`PairedModel`, the paired modes are compared instead, and each
+    unpaired mode lowers the log-likelihood by a further 8, as a deviation of four
+    standard deviations would.
 
-    Unknown noise is inferred by ``discrepancy="noise"`` without any of the others: then
-    R = 0, and :math:`\sigma_d` is noise and model error together, which one test does
-    not tell apart. Leave out the standard deviations of :class:`Measurements` too, by
-    giving its ``frequencies``. Give this noise a prior with a lower bound above zero,
-    such as ``(0.001, 0.05)`` in :class:`IndependentPrior`. If the model can fit all
-    frequencies exactly, the likelihood grows without bound as the noise goes to zero.
-    It can with as many parameters as frequencies. A prior with density at zero, such as
-    a half-normal, then gives a posterior that is hard to sample. Jeffreys' prior
-    1 / sigma gives one without a finite integral. If more frequencies than parameters
-    fit exactly, as when a model is tested with its own output, a half-normal gives no
-    finite integral either.
+    **Model error.** Repeated modal tests often scatter by 0.2 %, whereas a good model
+    is wrong by 1 to 2 %. With the measured standard deviations alone, the posterior is
+    then far too narrow. Add an inferred ``discrepancy`` and give it a prior such as
+    ``scipy.stats.halfnorm(scale=0.02)``; the known measurement errors keep the
+    likelihood finite.
 
-    The scatter of modal tests is often 0.2 %, the error of a good model 1 to 2 %: with
-    the measured standard deviations alone the posterior is far too narrow. Give the
-    name of a parameter as ``discrepancy`` beside them, and a prior such as
-    ``scipy.stats.halfnorm(scale=0.02)``: the known errors keep the likelihood finite.
+    **Unknown noise.** If the measurement error is unknown, give ``discrepancy="noise"``
+    alone. Then R = 0, and :math:`\sigma_d` includes noise and model error, which one
+    test cannot separate. If you have :class:`Measurements`, pass their ``frequencies``
+    to leave out their standard deviations. Give the noise a prior with a lower bound
+    above zero, such as ``(0.001, 0.05)`` in :class:`IndependentPrior`: a model that can
+    fit all frequencies exactly, usually one with as many parameters as frequencies,
+    makes the likelihood grow without bound as the noise goes to zero. With a
+    half-normal prior the posterior is then hard to sample, or even improper if more
+    frequencies than parameters are fitted exactly, as when a model is tested with its
+    own output. With Jeffreys' prior 1 / sigma it is always improper in this case.
 
     Args:
         measured: Measured natural frequencies in Hz, ``(n_modes,)``, or
-            :class:`Measurements`, whose standard deviations or covariance are then
-            the default. A mode of which none is known has the discrepancy alone.
+            :class:`Measurements`, whose covariance or standard deviations are used
+            unless another error is given. A mode without a standard deviation needs a
+            discrepancy, which is then its only error.
         beta: :math:`\beta_c` of Eq. 2.2, one number or one per mode.
-        relative_sd: Instead: relative standard deviation, ``beta ** -0.5``. Above 0.1,
-            10 %, a warning asks whether percent were meant.
-        sd: Instead: standard deviations in Hz, one number or one per mode; the same
-            warning above 10 % of a frequency.
-        covariance: Instead: covariance in Hz^2, ``(n_modes, n_modes)``. For repeated
-            tests give that of one test, not of the mean: what they share in error
-            (mounting, temperature) does not average out.
+        relative_sd: Relative standard deviations ``beta ** -0.5``, one number or one
+            per mode. A value above 0.1 (10 %) causes a warning: was it in percent?
+        sd: Standard deviations in Hz, one number or one per mode, with the same warning
+            above 10 % of a frequency.
+        covariance: Covariance matrix in Hz^2, ``(n_modes, n_modes)``. For repeated
+            tests, give the covariance of a single test, not of the mean: errors common
+            to all tests (sensor mounting, temperature) do not average out.
         discrepancy: Name of the parameter :math:`\sigma_d`, such as "model error" or,
-            given alone, "noise"; None for no such part.
+            without a measurement error, "noise"; None for no discrepancy.
         name: The label under which the log-likelihood is stored.
 
     Raises:
-        TypeError: If not exactly one description of the measurement error is given
-            (none at all is possible with discrepancy), or a value is not real.
-        ValueError: If a value is not above zero, shapes disagree, or a covariance is
+        TypeError: If not exactly one of beta, relative_sd, sd and covariance is given
+            (none is allowed with a discrepancy), or a value is not real.
+        ValueError: If a value is not positive, shapes do not match, or a covariance is
             not symmetric and positive definite.
 
     Source: Eq. 2.2 of Sherri, Boulkaibet, Marwala and Friswell; Simoen, De Roeck and

@@ -40,43 +40,45 @@ BY_MAC = (
 
 
 class ShapeTerm(Term):
-    r"""Errors of measured mode shapes; scale and sign of a shape do not matter.
+    r"""Gaussian likelihood of measured mode shapes, whatever their scale and sign.
 
     With ``delta``, the standard deviation of each sensor for a shape of unit length:
 
     .. math:: \ln p = \sum_i \left[ -\frac{1 - MAC_i}{2 \delta^2}
         - \frac{n_s - 1}{2} \ln 2 \pi \delta^2 \right]
 
-    A shape of :math:`n_s` sensors is a direction, with :math:`n_s - 1` ways to err;
-    this power of delta matters as soon as delta is inferred. With ``sd``, the standard
-    deviations of the sensors themselves, in the units of the measured shapes:
+    The shape of mode i at :math:`n_s` sensors is a direction with :math:`n_s - 1`
+    degrees of freedom; the corresponding power of delta matters if delta is inferred.
+    With ``sd``, the standard deviations at the sensors in the units of the measured
+    shapes:
 
     .. math:: \ln p = \sum_{i,s} \left[ -\frac{(\phi_{si}^m - \gamma_i \phi_{si})^2}
         {2 \sigma_{si}^2} - \tfrac12 \ln 2 \pi \sigma_{si}^2 \right], \qquad
         \gamma_i = \frac{\sum_s \phi_{si}^m \phi_{si} / \sigma_{si}^2}
         {\sum_s \phi_{si}^2 / \sigma_{si}^2}
 
-    where :math:`\gamma_i` scales the model's shape to fit best. Modes are compared in
-    ascending order unless the model is a :class:`PairedModel`, which is what you want:
-    shapes tell which mode is which.
+    where :math:`\gamma_i` scales the model's shape to the best fit. Use the term with a
+    :class:`PairedModel`, because measured shapes identify their modes; without one,
+    modes are compared in ascending order of frequency.
 
     Args:
         measured: :class:`Measurements` with shapes, or shapes ``(n_sensors, n_modes)``
-            at the rows of the model's shapes. NaN, where a sensor was missing, drops
+            at the rows of the model's shapes. NaN marks a missing sensor, which is left
             out of the sums.
-        delta: A number or one per mode; 0.01 to 0.1 is usual.
-        discrepancy: Instead: name of the parameter that is delta for all modes; a prior
-            could be ``scipy.stats.halfnorm(scale=0.1)``. Inferred it is too sure of
-            itself where the modes' scatter differs: chi^2 was 11 on 5 degrees of
-            freedom in simulated ambient tests.
-        sd: Instead: a number, ``(n_modes,)``, ``(n_sensors, 1)`` or all. The default
-            is ``shape_sd`` of the measurements.
+        delta: One number or one per mode; 0.01 to 0.1 is usual.
+        discrepancy: Name of a parameter that is delta for all modes, to infer it; a
+            suitable prior is ``scipy.stats.halfnorm(scale=0.1)``. If the scatter
+            differs between modes, an inferred delta gives too narrow a posterior: chi^2
+            was 11 on 5 degrees of freedom in simulated ambient tests.
+        sd: Standard deviations at the sensors: a number, ``(n_modes,)``,
+            ``(n_sensors, 1)`` or ``(n_sensors, n_modes)``. The default is the
+            measurements' ``shape_sd``.
         name: The label under which the log-likelihood is stored.
 
     Raises:
         TypeError: If not exactly one of delta, discrepancy and sd is given.
-        ValueError: If there are no shapes, fewer than two sensors, a value is not
-            above zero, or shapes disagree. When called: if the model returns no
+        ValueError: If there are no shapes or fewer than two sensors, a value is not
+            positive, or shapes do not match. When called: if the model returns no
             shapes, too few modes or other rows.
 
     Source: Vanik, Beck and Au (2000), doi:10.1061/(ASCE)0733-9399(2000)126:7(738);
@@ -147,12 +149,12 @@ class ShapeTerm(Term):
         self.reads = {"shapes": Variable(coords, stored=False)}
 
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
-        """Return what a unit shape has across the measured one, and its deviations.
+        """Return components of unit shapes normal to the measured ones, and their sd.
 
-        Of each mode these are its components along n_s - 1 directions that are
-        orthogonal to the measured shape and to each other; their squares add up to
-        1 - MAC. With ``sd``, shapes are divided by it first, and components multiplied
-        by the length of the measured one.
+        For each mode these are the components along n_s - 1 directions orthogonal to
+        the measured shape and to each other; the sum of their squares is 1 - MAC. With
+        ``sd``, shapes are first divided by it, and the components are multiplied by the
+        length of the measured shape.
         """
         shapes: Floats = read(response, "shapes")
         if shapes.ndim != 3 or shapes.shape[2] < self.n_modes:
@@ -190,13 +192,13 @@ class ShapeTerm(Term):
 
     @property
     def _across(self) -> NDArray[np.bool_]:
-        """Which deviations there are: one less for each mode than sensors."""
+        """The deviations in use: for each mode, one fewer than its sensors."""
         return self._there & (self._there.cumsum(axis=0) > 1)
 
     def pointwise(
         self, parameters: Parameters, stored: Mapping[str, Floats]
     ) -> Mapping[str, Floats]:
-        """Return each mode's log-likelihood ``(n, n_modes)``; none without its MAC."""
+        """Return each mode's log-likelihood ``(n, n_modes)``; empty without its MAC."""
         if self.sd is not None or "mac" not in stored:
             return {}
         spread = self._spread(parameters) if self.delta is None else self.delta

@@ -1,13 +1,13 @@
-r"""What every likelihood term can say; from deviations and their sds all of it follows.
+"""The interface of likelihood terms; Gaussian terms derive all of it from deviations.
 
-A term that is Gaussian in what was measured gives deviations r and their standard
+A term that is Gaussian in the measured quantities gives deviations r and their standard
 deviations; density, pointwise densities, replicates, gradient and Fisher information
-follow here. Any other callable becomes a
-:class:`FunctionTerm`, with whatever it declares of itself (contracts.py).
+are derived here. Any other callable becomes a :class:`FunctionTerm`, with the
+attributes that it declares (contracts.py).
 
-Derivatives are central differences along *tangents*, the derivatives of each variable
-of the response ``(n, *shape, d)`` and of each parameter ``(n, d)`` by d directions:
-they cost evaluations of the term, and no solve.
+Derivatives are central differences along *tangents*: the derivatives of each variable
+of the response, ``(n, *shape, d)``, and of each parameter, ``(n, d)``, in d directions.
+They cost evaluations of the term but no solve.
 """
 
 import warnings
@@ -47,24 +47,24 @@ MODEL_ERROR = "σ<sub>d</sub>"  # as reports write the error that a discrepancy 
 
 
 class Term:
-    r"""One factor of the likelihood, with all that is asked of it.
+    r"""One factor of the likelihood: the base class of all terms.
 
     .. math:: \ln p = \sum_i [\ln N(r_i; 0, \sigma_i) + c_i]
 
-    A subclass gives :meth:`deviations`, and :meth:`restore` where measurements can be
-    drawn anew; or its own density, if it is not Gaussian.
+    A subclass implements :meth:`deviations`, and :meth:`restore` if replicated
+    measurements can be drawn; or its own density if it is not Gaussian.
 
     Attributes:
         gaussian: Whether it has :meth:`deviations`.
         name: The label under which its log-likelihood is stored.
         discrepancy: Name of the inferred error, or None.
-        names: The parameters that it reads; None if it does not say.
-        bounds: ``{parameter: (low, high)}`` within which it holds, for some of them.
-        reads: What it needs of a response; None if it does not say.
-        observed: What was measured, by the name of a variable.
-        error_sd: Standard deviations of these, 0 where they count as exact.
+        names: The parameters that it reads; None if unknown.
+        bounds: ``{parameter: (low, high)}`` within which it is valid.
+        reads: The variables that it needs; None if unknown.
+        observed: The measured values by variable name.
+        error_sd: Their standard deviations, 0 for values taken as exact.
         log_constants: c, from units and normalisation, one number or ``(m,)``.
-        separate: Whether each deviation is that of one datum.
+        separate: Whether each deviation belongs to one datum.
     """
 
     gaussian: bool = True
@@ -96,14 +96,14 @@ class Term:
     def deviations(
         self, parameters: Parameters, response: Response
     ) -> Deviations | None:
-        """Return r and sd, ``(n, m)`` each, None where the term is not Gaussian.
+        """Return r and sd, ``(n, m)`` each; None if the term is not Gaussian.
 
-        The log-likelihood is, but for a constant, the sum of those of N(r; 0, sd).
+        The log-likelihood is the sum of those of N(r; 0, sd), up to a constant.
         """
         return None
 
     def constants(self, response: Response) -> Floats | float:
-        """Return c, of which a response may take something off."""
+        """Return c, from which a response may subtract a penalty."""
         return self.log_constants
 
     def restore(self, deviations: Floats) -> Floats | None:
@@ -123,15 +123,15 @@ class Term:
     ) -> tuple[Floats, Floats | None]:
         """Return the gradient ``(n, d)`` along tangents, and scores ``(n, m, d)``.
 
-        ``scores^T scores`` is the Fisher information; None where it is not known.
+        ``scores^T scores`` is the Fisher information; None if it is unknown.
 
         Args:
             parameters: The parameter sets.
             response: The model's response to them.
-            tangents: Derivatives of variables and parameters by d directions.
-            steps: How far along each direction at most where it moves a parameter that
-                the term reads, ``(n, d)``; less where the response would change by
-                more than a small part of itself.
+            tangents: Derivatives of variables and parameters in d directions.
+            steps: Largest step along each direction that moves a parameter of the term,
+                ``(n, d)``. Steps are smaller where the response would change by more
+                than a small part of itself.
         """
         steps = self._choose_steps(parameters, response, tangents, steps)
         moved = move_along(parameters, response, tangents, steps)
@@ -160,10 +160,10 @@ class Term:
         return np.where(np.isfinite(chosen) & (chosen > 0), chosen, steps)
 
     def pointwise(self, parameters: Parameters, stored: Batch) -> Batch:
-        """Return the log-likelihood of each datum, in the shape of what was measured.
+        """Return the log-likelihood of each datum, in the shape of the measurements.
 
-        Deviations that are no single data, as of a covariance, have none, nor have
-        those of variables that are not stored.
+        It is empty for deviations that do not belong to single data, as with a
+        covariance, and for variables that are not stored.
         """
         if not (self.separate and self.observed and self._reads_only(stored)):
             return {}
@@ -178,7 +178,7 @@ class Term:
     ) -> Batch:
         """Return a new measurement for each sample, with all its errors.
 
-        None where it reads what is not stored, or cannot be drawn.
+        None if the term reads variables that are not stored, or cannot be drawn from.
         """
         readable = self.observed and self._reads_only(stored)
         pair = self.deviations(parameters, stored) if readable else None
@@ -193,7 +193,7 @@ class Term:
 
 
 class FunctionTerm(Term):
-    """A user's own term: a callable, and what it declares of itself (contracts.py)."""
+    """A user's own term: a callable and what it declares (contracts.py)."""
 
     def __init__(self, function: Callable[[Parameters, Response], Floats]) -> None:
         self.function = function
@@ -207,13 +207,13 @@ class FunctionTerm(Term):
         self.separate = self.gaussian and len(self.observed) == 1
 
     def __call__(self, parameters: Parameters, response: Response) -> Floats:
-        """Return what the callable does."""
+        """Return the callable's log-likelihood, ``(n,)``."""
         return self.function(parameters, response)
 
     def deviations(
         self, parameters: Parameters, response: Response
     ) -> Deviations | None:
-        """Return what the callable says, None where it does not."""
+        """Return the callable's deviations; None if it declares none."""
         return self._deviations(parameters, response) if self.gaussian else None
 
     def _parts(self, parameters: Parameters, response: Response) -> Floats:
@@ -223,14 +223,14 @@ class FunctionTerm(Term):
 
 
 def as_term(term: Callable[[Parameters, Response], Floats]) -> Term:
-    """Return a term of this package as it is, and any other callable as one."""
+    """Return a term of this package unchanged, and any other callable as one."""
     return term if isinstance(term, Term) else FunctionTerm(term)
 
 
 def choose_error(
     errors: Mapping[str, ArrayLike | None], discrepancy: str | None, hint: str = ""
 ) -> tuple[str, ArrayLike]:
-    """Return the name and value of the one measurement error; "" where there is none.
+    """Return the name and value of the one measurement error; "" if there is none.
 
     Raises:
         TypeError: If there are several, or neither one nor a discrepancy.
@@ -245,7 +245,7 @@ def choose_error(
 
 
 def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Floats:
-    """Return positive numbers: one, or an array of one of the shapes."""
+    """Return positive numbers: a single one, or an array of one of the shapes."""
     numbers = checks.positive_array(argument, value)
     checks.shaped(argument, numbers.shape, (), *shapes)
     if argument == "relative_sd" and numbers.max() > MOST_RELATIVE:
@@ -257,7 +257,7 @@ def error_array(argument: str, value: ArrayLike, *shapes: tuple[int, ...]) -> Fl
 def doubt_percent(
     argument: str, relative: Floats, large: float = LARGE_ERROR_PRIOR
 ) -> None:
-    """Warn of relative standard deviations that may have been given in percent."""
+    """Warn about relative standard deviations that may have been given in percent."""
     if (largest := relative.max()) > large:
         instead = "relative_sd" if argument == "sd" else argument
         warnings.warn(
@@ -278,7 +278,7 @@ def log_normal(r: Floats, sd: Floats) -> Floats:
 
 
 def add_discrepancy(variances: Floats, discrepancy: Floats) -> Floats:
-    """Return standard deviations of independent errors, one of them inferred."""
+    """Return standard deviations of independent errors, one of which is inferred."""
     return np.asarray(np.sqrt(np.maximum(variances + discrepancy**2, LEAST_SD**2)))
 
 
@@ -307,7 +307,10 @@ def linearize_normal(
 
 
 def derive(values: Values, steps: Floats) -> Values:
-    """Return derivatives ``(n, m, d)`` of values at both sides, ``(n * 2 d, ...)``."""
+    """Return derivatives ``(n, m, d)`` from values at both sides.
+
+    The values are ``(n * 2 d, ...)``.
+    """
     n, d = steps.shape
     sides = np.asarray(values).reshape(n, 2, d, -1)
     slopes: Values = (sides[:, 0] - sides[:, 1]) / (2 * steps[:, :, None])
@@ -340,7 +343,7 @@ def move_along(
 
 
 def _replace(response: Response, shifted: Batch, n: int, times: int) -> Response:
-    """Return a response with other variables, and the rest of it repeated."""
+    """Return a response with other variables; the rest of it is repeated."""
 
     def move(name: str, value: Response) -> Response:
         if name in shifted:

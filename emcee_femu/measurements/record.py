@@ -1,4 +1,4 @@
-"""The modes that a test measured: frequencies, shapes, and how certain they are."""
+"""The modes that a test measured: frequencies, shapes and their uncertainty."""
 
 from __future__ import annotations
 
@@ -14,51 +14,58 @@ from . import csv_files, modes, uff
 
 
 class Measurements(Report):
-    r"""Measured modes, in ascending order of frequency.
+    r"""Measured modes in ascending order of frequency.
 
-    Complex shapes are turned real: each is rotated to the phase at which its real part
-    is largest. How much this neglects is kept as the modal phase collinearity,
+    Frequencies, mode shapes, damping ratios and their standard deviations, from arrays
+    or from one of the ``from_`` methods. Pass them to :class:`FrequencyTerm`,
+    :class:`ShapeTerm` and :class:`PairedModel`.
+
+    Complex shapes are converted to real ones: each is rotated to the phase at which its
+    real part is largest. The modal phase collinearity measures how much this neglects,
 
     .. math:: MPC = \left(\frac{|\phi^T \phi|}{\phi^H \phi}\right)^2 \in [0, 1],
 
-    the MAC of the shape with its own conjugate: 1 if all sensors move in phase or
-    against it, 0 for a travelling wave. Real shapes have 1.
+    which is the MAC between the shape and its complex conjugate: 1 if all sensors move
+    in phase or in antiphase, 0 for a travelling wave. Real shapes have an MPC of 1.
 
     Args:
         frequencies: Natural frequencies in Hz, ``(n_modes,)``, ascending, because a
             term without pairing compares them with the model's in this order.
         shapes: Mode shapes at the sensors, ``(n_sensors, n_modes)``, real or complex,
-            of any scale; NaN where a sensor was missing in that mode.
-        sd: Their standard deviations in Hz, ``(n_modes,)``, or None if unknown; NaN or
-            None for a mode of which it is not known.
-        covariance: Instead of sd: their covariance in Hz^2, ``(n_modes, n_modes)``.
-        shape_sd: Standard deviations of (real) shapes, in their scale and shape.
-        sensors: Labels of the sensors; None for s1, s2, ...
+            on any scale; NaN for a sensor that was missing in a mode.
+        sd: Standard deviations of the frequencies in Hz, ``(n_modes,)``; None if
+            unknown. NaN or None for a single mode whose value is unknown.
+        covariance: Covariance of the frequencies in Hz^2, ``(n_modes, n_modes)``; give
+            either sd or covariance.
+        shape_sd: Standard deviations of (real) shapes, ``(n_sensors, n_modes)``, on the
+            same scale.
+        sensors: Labels of the sensors; s1, s2, ... by default.
         dofs: The model's DOF at each sensor, as the model names its DOFs: numbers
-            from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`; None where
-            the rows of the model's shapes are the sensors, in order. Of a sensor that
-            points backwards, ``"3:-uy"``, ``shapes`` hold the motion along the axis,
-            and ``dofs`` say ``"3:uy"``.
-        phase_collinearity: MPC of shapes that have been turned real before,
-            ``(n_modes,)``; None to compute it.
+            from 0, or labels such as ``"3:uy"`` for a :class:`FrameModel`. None if the
+            rows of the model's shapes are the sensors, in order. For a sensor that
+            points backwards, write ``"3:-uy"``: the sign of its row in ``shapes`` is
+            reversed, and ``dofs`` then holds ``"3:uy"``.
+        phase_collinearity: MPC of shapes that were complex before, ``(n_modes,)``; None
+            to compute it.
         damping: Damping ratios, ``(n_modes,)``, 0.01 for 1 %; None if unknown, for all
             or for single modes.
-        damping_sd: Their standard deviations, ``(n_modes,)``, likewise.
+        damping_sd: Standard deviations of the damping ratios, ``(n_modes,)``, likewise.
 
     Attributes:
         n_modes: The number of measured modes.
-        n_sensors: The number of sensors, 0 where there are no shapes.
+        n_sensors: The number of sensors, 0 without shapes.
 
     Raises:
         TypeError: If an argument does not hold numbers of the kind described.
-        ValueError: If modes are not ascending, 0 Hz, NaN or listed twice; a shape is
-            zero; a deviation or covariance is not positive (definite); sizes disagree.
+        ValueError: If the frequencies are not ascending, or one is zero or NaN; a mode
+            is listed twice; a shape is zero; a standard deviation is not positive or a
+            covariance not positive definite; or sizes do not match.
 
     Warns:
         UserWarning: If the MPC of a mode is below 0.9, or a damping ratio above 0.2.
 
     Source: Pappa, Elliott and Schenk (1993), doi:10.2514/3.21092 (MPC); here without
-    subtracting the mean, which is meaningless where all sensors move alike.
+    subtracting the mean, which would be meaningless if all sensors move alike.
 
     Examples:
         >>> from emcee_femu import Measurements
@@ -138,36 +145,36 @@ class Measurements(Report):
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
     ) -> Self:
-        r"""Return the mean and the scatter of several tests of one structure.
+        r"""Return the mean and the scatter of repeated tests of one structure.
 
         .. math:: \bar f = \frac1N \sum_t f_t, \qquad
             C = \frac1{N - 1} \sum_t (f_t - \bar f)(f_t - \bar f)^T
 
-        C is the covariance of one test. It is not divided by N: errors that all tests
-        share (mounting, temperature, the model) do not average out, and a posterior
-        that shrank as 1 / sqrt(N) would be too confident.
+        C is the covariance of a single test. It is not divided by N, because errors
+        common to all tests (sensor mounting, temperature, the model) do not average
+        out: a posterior that narrows as 1 / sqrt(N) would be too confident.
 
-        Each test's shape is scaled to unit length and turned to the sign, or phase,
-        of the first singular vector of all; ``shapes`` holds the mean, ``shape_sd``
-        the sample standard deviations.
+        Each test's shape is scaled to unit length, and its sign or phase is aligned
+        with the first singular vector of all tests; ``shapes`` holds the mean,
+        ``shape_sd`` the sample standard deviations.
 
         Args:
-            frequencies: In Hz, ``(n_tests, n_modes)``; each column is one mode. NaN
-                where a test missed it: mean and deviation are those of the others.
-            shapes: ``(n_tests, n_sensors, n_modes)``, real or complex, of any scale;
-                not used where a test missed the mode.
-            correlated: Whether to keep the full covariance, for which every test needs
-                every mode; False for one standard deviation per mode, for which two
-                tests suffice.
+            frequencies: In Hz, ``(n_tests, n_modes)``; each column is one mode. NaN if
+                a test missed the mode: mean and deviation are those of the others.
+            shapes: ``(n_tests, n_sensors, n_modes)``, real or complex, on any scale;
+                ignored where a test missed the mode.
+            correlated: Whether to keep the full covariance, which requires every mode
+                in every test. With False there is one standard deviation per mode, for
+                which two tests suffice.
             sensors: Labels of the sensors.
             dofs: The model's DOF at each sensor.
 
         Returns:
-            Means, and the scatter of one test.
+            The means, and the scatter of a single test.
 
         Raises:
             ValueError: If there are too few tests, a mode does not scatter at all, or
-                a shape has a MAC below 0.5 with the mean (modes out of order).
+                a shape has a MAC below 0.5 with the mean (modes in different orders).
 
         Examples:
             >>> from emcee_femu import Measurements
@@ -184,10 +191,11 @@ class Measurements(Report):
 
     @classmethod
     def from_csv(cls, path: str | PathLike[str]) -> Self:
-        """Read the file that :meth:`to_csv` writes, or that a person filled in.
+        """Read a CSV file that :meth:`to_csv` wrote or that was filled in by hand.
 
-        There is one column per mode. The first cell of a row says what it holds; all
-        rows but the frequencies are optional, and shapes have one row per sensor::
+        The file has one column per mode. The first cell of a row names its quantity.
+        All rows except the frequencies are optional, and shapes have one row per
+        sensor::
 
             quantity,sensor,dof,mode 1,mode 2
             frequency [Hz],,,3.13,9.83
@@ -197,19 +205,20 @@ class Measurements(Report):
             shape sd,roof,,0.02,0.03
             shape sd,floor 1,,0.02,0.03
 
-        Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``;
-        ``phase collinearity`` is that of shapes that were complex; ``damping ratio``
-        and ``damping sd`` are numbers, or percent in a row ``damping [%]``. Rows may be
-        called otherwise, ``Freq (Hz)``, ``std``, ``zeta``. A cell of ``shape`` is blank
-        where the sensor was missing in that mode, one of ``sd`` or damping where it is
-        not known. A ``dof`` that is a label of digits has single quotes: ``'12'``.
-        Semicolons between cells, and then decimal commas, are read too.
+        Rows ``covariance [Hz2]``, one per mode, may replace ``sd [Hz]``. A row ``phase
+        collinearity`` holds the MPC of shapes that were complex. ``damping ratio`` and
+        ``damping sd`` are fractions; a row ``damping [%]`` is in percent. Other common
+        titles are understood: ``Freq (Hz)``, ``std``, ``zeta``. Leave a cell of
+        ``shape`` blank if the sensor was missing in that mode, and a cell of ``sd`` or
+        damping if the value is unknown. Put single quotes around a ``dof`` label of
+        digits: ``'12'``. Semicolons may separate the cells; decimal commas are then
+        allowed.
 
         Args:
             path: The file.
 
         Returns:
-            What the file holds.
+            The measurements.
 
         Raises:
             ValueError: If a cell cannot be read; the message names line and column.
@@ -229,7 +238,7 @@ class Measurements(Report):
         return cls(**csv_files.read_csv(path))
 
     def to_csv(self, path: str | PathLike[str]) -> None:
-        """Write everything with all digits: :meth:`from_csv` returns the same bits.
+        """Write everything at full precision: :meth:`from_csv` returns the same bits.
 
         Args:
             path: The file, which is overwritten.
@@ -250,30 +259,32 @@ class Measurements(Report):
     ) -> Self:
         """Read normal or complex modes from a universal file.
 
-        Each is a data set 55, as test systems write them, or 2414, as FE programs do.
-        A sensor is a node and a direction, ``"12:x"``, in the file's own coordinate
-        systems. The modes are put in ascending order; frequencies are in Hz whatever
-        the units of the file, and undamped. Damping ratios above zero are read too: the
-        viscous one, or else half the hysteretic one, or that of the eigenvalue.
+        Modes are read from data sets 55, which test systems write, and 2414, which FE
+        programs write. A sensor is a node and a direction, ``"12:x"``, in the file's
+        own coordinate systems. The modes are sorted by frequency. Frequencies are in Hz
+        whatever the file's units, and undamped. Positive damping ratios are also read:
+        the viscous ratio, or else half the hysteretic one, or the ratio that follows
+        from the eigenvalue.
 
         Args:
-            path: The file; other data sets are not read.
-            modes: Which modes to read, 1 = the first in the file; None for all. Others
-                are not checked: a rigid-body mode at 0 Hz, or a damaged one.
-            sensors: The sensors to keep, in this order; None for all but those that
-                are zero in all modes, by which these files mark what was not measured.
-                A node that a mode lacks is missing in it.
+            path: The file; other data sets are ignored.
+            modes: The modes to read, 1 = the first in the file; None for all. Modes
+                that are not read are not checked, so a rigid-body mode at 0 Hz or a
+                damaged mode can be skipped.
+            sensors: The sensors to keep, in this order. By default all are kept except
+                those that are zero in every mode, which marks unmeasured DOFs in these
+                files. A node that is absent from a mode counts as missing in it.
             dofs: The model's DOF at each sensor that is kept.
 
         Returns:
-            The modes, with shapes at the sensors that are kept.
+            The modes, with shapes at the kept sensors.
 
         Raises:
-            ValueError: If there are no modes, or one cannot be read or has 0 Hz, or a
+            ValueError: If there are no modes, a mode cannot be read or has 0 Hz, or a
                 sensor is unknown.
 
         Warns:
-            UserWarning: If sensors are zero in all modes, or absent in some.
+            UserWarning: If sensors are zero in all modes, or absent from some.
 
         Examples:
             >>> from emcee_femu import Measurements
@@ -291,17 +302,17 @@ class Measurements(Report):
         sensors: Sequence[str] | None = None,
         dofs: ArrayLike | None = None,
     ) -> Self:
-        """Take the modes that pyOMA2 extracted, ``algorithm.result`` after ``mpe``.
+        """Take the modes that pyOMA2 extracted: ``algorithm.result`` after ``mpe``.
 
-        Reads Fn, Phi, Xi (damping ratios) and, where the uncertainties were computed
-        (``calc_unc=True``), Fn_std and Xi_std. The modes are put in ascending order.
+        Reads Fn, Phi, Xi (damping ratios) and, if the uncertainties were computed
+        (``calc_unc=True``), Fn_std and Xi_std. The modes are sorted by frequency.
 
         Args:
             result: Any record with these attributes.
             shape_sd: Whether to read Phi_std too. In pyOMA2 1.4.3 it is up to ten times
-                the scatter of simulated records (it is evaluated before the shapes are
-                scaled to 1), while Fn_std agrees with theirs.
-            modes: Which modes to take, 1 = the first of Fn; None for all. Others may be
+                the scatter of simulated records, because it is evaluated before the
+                shapes are scaled to 1; Fn_std agrees with the scatter.
+            modes: The modes to take, 1 = the first of Fn; None for all. Others may be
                 NaN.
             sensors: Labels of the channels.
             dofs: The model's DOF at each channel.
@@ -311,8 +322,8 @@ class Measurements(Report):
 
         Raises:
             TypeError: If result has no Fn and Phi.
-            ValueError: If there are no modes yet, Phi_std is asked for and missing, or
-                a mode was not identified.
+            ValueError: If there are no modes yet, shape_sd is True but Phi_std is
+                missing, or a mode was not identified.
 
         Examples:
             >>> from types import SimpleNamespace
@@ -328,7 +339,7 @@ class Measurements(Report):
         return (self._table(),)
 
     def to_frame(self) -> Any:
-        """Return the same table as a ``pandas.DataFrame``, with all digits."""
+        """Return the printed table as a ``pandas.DataFrame`` at full precision."""
         return self._table().to_frame()
 
     def _table(self) -> Table:

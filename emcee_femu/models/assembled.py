@@ -29,29 +29,30 @@ Assemble: TypeAlias = Callable[[Mapping[str, float]], tuple[Matrix, Matrix]]
 
 
 class AssembledModel:
-    r"""A function from one parameter set to K and M, solved here for modes.
+    r"""A model from a function that assembles K and M; modes are computed here.
 
     .. math:: K(\theta) \phi = (2 \pi f)^2 M(\theta) \phi, \qquad
         \lambda' = \phi^T (K' - \lambda M') \phi
 
-    For models whose matrices are no sums of given parts (see :class:`MatrixModel`): a
-    Poisson ratio, a spring's position, scikit-fem, a program that writes matrices
-    without solving. K' and M' are central differences, of two assemblies per
-    parameter; they cost no eigenproblem. Shapes have derivatives too.
+    Use it if the matrices are not sums of given parts (see :class:`MatrixModel`): for a
+    Poisson ratio, the position of a spring, scikit-fem, or a program that writes
+    matrices without solving. K' and M' are central differences and cost two assemblies
+    per parameter, but no eigenproblem. Shapes have derivatives too. A solve costs one
+    assembly and one eigenproblem.
 
     Args:
-        assemble: ``{name: float}`` to ``(K, M)``, each ``(N, N)``, symmetric, dense or
-            of scipy.sparse, supports taken out.
+        assemble: A function from ``{name: float}`` to ``(K, M)``, each ``(N, N)``,
+            symmetric, dense or scipy.sparse, without the supported DOFs.
         names: The parameters that it reads.
-        n_modes: How many elastic modes to return.
+        n_modes: Number of elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
-        shapes: Mass-normalised mode shapes: the DOFs at which to return them, in the
-            order given, or ``{label: DOF}``; False for none.
+        shapes: The DOFs at which to return mass-normalised mode shapes, in the given
+            order, or ``{label: DOF}``; False for no shapes.
 
     Raises:
-        TypeError: If assemble is not callable, or shapes are True: how many DOFs there
-            are is known at the first solve.
-        ValueError: If a name comes twice, or a DOF. When called: if a matrix is not
+        TypeError: If assemble is not callable, or shapes is True (the number of DOFs is
+            only known at the first solve).
+        ValueError: If a name or a DOF is repeated. When called: if a matrix is not
             finite, square and symmetric, M is not positive definite, or the number of
             rigid-body modes is not skip.
 
@@ -102,11 +103,12 @@ class AssembledModel:
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
         """Return the response and its derivatives by all parameters, from one solve.
 
-        As of :meth:`MatrixModel.jacobian`, and two assemblies per parameter.
+        The format is that of :meth:`MatrixModel.jacobian`. Two assemblies per parameter
+        are added.
 
         Raises:
-            ValueError: As a call does, or if modes coincide that part as a parameter
-                changes.
+            ValueError: As for a call, or if two modes coincide that separate as a
+                parameter changes.
         """
         return self._solve(parameters, self.names)
 
@@ -115,7 +117,7 @@ class AssembledModel:
 
         Raises:
             TypeError: If they are not a pair of matrices.
-            ValueError: If they are not finite, symmetric and of one size.
+            ValueError: If they are not finite, symmetric and of the same size.
         """
         pair = checks.group("assemble", self.assemble(dict(values)), "(K, M)", 2)
         sparse = issparse(pair[0])
@@ -130,11 +132,11 @@ class AssembledModel:
         return K, read_matrix("assemble: M", pair[1], size, sparse=sparse)
 
     def project(self, V: Floats, added: float) -> Self:
-        """Return the model in a basis, solved by an assembly and a small problem.
+        """Return the model in a basis: one assembly and one small problem per solve.
 
         Args:
             V: The basis, ``(N, r)``.
-            added: What is added to the diagonal of the mass there.
+            added: What is added to the diagonal of the projected mass.
         """
         small = copy(self)
         small.assemble = partial(_project, self, V, added)
@@ -144,7 +146,7 @@ class AssembledModel:
     def _solve(
         self, parameters: Parameters, by: tuple[str, ...]
     ) -> tuple[ModalSolution, Derivatives]:
-        """Solve one parameter set after another, with derivatives by some."""
+        """Solve the parameter sets one at a time, with derivatives by some of them."""
         values, n = read_batch(parameters, self.names)
         results = []
         for i in range(n):

@@ -321,8 +321,8 @@ def refuse_parting(
         if np.abs(gap).max() > PARTING * np.abs(weights) @ sizes:
             raise RepeatedModes(
                 f"modes {first} and {first + c - 1} coincide "
-                f"({np.sqrt(eigenvalue) / (2 * np.pi):.6g} Hz) at {where} and part as "
-                f"{name!r} changes: which is the lower one changes there, so that they "
-                "have no derivatives; move the parameters a little, by 1e-6 of their "
-                "values, or tie those that make the two modes equal to one parameter"
+                f"({np.sqrt(eigenvalue) / (2 * np.pi):.6g} Hz) at {where} and separate "
+                f"as {name!r} changes: they change places there, and so have no "
+                "derivatives; move the parameters by 1e-6 of their values, or "
+                "replace those that make the two modes equal by one parameter"
             )

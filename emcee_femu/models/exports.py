@@ -32,20 +32,19 @@ FEW_DOFS = 200  # DOFs of Matrices up to which dense ones are solved faster, in 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Matrices(Report):
-    """Symmetric matrices of one FE model, and what their rows are.
+    """Symmetric matrices of one FE model, with the DOF of each row.
 
-    :func:`read_matrices` makes it, and so do :func:`from_opensees`,
-    :func:`from_pynite` and :func:`from_skfem`. K and M go to a :class:`MatrixModel` as
-    they are.
+    :func:`read_matrices`, :func:`from_opensees`, :func:`from_pynite` and
+    :func:`from_skfem` return it. Pass its K and M to a :class:`MatrixModel`.
 
     Attributes:
-        matrices: ``{name: csc_array (N, N)}``; ``"K"`` and ``"M"``, and others by the
-            names that they have in the files.
+        matrices: ``{name: csc_array (N, N)}``: ``"K"``, ``"M"``, and others with the
+            names used in the files.
         nodes: Node and direction of each row, ``(N, 2)``: numbers (directions 1 to 6),
-            or text where a program has names for them; None where the format has no
-            labels.
+            or text if the program names them; None if the format has no labels.
         source: The file that was given, or the program.
-        geometry: Nodes and lines for pictures, where a program tells; None of files.
+        geometry: Nodes and lines for drawings, if the program provides them; None for
+            files.
 
     Examples:
         >>> import numpy as np
@@ -80,7 +79,7 @@ class Matrices(Report):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The names of all DOFs, such as ``"12:uz"``; none if they are not known."""
+        """The names of all DOFs, such as ``"12:uz"``; empty if unknown."""
         rows = [] if self.nodes is None else self.nodes.tolist()
         return tuple(write_name(*dof) for dof in rows)
 
@@ -88,7 +87,8 @@ class Matrices(Report):
     def moving_mass(self) -> dict[str, float]:
         """The mass that moves with all nodes along ux, uy and uz, without the supports.
 
-        ``r^T M r`` with 1 at the DOFs of one direction; compare it with what you know.
+        It is ``r^T M r`` with r = 1 at the DOFs of one direction. Compare it with the
+        mass that you expect.
         """
         axes = [label.rpartition(":")[2] for label in self.labels]
         there = [axis for axis in DOF_DIRECTIONS[:3] if axis in axes]
@@ -96,12 +96,12 @@ class Matrices(Report):
         return {axis: float(x @ self.M @ x) for axis, x in moves.items()}
 
     def dofs(self, names: str | Sequence[str] | NDArray[Any]) -> Any:
-        """Return the row of a DOF, or those of several as an array, in the order given.
+        """Return the row of a DOF, or the rows of several as an array, in their order.
 
         Args:
             names: ``"node 12 z"`` or ``"12:uz"``, with directions x y z, ux uy uz,
-                rx ry rz or a number, 1 to 6; one of the ``labels`` as it stands, such
-                as ``"roof A:ux"``; or a sequence of such names.
+                rx ry rz or a number from 1 to 6; one of the ``labels``, such as
+                ``"roof A:ux"``; or a sequence of such names.
 
         Raises:
             TypeError: If a name is not a string.
@@ -123,8 +123,8 @@ class Matrices(Report):
     def sensors(self, names: Sequence[str] | NDArray[Any]) -> dict[str, int]:
         """Return ``{name: row}``, for ``MatrixModel(..., shapes=...)``.
 
-        The model then names its rows as the test does, and :class:`Measurements` with
-        these names as ``dofs`` are matched in any order.
+        The model then names its rows as the test does. :class:`Measurements` with these
+        names as ``dofs`` are matched in any order.
         """
         wanted = [along_axis(x)[0] for x in checks.parameter_names("names", names)]
         return dict(zip(wanted, self.dofs(wanted).tolist(), strict=True))
@@ -211,7 +211,7 @@ def _read_export(argument: str, export: Export, base: Export) -> dict[str, csc_a
         if export.labels != base.labels:
             raise ValueError(
                 f"{argument}: expected the nodes and directions of the base, in its "
-                "order; was the mesh or a support changed, or the program numbers anew?"
+                "order; was the mesh or a support changed, or were nodes renumbered?"
             )
     matrices, size = _split(export), np.shape(next(iter(_split(base).values()), ()))
     if not matrices or not size:
@@ -259,7 +259,7 @@ def _fit_powers(
             worst, powers, _ = min(misfits, key=lambda fit: fit[0])
             nearest = " + ".join(f"c{p} x^{p}" for p in powers)
             raise ValueError(
-                f"{argument}: {part} is no polynomial of this parameter, up to its "
+                f"{argument}: {part} is not a polynomial in this parameter, up to its "
                 f"cube, judging by {len(given)} exports besides the base: the "
                 f"nearest, c0 + {nearest}, is off by {worst:.1%} of a change; give "
                 "more exports, or take another parameter, such as E or I"
@@ -268,8 +268,8 @@ def _fit_powers(
     if not fitted:
         raise ValueError(
             f"{argument}: K and M are those of the base, to {UNCHANGED:g} of their "
-            "diagonal; was the parameter changed, and the right file read? If it has "
-            "little to do with them, change it more"
+            "diagonal; was the parameter changed, and the right file read? If they "
+            "hardly depend on it, change it more"
         )
     return fitted
 

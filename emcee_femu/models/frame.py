@@ -140,8 +140,8 @@ class FrameModel(AffineModel):
         modes: Which elastic modes to return, 1 = the lowest, ascending.
         skip: Number of rigid-body modes, checked at each solve (6 for free-free).
         shapes: Whether to return mass-normalised mode shapes too; or the DOFs at which
-            to return them, in the order given. A DOF is named by node and direction,
-            as in ``"3:uy"``; ``model.dofs`` are all that are free.
+            to return them, in the given order. A DOF is named by node and direction,
+            such as ``"3:uy"``; ``model.dofs`` lists the free ones.
 
     Raises:
         TypeError: If not exactly one of n_modes and modes is given, or an argument is

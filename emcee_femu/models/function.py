@@ -32,29 +32,33 @@ UNSTORED = Variable({}, stored=False)
 
 
 class FunctionModel:
-    """A function of one parameter set, called once per walker.
+    """A Python function of one parameter set as a model; it may start any solver.
 
-    A solver that takes milliseconds or more gains from processes: ``run(...,
-    workers=8)``. A program that may hang gets its limit where it is started:
-    ``subprocess.run(..., timeout=600)``, whose ``TimeoutExpired`` is a failed solve.
+    Use it for an external FE program, or for a model of your own. The function is
+    called once per parameter set. If a call takes milliseconds or more, use several
+    processes: ``run(..., workers=8)``. If the program may hang, set a time limit where
+    you start it: ``subprocess.run(..., timeout=600)``; its ``TimeoutExpired`` counts as
+    a failed solve.
 
     Args:
-        function: ``{name: float}`` to natural frequencies in Hz ``(n_modes,)``; or to a
-            :class:`ModalSolution` of ``(n_modes,)`` and ``(n_dof, n_modes)``; or, with
-            ``variables``, to ``{name: array}``, or only the array if there is one.
-        n_modes: How many frequencies the function returns; None for as many as the
-            likelihood terms compare.
+        function: A function from ``{name: float}`` to natural frequencies in Hz,
+            ``(n_modes,)``; to a :class:`ModalSolution` of ``(n_modes,)`` and
+            ``(n_dof, n_modes)``; or, with ``variables``, to ``{name: array}``, or just
+            the array if there is only one variable.
+        n_modes: Number of frequencies that the function returns. By default it is the
+            number that the likelihood terms compare.
         variables: What the function returns instead of modes, ``{name: Variable}``.
-        jacobian: A function of the same ``{name: float}`` to a pair: what ``function``
-            returns, and its derivatives ``{variable: {parameter: array}}``, of
-            "frequency" and "shapes" if these are modes; a parameter that is left out
-            changes nothing. None for finite differences.
+        jacobian: A function of the same ``{name: float}`` that returns a pair: the
+            result of ``function``, and its derivatives
+            ``{variable: {parameter: array}}``; for modes, the variables are
+            "frequency" and "shapes". Omitted derivatives are zero. None to use finite
+            differences.
 
     Raises:
         TypeError: If function or jacobian is not callable, or n_modes and variables are
             both given.
-        ValueError: When called, if the function returns anything else, naming the
-            parameters.
+        ValueError: When called, if the function returns anything else; the message
+            gives the parameters.
 
     Examples:
         >>> import numpy as np
@@ -100,7 +104,7 @@ class FunctionModel:
 
     @property
     def jacobian(self) -> Callable[[Parameters], tuple[Response, Derivatives]] | None:
-        """What returns response and derivatives of a batch; None if there is none."""
+        """A function that returns response and derivatives of a batch, or None."""
         if self._jacobian is None:
             return None
         return partial(self._solve, function=self._jacobian, read=self._read_pair)
@@ -111,7 +115,7 @@ class FunctionModel:
         function: Function,
         read: Callable[[Response], Result],
     ) -> tuple[Response, Derivatives]:
-        """Call a function for each parameter set, and stack what is read of it."""
+        """Call a function for each parameter set, and stack the values read from it."""
         values, n = checks.batch(parameters)
         results: list[Result] = []
         for i in range(n):

@@ -1,4 +1,4 @@
-"""Where the nodes and sensors of a structure are, for its pictures."""
+"""The positions of a structure's nodes and sensors, for drawings."""
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import TypeAlias
@@ -14,25 +14,25 @@ Node: TypeAlias = Hashable
 
 
 class Geometry:
-    r"""Nodes, the lines between them, and where and along what each DOF is measured.
+    """Nodes, the lines between them, and the position and direction of each DOF.
+
+    :func:`plot_shapes` and :func:`report` use it to draw mode shapes. If a model has no
+    ``geometry``, set one before you pair its modes: ``model.geometry = Geometry(...)``.
 
     Args:
         nodes: ``{node: coordinates}``, two (x and y) or three each, in one unit of
             length.
-        lines: ``(node, node)`` each: what is drawn of the structure.
-        sensors: ``{DOF: (node, direction)}``, a DOF as models and
-            :class:`Measurements` name it, a direction out of ux uy uz or a vector.
-            DOFs named ``"node:ux"`` need not be given.
-        supports: Nodes that stand still. Not needed where the model returns shapes at
-            all its DOFs (``shapes=True``): the other nodes are its supports.
+        lines: ``(node, node)`` each: the lines of the drawing.
+        sensors: ``{DOF: (node, direction)}``, where a DOF is named as in the model and
+            in :class:`Measurements`, and a direction is one of ux uy uz or a vector.
+            DOFs named ``"node:ux"`` may be left out.
+        supports: Nodes that do not move. Not needed if the model returns shapes at all
+            its DOFs (``shapes=True``): all other nodes are then supports.
 
     Attributes:
-        nodes: ``{node: coordinates (3,)}``; a third that was not given is 0.
+        nodes: ``{node: coordinates (3,)}``; a missing third coordinate is 0.
         lines: As given.
         supports: As given.
-
-    A model whose ``geometry`` is not known can be given one before it is paired,
-    ``model.geometry = Geometry(...)``: :func:`plot_shapes` and :func:`report` draw it.
 
     Raises:
         TypeError: If an argument is not of the form described.
@@ -95,9 +95,9 @@ class Geometry:
             self.sensors[dof] = node, vector / np.linalg.norm(vector)
 
     def locate(self, dof: Hashable) -> tuple[Node, Floats] | None:
-        """Return the node and the direction ``(3,)`` of a DOF, None if not known.
+        """Return the node and the direction ``(3,)`` of a DOF; None if unknown.
 
-        Rotations, as ``"3:rz"``, are not known: they move no node.
+        Rotations, such as ``"3:rz"``, are unknown because they move no node.
         """
         if dof in self.sensors:
             return self.sensors[dof]

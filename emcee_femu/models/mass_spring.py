@@ -17,31 +17,31 @@ Springs: TypeAlias = Mapping[str, Spring]
 
 
 class MassSpringModel:
-    r"""Point masses on a line, each with one DOF, joined by linear springs.
+    r"""Point masses on a line, each with one DOF, connected by linear springs.
 
     .. math:: K = \sum_s k_s b_s b_s^T, \qquad M = \mathrm{diag}(m_1 .. m_n)
 
-    with ``b_s`` = +1 at one end of spring s, -1 at the other, nothing at the ground. A
-    parameter with the name of a spring or a mass overrides its default; a spring with
-    another spring's name in place of a number always has that spring's stiffness.
+    where :math:`b_s` is +1 at one end of spring s and -1 at the other; the ground has
+    no entry. Use it for shear buildings and test problems. A parameter with the name of
+    a spring or a mass replaces its default value. If the third entry of a spring is the
+    name of another spring, both always have the same stiffness.
 
     Args:
-        masses: Masses of nodes 1 .. n in kg, ``(n,)``, which are constant; or
+        masses: Masses of nodes 1 .. n in kg, ``(n,)``, if they are constant; or
             ``{name: default mass in kg}``, in this order.
         springs: ``{name: (node, node, default stiffness in N/m)}``, or
             ``{name: (node, node, "name of the spring that it follows")}``; node 0 is
             the ground.
-        skip: Number of rigid-body modes: 1 for a chain that no spring holds.
+        skip: Number of rigid-body modes: 1 for a chain without a spring to the ground.
         shapes: Whether to return mass-normalised mode shapes too (about twice the
-            time), or the DOFs at which to return them, in the order given. DOFs count
+            time), or the DOFs at which to return them, in the given order. DOFs count
             from 0: DOF 0 is node 1.
 
     Raises:
         TypeError: If springs is not such a mapping, or a node is not a whole number.
-        ValueError: If a mass or stiffness is not above zero, or a node or followed
-            spring does not exist.
-            When called: if a stiffness or mass is not above zero, or the number of
-            rigid-body modes is not skip.
+        ValueError: If a mass or stiffness is not positive, or a node or followed spring
+            does not exist. When called: if a stiffness or mass is not positive, or the
+            number of rigid-body modes is not skip.
 
     Examples:
         >>> import numpy as np
@@ -94,14 +94,14 @@ class MassSpringModel:
         return self._model.problem.solve(*self._coefficients(parameters))
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
-        """Return the response and its derivatives by all that is given, from one solve.
+        """Return the response and its derivatives by all given values, from one solve.
 
         ``{"frequency": {name: (n, n_modes)}, "shapes": {name: (n, n_dof, n_modes)}}``
         in Hz per N/m or kg, and so on.
 
         Raises:
-            ValueError: As a call does, or if modes coincide that part as a parameter
-                changes; see :meth:`MatrixModel.jacobian`.
+            ValueError: As for a call, or if two modes coincide that separate as a
+                parameter changes; see :meth:`MatrixModel.jacobian`.
         """
         k, m, where = self._coefficients(parameters)
         names = [*self._stiffnesses, *self._masses]
@@ -111,7 +111,7 @@ class MassSpringModel:
         return self._model.problem.jacobian(k, m, read, where)
 
     def _coefficients(self, parameters: Parameters) -> Weights:
-        """Return the coefficients of K and M, and what names a parameter set."""
+        """Return the coefficients of K and M, and a function that names a set."""
         values, n = checks.batch(parameters)
         named, parts = dict[str, Floats](), []
         for defaults, what in (self._stiffnesses, "stiffness"), (self._masses, "mass"):

@@ -1,4 +1,4 @@
-"""Models of given stiffness and mass matrices and what multiplies them."""
+"""Models from given stiffness and mass matrices and their coefficients."""
 
 from __future__ import annotations
 
@@ -107,40 +107,43 @@ class MatrixModel(AffineModel):
         M(\theta) = M_0 + \sum_j b_j(\theta) M_j, \qquad
         K \phi = (2 \pi f)^2 M \phi
 
-    A coefficient is a parameter, or any function of some: a plate has
-    ``K={"E": membrane, "bending": (K3, lambda E, t: E * t**3)}``. A name may be in
-    both K and M. **Dense** arrays are solved for all parameter sets
-    at once; a constant M is folded into K once, one that depends on parameters is
-    factored by a batched Cholesky. If K0 is a **scipy.sparse** matrix, all others may
-    be sparse or dense and are made sparse; each parameter set then costs one sparse
-    factorisation and a Lanczos iteration, massless DOFs are allowed, and an M that
-    depends on parameters costs a second factorisation, to check it. For thousands of
-    evaluations see :func:`reduce_model`.
+    Use it whenever an FE program can export matrices; :meth:`from_differences` finds
+    the :math:`K_i` from exports at several parameter values. A coefficient is a
+    parameter, or any function of parameters: for a plate, ``K={"E": membrane,
+    "bending": (K3, lambda E, t: E * t**3)}``. A name may occur in both K and M.
+
+    **Dense** matrices are solved for all parameter sets at once. A constant M is
+    factored once; an M that depends on parameters is factored for each set. If K0 is a
+    **scipy.sparse** matrix, the others may be sparse or dense and are converted. Each
+    parameter set then costs one sparse factorisation and a Lanczos iteration; an M that
+    depends on parameters costs a second factorisation, to check it. Massless DOFs are
+    allowed. For thousands of evaluations of a large model, see :func:`reduce_model`.
 
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.
         M0: Constant part of the mass, ``(N, N)``, symmetric.
-        K: ``{parameter: K_i}``, the stiffness that multiplies the parameter; or
-            ``{label: (K_i, function)}``, whose arguments are parameters, by name: it
-            takes arrays ``(n,)`` and returns one, at no solve. Its derivatives are
-            differences of it, exact up to fourth powers.
-        M: The same of the mass.
-        n_modes: How many elastic modes to return.
+        K: ``{parameter: K_i}``, where K_i is multiplied by the parameter; or
+            ``{label: (K_i, function)}``, where the function's arguments are parameter
+            names. It takes arrays ``(n,)``, returns one, and costs no solve. Its
+            derivatives are finite differences, exact up to fourth powers.
+        M: The same for the mass.
+        n_modes: Number of elastic modes to return.
         skip: Number of rigid-body modes below them, checked at each solve.
         shapes: Whether to return mass-normalised mode shapes too, ``(n, N, n_modes)``;
-            or the DOFs (0 to N - 1) at which to return them, in the order given; or
-            ``{label: DOF}``, labels as :class:`Measurements` have them as ``dofs``.
+            or the DOFs (0 to N - 1) at which to return them, in the given order; or
+            ``{label: DOF}``, with the labels that :class:`Measurements` have as
+            ``dofs``.
 
     Raises:
         TypeError: If K0 is dense and another matrix is sparse, or a function's
             arguments have no names.
-        ValueError: If a matrix is not square, symmetric or of the size of K0, M is
-            constant and not positive definite, or there are not enough modes. When
-            called: if M is not positive definite, the number of rigid-body modes
-            is not skip, or a function returns no finite number.
+        ValueError: If a matrix is not square, symmetric or of the size of K0, a
+            constant M is not positive definite, or there are not enough modes. When
+            called: if M is not positive definite, the number of rigid-body modes is not
+            skip, or a function returns a number that is not finite.
 
     Warns:
-        UserWarning: If rows with mass are coupled to no other, as those of held DOFs.
+        UserWarning: If rows with mass are not coupled to any other, as for held DOFs.
 
     Examples:
         >>> import numpy as np
@@ -181,32 +184,32 @@ class MatrixModel(AffineModel):
 
         .. math:: K(\theta) = K_0 + \sum_j \sum_{p \le 3} \theta_j^p K_{jp}
 
-        and M alike. One export for each parameter is enough where it is known to be a
-        factor of K or of M, for base and export are on a line whatever they are. Of
-        more exports the fewest powers that fit are taken, one less than there are
-        exports at most: three show that a thickness t has t and t^3, labels "t" and
-        "t^3" of ``model.K``. Parameters that multiply each other, E and I of one
-        member, are not to be had so.
+        and similarly for M. If a parameter is a factor of K or of M, one export besides
+        the base is enough. From several exports, the fewest powers that fit them are
+        used, at most one fewer than there are exports: three exports show that a
+        thickness t enters as t and t^3, with labels "t" and "t^3" in ``model.K``.
+        Parameters that multiply each other, such as E and I of one member, cannot be
+        separated in this way.
 
-        Matrices of up to 200 DOFs, all with mass, become dense ones, which are solved
-        3 (160 DOFs) to 40 times (14 DOFs) faster.
+        Matrices of up to 200 DOFs, all with mass, become dense, which makes a solve 3
+        times (160 DOFs) to 40 times (14 DOFs) faster.
 
         Args:
-            base: :class:`Matrices`, or ``(K0, M0)``, at the values ``at``.
-            changes: ``{parameter: {value: export}}``, only this parameter changed;
-                an export is Matrices, ``(K, M)``, or K alone where M is the same.
-            at: The parameters' values at the base; 1 where it does not say.
-            n_modes: As above.
-            skip: As above.
-            shapes: As above.
+            base: :class:`Matrices` or ``(K0, M0)``, exported at the values ``at``.
+            changes: ``{parameter: {value: export}}``, with only this parameter changed;
+                an export is Matrices, ``(K, M)``, or K alone if M is unchanged.
+            at: The parameters' values in the base; 1 for those not given.
+            n_modes: Number of elastic modes to return.
+            skip: Number of rigid-body modes below them.
+            shapes: As for the class.
 
         Returns:
-            The model; its ``geometry``, for pictures, is that of the base.
+            The model, with the base's ``geometry`` for drawings.
 
         Raises:
             TypeError: If an argument is not of the form described.
-            ValueError: If a parameter changes nothing, K or M is no polynomial of it,
-                or an export has other DOFs, or is not finite and symmetric.
+            ValueError: If a parameter changes nothing, K or M is not a polynomial in
+                it, or an export has other DOFs, or is not finite and symmetric.
 
         Examples:
             >>> import numpy as np
@@ -235,10 +238,11 @@ def sparse_problem(model: AffineModel) -> SparseEigenproblem:
 
 
 class DenseProblem:
-    """The dense eigenproblem of a model, and the sparse one where that is blurred.
+    """The dense eigenproblem of a model, and the sparse one if rounding spoils it.
 
-    A DOF that is held by a stiffness of 1e36, say: dense solvers round all eigenvalues
-    to a share of the largest, factors of the sparse one to a share of each row.
+    Dense solvers round all eigenvalues to a fraction of the largest, which matters if,
+    say, a DOF is held by a stiffness of 1e36. Sparse factors round each row on its own
+    scale.
 
     Args:
         model: The model, with dense matrices.
@@ -257,7 +261,7 @@ class DenseProblem:
 
     @cached_property
     def sparse(self) -> SparseEigenproblem:
-        """The sparse problem, made when first needed."""
+        """The sparse problem, created when it is first needed."""
         return sparse_problem(self.model)
 
     def solve(self, k: Floats, m: Floats, describe: Where) -> ModalSolution:
@@ -273,7 +277,7 @@ class DenseProblem:
     def _solve(
         self, k: Floats, m: Floats, slopes: Slopes | None, describe: Where
     ) -> tuple[ModalSolution, Derivatives]:
-        """Solve one by one where a row is blurred: others in a batch change no bit."""
+        """Solve rows spoilt by rounding one by one; other rows are unaffected."""
         in_K, in_M = self._diagonals
         blurred = find_blurred(in_K[0] + k @ in_K[1:], in_M[0] + m @ in_M[1:])
         if blurred.any() and len(k) > 1:

@@ -1,8 +1,9 @@
-r"""A model whose modes are in the order of the measured ones.
+"""A model whose modes are in the order of the measured ones.
 
-By MAC: one-to-one pairs, clusters of modes too close to tell, and all derivatives.
-Derivatives are differences along those of the modes, which cost no solve. Which mode is
-whose is fixed in them; all else is differentiated, the fading of the sharing too.
+Modes are paired one-to-one by MAC, and modes too close to distinguish are treated as a
+cluster. Derivatives of the paired modes are differences along the derivatives of the
+model's modes and cost no solve. The pairing is held fixed; everything else, including
+the blending of close modes, is differentiated.
 """
 
 from collections.abc import Callable, Mapping
@@ -44,21 +45,24 @@ SHAPE_STEP = 1e-4
 
 
 class PairedModel:
-    r"""A model whose modes are put in the order of the measured ones, by their shapes.
+    r"""A model whose modes are sorted into the order of the measured ones, by MAC.
 
     .. math:: \max_{\pi} \sum_i MAC(\phi_i^m, \phi_{\pi(i)}), \qquad
         \pi \text{ one-to-one}
 
-    Every measured mode gets one mode of the model (the Hungarian method), out of the
-    lowest ``candidates``, for each parameter set anew: frequencies may cross inside the
-    bounds, and compared in ascending order they would then be those of other modes.
+    Use it whenever mode shapes were measured and modes may change places: compared in
+    ascending order, the frequencies would then belong to different modes. Each measured
+    mode :math:`\phi_i^m` is assigned one of the lowest ``candidates`` modes of the
+    model (Hungarian algorithm), separately for each parameter set. Pairing costs no
+    additional solve.
 
-    Shapes of close modes turn freely in the space that they span. Model modes nearer to
-    each other than half of ``min_gap`` therefore share one: the MAC is that of the
-    measured shape with its projection on their span, and this projection is returned as
-    the paired shape, so that a :class:`ShapeTerm` does not see the turning either. From
-    there to ``min_gap`` the sharing fades smoothly, so that shapes and MAC have no
-    step. Where two modes change places, their frequencies still do.
+    The shapes of close modes can be any combination of the shapes that they span. Model
+    modes closer to each other than half of ``min_gap`` are therefore treated as one
+    subspace: the MAC is computed between the measured shape and its projection onto the
+    subspace, and this projection is returned as the paired shape, so that a
+    :class:`ShapeTerm` is not affected either. Between half of ``min_gap`` and
+    ``min_gap`` the treatment fades out smoothly, so that shapes and MAC are continuous.
+    Where two modes change places, their frequencies still jump.
 
     **Without measured shapes**, ``reference`` stands in for them: the i-th measured
     frequency belongs to the i-th mode of the model at these parameters, and is followed
@@ -153,15 +157,15 @@ class PairedModel:
 
     @property
     def jacobian(self) -> Differentiate | None:
-        """The paired modes and their derivatives, None if the model has none.
+        """Paired modes and their derivatives; None if the model has no ``jacobian``.
 
-        Of frequency, shapes and MAC; numbers of modes change in steps.
+        Frequencies, shapes and MAC have derivatives; mode numbers change in steps.
         """
         return self._pass_on(read_declared(self.model, "jacobian"))
 
     @property
     def spread(self) -> Differentiate | None:
-        """The same along the directions in which an emulator is uncertain."""
+        """As ``jacobian``, for the directions in which an emulator is uncertain."""
         return self._pass_on(read_declared(self.model, "spread"))
 
     __repr__ = show_declared
@@ -171,7 +175,7 @@ class PairedModel:
         return self.pair(self.model(parameters))
 
     def pair(self, response: Response) -> PairedSolution:
-        """Return the modes that the model inside returned, in that order."""
+        """Return the modes of a response in the order of the measured ones."""
         modes = self.read_candidates(response)
         return self._solution(*_pair_modes(self._shapes, *modes, self.min_gap))
 
@@ -213,7 +217,7 @@ class PairedModel:
         return PairedSolution(f, shapes, mac, chosen + 1, mac < self.min_mac)
 
     def read_candidates(self, response: Response) -> tuple[Floats, Floats]:
-        """Return frequencies and shapes at the sensors of a response's candidates."""
+        """Return frequencies and sensor shapes of the candidates in a response."""
         try:
             frequencies, shapes = (
                 np.asarray(read(response, name), dtype=np.float64)
@@ -221,7 +225,7 @@ class PairedModel:
             )
         except TypeError as error:
             raise ValueError(
-                f"{error}; modes are paired by their shapes: ask for them (shapes=True)"
+                f"{error}; pairing needs mode shapes: ask for them (shapes=True)"
             ) from None
         if shapes.ndim != 3 or frequencies.shape != shapes.shape[::2]:
             raise ValueError(
@@ -234,14 +238,14 @@ class PairedModel:
         return frequencies[:, : self.candidates], self._at_sensors(shapes)
 
     def _check_count(self, available: int) -> None:
-        """Raise ValueError if the model returns fewer modes than are searched."""
+        """Raise ValueError if the model returns fewer modes than candidates."""
         wanted, measured = self.candidates, self.measurements.n_modes
         if available < wanted:
             enough = available >= measured
             remedy = f", or give PairedModel(candidates={available})" if enough else ""
             raise ValueError(
-                f"candidates: {wanted} modes are searched for {measured} measured "
-                f"ones, but the model returns {available}; let it return "
+                f"candidates: {measured} measured modes are paired with {wanted} "
+                f"candidates, but the model returns {available} modes; let it return "
                 f"{wanted}{remedy}"
             )
 
@@ -287,12 +291,12 @@ def _solve_reference(
 def _match_rows(
     variables: Mapping[str, Variable] | None, measurements: Measurements
 ) -> Indices | None:
-    """Return where the sensors are among the model's rows, None if unknown."""
+    """Return the model rows that correspond to the sensors; None if unknown."""
     if variables is None:
         return None
     if "shapes" not in variables:
         raise ValueError(
-            "model: it returns no mode shapes, by which modes are paired; ask for them "
+            "model: it returns no mode shapes, which pairing needs; ask for them "
             "(shapes=True)"
         )
     labels = variables["shapes"].coords.get("dof")
@@ -310,7 +314,7 @@ def _match_rows(
 
 
 def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
-    """Return the rows of a model's shapes that belong to the sensors, in their order.
+    """Return the rows of a model's shapes at the sensors, in the sensors' order.
 
     Args:
         shapes: ``(..., n_rows, n_modes)``, at all DOFs of the model or at the sensors.
@@ -318,8 +322,8 @@ def at_sensors(shapes: Floats, dofs: Indices | None, n_sensors: int) -> Floats:
         n_sensors: The number of sensors.
 
     Raises:
-        ValueError: If the rows cannot be told: too few, or dofs that reorder as many
-            rows as there are sensors.
+        ValueError: If the rows are ambiguous: there are too few, or dofs reorders as
+            many rows as there are sensors.
     """
     n_rows = shapes.shape[-2]
     numbers = None if dofs is None or dofs.dtype.kind == "U" else dofs
@@ -349,18 +353,18 @@ def _pair_modes(
     min_gap: float,
     chosen: Indices | None = None,
 ) -> tuple[Indices, dict[str, Floats]]:
-    """Return one of the candidates for each measured mode, one-to-one by their MAC.
+    """Return one candidate for each measured mode, one-to-one by MAC.
 
     Args:
         measured: Unit shapes ``(r, p)``, NaN where a sensor was missing.
-        frequencies: The candidates' ``(n, q)``.
+        frequencies: Frequencies of the candidates ``(n, q)``.
         shapes: Their shapes at the sensors ``(n, r, q)``.
         min_gap: See :class:`PairedModel`.
-        chosen: The choice, where it is made already, ``(n, p)``.
+        chosen: The assignment ``(n, p)``, if it is already known.
 
     Returns:
-        The number of each, 0 = the lowest, ``(n, p)``; their frequencies, shapes and
-        MAC in that order.
+        The candidate of each measured mode, 0 = the lowest, ``(n, p)``; frequencies,
+        shapes and MAC in that order.
     """
     there = ~np.isnan(measured)
     measured = np.where(there, measured, 0.0)

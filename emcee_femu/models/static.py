@@ -26,19 +26,21 @@ class StaticModel:
         \frac{\partial u_c}{\partial \theta_j} = -K^{-1} \sum_i
         \frac{\partial a_i}{\partial \theta_j} K_i u_c
 
-    The matrices are those of a :class:`MatrixModel`, supports taken out. **Dense** ones
-    are solved for all parameter sets at once; if K0 is a **scipy.sparse** matrix, each
-    parameter set costs one factorisation, whatever the number of load cases. A test of
-    the same structure by its modes goes beside it in :meth:`LogPosterior.joint`.
+    Use it with a :class:`DisplacementTerm`. To combine a static and a modal test of the
+    same structure, use :meth:`LogPosterior.joint`. The matrices are those of a
+    :class:`MatrixModel`, without the supported DOFs. **Dense** matrices are solved for
+    all parameter sets at once. If K0 is a **scipy.sparse** matrix, each parameter set
+    costs one factorisation, whatever the number of load cases.
 
     Args:
         K0: Constant part of the stiffness, ``(N, N)``, symmetric.
-        loads: ``{load case: forces}``, the forces ``(N,)`` or ``{dof: force}``.
-        K: ``{parameter: K_i}``, the stiffness that multiplies the parameter, or
-            ``{label: (K_i, function)}``, as of :class:`MatrixModel`.
-        points: Where displacements are returned: DOFs (0 to N - 1), or ``{label:
+        loads: ``{load case: forces}``, where forces are ``(N,)`` or ``{dof: force}``.
+        K: ``{parameter: K_i}``, where K_i is multiplied by the parameter, or
+            ``{label: (K_i, function)}``, as for :class:`MatrixModel`.
+        points: The DOFs (0 to N - 1) at which displacements are returned, or ``{label:
             dof}``; None for all.
-        unit: That of the displacements, which follows from those of K and the loads.
+        unit: The unit of the displacements, which follows from those of K and the
+            loads.
 
     Attributes:
         cases: The names of the load cases.
@@ -46,8 +48,8 @@ class StaticModel:
 
     Raises:
         TypeError: If K0 is dense and another matrix is sparse.
-        ValueError: If a matrix is not square, symmetric or of the size of K0, a load
-            is not finite, zero everywhere or of another size, or a DOF does not exist.
+        ValueError: If a matrix is not square, symmetric or of the size of K0, a load is
+            not finite, zero everywhere or of another size, or a DOF does not exist.
             When called: if the stiffness is not positive definite.
 
     Examples:
@@ -103,7 +105,7 @@ class StaticModel:
     def _solve(
         self, parameters: Parameters, units: Mapping[str, Matrix]
     ) -> tuple[dict[str, Floats], list[Floats]]:
-        """Return displacements, and how they change with each unit's coefficient."""
+        """Return displacements and their derivatives by each coefficient."""
         k, where = self.coefficients(parameters)
         if isinstance(self._sum, SparseSum):
             rows = []
@@ -126,7 +128,7 @@ class StaticModel:
     def _displace(
         self, solve: Callable[[Floats], Floats], units: Mapping[str, Matrix]
     ) -> list[Floats]:
-        """Return displacements ``(..., cases, points)``, and derivatives by each unit.
+        """Return displacements ``(..., cases, points)`` and derivatives by each unit.
 
         ``solve`` returns ``K^-1 f`` for forces ``(..., N, cases)``.
         """

@@ -1,4 +1,4 @@
-"""Proposals: each a plain emcee Move, usable in any ``emcee.EnsembleSampler``."""
+"""Proposals; each is an emcee Move and works in any ``emcee.EnsembleSampler``."""
 
 from typing import TYPE_CHECKING, Any
 

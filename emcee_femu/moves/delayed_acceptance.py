@@ -1,4 +1,4 @@
-"""Delayed acceptance: a cheap posterior screens what the full one then decides."""
+"""Delayed acceptance: a cheap posterior screens proposals for the full one."""
 
 from collections.abc import Callable, Iterator
 from copy import copy, deepcopy
@@ -19,43 +19,46 @@ Steps: TypeAlias = int | tuple[int, int]
 
 
 class DelayedAcceptanceMove(ProposingMove, Report):
-    r"""Screen the proposals of any move by a cheap posterior; solve only what passes.
+    r"""Screen another move's proposals with a cheap posterior; solve those that pass.
 
     .. math:: \alpha = \min\left\{1, \frac{c(\theta^*)}{c(\theta_i)} e^F\right\}
         \min\left\{1, \frac{p(\theta^*) \, c(\theta_i)}
         {p(\theta_i) \, c(\theta^*)}\right\}
 
-    with the posterior p, the cheap one c and the asymmetry F of the proposal. The
-    second factor costs a solve of the full model, and only where the first accepts. The
-    posterior is kept exactly whatever c is; a bad one costs acceptance.
-    :class:`ReducedModel` gives a good one. If the error of its frequencies is below a
-    tenth of their standard deviation, sample c itself: no correction is needed.
+    where p is the posterior, c the cheap one, and F the log Hastings factor of the
+    proposal. Use it if you have an approximate model that is much faster than the full
+    one. The second factor costs one full solve, and only for proposals that pass the
+    first. The chain samples p exactly, whatever c is; a poor c only lowers the
+    acceptance. :class:`ReducedModel` gives a good one. If its frequency errors are
+    below a tenth of their standard deviations, sample c itself: no correction is
+    needed.
 
-    With ``steps`` the first factor is applied that many times, one cheap step after the
-    other, and only where the walker is then is solved in full: the longer the subchain,
-    the less the solves depend on each other. The walkers that guide it stand still
-    until that solve has decided; inner may read no others.
+    With ``steps``, the first factor is applied that many times, one cheap step after
+    another, and only the end point is solved in full. The longer this subchain, the
+    less the full solves depend on each other. The guiding walkers do not move until
+    that solve has been decided, and the inner move may use no others.
 
     Attributes:
         proposed: Number of proposals so far.
-        full_solves: How many of them the full posterior evaluated.
-        accepted: How many of these it accepted.
+        full_solves: Number of proposals that the full posterior evaluated.
+        accepted: Number of proposals that it accepted.
 
     Args:
-        inner: The move that proposes, one of this package. Temperatures go around it,
-            as in ``TemperedMove(DelayedAcceptanceMove(...), betas)``.
-        cheap: Log-probability of c, called with ``(n, ndim)``: returns ``(n,)``, or
-            rows that begin with it, as a :class:`LogPosterior` does. It must be finite
-            wherever the posterior is, or that region is never sampled.
-        steps: Cheap steps of a walker between its full solves, at least 1; or
-            ``(low, high)``, both included, for a length drawn anew for each part of the
+        inner: The move that proposes, one of this package. Put temperatures around it:
+            ``TemperedMove(DelayedAcceptanceMove(...), betas)``.
+        cheap: Log-probability c, called with ``(n, ndim)``. It returns ``(n,)``, or
+            rows that begin with the log-probability, as a :class:`LogPosterior` does.
+            It must be finite wherever the posterior is; other regions are never
+            sampled.
+        steps: Number of cheap steps between full solves of a walker, at least 1; or
+            ``(low, high)``, both included, to draw the number for each part of the
             ensemble.
 
     Raises:
-        TypeError: If inner is another kind of move, cheap is not callable, or steps are
-            not whole numbers.
-        ValueError: If steps are below 1 or not in order. When it proposes: if cheap is
-            not finite at a walker, NaN or +inf at a proposal, or of another length.
+        TypeError: If inner is another kind of move, cheap is not callable, or steps is
+            not a whole number.
+        ValueError: If steps is below 1 or low > high. When it proposes: if cheap is not
+            finite at a walker, is NaN or +inf at a proposal, or has another length.
 
     Source: Christen and Fox (2005), doi:10.1198/106186005X76983; for steps, Lykkegaard
     et al. (2023), doi:10.1137/22M1476770.
@@ -103,7 +106,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         )
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Copy all but the cheap posterior: a function, and perhaps a large one."""
+        """Copy everything but the cheap posterior, a function that may be large."""
         other = copy(self)
         other.inner = deepcopy(self.inner, memo)
         return other
@@ -113,7 +116,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
         self.inner.check(nwalkers, ndim)
 
     def batches(self, coords: Floats, random: RandomState) -> Iterator[Batch]:
-        """Yield where subchains ended, and the log-factors that correct for them."""
+        """Yield the end points of subchains, and their log correction factors."""
         cheap = refresh(self._before, coords, self._evaluate)
         if not np.isfinite(cheap).all():
             walker = int(np.argmin(np.isfinite(cheap)))
@@ -138,7 +141,7 @@ class DelayedAcceptanceMove(ProposingMove, Report):
     ) -> NDArray[np.bool_]:
         """Walk in place by the values of c ``(k,)`` at theta; return who ever moved.
 
-        The number of steps must not depend on where the walkers are.
+        The number of steps must not depend on the walkers' positions.
         """
         low, high = self._lengths
         length = random.randint(low, high + 1) if low < high else low

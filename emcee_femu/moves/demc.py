@@ -15,32 +15,33 @@ DEFAULT_NOISE = 1e-2  # of the standard deviation of the walkers at rest
 
 
 class DEMCMove(ProposingMove):
-    r"""Add a scaled difference of two other walkers, and a little noise (Equation 3.2).
+    r"""Differential evolution MCMC: step along the difference of two walkers.
 
     .. math:: \theta^* = \theta_i + \gamma (\theta_a - \theta_b) + \varepsilon,
         \qquad \varepsilon \sim N(0, \mathrm{diag}(\sigma^2)),
         \qquad r = \min\{1, p(\theta^*) / p(\theta_i)\}
 
-    a and b are distinct walkers among those at rest. A drop-in for
-    ``emcee.moves.DEMove``, with the paper's additive noise where that move has a
-    relative jitter of gamma.
+    a and b are distinct walkers among those at rest. This is the paper's sampler (Eq.
+    3.2). It replaces ``emcee.moves.DEMove``, with the paper's additive noise instead of
+    a relative jitter of gamma. A proposal costs one solve.
 
     Args:
         sigma: Standard deviation of the noise **in parameter units**, one number or
-            ``(ndim,)``; the default is one hundredth of that of the walkers at rest,
-            which fits stiffnesses of 1e3 and areas of 1e-4 alike.
-        gamma0: The factor gamma; the default is :math:`2.38 / \sqrt{2\,ndim}`.
-        nsplits: Parts of the ensemble that move in turn; ``nsplits=nwalkers`` is the
-            paper's sweep, one chain after another.
-        randomize_split: Whether to deal the walkers to the parts anew each step.
-        live_dangerously: Whether to allow fewer walkers than ``2 * ndim``.
-        mode_jump: Probability that a walker's gamma is 1, which lets it jump between
-            modes; 0.1 is usual where several are expected.
+            ``(ndim,)``. By default it is one hundredth of the standard deviation of the
+            walkers at rest, which suits stiffnesses of 1e3 as well as areas of 1e-4.
+        gamma0: The factor gamma; :math:`2.38 / \sqrt{2\,ndim}` by default.
+        nsplits: Number of parts of the ensemble that move in turn. With
+            ``nsplits=nwalkers`` the chains are updated one after another, as in the
+            paper.
+        randomize_split: Whether to assign the walkers to new parts in each step.
+        live_dangerously: Whether to allow fewer than ``2 * ndim`` walkers.
+        mode_jump: Probability of gamma = 1, with which a walker can jump between modes.
+            If you expect several modes, 0.1 is usual.
 
     Raises:
         TypeError: If an argument does not hold real numbers, or whole ones.
         ValueError: If sigma or gamma0 is negative or not finite, mode_jump is not in
-            [0, 1], or nsplits < 2. When it proposes: if sigma does not fit ndim or
+            [0, 1], or nsplits < 2. When it proposes: if sigma does not match ndim or
             fewer than 2 walkers are at rest.
 
     Source: Eqs. 3.2 and 3.3 of Sherri, Boulkaibet, Marwala and Friswell; ter Braak
@@ -83,13 +84,13 @@ class DEMCMove(ProposingMove):
         self.mode_jump = checks.real_number("mode_jump", mode_jump, 0.0, 1.0)
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse an ensemble that is too small, or that sigma does not fit.
+        """Refuse an ensemble that is too small or does not match sigma.
 
         Raises:
             ValueError: If there are fewer walkers than splits, fewer than 2 at rest, or
-                sigma is for another dimension.
-            RuntimeError: As from emcee's moves, if there are fewer walkers than twice
-                the dimension and live_dangerously is not set.
+                sigma has another dimension.
+            RuntimeError: As in emcee's moves, if there are fewer walkers than twice the
+                dimension and live_dangerously is not set.
         """
         if nwalkers < self.nsplits:
             raise ValueError(f"nsplits: expected up to {nwalkers}, got {self.nsplits}")
@@ -113,7 +114,7 @@ class DEMCMove(ProposingMove):
             )
 
     def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
-        """Yield the walkers of each part, and what proposes by the guides at rest."""
+        """Yield the walkers of each part, and the proposal guided by those at rest."""
         nwalkers = len(coords)
         if self.randomize_split:
             order = random.random_sample(nwalkers).argsort()
@@ -128,9 +129,9 @@ class DEMCMove(ProposingMove):
             yield order[start:end], self._guided(guides, random)
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
-        """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's contract).
+        """Propose for walkers ``s (k, ndim)`` with guides ``c[0]`` (emcee's interface).
 
-        The proposal is symmetric, so that there is no Hastings factor.
+        The proposal is symmetric, so there is no Hastings factor.
         """
         (guides,) = c
         moving, ndim = s.shape
@@ -157,8 +158,8 @@ class DEMCMove(ProposingMove):
 def spread(walkers: Floats) -> Floats:
     """Return the standard deviations of ``walkers (n, ndim)``, to 1e-8 of the means.
 
-    By the textbook difference of moments, in a third of the time of ``walkers.std``;
-    its rounding matters only to a scale that is 1e-8 of the parameter's value.
+    The difference of moments takes a third of the time of ``walkers.std``. Its rounding
+    only matters for a scale of 1e-8 of the parameter's value.
     """
     weights = np.full(len(walkers), 1 / len(walkers))
     mean = weights.dot(walkers)

@@ -34,45 +34,46 @@ Evaluate: TypeAlias = Callable[[Floats], tuple[Floats, Floats]]
 
 
 class HamiltonianMove(Move):
-    r"""Follow the gradient of the log-posterior along a trajectory of several steps.
+    r"""Hamiltonian Monte Carlo: several steps along the gradient of the log-posterior.
 
     .. math:: u \sim N(0, I), \qquad (\theta^*, u^*) = \text{leapfrog}^{steps}
         (\theta_i, u), \qquad r = \min\left\{1, \frac{p(\theta^*)}{p(\theta_i)}
         e^{(|u|^2 - |u^*|^2) / 2}\right\}
 
-    One step is ``u += h/2 L^T g``, ``theta += h L u``, ``u += h/2 L^T g``, with the
-    gradient g, ``L L^T = metric`` and h within 20 % of ``step_size``, drawn anew for
-    each trajectory, so that none comes back to its start again and again; a tenth of
-    them have smaller steps, down to a thirtieth, without which a walker in the far
-    tails might never move.
+    One step is ``u += h/2 L^T g``, ``theta += h L u``, ``u += h/2 L^T g``, where g is
+    the gradient and ``L L^T = metric``. The step size h is drawn for each trajectory
+    within 20 % of ``step_size``, so that no trajectory keeps returning to its start.
+    For a tenth of the trajectories it is smaller, down to a thirtieth; otherwise a
+    walker far out in the tails might never move.
 
-    For a :class:`LogPosterior` whose models have ``jacobian``: a gradient then costs
-    one solve, and a proposal ``steps`` of them. Another log-probability function may
-    have a method ``gradient(theta (n, d))`` that returns rows ``(n, columns)``, the
-    log-probability and its blobs, and gradients ``(n, d)``. All walkers move at once,
-    each on its own; one is enough. A trajectory that leaves the bounds, or comes where
-    a solve fails, is rejected there and costs no more.
+    Use it from about ten parameters on, with a :class:`LogPosterior` whose models have
+    a ``jacobian``. A gradient then costs one solve, and a proposal costs ``steps``
+    solves. Any other log-probability function needs a method ``gradient(theta (n, d))``
+    that returns rows ``(n, columns)``, with the log-probability and its blobs, and
+    gradients ``(n, d)``. Walkers move independently of each other, so one walker is
+    enough. A trajectory that leaves the bounds, or on which a solve fails, is rejected
+    at that point and costs no more.
 
-    From ten parameters on, nothing else is as efficient if the metric is near the
-    posterior's covariance. Take it from a Laplace approximation or earlier draws,
-    ``numpy.cov(draws, rowvar=False)``, and choose the other two by :meth:`tuned`. It
-    does not cross between modes: mix it with a move that does; and start it where a
-    burn-in or a maximum is, since from draws of the prior it is slow.
+    No other move is as efficient in many dimensions if the metric is close to the
+    posterior's covariance. Take it from a Laplace approximation or from earlier draws,
+    ``numpy.cov(draws, rowvar=False)``, and let :meth:`tuned` choose steps and step
+    size. The move does not cross between modes: mix it with one that does. Start it at
+    a maximum or after a burn-in, because it is slow from draws of the prior.
 
     Args:
         metric: Covariance of the posterior ``(ndim, ndim)``, or variances ``(ndim,)``:
-            the inverse of the mass matrix. None for the variances of the prior, which
-            needs many more and smaller steps.
-        steps: Leapfrog steps per proposal. ``steps * step_size`` of 1.5 to 2.5 suits a
-            metric that fits.
-        step_size: Mean step size h, in standard deviations of the metric. Accepting 80
-            % of the proposals is good; steps of more than 2 diverge.
+            the inverse of the mass matrix. None for the variances of the prior, with
+            which many more and smaller steps are needed.
+        steps: Leapfrog steps per proposal. With a good metric, choose ``steps *
+            step_size`` between 1.5 and 2.5.
+        step_size: Mean step size h, in standard deviations of the metric. About 80 % of
+            the proposals should be accepted; steps above 2 diverge.
 
     Raises:
-        TypeError: If an argument does not hold numbers; when it proposes: if the
+        TypeError: If an argument does not hold numbers. When it proposes: if the
             log-probability function has no gradients.
-        ValueError: If the metric is not positive definite, steps or step_size not above
-            zero, or (when it proposes) a shape does not fit ndim.
+        ValueError: If the metric is not positive definite, steps or step_size is not
+            positive, or (when it proposes) a shape does not match ndim.
 
     Source: Neal (2011), doi:10.1201/b10905-6.
 
@@ -107,16 +108,17 @@ class HamiltonianMove(Move):
         *,
         seed: int,
     ) -> Self:
-        """Return the move with steps that were tried out on a posterior, then frozen.
+        """Return the move with the best step size and number of steps for a posterior.
 
-        The step size is that of 80 % acceptance, the number of steps the one with most
-        effective samples per gradient. It takes some 70 gradients per sample.
+        The step size gives 80 % acceptance; the number of steps gives the most
+        effective samples per gradient. Both are then fixed. This takes about 70
+        gradients per sample.
 
         Args:
-            posterior: A :class:`LogPosterior`, or what else has its ``gradient``.
+            posterior: A :class:`LogPosterior`, or another function with ``gradient``.
             samples: Draws of the posterior ``(n, ndim)``, about 20 of them, from a
                 burn-in that is not used for estimates.
-            metric: See the class.
+            metric: As for the class.
             seed: A whole number.
 
         Returns:
@@ -124,8 +126,8 @@ class HamiltonianMove(Move):
 
         Raises:
             TypeError: If an argument does not hold numbers, or there are no gradients.
-            ValueError: If there are fewer than 8 samples where the posterior is above
-                zero; see also the class.
+            ValueError: If fewer than 8 samples have a positive posterior density, or as
+                for the class.
 
         Examples:
             >>> import emcee_femu as ef
@@ -143,7 +145,7 @@ class HamiltonianMove(Move):
         return cls(metric, *tune_steps(move.leapfrog(posterior), draws, rng))
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the metric does not have."""
+        """Refuse a dimension that differs from the metric's."""
         if self._factor is not None and len(self._factor) != ndim:
             raise ValueError(
                 f"metric: expected that of {ndim} parameters, got one of "
@@ -185,10 +187,10 @@ class HamiltonianMove(Move):
         return state, accepted
 
     def leapfrog(self, function: object) -> "Leapfrog":
-        """Return the steps along the gradients of a log-probability function.
+        """Return the leapfrog integrator for a log-probability function.
 
         Raises:
-            TypeError: If it has none, or only by differences, of 2 d + 1 solves each.
+            TypeError: If it has no gradients, or only differences of 2 d + 1 solves.
         """
         gradient: Evaluate | None = getattr(function, "gradient", None)
         if gradient is None or not getattr(function, "differentiable", True):

@@ -1,4 +1,4 @@
-"""Proposals from a mixture that was fitted to earlier draws, and steps by its parts."""
+"""Proposals from a mixture fitted to earlier draws, and walks by its components."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ from .proposing import Proposal, ProposingMove
 
 
 class IndependenceMove(ProposingMove):
-    r"""Propose from a mixture of Student-t distributions, wherever the walker is.
+    r"""Propose from a mixture of Student-t distributions, independent of the walker.
 
     .. math:: \theta^* \sim q = \sum_k w_k\, t_\nu(\mu_k, S_k), \qquad
         r = \min\left\{1, \frac{p(\theta^*)\, q(\theta_i)}
         {p(\theta_i)\, q(\theta^*)}\right\}
 
-    Where q is close to the posterior most proposals are accepted, and each of them is
-    independent of the walker's past: no random walk can be as efficient. Where q lacks
-    a region that the posterior has, walkers there stay long: mix the move with
-    :class:`DEMCMove`. The settings are frozen, so the chain is an exact Markov chain.
+    Use it if you have draws of the posterior, or of a similar one, to fit it to
+    (:meth:`fit`). Where q is close to the posterior, most proposals are accepted, and
+    each is independent of the walker's past; no random walk is as efficient. Where q is
+    too small, walkers stay for a long time, so mix the move with :class:`DEMCMove`. The
+    mixture is fixed, so the chain is an exact Markov chain. A proposal costs one solve.
 
     Attributes:
         mixture: The proposal q, with ``log_density``, ``draw`` and more.
 
     Args:
-        weights: Mixture weights, ``(k,)``, above zero; they are normalised.
+        weights: Mixture weights, ``(k,)``, positive; they are normalised.
         means: Centres, ``(k, ndim)``.
         scale_matrices: Scale matrices S, ``(k, ndim, ndim)``; the covariance of a
             component is ``S df / (df - 2)``.
-        df: Degrees of freedom; small ones give heavy tails.
+        df: Degrees of freedom; small values give heavy tails.
 
     Raises:
         TypeError: If an argument does not hold real numbers.
-        ValueError: If shapes disagree, a weight or df is not above zero, or a scale
-            matrix is not positive definite. When it proposes: if ndim does not fit.
+        ValueError: If shapes do not match, a weight or df is not positive, or a scale
+            matrix is not positive definite. When it proposes: if ndim does not match.
 
     Source: Tierney (1994), doi:10.1214/aos/1176325750.
 
@@ -81,16 +82,17 @@ class IndependenceMove(ProposingMove):
     def fit(
         cls, samples: ArrayLike, components: int | Literal["auto"] = 1, df: float = 8.0
     ) -> IndependenceMove:
-        """Return the move fitted to draws by expectation-maximisation, then frozen.
+        """Return a move fitted to draws by expectation-maximisation.
 
-        With several components a tenth of the weight goes to one that is fitted to all
-        draws: it covers gaps between the others, in which walkers would stay long.
+        If there are several components, one more, with a tenth of the weight, is fitted
+        to all draws. It covers gaps between the others, where walkers would otherwise
+        stay for a long time.
 
         Args:
             samples: Draws of the target ``(n, ndim)``, such as a burn-in, at least
                 ``10 * ndim`` per component.
-            components: Number of mixture components, or "auto" for the number from 1
-                to 6 that the Bayesian information criterion prefers.
+            components: Number of mixture components, or "auto" for the number from 1 to
+                6 with the best Bayesian information criterion.
             df: Degrees of freedom of every component.
 
         Returns:
@@ -119,7 +121,7 @@ class IndependenceMove(ProposingMove):
         return cls(fitted.weights, fitted.means, fitted.matrices, df)
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the mixture does not have."""
+        """Refuse a dimension that differs from the mixture's."""
         if self.means.shape[1] != ndim:
             raise ValueError(
                 f"means: expected {ndim} columns for {ndim} parameters, got "
@@ -131,7 +133,7 @@ class IndependenceMove(ProposingMove):
         return self.mixture.log_density(theta)
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
-        """Propose a draw of q for each walker ``s (k, ndim)`` (emcee's contract)."""
+        """Propose a draw of q for each walker ``s (k, ndim)`` (emcee's interface)."""
         n = len(s)
         proposed = self.mixture.draw(random, n)
         densities = self.log_density(np.concatenate([s, proposed]))

@@ -10,26 +10,26 @@ from .proposing import Proposal, ProposingMove
 
 
 class MetropolisMove(ProposingMove):
-    r"""Gaussian random walk: every walker is a Metropolis-Hastings chain of its own.
+    r"""Metropolis-Hastings with a Gaussian random walk, separately for each walker.
 
     .. math:: \theta^* = \theta_i + L z, \quad z \sim N(0, I), \quad L L^T = C, \qquad
         \alpha = \min\{1, p(\theta^*) / p(\theta_i)\}
 
-    (Eq. 3.1 with a symmetric proposal density). Walkers do not interact; one walker
-    is enough. The size of the steps has one of two names:
+    This is Eq. 3.1 with a symmetric proposal, the paper's baseline. Walkers do not
+    interact, so one walker is enough. A proposal costs one solve. Give the size of the
+    steps as either sd or cov.
 
     Args:
-        sd: Standard deviations of the steps, in parameter units: a number, or
+        sd: Standard deviations of the steps in parameter units, one number or
             ``(ndim,)``.
-        cov: Their variances, a number or ``(ndim,)``, or their covariance C,
+        cov: Variances, one number or ``(ndim,)``, or the covariance matrix C,
             ``(ndim, ndim)``, as in ``emcee.moves.GaussianMove``.
 
     Raises:
-        TypeError: If both or neither of the two are given, or they do not hold real
-            numbers.
-        ValueError: If a standard deviation or variance is not above zero, a covariance
-            is not symmetric and positive definite, or (when it proposes) the shape
-            does not fit ndim.
+        TypeError: If both or neither are given, or they do not hold real numbers.
+        ValueError: If a standard deviation or variance is not positive, a covariance is
+            not symmetric and positive definite, or (when it proposes) the shape does
+            not match ndim.
 
     Source: Eq. 3.1 of Sherri, Boulkaibet, Marwala and Friswell.
 
@@ -66,10 +66,10 @@ class MetropolisMove(ProposingMove):
 
     @classmethod
     def tuned(cls, samples: ArrayLike) -> "MetropolisMove":
-        r"""Return the move with covariance :math:`(2.38^2 / d)` times the samples'.
+        """Return the move with the samples' covariance times :math:`2.38^2 / d`.
 
         Args:
-            samples: Draws ``(n, ndim)`` of a target like the one to sample, from a run
+            samples: Draws ``(n, ndim)`` of the target or a similar one, from a run
                 that is not used for estimates.
 
         Returns:
@@ -98,7 +98,7 @@ class MetropolisMove(ProposingMove):
         return cls(cov=2.38**2 / ndim * covariance)
 
     def check(self, nwalkers: int, ndim: int) -> None:
-        """Refuse a dimension that the steps do not fit."""
+        """Refuse a dimension that does not match the steps."""
         if self._factor.ndim and len(self._factor) != ndim:
             name = "cov" if self.sd is None else "sd"
             raise ValueError(
@@ -107,7 +107,7 @@ class MetropolisMove(ProposingMove):
             )
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
-        """Propose a step of each walker ``s (k, ndim)`` (emcee's contract)."""
+        """Propose a step of each walker ``s (k, ndim)`` (emcee's interface)."""
         steps = random.standard_normal(s.shape)
         if self._factor.ndim == 2:
             steps = steps @ self._factor.T

@@ -52,7 +52,7 @@ class ProposingMove(Move):
         """Refuse an ensemble for which the move is not valid."""
 
     def get_proposal(self, s: Floats, c: list[Floats], random: RandomState) -> Proposal:
-        """Propose for walkers that move at once (the contract of emcee's moves).
+        """Propose for walkers that move at once (the interface of emcee's moves).
 
         Args:
             s: The walkers, ``(k, ndim)``.
@@ -60,15 +60,15 @@ class ProposingMove(Move):
             random: The random stream.
 
         Returns:
-            Proposals ``(k, ndim)``, and the logarithm of the Hastings factor of each,
-            ``(k,)``; None where they are symmetric.
+            Proposals ``(k, ndim)``, and the log Hastings factor of each, ``(k,)``; None
+            if the proposal is symmetric.
         """
         raise NotImplementedError
 
     def parts(self, coords: Floats, random: RandomState) -> Iterator[Part]:
-        """Yield walkers that move at once, and what proposes for them.
+        """Yield walkers that move at once, and the function that proposes for them.
 
-        That takes where they are, ``(k, ndim)``, and may be asked any number of times:
+        It takes their positions ``(k, ndim)`` and may be called any number of times:
         all other walkers stand still.
         """
         yield np.arange(len(coords)), self._guided([], random)

@@ -37,32 +37,39 @@ Kind: TypeAlias = Literal["rows", "gradient", "linearization", "deviations"]
 
 
 class LogPosterior(Report):
-    r"""Log-posterior of one model or several, given data, for a batch of walkers.
+    r"""The log-posterior of one or several models, evaluated for a batch of walkers.
 
     .. math:: \ln p(\theta | D) = \ln p(\theta) + \sum_t \ln p_t(D | \theta)
 
-    Called with ``theta (n, d)`` it returns rows ``(log_posterior, log_prior, one value
-    per term, the stored variables of the response)``; with ``(d,)`` one such row.
-    emcee stores all but the first number as blobs, so that no FE solve is repeated.
-    Rows outside the prior's support get -inf and NaN variables without a model call,
-    and all others share one call of each model.
+    It combines a model, the likelihood terms t that compare its response with data D,
+    and a prior. Pass it to :func:`run`, :func:`find_map`, :func:`anneal` or
+    :func:`emulate`; use :meth:`joint` if several experiments share parameters.
+
+    Called with parameter sets ``theta (n, d)``, it returns one row for each:
+    ``(log_posterior, log_prior, one value per term, the stored variables of the
+    response)``. Called with ``theta (d,)``, it returns one such row. emcee stores all
+    columns but the first as blobs, so that tables and figures need no further solve.
+    All sets inside the prior's support are solved in one call of the model. Sets
+    outside get -inf and NaN variables and are not solved.
 
     Args:
-        model: Parameters to response (:class:`contracts.Model`).
+        model: A callable that maps parameters to a response
+            (:class:`contracts.Model`).
         terms: One likelihood term or a sequence of them
             (:class:`contracts.LikelihoodTerm`).
-        prior: Owner of names, order and bounds (:class:`contracts.Prior`).
-        units: Units of some or all parameters by name, ``{"k1": "N/m"}``, for tables,
-            figures and ArviZ objects; they change no number.
+        prior: The prior, which defines names, order and bounds of the parameters
+            (:class:`contracts.Prior`).
+        units: Units of parameters by name, such as ``{"k1": "N/m"}``, for tables,
+            figures and ArviZ objects. They change no number.
 
     Attributes:
-        experiments: Models, terms and stored variables; one unless made by
+        experiments: Models, terms and stored variables; a single entry unless made by
             :meth:`joint`.
         prior: The prior.
-        units: Units of parameters by name, of those that have one.
-        term_names: Their labels.
-        names: Parameter names, in the order of the sampled vector.
-        ndim: Number of parameters.
+        units: Units by parameter name, for parameters that have one.
+        term_names: Labels of the terms.
+        names: Parameter names, in the order of ``theta``.
+        ndim: Number of parameters d.
         terms: The likelihood terms of all experiments.
         variables: All stored variables, ``{name: Variable}``.
         columns: Where they are in a row, ``{name: slice}``, after "densities".
@@ -73,9 +80,9 @@ class LogPosterior(Report):
     Raises:
         TypeError: If model or a term is not callable, prior is not a prior, or a unit
             is not text.
-        ValueError: If names do not match, also those of units, a term needs what the
-            model does not return, or the prior admits a non-positive stiffness or mass,
-            or a point outside the model's own bounds.
+        ValueError: If parameter names do not match, units name an unknown parameter, a
+            term needs a variable that the model does not return, or the prior admits a
+            non-positive stiffness or mass, or values outside the model's bounds.
 
     Source: Eqs. 2.1 and 2.4 of Sherri, Boulkaibet, Marwala and Friswell.
 
@@ -107,23 +114,23 @@ class LogPosterior(Report):
         .. math:: \ln p(\theta | D) = \ln p(\theta)
             + \sum_e \sum_{t \in e} \ln p_t(D_e | \theta)
 
-        States of one structure (empty and loaded, at two temperatures) or tests of
-        different kinds. Each model is solved once per parameter set. Stored variables,
-        their dimensions and the terms carry the experiment's name: ``empty.frequency
-        (empty.mode)``.
+        Use it for several states of one structure (empty and loaded, undamaged and
+        damaged, at two temperatures) or for tests of different kinds. Each model is
+        solved once per parameter set. Stored variables, their dimensions and the terms
+        are prefixed with the experiment's name: ``empty.frequency (empty.mode)``.
 
         Args:
             experiments: ``{name: (model, terms)}``.
-            prior: The prior of all parameters; a model or term reads those it knows.
-            units: Units of some or all parameters by name.
+            prior: The prior of all parameters. Each model and term reads those that it
+                uses.
+            units: Units of parameters by name.
 
         Returns:
-            The posterior, with an entry of ``experiments`` for each.
+            The joint posterior, with one entry in ``experiments`` for each experiment.
 
         Raises:
-            TypeError: If experiments is not such a mapping; see also the class.
-            ValueError: If it is empty, or a name is not a plain word; see also the
-                class.
+            TypeError: If experiments is not such a mapping, or as for the class.
+            ValueError: If it is empty, a name is not a plain word, or as for the class.
 
         Examples:
             >>> import emcee_femu as ef
@@ -246,7 +253,7 @@ class LogPosterior(Report):
 
     @property
     def model(self) -> Model:
-        """The model, if there is only one.
+        """The model, if there is only one experiment.
 
         Raises:
             ValueError: If there are several experiments.
@@ -266,7 +273,7 @@ class LogPosterior(Report):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What each column of a row is, such as ``frequency[1]``."""
+        """The label of each column of a row, such as ``frequency[1]``."""
         labels = ["log_posterior", "log_prior"]
         labels += [f"log_likelihood[{name}]" for name in self.term_names]
         for name, variable in self.variables.items():
@@ -275,7 +282,7 @@ class LogPosterior(Report):
         return tuple(labels)
 
     def with_models(self, wrap: Callable[[Model], Model]) -> Self:
-        """Return the same posterior with wrapped models, which may count solves."""
+        """Return the same posterior with each model replaced by ``wrap(model)``."""
         other = type(self).__new__(type(self))
         pairs = {e.name: (wrap(e.model), e.terms) for e in self.experiments}
         other._set(pairs, self.prior, self.units)
@@ -283,40 +290,42 @@ class LogPosterior(Report):
         return other
 
     def parameters(self, theta: Floats) -> Parameters:
-        """Return the columns of ``theta (n, d)`` by parameter name."""
+        """Return the columns of ``theta (n, d)`` as a dictionary by parameter name."""
         return dict(zip(self.prior.names, theta.T, strict=True))
 
     def split(self, stacked: Floats) -> tuple[slice, slice, slice]:
-        """Return where rows, r and sd are in what "deviations" stacked, by columns."""
+        """Return the columns of rows, r and sd in what "deviations" stacks."""
         middle = (self.row_size + stacked.shape[-1]) // 2
         return slice(self.row_size), slice(self.row_size, middle), slice(middle, None)
 
     def unfold(self, rows: Floats) -> dict[str, Floats]:
-        """Return the stored variables of ``rows (..., columns)``, by name."""
+        """Return the stored variables in ``rows (..., columns)``, by name."""
         return {
             name: rows[..., self.columns[name]].reshape((*rows.shape[:-1], *v.shape))
             for name, v in self.variables.items()
         }
 
     def __call__(self, theta: ArrayLike) -> Floats:
-        """Return the row or the rows of ``theta``, see the class."""
+        """Return the row of ``theta (d,)`` or the rows of ``theta (n, d)``."""
         return self.stack(theta, "rows")
 
     def gradient(self, theta: ArrayLike) -> tuple[Floats, Floats]:
-        r"""Return the rows of ``theta (n, d)`` and the gradients ``(n, d)``.
+        r"""Return the rows and the gradients ``(n, d)`` at ``theta (n, d)``.
 
         .. math:: \partial \ln p(\theta | D) / \partial \theta_i
 
-        One solve per point where the models have ``jacobian``; else central
-        differences, whose ``2 d + 1`` points are solved in one batch, all inside the
-        prior's support. Terms and priors without derivatives of their own are
-        differenced without a solve. Where a row is -inf the gradient is NaN.
+        This takes one solve per point if all models have a ``jacobian``. Otherwise
+        central differences are used: ``2 d + 1`` solves per point, in one batch and
+        inside the prior's support. Terms and priors without derivatives of their own
+        are differentiated numerically, without a solve. The gradient is NaN where the
+        log-posterior is -inf.
 
         Args:
-            theta: Parameter sets ``(n, d)``; with ``(d,)`` one row and gradient.
+            theta: Parameter sets ``(n, d)``, or one set ``(d,)`` for one row and one
+                gradient.
 
         Raises:
-            ValueError: If a gradient is not finite where the posterior is.
+            ValueError: If a gradient is not finite at a point of finite density.
 
         Examples:
             >>> import numpy as np
@@ -331,19 +340,19 @@ class LogPosterior(Report):
         return (rows, gradient) if stacked.ndim == 2 else (rows[0], gradient[0])
 
     def linearize(self, theta: ArrayLike) -> Linearization:
-        r"""Return rows, gradients and information of ``theta (n, d)``.
+        """Return rows, gradients and information matrices at ``theta (n, d)``.
 
-        The information is that of Fisher of the likelihood, minus the Hessian of the
-        log-prior: ``-information`` is near the Hessian of the log-posterior where the
-        model fits (Gauss-Newton). None if a term has no ``deviations``. See also
-        :meth:`gradient`.
+        The information is the Fisher information of the likelihood minus the Hessian of
+        the log-prior. Near a good fit, ``-information`` approximates the Hessian of the
+        log-posterior (Gauss-Newton). It is None if a term has no ``deviations``. The
+        cost in solves is that of :meth:`gradient`.
         """
         return unstack(self, self.stack(np.atleast_2d(theta), "linearization"))
 
     def stack(self, theta: ArrayLike, kind: Kind) -> Floats:
-        """Return all that is evaluated at each of ``theta (n, d)`` as one row.
+        """Return everything evaluated at each of ``theta (n, d)`` as one row.
 
-        Rows outside the prior's support are -inf, then NaN.
+        Rows outside the prior's support hold -inf, then NaN.
         """
         points = checks.numeric_array("theta", theta)
         if points.ndim not in (1, 2) or points.shape[-1] != self.ndim:
@@ -388,7 +397,7 @@ class LogPosterior(Report):
     def _gather(
         self, theta: Floats, log_prior: Floats, solved: Sequence[Solved]
     ) -> Floats:
-        """Return the rows of what experiments gave, refusing NaN and infinity."""
+        """Return the rows from what experiments returned; refuse NaN and infinity."""
         values = [value for part in solved for value in part.log_likelihoods]
         stored = [value for part in solved for value in part.stored]
         total = sum(values, start=log_prior)
@@ -415,13 +424,13 @@ class LogPosterior(Report):
         return rows
 
     def rejected(self) -> Floats:
-        """Return the row of a point that is not evaluated: -inf, then NaN."""
+        """Return the row of a point that is not solved: -inf, then NaN."""
         row = np.full(self.row_size, np.nan)
         row[self.columns["densities"]] = -np.inf
         return row
 
     def support(self, theta: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Return the log-prior, and where it is finite, each ``(n,)``."""
+        """Return the log-prior and whether it is finite, each ``(n,)``."""
         log_prior = self.prior.logpdf(theta)
         supported = log_prior > -np.inf
         if not supported.all() and np.isnan(log_prior).any():
@@ -432,38 +441,38 @@ class LogPosterior(Report):
 
     @property
     def one_by_one(self) -> bool:
-        """Whether a model solves one parameter set after another."""
+        """Whether any model solves parameter sets one at a time."""
         return any(read_declared(e.model, "one_by_one") for e in self.experiments)
 
     @property
     def differentiable(self) -> bool:
-        """Whether every model has ``jacobian``, so that gradients take one solve."""
+        """Whether all models have ``jacobian``, so that a gradient takes one solve."""
         return all(e.jacobian is not None for e in self.experiments)
 
     @property
     def normal(self) -> bool:
-        """Whether all terms are Gaussian in what was measured."""
+        """Whether all terms are Gaussian in the measured quantities."""
         return all(term.gaussian for term in self.terms)
 
     @cached_property
     def scale(self) -> Floats:
-        """The scale of each parameter under the prior, from its quartiles, ``(d,)``."""
+        """The prior scale of each parameter, computed from its quartiles, ``(d,)``."""
         draws = self.prior.sample(np.random.default_rng(0), SCALE_DRAWS)
         low, high = np.quantile(draws, [0.25, 0.75], axis=0)
         return np.asarray((high - low) / 1.35)
 
     @cached_property
     def initial(self) -> Floats:
-        """The row at the prior mean, by one solve; NaN where that is not possible."""
+        """The row at the prior mean, from one solve; NaN if that solve fails."""
         try:
             return self(prior_centre(self.prior))
         except Exception:  # of any kind: it is the user's model that raised
             return self.rejected()
 
     def recall(self, theta: Floats) -> Floats:
-        """Return the row of a point ``(d,)``, which is solved the first time only.
+        """Return the row of a point ``(d,)``, solving it only the first time.
 
-        Tables ask for the same few points whenever they are printed.
+        Tables ask for the same few points each time they are printed.
         """
         key = theta.tobytes()
         if key not in self._recalled:
@@ -475,12 +484,12 @@ class LogPosterior(Report):
     ) -> Floats:
         """Draw starting positions ``(nwalkers, d)`` from the prior.
 
-        They are over-dispersed: only then can independent ensembles reveal a mode that
-        one of them missed.
+        Such starts are over-dispersed, which independent ensembles need to reveal a
+        mode that one of them missed.
 
         Args:
             nwalkers: Number of walkers.
-            seed: Anything that ``numpy.random.default_rng`` takes.
+            seed: Any seed that ``numpy.random.default_rng`` accepts.
 
         Raises:
             TypeError: If nwalkers is not a whole number.
@@ -503,7 +512,7 @@ class LogPosterior(Report):
         return self.prior.sample(rng, nwalkers)
 
     def check_inside(self, argument: str, theta: Floats) -> None:
-        """Raise ValueError, by name, if a row of ``theta (n, d)`` is out of bounds."""
+        """Raise a ValueError that names the first row of ``theta`` out of bounds."""
         if theta.ndim != 2 or theta.shape[1] != self.ndim:
             each = f"one number for each of {self.names}"
             raise ValueError(f"{argument}: expected {each}, got shape {theta.shape}")

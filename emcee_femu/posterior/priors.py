@@ -17,21 +17,21 @@ MOMENT_DRAWS = 20_000  # of a prior, for its moments
 
 
 class GaussianPrior(Report):
-    r"""Independent Gaussians, cut at bounds and normalised inside them (Equation 2.3).
+    r"""Independent Gaussian priors, truncated at bounds and normalised (Eq. 2.3).
 
     .. math:: p(\theta) \propto
         \exp\left(-\tfrac12 \sum_i \alpha_i (\theta_i - \theta_{0,i})^2\right),
         \qquad \alpha_i = 1 / \mathrm{sd}_i^2
 
     Args:
-        names: Parameter names; their order is that of the sampled vector.
+        names: Parameter names, in the order of the sampled vector.
         mean: :math:`\theta_0`, ``(d,)``, in parameter units.
-        sd: Standard deviations before the cut, ``(d,)`` or one number for all.
+        sd: Standard deviations before truncation, ``(d,)`` or one number for all.
         bounds: ``(low, high)`` per parameter, ``(d, 2)``; None for unbounded.
 
     Raises:
         TypeError: If an argument does not hold real numbers, or a name is not a string.
-        ValueError: If shapes disagree, sd <= 0, a bound is NaN, or low >= high.
+        ValueError: If shapes do not match, sd <= 0, a bound is NaN, or low >= high.
 
     Source: Eq. 2.3 of Sherri, Boulkaibet, Marwala and Friswell.
 
@@ -73,13 +73,13 @@ class GaussianPrior(Report):
 
     @property
     def marginals(self) -> dict[str, Any]:
-        """The marginals by name, before they are cut."""
+        """The marginal distributions by name, before truncation."""
         moments = zip(self.names, self.mean, self.sd, strict=True)
         return {name: stats.norm(mean, sd) for name, mean, sd in moments}
 
     @property
     def distributions(self) -> list[str]:
-        """The marginals before they are cut, as scipy writes them."""
+        """The marginal distributions before truncation, in scipy's notation."""
         return [describe_marginal(marginal) for marginal in self.marginals.values()]
 
     def _parts(self) -> Parts:
@@ -106,22 +106,23 @@ class GaussianPrior(Report):
 
 
 class IndependentPrior(Report):
-    """Independent marginals, each a frozen continuous distribution of scipy.stats.
+    """Independent priors, each a frozen continuous distribution of scipy.stats.
 
-    ``p(theta) = prod_i p_i(theta_i)``, normalised inside the bounds. scipy writes a
-    uniform on [1000, 5000] as ``uniform(loc=1000, scale=4000)``; the pair
-    ``(1000, 5000)`` says the same and cannot be misread.
+    ``p(theta) = prod_i p_i(theta_i)``, normalised inside the bounds. Use it for
+    lognormal, uniform or any other marginals. For a uniform prior on [1000, 5000], give
+    the pair ``(1000, 5000)``; scipy's own notation, ``uniform(loc=1000, scale=4000)``,
+    is easily misread.
 
     Args:
         marginals: ``{name: frozen distribution}``, or ``{name: (low, high)}`` for a
-            uniform one; their order is that of the vector.
-        bounds: ``{name: (low, high)}`` at which marginals are cut, such as those within
-            which a reduced model holds; the others keep their supports.
+            uniform one, in the order of the sampled vector.
+        bounds: ``{name: (low, high)}`` at which marginals are truncated, such as the
+            bounds of a reduced model. Other marginals keep their supports.
 
     Raises:
         TypeError: If a marginal is not a frozen continuous distribution.
-        ValueError: If there is no marginal, one has an undefined support, bounds name
-            no marginal, low >= high, or bounds hold no probability.
+        ValueError: If there is no marginal, one has an undefined support, bounds names
+            an unknown parameter, low >= high, or there is no probability inside bounds.
 
     Examples:
         >>> from scipy import stats
@@ -166,7 +167,7 @@ class IndependentPrior(Report):
 
     @property
     def distributions(self) -> list[str]:
-        """The marginals before they are cut, as scipy writes them."""
+        """The marginal distributions before truncation, in scipy's notation."""
         return [describe_marginal(marginal) for marginal in self.marginals.values()]
 
     def _parts(self) -> Parts:
@@ -191,7 +192,7 @@ class IndependentPrior(Report):
 
 
 class _Cut:
-    """A marginal cut at ``low`` and ``high`` and normalised between them."""
+    """A marginal truncated at ``low`` and ``high`` and normalised between them."""
 
     def __init__(self, name: str, marginal: Any, low: float, high: float) -> None:
         least, most = marginal.support()
@@ -245,7 +246,7 @@ def inside(theta: Floats, bounds: Floats) -> NDArray[np.bool_]:
 def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
     """Return the prior's mean and standard deviation inside the bounds, each ``(d,)``.
 
-    Both are those of samples, whatever the prior; the standard deviation has a Monte
+    Both are computed from samples, for any prior; the standard deviation has a Monte
     Carlo error of 0.5 %.
     """
     sample = prior.sample(np.random.default_rng(0), MOMENT_DRAWS)
@@ -253,7 +254,7 @@ def summarize_prior(prior: Prior) -> tuple[Floats, Floats]:
 
 
 def prior_centre(prior: Prior) -> Floats:
-    """Return the parameters before updating: of a Gaussian its mean before the cut."""
+    """Return the parameters before updating: a Gaussian's mean before truncation."""
     if isinstance(prior, GaussianPrior):
         return prior.mean
     return summarize_prior(prior)[0]
@@ -262,7 +263,7 @@ def prior_centre(prior: Prior) -> Floats:
 def tabulate_prior(
     title: str, prior: Prior, units: Mapping[str, str] | None = None
 ) -> Table:
-    """Return names and bounds of any prior, and the marginals of this package's."""
+    """Return a table of names and bounds, and of this package's marginals."""
     columns: list[Column] = [("parameter", "", list(prior.names))]
     columns += unit_column((units or {}).get(name, "") for name in prior.names)
     if isinstance(prior, GaussianPrior | IndependentPrior):
@@ -273,7 +274,7 @@ def tabulate_prior(
 
 
 def describe_marginal(marginal: Any) -> str:
-    """Write a frozen distribution as scipy does: its name and arguments."""
+    """Return a frozen distribution in scipy's notation: its name and arguments."""
     whole = marginal.marginal if isinstance(marginal, _Cut) else marginal
     if not hasattr(whole, "dist"):  # of a class of the user's own
         return f"{type(whole).__name__}()"

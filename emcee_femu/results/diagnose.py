@@ -26,31 +26,32 @@ HITS = 3  # expected, of which none comes once in twenty times
 
 
 def diagnose(source: object, discard: int = 0) -> Diagnosis:
-    """Say whether chains converged, what a search found, and whether the model fits.
+    """Judge a run: whether chains converged, what was searched, whether the model fits.
 
-    Three statements, each with its own status: converged chains may have missed a mode,
-    and may be those of a model that fits nothing.
+    Use it after every :func:`run`, before you read any result. It makes three separate
+    statements, because converged chains may have missed a mode, and a model may fit
+    badly although its chains converged. Judging a run takes no solve.
 
-    tau is emcee's, for each ensemble by itself. R-hat is rank-normalised and split.
-    One ensemble cannot show that it missed a mode: run several from
-    over-dispersed starts. For tempered runs only the cold walkers are judged, and tau
-    and ESS are those of the mean over these walkers: an exchange hands a state to
-    another walker, so that a walker forgets sooner than its ensemble. Populations and
-    the weighted draws of a certificate are no chains, which the first statement says,
-    and by what they are judged instead.
+    tau is emcee's integrated autocorrelation time, computed for each ensemble. R-hat is
+    rank-normalised and split. A single ensemble cannot show that it missed a mode; run
+    several from over-dispersed starts. For tempered runs only the cold walkers are
+    judged, and tau and ESS are those of the mean over these walkers: exchanges pass
+    states between walkers, so a single walker forgets its past sooner than the ensemble
+    does. The results of :func:`anneal` and :func:`certify` are not chains; the first
+    statement then says how to judge them instead.
 
     Args:
-        source: What :func:`run` returned, EnsembleSamplers of one target, or the name
-            of a run's file; what :func:`anneal` or :func:`certify` returned; or an
-            ArviZ object of them, with steps counted after its own ``discard`` and
-            ``thin``.
-        discard: Stored steps to drop as burn-in.
+        source: The result of :func:`run`, :func:`anneal` or :func:`certify`, the
+            EnsembleSamplers of one target, the name of a run's file, or an ArviZ
+            object made from any of these. The steps of an ArviZ object are those left
+            after its own ``discard`` and ``thin``.
+        discard: Number of stored steps to drop as burn-in.
 
     Returns:
         Numbers and three statements; ``print`` it.
 
     Raises:
-        TypeError: If source is something else, or discard not a whole number.
+        TypeError: If source is something else, or discard is not a whole number.
         ValueError: If fewer than 8 steps are left.
 
     Source: Goodman and Weare (2010), doi:10.2140/camcos.2010.5.65 (tau); Vehtari et
@@ -101,7 +102,7 @@ def judge_search(modes: ModeWeights | None, cures: Cures) -> Statement:
 
 
 def judge_without_chains(source: Any, chains: Chains) -> tuple[Statement, Statement]:
-    """Say by what draws are judged that are no chains, and what a search found."""
+    """Say how draws that are not chains are judged, and what a search found."""
     if chains.kind == "population":
         words = "an annealed population; anneal with other seeds and compare"
         found = (

@@ -21,15 +21,15 @@ SCATTER_LEVEL = 0.01  # of ensembles that scatter more than their series allow
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evidence(Report):
-    """What :func:`.log_evidence` found; ``print`` it.
+    """The result of :func:`.log_evidence`; ``print`` it.
 
     Attributes:
         log_evidence: Natural logarithm of the evidence.
-        log_evidence_error: Its standard error; infinite where none can be claimed.
-        method: Where it comes from, in words.
-        problems: Why no standard error can be claimed; usually none.
-        overlaps: Of neighbouring betas, 1 where their distributions are the same,
-            ``(n_betas - 1,)``; empty for other methods.
+        log_evidence_error: Its standard error; infinite if there are problems.
+        method: How it was computed, in words.
+        problems: Why no standard error can be given; usually empty.
+        overlaps: Overlap of the distributions at neighbouring betas, 1 if they are
+            equal, ``(n_betas - 1,)``; empty for other methods.
         failed_solves: Number of solves that were rejected because they failed.
         log_box: Natural logarithm of the volume of the box between whose bounds a
             bare log-likelihood was sampled (:meth:`LogPosterior.from_function`); NaN
@@ -47,7 +47,7 @@ class Evidence(Report):
     def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.4f}"
         if not np.isfinite(self.log_evidence_error):
-            error = "(no standard error can be claimed)"
+            error = "(no standard error can be given)"
         yield f"log evidence (natural) {self.log_evidence:.4f} {error}, {self.method}"
         for problem in self.problems:
             yield f"{problem[:1].upper()}{problem[1:]}."
@@ -74,17 +74,18 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
         {\langle f_{t+1} h_t \rangle_t}, \qquad
         h_t = \frac{1}{f_t + (Z_t / Z_{t+1}) f_{t+1}}
 
-    with :math:`f_t = p(\theta) L(\theta)^{\beta_t}`: between neighbouring betas of a
-    tempered run, down to the prior. For samplers of "auto" one bridge is enough, from
-    the proposal that was fitted and frozen, whose normalisation is known. The
-    likelihood is normalised (the constant of :class:`FrequencyTerm` is included), so
-    that differences between two model classes' results for the same data are log Bayes
-    factors: see :func:`compare_models`.
+    where :math:`f_t = p(\theta) L(\theta)^{\beta_t}`, between neighbouring betas of a
+    tempered run, down to the prior. For a run of "auto" one bridge is enough, from the
+    fitted proposal, whose normalisation is known. Use the result to compare model
+    classes for the same data with :func:`compare_models`: likelihoods are normalised
+    (with the constant of :class:`FrequencyTerm`), so differences are log Bayes factors.
+    It takes no solves.
 
-    Where a term returns -inf, or ``on_failure="reject"`` took a failed solve for
-    impossible, no walker goes at any beta: the evidence of a tempered run is that of
-    the prior normalised over the rest. For the prior as given, multiply it by the prior
-    probability of the rest. That of "auto" is for the prior as given.
+    If a term returns -inf, or ``on_failure="reject"`` gave failed solves zero
+    likelihood, no walker can go there at any temperature. The evidence of a tempered
+    run is then that of the prior normalised over the remaining region; multiply it by
+    the prior probability of this region to obtain the evidence for the full prior.
+    "auto" gives the latter directly.
 
     Of a bare log-probability that holds its prior, and was given bounds alone
     (:meth:`LogPosterior.from_function`), it is that of the box; ``print`` says what to
@@ -100,21 +101,20 @@ def log_evidence(source: object, discard: int = 0) -> Evidence:
     drifts, or where :func:`diagnose` calls the chains not converged.
 
     Args:
-        source: What :func:`run` returned for a ``TemperedMove`` with betas to 0 or for
-            "auto", one of its samplers, or the name of its file; also what
-            :func:`anneal` returns, whose own estimate is handed on, and for "auto" the
-            ArviZ object of the run, perhaps from a netCDF file.
-        discard: Stored steps to drop as burn-in.
+        source: The result of :func:`run` with a ``TemperedMove`` whose betas end at 0,
+            or with "auto"; one of its samplers; the name of its file; or the ArviZ
+            object of an "auto" run, even from a netCDF file. For the result of
+            :func:`anneal`, its own estimate is returned.
+        discard: Number of stored steps to drop as burn-in.
 
     Returns:
-        The estimate, its standard error and what speaks against it; ``print`` it.
+        The estimate, its standard error and any problems; ``print`` it.
 
     Raises:
         TypeError: If discard is not a whole number.
-        ValueError: If a sampler is neither tempered nor of "auto", or an ArviZ object
-            not of "auto" (it has no hot walkers), betas differ or do
-            not end at 0, fewer than 8 steps are left, or the log-likelihoods are not
-            finite or constant.
+        ValueError: If the run is neither tempered nor of "auto", an ArviZ object is not
+            of "auto" (it has no hot walkers), betas differ or do not end at 0, fewer
+            than 8 steps are left, or the log-likelihoods are not finite or constant.
 
     Source: Meng and Wong (1996), Statistica Sinica 6, 831-860; Bennett (1976),
     doi:10.1016/0021-9991(76)90078-4; Fruehwirth-Schnatter (2004),
@@ -236,12 +236,12 @@ def _climb_ladder(chains: Chains) -> tuple[float, float, tuple[str, ...], Floats
 def standard_error(series: Floats) -> tuple[float, tuple[str, ...]]:
     """Return the standard error of the mean of ``series (steps, ensembles)``.
 
-    With several ensembles their spread is taken where it is larger than chance makes
-    it: it sees a mode that one missed. The larger of the two, without a test, is 1.2
-    times too large with two ensembles.
+    If there are several ensembles, their spread is used if it is significantly larger:
+    it reveals a mode that one of them missed. Without the test, the larger of the two
+    errors would be 1.2 times too large for two ensembles.
 
     Returns:
-        The error, and what forbids to believe it.
+        The error, and the reasons not to trust it.
     """
     steps, ensembles = series.shape
     variances = series.var(axis=0)

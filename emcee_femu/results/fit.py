@@ -1,4 +1,4 @@
-"""Whether the posterior predicts what was measured, and what speaks against its fit."""
+"""Whether the posterior predicts the measurements, and reasons to doubt its fit."""
 
 from collections.abc import Collection, Iterator
 
@@ -26,12 +26,12 @@ NOT_KNOWN = "to_inference_data(source, posterior) has the data of a LogPosterior
 
 
 def judge_fit(source: InferenceData, chains: Chains, discard: int) -> Statement:
-    """Say whether what was measured lies inside the posterior predictive.
+    """Say whether the measurements lie inside the posterior predictive.
 
     Args:
         source: What holds chains.
-        chains: The same, as they were read.
-        discard: Stored steps that were dropped.
+        chains: The chains that were read from it.
+        discard: Number of stored steps that were dropped.
     """
     idata = _read(source, chains, discard)
     parts = [] if idata is None else read_measured(idata)
@@ -99,7 +99,7 @@ def _read(source: InferenceData, chains: Chains, discard: int) -> InferenceData 
 
 
 def _recall(chains: Chains) -> list[str]:
-    """Return what was warned of before the run, which a file outlives."""
+    """Return the warnings before the run, which its file keeps."""
     return [f"Before the run: {doubt.rstrip('.?')}?" for doubt in chains.doubts]
 
 

@@ -1,4 +1,4 @@
-"""What the data say about each parameter, read off samples, or near a maximum."""
+"""What the data say about each parameter, from samples or near a maximum."""
 
 from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ GOOD_FIT = 0.98  # R^2 below which gradients were off by 10 % and more (H struct
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Identifiability(Report):
-    """What :func:`.identifiability` found; ``print`` it for tables and findings.
+    """The result of :func:`.identifiability`; ``print`` it for tables and findings.
 
     Attributes:
         names: Parameter names, ``d`` of them.
@@ -51,24 +51,24 @@ class Identifiability(Report):
         bounds: Bounds of the prior, ``(d, 2)``.
         mean: Means of the posterior, ``(d,)``.
         covariance: Covariance matrix of the posterior, ``(d, d)``.
-        at_bound: Share of samples within 1 % of the range of the lower and of the
-            upper bound, ``(d, 2)``; of a range with an infinite end, within 4 % of a
-            prior standard deviation.
-        modes: Which mode each row of the sensitivities is, in words.
+        at_bound: Share of samples within 1 % of the range from the lower and the upper
+            bound, ``(d, 2)``; for an infinite range, within 4 % of a prior standard
+            deviation.
+        modes: The label of each row of the sensitivities.
         sensitivities: d ln(lambda_i) per prior standard deviation of each parameter,
-            at the posterior mean, ``(n_modes, d)``; NaN for a mode without a frequency
-            above zero, and for the parameters of errors.
+            at the posterior mean, ``(n_modes, d)``; NaN for a mode without a positive
+            frequency, and for error parameters.
         r_squared: R^2 of the fits behind the sensitivities, ``(n_modes,)``; NaN for a
             mode that no parameter changes.
-        effect: By how many standard errors one prior standard deviation of each
-            parameter moves all that was measured, shapes and others too, ``(d,)``; NaN
-            where not known, and for the parameters of errors.
+        effect: Change of all measured quantities, including shapes, in standard errors
+            per prior standard deviation of each parameter, ``(d,)``; NaN if unknown and
+            for error parameters.
         logarithms: Mean and standard deviation of the logarithm, of the prior and then
-            of the posterior, ``(4, d)``; NaN but for positive parameters whose prior is
-            the more symmetrical in it, as a lognormal one.
-        local: Where the numbers are from, if not from samples but from a maximum of the
-            posterior.
-        certificate: What :func:`.certify` said of the samples, if it did.
+            of the posterior, ``(4, d)``. NaN unless the parameter is positive and its
+            prior is more symmetrical on the log scale (e.g. lognormal).
+        local: The source of the numbers if it is a maximum of the posterior, not
+            samples.
+        certificate: The verdict of :func:`.certify` on the samples, if any.
     """
 
     names: tuple[str, ...]
@@ -89,9 +89,9 @@ class Identifiability(Report):
 
     @property
     def sd_ratio(self) -> Floats:
-        """Posterior by prior standard deviation; near 1 the data say nothing.
+        """Posterior over prior standard deviation; near 1 the data say nothing.
 
-        It is that of logarithms where the prior is of these.
+        Computed on the log scale if the prior is (e.g. lognormal).
         """
         ratio = np.sqrt(np.diag(self.covariance)) / self.prior_sd
         _, before, _, after = self.logarithms
@@ -101,7 +101,7 @@ class Identifiability(Report):
     def shift(self) -> Floats:
         """Posterior minus prior mean in prior standard deviations, ``(d,)``.
 
-        It is that of logarithms where the prior is of these.
+        Computed on the log scale if the prior is (e.g. lognormal).
         """
         shift = (self.mean - self.prior_mean) / self.prior_sd
         mean, sd, after, _ = self.logarithms
@@ -121,13 +121,13 @@ class Identifiability(Report):
 
     @property
     def surprising(self) -> tuple[str, ...]:
-        """Errors that are inferred far above what the prior expects."""
+        """Errors that are inferred to be far above their prior."""
         far = self.is_error & (self.shift > SURPRISING)
         return tuple(self.names[i] for i in np.flatnonzero(far))
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What the data do not tell, bounds that matter, and doubts, in sentences."""
+        """What the data leave open, bounds that matter, and doubts, in sentences."""
         first = [text for text in (self.local, self.certificate) if text]
         pressed, small = self.find_pressed(), self._find_unknown()
         if not pressed and not small:
@@ -140,7 +140,7 @@ class Identifiability(Report):
         return (*first, *pressed, *small, *doubts)
 
     def _find_unknown(self) -> list[str]:
-        """Name what the data leave open, and what they know of it all the same."""
+        """Name what the data leave open, and what they determine all the same."""
         names, correlation = self.names, self.correlation
         together = np.triu(np.abs(correlation) > TOGETHER, 1)
         uninformed = np.flatnonzero(self.sd_ratio > UNINFORMED)
@@ -193,8 +193,8 @@ class Identifiability(Report):
     def find_pressed(self) -> list[str]:
         """Name bounds that the posterior is pressed against.
 
-        A narrow posterior may lie within 1 % of a wide range, and far from its bound;
-        an error may well be as small as its lower one.
+        A narrow posterior may lie within 1 % of a wide range and still be far from its
+        bound. An error may well be as small as its lower bound.
         """
         what = "the Gaussian's draws" if self.local else "the samples"
         crowded = (self.at_bound > CROWDED) & (self.from_bound < CLOSE_TO_BOUND)
@@ -208,7 +208,7 @@ class Identifiability(Report):
         ]
 
     def find_followed(self) -> list[str]:
-        """Name parameters that the data moved farther than the prior makes likely."""
+        """Name parameters that the data moved further than the prior makes likely."""
         far = ~self.is_error & (np.abs(self.shift) > FOLLOWED)
         return [
             f"{self.names[i]} is {self.shift[i]:+.1f} prior standard deviations from "
@@ -217,7 +217,7 @@ class Identifiability(Report):
         ]
 
     def find_doubts(self) -> list[str]:
-        """Name errors larger than expected, and sensitivities that are rough."""
+        """Name errors that are larger than expected, and rough sensitivities."""
         shift = dict(zip(self.names, self.shift, strict=True))
         return [
             f"{name} is inferred {shift[name]:.1f} prior standard "
@@ -232,7 +232,7 @@ class Identifiability(Report):
 
     @property
     def table(self) -> Table:
-        """Sd ratio, shift, strongest correlation, at a bound; one row per parameter."""
+        """Sd ratio, shift, strongest correlation and share at a bound, by parameter."""
         d = len(self.names)
         strongest = (np.abs(self.correlation) - 2 * np.eye(d)).argmax(axis=1)
         partners = [self.names[j] if d > 1 else "" for j in strongest]
@@ -269,46 +269,51 @@ class Identifiability(Report):
 
 
 def identifiability(idata: object) -> Identifiability:
-    r"""Say which parameters the data inform, from the samples, without an FE solve.
+    r"""Report which parameters the data determine, from samples, without an FE solve.
 
-    Before any sampling what :func:`find_map` found will do: the numbers are then those
-    of the Gaussian about its heaviest maximum, cut at the bounds, and said to be local;
-    the sensitivities are differences there, by ``2 d + 1`` solves.
+    Use it after :func:`run` to see what was learned, or before with the result of
+    :func:`find_map`. The numbers are then those of the Gaussian at the heaviest
+    maximum, truncated at the bounds, and are marked as local; the sensitivities are
+    finite differences, which take ``2 d + 1`` solves.
 
-    The sensitivities of samples are gradients at the posterior mean,
+    The sensitivities from samples are gradients at the posterior mean,
 
     .. math:: S_{ij} = \mathrm{sd}_{prior,j}
         \frac{\partial \ln \lambda_i}{\partial \theta_j}, \qquad
         \lambda_i = (2 \pi f_i)^2
 
     of a full quadratic in all parameters, fitted to the predicted frequencies of the
-    samples by least squares; its adjusted R^2 says how far they can be believed. (A
-    plane is not enough: good data hold the frequencies where they are, and what is
-    left of their variation is curvature.) Parameters that only likelihood terms read,
-    such as a noise level, have none. The effect in standard errors is that on all that
-    was measured, shapes and deflections too, by the curvature of the log-likelihood,
-    which is fitted likewise. Ratios and shifts of positive parameters are those of
-    logarithms where the prior is the more symmetrical in these, as a lognormal one.
+    samples by least squares. Its adjusted R^2 shows how reliable they are. (A linear
+    fit is not enough: good data keep the frequencies nearly constant, and most of the
+    remaining variation is curvature.) Parameters that only likelihood terms read, such
+    as a noise level, have no sensitivities. The effect in standard errors includes all
+    measured quantities, such as shapes and deflections; it follows from the curvature
+    of the log-likelihood, which is fitted in the same way. Ratios and shifts are
+    computed on the log scale if the prior is more symmetrical there (e.g. lognormal).
 
-    The findings name what the data do not tell: a parameter as uncertain as before (sd
-    ratio above 0.9), a pair of which only a combination is known well (absolute
-    correlation above 0.95), and where three or more are not informed the combinations
-    that the data know best; a bound that the posterior is pressed against (more than
-    5 % of the samples within 1 % of the range, and the bound within 3 posterior sds of
-    the mean); and doubts: another parameter more than 4 prior sds from its prior mean,
-    an error more than 2 above it, and a mode of R^2 below 0.98. The prior is taken as
-    independent.
+    The findings list
+
+    - what the data leave open: a parameter as uncertain as before (sd ratio above 0.9),
+      a pair that is well known only in combination (absolute correlation above
+      0.95), and, if three or more parameters are not determined, the best known
+      combinations;
+    - bounds that the posterior is pressed against: more than 5 % of the samples within
+      1 % of the range, and the bound within 3 posterior sds of the mean;
+    - doubts: a parameter more than 4 prior sds from its prior mean, an error more than
+      2 above it, and a mode with R^2 below 0.98.
+
+    The prior is assumed to be independent.
 
     Args:
-        idata: What :func:`to_inference_data` returns, without burn-in, or :func:`run`;
-            or what :func:`find_map` returns.
+        idata: The result of :func:`run`, or of :func:`to_inference_data` without
+            burn-in; or the result of :func:`find_map`.
 
     Returns:
         Numbers and findings; ``print`` it.
 
     Raises:
-        TypeError: If idata is neither.
-        ValueError: If there are fewer different samples than three for each of the
+        TypeError: If idata is none of these.
+        ValueError: If there are fewer distinct samples than three for each of the
             (d + 1)(d + 2) / 2 coefficients of the quadratic.
 
     Source: Fox and Kapoor (1968), doi:10.2514/3.5008, derive the same gradients from

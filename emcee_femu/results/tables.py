@@ -1,4 +1,4 @@
-"""Tables of parameters, frequencies and any other prediction, and of paired modes."""
+"""Tables of parameters, frequencies, other predictions and paired modes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -31,20 +31,22 @@ def parameter_table(
     published: Mapping[str, Mapping[str, float]] | None = None,
     var_names: Sequence[str] | None = None,
 ) -> Table:
-    r"""Tabulate the updated parameters, as Tables 4.1 and 5.1 of the paper.
+    """Tabulate the updated parameters, as in Tables 4.1 and 5.1 of the paper.
 
-    Columns: the unit where any parameter has one, the prior mean, nominal and relative
-    errors where the nominal is known, posterior mean, its 95 % interval (the 2.5 % and
-    97.5 % quantiles), c.o.v. = sd / mean in percent, and the ratio of posterior to
-    prior standard deviation: near 1 the data said nothing about the parameter. Without
-    a prior, as in objects of ``arviz.from_emcee``, its columns are left out.
+    The columns are the unit, if any parameter has one; the prior mean; the nominal
+    value and the relative errors, if it is known; the posterior mean; its 95 % interval
+    (2.5 % and 97.5 % quantiles); the c.o.v. = sd / mean in percent; and the ratio of
+    posterior to prior standard deviation, which is near 1 if the data say nothing about
+    the parameter. Columns of the prior are left out if it is unknown, as in objects of
+    ``arviz.from_emcee``.
 
     Args:
-        idata: What :func:`to_inference_data` returns or takes, such as a run.
+        idata: The result of :func:`run` or :func:`to_inference_data`, or anything that
+            the latter accepts.
         nominal: Known true values by parameter name; None for a real structure.
         published: Further columns, ``{title: {parameter: value}}``.
-        var_names: Rows, with quantities that were added to the ``posterior`` group;
-            None for the sampled parameters.
+        var_names: The rows; quantities that were added to the ``posterior`` group are
+            allowed. None for the sampled parameters.
 
     Returns:
         The table, one row per parameter.
@@ -102,17 +104,18 @@ def frequency_table(
     published: Mapping[str, Sequence[float]] | None = None,
     experiment: str | None = None,
 ) -> Table:
-    r"""Tabulate measured, initial and updated frequencies, as Tables 4.2 and 5.2.
+    """Tabulate measured, initial and updated frequencies, as in Tables 4.2 and 5.2.
 
     The initial frequencies are those at the prior mean of the parameters. The updated
-    ones are the means of the predictions at all samples; with ``posterior``, which a
-    run knows, they are those of the model at the posterior mean of the parameters, as
-    in the paper (one FE solve, when first asked for). Errors are
-    ``100 |f_m - f| / f_m``; the last row holds their mean, the total average error TAE.
+    frequencies are those of the model at the posterior mean, as in the paper; this
+    takes one solve, the first time only. Without a posterior, which an ArviZ object
+    does not hold, they are the means of the predictions at all samples. Errors are
+    ``100 |f_m - f| / f_m``; the last row holds their mean, the total average error
+    (TAE).
 
     Args:
-        idata: What :func:`to_inference_data` returns, or :func:`run`.
-        posterior: The sampled posterior, or None; known of a run.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, if idata is an ArviZ object.
         published: Further columns, ``{title: one number per measured mode}``.
         experiment: Name of one experiment of a joint posterior.
 
@@ -120,7 +123,7 @@ def frequency_table(
         The table, one row per measured mode.
 
     Raises:
-        TypeError: If published is not such a mapping, or posterior not a
+        TypeError: If published is not such a mapping, or posterior is not a
             LogPosterior.
         ValueError: If there are no measured frequencies, a published column has
             another length, or posterior has other parameters.
@@ -171,36 +174,35 @@ def frequency_table(
 
 
 def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Table:
-    r"""Tabulate what was measured against the posterior's predictions.
+    r"""Compare the measured values with the posterior's predictions, in a table.
 
-    One row per measured value of the response: mean and 95 % interval (the 2.5 % and
-    97.5 % quantiles) of the prediction, and whether the measured value lies inside.
-    Without ``posterior``, which a run knows, the prediction is the model's at every
-    sample, and the interval is how uncertain the parameters leave it; the measured
-    value, with its error, need not lie inside. With ``posterior`` it is a new
-    measurement, such as
+    There is one row per measured value: mean and 95 % interval (2.5 % and 97.5 %
+    quantiles) of the prediction, and whether the measured value lies inside. With a
+    posterior, which a run knows, the prediction is a new measurement, for frequencies
 
     .. math:: \tilde f_i = f_i(\theta) + f_i^m (\eta_i + \sigma_d \varepsilon_i),
         \qquad \eta \sim N(0, R), \quad \varepsilon \sim N(0, I),
 
-    with the measurement error R and discrepancy :math:`\sigma_d` of a
-    :class:`FrequencyTerm`; at least 95 % of the measured values, which the posterior
-    has seen, should lie inside. The column ``sd`` holds :math:`f_i^m R_{ii}^{1/2}`
-    where it is known. Where modes were paired, there are the mean and the 5 % quantile
-    of the MAC too.
+    with the measurement error R and the discrepancy :math:`\sigma_d` of the
+    :class:`FrequencyTerm`. At least 95 % of the measured values should lie inside,
+    because the posterior was fitted to them. Without a posterior, the prediction is the
+    model's response, and the interval shows only the uncertainty of the parameters; the
+    measured value need not lie inside. The column ``sd`` holds :math:`f_i^m
+    R_{ii}^{1/2}` if it is known. If modes were paired, mean and 5 % quantile of the MAC
+    are added. It takes no solves.
 
     Args:
-        idata: What :func:`to_inference_data` returns, or :func:`run`.
-        posterior: The sampled posterior, or None for the model's prediction only; known
-            of a run.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, if idata is an ArviZ object; None for the
+            model's response only.
 
     Returns:
         The table, one row per measured value.
 
     Raises:
         TypeError: If posterior is not a LogPosterior.
-        ValueError: If nothing of the response was measured, or posterior has other
-            parameters or no term that draws new measurements.
+        ValueError: If no variable of the response was measured, posterior has other
+            parameters, or none of its terms can draw new measurements.
 
     Examples:
         >>> import emcee_femu as ef
@@ -248,19 +250,21 @@ def predictive_table(idata: object, posterior: LogPosterior | None = None) -> Ta
 
 
 def pairing_table(idata: object, experiment: str | None = None) -> Table:
-    """Tabulate which of the model's modes were paired with the measured ones.
+    """Tabulate which modes of the model were paired with the measured ones.
 
-    One row per measured mode: the number of the model's mode that it has in most
-    samples, the share of samples in which it has another, mean and 5 % quantile of the
-    MAC, the share of samples with a MAC below 0.5, and the share in which a comparison
-    in ascending order, the i-th measured with the model's i-th, takes another mode.
+    There is one row per measured mode: the number of the model mode that was most often
+    paired with it, the share of samples with another mode, mean and 5 % quantile of the
+    MAC, the share of samples with a MAC below 0.5, and the share of samples in which a
+    comparison in ascending order (i-th measured with i-th model mode) would choose
+    another mode. Use it to see whether modes change places, and whether pairing was
+    needed.
 
-    In the last row the shares are those of samples in which this holds for any mode.
-    The order of the modes is the list of all numbers; the title says in which share of
-    the samples it is not the most frequent one.
+    In the last row, the shares are those of samples in which this happens for any mode.
+    The mode order is the list of all mode numbers; the title gives the share of samples
+    in which it is not the most frequent one.
 
     Args:
-        idata: What :func:`to_inference_data` returns, or :func:`run`.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
         experiment: Name of one experiment of a joint posterior.
 
     Returns:

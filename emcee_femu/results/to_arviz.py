@@ -41,66 +41,65 @@ def to_inference_data(
     thin: int = 1,
     names: Sequence[str] | None = None,
 ) -> InferenceData:
-    """Convert runs of one posterior to an ArviZ object, with every walker as a chain.
+    """Convert a run to an ArviZ object, with every walker as a chain.
 
-    Tables, figures and :func:`identifiability` do so themselves where they are given a
-    run; converted once it can be given to all of them, without its burn-in.
+    Use it to drop the burn-in, to work with ArviZ, or to save a run as netCDF. Tables,
+    figures and :func:`identifiability` also accept a run and convert it themselves.
 
     ============================ ====================================================
-    group                        holds
+    group                        contents
     ============================ ====================================================
-    ``posterior``                the parameters by name, with ``attrs["units"]`` where
+    ``posterior``                the parameters by name, with ``attrs["units"]`` if
                                  known; ``attrs["sampled"]`` of the group lists them, so
-                                 that derived quantities can be added
+                                 that you can add derived quantities
     ``sample_stats``             lp, log_prior
-    ``log_prior``                of each parameter, where the prior knows it (its
-                                 ``logpdfs``)
-    ``log_likelihood``           of each datum where its term factorises, else the
-                                 whole term's; by the term's name or, with several
-                                 terms, side by side as ``data``
+    ``log_prior``                of each parameter, if the prior has ``logpdfs``
+    ``log_likelihood``           of each datum if its term factorises, otherwise of the
+                                 whole term; by the term's name or, with several terms,
+                                 side by side as ``data``
     ``response``                 the model's stored variables, without measurement
                                  noise
-    ``new_measurement``          a new measurement for each sample, noise included,
-                                 where a term can draw one
+    ``new_measurement``          a new measurement for each sample, noise included, if
+                                 a term can draw one
     ``posterior_predictive``     500 draws of these, for ``arviz.plot_ppc``
     ``prior``                    1,000 draws of the prior
-    ``observed_data``            what was measured, by the name of the variable; a
+    ``observed_data``            the measurements, by the name of the variable; a
                                  second measurement as ``frequency[term]``
     ``constant_data``            lower and upper bounds; prior_mean and prior_sd inside
-                                 them; ``initial``, a Gaussian prior's own mean or else
+                                 them; ``initial``, a Gaussian prior's own mean, or else
                                  the prior mean; ``initial_<variable>``, the response
-                                 there (one solve, unless a run has made it), NaN where
-                                 it cannot be solved; is_error, whether only terms read
-                                 the parameter (noise, discrepancy)
+                                 there (one solve, unless the run stored it), NaN if it
+                                 cannot be solved; is_error, whether only terms read the
+                                 parameter (noise, discrepancy)
     ============================ ====================================================
 
-    Walkers of one ensemble are not independent chains: the coordinate ``ensemble`` says
-    which belong together. Draws count from 0; the coordinate ``step`` is the stored
-    step. For tempered runs only the cold walkers are converted. At its peak the
-    conversion needs some four times the memory of the chains and blobs that are kept.
-    Of chains whose posterior is not known, as of another log-probability, there are
-    the groups ``posterior``, ``sample_stats`` and, where the function returned blobs,
-    ``blobs``: by the names of a structured ``blobs_dtype``, else ``blob``, or
-    ``blob0``, ``blob1``, ... where they differ in shape.
+    Walkers of one ensemble are not independent chains; the coordinate ``ensemble``
+    shows which belong together. Draws count from 0; the coordinate ``step`` is the
+    stored step. For tempered runs only the cold walkers are converted. At its peak the
+    conversion needs about four times the memory of the chains and blobs that are kept.
+    If the posterior is unknown, as for any other log-probability function, the groups
+    are ``posterior``, ``sample_stats`` and, if the function returned blobs, ``blobs``:
+    named as in a structured ``blobs_dtype``, otherwise ``blob``, or ``blob0``,
+    ``blob1``, ... if they differ in shape.
 
     Args:
-        source: What :func:`run` returned, any EnsembleSampler of the posterior, a
-            backend or the name of a run's file; or what :func:`anneal` returned, whose
-            members are then one chain. An ArviZ object is returned as it is.
-        posterior: The sampled posterior, where the source does not know it.
-        discard: Stored steps to drop as burn-in.
+        source: The result of :func:`run`, any EnsembleSampler, a backend, or the name
+            of a run's file; or the result of :func:`anneal`, whose members become one
+            chain. An ArviZ object is returned unchanged.
+        posterior: The sampled posterior, if the source does not hold it.
+        discard: Number of stored steps to drop as burn-in.
         thin: Keep every ``thin``-th stored step.
-        names: Of the parameters of a sampler without a LogPosterior, else ``theta1``
-            and so on.
+        names: Parameter names for a sampler without a LogPosterior; ``theta1`` and so
+            on by default.
 
     Returns:
         ``arviz.InferenceData`` (ArviZ < 1) or ``xarray.DataTree`` (ArviZ >= 1).
 
     Raises:
-        TypeError: If discard or thin is not a whole number, posterior no LogPosterior,
-            or names no names.
-        ValueError: If nothing is left, a chain is not of this posterior, or names are
-            not as many as parameters, or not wanted.
+        TypeError: If discard or thin is not a whole number, posterior is not a
+            LogPosterior, or names are not text.
+        ValueError: If no step is left, a chain does not belong to this posterior, or
+            names are not needed or do not match the number of parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -129,7 +128,7 @@ def read_samples(
     thin: int = 1,
     argument: str = "idata",
 ) -> tuple[InferenceData, LogPosterior | None]:
-    """Return the ArviZ object of whatever holds samples, and what was sampled if known.
+    """Return the ArviZ object of any source of samples, and its posterior if known.
 
     Tables and figures read nothing else.
     """
@@ -149,7 +148,7 @@ def read_samples(
 
 
 def check_sampled(posterior: LogPosterior, names: Sequence[str]) -> None:
-    """Refuse what is not the posterior that was sampled, by its parameters."""
+    """Refuse a posterior whose parameters are not the sampled ones."""
     checks.instance("posterior", posterior, LogPosterior)
     if posterior.names != tuple(names):
         raise ValueError(
@@ -276,8 +275,8 @@ def _name_blobs(blobs: NDArray[Any]) -> dict[str, Labelled]:
             value = field
         if value.dtype == object:
             warnings.warn(
-                f"source: the blobs {name!r} are objects, which no file of ArviZ can "
-                "hold, and are left out; return numbers or arrays of one shape",
+                f"source: the blobs {name!r} are objects, which ArviZ cannot write to "
+                "a file, and are left out; return numbers or arrays of one shape",
                 stacklevel=2,
             )
             continue

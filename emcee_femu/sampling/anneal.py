@@ -53,15 +53,15 @@ Evaluate: TypeAlias = Callable[[Floats], Floats]  # coordinates to rows
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Annealed(Report):
-    """A population of the posterior, and how it got there; ``print`` it.
+    """A population of the posterior and its history; ``print`` it.
 
     Attributes:
         names: Parameter names.
-        theta: The members, ``(size, d)``, of equal weight.
+        theta: The members, ``(size, d)``, with equal weights.
         rows: Their rows as a LogPosterior returns them, ``(size, columns)``.
         powers: Powers of the likelihood from 0 to 1, ``(stages + 1,)``.
-        acceptance: Share of the proposals that were accepted after each, ``(stages,)``.
-        sweeps: How often all members were moved, ``(stages,)``.
+        acceptance: Share of accepted proposals at each power, ``(stages,)``.
+        sweeps: Number of times all members were moved, ``(stages,)``.
         log_evidence: Natural logarithm of the evidence.
         log_evidence_error: Its Monte Carlo standard error; infinite where none can be
             claimed.
@@ -124,7 +124,7 @@ class Annealed(Report):
     def _parts(self) -> Parts:
         error = f"+- {self.log_evidence_error:.3f}"
         if self.problems:
-            error = "(no standard error can be claimed)"
+            error = "(no standard error can be given)"
         yield self.table
         yield f"log evidence (natural) {self.log_evidence:.3f} {error}"
         yield from (f"{text[:1].upper()}{text[1:]}." for text in self.problems)
@@ -153,57 +153,63 @@ def anneal(
     resume: bool = False,
     probe_tolerance: float = 1e-6,
 ) -> Annealed:
-    r"""Carry a population from the prior to the posterior: TMCMC.
+    r"""Carry a population of draws from the prior to the posterior (TMCMC).
 
     .. math:: p_j(\theta) \propto p(\theta) L(\theta)^{\beta_j}, \quad 0 = \beta_0 <
         \dots < \beta_m = 1
 
-    Each power is chosen so that the weights :math:`L^{\beta_{j+1} - \beta_j}` have a
-    coefficient of variation of 1. Members are drawn by their weights, then moved by
-    proposals from Student-t mixtures and by random walks, at most 30 times, until four
-    fifths are renewed even in the slowest quarter by likelihood. They move in
-    logarithms of parameters above zero and in logits of those between two bounds, to
-    which a posterior may be pressed. Two halves of the population fit the proposals for
-    each other. All members are evaluated at once, so as many workers as members are of
-    use. The evidence is a product of ratios, each bridged from the members at two
-    neighbouring powers; its error counts the descendants of one draw of the prior as
-    one.
+    Use it for posteriors with several modes, for the evidence, or if many workers are
+    available: all members are evaluated in one batch, so up to ``size`` workers help.
+    Each power takes up to 30 sweeps of ``size`` solves.
 
-    It gives a population of equal weights, not a chain: R-hat and autocorrelation times
-    have no meaning for it. :func:`to_inference_data` takes it, for tables and figures.
-    A narrow mode of which no early member came near is not found; a larger size sees
-    smaller ones. No error of the evidence is claimed, with the reason in ``problems``,
-    where proposals fitted to the population at its last two powers have weights of a
-    heavy tail (Pareto k above 0.7): they come upon something that it lacks, such as the
-    neck of a funnel. Nor is one where the mean weight of the last proposals, a second
-    estimate of the evidence, differs from it by more than 2.5 standard errors: at some
-    power members were too few or too slow. A mode far from all members stays unseen.
+    Each power is chosen so that the weights :math:`L^{\beta_{j+1} - \beta_j}` have a
+    coefficient of variation of 1. Members are resampled by these weights, then moved by
+    independence proposals (Student-t mixtures) and random walks until four fifths have
+    been renewed, even among the quarter of slowest members by likelihood. They move on
+    the log scale of positive parameters and on the logit scale of parameters between
+    two bounds, since the posterior may be pressed against a bound. Each half of the
+    population fits the proposals for the other. The evidence is a product of ratios,
+    each bridged between the members at two neighbouring powers; its error treats all
+    descendants of one draw of the prior as a single draw.
+
+    The result is a population with equal weights, not a chain: R-hat and
+    autocorrelation times have no meaning. Pass it to :func:`to_inference_data` for
+    tables and figures. A narrow mode is missed if no early member comes near it; a
+    larger size finds smaller modes.
+
+    No error of the evidence is given, and ``problems`` says why, in two cases. First,
+    proposals fitted to the population at the last two powers have heavy-tailed weights
+    (Pareto k above 0.7): they reach a region that the population is missing, such as
+    the neck of a funnel. Second, the mean weight of the last proposals, a second
+    estimate of the evidence, differs from the first by more than 2.5 standard errors:
+    at some power there were too few members, or they moved too slowly. A mode far from
+    all members remains undetected.
 
     Args:
-        posterior: What to sample.
-        size: Members, at least 20 per parameter.
-        seed: A whole number; the same seed gives the same population, to the bit.
-        workers: Number of processes to start, as in :func:`run`.
-        pool: Where to evaluate instead, as in :func:`run`.
-        on_failure: What a failed solve does, as in :func:`run`; with "reject" its
-            likelihood is zero.
+        posterior: The posterior to sample.
+        size: Number of members, at least 20 per parameter.
+        seed: A whole number; the same seed gives the same population, bit for bit.
+        workers: Number of worker processes, as in :func:`run`.
+        pool: A pool to evaluate in, instead of workers; see :func:`run`.
+        on_failure: What to do about a failed solve, as in :func:`run`; "reject" sets
+            its likelihood to zero.
         max_failures: Fraction of failed solves above which "reject" stops.
-        backend: Name of a file that keeps all evaluations, such as "run.annealing";
-            None for none.
-        resume: Whether to go on with that file, if it is there; the population is that
-            of an annealing that was never stopped, to the bit. A finished one costs
-            the 16 solves that tell a changed model.
-        probe_tolerance: Relative difference above which those count as another.
+        backend: File in which all evaluations are stored, such as "anneal.sqlite".
+        resume: Whether to continue from that file if it exists. The population is the
+            same as without the interruption, bit for bit. Resuming a finished
+            calculation costs the 16 solves that check for a changed model.
+        probe_tolerance: Relative difference in these solves above which the model is
+            considered changed.
 
     Returns:
-        The population, its evidence and how it got there; ``print`` it.
+        The population, its evidence and its history; ``print`` it.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior, or a count not a whole number.
+        TypeError: If posterior is not a LogPosterior, or a count is not a whole number.
         ValueError: If size is too small, too few draws of the prior have a finite
-            likelihood, or a file is there already or of another annealing.
+            likelihood, or the file already exists or belongs to another calculation.
         RuntimeError: If too many solves failed.
-        UserWarning: Where the model at the prior mean is far off, as of :func:`run`.
+        UserWarning: If the model at the prior mean is far from the measurements.
 
     Source: Ching and Chen (2007),
     doi:10.1061/(ASCE)0733-9399(2007)133:7(816); Bennett (1976),
@@ -362,9 +368,9 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
     k = max((pareto_k(w) for w in tried if kish_share(w) < FAIR_SHARE), default=0.0)
     if k > GOOD_K:
         return (
-            "a region of the posterior may be missing, for the weights of proposals "
-            f"fitted to the population have a heavy tail (Pareto k {k:.2f}, {GOOD_K} "
-            'is the limit); a larger size may find it, and "auto" does in some cases',
+            "a region of the posterior may be missing: the weights of proposals fitted "
+            f"to the population have a heavy tail (Pareto k {k:.2f}, the limit is "
+            f'{GOOD_K}); a larger size may find it, and so may "auto"',
         )
     last = tried[-1]
     direct = float(np.logaddexp.reduce(last)) - np.log(len(last))
@@ -372,8 +378,8 @@ def _find_problems(tried: list[Floats], value: float, error: float) -> tuple[str
     if abs(value - direct) <= AGREED * apart:
         return ()
     return (
-        f"the log evidence along the powers, {value:.3f}, and that by the last "
-        f"proposals, {direct:.3f}, differ by more than chance does; give a larger size",
+        f"the log evidence along the powers, {value:.3f}, and that from the last "
+        f"proposals, {direct:.3f}, differ significantly; give a larger size",
     )
 
 

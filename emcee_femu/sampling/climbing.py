@@ -52,18 +52,17 @@ class Maximum:
     """A local maximum of the posterior, and the Gaussian that fits it there.
 
     Attributes:
-        theta: Where it is, ``(d,)``; the start, if nothing could be evaluated there.
-        row: The row of the posterior there, as ``posterior(theta)`` gives it.
-        covariance: Of the Laplace approximation, ``(d, d)``: the inverse of the
-            Fisher information with the prior's curvature, or of minus the Hessian. A
-            parameter at a bound has the spread of the exponential that falls from it.
-            NaN without a maximum.
-        log_evidence: Laplace's, over what lies inside the bounds; -inf without a
-            maximum.
+        theta: The maximum, ``(d,)``; the start if nothing could be evaluated there.
+        row: The row of the posterior there, as ``posterior(theta)`` returns it.
+        covariance: Covariance of the Laplace approximation, ``(d, d)``: the inverse of
+            the Fisher information plus the prior's curvature, or of minus the Hessian.
+            For a parameter at a bound, the spread of the exponential that falls off
+            from it. NaN without a maximum.
+        log_evidence: Laplace's log evidence inside the bounds; -inf without a maximum.
         at_bound: Which parameters are at a bound, ``(d,)``.
-        converged: Whether less than 1e-3 of log-posterior is left to gain, 0.045
-            standard deviations; 0.1 where no step gains, as at a kink.
-        message: What ended the climb.
+        converged: Whether less than 1e-3 of log-posterior remains to be gained, or
+            0.045 standard deviations; 0.1 if no step gains, as at a kink.
+        message: Why the climb ended.
     """
 
     theta: Floats
@@ -76,7 +75,7 @@ class Maximum:
 
     @property
     def log_posterior(self) -> float:
-        """Its height."""
+        """The log-posterior at the maximum."""
         return float(self.row[0])
 
 

@@ -29,21 +29,20 @@ EFFECTIVE = 0.5  # share of draws of a Gaussian that is close
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FoundMap(Report):
-    """What :func:`.find_map` found; ``print`` it for tables and what to think of them.
+    """The result of :func:`.find_map`; ``print`` it for tables and findings.
 
     Attributes:
         posterior: The posterior.
-        maxima: Its distinct maxima, that of the largest weight first
-            (:class:`.Maximum`): ``theta``, ``covariance``,
-            ``log_evidence``, ``at_bound``, ...
-        weights: Their shares of the posterior by Laplace's evidence, ``(k,)``.
-        climbs: How many climbs ended in each, ``(k,)``.
-        lost: Why other starts led nowhere, one sentence each.
-        solves: Model solves spent, those of the check included.
-        draws: Draws of the check, 0 without one.
-        pareto_k: Of their importance weights; NaN without a check.
-        efficiency: Their effective share (Kish); NaN without a check.
-        printed: Whether the solver returns numbers of few digits, as if printed.
+        maxima: Its distinct maxima (:class:`.Maximum`), the one with the largest weight
+            first: ``theta``, ``covariance``, ``log_evidence``, ``at_bound``, ...
+        weights: Their shares of the posterior by Laplace's approximation, ``(k,)``.
+        climbs: Number of climbs that ended at each, ``(k,)``.
+        lost: Why other starts failed, one sentence each.
+        solves: Number of model solves, including the check.
+        draws: Number of draws in the check, 0 without one.
+        pareto_k: Pareto k of their importance weights; NaN without a check.
+        efficiency: Effective share of the weights (Kish); NaN without a check.
+        printed: Whether the solver returns numbers with few digits, as if printed.
     """
 
     posterior: LogPosterior
@@ -58,13 +57,14 @@ class FoundMap(Report):
     printed: bool = False
 
     def draw(self, n: int, seed: int) -> Floats:
-        """Return draws ``(n, d)`` of the gaussians, by weight, inside the bounds.
+        """Return draws ``(n, d)`` of the Gaussians, by weight, inside the bounds.
 
-        As starts of a chain: ``run(..., starts=found.draw(nwalkers, seed))``. They
-        are no draws of the posterior; where it is wider, give them more time.
+        Use them to start a chain: ``run(..., starts=found.draw(nwalkers, seed))``. They
+        are not draws of the posterior; if it is wider than the Gaussians, allow a
+        longer burn-in.
 
         Args:
-            n: How many.
+            n: Number of draws.
             seed: A whole number.
 
         Returns:
@@ -114,7 +114,7 @@ class FoundMap(Report):
 
     @property
     def maxima_table(self) -> Table:
-        """Weight, height, evidence and climbs that ended there, one row per maximum."""
+        """Weight, height, evidence and number of climbs, one row per maximum."""
         shown = self.maxima[:SHOWN_MAXIMA]
         names = np.array(self.posterior.names)
         at_bound = [" ".join(names[maximum.at_bound]) for maximum in shown]
@@ -131,7 +131,7 @@ class FoundMap(Report):
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What to think of it, in sentences."""
+        """What to make of the result, in sentences."""
         k, n = len(self.maxima), int(self.climbs.sum()) + len(self.lost)
         sentences = [
             f"A start and a quick look: {k} maxim{'a' if k > 1 else 'um'} from {n} "
@@ -140,14 +140,14 @@ class FoundMap(Report):
         if k > SHOWN_MAXIMA:
             sentences.append(f"{k - SHOWN_MAXIMA} of smaller weight are not shown.")
         for reason, count in Counter(self.lost).items():
-            sentences.append(f"{count} of {n} starts led nowhere: {reason}.")
+            sentences.append(f"{count} of {n} starts failed: {reason}.")
         stopped = [maximum.message for maximum in self.maxima if not maximum.converged]
         for reason, count in Counter(stopped).items():
-            sentences.append(f"{count} of {k} are perhaps no maxima: {reason}.")
+            sentences.append(f"{count} of {k} may not be maxima: {reason}.")
         if self.printed:
             sentences.append(
-                f"The solver gives {DIGITS} digits or less: maxima near each other may "
-                "be steps of these, and standard deviations err. Let it give more."
+                f"The solver gives {DIGITS} digits or less: neighbouring maxima may be "
+                "rounding, and standard deviations are inaccurate. Let it give more."
             )
         return (*sentences, self._judge())
 
@@ -186,33 +186,35 @@ def find_map(
     on_failure: str = "raise",
     max_failures: float = 0.2,
 ) -> FoundMap:
-    r"""Find the maxima of the posterior, each with the Gaussian that fits it there.
+    r"""Find the maxima of the posterior, and fit a Gaussian at each.
 
-    From every start a climb inside the bounds, by Gauss-Newton steps where the terms'
-    errors are Gaussian: some 4 solves if the models have ``jacobian``, else ``d + 1``
-    for each step. The weight of a maximum is its share of the evidence by Laplace's
-    approximation,
+    Use it for a quick look, to see whether model and test fit together, or for starts
+    of a chain. From each start it climbs inside the bounds, with Gauss-Newton steps if
+    all terms are Gaussian. A climb takes about 4 solves if the models have a
+    ``jacobian``, otherwise ``d + 1`` solves per step. The weight of a maximum is its
+    share of the evidence by Laplace's approximation,
 
     .. math:: Z_k = p(D | \theta_k) p(\theta_k) (2\pi)^{d/2} |\Sigma_k|^{1/2}
         P_k(\mathrm{inside\ the\ bounds})
 
-    Good for a first look, for starts of a chain and to see that a model and a test fit
-    together. It is no posterior: a maximum that no start leads to is missing, and what
-    is not Gaussian has other standard deviations. The same seed gives the same result.
+    The result is not the posterior: a maximum to which no start leads is missing, and
+    the standard deviations are wrong where the posterior is not Gaussian. The same seed
+    gives the same result.
 
     Args:
-        posterior: Where to climb.
-        starts: How many draws from the prior to start from, or the starts themselves,
+        posterior: The posterior to climb.
+        starts: Number of draws from the prior to start from, or the starts themselves,
             ``(n, d)`` or ``(d,)``.
         seed: A whole number.
-        check: Draws from the found Gaussians, whose importance weights tell whether
-            the posterior is one; as many solves. At least 25; 0 for no check.
-        workers: Number of processes to start; see :func:`run`.
-        pool: Where to evaluate instead; see :func:`run`.
-        on_failure: What a solve that fails does: "raise" to stop with the parameters
-            by name, "reject" to log it and give up the start, or shorten the step.
-        max_failures: Fraction of the evaluations, of at least 100, above which
-            "reject" stops the search.
+        check: Number of draws from the Gaussians, at least 25, whose importance weights
+            show whether the posterior is close to them. Each costs one solve; 0 for no
+            check.
+        workers: Number of worker processes; see :func:`run`.
+        pool: A pool to evaluate in, instead of workers; see :func:`run`.
+        on_failure: "raise" to stop at the first failed solve and name its parameters;
+            "reject" to log it, and give up the start or shorten the step.
+        max_failures: Fraction of the evaluations, of at least 100, above which "reject"
+            stops the search.
 
     Returns:
         The maxima, their Gaussians and weights; ``print`` it.
@@ -222,7 +224,7 @@ def find_map(
             number.
         ValueError: If a start is out of bounds, or check is between 0 and 25.
         RuntimeError: If no start led to a maximum, or too many solves failed.
-        UserWarning: Where the model at the prior mean is far off, as of :func:`run`.
+        UserWarning: If the model at the prior mean is far from the measurements.
 
     Examples:
         >>> import emcee_femu as ef

@@ -93,7 +93,7 @@ def doubt_prior(posterior: LogPosterior) -> list[str]:
         if spread < NARROW_PRIOR * abs(centre):
             doubts.append(
                 f"prior: {name!r} has an sd of {spread:.3g}, {spread / abs(centre):.1g}"
-                f" of its mean {centre:.4g}, so that data hardly move it; scipy.stats "
+                f" of its mean {centre:.4g}, so data can hardly change it; scipy.stats "
                 "has norm(mean, sd), and lognorm(s, scale=median)"
             )
     return doubts
@@ -127,10 +127,10 @@ def doubt_reach(posterior: LogPosterior, rows: Floats) -> list[str]:
 
 
 def same_response(label: str, number: int) -> str:
-    """Say that a model does not do what it is asked."""
+    """Say that a model does not respond to its parameters."""
     return (
         f"{label}: the same response at all of {number} parameter sets: do the "
-        "parameters reach the solver, and is it the new result that is read?"
+        "parameters reach the solver, and does the model read its new result?"
     )
 
 

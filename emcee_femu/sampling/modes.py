@@ -1,7 +1,7 @@
-"""Separated modes in a chain, held to what importance sampling says of them.
+"""Separate modes in a chain, compared with importance sampling.
 
-A chain of independence proposals waits long where the proposal is too thin: the
-importance weights tell, at fresh draws of the proposal and at the chain's own.
+A chain of independence proposals waits for a long time where the proposal is too small.
+The importance weights reveal this, at fresh draws of the proposal and at the chain's.
 """
 
 from dataclasses import dataclass
@@ -22,25 +22,25 @@ RARE = 0.001  # share of a chain at places where a wait matters little
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModeWeights(Report):
-    """Separated modes of the posterior in the chain of ``run(..., "auto")``.
+    """Separate modes of the posterior in the chain of ``run(..., "auto")``.
 
     Attributes:
         weights: Share of each mode in each ensemble, ``(ensembles, g)``.
-        errors: Standard error of the weights of all ensembles together, ``(g,)``.
-        importance: Weights by importance sampling, ``(g,)``; NaN where not known.
+        errors: Standard errors of the weights of all ensembles together, ``(g,)``.
+        importance: Weights by importance sampling, ``(g,)``; NaN if unknown.
         importance_errors: Their standard errors, ``(g,)``.
-        acceptance: Expected acceptance of frozen proposals from there, ``(g,)``; NaN
-            where the chain has no draw.
-        slowest: Acceptance from the worst thousandth of the chain's draws, at most: how
-            long walkers wait. A walker that came upon a place which the search missed
-            stays there, and makes up more than that.
+        acceptance: Expected acceptance of frozen proposals from each mode, ``(g,)``;
+            NaN if the chain has no draw there.
+        slowest: Acceptance at the worst thousandth of the chain's draws, at most. It
+            shows how long walkers wait: a walker that reached a region which the search
+            missed stays there, and accounts for more than a thousandth.
         reached: Whether a search ended or a walker started there, ``(g,)``.
-        pareto_k: Of the importance weights of the proposal, at its refinement.
-        chain_k: The same by the draws of the chain.
-        efficiency: Effective share of its draws.
-        share: Share of the steps that propose from it.
-        searched: Points of the search for modes.
-        climbs: How many climbs there were, and how many of them from the prior.
+        pareto_k: Pareto k of the proposal's importance weights, at its refinement.
+        chain_k: The same, from the draws of the chain.
+        efficiency: Effective share of the proposal's draws.
+        share: Share of the steps that use the proposal.
+        searched: Number of points in the search for modes.
+        climbs: Number of climbs, and how many of them started from the prior.
     """
 
     weights: Floats
@@ -79,7 +79,7 @@ class ModeWeights(Report):
 
 
 def weigh_modes(chains: Chains) -> ModeWeights | None:
-    """Return the modes in chains of "auto", None if they are of something else."""
+    """Return the modes in chains of "auto"; None for other chains."""
     search, draws = chains.search, chains.draws
     if search is None or draws.shape[-1] != search.mixture.means.shape[1]:
         return None

@@ -44,17 +44,18 @@ Labels: TypeAlias = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Run(Report, Sequence[emcee.EnsembleSampler]):
-    """A run: emcee's samplers, one per ensemble, and what is known of them.
+    """A run: emcee's samplers, one per ensemble, and how they were sampled.
 
     Attributes:
-        samplers: One per ensemble; indexing and iterating the run gives them.
-        posterior: What was sampled.
-        seed: Of the run.
-        moves: Those of the first ensemble, with weights; each has copies of its own.
-        search: What the search of "auto" found; None where the moves were given.
-        evaluations: Log-posterior evaluations before the stored chains, of the search
-            or the starts.
-        failures: Solves that failed; None where a failure is an error.
+        samplers: One per ensemble; indexing and iterating the run returns them.
+        posterior: The sampled posterior.
+        seed: The seed of the run.
+        moves: The moves of the first ensemble, with weights; each ensemble has its own
+            copies.
+        search: The result of the search of "auto"; None if the moves were given.
+        evaluations: Number of log-posterior evaluations before the stored chains, in
+            the search or for the starts.
+        failures: The failed solves; None if a failure is an error.
         starts_given: Whether the walkers started from ``starts``.
         doubts: What was warned of before the search or the starts.
         stopped: Why it ended: "converged", "solves" or "steps"; empty while it goes on.
@@ -73,7 +74,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
 
     @property
     def solves(self) -> int:
-        """Solves of all ensembles, those before the stored chains too."""
+        """Solves of all ensembles, including those before the stored chains."""
         solves: int = self.samplers[0].evaluator.whole.solves
         return solves
 
@@ -87,7 +88,7 @@ class Run(Report, Sequence[emcee.EnsembleSampler]):
     def __getitem__(self, index: slice) -> Run: ...
 
     def __getitem__(self, index: int | slice) -> emcee.EnsembleSampler | Run:
-        """Return the sampler of an ensemble, or a run of some of them."""
+        """Return the sampler of one ensemble, or a run of several."""
         if isinstance(index, slice):
             return replace(self, samplers=self.samplers[index])
         return self.samplers[index]
@@ -159,21 +160,21 @@ class Chains:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchRecord(Report):
-    """What the search of "auto" found; ``print`` it.
+    """The result of the search of "auto"; ``print`` it.
 
-    A mode here is a separated part of the posterior: one component of the proposal, or
+    A mode here is a separate part of the posterior: one component of the proposal, or
     several that overlap.
 
     Attributes:
         mixture: The frozen proposal; its last two components cover the others.
         mode_of: The mode of each component, -1 for those that cover.
-        weights: Each mode's share of the posterior by importance sampling; NaN where
-            none could be had.
-        errors: Standard errors of these.
+        weights: Each mode's share of the posterior by importance sampling; NaN if
+            unknown.
+        errors: Standard errors of the weights.
         found_by: Climbs of each ensemble that ended in each mode, ``(ensembles, g)``.
         starts: Share of each ensemble's walkers that start there, ``(ensembles, g)``.
-        pareto_k: Of the importance weights of the proposal.
-        efficiency: Their effective share.
+        pareto_k: Pareto k of the proposal's importance weights.
+        efficiency: Effective share of these weights.
         log_weights: ln(p / q) of some draws of the proposal; -inf where p is zero.
         points: How many points were searched.
         climbs: How many climbs there were.
@@ -214,10 +215,10 @@ class SearchRecord(Report):
         )
 
     def moves(self, prior: Prior | None) -> list[tuple[Move, float]]:
-        """Return independence proposals, and local moves.
+        """Return independence proposals and local moves.
 
         Args:
-            prior: That of the posterior; None where nothing will be evaluated.
+            prior: The prior of the posterior; None if nothing will be evaluated.
         """
         share = self.share
         moves: list[tuple[Move, float]] = []
@@ -256,7 +257,7 @@ class SearchRecord(Report):
         return label(theta, self.mixture, self.mode_of)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what JSON can hold."""
+        """Return the record as JSON types."""
         fields = asdict(self)
         fields["mixture"] = [*fields["mixture"].values()]
         record: dict[str, Any]

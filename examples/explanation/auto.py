@@ -29,12 +29,12 @@ run
 #
 # The search solves a fifth as many points as the chain has evaluations, at least 1,000.
 # Half of them are draws of the prior; half are about the modes found so far, at 2, 4, 8
-# times their widths and so on. Each ensemble climbs from its best point, then from
-# those that Gaussians at the known modes do not explain. If a posterior is not
-# Gaussian, there are many such points. A climb then starts only from those that a
-# valley separates from the nearest mode (checked at four points on the way). The climbs
-# are those of {py:func}`~emcee_femu.find_map`: one solve a step with `jacobian`,
-# `d + 1` without.
+# times their widths and so on. Each ensemble climbs from its best point. It then climbs
+# from points whose density is higher than that of the Gaussians fitted at the known
+# modes. If the posterior is not Gaussian, there are many such points, and a climb starts
+# only from those that are separated from the nearest mode by a valley (checked at four
+# points on the way). The climbs are those of {py:func}`~emcee_femu.find_map`: one solve
+# per step with `jacobian`, `d + 1` without.
 
 # %%
 search = run.search
@@ -61,9 +61,10 @@ print(search.found_by)  # one row per ensemble
 # there are at most 30 parameters. The degree is 4 up to 8 parameters, 3 up to 12,
 # then 2. The fit uses some 4,000 solves where walkers on this *response surface* go.
 #
-# If that is better than the mixture by half, a new mixture is fitted to draws of the
-# surface and of its square and fourth root. The surface then screens ten to a hundred
-# of its proposals before each solve
+# If the response surface is at least half as efficient again as the mixture, a new
+# mixture is fitted to draws of the density that the surface predicts, of its square root
+# and of its fourth root; the roots are wider and cover the tails. The surface then
+# screens ten to a hundred of the mixture's proposals before each solve
 # ({py:class}`~emcee_femu.moves.DelayedAcceptanceMove`): the chain stays exact.
 # {doc}`moves_measured` has the gain.
 

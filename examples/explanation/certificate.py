@@ -62,7 +62,7 @@ certificates["a little off"]
 # |---|---|---|
 # | certified | efficiency of the weights (Kish) at least 0.9; means and standard deviations within a tenth of a standard deviation, the latter with two standard errors of the difference | use the emulated posterior: `certificate.idata` is its chain with a seal |
 # | corrected | neither certified nor refused | use `certificate.mean`, `.sd` and `.idata`, whose draws are those solved in full, with weights |
-# | refused | Pareto k above 0.7; unequal weights worth fewer than 50 independent draws, nearly equal ones fewer than 25; a tail too heavy for so few weights (k above 1 - 1 / log10(n)); a part of the posterior that is missing, or a chain that has not converged (below) | the sentence says: more solves for the emulator, for the certificate, wider bounds, a start, a longer chain |
+# | refused | the weights are unreliable: Pareto k above 0.7 or, for n draws, above 1 - 1 / log10(n); unequal weights worth fewer than 50 independent draws, or nearly equal ones worth fewer than 25. Or a part of the posterior is missing, or the chain has not converged (both below) | what the sentence says: more solves for the emulator or for the certificate, wider bounds, a start, a longer chain |
 #
 # Tables and figures of `certificate.idata` show the corrected posterior if there is
 # one, and say so in their titles, even if it was read back from netCDF. Its group
@@ -76,9 +76,9 @@ ef.parameter_table(certificates["a little off"].idata)
 #
 # Pareto k describes the tail of the largest weights: above 0.7 their mean cannot be
 # estimated. If weights are nearly equal (efficiency above 0.9), k does not matter, and
-# the sentence leaves it out. With fewer than 100 weights k scatters by 0.2, so that the
-# limit is lower there: 1 - 1 / log10(n). Efficiency and the largest weight decide with
-# it.
+# the sentence leaves it out. With fewer than 100 weights, estimates of k scatter by 0.2,
+# so the limit is lower: 1 - 1 / log10(n). Efficiency and the largest weight are also
+# taken into account.
 #
 # Means and standard deviations use the whole chain: a fit to ln w, made at other draws,
 # predicts the weights everywhere, and the solved draws correct it. So the errors of a

@@ -73,9 +73,10 @@ print(f"correlated   {correlated[0]:.6f}   scipy {correlated_by_scipy:.6f}")
 #
 # with $R$ the covariance of the relative measurement errors. The determinant keeps
 # $\sigma_d$ from growing: without it the largest $\sigma_d$ would always win. The prior
-# must be proper. $1/\sigma_d$, the usual choice for a scale, leaves $(r^T r)^{-m/2}$
-# after integration over $\sigma_d$. This has no finite integral if all $m$ residuals
-# can vanish together.
+# must be proper. If $R = 0$, the usual improper prior of a scale, $1/\sigma_d$, gives a
+# density proportional to $(r^T r)^{-m/2}$ after integration over $\sigma_d$. Its
+# integral is infinite if some parameters make all $m$ residuals zero at once, which is
+# usual unless there are more residuals than parameters.
 
 # %%
 term = ef.FrequencyTerm(measured, relative_sd=0.002, discrepancy="error")

@@ -50,8 +50,8 @@ good
 # | sd unknown | a standard deviation is uncertain by 10 % or more (`sd_error`), as in heavy tails | run the steps; sample the logarithm of a scale |
 # | ensembles disagree | R-hat over ensembles above 1.01, or means or variances scatter more than their own errors allow | run the steps; far above, `moves="auto"` |
 # | a mode is lost | a search ended, or walkers started, where the chain has none | more walkers |
-# | weights disagree | a mode weighs otherwise in the chain than by importance sampling | run the steps |
-# | weights unknown | neither chain nor importance sampling knows a weight to within 0.05 | run the steps |
+# | weights disagree | the weight of a mode differs between the chain and importance sampling | run the steps |
+# | weights unknown | neither the chain nor importance sampling determines a weight to within 0.05 | run the steps |
 # | proposal too narrow | Pareto k above 0.7 of weights p / q that are half or less efficient; or too few accepted proposals from a mode (20), or, with k above 0.5, from the worst place reached (10) | run the steps |
 # | one ensemble, starts given | nothing, but nothing could have been seen: the status is "well mixed" | `ensembles=4`, starts from the prior |
 #
@@ -97,10 +97,11 @@ for title, setting in settings.items():
     print(f"{title}:\n{indent(fill(diagnosis.chains.sentence, 76), '  ')}\n")
 
 # %% [markdown]
-# Ensembles in different modes are well mixed, one by one, by R-hat over their walkers,
-# and each has half of the posterior with full confidence. Only side by side do they
-# disagree. Ensembles in one mode agree by every number, and are wrong together. No
-# diagnosis of chains detects this, but the statement says that the starts were given.
+# If the ensembles are in different modes, each is well mixed according to R-hat over its
+# walkers, and reports half of the posterior with full confidence. They disagree only
+# when they are compared. If all are in the same mode, they agree in every number and are
+# all wrong. No diagnosis of chains detects this, but the statement says that the starts
+# were given.
 # Without `starts` they are drawn from the prior, further apart than the posterior is
 # wide, as R-hat needs. The dotted density of $x_1$ below is by quadrature:
 
@@ -165,10 +166,10 @@ print(f"{points} points: a region of {3 / points:.1e} may be missed")
 # "doubtful" (all is inside, but a parameter is more than four prior standard deviations
 # from its prior mean, as with frequencies in rad/s; the response is the same at all
 # samples; or there was a warning before the run), "at a bound" (a parameter is pressed
-# against one), "does not fit", or "not checked" if
-# data or posterior are unknown, as for plain samplers. One value of five outside 95 %
-# is no alarm; two are, and so is one at four standard deviations. An inferred error
-# more than two prior standard deviations above its prior mean does not fit either. Here
+# against one), "does not fit", or "not checked" if data or posterior are unknown, as for
+# plain samplers. One of five values outside its 95 % interval is no cause for alarm. Two
+# are, and so is a single one at four standard deviations. An inferred error more than
+# two prior standard deviations above its prior mean counts as "does not fit" too. Here
 # are the same frequencies in rad/s, a mistake that chains cannot show:
 
 # %%
@@ -187,10 +188,11 @@ print(fill(f"Warning: {doubt}", 80), fill(f"Fit: {unfit.sentence}", 80), sep="\n
 # all values of a variable are off to the same side, in the median by more than a factor
 # of 3, there and at 16 draws of the prior, the warning names both numbers.
 #
-# Fit names one remedy. It may be units. If a term with five times as many values infers
-# its own error and outvotes the term that does not fit, it is known standard
-# deviations. If predictions are off by more than a factor of 2, units or the model are
-# wrong. Otherwise it is an error of the model, if there is none yet.
+# The statement on the fit names one remedy. If the units seem wrong, it asks about them.
+# If a term with five times as many values infers its own error and outvotes the term
+# that does not fit, it advises known standard deviations. If predictions are off by more
+# than a factor of 2, it says that units or the model are wrong. Otherwise it advises an
+# inferred model error, if there is none yet.
 # {py:func}`~emcee_femu.identifiability` says for each parameter whether the data
 # informed it. How often "converged" was right on targets with known answers is on the
 # page [How often is a converged run right?](calibration.md).

@@ -72,8 +72,8 @@ def identify(acceleration, rate, peaks):  # records are (samples, channels)
 
 
 # %% [markdown]
-# The cells that run the analysis are under a guard, so that the functions can be
-# imported without pyOMA2. {py:meth}`Measurements.from_pyoma2
+# The cells that run the analysis are inside `if __name__ == "__main__":`, so that the
+# functions can be imported without pyOMA2. {py:meth}`Measurements.from_pyoma2
 # <emcee_femu.Measurements.from_pyoma2>` takes frequencies, standard deviations and
 # complex shapes, makes the shapes real, and says how complex they were (MPC; 1 = not at
 # all).

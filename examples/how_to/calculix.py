@@ -158,7 +158,8 @@ def by_matrices(command: Any, scratch: Any) -> ef.MatrixModel:
 # %% [markdown]
 # ## (a) The program as a black box
 #
-# From here on all is under a guard, because `workers=2` starts processes.
+# The remaining cells are inside `if __name__ == "__main__":`, because `workers=2` starts
+# processes.
 
 # %%
 if __name__ == "__main__":

@@ -98,10 +98,10 @@ print(f"largest difference {np.abs(differences - gradient).max():.0e}")
 #
 # Where modes coincide, sorted frequencies have a kink: a `ValueError` names the modes
 # and the parameter that separates them. In a building that is the same in both
-# directions, no parameter does. Frequencies then have derivatives, and shapes have
-# those without rotation in their common space. A `PairedModel` keeps the pairing fixed,
-# as its steps have no slope. It differentiates the rest: frequencies, shapes, MAC, and
-# how far close modes share their space.
+# directions, no parameter does. Frequencies then have derivatives. The derivatives of
+# the shapes are those without a rotation within the space that the two modes span. A
+# `PairedModel` keeps the pairing fixed, because it changes in steps, and differentiates
+# everything else: frequencies, shapes, MAC, and the blending of close modes.
 
 # %% tags=["remove-cell"]
 assert posterior.differentiable and not plain.differentiable

@@ -56,7 +56,7 @@ def from_calculix():
 #
 # ## Rows by their names
 #
-# Here are three exports of a three-storey building, in two of which the columns of the
+# Here are three exports of a three-storey building. In two of them the columns of the
 # ground floor are 2 and 3 times as stiff. Matrix Market files have no labels, so a text
 # file with a line `node.direction` for each row is given with the matrices. CalculiX's
 # `.dof` is such a file.

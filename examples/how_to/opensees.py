@@ -120,8 +120,8 @@ def assemble(ops, theta):
 # remains in $K_0$. It fails if K is not linear in the parameter: PDelta and
 # Corotational transformations under load, the depth of a section, the thickness of a
 # plate. The eigensolver of OpenSees, called at a random θ, verifies the split. The
-# cells from here on are under a guard, so that the functions above can be imported
-# without OpenSees.
+# remaining cells are inside `if __name__ == "__main__":`, so that the functions above
+# can be imported without OpenSees.
 
 
 # %%

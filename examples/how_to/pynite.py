@@ -108,8 +108,8 @@ def assemble(theta):
 # makes $K = K_0 + \sum_j \theta_j K_j$ from one assembly with all factors 1 and one per
 # group doubled. It fails if K is not linear in the parameter: P-Delta, the depth of a
 # section, the thickness of a plate. PyNite's own frequencies at a random θ verify the
-# split. The cells from here on are under a guard, so that the functions above can be
-# imported without PyNite.
+# split. The remaining cells are inside `if __name__ == "__main__":`, so that the
+# functions above can be imported without PyNite.
 
 # %%
 if __name__ == "__main__":

@@ -113,8 +113,9 @@ def frequencies(basis, theta):  # in Hz, by scikit-fem
 
 
 # %% [markdown]
-# The cells from here on are under a guard, so that the functions above can be
-# imported without scikit-fem. Every element belongs to a strip, so $K_0$ is zero.
+# The remaining cells are inside `if __name__ == "__main__":`, so that the functions
+# above can be imported without scikit-fem. Every element belongs to a strip, so $K_0$
+# is zero.
 
 # %%
 if __name__ == "__main__":

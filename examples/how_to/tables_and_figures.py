@@ -168,8 +168,8 @@ corner_figure = corner.corner(pairs, labels=["k1", "k2 / k1"])
 
 # %% [markdown]
 # Save the run itself with `idata.to_netcdf`, and read it with `arviz.from_netcdf`:
-# tables and figures can be made again without a solve. (With ArviZ 1 it takes
-# `pip install h5netcdf`.)
+# tables and figures can be made again without a solve. (ArviZ 1 needs a netCDF library
+# for this: `pip install h5netcdf h5py`.)
 
 # %%
 idata.to_netcdf(folder / "run.nc")

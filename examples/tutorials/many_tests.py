@@ -151,7 +151,7 @@ pooled.population
 #   and need not resemble the population, but they must not exclude what it needs. A
 #   prior much narrower than the likelihood leaves nothing to divide.
 # - If bounds truncate the population, `mean` and `sd` are those before truncation. A
-#   population of which less than a tenth is inside is excluded.
+#   population with less than a tenth of its probability inside is excluded.
 #
 # ## How, and when not to trust it
 #

@@ -16,14 +16,14 @@ STRENGTH_WORDS = {5.0: "very strong", 3.0: "strong", 1.0: "positive", 0.0: "weak
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """How one model class stands against the first.
+    """The position of one model class relative to the best.
 
     Attributes:
         evidence: As :func:`.log_evidence` returns it.
-        lead: ln of the Bayes factor of the first class against this one.
-        lead_error: Its standard error; 0 of the first.
-        probability: Of the class, given the data.
-        decided: Whether the lead is beyond the errors.
+        lead: ln of the Bayes factor of the best class against this one.
+        lead_error: Its standard error; 0 for the best.
+        probability: Probability of the class, given the data.
+        decided: Whether the lead exceeds the errors.
     """
 
     evidence: Evidence
@@ -34,24 +34,24 @@ class Standing:
 
     @property
     def strength(self) -> str:
-        """The word of Kass and Raftery for the evidence against it."""
+        """The term of Kass and Raftery for the evidence against the class."""
         known = STRENGTH_WORDS.items()
         return next(word for least, word in known if self.lead >= least)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelComparison(Report):
-    """What :func:`.compare_models` found; ``print`` it for table and conclusion.
+    """The result of :func:`.compare_models`; ``print`` it for table and conclusion.
 
     Attributes:
         table: One row per model class, the largest evidence first: log evidence and its
-            standard error; ln of the Bayes factor of the first class against this one
+            standard error; ln of the Bayes factor of the best class against this one
             and its standard error; probability; verdict.
         standings: The same numbers by label, the largest evidence first.
         evidences: By label, as :func:`.log_evidence` returns them.
-        probabilities: Of the classes given the data, by label.
-        winner: Label of the class that is ahead of all others beyond the errors; None
-            if none is.
+        probabilities: Probabilities of the classes given the data, by label.
+        winner: Label of the class that is significantly ahead of all others; None if
+            there is none.
         conclusion: The outcome in words, one sentence per line.
     """
 
@@ -74,27 +74,32 @@ def compare_models(
     .. math:: B_{ij} = \frac{Z_i}{Z_j}, \qquad
         P(M_i | D) = \frac{\pi_i Z_i}{\sum_j \pi_j Z_j}
 
-    The evidence rewards fit and charges for each parameter that the data narrow down
-    from its prior: widening a prior tenfold without need costs ln 10. The classes must
-    be given the same measurements, with normalised likelihoods and proper priors.
+    Use it to decide, for example, whether a support is a hinge or a spring, or whether
+    a parameter is needed. The evidence rewards a good fit and penalises each parameter
+    that the data narrow from its prior: a prior ten times wider than needed costs ln
+    10. All classes need the same measurements, normalised likelihoods and proper
+    priors. It takes no solves.
 
-    The verdict on a class is "undecided" where its log evidence is within two combined
-    standard errors of the first one's; otherwise it is behind by evidence that Kass
-    and Raftery call weak (ln B below 1), positive (3), strong (5) or very strong.
+    The verdict on a class is "undecided" if its log evidence is within two combined
+    standard errors of the best. Otherwise the evidence against it is, in the terms of
+    Kass and Raftery, weak (ln B below 1), positive (below 3), strong (below 5) or very
+    strong.
 
     Args:
-        models: By label, at least two: what :func:`log_evidence` takes or has returned
-            (with ``discard=``, where there is a burn-in), or what ``anneal`` has.
-        prior: Probabilities of the classes before the data, by label, above zero; they
-            are normalised. The default is that all are equal.
+        models: At least two classes by label: anything that :func:`log_evidence`
+            accepts or has returned (with ``discard=`` if there is a burn-in), or the
+            result of :func:`anneal`.
+        prior: Positive prior probabilities of the classes by label; they are
+            normalised. By default all are equal.
 
     Returns:
         A table, probabilities and a conclusion in words; ``print`` it.
 
     Raises:
-        TypeError: If models or prior are no mappings with labels that are text.
+        TypeError: If models or prior is not a mapping with text labels.
         ValueError: If there are fewer than two classes, prior does not name them all,
-            or a log evidence is not finite; what log_evidence refuses, with the label.
+            or a log evidence is not finite; also errors of log_evidence, with the
+            label.
 
     Source: Kass and Raftery (1995), doi:10.1080/01621459.1995.10476572.
 
@@ -196,5 +201,5 @@ def _conclude(standings: Mapping[str, Standing]) -> str:
         lines = [f"Ahead: {first}; {', '.join(words)}."]
     for label, standing in standings.items():
         for problem in standing.evidence.problems:
-            lines.append(f"{label}: no error can be claimed, for {problem}.")
+            lines.append(f"{label}: no error can be given, because {problem}.")
     return "\n".join(lines)

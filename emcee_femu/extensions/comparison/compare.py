@@ -27,17 +27,18 @@ MOVE_LEAD = 2.0  # combined standard errors by which a winner must be ahead
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Report):
-    """What :func:`.compare_moves` found; ``print`` it for the table and the conclusion.
+    """The result of :func:`.compare_moves`; ``print`` it for table and conclusion.
 
     Attributes:
         table: One row per move.
-        idata: ArviZ object of the kept steps, by label.
-        diagnoses: :class:`.Diagnosis`, by label.
+        idata: ArviZ objects of the kept steps, by label.
+        diagnoses: :class:`.Diagnosis` by label.
         ess_per_1000: Bulk ESS of the worst parameter per 1000 evaluations, one number
             per ensemble ``(ensembles,)``, by label.
-        efficiency: The same of all ensembles together, and its standard error, by
+        efficiency: The same for all ensembles together, and its standard error, by
             label.
-        winner: Label of the move that is best beyond the spread; None if none is.
+        winner: Label of the move that is significantly better than the others; None if
+            there is none.
         conclusion: The outcome in words, one sentence per line.
         posterior: The sampled posterior.
     """
@@ -71,38 +72,40 @@ def compare_moves(
 
     .. math:: e = \frac{1000\, \min_j ESS_j}{N_{walkers}\, N_{kept}\, N_{ensembles}}
 
-    A move wins if it has converged (:func:`diagnose`) and its e is ahead of that of
-    every other converged move by more than two combined standard errors over the
-    ensembles.
+    Use it to choose a move for a posterior, or to test a move of your own. A move wins
+    if it has converged (:func:`diagnose`) and its efficiency e exceeds that of every
+    other converged move by more than two combined standard errors over the ensembles.
 
     Args:
-        posterior: What to sample.
-        moves: By label, what :func:`run` takes: an emcee move, a weighted list, or
-            "auto".
-        nwalkers: Walkers per ensemble; None for as many as :func:`run` takes, the
-            most that any of the moves has.
-        steps: Stored generations per ensemble. Give either this or max_evaluations.
-        max_evaluations: Log-posterior evaluations that each move may spend on the
-            stored chains of all ensembles; those of the starts and of the search of
-            "auto" come on top and are reported. Where "auto" turns to Hamiltonian
-            moves, whose trajectories cost several each, it spends more, and the
-            conclusion says how many.
-        ensembles: Independent ensembles, at least 2, started by draws from the prior.
+        posterior: The posterior to sample.
+        moves: ``{label: moves}``, where moves is an emcee move, a weighted list, or
+            "auto", as in :func:`run`.
+        nwalkers: Walkers per ensemble. By default it is the default of :func:`run`, the
+            largest for any of the moves.
+        steps: Stored generations per ensemble. Give either steps or max_evaluations.
+        max_evaluations: Number of log-posterior evaluations for each move's stored
+            chains, over all ensembles. Evaluations for the starts and for the search of
+            "auto" are added and reported. If "auto" chooses Hamiltonian moves, whose
+            trajectories cost several evaluations each, it exceeds this number, and the
+            conclusion says by how much.
+        ensembles: Number of independent ensembles, at least 2, started from draws of
+            the prior.
         seed: A whole number, the same for every move.
         discard: Stored steps to drop as burn-in; None for a quarter of them.
-        reference: Known ``(mean, sd)`` of the posterior by parameter name, some or all.
+        reference: Known ``(mean, sd)`` of the posterior by parameter name, for some or
+            all parameters.
 
     Returns:
         A table, its winner and a conclusion in words; ``print`` it.
 
     Raises:
         TypeError: If not exactly one of steps and max_evaluations is given, or an
-            argument is of a wrong type.
-        ValueError: If a move does not fit the ensemble, a number is out of range, or
+            argument has the wrong type.
+        ValueError: If a move does not suit the ensemble, a number is out of range, or
             too few steps are left to judge. All are raised before sampling.
 
     Warns:
-        UserWarning: If one of emcee's own moves is known, and found, to sample wrongly.
+        UserWarning: If one of emcee's own moves is known to sample incorrectly.
 
     Examples:
         >>> import emcee_femu as ef
@@ -270,12 +273,12 @@ class Entry:
 
     @property
     def end_to_end(self) -> float:
-        """ESS per 1000 evaluations, with all that was dropped or went before."""
+        """ESS per 1000 evaluations, including the burn-in and everything before."""
         return self.efficiency * self.kept / (self.chain + self.run.evaluations)
 
     @property
     def per_cpu_second(self) -> float:
-        """ESS per CPU second of the kept steps, at an even pace."""
+        """ESS per CPU second of the kept steps, assuming a constant pace."""
         return self.efficiency**2 * self.kept / (1000 * self.end_to_end * self.cpu)
 
     def __str__(self) -> str:

@@ -21,15 +21,15 @@ FAR_BEHIND = 25.0  # log evidence behind the first beyond which a class is only 
 
 
 def plot_comparison(comparison: Comparison) -> Figure:
-    """Draw the ESS per 1000 evaluations of each move, and the error of its mean.
+    """Draw each move's ESS per 1000 evaluations, and the error of its mean.
 
-    Left: the best on top, error bars of one standard error over the ensembles; the
-    bars of moves that have not converged are hatched. Right, where frequencies were
-    measured: the total average error of the running mean of the kept steps, in the
-    colours of the bars.
+    Left: the best move on top, with error bars of one standard error over the
+    ensembles; hatched bars have not converged. Right, if frequencies were measured: the
+    total average error of the running mean of the kept steps, in the colours of the
+    bars.
 
     Args:
-        comparison: What :func:`compare_moves` returns.
+        comparison: The result of :func:`compare_moves`.
 
     Returns:
         The matplotlib Figure.
@@ -107,14 +107,14 @@ def _draw_bars(axes: Axes, comparison: Comparison, colors: dict[str, Any]) -> No
 
 
 def plot_model_comparison(comparison: ModelComparison) -> Figure:
-    """Draw the log Bayes factors of model classes against the first, and probabilities.
+    """Draw log Bayes factors of model classes against the best, and probabilities.
 
-    Left: the best on top; bars of two combined standard errors, beyond which a class is
-    called behind, and no bar where no error can be claimed. Hollow: undecided. Right:
-    probabilities given the data.
+    Left: the best class on top, with bars of two combined standard errors; a class
+    counts as behind if its bar ends below the best. There is no bar if the error is
+    unknown. Hollow markers are undecided. Right: the probabilities given the data.
 
     Args:
-        comparison: What :func:`compare_models` returns.
+        comparison: The result of :func:`compare_models`.
 
     Returns:
         The matplotlib Figure.

@@ -1,4 +1,4 @@
-"""What full solves say of an emulated posterior: numbers, verdict, an ArviZ object."""
+"""The result of full solves at draws of an emulated posterior: numbers and verdict."""
 
 import json
 from dataclasses import asdict, dataclass, replace
@@ -27,35 +27,37 @@ CERTIFIED, CORRECTED, REFUSED = "certified", "corrected", "refused"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Certificate(Report):
-    """What :func:`.certify` found; ``print`` it for a table and the verdict.
+    """The result of :func:`.certify`; ``print`` it for a table and the verdict.
 
     Attributes:
         names: Parameter names, ``d`` of them.
-        solves: Full solves spent, all of them.
-        failed_solves: Of these, how many failed and were taken for impossible.
-        efficiency: Effective share of the weights (Kish): 1 where all are equal.
-        effective: Independent draws of the posterior that the weighted ones are worth.
-        pareto_k: Of the weights; infinite where there are fewer than 25.
-        largest: The largest weight, over the mean weight.
-        mean: Of the true posterior, ``(d,)``.
+        solves: Total number of full solves.
+        failed_solves: Number of solves that failed and counted as zero likelihood.
+        efficiency: Effective share of the weights (Kish): 1 if all are equal.
+        effective: Number of independent draws that the weighted draws are worth.
+        pareto_k: Pareto k of the weights; infinite for fewer than 25 of them.
+        largest: The largest weight, divided by the mean weight.
+        mean: Means of the true posterior, ``(d,)``.
         mean_error: Standard errors of the means, ``(d,)``.
         sd: Standard deviations of the true posterior, ``(d,)``.
         sd_error: Their standard errors, ``(d,)``.
-        off_error: Standard errors of the difference of sd and emulated_sd, ``(d,)``. It
-            is smaller, since both come from the same chain.
-        emulated_mean: Of the emulated posterior's whole chain, ``(d,)``.
-        emulated_sd: The same for standard deviations, ``(d,)``.
+        off_error: Standard errors of the difference between sd and emulated_sd,
+            ``(d,)``. They are smaller because both come from the same chain.
+        emulated_mean: Means of the emulated posterior's whole chain, ``(d,)``.
+        emulated_sd: Standard deviations of this chain, ``(d,)``.
         theta: The draws that were solved in full, ``(n, d)``.
-        weights: Their weights, of mean one, ``(n,)``.
+        weights: Their weights, with mean one, ``(n,)``.
         log_posterior: The true log-posterior there, ``(n,)``.
-        search: Whether climbs looked elsewhere, how many, and how many arrived.
-        faults: What is wrong with the bounds or the chain of the emulated posterior.
-        missed: What a search came upon that the draws lack.
-        notes: What else to know.
-        idata: The ArviZ object to go on with. If corrected, its draws are those that
-            were solved in full, with their weights in ``sample_stats``, and tables and
-            figures show the weighted draws; else it is a copy of what was given. Either
-            way it has a group ``certificate``, and tables and figures say so.
+        search: Whether climbs looked elsewhere, how many there were, and how many ended
+            at a maximum.
+        faults: Faults of the bounds or the chain of the emulated posterior.
+        missed: Regions found by the search that the draws do not contain.
+        notes: Further remarks.
+        idata: The ArviZ object for further work. If the verdict is *corrected*, it
+            holds the draws that were solved in full, with their weights in
+            ``sample_stats``, and tables and figures show the weighted draws. Otherwise
+            it is a copy of the given object. It has a group ``certificate``, and
+            tables and figures show the verdict.
     """
 
     names: tuple[str, ...]
@@ -82,7 +84,7 @@ class Certificate(Report):
     idata: InferenceData | None = None
 
     def reported(self) -> Reported:
-        """Return what a report is on: the samples of the certificate."""
+        """Return the contents of a report: the samples of the certificate."""
         return Reported("certificate", self.idata)
 
     @property
@@ -96,7 +98,7 @@ class Certificate(Report):
 
     @property
     def verdict(self) -> str:
-        """The verdict in one sentence, with what to do."""
+        """The verdict in one sentence, with the next step."""
         equal = self.efficiency >= EQUAL_WEIGHTS  # whose tail is no matter
         facts = (
             f"{len(self.weights)} draws, efficiency {self.efficiency:.2f}, "
@@ -123,7 +125,7 @@ class Certificate(Report):
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """Further faults in plain sentences, and what else to know."""
+        """Further faults and remarks in plain sentences."""
         also = (f"Also: {reason}." for reason in self._reasons[1:])
         return (*also, *self.notes, self.search.sentence)
 
@@ -137,12 +139,12 @@ class Certificate(Report):
 
     @property
     def _reasons(self) -> list[str]:
-        """Why the emulated posterior is refused, the plainest first."""
+        """Why the emulated posterior is refused, the most obvious reason first."""
         weakness = self._find_weakness()
         return [*self.faults, *([weakness] if weakness else []), *self.missed]
 
     def _find_weakness(self) -> str:
-        """Return why the weights cannot be trusted, the plainest reason; or nothing."""
+        """Return the most obvious reason not to trust the weights; empty if none."""
         n, heavy = len(self.weights), self.efficiency < EQUAL_WEIGHTS
         better = "emulate with more solves, or sample with a DelayedAcceptanceMove"
         if not self.largest < np.inf:
@@ -191,12 +193,12 @@ class Certificate(Report):
     def sealed(
         self, posterior: LogPosterior, rows: Floats, log_emulated: Floats
     ) -> "Certificate":
-        """Return the certificate with the ArviZ object to go on with.
+        """Return the certificate with the ArviZ object for further work.
 
         Until then its ``idata`` is that of the emulated posterior.
 
         Args:
-            posterior: The true one.
+            posterior: The true posterior.
             rows: Rows of the true posterior at the solved draws, ``(n, columns)``.
             log_emulated: The emulated log-posterior there, ``(n,)``.
         """

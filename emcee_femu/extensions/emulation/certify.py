@@ -60,66 +60,74 @@ def certify(
     progress: bool | str | None = None,
     probe_tolerance: float = 1e-6,
 ) -> Certificate:
-    r"""Check an emulated posterior against full solves at independent draws of it.
+    r"""Check an emulated posterior with full solves at some of its own draws.
+
+    Use it after :func:`emulate` and :func:`run`, or with any other approximate model.
+    Draws are taken from the chain at equal distances, without repetition, and solved
+    with the full model. Importance weights then correct the emulated posterior:
 
     .. math:: w_i = \frac{p(\theta_i) L(\theta_i)}{\tilde p(\theta_i)}, \qquad
         \hat f = \sum_i w_i f(\theta_i) \Big/ \sum_i w_i
 
-    with the true posterior over the emulated one, :math:`\tilde p`, which idata holds.
-    Draws are taken from the chain at equal distances, none twice. The effective share
-    of the weights and their Pareto k tell how good the emulated posterior is; corrected
-    means and standard deviations are those of the whole chain, moved by what the
-    weights change at the solved draws. The verdict is
+    where :math:`p L` is the true and :math:`\tilde p` the emulated posterior, which is
+    stored in ``idata``. Corrected means and standard deviations are those of the whole
+    chain, plus the change that the weights make at the solved draws. The verdict is one
+    of
 
-    - *certified*: efficiency at least .9, means within a tenth of a standard deviation,
-      and these within a tenth with two standard errors of the difference;
-    - *corrected*: the weights repair what is wrong;
-    - *refused*: k above .7, unequal weights worth fewer than 50 independent draws, a
-      tail too heavy for so few weights (k above ``1 - 1 / log10(n)``), something
-      missing, or a chain that has not converged.
+    - *certified*: the efficiency (effective share) of the weights is at least 0.9, and
+      means and standard deviations are right to a tenth of a standard deviation; for
+      the latter, two standard errors of the difference are included;
+    - *corrected*: the emulated posterior is not good enough, but the weights correct
+      it;
+    - *refused*: the weights are unreliable, part of the posterior is missing, or the
+      chain has not converged. Unequal weights are unreliable if their Pareto k is above
+      0.7 or above ``1 - 1 / log10(n)`` for n draws, or if they are worth fewer than 50
+      independent draws.
 
-    Weights that are nearly equal (efficiency above .9) are trusted regardless of k,
-    which fewer than 100 of them do not tell well. Where k is at most .7 unequal weights
+    Weights with an efficiency above 0.9 are trusted whatever k is, because fewer than
+    100 nearly equal weights do not determine k well. Unequal weights with k up to 0.7
     are smoothed (PSIS).
 
-    Weights at draws of the emulated posterior cannot see what it excludes. So bounds
-    that leave out more than 1 % of the prior are refused, and draws that press against
-    a bound which the prior does not have; and a quarter of the solves, at most 30, are
-    spent on climbs of the true posterior from draws of the prior that lie away from the
-    chain, where these are enough for three steps; positive parameters climb by their
-    logarithms. What neither comes upon stays unseen: a narrow mode of which no climb
-    came near. Nor do weights bring back what the chain did not visit: a chain that
-    :func:`diagnose` calls not converged is refused. If it is only too short, the
-    errors allow for that, and a finding says so. Failed climbs are findings too.
+    Weights cannot reveal what the emulated posterior excludes. Three checks look for
+    it: the emulator's bounds must contain at least 99 % of the prior, the draws must
+    not press against a bound that the prior does not have, and the true posterior is
+    climbed from draws of the prior away from the chain. The climbs take a quarter of
+    the solves, at most 30. A narrow mode near which no climb passes remains undetected.
+
+    Weights cannot recover regions that the chain never visited either. A chain that
+    :func:`diagnose` calls "not converged" is therefore refused, unless its only fault
+    is that it is too short: the standard errors then allow for this, and a finding
+    says so. Failed climbs are also listed in ``findings``.
 
     Args:
-        idata: What :func:`to_inference_data` made of a run on the emulated posterior,
-            without burn-in; or the run.
-        posterior: The true posterior, of the same parameters.
-        solves: Full solves to spend, all included; at least 10.
+        idata: The run on the emulated posterior, or its :func:`to_inference_data`
+            without burn-in.
+        posterior: The true posterior, with the same parameters.
+        solves: Number of full solves to spend on draws and climbs, at least 10.
         seed: A whole number; the same seed gives the same certificate.
-        workers: Number of processes to start, as in :func:`run`.
-        pool: Where to evaluate instead, as in :func:`run`.
-        on_failure: What a failed solve of a draw does: "reject" to give it no weight
-            and log it, "raise" to stop with the parameters by name. One of a climb
-            shortens a step, or ends the climb.
-        max_failures: Fraction of failed solves above which "reject" refuses.
-        backend: Name of a file that keeps every solve as it arrives, such as
-            "beam.certificate"; None for none.
-        resume: Whether to go on with the file if it is there, as in :func:`run`; the
-            solves in it are not repeated.
-        progress: Whether to show a bar with solves and the time left, as in
-            :func:`run`.
-        probe_tolerance: Relative difference at solves of the file above which the model
-            counts as another.
+        workers: Number of worker processes, as in :func:`run`.
+        pool: A pool to solve in, instead of workers; see :func:`run`.
+        on_failure: "reject" to give a draw whose solve fails the weight zero and log
+            it; "raise" to stop and name its parameters. A failed solve of a climb
+            shortens a step or ends the climb.
+        max_failures: Fraction of failed solves above which the verdict is *refused*.
+        backend: File in which each solve is stored as soon as it is done, such as
+            "certify.sqlite".
+        resume: Whether to continue from the file if it exists. Stored solves are not
+            repeated.
+        progress: Whether to show solves and the remaining time, as in :func:`run`.
+        probe_tolerance: Relative difference between a stored and a repeated solve above
+            which the model is considered changed.
 
     Returns:
-        The verdict, what it rests on, and an ArviZ object to go on with; ``print`` it.
+        The certificate: verdict, corrected moments, weights, and an ArviZ object for
+        further work. ``print`` it.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior, or a number not a whole one.
-        ValueError: If idata lacks what is needed or is of other parameters, solves is
-            below 10, or the file is of something else. All are raised before a solve.
+        TypeError: If posterior is not a LogPosterior, or a count is not a whole number.
+        ValueError: If idata is incomplete or has other parameters, solves is below 10,
+            or the file belongs to another calculation. These are raised before the
+            first solve.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
 
     Source: Vehtari, Simpson, Gelman, Yao and Gabry (2024), "Pareto smoothed importance
@@ -216,10 +224,11 @@ def certify(
 def _look_elsewhere(
     chain: EmulatedChain, evaluator: Evaluation, most: int, rng: np.random.Generator
 ) -> tuple[list[Maximum], list[str]]:
-    """Return where climbs end that start from the prior away from the chain's draws.
+    """Return where climbs end that start from prior draws away from the chain.
 
-    They stop when their solves are spent; where these are too few for a few steps there
-    is none. And why others led nowhere, a sentence each.
+    Climbing stops when its share of the solves is spent; there is no climb if that
+    share is too small for a few steps. Also return, in one sentence each, why other
+    climbs failed.
     """
     maxima, lost = list[Maximum](), list[str]()
     starts = evaluator.posterior.prior.sample(rng, 20 * most)
@@ -253,9 +262,9 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
     apart = np.fmax(diagnosis.rhat_within, diagnosis.rhat_between).max() > RHAT_APART
     if diagnosis.stuck or apart:
         return [
-            "the chain of the emulated posterior is in several parts, which no weight "
-            "brings together; run it longer, without its burn-in, until diagnose finds "
-            "no walkers or ensembles apart"
+            "the chain of the emulated posterior is in several parts, which weights "
+            "cannot join; run it longer, without its burn-in, until diagnose says that "
+            "walkers and ensembles agree"
         ], []
     if (about := diagnosis.chains).status != NOT_CONVERGED:
         return [], []
@@ -271,7 +280,7 @@ def _judge_chain(idata: InferenceData) -> tuple[list[str], list[str]]:
 def _note(
     chain: EmulatedChain, n: int, arrived: int, lost: list[str], failed: int
 ) -> list[str]:
-    """Return what else to know of ``n`` solved draws, in sentences."""
+    """Return further remarks on ``n`` solved draws, in sentences."""
     sentences = []
     if failed:
         sentences.append(
@@ -285,7 +294,7 @@ def _note(
             f"{n} solves: run it longer; the errors allow for it."
         )
     sentences += [
-        f"{count} of {arrived + len(lost)} climbs led nowhere: {reason}."
+        f"{count} of {arrived + len(lost)} climbs failed: {reason}."
         for reason, count in Counter(lost).items()
     ]
     return sentences
@@ -296,12 +305,12 @@ def _judge_climbs(maxima: list[Maximum], lost: list[str]) -> Statement:
     ends, climbs = sum(m.converged for m in maxima), len(maxima) + len(lost)
     if climbs:
         sentence = (
-            f"{climbs} climbs started elsewhere, {ends} of them converged; regions "
-            "that neither they nor the draws reached stay unseen."
+            f"{ends} of {climbs} climbs from other places ended at a maximum; a region "
+            "that no climb or draw reached may still be missing."
         )
         return Statement(SEARCHED, SEARCHED, sentence)
     sentence = (
-        "No climb was made from elsewhere, as there were too few solves: a part of the "
-        "posterior far from all draws would be missed; find_map looks for one."
+        "There were too few solves to climb from other places: a part of the posterior "
+        "far from all draws may be missing; find_map can look for one."
     )
     return Statement(NOT_SEARCHED, NOT_SEARCHED, sentence)

@@ -1,4 +1,4 @@
-"""Draws of an emulated posterior, and of what it may yet turn out to be."""
+"""Draws of an emulated posterior, and of a wider one around it."""
 
 from dataclasses import dataclass, replace
 
@@ -23,16 +23,16 @@ WIDER_IN_TRUTH = 2.0  # standard deviations of the emulator that may be one in t
 class EmulatedDraws:
     """Draws of the emulated posterior, and of a wider one around it.
 
-    The wider one, whose emulator has twice the error that it claims, lies also where
-    the full model may turn out to be better than the emulator says.
+    The wider one assumes twice the emulator's claimed error, so it also covers places
+    where the full model may turn out to fit better than the emulator predicts.
 
     Attributes:
-        members: Draws of the emulated one, ``(n, d)``, of equal weight.
-        wide: The same of the wider one.
+        members: Draws of the emulated posterior, ``(n, d)``, with equal weights.
+        wide: Draws of the wider one.
         errors: Mean square errors predicted at members, then at the wide ones,
-            ``(2 n,)``, as those of ``deviate``.
-        size: As many independent draws are worth as much as the members, as far as
-            their lineages from the last ones tell; of halves that of the worse.
+            ``(2 n,)``, as returned by ``deviate``.
+        size: Number of independent draws that the members are worth, from their
+            lineages; the smaller number of the two halves.
     """
 
     members: Floats
@@ -48,7 +48,7 @@ class EmulatedDraws:
 
 @dataclass(eq=False)
 class TemperedEvaluation(Evaluation):
-    """What evaluates a posterior with a power of the likelihood."""
+    """An evaluator of a posterior with a power of the likelihood."""
 
     power: float = 1.0
 
@@ -62,12 +62,12 @@ class TemperedEvaluation(Evaluation):
 class Explorer:
     """Draws from one emulated posterior after another.
 
-    Two populations are carried from each to the next, power by power of their ratio:
-    one of the emulated posterior, and one of the wider. When the solves have grown by
-    half, or where the carried draws are emulated well, the wider one is annealed from
-    the prior anew, which knows nothing of what was seen before, and half of the other
-    is carried from there, so that a mode that one emulator excluded comes back with a
-    later one. Either half is then moved by proposals fitted to the other.
+    Two populations are carried from each posterior to the next, by powers of their
+    ratio: one of the emulated posterior, and one of the wider. When the number of
+    solves has grown by half, or if the carried draws are emulated well, the wider one
+    is annealed anew from the prior, without knowledge of earlier draws, and half of the
+    other population is taken from it. A mode that one emulator excluded thus reappears
+    with a later one. Each half is then moved by proposals fitted to the other.
 
     Args:
         problem: What is emulated.

@@ -61,102 +61,84 @@ def emulate(
     progress: bool | str | None = None,
     probe_tolerance: float = 1e-6,
 ) -> EmulatedModel | EmulatedExperiments:
-    r"""Emulate the model of a posterior by Gaussian processes, from few full solves.
+    r"""Replace the model of a posterior by Gaussian processes fitted to a few solves.
 
-    For a model whose solve takes seconds or more and that is not affine in its
-    parameters. The response (eigenvalues, shapes at the sensors, any real vector that
-    a term reads) is emulated, not the scalar posterior, and the likelihood knows how
-    far the emulator may be off. The first ``d + 4`` solves are spread over the prior,
-    then batches of ``d / 2 + 1`` go to those draws of the emulated posterior whose
-    solves lower its expected error most, averaged over all draws, the first of each
-    batch among draws of a wider one, whose emulator errs twice as much as it says. The
-    draws are walkers kept from round to round. While the true error (below) is above 3
-    they are draws of a tempered posterior, at most as wide as if the measurement erred
-    as much as the emulator, and half as wide in each round, so that solves reach a
-    sharp posterior in stages. Whenever the solves have grown by half, and in each
-    round that predicts an error below 0.1, half of the draws come anew from the whole
-    prior, so that modes that one emulator excludes come back with a later one, and
-    modes that are not there are found out. A parameter whose prior spans decades is
-    seen by its logarithm; so are all positive ones, and eigenvalues with them, as long
-    as the solves are predicted better so, each from the others.
+    Use it if one solve takes seconds or more and the model is not affine in its
+    parameters. The emulator predicts the response (eigenvalues, mode shapes at the
+    sensors, or any vector that a term reads), not the log-posterior, and the
+    likelihood includes the emulator's own uncertainty. Typical cost: 10 solves per
+    parameter, or 3 if the model has a ``jacobian``.
 
-    **Derivatives** of the model, its ``jacobian``, are learned beside the response: a
-    first design of ``d / 2 + 1`` points, three at least, and batches of ``d / 4 + 1``
-    then do, and a third to a half of the solves. They are left aside as long as the
-    solves are predicted better without them. Where the model refuses them (two modes
-    coincide) the response alone is learned, from a second call that is not counted.
+    The first ``d + 4`` solves are spread over the prior of the ``d`` parameters.
+    Batches of ``d / 2 + 1`` follow, at those draws of the emulated posterior whose
+    solves reduce the expected error most. With derivatives, ``max(d / 2 + 1, 3)`` and
+    ``d / 4 + 1`` suffice. The page "A posterior in few solves, measured" explains the
+    method and how often it was right.
 
-    **The error** of an emulated response r' is its distance from the full one as the
-    data see it,
+    The error of an emulated response r' is its distance from the full response r in
+    standard deviations of the measurement,
 
-    .. math:: e = \Big[\sum_i (r_i - r'_i)^2 / \sigma_i^2\Big]^{1/2}
+    .. math:: e = \Big[\sum_i (r_i - r'_i)^2 / \sigma_i^2\Big]^{1/2}.
 
-    over all data, paired as a full solve would be. ``e = 0.1`` moves a posterior mean
-    by a tenth of a standard deviation at the very most, and weights that correct the
-    draws are then about 99 % efficient. The **true error** of a round is the root mean
-    square of e that was predicted at draws of the emulated posterior, times the factor
-    by which the full solves of the round exceeded what was predicted for them (the
-    root mean square of the ratios): a prediction alone understates. It stops
-    once the error stays below ``tolerance`` in two rounds running, and no more than
-    five times that is predicted at the last draws.
+    An error of 0.1 shifts a posterior mean by at most a tenth of a posterior standard
+    deviation. The *true error* of a round is the root mean square of e predicted at
+    draws of the emulated posterior, multiplied by the ratio of actual to predicted
+    errors at the newest solves. Solving stops when the true error is below
+    ``tolerance`` for two consecutive rounds and the error predicted at the final draws
+    is at most five times ``tolerance``.
 
-    Regions that the emulator wrongly rules out are never visited; use :func:`certify`
-    to check.
+    The emulator cannot detect regions that it wrongly excludes. Check the result with
+    :func:`certify`.
 
-    **Several experiments** (:meth:`LogPosterior.joint`) are emulated one after another,
-    each by solves of its own model alone, at draws of the posterior of those before it
-    and of the cheap ones, in the order in which the posterior has them. So name first
-    what says most.
+    The experiments of :meth:`LogPosterior.joint` are emulated one after another, in
+    their order. Solves for the second one are placed where the first leaves the
+    posterior undecided, so list the most informative experiment first.
 
     Args:
-        posterior: What is to be sampled. A :class:`PairedModel` pairs the emulated
-            modes as it would those of a full solve.
-        solves: The most full solves, all counted; of each experiment.
-        seed: A whole number; the same seed gives the same emulator, to the bit.
-        workers: Number of processes to start, as in :func:`run`.
-        pool: Where to solve instead, as in :func:`run`. Rounds are what a user waits
-            for, so first design and batches have at least as many points as there are
-            workers: more of them mean fewer rounds, and other points.
-        backend: Name of a file that keeps every solve as it arrives, such as
-            "run.solves"; of several experiments one for each, "run.solves.empty".
-        resume: Whether to go on with the file if it is there, as in :func:`run`: the
-            solves in it are not repeated, whether a call was killed, or ended and is
-            now given more ``solves`` or a smaller ``tolerance``. The result is that of
-            one call, to the bit. It takes as many points at a time, so as many workers.
-        tolerance: True error at draws of the posterior at which to stop, in standard
-            deviations of the measurement, see above; 0 to spend all solves.
-        derivatives: Whether those of the model are learned, if it has ``jacobian``.
-        starts: A point ``(d,)`` about which the first design lies, within a quarter of
-            the prior's spread, such as that of :func:`find_map`; or points ``(n, d)``
-            that are the first design; None for the whole prior.
-        cheap: Names of experiments whose models are not emulated, but solved wherever
-            the posterior is evaluated; None for none.
-        on_failure: What a failed solve does: "raise", or "reject" to leave the point
-            out of the fit, and not ask there again, nor where a failed point is nearer
-            than all that were solved. It counts as a solve.
-        max_failures: Fraction of the solves above which "reject" stops, unless so many
-            of a few may have failed by chance. It is more than in :func:`run`, for the
-            first design spans the prior. It stops, too, where all of that failed.
-        progress: Whether to show solves, errors and the time left, as in :func:`run`.
-        probe_tolerance: Relative difference at solves of the file above which the model
-            counts as another, as in :func:`run`.
+        posterior: The posterior to emulate. A :class:`PairedModel` pairs the emulated
+            modes as it pairs those of a full solve.
+        solves: Maximum number of full solves per experiment.
+        seed: A whole number; the same seed gives the same emulator, bit for bit.
+        workers: Number of worker processes, as in :func:`run`. The first design and
+            each batch have at least one point per worker, so more workers mean fewer
+            rounds and different points.
+        pool: A pool to solve in, instead of workers; see :func:`run`.
+        backend: File in which each solve is stored as soon as it is done, such as
+            "emulate.sqlite". Each experiment of a joint posterior has its own file,
+            whose name ends with the experiment's.
+        resume: Whether to continue from the file if it exists. Stored solves are not
+            repeated, and the result is the same as without the interruption, bit for
+            bit. ``solves`` and ``tolerance`` may differ from the first call; the number
+            of workers must not, because it sets the batch size.
+        tolerance: True error at which to stop; 0 to spend all solves.
+        derivatives: Whether to use the model's ``jacobian``, if it has one.
+        starts: A point ``(d,)``, such as a maximum from :func:`find_map`: the first
+            design then covers a quarter of the prior's spread around it. Or the points
+            ``(n, d)`` of the first design. By default it covers the whole prior.
+        cheap: Names of experiments whose models are fast enough to be solved at every
+            evaluation of the posterior, and are therefore not emulated.
+        on_failure: "raise" to stop at the first failed solve; "reject" to leave its
+            point out of the fit and avoid its surroundings. Failed solves are counted.
+        max_failures: Fraction of failed solves above which "reject" stops. The default
+            is higher than in :func:`run` because the first design covers the prior.
+        progress: Whether to show solves, errors and the remaining time, as in
+            :func:`run`.
+        probe_tolerance: Relative difference between a stored and a repeated solve above
+            which the model is considered changed.
 
     Returns:
-        The emulated model: ``posterior`` is ready to :func:`run`, ``solves`` the
-        full solves spent, ``history`` the errors round by round, and how many
-        independent draws of the emulated posterior its draws are worth. Of several
-        experiments ``posterior``, ``solves`` of all, and ``models``, such a model for
-        each name.
+        The emulated model. Pass its ``posterior`` to :func:`run`; ``solves`` is the
+        number of full solves, and ``history`` lists the errors round by round. For a
+        joint posterior ``models`` holds such a model for each experiment.
 
     Raises:
-        TypeError: If posterior is not a LogPosterior, or a count not a whole number.
-        ValueError: If solves do not suffice for a first design and a batch, an initial
-            point is out of bounds, cheap names no experiment, or the file is of
-            something else. All but what the model does are raised before a solve.
+        TypeError: If posterior is not a LogPosterior, or a count is not a whole number.
+        ValueError: If solves is too small for a first design and one batch, a start is
+            out of bounds, cheap names an unknown experiment, or the file belongs to
+            another calculation. These are raised before the first solve.
         ImportError: If progress is "notebook" and ipywidgets is not installed.
-        RuntimeError: If too many solves failed.
-        UserWarning: Where all solves of the first design are far off, as of
-            :func:`run`.
+        RuntimeError: If too many solves failed, or all solves of the first design did.
+        UserWarning: If all solves of the first design are far from the measurements.
 
     Source: Sinsbeck and Nowak (2017), Sequential design of computer experiments for the
     solution of Bayesian inverse problems, doi:10.1137/15M1047659.
@@ -218,15 +200,15 @@ def emulate(
 
 @dataclass(eq=False)
 class _Emulation:
-    """Full solves so far, and what was learned of them.
+    """The full solves so far, and the fit to them.
 
     Attributes:
         problem: What is emulated.
-        evaluator: Solves in full.
-        coordinates: Those in which the last fit sees the parameters.
-        few: Of so many points of a batch one is to find what is not yet seen.
-        theta: Where it was solved, ``(N, d)``.
-        rows: What that gave ``(N, columns)``; -inf and NaN where a solve failed.
+        evaluator: Runs the full solves.
+        coordinates: The coordinates in which the last fit sees the parameters.
+        few: A batch has one point per ``few`` that explores beyond the posterior.
+        theta: The solved points, ``(N, d)``.
+        rows: Their rows ``(N, columns)``; -inf and NaN if a solve failed.
     """
 
     problem: EmulationProblem
@@ -249,7 +231,7 @@ class _Emulation:
     def run(
         self, solves: int, batch: int, seed: int, tolerance: float
     ) -> EmulatedModel:
-        """Go on until the true error is small, or all solves are spent."""
+        """Add batches until the true error is small or all solves are spent."""
         rng = np.random.default_rng([seed, 0, 1])  # (a last zero changes no stream)
         while 0 < self._solved.sum() < FEWEST_FITTED and len(self.theta) < solves:
             number = min(batch, solves - len(self.theta))
@@ -323,11 +305,11 @@ class _Emulation:
     def _fit(
         self, last: EmulatedModel | None, draws: EmulatedDraws | None
     ) -> EmulatedModel:
-        """Return an emulator fitted to all that was solved.
+        """Return an emulator fitted to all solves so far.
 
-        In the explored coordinates or in the logarithms of all positive parameters,
-        with the derivatives or without them, as leaving one point out tells. That is
-        asked again when the solves have grown by half.
+        Leave-one-out errors decide between the explored coordinates and the logarithms
+        of all positive parameters, and whether to use the derivatives. The decision is
+        repeated when the number of solves has grown by half.
         """
         problem, inputs = self.problem, self.problem.inputs
         prior, theta = problem.posterior.prior, self.theta[self._solved]
@@ -372,7 +354,7 @@ class _Emulation:
         return emulator
 
     def _weigh(self, theta: Floats, draws: EmulatedDraws | None) -> Floats:
-        """Return how much each point matters, ``(N,)``; less if far from the draws."""
+        """Return the weight of each point, ``(N,)``: less if far from the draws."""
         weights, inputs = np.ones(len(theta)), self.problem.inputs
         if draws is not None:
             x = self.coordinates.coordinates(theta)[:, inputs]
@@ -388,12 +370,12 @@ class _Emulation:
     def _choose(
         self, number: int, emulator: EmulatedModel, draws: EmulatedDraws
     ) -> Floats:
-        """Return the next points, each what lowers the error most after those before.
+        """Return the next points, each reducing the error most after those before.
 
-        The mean square error at draws of the emulated posterior; the first point, and
-        some more of a wide batch, that where the posterior may yet turn out to be.
-        None where solves fail, as far as the nearest point tells that was solved or
-        failed, if there are others.
+        The error is the mean square error at draws of the emulated posterior. The first
+        point of a batch, and a few more of a wide one, are chosen where the posterior
+        may still turn out to be. Points whose nearest solved neighbour failed are used
+        only if nothing else is left.
         """
         inputs, processes = self.problem.inputs, emulator.processes
         theta, count = np.vstack([draws.members, draws.wide]), len(draws.members)
@@ -427,9 +409,9 @@ class _Emulation:
     def _true_error(
         self, number: int, emulator: EmulatedModel, predicted: float
     ) -> float:
-        """Return the true error at draws of the posterior, by that at the last points.
+        """Return the true error at draws of the posterior, scaled by the last solves.
 
-        Infinite if none of them could be solved.
+        It is infinite if none of the last points could be solved.
         """
         solved = np.flatnonzero(self._solved[-number:]) - number
         if not len(solved):

@@ -1,6 +1,6 @@
-"""A model emulated by Gaussian processes, which knows how uncertain it is.
+"""Models emulated by Gaussian processes, with their uncertainty.
 
-And the models of several experiments, each emulated from solves of its own.
+One model, or the models of several experiments, each emulated from its own solves.
 """
 
 import os
@@ -42,34 +42,24 @@ REST = 0.03  # share of the mean square error that all others have
 class EmulatedModel(Report):
     """A model emulated by Gaussian processes; made by :func:`.emulate`.
 
-    What is emulated are smooth quantities of the response in units of measurement
-    error, each by a Gaussian process with a linear trend. ``spread`` says how uncertain
-    the response is, and a :class:`LogPosterior` takes that into its likelihood: while
-    the emulator is poor the posterior is broad, and nothing is excluded early. The
-    error that is predicted understates the true one; ``history`` has both.
+    Smooth quantities of the response are emulated in units of measurement error, each
+    by a Gaussian process with a linear trend. ``spread`` gives the uncertainty of the
+    response, and a :class:`LogPosterior` includes it in the likelihood: a poor emulator
+    gives a broad posterior, so no region is excluded early. The predicted error is
+    smaller than the true error; ``history`` has both.
 
     Attributes:
         bounds: ``{parameter: (low, high)}``; the model refuses values outside.
-        variables: What it returns.
-        outputs: What is emulated.
-        processes: The Gaussian processes, in scaled coordinates: some of all outputs,
-            or some of each block with lengths of their own.
-        solves: Solves of the full model spent, all of them.
-        factor: By which the model may err more than the processes say.
+        variables: The variables of the response.
+        outputs: The emulated quantities.
+        processes: The Gaussian processes, in scaled coordinates: common to all outputs,
+            or for blocks of outputs with their own lengths.
+        solves: Total number of solves of the full model.
+        factor: Factor by which the model may err more than the processes predict.
         history: One row per round: solves, predicted and true error in units of
             measurement error.
-        posterior: The posterior with this model in place of the full one, ready to
+        posterior: The posterior with this model in place of the full one, ready for
             :func:`run`.
-
-    Examples:
-        >>> import numpy as np
-        >>> import emcee_femu as ef
-        >>> full = ef.FunctionModel(lambda p: [p["k"] ** 0.5])
-        >>> term = ef.FrequencyTerm([3.0], relative_sd=0.01)
-        >>> prior = ef.GaussianPrior(["k"], [8.0], [2.0], [(1.0, 20.0)])
-        >>> model = ef.emulate(ef.LogPosterior(full, term, prior), 12, seed=1)
-        >>> model({"k": np.array([9.0])}).frequency.round(2).tolist()
-        [[3.0]]
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -120,13 +110,13 @@ class EmulatedModel(Report):
         return self._decode(points, still, ())[0]
 
     def spread(self, parameters: Parameters) -> tuple[Response, Derivatives]:
-        """Return the response, and how it moves along each direction of error.
+        """Return the response and its changes along each direction of error.
 
-        ``{variable: {direction: (n, *shape)}}``, by one standard deviation; directions
+        ``{variable: {direction: (n, *shape)}}``, for one standard deviation; directions
         are independent.
 
         Raises:
-            ValueError: As a call does.
+            ValueError: As for a call.
         """
         points = self.coordinates(self._theta(parameters))
         directions, owners = self._directions
@@ -136,10 +126,10 @@ class EmulatedModel(Report):
         return self._decode(points, moves, labels, finite=True)
 
     def jacobian(self, parameters: Parameters) -> tuple[Response, Derivatives]:
-        """Return the response and its derivatives, those of the mean.
+        """Return the response and its derivatives, both of the mean prediction.
 
         Raises:
-            ValueError: As a call does.
+            ValueError: As for a call.
         """
         theta = self._theta(parameters)
         points = self.coordinates(theta)
@@ -159,8 +149,8 @@ class EmulatedModel(Report):
     def _directions(self) -> tuple[Floats, NDArray[np.intp]]:
         """The independent directions ``(size, r)`` in which the processes err.
 
-        They are those of a standard deviation of one; outputs that err together share
-        them. Beside them stands which processes each is of, ``(r,)``.
+        Each is scaled to one standard deviation; outputs that err together share
+        directions. The second result is the process of each direction, ``(r,)``.
         """
         parts = [np.linalg.eigh(each.covariance) for each in self.processes]
         squares, axes = zip(*parts, strict=True)
@@ -187,7 +177,7 @@ class EmulatedModel(Report):
         labels: Sequence[str],
         finite: bool = False,
     ) -> tuple[Response, Derivatives]:
-        """Return the response, and how it moves along labelled directions."""
+        """Return the response and its changes along labelled directions."""
         mean = np.hstack([each.predict(points) for each in self.processes])
         response, moves = self.outputs.decode(mean, directions, finite)
         labelled = {
@@ -198,7 +188,7 @@ class EmulatedModel(Report):
 
 
 def as_modal(response: Mapping[str, Floats]) -> Response:
-    """Return a response as models of modes give it, if it is one."""
+    """Return a response as a modal solution, if it is one."""
     if "frequency" in response and {*response} <= {"frequency", "shapes"}:
         return ModalSolution(response["frequency"], response.get("shapes"))
     return response
@@ -209,8 +199,8 @@ class EmulatedExperiments(Report):
     """Emulated models of several experiments; made by :func:`.emulate`.
 
     Attributes:
-        models: The emulated ones, by experiment.
-        posterior: The joint posterior with these in place of the full models, ready to
+        models: The emulated models, by experiment.
+        posterior: The joint posterior with these in place of the full models, ready for
             :func:`run`.
     """
 
@@ -219,7 +209,7 @@ class EmulatedExperiments(Report):
 
     @property
     def solves(self) -> int:
-        """Solves of all full models that were emulated."""
+        """Total number of solves of all full models that were emulated."""
         return sum(model.solves for model in self.models.values())
 
     def _parts(self) -> Parts:
@@ -229,12 +219,12 @@ class EmulatedExperiments(Report):
 
 @dataclass(frozen=True, eq=False)
 class Others(Term):
-    """What other experiments say of the parameters, as a term beside those of one.
+    """The likelihood of the other experiments, as a term beside those of one.
 
     Attributes:
-        experiments: Those that can be solved often, cheap ones and emulated ones.
+        experiments: Experiments that are fast enough: cheap and emulated ones.
         parameters: All parameters.
-        names: Those that the model of the one does not read.
+        names: The parameters that the model of the one does not read.
     """
 
     experiments: tuple[Experiment, ...]
@@ -254,7 +244,7 @@ class Others(Term):
     def deviations(
         self, parameters: Parameters, response: Response
     ) -> tuple[Floats, Floats]:
-        """Return none at all: to the response of another model it is indifferent."""
+        """Return none: this term does not depend on the response of this model."""
         nothing = np.zeros((len(next(iter(parameters.values()))), 1))
         return nothing, nothing + 1.0
 
@@ -265,16 +255,16 @@ def emulate_each(
     emulate: Callable[..., Any],
     options: dict[str, Any],
 ) -> EmulatedExperiments:
-    """Emulate one experiment after another, each where those before it leave room.
+    """Emulate experiments one after another, each where those before leave room.
 
     Args:
         posterior: The joint posterior.
-        cheap: Experiments whose models are taken as they are; None for none.
-        emulate: Emulates the model of one.
+        cheap: Experiments whose models are used as they are; None for none.
+        emulate: The function that emulates the model of one experiment.
         options: Its other arguments.
 
     Raises:
-        ValueError: If one of cheap is no experiment, or all of them are.
+        ValueError: If cheap names an unknown experiment, or all of them.
     """
     names = tuple(experiment.name for experiment in posterior.experiments)
     cheap = () if cheap is None else checks.parameter_names("cheap", cheap)

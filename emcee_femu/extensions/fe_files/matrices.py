@@ -1,4 +1,4 @@
-"""Files of stiffness and mass: which matrices they hold, joined on the same rows."""
+"""Files of stiffness and mass matrices, and how they are joined on the same rows."""
 
 from collections.abc import Collection, Mapping
 from os import PathLike
@@ -20,34 +20,34 @@ LABELS = "dofs"  # what names the file of labels among those of matrices
 
 
 def read_matrices(path: FilePath | Mapping[str, FilePath]) -> Matrices:
-    """Read stiffness and mass exported by an FE program, with their row labels.
+    """Read stiffness and mass matrices exported by an FE program, with row labels.
 
-    The format is told by the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
+    Use it to make a :class:`MatrixModel` from an FE program's files. The format is
+    recognised from the content: Matrix Market, ``scipy.sparse.save_npz``, Abaqus
     ``*MATRIX OUTPUT``, CalculiX ``.sti .mas .dof``, Nastran DMIG and ASCII OP4,
-    Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the order of the
-    program; a mass that it wrote without the DOFs that have none gets rows of zeros
-    there. Of a file with many matrices, K
-    and M must be good; others that are not symmetric, not real or have other rows, such
-    as mode shapes, are left out.
+    Harwell-Boeing (HBMAT of ANSYS), ANSYS ``.full``. Rows keep the program's order. If
+    the mass matrix was written without massless DOFs, it is filled up with rows of
+    zeros. In a file with many matrices, only K and M must be valid; others that are not
+    symmetric or not real, or have other rows, such as mode shapes, are left out.
 
     Args:
-        path: One file: of CalculiX and Abaqus the others of the job are found beside
-            it. Or ``{"K": path, "M": path}`` where each file holds one matrix and does
-            not say which; ``"dofs"`` among them is a file of labels, with a line such
-            as ``12.3`` (node.direction, 1 to 6) for each row.
+        path: One file; further files of a CalculiX or Abaqus job are found beside it.
+            If each file holds one matrix and does not say which,
+            ``{"K": path, "M": path}``; ``"dofs"`` may be added for a file of labels,
+            with a line such as ``12.3`` (node.direction, 1 to 6) for each row.
 
     Returns:
-        K, M and others that the files hold, sparse, and the names of the DOFs.
+        K, M and other matrices in the files, sparse, with the names of the DOFs.
 
     Raises:
         TypeError: If path is neither a file name nor ``{name: file name}``.
         FileNotFoundError: If there is no such file.
         ValueError: If a file is damaged, in another format, or not of this model; the
-            message names the file, the line and what to do.
+            message names the file, the line and the remedy.
         ImportError: If the format needs a package that is not installed.
 
     Warns:
-        UserWarning: If rows with mass are coupled to no other, as those of held DOFs.
+        UserWarning: If rows with mass are not coupled to any other, as for held DOFs.
 
     Examples:
         >>> from pathlib import Path
@@ -193,8 +193,8 @@ def _at_rows(part: Part, first: Part) -> csc_array:
     unknown = [write_name(*dof) for dof in dofs if dof not in place]
     if unknown:
         raise ValueError(
-            f"{part.path}: {len(unknown)} DOFs, {unknown[0]} the first, which "
-            f"{first.name} of {first.path} has not; are they of the same job?"
+            f"{part.path}: {len(unknown)} DOFs, such as {unknown[0]}, are not in "
+            f"{first.name} of {first.path}; are the files from the same job?"
         )
     rows = [place[dof] for dof in dofs]
     there = (np.ones(len(dofs)), (rows, range(len(dofs))))

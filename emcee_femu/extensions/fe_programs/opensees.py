@@ -18,26 +18,26 @@ OPENSEES_ROTATIONS = {(2, 3): [6], (3, 6): [4, 5, 6]}
 
 
 def from_opensees(ops: ModuleType) -> Matrices:
-    r"""Read stiffness and mass of the current OpenSees model.
+    """Read stiffness and mass of the current OpenSees model.
 
-    The integrator GimmeMCK hands out the tangent K at the present state, and M. The
-    handler Transformation takes supports out, and DOFs tied by equalDOF, rigidDiaphragm
-    or rigidLink, which move with the row of their master. Model and state stay as they
-    are; the analysis that was set up is wiped. OpenSees hands out full matrices: 2,000
-    DOFs take 3 s and 0.4 GB.
+    The integrator GimmeMCK returns M and the tangent K in the present state. The
+    constraint handler Transformation removes supports, and DOFs tied by equalDOF,
+    rigidDiaphragm or rigidLink, which move with the row of their master. Model and
+    state are unchanged, but the current analysis is wiped. OpenSees returns full
+    matrices: 2,000 DOFs take 3 s and 0.4 GB.
 
     Args:
-        ops: The module, ``import openseespy.opensees as ops``; where its import finds
-            no BLAS, see the how-to page of OpenSees.
+        ops: The module: ``import openseespy.opensees as ops``. If its import finds no
+            BLAS, see the how-to page on OpenSees.
 
     Returns:
-        K, M, DOFs such as ``"12:ux"`` by the tags of the nodes, and their geometry,
-        with elements of two to four nodes as lines.
+        K, M, DOFs such as ``"12:ux"`` named by node tags, and the geometry, with
+        elements of two to four nodes as lines.
 
     Raises:
-        TypeError: If ops is no such module.
-        ValueError: If there is no node, no free DOF or no mass, or a node is tied twice
-            or to one that is tied itself, which OpenSees gets wrong.
+        TypeError: If ops is not this module.
+        ValueError: If there is no node, no free DOF or no mass, or if a node is tied
+            twice or to a node that is tied itself, which OpenSees handles incorrectly.
 
     Examples:
         >>> from emcee_femu import from_opensees
@@ -59,8 +59,8 @@ def from_opensees(ops: ModuleType) -> Matrices:
     nodes = ops.getNodeTags()
     if not nodes:
         raise ValueError(
-            "ops: no model stands in OpenSees; build it first, by ops.node and "
-            "ops.element, and take the matrices before ops.wipe()"
+            "ops: OpenSees holds no model; build it first, with ops.node and "
+            "ops.element, and read the matrices before ops.wipe()"
         )
     masters = {node: ops.getRetainedNodes(node) for node in ops.getConstrainedNodes()}
     for node, retained in masters.items():

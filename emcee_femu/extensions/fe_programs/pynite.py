@@ -19,25 +19,26 @@ def from_pynite(
 ) -> Matrices:
     """Read stiffness and mass of an analysed PyNite model.
 
-    The arguments are those that ``model.analyze_modal`` got, which numbers the nodes.
-    PyNite has mass only in a load combination: self-weight of members, and loads at
-    nodes along one direction, divided by gravity. Compare ``moving_mass`` with what you
-    put in: PyNite 3.2 gets masses from loads on members wrong. To DOFs without mass it
-    gives a millionth of the smallest there is.
+    Give the same arguments as to ``model.analyze_modal``, which numbers the nodes.
+    PyNite defines mass by a load combination: self-weight of members, and nodal loads
+    along one direction, divided by gravity. Compare ``moving_mass`` with the mass you
+    expect, because PyNite 3.2 computes masses from member loads incorrectly. It gives
+    massless DOFs a millionth of the smallest mass.
 
     Args:
         model: The ``FEModel3D``, analysed after its last change.
-        mass_combo_name: The load combination that is the mass.
+        mass_combo_name: The load combination that defines the mass.
         mass_direction: X, Y or Z: loads along it are mass, in all directions.
-        gravity: What turns loads into masses, such as 9.81 m/s2 for N and kg.
+        gravity: The acceleration that converts loads into masses, such as 9.81 m/s2 for
+            N and kg.
 
     Returns:
-        K and M without held DOFs, DOFs such as ``"roof A:ux"`` by the names of the
-        nodes, and their geometry, with members, springs, plates and quads as lines.
+        K and M without held DOFs, DOFs such as ``"roof A:ux"`` named by the nodes, and
+        the geometry, with members, springs, plates and quads as lines.
 
     Raises:
-        TypeError: If model is no FEModel3D.
-        ValueError: If the model is not analysed, has no such combination, no mass, or
+        TypeError: If model is not an FEModel3D.
+        ValueError: If the model is not analysed, or has no such combination, no mass or
             no free DOF.
 
     Examples:

@@ -18,30 +18,29 @@ ACROSS = {1: ["uy"], 2: ["uz"]}  # where a deflection u of a beam or a plate poi
 
 
 def from_skfem(basis: Any, K: Matrix, M: Matrix, held: ArrayLike = ()) -> Matrices:
-    """Return stiffness and mass of scikit-fem without held DOFs, by node and name.
+    """Return stiffness and mass from scikit-fem without held DOFs, with names of DOFs.
 
-    Nodes are the vertices of the mesh by their numbers, as
-    ``mesh.nodes_satisfying(lambda x: ...)`` finds them by place; then one for each
-    facet, edge and element that has DOFs. Displacements of an ``ElementVector`` are
-    named ux, uy, uz, other DOFs as the element names them, such as u, u_x, u_y, u_xy
-    of a plate.
+    Nodes are the vertices of the mesh, with their numbers, as
+    ``mesh.nodes_satisfying(lambda x: ...)`` returns them; then one node for each facet,
+    edge and element that has DOFs. Displacements of an ``ElementVector`` are named ux,
+    uy, uz. Other DOFs have the element's names, such as u, u_x, u_y, u_xy of a plate.
 
     Args:
         basis: The ``Basis`` of all elements.
         K: The stiffness, ``(N, N)``, as ``form.assemble(basis)`` returns it.
-        M: The mass, likewise. Keep it consistent: one with mass on deflections alone
-            leaves DOFs without mass.
-        held: DOFs that supports hold, as ``basis.get_dofs("root")`` returns them or
-            ``.all(["u"])`` of it, those of one name.
+        M: The mass, likewise. Use a consistent mass; with mass on deflections alone,
+            other DOFs are massless.
+        held: Supported DOFs, as ``basis.get_dofs("root")`` returns them, or
+            ``basis.get_dofs("root").all(["u"])`` for those of one name.
 
     Returns:
-        K, M, DOFs such as ``"12:ux"`` or ``"12:u_x"``, and their geometry: the edges of
-        the mesh as lines.
+        K, M, DOFs such as ``"12:ux"`` or ``"12:u_x"``, and the geometry, with the edges
+        of the mesh as lines.
 
     Raises:
-        TypeError: If basis is no basis.
-        ValueError: If K or M is not of the basis or not symmetric, held are no DOFs of
-            it, or none is free.
+        TypeError: If basis is not a Basis.
+        ValueError: If K or M does not match the basis or is not symmetric, held are not
+            DOFs of the basis, or no DOF is free.
 
     Examples:
         >>> from emcee_femu import from_skfem

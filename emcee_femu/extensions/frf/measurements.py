@@ -90,38 +90,39 @@ def read_lines(lines: ArrayLike) -> Floats:
 
 
 class FRFMeasurements(Report):
-    r"""Frequency response functions of several channels at the same lines.
+    r"""Measured frequency response functions (FRFs) of channels on the same lines.
 
     .. math:: s_{cl} = |H_{cl}| \sqrt{\frac{1 - \gamma_{cl}^2}{2 n_d \gamma_{cl}^2}}
 
-    is the standard deviation of the real and of the imaginary part of an H1 estimate of
-    ordinary coherence :math:`\gamma^2` from :math:`n_d` independent averages, and
-    s over abs(H) that of the amplitude's logarithm and of the phase in radians.
-    Overlapping averages are not independent: with a Hann window and 50 % overlap about
-    0.95 times as many segments count.
+    is the standard deviation of the real and of the imaginary part of an H1 estimate
+    with ordinary coherence :math:`\gamma^2` from :math:`n_d` independent averages;
+    :math:`s / |H|` is that of the logarithm of the amplitude and of the phase in
+    radians. Pass the measurements to an :class:`FRFTerm`. Overlapping averages are not
+    independent: with a Hann window and 50 % overlap, use 0.95 times the number of
+    segments.
 
     Args:
-        lines: Frequencies in Hz, ascending, ``(n_lines,)``. One at 0 Hz, where
-            analysers begin, is left out.
+        lines: Frequencies in Hz, ascending, ``(n_lines,)``. A line at 0 Hz, with which
+            analysers usually begin, is left out.
         values: Complex FRFs ``(n_channels, n_lines)``.
-        channels: Pairs ``(response DOF, excitation DOF)``, labels as in the model. A
-            direction against the axis, ``"2:-ux"``, turns the sign of the values, and
-            the channel is named by the axis, ``"2:ux"``.
+        channels: Pairs ``(response DOF, excitation DOF)``, with the labels of the
+            model. For a direction against the axis, ``"2:-ux"``, the sign of the values
+            is reversed, and the channel is renamed ``"2:ux"``.
         kind: "receptance", "mobility" or "accelerance".
-        coherence: Ordinary coherence, above 0 and below 1, as large as values; None if
-            it is not known.
-        averages: Number of independent averages; needed with coherence.
-        unit: Of the values, where it is not that of SI.
+        coherence: Ordinary coherence, above 0 and below 1, in the shape of values; None
+            if unknown.
+        averages: Number of independent averages; required with coherence.
+        unit: Unit of the values, if it is not SI.
 
     Attributes:
         sd: Standard deviation of real and imaginary part, ``(n_channels, n_lines)``;
             None without a coherence.
 
     Raises:
-        TypeError: If values are not numbers, or channels no pairs.
-        ValueError: If sizes disagree, a number is not finite, lines do not ascend, kind
-            is none, a coherence is out of range, or only one of coherence and averages
-            is given.
+        TypeError: If values are not numbers, or channels are not pairs.
+        ValueError: If sizes do not match, a number is not finite, lines are not
+            ascending, kind is unknown, a coherence is out of range, or only one of
+            coherence and averages is given.
 
     Warns:
         UserWarning: If a line at 0 Hz is left out.
@@ -200,22 +201,22 @@ class FRFMeasurements(Report):
         between: tuple[float, float] | None = None,
         kind: str | None = None,
     ) -> Self:
-        """Read FRFs, and coherences where there are any, from data sets 58 of a file.
+        """Read FRFs and coherences from the data sets 58 of a universal file.
 
         DOFs are labelled as in :meth:`Measurements.from_uff`, ``"12:z"``, or ``"12"``
-        where the file states no direction; one against the axis turns the sign. The
-        kind follows from the ordinate: displacement, velocity or acceleration over
-        force. Values are converted to SI by the units of the file (data set 164). Text
-        and binary data sets (58b) are read. Needs the extra ``uff``.
+        if the file gives no direction. A direction against the axis reverses the sign.
+        The kind follows from the ordinate: displacement, velocity or acceleration over
+        force. Values are converted to SI from the units of the file (data set 164).
+        Text and binary data sets (58b) are read. Requires the extra ``uff``.
 
         Args:
             path: The universal file.
-            averages: Number of independent averages, which a file does not hold;
-                without it coherences are not read.
+            averages: Number of independent averages, which a file does not hold.
+                Without it, coherences are not read.
             between: Lowest and highest line in Hz, both included; None for all. Other
                 lines are not checked.
-            kind: "receptance", "mobility" or "accelerance", where the file does not
-                say it: some analysers write the type of the ordinate as unknown.
+            kind: "receptance", "mobility" or "accelerance", if the file does not give
+                it: some analysers write the type of the ordinate as unknown.
 
         Returns:
             The FRFs of all channels, with their coherences.

@@ -33,7 +33,7 @@ Static: TypeAlias = tuple[StaticModel, list[int], list[int]]
 
 
 class FRFModel:
-    r"""Frequency response functions of a modal model with damping.
+    r"""Frequency response functions (FRFs) of a modal model with damping.
 
     .. math:: H_{rs}(\omega) = (i \omega)^p \Big[ \sum_m
         \frac{\phi_{rm} \phi_{sm}}{\omega_m^2 - \omega^2 + 2 i \zeta_m \omega_m \omega}
@@ -41,32 +41,34 @@ class FRFModel:
         R_{rs} = (K^{-1})_{rs} - \sum_m \frac{\phi_{rm} \phi_{sm}}{\omega_m^2}
 
     with p = 0, 1, 2 for receptance (displacement over force), mobility (velocity) and
-    accelerance (acceleration). The residual R is what the modes that were left out add
-    well below their frequencies. The response is a mapping: the FRF under the name of
-    its kind, ``(n, channels, lines, 2)`` with real and imaginary part, and the natural
-    frequencies and damping ratios of the modes.
+    accelerance (acceleration). The residual R is the contribution of the omitted modes
+    well below their frequencies. Use the model with an :class:`FRFTerm`; a parameter
+    set costs one solve of the modal model. The response is a mapping with the FRF under
+    the name of its kind, ``(n, channels, lines, 2)`` for real and imaginary part, and
+    with the natural frequencies and damping ratios of the modes.
 
     Args:
         model: A model with mass-normalised shapes at the DOFs of all channels, such as
             ``MatrixModel(..., shapes=True)`` or its reduction.
-        lines: The lines in Hz, ``(n_lines,)``, above zero.
-        channels: Pairs ``(response DOF, excitation DOF)``; one against an axis,
-            ``"2:-ux"``, is computed along it and named so, as
-            :class:`FRFMeasurements` are.
-        damping: Ratios: one number, or the name of a parameter, for all modes; a
-            sequence of these, one per mode; or ``{"mass": a, "stiffness": b}`` for
-            proportional damping, :math:`\zeta = a / 2 \omega + b \omega / 2`, numbers
-            or names.
+        lines: The lines in Hz, ``(n_lines,)``, positive.
+        channels: Pairs ``(response DOF, excitation DOF)``. A direction against an axis,
+            ``"2:-ux"``, is computed along the axis and renamed, as in
+            :class:`FRFMeasurements`.
+        damping: Damping ratios: one number, or the name of a parameter, for all modes;
+            a sequence of these, one per mode; or ``{"mass": a, "stiffness": b}``, with
+            numbers or names, for proportional damping
+            :math:`\zeta = a / 2 \omega + b \omega / 2`.
         kind: "receptance", "mobility" or "accelerance".
-        residual: Whether to add R; model is then a :class:`MatrixModel` without
-            rigid-body modes.
-        unit: Of the FRF, where it is not that of SI.
-        stored: Whether FRFs are stored with each sample, 16 bytes per channel and
-            line; :func:`plot_frf` computes what it shows anew.
+        residual: Whether to add R; the model must then be a :class:`MatrixModel`
+            without rigid-body modes.
+        unit: Unit of the FRF, if it is not SI.
+        stored: Whether FRFs are stored with each sample, 16 bytes per channel and line;
+            :func:`plot_frf` does not need them.
 
     Raises:
-        TypeError: If damping, channels or model are none, or there are no shapes.
-        ValueError: If a number is out of range, a DOF unknown, or kind is none.
+        TypeError: If damping, channels or model have the wrong type, or there are no
+            shapes.
+        ValueError: If a number is out of range, or a DOF or kind is unknown.
 
     Source: Ewins, Modal Testing: Theory, Practice and Application, 2nd ed. (2000).
 
@@ -132,7 +134,7 @@ class FRFModel:
 
     @property
     def jacobian(self) -> Callable[[Parameters], tuple[Arrays, Derivatives]] | None:
-        """Response and derivatives; None if the modal model has none."""
+        """Response and derivatives; None if the modal model has no ``jacobian``."""
         derivable = read_declared(self.model, "jacobian") is not None
         return self._differentiate if derivable else None
 

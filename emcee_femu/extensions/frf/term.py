@@ -43,35 +43,36 @@ BY_PARTS = (
 
 
 class FRFTerm(Term):
-    r"""Gaussian errors of frequency response functions, line by line.
+    r"""Gaussian likelihood of frequency response functions (FRFs), line by line.
 
     .. math:: \ln p = \sum_{cl} \ln N(\mathrm{Re}\,\Delta_{cl}; 0, v_{cl})
         + \ln N(\mathrm{Im}\,\Delta_{cl}; 0, v_{cl}), \qquad
         v_{cl} = s_{cl}^2 + (\sigma_d |H_{cl}^m|)^2
 
-    with :math:`\Delta = H - H^m` of channel c at line l. With ``amplitude=True`` the
+    where :math:`\Delta = H - H^m`, for channel c at line l. With ``amplitude=True`` the
     logarithm of the amplitude is compared instead,
 
     .. math:: \ln p = \sum_{cl} \ln N\Big( \ln \frac{|H_{cl}|}{|H_{cl}^m|}; 0,
         \frac{s_{cl}^2}{|H_{cl}^m|^2} + \sigma_d^2 \Big)
 
-    for phases that are not trusted; by it antiresonances weigh as much as resonances.
-    The lines must be independent: those of averaged FFTs without zero padding are.
+    Use this if the phases are unreliable; antiresonances then count as much as
+    resonances. The lines must be independent, as those of averaged FFTs without zero
+    padding are.
 
     Args:
         measured: :class:`FRFMeasurements`.
-        sd: s, of the real and of the imaginary part: one number, one per channel
-            ``(n_channels, 1)``, or ``(n_channels, n_lines)``; None for that of the
-            coherence.
-        amplitude: Whether only amplitudes are compared.
-        discrepancy: Name of the parameter :math:`\sigma_d`, what the model cannot
-            represent relative to the amplitude; None for no such part.
+        sd: s, the standard deviation of the real and of the imaginary part: one number,
+            one per channel ``(n_channels, 1)``, or ``(n_channels, n_lines)``; computed
+            from the coherence by default.
+        amplitude: Whether to compare amplitudes only.
+        discrepancy: Name of the parameter :math:`\sigma_d`, the discrepancy of the
+            model relative to the amplitude; None for no discrepancy.
         name: The label under which the log-likelihood is stored.
 
     Raises:
         TypeError: If measured is not FRFMeasurements.
-        ValueError: If the error is not known, sd not above zero or of another shape, or
-            only magnitudes are known, of which ``amplitude`` is to be taken.
+        ValueError: If the error is unknown, sd is not positive or has another shape, or
+            only magnitudes were measured and ``amplitude`` is False.
 
     Source: Bendat and Piersol, Random Data, 4th ed. (2010), section 9.2.
 
@@ -125,7 +126,7 @@ class FRFTerm(Term):
     def deviations(self, parameters: Parameters, response: Response) -> Deviations:
         """Return deviations and their standard deviations, ``(n, m)`` each.
 
-        Of amplitudes they are those of the logarithms.
+        For amplitudes they are those of the logarithms.
         """
         channels, lines = self.measured.values.shape
         H = read(response, self.measured.kind)[:, :channels, :lines]
@@ -151,16 +152,17 @@ def plot_frf(
     *,
     experiment: str | None = None,
 ) -> Figure:
-    """Draw measured and predicted amplitudes.
+    """Draw measured and predicted amplitudes of frequency response functions.
 
-    One panel per channel: the measured amplitude is points, the updated model its 95 %
-    interval, from 200 draws that are solved anew, since FRFs are not stored.
+    There is one panel per channel. Points are the measured amplitude; the band is the
+    95 % interval of the updated model, from 200 draws. They are solved again, because
+    FRFs are not stored.
 
     Args:
-        idata: What :func:`to_inference_data` returns, or :func:`run`.
-        posterior: The sampled posterior, one of its terms an :class:`FRFTerm`; known of
-            a run.
-        experiment: Which one, where a joint posterior has several.
+        idata: The result of :func:`run` or :func:`to_inference_data`.
+        posterior: The sampled posterior, with an :class:`FRFTerm`, if idata is an ArviZ
+            object.
+        experiment: Name of one experiment of a joint posterior.
 
     Returns:
         The matplotlib Figure.

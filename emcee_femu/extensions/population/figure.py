@@ -20,14 +20,14 @@ BESIDE_TEST = 0.006  # of the covariate's range, between intervals of one test
 def plot_population(pooled: PooledTests, against: str | None = None) -> Figure:
     """Draw the parameters of every test, their population and the next test.
 
-    One panel per parameter. Grey is a test by itself (median and 95 % interval of its
-    own posterior), blue the same test given all tests; red is the population: the
-    95 % intervals of its mean (dark) and of the next test (light). A cross marks a test
-    that has to be sampled again.
+    There is one panel per parameter. Grey is a test by itself (median and 95 % interval
+    of its own posterior), and blue the same test given all tests. Red is the
+    population: the 95 % intervals of its mean (dark) and of the next test (light). A
+    cross marks a test that must be sampled again.
 
     Args:
-        pooled: What :func:`pool_tests` returns.
-        against: A covariate; tests are then drawn along it, with the population's mean
+        pooled: The result of :func:`pool_tests`.
+        against: A covariate along which to draw the tests, with the population's mean
             as a line. None for one row per test.
 
     Returns:

@@ -1,13 +1,13 @@
-r"""The normal distribution of a structure's parameters, test after test.
+r"""The normal distribution of a structure's parameters from test to test.
 
-And its likelihood, from the draws of each test's own posterior.
+Its likelihood is computed from the draws of each test's own posterior.
 
 .. math:: p(D_t | \phi) \propto
     \frac1S \sum_s \frac{N(\theta_{ts}; \phi)}{\pi_t(\theta_{ts})}
 
-with theta_ts the draws under the prior pi_t. As a model its response is the logarithm
-of that for each test, and no FE solve is needed. It is consistent: the more draws, the
-smaller its error, whatever the likelihood.
+with draws theta_ts under the prior pi_t. As a model, its response is the logarithm of
+this for each test, and no FE solve is needed. It is consistent: its error falls with
+the number of draws, whatever the likelihood.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,22 +37,21 @@ STEEP = 1_000.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NormalPopulation(Report):
-    r"""Parameters that differ from test to test by normal distributions, cut at bounds.
+    r"""Parameters that vary between tests by normal distributions, truncated at bounds.
 
     .. math:: \theta_t \sim N(\mu + B (x_t - \bar x), \mathrm{diag}(s^2)) \quad
         \text{inside the bounds}
 
-    Its own parameters, which :func:`pool_tests` infers, are ``mean k1``, the mean at
-    the average of the covariates; ``sd k1``, the spread from test to test; and
-    ``k1 per T`` for each covariate. Where the bounds cut, mean and sd are those of the
-    distribution before the cut; of each parameter a tenth of it is inside, at every
-    test.
+    Pass it to :func:`pool_tests`, which infers its parameters: ``mean k1``, the mean at
+    the average of the covariates; ``sd k1``, the spread from test to test; and ``k1 per
+    T``, the slope for each covariate. Mean and sd are those before truncation. At least
+    a tenth of each parameter's distribution must lie inside the bounds at every test.
 
-    Hyperpriors are proper. Where none is given, with m and s the mean and standard
-    deviation of the prior under which the tests were sampled (its average over them):
+    Hyperpriors are proper. The defaults use the mean m and the standard deviation s of
+    the prior under which the tests were sampled (averaged over the tests):
 
     =============== =================================================================
-    ``mean k1``     normal(m, s): what was believed of the structure
+    ``mean k1``     normal(m, s): the prior belief about the structure
     ``sd k1``       half-normal(s): the tests differ by less than that
     ``k1 per T``    normal(0, s / sd of T over the tests)
     =============== =================================================================
@@ -61,14 +60,14 @@ class NormalPopulation(Report):
         names: The parameters that have a population; each test may have others.
         covariates: ``{"T": {"test 1": 12.0, ...}}``, by covariate and test.
         hyperpriors: ``{"sd k1": a frozen scipy.stats distribution}``, or a pair
-            ``(low, high)`` for a uniform one, in place of the defaults; parameters of
-            the population that are not named keep those.
+            ``(low, high)`` for a uniform one. Parameters that are not named keep the
+            defaults.
 
     Raises:
-        TypeError: If an argument is of another type, such as a distribution that is
-            not frozen.
-        ValueError: If names are repeated, a hyperprior is of no parameter, or one of a
-            spread admits negative values.
+        TypeError: If an argument has the wrong type, such as a distribution that is not
+            frozen.
+        ValueError: If names are repeated, a hyperprior belongs to no parameter, or that
+            of a spread admits negative values.
 
     Examples:
         >>> from emcee_femu.extensions.population import NormalPopulation
@@ -120,7 +119,7 @@ class NormalPopulation(Report):
         """Return the population with all its hyperpriors.
 
         Args:
-            mean: Of the priors under which the tests were sampled, ``(d,)``.
+            mean: Means of the priors under which the tests were sampled, ``(d,)``.
             sd: Their standard deviations, ``(d,)``.
         """
         defaults: dict[str, Any] = {}
@@ -134,10 +133,10 @@ class NormalPopulation(Report):
 
     @property
     def prior(self) -> IndependentPrior:
-        """The prior of its own parameters, once all hyperpriors are there.
+        """The prior of the population's parameters, once all hyperpriors are known.
 
         Raises:
-            ValueError: If they are not.
+            ValueError: If a hyperprior is missing.
         """
         missing = [name for name in self.parameters if name not in self.hyperpriors]
         if missing:
@@ -148,11 +147,11 @@ class NormalPopulation(Report):
         return IndependentPrior({n: self.hyperpriors[n] for n in self.parameters})
 
     def locate(self, parameters: Parameters, covariates: Parameters) -> Floats:
-        """Return the means ``(n, m, d)`` at covariates ``{name: (m,)}``; m = 1 of none.
+        """Return the means ``(n, m, d)`` at covariates ``{name: (m,)}``; m = 1 without.
 
         Args:
             parameters: The population's own, each ``(n,)``.
-            covariates: Where to find the means.
+            covariates: The values at which the means are computed.
         """
         location = self._gather("mean {}", parameters)[:, None]
         for covariate, average in self.averages.items():

@@ -1,4 +1,4 @@
-"""Pool the posteriors of many tests: what is common to them, and how they differ."""
+"""Pool the posteriors of several tests: what they share and how they differ."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,23 +36,25 @@ WIDER_PRIOR = 1.2  # a prior than the population, so that weights towards it sta
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PooledTests(Report):
-    """What :func:`.pool_tests` returns; ``print`` it for tables and what to do.
+    """The result of :func:`.pool_tests`; ``print`` it for tables and what to do.
 
     Attributes:
         population: The population with all its hyperpriors.
         model: The likelihood of each test given the population.
         run: The run of the population's parameters, for :func:`.diagnose`.
-        idata: Its ArviZ object, for :func:`.parameter_table` and others; its
-            ``log_likelihood`` holds that of each test (``arviz.loo`` leaves one out).
+        idata: Its ArviZ object, for :func:`.parameter_table` and others. Its
+            ``log_likelihood`` holds one value per test, so ``arviz.loo`` leaves out one
+            test at a time.
         hyperdraws: 1,000 draws of the population's parameters, ``{name: (1000,)}``.
-        theta: With each of them a draw of every test's parameters, ``(1000, T, d)``.
-        pareto_k: Of the weights of each test's draws given all tests, ``(T,)``.
-        effective: Its effective draws, ``(T,)``.
-        monte_carlo: Errors of the mean and the standard deviation of each of the
-            population's parameters, ``(2, p)`` in posterior standard deviations, that
-            come from the number of draws of the tests: the spread when blocks of these
-            are drawn again, with replacement.
-        verdict: Of :func:`.diagnose`, on the chains.
+        theta: A draw of every test's parameters for each of them, ``(1000, T, d)``.
+        pareto_k: Pareto k of the weights of each test's draws given all tests,
+            ``(T,)``.
+        effective: Effective number of these draws, ``(T,)``.
+        monte_carlo: Errors of the mean and the standard deviation of each population
+            parameter, in posterior standard deviations, due to the finite number of
+            draws of the tests, ``(2, p)``; from resampling blocks of these draws with
+            replacement.
+        verdict: The verdict of :func:`.diagnose` on the chains.
     """
 
     population: NormalPopulation
@@ -67,7 +69,7 @@ class PooledTests(Report):
     verdict: str
 
     def reported(self) -> Reported:
-        """Return what a report says of the tests and their population."""
+        """Return the contents of a report on the tests and their population."""
         covariates = (
             f"{name}: {', '.join(f'{x} ({test})' for test, x in values.items())}."
             for name, values in self.population.covariates.items()
@@ -91,7 +93,7 @@ class PooledTests(Report):
 
     @property
     def unreached(self) -> tuple[str, ...]:
-        """Tests to sample again under the population, the farthest off first."""
+        """Tests to sample again under the population, the farthest first."""
         few = (self.pareto_k > GOOD_K) & (self.effective < ENOUGH_EFFECTIVE)
         order = np.argsort(-self.pareto_k)
         return tuple(self.tests[i] for i in order if few[i])
@@ -111,11 +113,11 @@ class PooledTests(Report):
         return dict(zip(self.population.names, columns, strict=True))
 
     def next_test(self, **covariates: float) -> dict[str, Floats]:
-        """Return the parameters of a test not yet made, ``{name: (1000,)}``.
+        """Return the predicted parameters of a new test, ``{name: (1000,)}``.
 
         Args:
-            covariates: Their values there, ``T=25.0``; the average where one is left
-                out.
+            covariates: Their values in that test, ``T=25.0``; the average for those
+                left out.
 
         Returns:
             Draws of the parameters of that test.
@@ -137,17 +139,18 @@ class PooledTests(Report):
     def under_population(self, test: str, posterior: LogPosterior) -> LogPosterior:
         """Return a test's posterior with the inferred population as its prior.
 
-        A normal distribution with the mean and 1.2 times the standard deviation of the
-        prediction there, cut at the same bounds; parameters that are not pooled keep
-        their priors. ``run`` it, and pool again, with this result's ``population``:
-        :func:`.pool_tests` divides out whatever prior a test was sampled under.
+        The prior is normal with the mean and 1.2 times the standard deviation of the
+        prediction for that test, truncated at the same bounds. Parameters that are not
+        pooled keep their priors. Sample it with ``run``, then pool again with this
+        result's ``population``: :func:`.pool_tests` divides out the prior under which a
+        test was sampled, whatever it is.
 
         Args:
             test: Its name.
-            posterior: Under which it was sampled.
+            posterior: The posterior under which it was sampled.
 
         Raises:
-            TypeError: If posterior is no LogPosterior, or its prior neither a
+            TypeError: If posterior is not a LogPosterior, or its prior is neither a
                 GaussianPrior nor an IndependentPrior.
             ValueError: If there is no such test, or the posterior has other parameters.
         """
@@ -211,7 +214,7 @@ class PooledTests(Report):
 
     @property
     def conclusion(self) -> str:
-        """What to do about tests out of reach, and about the chains."""
+        """What to do about tests out of reach and about the chains."""
         worst = f"{self.pareto_k.max():.2f}"
         reach = "The draws of every test reach where the population puts it (Pareto k "
         reach += f"up to {worst})."
@@ -228,9 +231,9 @@ class PooledTests(Report):
             name = self.model.names[int(self.monte_carlo.max(axis=0).argmax())]
             used = max(len(test.theta) for test in self.model.tests.values())
             reach += (
-                f" They are too few: drawn again they change {name!r} by {error:.2g} "
-                "posterior standard deviations; run the tests longer, and give "
-                f"draws={int(np.ceil((error / SMALL_SHIFT) ** 2)) * used}."
+                f" There are too few of them: other draws would change {name!r} by "
+                f"{error:.2g} posterior standard deviations; run the tests longer, and "
+                f"give draws={int(np.ceil((error / SMALL_SHIFT) ** 2)) * used}."
             )
         return f"{reach}\n{self.verdict}"
 
@@ -248,43 +251,44 @@ def pool_tests(
     draws: int = 1_000,
     posteriors: Mapping[str, LogPosterior] | None = None,
 ) -> PooledTests:
-    r"""Infer the population of a structure's parameters from its tests, one by one.
+    r"""Infer how a structure's parameters vary between tests, from their posteriors.
 
     .. math:: p(\phi | D_1, \dots, D_T) \propto p(\phi)
         \prod_t \int L_t(\theta) N(\theta; \phi) \, d\theta
 
-    The integrals are over the draws of each test's own posterior, from which its prior
-    is divided out: there is no new FE solve. Parameters that are not pooled, such as
-    errors, stay each test's own, under its own prior. The parameters of the population
-    are sampled with ``run(..., "auto")``.
+    Use it for repeated tests of one structure, or for tests at different temperatures.
+    Each integral is a sum over the draws of the test's own posterior, from which its
+    prior is divided out; no FE solve is needed. Parameters that are not pooled, such as
+    errors, remain specific to each test, under its own prior. The population's
+    parameters are sampled with ``run(..., "auto")``.
 
-    A test is judged by the Pareto k of the weights that lead from its own posterior to
-    that given all tests. Above 0.7, and with fewer than 100 of them effective, its
-    draws hardly reach where the population puts it, and the result is not to be
-    trusted: the test has to be sampled again under the population. That is done here if
-    its posterior is given; with pools and files of your own run
-    ``result.under_population(test, posterior)`` and pool again. A test that drags the
-    population off may leave others out of reach, too.
+    Each test is judged by the Pareto k of the weights that lead from its own posterior
+    to its posterior given all tests. If k is above 0.7 and fewer than 100 draws are
+    effective, its draws hardly reach the region where the population puts it, and the
+    result is not reliable. The test must then be sampled again under the population.
+    This is done here if its posterior is given; to use pools and files of your own, run
+    ``result.under_population(test, posterior)`` and pool again. A single test that
+    shifts the population may put others out of reach too.
 
     Args:
-        tests: Of two tests at least, by name, what :func:`to_inference_data` returned;
-            their priors may differ, but not the bounds of the pooled parameters.
+        tests: At least two tests by name, each the result of :func:`to_inference_data`.
+            Their priors may differ, but not the bounds of the pooled parameters.
         population: The population's distribution, a :class:`.NormalPopulation`.
         seed: A whole number.
         steps: Stored steps of each ensemble.
-        ensembles: Independent ensembles.
-        draws: Draws of each test that are used, evenly spaced.
-        posteriors: By name, posteriors of tests that may be sampled again, once, with
-            as many FE solves as ``run(posterior, "auto", steps=1_000)`` takes.
+        ensembles: Number of independent ensembles.
+        draws: Number of draws used from each test, evenly spaced.
+        posteriors: Posteriors by name of tests that may be sampled again, once, with as
+            many FE solves as ``run(posterior, "auto", steps=1_000)`` takes.
 
     Returns:
         The run and its ArviZ object, each test's parameters given all tests, and
         tables; ``print`` it.
 
     Raises:
-        TypeError: If an argument is of another type.
-        ValueError: If a test does not fit the others or the population, by its name;
-            or covariates are not those of the tests.
+        TypeError: If an argument has the wrong type.
+        ValueError: If a test, which the message names, does not match the others or
+            the population; or covariates do not match the tests.
 
     Source: Hogg, Myers and Bovy (2010), doi:10.1088/0004-637X/725/2/2166, on weights;
     Behmanesh, Moaveni, Lombaert and Papadimitriou (2015),

@@ -1,10 +1,10 @@
-"""A model reduced to a few shapes, which knows its bounds and its certified error.
+"""A model reduced to a small Ritz basis, with bounds and a certified error.
 
-Mode shapes of full solves are a Ritz basis: at the centre of the bounds, then where the
-nearest earlier solve is farthest, until a few in a row bring nothing new. Its principal
-directions (proper orthogonal decomposition), as few as keep the frequencies, make the
-reduced model. Full solves at independent points certify it; those where it fails join
-the basis.
+The basis consists of mode shapes from full solves: at the centre of the bounds, then at
+the point farthest from all earlier solves, until several in a row add nothing new. Its
+principal directions (proper orthogonal decomposition) make the reduced model, as few as
+the frequencies allow. Full solves at independent points certify it; points where it
+fails are added to the basis.
 """
 
 import time
@@ -45,33 +45,37 @@ BATCH = 16  # parameter sets in the batch that is timed
 class ReducedModel(Report):
     """A modal model in a Ritz basis, solved for all parameter sets at once.
 
-    Made by :func:`reduce_model`. Like any Ritz approximation it bounds each
-    frequency from above (massless DOFs get a little mass, which lowers it by a small
-    share of the tolerance). **Certified** is ``max_error``: the largest relative error
-    of any frequency at ``test_points`` points that were not used to build the basis,
-    half of them corners of the bounds, each solved in full. This is no bound over the
-    whole box: after n points drawn at random, with 95 % confidence less than 3 / n of
-    the box errs more. **Shapes are measured, not certified**: ``shape_error`` is the
-    largest 1 - MAC there (mass-weighted, over all DOFs), each shape against the space
-    of the full modes within 2 % of its frequency, because single shapes of close modes
-    turn into each other. It grows like the frequency error divided by the gap, and is
-    not held below the tolerance.
+    :func:`reduce_model` makes it. As for any Ritz approximation, each frequency is an
+    upper bound (massless DOFs are given a little mass, which lowers it by a small
+    fraction of the tolerance).
+
+    **Frequencies are certified**: ``max_error`` is the largest relative error of any
+    frequency at ``test_points`` points that were not used to build the basis, half of
+    them corners of the bounds, each solved in full. This is not a bound for the whole
+    box: after n random points without a failure, less than 3 / n of the box has a
+    larger error, with 95 % confidence.
+
+    **Shapes are measured, not certified**: ``shape_error`` is the largest 1 - MAC at
+    these points (mass-weighted, over all DOFs). Each shape is compared with the space
+    of the full modes within 2 % of its frequency, because shapes of close modes mix. It
+    grows like the frequency error divided by the gap between modes, and may exceed the
+    tolerance.
 
     Attributes:
         bounds: ``{parameter: (low, high)}``; the model refuses values outside.
         n_modes: Number of frequencies.
         shape_dofs: DOFs of the full model at which shapes are returned; () for none.
-        tolerance: The demanded frequency error.
+        tolerance: The required frequency error.
         max_error: The certified relative frequency error, below the tolerance.
         shape_error: Largest 1 - MAC at the test points.
         test_points: Number of points of the certificate.
         size: Number of basis vectors.
         full_size: Number of DOFs of the full model.
-        full_solves: Full solves spent, the certificate included.
-        speed_up: Time of the full model over that of this one, per parameter set, in
-            a batch of 16; measured when the model was made.
-        geometry: That of the full model, for pictures, or None.
-        dofs: All DOFs of the full model, or None where it does not say.
+        full_solves: Number of full solves, including the certificate.
+        speed_up: Time of the full model divided by that of this one, per parameter
+            set in a batch of 16, measured when the model was made.
+        geometry: The full model's geometry for drawings, or None.
+        dofs: All DOFs of the full model, or None if it does not list them.
     """
 
     bounds: Mapping[str, tuple[float, float]]
@@ -96,12 +100,12 @@ class ReducedModel(Report):
 
     @property
     def variables(self) -> Mapping[str, Variable]:
-        """Frequencies, and shapes where it returns them."""
+        """Frequencies, and shapes if it returns them."""
         return modal_variables(self.n_modes, self.shape_dofs)
 
     @property
     def one_by_one(self) -> bool:
-        """Whether it solves one parameter set after another."""
+        """Whether it solves parameter sets one at a time."""
         return isinstance(self._small, AssembledModel)
 
     def _parts(self) -> Parts:
@@ -125,11 +129,11 @@ class ReducedModel(Report):
         return self._small(parameters)
 
     def jacobian(self, parameters: Parameters) -> tuple[ModalSolution, Derivatives]:
-        """Return the response and its derivatives, those of the reduced model.
+        """Return the response and the derivatives of the reduced model.
 
         Raises:
-            ValueError: As a call does, or if modes coincide that part as a parameter
-                changes; see :meth:`MatrixModel.jacobian`.
+            ValueError: As for a call, or if two modes coincide that separate as a
+                parameter changes; see :meth:`MatrixModel.jacobian`.
         """
         read_inside(parameters, self.bounds, "reduce")
         return self._small.jacobian(parameters)
@@ -144,20 +148,22 @@ def reduce_model(
     max_solves: int = 200,
     seed: int = 0,
 ) -> ReducedModel:
-    """Return a small model that stands in for a large one inside ``bounds``.
+    """Return a small model that replaces a large one inside ``bounds``.
 
-    A Ritz basis is built from mode shapes at points that fill the bounds, until it
-    brings nothing new. Full solves at independent points then certify it. The matrices
-    of an :class:`AssembledModel` are projected onto the basis at each call, so that a
-    solve costs an assembly and a small dense problem.
+    Use it for a :class:`MatrixModel` or :class:`AssembledModel` with thousands of DOFs,
+    before :func:`run`. Mode shapes at points that fill the bounds make a Ritz basis,
+    until more of them add nothing new. Full solves at independent points then certify
+    the frequencies. It takes some tens of full solves, at most ``max_solves``. The
+    matrices of an :class:`AssembledModel` are projected at each call, so a reduced
+    solve costs one assembly and one small dense eigenproblem.
 
     Args:
         model: The full model, dense or sparse.
         bounds: ``{parameter: (low, high)}`` for every parameter of the model.
         tolerance: Largest relative error of a frequency, at the test points.
         test_points: Number of independent test points, half of them corners of the
-            bounds, half drawn at random inside them.
-        max_solves: How many full solves may be spent, tests included.
+            bounds, half random points inside.
+        max_solves: Maximum number of full solves, tests included.
         seed: Seed of the points.
 
     Returns:
@@ -169,7 +175,7 @@ def reduce_model(
             reached with ``max_solves`` full solves.
 
     Warns:
-        UserWarning: If the reduction does not pay, as where assembly takes the time.
+        UserWarning: If the reduced model is hardly faster, as when assembly dominates.
 
     Examples:
         >>> import numpy as np

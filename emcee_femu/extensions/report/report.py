@@ -60,36 +60,36 @@ def report(
     posterior: LogPosterior | None = None,
     discard: int = 0,
 ) -> Path:
-    """Write one HTML file to hand over, which answers what a reader of a result asks.
+    """Write a report of the results as one HTML file that prints on A4.
 
-    It says what was measured, with a digest of the data; the model, its parameters and
-    priors; the likelihood in words and formulas; the solves spent; what
-    :func:`diagnose` states; parameters and fit before and after; the MAC of paired
-    modes and their shapes, where the model has a ``geometry`` (:class:`Geometry`); the
-    prior beside the posterior, correlations, :func:`identifiability`; and seeds,
-    versions and the call that writes the file again. Its pictures are inside, and it
-    prints on A4. What the source does not tell is left out. It costs a solve for each
-    experiment with frequencies and three more where modes are paired. A file that is
-    there is overwritten.
+    Use it to hand results over. It contains the measurements, with a digest of the
+    data; the model, its parameters and priors; the likelihood in words and formulas;
+    the number of solves; the statements of :func:`diagnose`; parameters and fit before
+    and after updating; the MAC and shapes of paired modes, if the model has a
+    ``geometry`` (:class:`Geometry`); the prior and posterior densities, correlations
+    and :func:`identifiability`; seeds, versions and the call that writes the file
+    again. Figures are embedded. Sections without data are left out. It takes one solve
+    for each experiment with frequencies, and three more if modes are paired. An
+    existing file is overwritten.
 
     Args:
-        source: What :func:`run` or :func:`to_inference_data` returned, or whatever else
-            the latter takes; what :func:`certify` or :func:`pool_tests` returned.
+        source: The result of :func:`run`, :func:`certify` or :func:`pool_tests`, or
+            anything that :func:`to_inference_data` accepts.
         path: Name of the file, such as "report.html".
         title: Its heading.
-        posterior: The sampled posterior, where the source does not know it: without it
+        posterior: The sampled posterior, if source is an ArviZ object. Without it,
             terms, measurement errors and mode shapes are left out.
-        discard: Stored steps to drop as burn-in.
+        discard: Number of stored steps to drop as burn-in.
 
     Returns:
         The path of the file.
 
     Raises:
-        TypeError: If source holds no samples, path or title is no text, or posterior
+        TypeError: If source holds no samples, path or title is not text, or posterior
             is not a LogPosterior.
         ValueError: If path does not end in .html, there are too few samples to judge,
             or posterior has other parameters.
-        ImportError: If Jinja2, of the extra ``report``, is not installed.
+        ImportError: If Jinja2 is not installed (the extra ``report``).
 
     Examples:
         >>> import os, tempfile
