@@ -86,41 +86,44 @@ NOT_JUDGED = Statement("not judged", "not judged", "not judged.")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Report):
-    """What :func:`.diagnose` found; ``print`` it for a table and three statements.
+    """The result of :func:`.diagnose`; ``print`` it for a table and three statements.
 
     Attributes:
         names: Parameter names, ``d`` of them.
         steps: Stored steps per ensemble, after burn-in.
         tau: Integrated autocorrelation time in stored steps, ``(ensembles, d)``; NaN
-            where no walker moved.
-        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``; from 50 on, tau
-            and ESS can be believed.
-        ess_bulk: Effective sample size for the centre, all ensembles, ``(d,)``.
+            if no walker moved.
+        steps_per_tau: ``steps / tau`` of the worst ensemble, ``(d,)``. Above 50, tau
+            and ESS are reliable.
+        ess_bulk: Effective sample size for the centre, from all ensembles, ``(d,)``.
         ess_tail: Effective sample size for the 5 % and 95 % quantiles, ``(d,)``.
-        acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN where
-            it is not known.
+        acceptance: Fraction of accepted proposals, ``(ensembles, walkers)``; NaN if
+            unknown.
         stuck: ``(ensemble, walker)`` of each walker with a parameter that never
             changed.
-        rhat_within: R-hat over the walkers of one ensemble, the worst, ``(d,)``: a
-            mixing indicator, not convergence, since walkers depend on one another;
-            NaN for a single walker.
-        rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``: the
-            test for a missed mode; NaN for a single ensemble.
-        sd_error: Relative standard error of the standard deviation, by the ESS of
-            squared deviations, ``(d,)``.
-        scatter: By how much the ensembles' means and variances scatter more than tau
-            allows (above 1), the worse of both, ``(d,)``; NaN for less than three.
+        rhat_within: R-hat over the walkers of one ensemble, for the worst ensemble,
+            ``(d,)``. It measures mixing, not convergence, because walkers depend on one
+            another; NaN for a single walker.
+        rhat_between: R-hat with each independent ensemble as one chain, ``(d,)``. It
+            reveals modes that some ensembles missed; NaN for a single ensemble.
+        sd_error: Relative standard error of the standard deviation, from the ESS of
+            the squared deviations, ``(d,)``.
+        scatter: Scatter of the ensembles' means and variances, whichever is worse,
+            relative to the limit that tau allows, ``(d,)``. Values above 1 are too
+            large; NaN for fewer than three ensembles.
         failures: Number of rejected solves by cause (``run(on_failure="reject")``).
-        modes: Separated modes of the posterior and the frozen proposal, if "auto"
-            ran; printed where there are several.
-        chains: Whether they converged: "converged", "well mixed" (of one ensemble, or
-            from given starts) or "not converged", and how many steps it takes; "none"
-            of a population or of weighted draws, whose numbers are NaN.
-        search: "searched" or "not searched", what was there, and how small a mode may
-            be missing.
-        fit: Whether what was measured lies inside the posterior predictive: "fits",
-            "doubtful" (it does, but parameters are far from their prior, or the model
-            or the prior was warned of), "at a bound", "does not fit" or "not checked".
+        modes: The modes of the posterior and the quality of the frozen proposal, if
+            "auto" ran; printed if there are several modes.
+        chains: Whether the chains converged: "converged", "well mixed" (a single
+            ensemble, or given starts) or "not converged", with the number of steps to
+            run. For a population or weighted draws it is "none", and the numbers above
+            are NaN.
+        search: "searched" or "not searched"; the maxima found, and how small a mode
+            may have been missed.
+        fit: Whether the measurements lie inside the posterior predictive: "fits",
+            "doubtful" (they do, but parameters are far from their prior, or there were
+            warnings about the model or the prior), "at a bound", "does not fit" or "not
+            checked".
         plain: Whether it is of emcee alone, whose user has no LogPosterior to run.
     """
 
