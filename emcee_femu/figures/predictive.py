@@ -22,7 +22,9 @@ FAR_PRIOR = 4.0  # times the updated deviations, beyond which the prior's go to 
 TAE_POINTS = 200  # generations at which the model is solved
 
 
-def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Figure:
+def plot_predictive(
+    idata: object, posterior: LogPosterior | None = None, experiment: str | None = None
+) -> Figure:
     """Draw how far predictions lie from what was measured, and the MAC.
 
     One panel per measured variable, with the deviations from its measured values: in
@@ -39,14 +41,15 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Fig
         idata: What :func:`to_inference_data` returns, or :func:`run`.
         posterior: The sampled posterior, or None for no measurement errors; known of a
             run.
+        experiment: Name of one experiment of a joint posterior; None for all of them.
 
     Returns:
         The matplotlib Figure.
 
     Raises:
         TypeError: If posterior is not a LogPosterior.
-        ValueError: If no measured variable is one of the response, or posterior has
-            other parameters.
+        ValueError: If no measured variable is one of the response, or of that
+            experiment, or posterior has other parameters.
 
     Examples:
         >>> import emcee_femu as ef
@@ -57,7 +60,14 @@ def plot_predictive(idata: object, posterior: LogPosterior | None = None) -> Fig
         1
     """
     idata, posterior = read_samples(idata, posterior)
-    parts = measured_variables(idata)
+    parts = every = measured_variables(idata)
+    if experiment is not None:
+        parts = [p for p in every if p.variable.startswith(f"{experiment}.")]
+    if not parts:
+        there = [part.name for part in every]
+        raise ValueError(
+            f"experiment: {experiment!r} has none of what was measured, {there}"
+        )
     heights = [h for p in parts for h in ([3.4] if p.mac is None else [3.4, 1.7])]
     width = float(np.clip(1.6 + 0.8 * max(len(p.labels) for p in parts), 7, 16))
     size = width, 1.2 + sum(heights)

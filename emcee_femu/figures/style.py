@@ -131,17 +131,22 @@ def subplots(
     return figure, [*panels.flat[:count]]
 
 
-def finish(figure: Figure, idata: InferenceData | None = None) -> Figure:
+def finish(
+    figure: Figure, idata: InferenceData | None = None, experiment: str = ""
+) -> Figure:
     """Return a figure of pyplot, which a notebook will show once.
 
-    Above it stands what :func:`certify` said of its samples, if it did.
+    Above it stand the experiment, if it has a name, and what :func:`certify` said of
+    the samples, if it did.
 
     When a cell ends a notebook shows the figures that pyplot holds, and before that
     the value of the last line: what a function draws and returns would come twice. Our
     figures leave pyplot when they are shown as a value. Scripts are left alone.
     """
-    if idata is not None and (text := describe_certificate(idata).strip(" ()")):
-        figure.suptitle(f"{text[:1].upper()}{text[1:]}", fontsize=10)
+    text = "" if idata is None else describe_certificate(idata).strip(" ()")
+    parts = experiment, f"{text[:1].upper()}{text[1:]}"
+    if title := "\n".join(filter(None, parts)):
+        figure.suptitle(title, fontsize=10)
     if "inline" in matplotlib.get_backend():
         # No function of this one: figures can be pickled.
         show = partial(_leave_pyplot, figure)

@@ -314,8 +314,9 @@ def pairing_table(idata: object, experiment: str | None = None) -> Table:
         ("MAC < 0.5 in %", ".2f", percent(mac < LOW_MAC)),
         ("wrong by index in %", ".2f", percent(numbers != np.arange(1, m + 1))),
     ]
+    words = f" of {experiment!r}" if experiment else ""
     title = (
-        "Pairing with the model's modes: their order changed in "
+        f"Pairing with the model's modes{words}: their order changed in "
         f"{100 * changed.mean():.3g} % of {n} samples{describe_certificate(idata)}"
     )
     return Table.from_columns(title, columns)
