@@ -105,7 +105,7 @@ def certify(
             shortens a step, or ends the climb.
         max_failures: Fraction of failed solves above which "reject" refuses.
         backend: Name of a file that keeps every solve as it arrives, such as
-            "beam.certificate"; None for none.
+            "beam.chain"; None for none.
         resume: Whether to go on with the file if it is there, as in :func:`run`; the
             solves in it are not repeated.
         progress: Whether to show a bar with solves and the time left, as in

@@ -118,7 +118,7 @@ def emulate(
             for, so first design and batches have at least as many points as there are
             workers: more of them mean fewer rounds, and other points.
         backend: Name of a file that keeps every solve as it arrives, such as
-            "run.solves"; of several experiments one for each, "run.solves.empty".
+            "run.chain"; of several experiments one for each, "run.solves.empty".
         resume: Whether to go on with the file if it is there, as in :func:`run`: the
             solves in it are not repeated, whether a call was killed, or ended and is
             now given more ``solves`` or a smaller ``tolerance``. The result is that of
