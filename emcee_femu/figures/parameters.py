@@ -39,6 +39,7 @@ PAGE_WIDTH = 7.0  # inches: that of a page
 # Inches beside the panels, and above with title.
 LEFT_INCHES, RIGHT_INCHES, TITLE_INCHES = 0.8, 0.15, 0.4
 LABEL, SMALLEST = 10.0, 6.0  # points
+WIDE_NAME = 7  # characters below a cell of the correlation map
 # Independent draws that regions are drawn for, of however poor a chain.
 FEWEST_INDEPENDENT = 50.0
 
@@ -230,7 +231,9 @@ def plot_correlation(
     for (i, j), value in np.ndenumerate(values):
         color = "white" if abs(value) > 0.6 else "black"
         axes.text(j, i, f"{value:.2f}", ha="center", va="center", color=color)
-    axes.set_xticks(range(d), names)
+    slope = 40 if max(map(len, names)) > WIDE_NAME else 0  # else they would meet
+    ends: Style = {"ha": "right", "rotation_mode": "anchor"} if slope else {}
+    axes.set_xticks(range(d), names, rotation=slope, **ends)
     axes.set_yticks(range(d), names)
     figure.colorbar(image, ax=axes, label="correlation", shrink=0.85)
     finish(figure, idata)
@@ -382,7 +385,7 @@ def plot_prior_posterior(
         axes.ticklabel_format(axis="x", useOffset=False)
         axes.spines[["left", "top", "right"]].set_visible(False)
     keys = [
-        Patch(color=GREY, alpha=0.5, label="prior"),
+        Patch(color=GREY, alpha=0.5, label="prior (heights scaled)"),
         Patch(color=RED, alpha=0.5, label="posterior"),
         Line2D([], [], color=BLUE, lw=1.4, label="reference"),
     ]
