@@ -109,7 +109,7 @@ class Table:
 
     def _repr_html_(self) -> str:
         """Return the table as notebooks show it, in the colours of their theme."""
-        text = []
+        text: list[str] = []
         for block in self._blocks(PRINTED):
             titles, *rows = (
                 [html.escape(row[i]) for i in block]

@@ -385,12 +385,13 @@ def plot_prior_posterior(
         axes.ticklabel_format(axis="x", useOffset=False)
         axes.spines[["left", "top", "right"]].set_visible(False)
     keys = [
-        Patch(color=GREY, alpha=0.5, label="prior (heights scaled)"),
+        Patch(color=GREY, alpha=0.5, label="prior"),
         Patch(color=RED, alpha=0.5, label="posterior"),
         Line2D([], [], color=BLUE, lw=1.4, label="reference"),
     ]
     keys = keys[: 3 if np.isfinite(marks).any() else 2]
     figure.legend(handles=keys, **BELOW | {"ncols": 3})
+    figure.supylabel("density by its maximum", fontsize=9)
     return finish(figure, idata)
 
 

@@ -320,8 +320,8 @@ def _draw_all(
 
     if measured:
         places = dict.fromkeys(p.variable.rpartition(".")[0] for p in measured)
-        plot = partial(figures.plot_predictive, idata, posterior)
-        yield "fit", [(place, plot(experiment=place or None)) for place in places]
+        drawn = partial(figures.plot_predictive, idata, posterior)
+        yield "fit", [(place, drawn(experiment=place or None)) for place in places]
     mac: Pictures = []
     shapes: Pictures = []
     for test in posterior.experiments if posterior else ():
