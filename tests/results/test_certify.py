@@ -430,7 +430,7 @@ def test_a_kill_loses_no_solve_and_files_and_pools_change_nothing(tmp_path):
     # Up to 16 calls see that the model is the same; a few may have been under way.
     assert laws[1].calls <= 40 - 30 + 16 + 8 and laws[2].calls <= 16
     for emulated, options, message in (
-        (NEAR, {"backend": path}, "cut.certificate exists"),
+        (NEAR, {"backend": path}, "cut.chain exists"),
         (NEAR, {**file, "solves": 60}, "cut.chain"),
         (SHIFTED, file, "emulated draws"),  # emulated anew
     ):
